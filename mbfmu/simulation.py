@@ -184,7 +184,7 @@ class Simulation:
 
     def _held_plant(self, inputs: Mapping[Any, Any], given: dict[int, float]) -> Plant:
         """Return a plant whose inputs are all held at their values at the start, to look for a steady state in."""
-        plant = self.model.plant() if self._courses else self.plant
+        plant = self.model.plant()  # whose signals are held too
         if self._courses:
             known = {v.name: k for k, v in enumerate(plant.inputs.variables)}
             given = {known[name]: float(value) for name, value in {**inputs, **self._courses.starts()}.items()}

@@ -14,25 +14,30 @@ from mbfmu.steady.modes import ModeShapes
 from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.steady.state import Equilibrium
 from mbfmu.steady.supports import Supports, follow_supports
+from mbfmu.steady.times import finish, hold_start
 from solvers.statics.spectrum import Stability
 
 
 def build_problem(model: Model | Mechanism, plant: Plant | None = None) -> EquilibriumProblem:
     """Return the equilibrium problem of a model, or of a plant of it whose inputs are set.
 
-    Steps and run-ups of drives are taken to their ends, unless the plant is given: a run starts before them. If the
-    model cannot be assembled with the supports where they are, it is laid out as it was before they moved.
+    Steps and run-ups of drives and loads are taken to their ends. If the plant is given, a run starts in the steady
+    state, and signals are held at their values at t = 0 in this plant. If the model cannot be assembled with the
+    supports where they are, it is laid out as it was before they moved.
 
     Raises
     ------
     UserError
-        The model cannot be assembled, has no free coordinate, or a drive is not at constant speed.
+        The model cannot be assembled, has no free coordinate, a drive is not at constant speed, or a load never
+        becomes constant.
     """
     model = of_user(model)
     made = plant or model.plant()
     supports = Supports(made, finishes=plant is None)
     if plant is None:
-        made.drives.finish_run_ups()
+        finish(model.name, made)
+    else:
+        hold_start(made)
     try:
         return EquilibriumProblem(model, made, supports)
     except UserError:
@@ -104,13 +109,13 @@ def report_unstable(state: Equilibrium) -> str:
 def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = None) -> Equilibrium:
     """Return a steady state of a model or a mechanism.
 
-    Supports that are moved by a step are at its end. If no stable state is found there from the start, the state before
-    the supports moved is followed through their motion, see :mod:`mbfmu.steady.supports`.
+    Steps, ramps and run-ups of drives and loads are at their ends. If no stable state is found there from the start,
+    the state before the supports moved is followed through their motion, see :mod:`mbfmu.steady.supports`.
 
     Parameters
     ----------
     model
-        Model with drives at constant speed, or without drives for static equilibrium.
+        Model whose drives end at a constant speed and whose loads end at a constant value.
     start
         Coordinates by name (rad or m) from which Newton's method starts; by default those of the model.
 
@@ -122,7 +127,8 @@ def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = No
     Raises
     ------
     EquilibriumError
-        No steady state is found; the message contains the residual.
+        No steady state is found; the message contains the residual. Or a drive does not end at a constant speed, or a
+        load does not end at a constant value.
     """
     problem = build_problem(model)
     if start:

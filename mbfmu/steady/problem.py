@@ -1,6 +1,6 @@
 """Steady states of a model: positions at which it stays while its drives turn at constant speed, or at rest.
 
-A drive that runs up has done so, unless a simulation is to start in the state.
+Steps and run-ups of drives and loads have ended, unless a run is to start in the state, see :mod:`.times`.
 
 A cyclic coordinate, on which nothing depends, such as the angle of a free spindle, keeps the rate the model starts it
 with, or has the one that a coupling to a drive or to another gives it; every other free coordinate is at rest.
@@ -65,7 +65,7 @@ class EquilibriumProblem:
     Raises
     ------
     EquilibriumError
-        There is nothing to solve for, or a drive is not at constant speed.
+        There is nothing to solve for.
 
     Attributes
     ----------
@@ -77,12 +77,6 @@ class EquilibriumProblem:
         self.model, self.plant, self.supports = model, plant, supports
         if plant.system.n == 0:
             raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")
-        for name, speed, constant in plant.drives.speeds():
-            if not constant:
-                raise EquilibriumError(
-                    f"the drive of {name!r} has no constant speed (now {speed:g}); allowed: "
-                    "a constant speed, or a RunUp or a Step to one"
-                )
         self._names = position_names(plant)
         self._start = self.start()
         self._v, self._cyclic = np.zeros(plant.system.n), np.zeros(plant.system.n, bool)
@@ -234,7 +228,7 @@ class EquilibriumProblem:
 
     def _checked(self, solution: Solution, found_from: str, elapsed: float, *, continued: bool) -> Equilibrium:
         """Return what was found, if it is a steady state."""
-        check(self.model.name, self.plant, self._solver, self._v, solution)
+        check(self.model.name, self.plant, self._solver, self._v, solution, lasts=self.supports.finishes)
         periodic = Turned(self.plant, solution.q, self._v, solution.lam, self._solver.rows).changes()
         found = Equilibrium(
             model=self.model,

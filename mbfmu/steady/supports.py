@@ -44,11 +44,11 @@ class Supports:
     plant
         Plant whose steps have not been taken to their ends yet.
     finishes
-        Whether they will be. Else the drive of a step has no constant speed, and there is no steady state.
+        Whether they will be. Else they are held at t = 0, because a run starts in the steady state.
     """
 
     def __init__(self, plant: Plant, *, finishes: bool) -> None:
-        signals = plant.signals(plant.data)
+        signals, self.finishes = plant.signals(plant.data), finishes
         steps = [step.record for step in plant.drives.steps(signals)] if finishes else []
         self._before = [float(record["offset"]) for record in steps]
         self._zero = [0.0 if record["height"] else float(record["offset"]) for record in steps]

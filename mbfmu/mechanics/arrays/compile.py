@@ -213,6 +213,8 @@ class Compiled:
         By number.
     sensors
         What can be observed: the outputs, and last the energy and the kinetic energy.
+    magnitudes
+        Numbers of the signals of loads, by what each is in messages.
     used
         Signals that each item refers to, in the order of ``ends``.
     """
@@ -222,7 +224,7 @@ class Compiled:
         self.sensors: list[Sensor] = [*(output[1] for output in mechanism.outputs), Energy(), KineticEnergy()]
         loads = list(mechanism.loads())
         rigid = [body for body in mechanism.bodies if not isinstance(body.joint, Section)]
-        known: dict[str, int] = {}
+        self.magnitudes = known = dict[str, int]()
         sites: list[tuple[Kind, CompiledSite]] = [
             *((body.joint, CompiledSite(f"body {body.name!r}", (body,), numbering, known)) for body in rigid),
             *((c.cut, CompiledSite(f"cut {c.name!r}", (c.a, c.b), numbering, known)) for c in mechanism.cuts),
@@ -296,7 +298,7 @@ class Compiled:
         found: list[InUse] = []
         for signal, at in zip(self._numbering.signals, data.arrays.signals["at"], strict=True):
             dtype = kind(record_of(signal))
-            found.append(InUse(signal, data.arrays.memory[at : at + dtype.itemsize].view(dtype)[0], found))
+            found.append(InUse(signal, data.arrays.memory[at : at + dtype.itemsize].view(dtype)[0], found, len(found)))
         return found
 
     def twin(self) -> Data:

@@ -58,6 +58,11 @@ class Drives:
         """Return name and speed of every driven body, and whether that is constant."""
         return [(name, *self._signals[k].steady()) for name, k in self._bodies]
 
+    def terms(self) -> list[tuple[str, float, InUse]]:
+        """Return the first body that each drive moves, the unit of its coordinate, and the drive; sums by terms."""
+        own = [(k, self._signals[k]) for k in self.signals]
+        return [(self.name(k), self.sizes[k], term) for k, drive in own for term in drive.signal.moving(drive)]
+
     def name(self, signal: int) -> str:
         """Return the first body that a signal drives."""
         return next(name for name, k in self._bodies if k == signal)
@@ -74,12 +79,6 @@ class Drives:
     def pace(self, signal: int) -> float:
         """Return a time (s) in which a drive moves by about the unit of its coordinate; zero: it never moves."""
         return self._signals[signal].pace(self.sizes[signal])
-
-    def finish_run_ups(self) -> None:
-        """Let every drive that runs up have its full speed from now on."""
-        for k in self.signals:
-            own = self._signals[k]
-            own.signal.run_on(own)
 
     def full_speeds(self) -> Array:
         """Return the constant speed of every signal that drives, sums by their parts, in their order."""

@@ -221,6 +221,10 @@ class Plant:
         """Return every signal as it is in data of this plant: its own, or those of a complex system."""
         return self._compiled.signals_in(data)
 
+    def magnitudes(self) -> dict[str, InUse]:
+        """Return the signals of the loads, by what each is in messages."""
+        return {what: self._compiled.signals[k] for what, k in self._compiled.magnitudes.items()}
+
     def complex_system(self) -> System:
         """Return the system as it is now on complex numbers, for derivatives by complex step."""
         return self._systems.complex_twin(list(self.system.constraint_names))

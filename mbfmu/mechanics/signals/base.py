@@ -29,6 +29,7 @@ class InUse(NamedTuple):
     signal: Signal
     record: Any
     all: list[InUse]  # by number
+    number: int
 
     def part(self, field: str) -> InUse:
         """Return the signal whose number the record has in a field."""
@@ -41,6 +42,16 @@ class InUse(NamedTuple):
     def steady(self) -> tuple[float, bool]:
         """See :meth:`Signal.steady`."""
         return self.signal.steady(self)
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether its value never changes."""
+        return self.steady() == (0.0, True)
+
+    def members(self) -> list[InUse]:
+        """Return the signal itself, or the signals that it is computed from."""
+        operands = self.signal.operands(self)
+        return [member for operand in operands for member in operand.members()] if operands else [self]
 
 
 @dataclass(frozen=True)
@@ -66,6 +77,13 @@ class Signal(Kind):
 
     def run_on(self, own: InUse) -> None:
         """Set it to its final state, if it has one."""
+
+    def hold(self, own: InUse, value: float) -> None:
+        """Set it to the constant ``value``, which is its value at t = 0; without this method it keeps changing."""
+
+    def operands(self, own: InUse) -> list[InUse]:
+        """Return the signals that it is computed from; none: it is a function of time."""
+        return []
 
     def moving(self, own: InUse) -> list[InUse]:
         """Return the signals whose speeds add up to its speed, in a fixed order: itself, or the terms of its sum."""

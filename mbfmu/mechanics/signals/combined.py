@@ -66,12 +66,16 @@ class Combined(Signal):
 
     def pace(self, own: InUse, size: float) -> float:
         """Return that of the faster part."""
-        return min(filter(None, (own.part(k).pace(size) for k in "ab")), default=0.0)
+        return min(filter(None, (part.pace(size) for part in self.operands(own))), default=0.0)
 
     def run_on(self, own: InUse) -> None:
         """Let the parts do so."""
-        for part in (own.part(k) for k in "ab"):
+        for part in self.operands(own):
             part.signal.run_on(part)
+
+    def operands(self, own: InUse) -> list[InUse]:
+        """Return both."""
+        return [own.part(k) for k in "ab"]
 
 
 class Sum(Combined):
@@ -81,12 +85,12 @@ class Sum(Combined):
 
     def steady(self, own: InUse) -> tuple[float, bool]:
         """Return the sum of the speeds, if all are constant."""
-        (a, steady_a), (b, steady_b) = (own.part(k).steady() for k in "ab")
+        (a, steady_a), (b, steady_b) = (part.steady() for part in self.operands(own))
         return a + b, steady_a and steady_b
 
     def moving(self, own: InUse) -> list[InUse]:
         """Return those of the parts."""
-        return [leaf for part in (own.part(k) for k in "ab") for leaf in part.signal.moving(part)]
+        return [leaf for part in self.operands(own) for leaf in part.signal.moving(part)]
 
 
 class Product(Combined):
@@ -96,4 +100,4 @@ class Product(Combined):
 
     def steady(self, own: InUse) -> tuple[float, bool]:
         """Return zero, constant where all parts are at rest."""
-        return 0.0, all(own.part(k).steady() == (0.0, True) for k in "ab")
+        return 0.0, all(part.is_constant for part in self.operands(own))

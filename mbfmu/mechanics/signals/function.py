@@ -30,7 +30,7 @@ def kernel_of_value(function: Any) -> Any:
     """Return the kernel of a signal whose derivatives nobody asks for."""
 
     def evaluate(signal: Any, t: float, arrays: Any) -> Any:
-        x = function(t)
+        x = function(signal.clock.real * t)
         return x, 0.0 * x, 0.0 * x
 
     return kept_nowhere(evaluate)
@@ -42,7 +42,8 @@ def kernel_of_motion(function: Any) -> Any:
     derivatives = law.derivatives
 
     def evaluate(signal: Any, t: float, arrays: Any) -> Any:
-        return derivatives(function, t, signal.pace.real)
+        x, dx, ddx = derivatives(function, signal.clock.real * t, signal.pace.real)
+        return x, signal.clock * dx, signal.clock * ddx
 
     return kept_nowhere(evaluate)
 
@@ -69,7 +70,7 @@ class Function(Signal):
     time: float = 1.0
     what: str = "function of time"
 
-    record = np.dtype([("pace", np.float64)], align=True)
+    record = np.dtype([("pace", np.float64), ("clock", np.float64)], align=True)  # clock: 1, or 0: held at t = 0
     longest_step = longest_step
 
     def __post_init__(self) -> None:
@@ -90,8 +91,17 @@ class Function(Signal):
 
     def fill(self, record: Any, site: Site) -> None:
         """Write how fast it changes."""
-        record["pace"] = self.time
+        record["pace"], record["clock"] = self.time, 1.0
 
     def pace(self, own: InUse, size: float) -> float:
         """Return the given value."""
         return self.time
+
+    def steady(self, own: InUse) -> tuple[float, bool]:
+        """Return that it is at rest, if it is held or an expression without t."""
+        without_time = isinstance(self.law, str) and "t" not in law.names_in(self.law)
+        return 0.0, without_time or not own.record["clock"]
+
+    def hold(self, own: InUse, value: float) -> None:
+        """Evaluate it at t = 0 at all times."""
+        own.record["clock"] = 0.0

@@ -76,3 +76,11 @@ class Harmonic(Signal):
         """Return the time of a radian."""
         w = abs(float(own.record["frequency"]))
         return 1.0 / w if abs(float(own.record["amplitude"])) * w else 0.0
+
+    def steady(self, own: InUse) -> tuple[float, bool]:
+        """Return that it is at rest, if its amplitude or its frequency is zero."""
+        return 0.0, not own.record["amplitude"] * own.record["frequency"]
+
+    def hold(self, own: InUse, value: float) -> None:
+        """Set it to a constant value."""
+        own.record["middle"], own.record["amplitude"] = value, 0.0

@@ -55,6 +55,10 @@ class Coefficients(Signal):
         """Return c1, which is its speed where all higher ones are zero."""
         return float(own.record["c"][1]), not np.any(own.record["c"][2:])
 
+    def hold(self, own: InUse, value: float) -> None:
+        """Set c0 to the value and the others to zero."""
+        own.record["c"] = (value, 0.0, 0.0, 0.0)
+
     def run_at(self, own: InUse, speed: float) -> None:
         """Set c1."""
         own.record["c"][1] = speed

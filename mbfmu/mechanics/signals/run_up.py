@@ -99,6 +99,10 @@ class RunUp(Signal):
         """Set it to its full speed."""
         own.record["over"] = 1
 
+    def hold(self, own: InUse, value: float) -> None:
+        """Set it to a constant position."""
+        own.record["start"], own.record["speed"] = value, 0.0
+
     def run_at(self, own: InUse, speed: float) -> None:
         """Set the full speed."""
         own.record["speed"] = speed

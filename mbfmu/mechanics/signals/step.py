@@ -113,8 +113,11 @@ class Step(Signal):
 
     def run_on(self, own: InUse) -> None:
         """Set it to its final value."""
-        own.record["offset"] += own.record["height"]
-        own.record["height"] = 0.0
+        self.hold(own, (own.record["offset"] + own.record["height"]).real)
+
+    def hold(self, own: InUse, value: float) -> None:
+        """Set it to a constant value."""
+        own.record["offset"], own.record["height"] = value, 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

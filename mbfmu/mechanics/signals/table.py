@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.curve import curve, rows
+from mbfmu.mechanics.curve import ROW, curve, rows
 from mbfmu.mechanics.kind import Site
 from solvers.compiled.kernel import kernel
 
@@ -17,8 +17,9 @@ from .base import InUse, Signal
 @kernel
 def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
     """See :mod:`.base`."""
-    x, dx, ddx, _ = curve(arrays.numbers, signal.first, signal.count, t)
-    return x, dx, ddx
+    clock = signal.clock.real
+    x, dx, ddx, _ = curve(arrays.numbers, signal.first, signal.count, clock * t)
+    return x, clock * dx, clock * ddx
 
 
 @kernel
@@ -68,6 +69,7 @@ class Table(Signal):
             ("interval", np.float64),  # the shortest, s
             ("begin", np.float64),  # the first point, s
             ("end", np.float64),  # the last, s
+            ("clock", np.float64),  # 1, or 0: held at its value at t = 0
         ],
         align=True,
     )
@@ -76,8 +78,10 @@ class Table(Signal):
     def fill(self, record: Any, site: Site) -> None:
         """Write the points."""
         table = self.write("a table", record, site)
-        record["slope"], record["interval"] = np.abs(table[:, 2]).max(), np.diff(table[:, 0]).min()
-        record["begin"], record["end"] = np.min(self.x), np.max(self.x)
+        widths = np.diff(table[:, 0])
+        secants = np.diff(table[:, 1]) / widths  # of smooth curves that are flat at all points
+        record["slope"], record["interval"] = max(np.abs(table[:, 2]).max(), np.abs(secants).max()), widths.min()
+        record["begin"], record["end"], record["clock"] = np.min(self.x), np.max(self.x), 1.0
 
     def rows(self, what: str) -> Any:
         """Return the rows of the curve, see :mod:`mbfmu.mechanics.curve`; UserError for what is none."""
@@ -105,3 +109,18 @@ class Table(Signal):
         """Return ``size`` by the steepest slope."""
         slope = float(own.record["slope"])
         return size / slope if slope else 0.0
+
+    def steady(self, own: InUse) -> tuple[float, bool]:
+        """Return that it is at rest, if it is held or has one value only."""
+        return 0.0, not own.record["slope"] * own.record["clock"]
+
+    def run_on(self, own: InUse) -> None:
+        """Keep only the interval beyond the last point, if it is constant there."""
+        count = int(own.record["count"].real)
+        if count > 1 and not self.rows("a table")[-1, 2]:
+            own.record["first"] += ROW * (count - 1)
+            own.record["count"], own.record["slope"] = 1, 0.0
+
+    def hold(self, own: InUse, value: float) -> None:
+        """Evaluate it at t = 0 at all times."""
+        own.record["clock"] = 0.0
