@@ -208,7 +208,7 @@ class Model:
     viewing: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     effects: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
 
-    def __new__(cls, **given: Any) -> Self:
+    def __new__(cls, *_: Any, **given: Any) -> Self:
         """Check that the class is a dataclass, and the names of the parameters; raises UserError."""
         declared(cls)  # type: ignore[arg-type]  # classes are hashable
         require_arguments(cls, given)

@@ -42,19 +42,27 @@ def record(run: Simulation) -> Callable[[float], Any]:
     return advance
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
-@pytest.mark.parametrize("solver", ["adams", "hybrid", "radau", "tree adams", "esdirk"])
+SLOW = {  # excess of the start rate with which the error decides on the passage, by solver and tolerance
+    **{(solver, rtol): 5e-3 for solver in ("adams", "hybrid", "tree adams") for rtol in (1e-2, 1e-3)},
+    ("radau", 1e-2): 5e-3,
+    ("radau", 1e-3): 2e-3,
+    ("esdirk", 1e-3): 5e-3,
+}
+
+
+@pytest.mark.parametrize(("solver", "tolerance"), SLOW)
 def test_a_restored_run_reports_the_same_slow_passage(solver: str, tolerance: float, monkeypatch: Any) -> None:
+    model = Swing(excess=SLOW[solver, tolerance])
     if solver in ("tree adams", "esdirk"):
         monkeypatch.setattr(systems, "LARGE", 0)
     settings = Settings(solver=solver.rpartition(" ")[2], tolerance=tolerance)
     times = np.arange(1, round(END / STEP)) * STEP
-    whole, saved, told = Simulation(Swing(), settings), [], []
+    whole, saved, told = Simulation(model, settings), [], []
     for t in times:
         saved.append(whole.save())
         told.append(record(whole)(float(t)))
     assert any("just passed an unstable equilibrium" in verdict for _, verdict in told)
     for k in range(1, len(saved), 2):
-        other = Simulation(Swing(), settings)
+        other = Simulation(model, settings)
         other.restore(saved[k])
         assert [record(other)(float(t)) for t in times[k:]] == told[k:]

@@ -58,5 +58,5 @@ def test_the_remark_grows_with_the_sheet_and_names_what_to_use() -> None:
     assert "use 'esdirk'" in remarks(1e-6, solver="ida")
     assert "at a tolerance of 4e-10" in remarks(1e-6, solver="ida")
     assert "orders 1 and 2" not in remarks(1e-3, solver="ida")
-    assert "orders 1 and 2" not in remarks(1e-6, solver="ida", max_order=5)
+    assert "[limited-order]" not in remarks(1e-6, solver="ida", max_order=5)
     assert "orders 1 and 2" not in remarks(1e-6, solver="esdirk")

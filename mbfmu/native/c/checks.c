@@ -72,7 +72,7 @@ static bool good_header(const Header *h)
            in_block(h, h->length_at, 1, sizeof(double)) && in_block(h, h->options_at, 1, sizeof(Options)) &&
            in_block(h, h->told_at, 1, sizeof(Told)) && in_block(h, h->worst_at, 1, sizeof(Worst)) &&
            in_block(h, h->massless_at, h->coordinates_count, sizeof(double)) && in_block(h, h->out_at, 0, 1) &&
-           in_block(h, h->counts_at, 0, 1);
+           in_block(h, h->counts_at, 0, 1) && is_index(h->reports_coarse, 2);
 }
 
 #define SECTION(name, kind) in_tables(h, h->name, h->name##_count, sizeof(kind))
