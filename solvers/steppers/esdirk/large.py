@@ -62,6 +62,7 @@ STRICTER = 0.2  # of the tolerance, to which the estimated error of a step is he
 # the rate that it leaves behind, larger by 1 / (h gamma), adds up to a drift.
 EXACT, DRIFT = 0.05, 6.0
 FINEST = 1e-12  # sizes: what rounding leaves of a correction
+SHORTEST_MOTION = 1e-16  # square of rate times step: in shorter steps more than one correction is rounding errors alone
 LEAST_TOLERANCE = 1e-10  # below it steps are so short that rounding errors add up to more than the tolerance
 CLOSINGS = 2  # on the way back onto the constraints by the factors of the stages
 SLOW = 0.7  # rate of the corrections that calls for new factors
@@ -218,7 +219,8 @@ class TreeESDIRKStepper(Stepper):
         """Solve the stages of a step of h; return its error in tolerances."""
         t, M, s, held = float(self._c["t"]), self._memory, self._stage, self._held
         rate = 1.0 / (GAMMA * h)
-        exact, finest = min(EXACT, DRIFT * (self._rate * h) ** 2), FINEST / float(np.max(s.tol / self.system.size))
+        finest, motion = FINEST / float(np.max(s.tol / self.system.size)), (self._rate * h) ** 2
+        exact = min(EXACT, DRIFT * motion) if motion > SHORTEST_MOTION else finest
         if not self._factors_for(rate):
             return Code.COLLAPSED, np.inf
         s.q[:], s.v[:], s.lam[:] = M.q, M.v, M.lam
