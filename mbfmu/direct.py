@@ -151,7 +151,7 @@ def run(
         raise UserError(f"inputs are {inputs!r}; allowed: numbers or functions of time by the names of inputs")
     given = {name: value for name, value in (inputs or {}).items() if is_course(value)}
     numbers: dict[str, Any] = {name: value for name, value in (inputs or {}).items() if name not in given}
-    courses = Courses(given, numbers, times, settings.tolerance)
+    courses = Courses(given, numbers, times, settings.tolerance, set_later=watch is not None)
     start, duration = float(times[0]), float(times[-1] - times[0])
     simulation = Simulation(model, settings, start, numbers, courses=courses, duration=duration or None)
     simulation.pace.end, simulation.report = float(times[-1]), report or warn

@@ -214,6 +214,51 @@ def test_a_rate_that_is_not_that_of_the_position_is_noticed() -> None:
     assert "input 'v' is 1.01 at t = 0 s, but the derivative of input 'u' is 1 at this time" in told
 
 
+RISE = np.linspace(0.0, 1.0, 5)
+
+
+@pytest.mark.parametrize("position", [lambda t: 0.3 * t, "0.3*t", (RISE, 0.3 * RISE), mb.Table(RISE, 0.3 * RISE)])
+@pytest.mark.parametrize("rate", [5.0, "5.0", lambda t: 5.0, (RISE, 5.0 + 0.0 * RISE)])
+def test_a_rate_is_compared_in_whatever_way_both_are_given(position: Any, rate: Any) -> None:
+    drive = mb.Input(name="u", unit="m", rate_name="v")
+    (told,) = remarks_of(base(drive), u=position, v=rate)
+    assert "input 'v' is 5 at t = 0 s, but the derivative of input 'u' is 0.3 at this time. The derivative is" in told
+    assert not remarks_of(base(drive), u=position, v=0.3)
+    assert not remarks_of(base(drive), u=position, v=lambda t: 0.3)
+
+
+@pytest.mark.parametrize("rate", [5.0, "5.0", lambda t: 5.0, (RISE, 5.0 + 0.0 * RISE)])
+def test_a_constant_position_with_a_rate_is_noticed(rate: Any) -> None:
+    drive = mb.Input(name="u", unit="m", rate_name="v")
+    (told,) = remarks_of(base(drive), u=0.3, v=rate)
+    assert "input 'v' is 5 at t = 0 s, but the derivative of input 'u' is 0 at this time" in told
+    assert "Input 'u' is the value at the start, and 'v' is used from then on" in told
+    assert not remarks_of(base(drive), u=0.3, v=0.0)
+    assert not remarks_of(base(drive), v=rate)
+
+
+def test_numbers_that_are_set_later_are_only_those_of_the_start() -> None:
+    """A position and a rate that go on from the start."""
+
+    def watch(simulation: Any) -> None:
+        simulation.set_input("u", 0.3 + 5.0 * simulation.t)
+
+    drive = mb.Input(name="u", unit="m", rate_name="v")
+    found = mb.simulate(base(drive), 1.0, interval=0.1, solver="adams", inputs={"u": 0.3, "v": 5.0}, watch=watch)
+    assert not [remark for remark in found.remarks if "input" in remark]
+
+
+def test_an_acceleration_is_compared_with_the_position_and_with_the_rate() -> None:
+    drive = mb.Input(name="u", unit="m", rate_name="v", acceleration_name="a")
+    told = remarks_of(base(drive), u="0.5*t*t", v="2*t", a=3.0)
+    assert "input 'v' is 2 at t = 1 s, but the derivative of input 'u' is 1 at this time" in told[0]
+    assert "input 'a' is 3 at t = 0 s, but the second derivative of input 'u' is 1 at this time" in told[1]
+    (told_of_rate,) = remarks_of(base(drive), v="2*t", a=3.0)
+    assert "input 'a' is 3 at t = 0 s, but the derivative of input 'v' is 2 at this time" in told_of_rate
+    (alone,) = remarks_of(base(drive), a=lambda t: 2.0)
+    assert "input 'a' cannot be evaluated at the solver's times (neither its value nor its rate is given" in alone
+
+
 def no(t: float) -> float:
     raise KeyError(t)
 

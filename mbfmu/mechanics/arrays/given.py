@@ -22,7 +22,7 @@ from mbfmu.errors import UserError, short
 from mbfmu.mechanics import law
 from mbfmu.mechanics.checks import signal_of
 from mbfmu.mechanics.curve import curve
-from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.numbers import finite, is_finite
 from mbfmu.mechanics.signals import Input, Signal, SpeedInput, Table
 from mbfmu.mechanics.signals.fitting import Pieces, UnresolvedError, find_jump, fit
 from mbfmu.mechanics.signals.followed import Followed
@@ -48,12 +48,10 @@ class Course:
         Why it is set at outputs and held between them; empty: it is a signal.
     used
         Whether an input of the mechanism has its name.
-    remark
-        What is unusual about it; empty: nothing.
     """
 
     def __init__(self, name: str, given: Any, times: Array) -> None:
-        self.name, self.times, self.held, self.used, self.remark = name, times, "", False, ""
+        self.name, self.times, self.held, self.used = name, times, "", False
         self._what, self._given = f"input {name!r}", given
         self.jerk = ""  # message about a drive that is held and does not begin at rest
         self._noted: Array | None = None
@@ -180,11 +178,24 @@ class Course:
 
 
 class Courses:
-    """What the inputs of a mechanism are given by, for one run with this relative tolerance."""
+    """What the inputs of a mechanism are given by, for one run with this relative tolerance.
 
-    def __init__(self, given: Mapping[str, Any], numbers: Mapping[str, float], times: Array, tolerance: float) -> None:
+    ``set_later``: the inputs given by ``numbers`` may be set during the run.
+    """
+
+    def __init__(
+        self,
+        given: Mapping[str, Any],
+        numbers: Mapping[str, float],
+        times: Array,
+        tolerance: float,
+        *,
+        set_later: bool = False,
+    ) -> None:
         self.by_name = {name: Course(name, value, times) for name, value in given.items()}
         self._numbers, self._tolerance, self._begin = numbers, tolerance, float(times[0])
+        self._sampled = times[np.linspace(0, len(times) - 1, min(len(times), CALLED_AGAIN)).astype(int)]
+        self._set_later, self._contradictions = set_later, dict[str, str]()
         self._made: dict[tuple[str, bool], Signal | None] = {}
         self.replaced: set[str] = set()  # names of all values and rates of inputs that are signals in this run
 
@@ -192,6 +203,8 @@ class Courses:
         """Return the signal that an input follows in this run, or the input itself."""
         names = {k: name for k, (name, *_) in enumerate(signal.variables()) if name in self.by_name}
         if not names:
+            if not self._set_later:
+                self._compare(signal, None)
             return signal
         for name in names.values():
             self.by_name[name].used = True
@@ -219,8 +232,8 @@ class Courses:
             )
             for course in self.held
         ]
-        for course in self.by_name.values():
-            found += filter(None, (course.remark, course.check_repeats()))
+        found += self._contradictions.values()
+        found += filter(None, (course.check_repeats() for course in self.by_name.values()))
         return found
 
     def summary(self, interpolation: str) -> tuple[str, ...]:
@@ -257,21 +270,23 @@ class Courses:
         for course in courses.values():
             course.note()
         try:
-            if 0 not in courses:
-                return self._integrated(courses[1], signal, drive)
-            own = courses[0].signal
-            if own is not None:
+            if 0 in courses and (own := courses[0].signal) is not None:
+                if isinstance(own, Table):
+                    self._compare(signal, own)
                 return signal_of(own, f"input {courses[0].name!r}", drive=drive)
-            found = self._followed(courses[0], drive)
+            if 0 in courses:
+                found = self._followed(courses[0], drive)
+            elif 1 in courses:
+                found = self._integrated(courses[1], signal, drive)
+            else:
+                raise UnresolvedError("neither its value nor its rate is given for the whole run")
         except UnresolvedError as reason:
             for course in courses.values():
                 course.held = str(reason)
             if drive and 0 in courses:
                 courses[0].note_start()
             return None
-        for k, rate in courses.items():
-            if k:
-                self._compare(courses[0], found.rate if k == 1 else found.acceleration, rate)
+        self._compare(signal, found)
         return found
 
     def _followed(self, course: Course, drive: bool) -> Followed:
@@ -293,18 +308,43 @@ class Courses:
         value = rate.integral(float(self._numbers.get(name, start)) if name else 0.0)
         return Followed(value=value, rate=rate, acceleration=rate.derivative(), smooth=drive)
 
-    def _compare(self, course: Course, found: Pieces, given: Course) -> None:
-        """Note where a given derivative is not that of the given value."""
-        times = course.times[np.linspace(0, len(course.times) - 1, min(len(course.times), CALLED_AGAIN)).astype(int)]
-        off = np.abs(found.at(times) - np.array([given.value(float(t)) for t in times]))
-        k = int(off.argmax())
-        if off[k] > AGREE * np.abs(found.series).sum(axis=1).max():
-            given.remark = coded(
-                "sampled-input",
-                f"input {given.name!r} is {given.value(float(times[k])):.6g} at t = {times[k]:.6g} s, but the "
-                f"derivative of input {course.name!r} is {found.at(times[[k]])[0]:.6g} at this time. The derivative is "
-                f"used; do not give {given.name!r}, or give consistent values",
-            )
+    def _compare(self, signal: Input | SpeedInput, found: Followed | Table | None) -> None:
+        """Note where given derivatives of an input are not those of what it follows; None: of constants."""
+        names = enumerate(name for name, *_ in signal.variables())
+        given = {k: name for k, name in names if name in self.by_name or name in self._numbers}
+        varying = [k for k, name in given.items() if name in self.by_name]
+        for k, name in list(given.items())[1:]:
+            of = min(varying) if varying and min(varying) < k else min(given)
+            values, exact = self._values(name), np.zeros(len(self._sampled))
+            used = f"Input {given[of]!r} is the value at the start, and {name!r} is used from then on"
+            if of in varying:
+                exact, used = self._derivative(found, k), "The derivative is used"
+            off = np.abs(exact - values)
+            i = int(np.argmax(off > (1.0 - AGREE) * off.max()))  # the first time at which rounding alone decides
+            if off[i] > AGREE * max(np.abs(exact).max(), np.abs(values).max()):
+                what = "second derivative" if k - of == 2 else "derivative"
+                self._contradictions[name] = coded(
+                    "sampled-input",
+                    f"input {name!r} is {values[i]:.6g} at t = {self._sampled[i]:.6g} s, but the {what} of input "
+                    f"{given[of]!r} is {exact[i]:.6g} at this time. {used}; do not give {name!r}, or give consistent "
+                    "values",
+                )
+
+    def _values(self, name: str) -> Array:
+        """Return an input that is given, at some of the times of the outputs."""
+        if name in self._numbers:
+            return np.full(len(self._sampled), finite(f"input {name!r}", self._numbers[name]))
+        return np.array([self.by_name[name].value(float(t)) for t in self._sampled])
+
+    def _derivative(self, found: Followed | Table | None, order: int) -> Array:
+        """Return the first or second derivative of what an input follows, at some of the times of the outputs."""
+        if isinstance(found, Followed):
+            return (found.rate if order == 1 else found.acceleration).at(self._sampled)
+        if isinstance(found, Table):
+            rows = found.rows("a table")
+            count = -len(rows) if found.beyond == "periodic" else len(rows)
+            return np.array([curve(rows.ravel(), 0, count, float(t))[order] for t in self._sampled])
+        return np.zeros(len(self._sampled))
 
 
 def refuse_jump(pieces: Pieces, what: str) -> None:
