@@ -96,16 +96,21 @@ def pick(plant: Plant, states: Sequence[State], options: Options) -> SolverPick:
 
 
 def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tuple[Options, str]:
-    """Return the options of a run, and a remark if they limit the order of `ida`, or if a higher one was set.
+    """Return the options of a run, and a remark if they limit the order of `ida`, or if a lower or higher one was set.
 
     Orders from 3 on are unstable on undamped motions that the steps do not resolve. A large tree without a mesh has
     such motions if its fastest undamped one is much faster than what the solver has to follow.
     """
     s = plant.system
     asked = options.max_order
-    if solver != "ida" or s.has_matrices or (asked or LOW_ORDER + 1) <= LOW_ORDER or s.meshed is None:
+    if solver != "ida":
         return options, ""
-    if s.meshed.any():  # of itself, it uses low orders there
+    meshed = not s.has_matrices and s.meshed is not None and bool(s.meshed.any())
+    if asked and asked <= LOW_ORDER:
+        return options, "" if meshed and asked == LOW_ORDER else low_order(asked)
+    if s.has_matrices or s.meshed is None:
+        return options, ""
+    if meshed:  # of itself, it uses low orders there
         return options, asked_order(asked, "the membrane motions of sheets are", "or use 'esdirk'") if asked else ""
     if not COMPILED:  # the eigenvalues would take longer than most runs; without a limit the error is as small
         return options, ""
@@ -125,6 +130,18 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
         f"{found.leading!r}) is hardly damped and faster than the resolved motion ({followed:.3g} rad/s), and "
         "higher orders are unstable there. The error may be several hundred times the tolerance: choose a tolerance "
         "100 times smaller than the required accuracy, or set max_order, or use 'adams' if the run is short",
+    )
+
+
+def low_order(order: int) -> str:
+    """Return the remark on an order that was set, where `ida` would use higher ones."""
+    lowest = order == 1
+    used, error, factor = ("order 1", "thousand", 10_000) if lowest else ("orders 1 and 2", "hundred", 1000)
+    return coded(
+        "limited-order",
+        f"max_order is {order}, so that 'ida' uses {used} only: the error may be several {error} times the tolerance. "
+        f"Leave max_order at 0, which allows the orders that the model permits, or choose a tolerance {factor} times smaller "
+        "than the required accuracy",
     )
 
 

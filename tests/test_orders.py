@@ -7,7 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import mbfmu as mb
 from fmus.pendulum import SwingPendulum
@@ -131,3 +133,34 @@ def test_an_order_that_would_have_been_lowered_is_reported(model: Any, default: 
     for order in (3, 5):
         assert "unstable-order" in codes(model, solver="ida", max_order=order)
     assert "unstable-order" not in codes(stiff_joints(5), solver="ida", max_order=5)
+
+
+def test_a_low_order_that_was_set_is_reported_with_its_error() -> None:
+    """Against SciPy: with order 1 thousands of tolerances, with order 2 hundreds, without a limit few."""
+    m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+    bar = m.body("rod", m.ground, mb.Revolute(start=-1.0, rate=0.5), **mb.rod(mass=1.0, length=1.0))
+    m.output("angle", bar.angle())
+    errors = []
+    for order in (1, 2, 0):
+        found = mb.simulate(m, 10.0, interval=0.1, solver="ida", tolerance=1e-6, max_order=order)
+        exact = solve_ivp(
+            lambda t, y: (y[1], -1.5 * 9.81 * np.cos(y[0])), (0.0, 10.0), (-1.0, 0.5), "DOP853", found.t,
+            rtol=1e-12, atol=1e-13,
+        )  # fmt: skip
+        errors.append(np.abs(found["angle"] - exact.y[0]).max() / 1e-6)
+        told = [text for text in found.remarks if code_of(text) == "limited-order"]
+        assert len(told) == (order > 0)
+        assert all(f"max_order is {order}, so that 'ida' uses order" in text for text in told)
+    assert 1000.0 < errors[0] < 10_000.0
+    assert 100.0 < errors[1] < 1000.0
+    assert errors[2] < 20.0
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_only_orders_below_those_of_a_model_are_reported(order: int) -> None:
+    """A sheet is integrated with orders 1 and 2 in any case, other solvers have other formulas."""
+    assert ("limited-order" in codes(Sheet(nx=7, nz=5), solver="ida", max_order=order)) == (order == 1)
+    assert "limited-order" in codes(stiff_joints(), solver="ida", max_order=order)
+    assert "limited-order" in codes(stiff_joints(5), solver="ida", max_order=order)
+    assert "limited-order" not in codes(stiff_joints(5), solver="adams", max_order=order)
+    assert "limited-order" not in codes(stiff_joints(5), solver="ida", max_order=3)
