@@ -140,8 +140,8 @@ def low_order(order: int) -> str:
     return coded(
         "limited-order",
         f"max_order is {order}, so that 'ida' uses {used} only: the error may be several {error} times the tolerance. "
-        f"Leave max_order at 0, which allows the orders that the model permits, or choose a tolerance {factor} times smaller "
-        "than the required accuracy",
+        "Leave max_order at 0, which allows the orders that the model permits, or choose a tolerance "
+        f"{factor} times smaller than the required accuracy",
     )
 
 
