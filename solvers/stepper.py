@@ -17,6 +17,7 @@ from .outcome import Code, SolverError, Status
 from .system import AnySystem, Array
 
 COARSEST = 0.1  # tolerances that numbers may be apart where a position starts
+SUDDEN = 1e-8  # of the time: signals shorten steps so much only at jumps
 SLOWEST_RATE = 0.1  # least rate of a motion, in units of one over the duration of the run
 
 
@@ -75,6 +76,14 @@ def smallest_step(part: float, rate: float, max_step: float, t: float) -> float:
     (1/s) or what varies with time (``max_step``, s) changes.
     """
     return part * max(min(1.0 / rate, max_step), abs(t))
+
+
+@inlined
+def sudden(longest: float, t: float) -> bool:
+    """Whether no signal allows a longer step at time t, s, because of a jump: steps that end beyond it are accepted
+    with any error if they are as short as :func:`smallest_step`.
+    """
+    return longest <= SUDDEN * abs(t)
 
 
 class Samples(NamedTuple):

@@ -199,7 +199,7 @@ def entries(name: str) -> dict[str, Entry]:
         g, reached, code = s.given, s.clock[0], OK
         while code == OK:
             longest, until = resolves(reached, g.eqs.data)
-            limit(g, min(longest, s.options[0].max_step))
+            limit(g, reached, min(longest, s.options[0].max_step))
             reached = min(t, until)
             code = advance_reported(g, reached)
             if not until < t:

@@ -25,6 +25,7 @@ from solvers.steppers.adams.explicit import SINGLES
 from solvers.steppers.adams.formulas import History
 from solvers.steppers.adams.formulas import begin_anew as begin_history
 from solvers.steppers.adams.hybrid import HYBRID
+from solvers.steppers.adams.jumps import limit_steps
 from solvers.steppers.dense import measure_pace
 from solvers.steppers.radau import loop as radau
 from solvers.steppers.radau.formulas import Memory
@@ -50,7 +51,7 @@ class Family(NamedTuple):
     begin: Any  # (s, t) -> code and rate (1/s): options, units and paces as a stepper's constructor takes them
     evaluate: Any  # (s) -> code: accelerations and multipliers at the reported state
     renew: Any  # (s, fresh): go on at the reported state; fresh: nothing is kept of what was known
-    limit: Any  # (g, longest): no step from here on is longer, s
+    limit: Any  # (g, t, longest): no step from the reported state at t on is longer, s
     count: Any  # (g, counts): what the run has cost, in the order of COUNTERS
 
 
@@ -165,15 +166,13 @@ def renew_radau(s: Any, fresh: bool) -> None:
 
 
 @kernel
-def limit_history(g: Any, longest: float) -> None:
+def limit_history(g: Any, t: float, longest: float) -> None:
     """As ``ExplicitStepper._limit`` does."""
-    if longest != g.settings[0].max_step:
-        g.settings[0].max_step = longest
-        g.memory.control[0].h = min(g.memory.control[0].h, longest)
+    limit_steps(g.memory, g.settings, t, g.q, g.v, g.ledger[WORK], longest)
 
 
 @kernel
-def limit_radau(g: Any, longest: float) -> None:
+def limit_radau(g: Any, t: float, longest: float) -> None:
     """As ``RadauStepper._limit`` does."""
     g.settings[0].max_step = longest
 

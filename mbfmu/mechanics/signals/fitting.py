@@ -125,11 +125,16 @@ class _Fit:
         slope = float(np.arange(_COUNT) @ np.abs(series)) / (0.5 * (b - a))
         return ROUNDING * max(abs(a), abs(b)) * slope
 
-    def fits_marks(self, a: float, b: float, series: Array, allowed: float) -> bool:
-        """Whether the series agrees with the function at the output times between a and b."""
+    def agrees(self, a: float, b: float, series: Array, allowed: float) -> bool:
+        """Whether the series agrees with the function at the output times between a and b, and next to a and b, where
+        a jump between the end and the outermost node changes none of the values at the nodes.
+        """
         k = slice(np.searchsorted(self.marks, a, side="right"), np.searchsorted(self.marks, b, side="left"))
-        z = (2.0 * self.marks[k] - a - b) / (b - a)
-        off = np.abs(chebyshev.chebval(z, series) - self.at_marks[k])
+        inset = ROUNDING * max(abs(a), abs(b))
+        next_to = [a + inset, b - inset] if 4.0 * inset < b - a else []
+        times = np.append(self.marks[k], next_to)
+        values = np.append(self.at_marks[k], [self.function(float(t)) for t in next_to])
+        off = np.abs(chebyshev.chebval((2.0 * times - a - b) / (b - a), series) - values)
         return bool(off.max(initial=0.0) <= allowed)
 
 
@@ -170,7 +175,7 @@ def fit(
             fine = fine or tail * width <= IMPULSE * own.scale * span
             fine = fine or (tail > NO_GAIN * before and tail <= loose * own.scale)
         agreed = CHECK * own.scale + noise if smooth else max(CHECK, loose) * own.scale + noise + 10.0 * tail
-        if fine and own.fits_marks(a, b, series, agreed):
+        if fine and own.agrees(a, b, series, agreed):
             kept = np.where(np.abs(series) > NEGLIGIBLE * own.scale, series, 0.0)
             found.append((a, b, kept))
         elif width <= max(NARROWEST * span, 4.0 * np.finfo(float).eps * max(abs(a), abs(b))):

@@ -15,7 +15,7 @@ from .fitting import DEGREE, Array, Pieces
 
 SEEN = 0.25  # longest step, in intervals
 SIMPLE = 3  # degree up to which a step of one interval resolves a series
-SHORTEST = 1e-9  # longest step at a jump, relative to the duration of the run
+SHORTEST = 1e-9  # longest step at a jump, relative to its time, or to the duration of the run if that is shorter
 TERMS = DEGREE + 1
 NOISE = (1e-13, 1e-12, 1e-9)  # of value, rate and acceleration, relative to the series, which is zero: scales of the
 # motion are taken from what acts at the start, and must not be taken from rounding
@@ -132,7 +132,8 @@ class Followed(Signal):
         """Return the rows (intervals, ROW) for kernels."""
         begins, ends, series = self.value
         degree = np.array([np.flatnonzero(row)[-1] if row.any() else 0 for row in series])
-        widths, shortest = ends - begins, SHORTEST * (ends[-1] - begins[0])
+        times = np.maximum(np.abs(begins), np.abs(ends))
+        widths, shortest = ends - begins, SHORTEST * np.minimum(times, ends[-1] - begins[0])
         steps = np.maximum(np.where(degree > SIMPLE, SEEN, 1.0) * widths, shortest)
         constant = (degree == 0) | (degree.max() <= SIMPLE) & (len(degree) == 1)  # resolved by steps of any length
         steps[constant & (widths > shortest)] = np.inf

@@ -12,6 +12,7 @@ from solvers.stepper import Stepper, sized
 from solvers.system import Array
 
 from .formulas import begin_anew
+from .jumps import limit_steps
 
 SINGLES = 12  # single steps after a change of the equations before a history is begun
 
@@ -30,9 +31,7 @@ class ExplicitStepper(Stepper):
         """Whether work is to be booked."""
 
     def _limit(self, longest: float) -> None:
-        if longest != self._settings["max_step"][0]:
-            self._settings["max_step"] = longest
-            self._control["h"] = min(self._control["h"], longest)
+        limit_steps(self._held, self._settings, self._t, self._q, self._v, float(self._ledger[WORK]), longest)
 
     def restart(self) -> None:
         """Begin a new history at the reported state with the next step."""

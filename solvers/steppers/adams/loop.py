@@ -44,7 +44,7 @@ from solvers.projection.projection import (
 from solvers.projection.reported import report_state
 from solvers.projection.singular import CLOSED, MISS, SINGULAR, note, passed, step_bound
 from solvers.projection.workspace import factor
-from solvers.stepper import smallest_step
+from solvers.stepper import smallest_step, sudden
 
 from .formulas import (
     HIGHEST,
@@ -220,6 +220,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target
     """
     q, v, last = work.q, work.v, H.y.shape[0] - 1
     weigh(c, o, H, q.shape[0], v.shape[0], work)
+    shortest = False
     while True:
         c.h = min(c.h, o.max_step)
         stop_at(c, target)
@@ -240,16 +241,19 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target
             keep_stage(H, i)
         if code == OK:
             error = error_of_step(c, H)
-            if error <= 1.0:
+            if error <= 1.0 or shortest:
                 if stayed(eqs, after, c, o, H, work):
                     take_step(c, H, target, error)
                     return OK
                 code, error = BRANCHES, np.inf
         refuse_step(c, code == OK)
         change_step(c, error)
-        if not c.h > smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t):
-            c.single = 0.0
-            return COLLAPSED if code == OK else code
+        smallest = smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t)
+        if not c.h > smallest:
+            if shortest or code != OK or not sudden(o.max_step, c.t):
+                c.single = 0.0
+                return COLLAPSED if code == OK else code
+            c.h, shortest = smallest, True
 
 
 @kernel
@@ -257,7 +261,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
     """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
     q, v = work.q, work.v
     weigh(c, o, H, q.shape[0], v.shape[0], work)
-    cuts = 0
+    cuts, shortest = 0, False
     while True:
         coefficients(c)
         predict(c, H)
@@ -267,7 +271,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
         code = differentiate(eqs, after, False, c, o, H, work)
         if code == OK:
             error = estimate(c, H)
-            if error <= 1.0:
+            if error <= 1.0 or shortest:
                 correct(c, H)
                 split(H.trial, q, v)
                 code = differentiate(eqs, after, True, c, o, H, work)
@@ -285,8 +289,11 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
         if o.partition == HYBRID and c.regime == LU and cuts >= o.collapse_cuts:
             give_up_lu(eqs, c, H, work)
             c.by_collapse += 1
-        if not c.h > smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t):
-            return COLLAPSED if code == OK else code
+        smallest = smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t)
+        if not c.h > smallest:
+            if shortest or code != OK or not sudden(o.max_step, c.t):
+                return COLLAPSED if code == OK else code
+            c.h, c.k, shortest = smallest, 1, True
 
 
 @kernel

@@ -21,7 +21,7 @@ from solvers.inertia import INERTIA, clear_growth, finer_tolerance, update_tree_
 from solvers.ledger import due, look, refuse_step, report
 from solvers.outcome import COLLAPSED, MAX_STEPS, NO_MASS, NOT_FINITE, OK
 from solvers.positions import Positions, position_sizes
-from solvers.stepper import rate_of_start, smallest_step
+from solvers.stepper import rate_of_start, smallest_step, sudden
 from solvers.system import Array
 
 from .formulas import (
@@ -160,6 +160,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any, target: f
     """One step by the formulas of :mod:`solvers.steppers.adams.one_step`, not past ``target``; or why there is none."""
     last = H.y.shape[0] - 1
     weigh(o, H, s)
+    shortest = False
     while True:
         c.h = min(c.h, o.max_step)
         stop_at(c, target)
@@ -176,7 +177,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any, target: f
             keep_stage(H, i)
         if code == OK:
             error = error_of_step(c, H)
-            if error <= 1.0:
+            if error <= 1.0 or shortest:
                 H.trial[last] = H.p[last]
                 join(s.q, s.v, H.trial)
                 book(eqs, c.t + c.h, c, o, scales, s)
@@ -184,23 +185,26 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any, target: f
                 return OK
         refuse_step(c, code == OK)
         change_step(c, error)
-        if not c.h > smallest_step(SMALLEST_STEP, o.rate, o.max_step, c.t):
-            c.single = 0.0
-            return COLLAPSED if code == OK else code
+        smallest = smallest_step(SMALLEST_STEP, o.rate, o.max_step, c.t)
+        if not c.h > smallest:
+            if shortest or code != OK or not sudden(o.max_step, c.t):
+                c.single = 0.0
+                return COLLAPSED if code == OK else code
+            c.h, shortest = smallest, True
 
 
 @kernel
 def step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
     """One accepted step, however often it has to be cut; or the code of what made it too small."""
     weigh(o, H, s)
-    cuts = 0
+    cuts, shortest = 0, False
     while True:
         coefficients(c)
         predict(c, H)
         split(H.p, s.q, s.v)
         c.erk = 0.0
         code = differentiate(eqs, c.t + c.h, c, H, s)
-        if code == OK and estimate(c, H) <= 1.0:
+        if code == OK and (estimate(c, H) <= 1.0 or shortest):
             correct(c, H)
             split(H.trial, s.q, s.v)
             eqs.retract(s.q, s.zero, eqs.data)
@@ -214,8 +218,11 @@ def step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
         cuts += 1
         refuse_step(c, code == OK)
         cut(cuts, c, H)
-        if not c.h > smallest_step(SMALLEST_STEP, o.rate, o.max_step, c.t):
-            return COLLAPSED if code == OK else code
+        smallest = smallest_step(SMALLEST_STEP, o.rate, o.max_step, c.t)
+        if not c.h > smallest:
+            if shortest or code != OK or not sudden(o.max_step, c.t):
+                return COLLAPSED if code == OK else code
+            c.h, c.k, shortest = smallest, 1, True
 
 
 @kernel

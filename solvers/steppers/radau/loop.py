@@ -23,7 +23,7 @@ from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
 from solvers.projection.projection import acceleration, close
 from solvers.projection.reported import report_state
 from solvers.projection.singular import CLOSED, MISS, note, passed, step_bound
-from solvers.stepper import smallest_step
+from solvers.stepper import smallest_step, sudden
 
 from .formulas import STAGES, A, error_of_step, error_of_work, factor_newton, interpolate
 from .stages import FARTHEST, at_state, power, solve_stages, take_derivatives
@@ -155,10 +155,11 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
     """One accepted step, however often it has to be cut; or the code of what made it too small."""
     nq, n = H.q.shape[0], H.v.shape[0]
     weigh(c, o, H, work)
+    shortest = False
     while True:
         c.h = min(c.h, o.max_step)
         h = stop_at(c, target) if c.ends > 0 else c.h
-        code, shorter, corner = COLLAPSED, 0.5, False
+        code, shorter, corner, exact = COLLAPSED, 0.5, False, True
         renewable = c.fresh == 0 and (c.rank == 0 or work.course[0].ratio >= REGULAR)
         if renewable and (c.known == 0 or c.rate > SLOW):
             renewable = False
@@ -170,7 +171,8 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
             error = error_of_step(h, H, work.size)
             corner = meets_corner(c, h, error)
             largest = min(1.0, o.asked / (c.finer * o.rtol)) if corner else 1.0
-            if error <= largest:
+            exact = error <= largest
+            if exact or shortest:
                 for i in range(nq):
                     work.q[i] = H.Q[STAGES - 1, i]
                 for i in range(n):
@@ -198,8 +200,11 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
         refuse_step(c, corner)
         if shorter < 1.0:
             c.h = shorter * h
-        if not c.h > smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t):
-            return code
+        smallest = smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t)
+        if not c.h > smallest:
+            if shortest or exact or not sudden(o.max_step, c.t):
+                return code
+            c.h, shortest = smallest, True
 
 
 @inlined

@@ -1,0 +1,37 @@
+"""Histories of Adams formulas at jumps of y' whose times are known.
+
+Ahead of a jump a signal halves the longest step from step to step. At a high order the error estimate of such short
+steps contains almost nothing of the jump, so that they are accepted across it, and the polynomials through both sides
+of it, extrapolated over a dozen steps, leave errors of many tolerances. Therefore
+
+- the order is one ahead of it, where the estimate is half of J h for a jump J;
+- steps that end as soon after the jump as the clock resolves are accepted, since J h cannot be made smaller;
+- a new history begins where the limit ends.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solvers.compiled.kernel import kernel
+from solvers.stepper import sudden
+
+from .formulas import begin_anew
+
+FREED = 1e3  # times: a limit that becomes longer by so much has ended
+
+
+@kernel
+def limit_steps(H: Any, settings: Any, t: float, q: Any, v: Any, work: float, longest: float) -> None:
+    """From the reported state (q, v) at t on, s, no step is longer than ``longest``, s; ``work`` is W there, J."""
+    c, o = H.control[0], settings[0]
+    before = o.max_step
+    if longest == before:
+        return
+    o.max_step = longest
+    if c.start == 0:
+        if longest >= FREED * before and sudden(before, t):
+            begin_anew(H, t, q, v, work, 0, 0, False)
+        elif longest < c.h and sudden(longest, t):
+            c.phase1, c.k = 0, 1
+    c.h = min(c.h, longest)
