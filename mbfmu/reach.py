@@ -99,21 +99,29 @@ def _last(plant: Plant, begin: float, q: Array, end: float) -> float:
     """Return until when loops can be closed, s: ``end`` where nothing ends that."""
     held, whole = np.zeros(plant.system.n, bool), end - begin
     reached, step = begin, whole / MARCH
+    way = [(begin, q)]
 
-    def closed(t: float) -> Array | None:
+    def closed(t: float, near: Array) -> Array | None:
         try:
-            return plant.assembly.close(t, q, held)
+            return plant.assembly.close(t, near, held)
         except AssemblyError:
             return None
 
+    def beyond(t: float) -> bool:
+        """Whether the loops can be closed at t near the present position, or where the way leads to."""
+        before, then = next((at for at in reversed(way) if reached - at[0] >= t - reached), way[0])
+        ahead = q + (q - then) * ((t - reached) / (reached - before)) if before < reached else q
+        return closed(t, q) is not None or closed(t, ahead) is not None
+
     while reached < end and step > EXACT * whole:
         ahead = min(reached + step, end)
-        there = closed(ahead)
+        there = closed(ahead, q)
         if there is None:
             step *= 0.5
         else:
             reached, q = ahead, there
-    opens = reached < end and all(closed(min(reached + part * whole, end)) is None for part in BEYOND)
+            way.append((reached, q))
+    opens = reached < end and not any(beyond(min(reached + part * whole, end)) for part in BEYOND)
     return reached if opens else end
 
 

@@ -9,6 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
+from mbfmu.mechanics import Plant
+from mbfmu.reach import why
+from solvers.outcome import Code, Status
 
 SOLVERS = ("ida", "adams", "hybrid", "radau")
 
@@ -104,3 +107,23 @@ def test_with_all_rates_given_nothing_is_asked_for() -> None:
     assert all("Give the rate" not in text for text in simulation.remarks)
     assert simulation.advance(1.0).ok
     np.testing.assert_allclose(simulation.stepper.q, [1.0, -1.0, 1.0], atol=1e-5)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("early", [1e-4, 1e-3, 1e-2])  # s
+def test_a_singular_position_that_is_passed_is_not_called_out_of_reach(scale: float, early: float) -> None:
+    """A driven parallelogram with three cranks reaches every angle of them, whatever stops a run before it is flat."""
+    m = mb.Mechanism()
+    drive = mb.Polynomial((np.pi - 1.7, 1.0))
+    crank = m.body("crank", m.ground, mb.Revolute(drive=drive), **mb.rod(mass=1.0, length=0.78 * scale))
+    start = mb.Revolute(at=(0.78 * scale, 0.0, 0.0), start=1.7 - np.pi)
+    bar = m.body("coupler", crank, start, **mb.rod(mass=1.0, length=2.18 * scale))
+    for k in (1, 2):
+        x = 1.09 * k * scale
+        joint = mb.Revolute(at=(x, 0.0, 0.0), start=np.pi - 1.7)
+        rocker = m.body(f"rocker{k}", m.ground, joint, **mb.rod(mass=1.0, length=0.78 * scale))
+        m.cut(f"pin{k}", mb.RevoluteCut(at_a=(x, 0.0, 0.0), at_b=(0.78 * scale, 0.0, 0.0)), bar, rocker)
+    t = 1.7 - early
+    q = np.array([early - np.pi, np.pi - early, np.pi - early])
+    for code in (Code.BRANCHES, Code.NOT_CLOSED):
+        assert "[unreachable-drive]" not in why(Plant(m), Status(code, t), q, 2.0, starts_singular=False)
