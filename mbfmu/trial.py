@@ -61,7 +61,7 @@ def _rehearse() -> None:
     points.set_out(inputs, 0.0, 1.0)
     points.perturb(inputs, 0.0, 0.0)
     points.recall(inputs)
-    points.depart(inputs)
+    points.depart(inputs, 0.0)
     points.pass_by(inputs, 0.0)
     points.all_settled(inputs)
     judge(balance, 0.0, np.zeros(ROW))

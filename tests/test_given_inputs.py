@@ -255,8 +255,9 @@ def test_an_acceleration_is_compared_with_the_position_and_with_the_rate() -> No
     assert "input 'a' is 3 at t = 0 s, but the second derivative of input 'u' is 1 at this time" in told[1]
     (told_of_rate,) = remarks_of(base(drive), v="2*t", a=3.0)
     assert "input 'a' is 3 at t = 0 s, but the derivative of input 'v' is 2 at this time" in told_of_rate
-    (alone,) = remarks_of(base(drive), a=lambda t: 2.0)
+    jump, alone = remarks_of(base(drive), a=lambda t: 2.0)
     assert "input 'a' cannot be evaluated at the solver's times (neither its value nor its rate is given" in alone
+    assert "input 'u' at t = 0.1 s: its position differs by -0.01 m from the value that" in jump  # it remains zero
 
 
 def no(t: float) -> float:

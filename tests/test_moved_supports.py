@@ -453,3 +453,58 @@ def test_a_smooth_motion_to_rest_is_no_jump(size: float, steps: int) -> None:
         told = [text for text in simulation.remarks if "its position differs by" in text]
         assert len(told) == (jump > 0.0)
         assert all(f"its position differs by {jump:.3g} m " in text and "'u' at t = 1.2" in text for text in told)
+
+
+def jumps_of(way: Callable[[float], float], rate: Callable[[float], float], times: Any, tolerance: float) -> list[str]:
+    """Set position and rate at times, and return the messages on jumps."""
+    m = Mechanism()
+    sled = m.body("sled", m.ground, Translational(axis="x", drive=Input(name="u", unit="m", rate_name="v")), mass=1.0)
+    m.body("bob", sled, Translational(axis="x"), mass=1.0)
+    start = {"u": way(times[0]), "v": rate(times[0])}
+    simulation = Simulation(m, Settings(solver="adams", tolerance=tolerance), inputs=start)
+    for t, end in pairwise(times):
+        simulation.set_input("u", way(t))
+        simulation.set_input("v", rate(t))
+        simulation.advance(end)
+    return [text for text in simulation.remarks if "its position differs by" in text]
+
+
+EVEN = np.linspace(0.0, 1.0, 101)
+
+
+@pytest.mark.parametrize("speed", [1e-3, 1.0, -30.0])
+@pytest.mark.parametrize("jump", [1e-5, 0.01, 0.3])
+@pytest.mark.parametrize("when", [0.005, 0.015, 0.505])
+def test_a_jump_of_any_size_is_noticed_at_any_speed(speed: float, jump: float, when: float) -> None:
+    """The size of the jump is larger than the tolerance, but may be smaller than the way of a step."""
+    (told,) = jumps_of(lambda t: speed * t + jump * (t > when), lambda t: speed, EVEN, 1e-6)
+    assert f"input 'u' at t = {when + 0.005:.9g} s: its position differs by {jump:.3g} m " in told
+    smaller = 1e-4 * jump
+    assert not jumps_of(lambda t: speed * t + smaller * (t > when), lambda t: speed, EVEN, 1e-4)
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.99, 2.0, -1.0])
+def test_a_rate_with_a_wrong_factor_is_noticed(factor: float) -> None:
+    for way, rate in ((lambda t: t, lambda t: 1.0), (lambda t: np.sin(3.0 * t), lambda t: 3.0 * np.cos(3.0 * t))):
+        steps = np.linspace(0.0, 1.0, 1001)
+        assert len(jumps_of(way, lambda t, rate=rate: factor * rate(t) + (factor == 0.0) * 1e-9, steps, 1e-6)) == 1
+
+
+@pytest.mark.parametrize("steps", [12, 40, 1000])
+@pytest.mark.parametrize("phase", [0.0, 0.7, 1.6, 3.0])
+@pytest.mark.parametrize("uneven", [False, True])
+def test_smooth_motions_are_no_jumps(steps: int, phase: float, uneven: bool) -> None:
+    """A sine with ``steps`` points a period, with its rate now, or its mean rate of the step before or to come."""
+    widths = np.random.default_rng(steps).uniform(0.7, 1.4, 2 * steps) if uneven else np.ones(2 * steps)
+    times = np.append(0.0, np.cumsum(widths)) * 2.0 * np.pi / steps
+    ends = np.append(times, times[-1] + 2.0 * np.pi / steps)
+
+    def way(t: float) -> float:
+        return float(np.sin(t + phase))
+
+    def mean(t: float, ahead: int) -> float:
+        k = max(int(np.searchsorted(ends, t)) + ahead, 0)
+        return (way(ends[k + 1]) - way(ends[k])) / (ends[k + 1] - ends[k])
+
+    for rate in (lambda t: np.cos(t + phase), lambda t: mean(t, 0), lambda t: mean(t, -1)):
+        assert not jumps_of(way, rate, times, 1e-9)

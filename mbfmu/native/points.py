@@ -75,7 +75,7 @@ def leave(s: Any, before: float, jumps: bool) -> None:
 
     ``before`` is the energy until then, J.
     """
-    if depart(s.inputs):
+    if depart(s.inputs, s.options[0].rtol):
         s.told[0].jumps = 1
     if jumps:
         for i in range(s.dv.shape[0]):

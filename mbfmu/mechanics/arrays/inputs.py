@@ -118,7 +118,6 @@ class Inputs:
         self.variables = tuple(slot.variable for slot in self._slots)
         self._names = [f"input {variable.name!r}" for variable in self.variables]
         self.signals = {slot.signal for slot in self._slots}
-        self._sizes = drives.sizes
         self._supports: dict[int, str] = {}  # of drives that are inputs: signal, name of the first input
         for slot in self._slots:
             if slot.signal in drives.signals:
@@ -129,7 +128,7 @@ class Inputs:
         self._courses = [0 if slot.signal == GRAVITY else int(places[slot.signal]) for slot in self._slots]
         own = InputRecords.allocate(len(self._slots), 0, len(self._supports), courses, arrays.world)
         for support, signal in zip(own.supports, self._supports, strict=True):
-            support["course"] = places[signal]
+            support["course"], support["size"] = places[signal], drives.sizes[signal]
             support["speed"] = isinstance(numbering.signals[signal], SpeedInput)
         self._begin(own)
 
@@ -272,14 +271,12 @@ class Inputs:
 
         ``tolerance``: of a jump that is none, in units of the coordinate.
         """
-        if not depart(self._held):
+        if not depart(self._held, tolerance):
             return []
         found, units = [], {v.name: v.unit for v in self.variables}
-        for (signal, name), support, ahead in zip(
-            self._supports.items(), self.own.supports, self.own.ahead, strict=True
-        ):
+        for name, support, ahead in zip(self._supports.values(), self.own.supports, self.own.ahead, strict=True):
             size = float(ahead["position"] - ahead["path"][0])
-            if support["departs"] and ahead["jumps"] and abs(size) > tolerance * self._sizes[signal]:
+            if support["departs"] and ahead["jumps"]:
                 found.append((name, f"{size:.3g} {units[name]}"))
         return found
 

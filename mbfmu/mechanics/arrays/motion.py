@@ -37,7 +37,7 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 
-EXPLAINED = 2.0  # part of the way on the segment before by which extrapolation may have erred
+EXPLAINED = 1.5  # error of an extrapolated position, relative to the changes of the rate times the step
 
 SUPPORT = np.dtype(
     [
@@ -51,6 +51,7 @@ SUPPORT = np.dtype(
         ("rated", np.int64),  # 1: the host gives rates
         ("departs", np.int64),  # 1: another segment is about to begin,
         ("jump", np.float64),  # ... where the rate jumps by so much, m/s or rad/s
+        ("size", np.float64),  # unit of the coordinate, m or rad
     ],
     align=True,
 )
@@ -65,7 +66,8 @@ SEGMENT = np.dtype(
         ("rate", np.float64),  # v at the beginning, as the host gave it
         ("acceleration", np.float64),  # its coefficients
         ("average", np.float64),  # rate of u over the segment before
-        ("jumps", np.int64),  # 1: u is farther off than the rates given explain
+        ("change", np.float64),  # of v since the beginning of the segment before, without sign
+        ("jumps", np.int64),  # 1: u is farther off than the changes of the given rates explain
     ],
     align=True,
 )
@@ -87,7 +89,7 @@ def start_motion(support: Any, segment: Any, course: Any) -> None:
     if course.c[2] != 0.0:
         support.accelerated = 1
     segment.begin, segment.end, segment.goal = -np.inf, np.nan, x
-    segment.position, segment.rate, segment.average, segment.jumps = x, v, 0.0, 0
+    segment.position, segment.rate, segment.average, segment.jumps, segment.change = x, v, 0.0, 0, 0.0
     path = segment.path
     path[0], path[1], path[2], path[3] = x, v, course.c[2], 0.0
 
@@ -133,15 +135,6 @@ def plan_motion(t: float, end: float, support: Any, segment: Any, course: Any, a
         support.departs, support.jump = 1, path[1] - v
 
 
-@inlined
-def variation(segment: Any) -> float:
-    """Return the largest displacement of a support on a segment; the extrapolation error is a part of it."""
-    if not segment.begin > -np.inf:
-        return 0.0
-    h, path = segment.end - segment.begin, segment.path
-    return h * (abs(path[1]) + h * (abs(path[2]) + h * abs(path[3])))
-
-
 @kernel
 def lead_on(t: float, end: float, x: float, support: Any, last: Any, ahead: Any) -> None:
     """Find the segment ``ahead`` from x at t to ``end``, see the module's docstring; ``last`` is the one before."""
@@ -150,7 +143,7 @@ def lead_on(t: float, end: float, x: float, support: Any, last: Any, ahead: Any)
     path = ahead.path
     path[0], path[1], path[2], path[3] = x, v, 0.0, 0.0
     ahead.begin, ahead.end, ahead.rate, ahead.jumps = t, end, v, 0
-    ahead.acceleration = support.acceleration
+    ahead.acceleration, ahead.change = support.acceleration, abs(v - last.rate)
     if support.speed == 1:
         ahead.goal, ahead.position, ahead.average = x + v * h, x, 0.0
         return
@@ -174,7 +167,7 @@ def lead_on(t: float, end: float, x: float, support: Any, last: Any, ahead: Any)
     path[2], path[3] = 0.5 * a + 3.0 * e / (h * h), j / 6.0 - 2.0 * e / (h * h * h)
     ahead.goal = u + h * (v + h * (0.5 * a + j * h / 6.0))
     longest = max(h, before) if before < np.inf else h
-    explained = longest * (abs(v) + abs(last.rate)) + EXPLAINED * variation(last)
+    explained = EXPLAINED * longest * (ahead.change + last.change)
     ahead.jumps = 1 if abs(e) > explained else 0
 
 
@@ -183,7 +176,7 @@ def take_up(ahead: Any, support: Any, segment: Any) -> None:
     """Note that a segment has begun."""
     segment.begin, segment.end, segment.goal = ahead.begin, ahead.end, ahead.goal
     segment.position, segment.rate, segment.average = ahead.position, ahead.rate, ahead.average
-    segment.acceleration = ahead.acceleration
+    segment.acceleration, segment.change = ahead.acceleration, ahead.change
     segment.jumps = ahead.jumps
     for k in range(4):
         segment.path[k] = ahead.path[k]

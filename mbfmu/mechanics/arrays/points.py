@@ -179,14 +179,19 @@ def recall(i: Any) -> None:
 
 
 @kernel
-def depart(i: Any) -> bool:
-    """Let supports depart; whether the position of one jumps, farther than its rate explains."""
+def depart(i: Any, tolerance: float) -> bool:
+    """Let supports depart; whether the position of one jumps, farther than its rate explains.
+
+    ``tolerance``: of a jump that is none, in units of the coordinate.
+    """
     jumps = False
     for k in range(i.supports.shape[0]):
         support, ahead = i.supports[k], i.ahead[k]
         if support.departs == 1:
             follow(ahead.begin, ahead.path, i.courses[support.course])
             take_up(ahead, support, i.segments[k])
+            if abs(ahead.position - ahead.path[0]) <= tolerance * support.size:
+                ahead.jumps = 0
             jumps = jumps or ahead.jumps == 1
     return jumps
 
