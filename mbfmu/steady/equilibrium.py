@@ -33,6 +33,8 @@ def build_problem(model: Model | Mechanism, plant: Plant | None = None) -> Equil
     """
     model = of_user(model)
     made = plant or model.plant()
+    if made.system.n == 0:
+        raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")
     supports = Supports(made, finishes=plant is None)
     if plant is None:
         finish(model.name, made)

@@ -75,8 +75,6 @@ class EquilibriumProblem:
 
     def __init__(self, model: Model, plant: Plant, supports: Supports) -> None:
         self.model, self.plant, self.supports = model, plant, supports
-        if plant.system.n == 0:
-            raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")
         self._names = position_names(plant)
         self._start = self.start()
         self._v, self._cyclic = np.zeros(plant.system.n), np.zeros(plant.system.n, bool)
