@@ -161,8 +161,8 @@ class Simulation:
         beside = [*beside, *self.plant.coincident(t0, q)]
         loose = describe_loose(self.plant, settings.tolerance)
         coarse = describe_coarse(self.plant, settings.tolerance, self.stepper.freedom)
-        for told in (unstable, self.lock, *self.plant.rounding, *changed, loose, coarse, limited, *beside):
-            self._remark(told)
+        for remark in (unstable, self.lock, *self.plant.rounding, *changed, loose, coarse, limited, *beside):
+            self._remark(remark)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         checked = settings.energy_check and self.stepper.freedom > 0
         self.energy_check = (

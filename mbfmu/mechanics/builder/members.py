@@ -34,8 +34,7 @@ class Members:
         if not isinstance(body, Body) or body.index >= len(self.bodies) or self.bodies[body.index] is not body:
             raise UserError(
                 f"{role} is {getattr(body, 'name', body)!r}, which is not a body of this mechanism; allowed: "
-                "its ground, and "
-                "what its method body() has returned"
+                "its ground, and what its method body() has returned"
             )
 
     def _new_name(self, what: str, name: str, taken: Collection[str]) -> None:
