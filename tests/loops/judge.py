@@ -112,7 +112,7 @@ class Verdict:
 
 def truth(mechanism: Mechanism, times: Any, exact: Any = None) -> Truth:
     """The truth at ``times`` (k,): the exact motion where it is given, else the reference."""
-    begin = time.perf_counter()
+    begin = time.process_time()
     plant = Plant(mechanism)
     start = plant.assemble(float(times[0]))
     times = np.asarray(times, float)
@@ -133,7 +133,7 @@ def truth(mechanism: Mechanism, times: Any, exact: Any = None) -> Truth:
     for there in moved:
         k = len(there)
         grown[:k] = np.maximum(grown[:k], distance(mechanism, start[1], near[:k], there) / NUDGE)
-    return Truth(times, q, v, np.maximum.accumulate(grown), doubt, start, ended, time.perf_counter() - begin)
+    return Truth(times, q, v, np.maximum.accumulate(grown), doubt, start, ended, time.process_time() - begin)
 
 
 def judge(
@@ -150,7 +150,7 @@ def judge(
 
     At the time ``restart`` (s), one of the truth's, it begins anew, as it does where an input jumps.
     """
-    begin = time.perf_counter()
+    begin = time.process_time()
     plant = Plant(mechanism)
     k = len(known.times)
     q, v = np.full((k, known.q.shape[1]), np.nan), np.full((k, known.v.shape[1]), np.nan)
@@ -173,7 +173,7 @@ def judge(
         if not meant(error):
             return Verdict("wrong", f"raw {type(error).__name__}: {error}")
         why = str(error)
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     return _weigh(mechanism, plant, known, q[:done], v[:done], coarser * rtol, factor, why, evaluations, seconds)
 
 

@@ -15,7 +15,7 @@ from mbfmu.mechanics.cuts.base import AxisCut
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.joints.base import AxisJoint
 from mbfmu.mechanics.kind import kinds_of
-from mbfmu.mechanics.loads import DistanceStop, Force, JointStop, TorsionSpring
+from mbfmu.mechanics.loads import DistanceStop, Force, JointStop, LineForce, Spring, TorsionSpring
 from mbfmu.mechanics.signals import Harmonic, Polynomial
 
 Generator = np.random.Generator
@@ -98,9 +98,12 @@ def add_couplings(m: Mechanism, rng: Generator, kinds: list[type[Coupling]]) -> 
 
 
 def smooth(case: Case) -> bool:
-    """Whether no load is about to jump or to bend: differences would not be derivatives."""
+    """Whether no load is about to jump, to bend or to turn fast: differences would not be derivatives."""
     plant, state = case.plant, case.plant.data.state
     plant.energy(case.t, case.q, case.v)
+    lines = [f for kind in (Spring, LineForce, DistanceStop) for f in plant.records(kind)]
+    if any(line_velocity(f, *(state.bodies[int(f[k])] for k in "ab")) > 5.0 for f in lines):
+        return False
     lengths = [(f, *distance(f, *(state.bodies[int(f[k])] for k in "ab"))) for f in plant.records(DistanceStop)]
     coordinates = [(f, state.q[int(f["q"])], state.v[int(f["v"])]) for f in plant.records(JointStop)]
     for f, q, rate in lengths + coordinates:
@@ -115,13 +118,25 @@ def smooth(case: Case) -> bool:
     return True
 
 
-def distance(f: Any, A: Any, B: Any) -> tuple[float, float]:
-    """Distance between the points of a load, and its rate."""
+def between(f: Any, A: Any, B: Any) -> tuple[Any, Any]:
+    """Vector between the points of a load, and its rate."""
     at_a, at_b = A["A"] @ f["Pa"], B["A"] @ f["Pb"]
     way = B["r"] + at_b - A["r"] - at_a
     rate = B["Y"][:3] + np.cross(B["Y"][3:], at_b) - A["Y"][:3] - np.cross(A["Y"][3:], at_a)
+    return way, rate
+
+
+def distance(f: Any, A: Any, B: Any) -> tuple[float, float]:
+    """Distance between the points of a load, and its rate."""
+    way, rate = between(f, A, B)
     length = np.linalg.norm(way)
     return float(length), float(way @ rate / length)
+
+
+def line_velocity(f: Any, A: Any, B: Any) -> float:
+    """Rate of the vector between the points of a load over its length [1/s]: how soon its direction may change."""
+    way, rate = between(f, A, B)
+    return float(np.linalg.norm(rate) / np.linalg.norm(way))
 
 
 def build(seed: int, kinds: list[type[Joint]], closing: list[type], driven: bool, forces: bool) -> Case:

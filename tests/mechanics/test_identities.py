@@ -17,7 +17,7 @@ from mbfmu.mechanics.recursions.rnea import momentum
 
 TOLERANCE = 1e-9
 STENCIL = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}  # sixth order
-H = 2e-3
+H = 1e-3
 
 
 def close(a: Any, b: Any, scale: float = 1.0) -> None:
