@@ -23,9 +23,9 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
-from mbfmu.auto import pick
-from mbfmu.model import find, models
-from mbfmu.scene import load_scene, scenes
+from mbfmu.modeling.registry import find, models
+from mbfmu.modeling.scene import load_scene, scenes
+from mbfmu.session.solver_selection import pick
 from solvers.system import LARGEST_DENSE
 
 Array = NDArray[np.float64]

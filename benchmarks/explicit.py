@@ -19,9 +19,9 @@ from timing import median_times
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.model import Model
-from mbfmu.simulation import Settings, Simulation
-from mbfmu.table import table
+from mbfmu.modeling import Model
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.table import table
 
 END = 10.0
 INTERVALS = 1000

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.model import Model
+from mbfmu.modeling import Model
 from solvers.compiled.kernel import kernel
 
 State = tuple[float, ...]

@@ -21,7 +21,7 @@ from timing import median_times
 
 from fmus.fourbar import FourBar
 from mbfmu.fmi import Fmu, export
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
 
 
 def fmu_against_direct(fmu_file: Path) -> None:

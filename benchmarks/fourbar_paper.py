@@ -9,11 +9,11 @@ import statistics
 import time
 from pathlib import Path
 
-from mbfmu.direct import Result, communication_points, run
-from mbfmu.scene import load_scene
-from mbfmu.simulation import Simulation
-from mbfmu.studies.report import COLORS, finish, subplots
-from mbfmu.table import table
+from mbfmu.modeling.scene import load_scene
+from mbfmu.plotting.figures import COLORS, finish, subplots
+from mbfmu.session.run import Result, communication_points, run
+from mbfmu.session.simulation import Simulation
+from mbfmu.util.table import table
 
 METHODS = {"LU": "adams-lu", "projection": "adams", "hybrid": "hybrid"}
 ACCELERATION = ("coupler.acceleration.y", "vertical acceleration of the coupler [m/s$^2$]")

@@ -21,8 +21,8 @@ from timing import median_times
 
 from fmus.fourbar import FourBar
 from mbfmu.mechanics import Plant
-from mbfmu.simulation import Settings, Simulation
-from mbfmu.table import table
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.table import table
 from solvers.steppers.ida import small
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "loops"))

@@ -23,11 +23,11 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.fmi import Fmu, export
-from mbfmu.model import Model
+from mbfmu.modeling import Model
 from mbfmu.native.runtime import compiler
 from mbfmu.native.targets import host
-from mbfmu.simulation import Settings, Simulation
-from mbfmu.table import table
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.table import table
 
 STEPS, LENGTH = 10_000, 1e-3  # the second in s
 INSTANCES = 1000

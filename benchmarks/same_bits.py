@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.direct import simulate
 from mbfmu.mechanics import (
     Beam,
     BeamElement,
@@ -40,17 +39,17 @@ from mbfmu.mechanics import (
     Spherical,
     SphericalCut,
     Spring,
-    Support,
     Torque,
     Translational,
     Weld,
     add_chain,
-    add_sheet,
     rod,
 )
-from mbfmu.scene import load_scene
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.modeling.scene import load_scene
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.run import simulate
+from mbfmu.session.simulation import Simulation
+from mbfmu.sheets import Support, add_sheet
 from mbfmu.steady.equilibrium import build_problem
 
 SCENES = (

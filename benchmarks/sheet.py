@@ -17,10 +17,10 @@ import without_effects
 from fmus.sheet import Sheet
 from fmus.sheet.model import RELEASE
 from mbfmu.mechanics import Plant
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.studies.effects import time_of_evaluation
-from mbfmu.table import table
+from mbfmu.util.table import table
 from solvers import Code
 from solvers.projection.saddle import Accelerations
 

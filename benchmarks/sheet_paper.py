@@ -9,10 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from fmus.sheet import Sheet
-from mbfmu.direct import communication_points, run
-from mbfmu.simulation import Settings
+from mbfmu.plotting.figures import finish, subplots
+from mbfmu.session.run import communication_points, run
+from mbfmu.session.simulation import Settings
 from mbfmu.steady.equilibrium import equilibrium
-from mbfmu.studies.report import finish, subplots
 
 FIGURES = Path("fmus/sheet/figures")
 GRIDS = {(7, 5): "#efb118", (15, 11): "#ff725c", (33, 23): "#3ca951", (51, 35): "#4269d0"}

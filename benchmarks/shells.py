@@ -18,9 +18,9 @@ sys.path[:0] = [str(Path(__file__).parents[1] / "tests" / "mechanics")]
 import shell_problems as problems  # noqa: E402
 from shell_problems import Problem  # noqa: E402
 
-from mbfmu.errors import EquilibriumError  # noqa: E402
 from mbfmu.steady.equilibrium import build_problem, equilibrium  # noqa: E402
-from mbfmu.table import table  # noqa: E402
+from mbfmu.util.errors import EquilibriumError  # noqa: E402
+from mbfmu.util.table import table  # noqa: E402
 
 Mesh = tuple[int, int]
 THICK, THIN = 0.32, 0.0032

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.model import Model
+from mbfmu.modeling import Model
 from mbfmu.studies.settling import as_text, settle
 
 CASES: tuple[tuple[str, Model], ...] = (

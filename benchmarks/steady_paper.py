@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.direct import communication_points, run
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.plotting.figures import finish, subplots
+from mbfmu.session.run import communication_points, run
+from mbfmu.session.simulation import Settings
 from mbfmu.steady.equilibrium import equilibrium
-from mbfmu.studies.report import finish, subplots
 
 SETTINGS = Settings(solver="ida", tolerance=1e-8)
 PENDULUM, GOVERNOR = Path("fmus/pendulum/figures"), Path("fmus/governor/figures")

@@ -22,28 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.direct import simulate
-from mbfmu.mechanics import (
-    Body,
-    Drum,
-    Guide,
-    Mechanism,
-    NipHandle,
-    PointForce,
-    Polynomial,
-    Ramp,
-    Revolute,
-    RunUp,
-    Sheet,
-    Signal,
-    Support,
-    Wall,
-    add_contact,
-    add_nip,
-    add_sheet,
-)
-from mbfmu.result import Result
-from mbfmu.table import table
+from mbfmu.mechanics import Body, Drum, Guide, Mechanism, PointForce, Polynomial, Ramp, Revolute, RunUp, Signal, Wall
+from mbfmu.session.result import Result
+from mbfmu.session.run import simulate
+from mbfmu.sheets import NipHandle, Sheet, Support, add_contact, add_nip, add_sheet
+from mbfmu.util.table import table
 
 LENGTH, WIDTH, THICKNESS, RADIUS = 0.297, 0.03, 1e-4, 0.01
 BENDING = 4e9 * THICKNESS**3 / 12.0  # N m

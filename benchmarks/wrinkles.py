@@ -18,7 +18,8 @@ import time
 import numpy as np
 
 import mbfmu as mb
-from mbfmu.mechanics import Mechanism, PointForce, Step, Support, Translational, add_sheet
+from mbfmu.mechanics import Mechanism, PointForce, Step, Translational
+from mbfmu.sheets import Support, add_sheet
 
 LENGTH, HEIGHT, SHEAR = 0.38, 0.128, 3e-3  # m
 E, NU, DENSITY = 3.5e9, 0.31, 1500.0

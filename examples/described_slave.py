@@ -10,7 +10,7 @@ from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Fmi2Variability, FmuBui
 
 from mbfmu.fmi.description import Experiment, Identity, model_description
 from mbfmu.fmi.guards import finalize_at_exit
-from mbfmu.interface import Role, ScalarVariable, Type
+from mbfmu.modeling.variables import Role, ScalarVariable, Type
 
 Table = dict[Fmi2Causality, dict[str, tuple[float, str, str]]]
 

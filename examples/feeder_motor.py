@@ -40,10 +40,10 @@ from skew_controller import SkewController
 from ssp_system import Run, SspSystem
 
 from fmus.feeder import Feeder
-from mbfmu.direct import communication_points
 from mbfmu.fmi import Fmu, export
-from mbfmu.studies.report import finish
-from mbfmu.table import table
+from mbfmu.plotting.figures import finish
+from mbfmu.session.run import communication_points
+from mbfmu.util.table import table
 
 Array = NDArray[np.float64]
 Fmus = Mapping[str, Path]  # elements in the order in which Gauss and Seidel step them

@@ -31,11 +31,11 @@ from ssp_system import Run, SspSystem
 from throttled_engine import ThrottledEngine
 
 from fmus.governor import Governor
-from mbfmu.direct import communication_points
 from mbfmu.fmi import Fmu, export
-from mbfmu.simulation import Settings
-from mbfmu.studies.report import finish
-from mbfmu.table import table
+from mbfmu.plotting.figures import finish
+from mbfmu.session.run import communication_points
+from mbfmu.session.simulation import Settings
+from mbfmu.util.table import table
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from mbfmu.mechanics import MODES, Beam, Mechanism, Revolute, RunUp
-from mbfmu.model import Model, parameter
+from mbfmu.modeling import Model, parameter
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import Parameter, ParameterSet
 from numpy.typing import NDArray
 
-from mbfmu.direct import communication_points
+from mbfmu.session.run import communication_points
 
 Array = NDArray[np.float64]
 Run = dict[str, Array]  # "time" (s) and the recorded variables, each as "element.name"

@@ -17,7 +17,7 @@ from typing import Any
 
 import lazy_loader
 
-from mbfmu.errors import RENAMED, missing_attribute
+from .util.errors import RENAMED, missing_attribute
 
 __version__ = "0.2.0"
 

@@ -1,8 +1,6 @@
 # What a first session needs; `mbfmu/__init__.py` loads each name when it is first used.
 
-from .direct import simulate
 from .ensemble.study import Study, load_study, study
-from .errors import AssemblyError, EquilibriumError, UserError
 from .fmi import export
 from .mechanics import (
     Beam,
@@ -10,7 +8,6 @@ from .mechanics import (
     Box,
     Bushing,
     Cam,
-    Crease,
     Cylinder,
     Cylindrical,
     CylindricalCut,
@@ -52,7 +49,6 @@ from .mechanics import (
     Step,
     Stretching,
     Sum,
-    Support,
     Table,
     Torque,
     TorsionSpring,
@@ -64,19 +60,18 @@ from .mechanics import (
     Weld,
     WeldCut,
     add_chain,
-    add_contact,
-    add_nip,
-    add_sheet,
     box,
     cylinder,
     rod,
     sphere,
     tube,
 )
-from .model import Model, find, models, parameter
-from .result import Result
-from .settings import Settings
-from .simulation import Simulation
+from .modeling import Model, find, models, parameter
+from .modeling.settings import Settings
+from .session.result import Result
+from .session.run import simulate
+from .session.simulation import Simulation
+from .sheets import Crease, Support, add_contact, add_nip, add_sheet
 from .steady.equilibrium import equilibrium, linearize, modes
 from .steady.linear import StateSpace
 from .steady.path import EquilibriumPath, equilibrium_path
@@ -84,6 +79,7 @@ from .steady.state import Equilibrium
 from .studies.check import Findings, check
 from .studies.compare import Comparison, compare
 from .studies.recommendation import Recommendation, recommend_solver
+from .util.errors import AssemblyError, EquilibriumError, UserError
 from .viewer.show import view
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Codes of the warnings and errors of the solvers; ``mbfmu.codes`` adds those of models, runs and FMUs.
+"""Codes of the warnings and errors of the solvers; ``mbfmu.util.codes`` adds those of models, runs and FMUs.
 
 A code is a word in brackets at the end of a message. It stays the same when the message is reworded, so that it can be
 searched for. ``docs/messages.md`` has a section for each.

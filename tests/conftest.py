@@ -21,7 +21,7 @@ def fourbar_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The four-bar as an FMU whose default solver is adams."""
     from fmus.fourbar import FourBar
     from mbfmu.fmi import export
-    from mbfmu.simulation import Settings
+    from mbfmu.session.simulation import Settings
 
     return export(FourBar(), tmp_path_factory.mktemp("fmu") / "fourbar.fmu", Settings(solver="adams"))
 

@@ -16,9 +16,10 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.sheet import Sheet
 from mbfmu.fmi import Fmu
-from mbfmu.model import declared, of_user
-from mbfmu.scene import load_scene
-from mbfmu.spectrum import spectrum
+from mbfmu.modeling.model import of_user
+from mbfmu.modeling.parameters import declared
+from mbfmu.modeling.scene import load_scene
+from mbfmu.session.stiffness import spectrum
 from mbfmu.steady.equilibrium import equilibrium
 
 DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
@@ -167,7 +168,7 @@ def test_arnoldi_finds_the_fastest_of_many(monkeypatch: pytest.MonkeyPatch) -> N
     plant = of_user(chain(30)).plant()
     q, v = plant.assemble()
     whole = spectrum(plant, 0.0, q, v)
-    monkeypatch.setattr("mbfmu.spectrum.ALL", 3)
+    monkeypatch.setattr("mbfmu.session.stiffness.ALL", 3)
     assert abs(spectrum(plant, 0.0, q, v).fastest) == pytest.approx(abs(whole.fastest), rel=1e-4)
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from fmus.fourbar import FourBar
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Input,
     JointForce,
@@ -21,8 +20,9 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
-from mbfmu.model import Model
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 
 START, END = 0.4, 1.0
 Torque = Callable[[float], float]

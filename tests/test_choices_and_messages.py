@@ -15,14 +15,14 @@ import mbfmu as mb
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.codes import code_of
 from mbfmu.ensemble.subject import subject_of
 from mbfmu.fmi import export
 from mbfmu.fmi.native import SOLVERS, _with_solver, describe_constants
-from mbfmu.model import of_user
+from mbfmu.modeling.model import of_user
 from mbfmu.native.data import native_model
-from mbfmu.reach import advise
-from mbfmu.studies.report import STABILITY_STYLES
+from mbfmu.plotting.steady_states import STABILITY_STYLES
+from mbfmu.session.failure_diagnosis import advise
+from mbfmu.util.codes import code_of
 from solvers.outcome import Code, Status
 from solvers.statics.spectrum import Stability
 from solvers.steppers import NAMES

@@ -18,18 +18,20 @@ from typing import Any
 
 import pytest
 
-from mbfmu import curves, direct
 from mbfmu.__main__ import main as run_module
 from mbfmu.cli import models, parser
 from mbfmu.cli.common import scene_of
 from mbfmu.cli.results import results
-from mbfmu.errors import UserError
 from mbfmu.fmi.coupled import own_source
-from mbfmu.interface import Role, interface
-from mbfmu.model import declared, find
-from mbfmu.result import Result
-from mbfmu.scene import as_toml, load_scene
-from mbfmu.settings import Settings
+from mbfmu.modeling import find
+from mbfmu.modeling.parameters import declared
+from mbfmu.modeling.scene import as_toml, load_scene
+from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.variables import Role, interface
+from mbfmu.plotting import time_series
+from mbfmu.session import run as session_run
+from mbfmu.session.result import Result
+from mbfmu.util.errors import UserError
 from solvers import SOLVERS
 from solvers.compiled import cache
 from solvers.compiled.kernel import kernel
@@ -87,8 +89,10 @@ def test_a_run_that_is_not_to_be_trusted_says_so_everywhere(
     told = ("run", "fourbar/paper", "--direct", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
     assert command(*told)[0] == 0
     drawn: list[str] = []
-    monkeypatch.setattr("mbfmu.curves.entitle", lambda figure, result: drawn.append(curves.trouble(result)))
-    monkeypatch.setattr("mbfmu.cli.run.run", lambda *a, **k: replace(direct.run(*a, **k), **{field: "it stopped"}))
+    monkeypatch.setattr(
+        "mbfmu.plotting.time_series.entitle", lambda figure, result: drawn.append(time_series.trouble(result))
+    )
+    monkeypatch.setattr("mbfmu.cli.run.run", lambda *a, **k: replace(session_run.run(*a, **k), **{field: "it stopped"}))
     code, out, _ = command(*told)
     assert code == 1
     assert out.endswith(f"paper-hybrid-1e-4-{word}\n")

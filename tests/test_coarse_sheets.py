@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from fmus.sheet import Sheet
-from mbfmu.direct import run
 from mbfmu.fmi import export
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.steady.equilibrium import equilibrium
 
 

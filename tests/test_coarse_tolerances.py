@@ -11,9 +11,9 @@ from healthy_runs import Draw, double_pendulum, loop, pendulum, shaken, top
 
 from fmus.sheet import Sheet
 from mbfmu import simulate
-from mbfmu.codes import code_of
 from mbfmu.mechanics import Harmonic, Mechanism, Revolute, rod
-from mbfmu.tolerances import COARSE_ERROR
+from mbfmu.session.tolerances import COARSE_ERROR
+from mbfmu.util.codes import code_of
 
 SOLVERS = ("adams", "hybrid", "ida", "radau")
 SHIFT = 1e-7  # error of the start that its growth is found by

@@ -18,10 +18,10 @@ import pytest
 from mbfmu.cli import view
 from mbfmu.cli.common import run_part
 from mbfmu.cli.study import place
-from mbfmu.errors import LONGEST_MESSAGE, UserError, shorten
 from mbfmu.mechanics import Variable
-from mbfmu.result import Result
-from mbfmu.scene import load_scene
+from mbfmu.modeling.scene import load_scene
+from mbfmu.session.result import Result
+from mbfmu.util.errors import LONGEST_MESSAGE, UserError, shorten
 from solvers import Statistics
 
 MBFMU = (sys.executable, "-m", "mbfmu")

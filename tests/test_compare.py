@@ -15,11 +15,10 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
-from mbfmu.direct import run
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Revolute, RunUp, rod
-from mbfmu.scene import Scene, default_scene, load_scene
-from mbfmu.settings import Settings
+from mbfmu.modeling.scene import Scene, default_scene, load_scene
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.run import run
 from mbfmu.studies import work_precision
 from mbfmu.studies.compare import Comparison, Row, compare, solvers_of
 from mbfmu.studies.recommendation import one_digit, read_target, recommend_solver
@@ -27,7 +26,8 @@ from mbfmu.studies.reference import driven
 from mbfmu.studies.resolution import limit, moving_places, resolutions_of
 from mbfmu.studies.timing import Budget, Spent, TooLong, in_turn
 from mbfmu.studies.words import as_text
-from mbfmu.table import power
+from mbfmu.util.errors import UserError
+from mbfmu.util.table import power
 
 
 def short(model: Any, stop_time: float, interval: float = 0.01) -> Scene:

@@ -9,11 +9,12 @@ import pytest
 
 import mbfmu as mb
 from fmus.feeder import Feeder
-from mbfmu.errors import EquilibriumError, UserError
-from mbfmu.mechanics import Mechanism, add_sheet
-from mbfmu.scene import Scene, default_scene
+from mbfmu.mechanics import Mechanism
+from mbfmu.modeling.scene import Scene, default_scene
+from mbfmu.sheets import add_sheet
 from mbfmu.studies.compare import compare
 from mbfmu.studies.reference import tight_runs
+from mbfmu.util.errors import EquilibriumError, UserError
 from solvers.steppers import refusal
 
 SMALL: dict[str, Any] = {"solvers": None, "tolerances": [1e-3], "repeats": 1, "outputs": ["lead.x"]}

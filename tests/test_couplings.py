@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from mbfmu import Simulation, equilibrium, linearize, simulate
-from mbfmu.errors import AssemblyError, EquilibriumError, UserError
 from mbfmu.mechanics import (
     Beam,
     Body,
@@ -35,8 +34,9 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
-from mbfmu.model import of_user
-from mbfmu.settings import Settings
+from mbfmu.modeling.model import of_user
+from mbfmu.modeling.settings import Settings
+from mbfmu.util.errors import AssemblyError, EquilibriumError, UserError
 
 SOLVERS = ["adams", "hybrid", "ida"]
 TIGHT: dict[str, Any] = {"solver": "adams", "tolerance": 1e-9}

@@ -8,10 +8,10 @@ from math import acos, atan2, cos, radians, sin
 import numpy as np
 import pytest
 
-from mbfmu.direct import run
 from mbfmu.mechanics import Mechanism, Polynomial, Revolute, RevoluteCut, Translational, rod
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
 
 
 @dataclass(frozen=True, kw_only=True)

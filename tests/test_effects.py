@@ -10,9 +10,9 @@ import pytest
 
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
-from mbfmu.errors import UserError
-from mbfmu.simulation import Settings
+from mbfmu.session.simulation import Settings
 from mbfmu.studies.effects import Case, Entry, advice, as_text, cases, costs
+from mbfmu.util.errors import UserError
 
 DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
 

@@ -13,9 +13,9 @@ from scipy.integrate import solve_ivp
 
 from fmus.sheet import Sheet
 from mbfmu import simulate
-from mbfmu.direct import Result
 from mbfmu.mechanics import JointSpring, JointStop, Mechanism, Revolute, RevoluteCut, Translational, rod
 from mbfmu.mechanics.arrays.systems import Systems
+from mbfmu.session.run import Result
 
 SOLVERS = ("adams", "hybrid", "ida", "radau")
 WITHIN = 100.0  # tolerances times the growth of an error of the start: such a run is right

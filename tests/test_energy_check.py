@@ -14,18 +14,18 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.cli import main
-from mbfmu.direct import Result, communication_points, run
-from mbfmu.errors import UserError
 from mbfmu.fmi.export import export
 from mbfmu.fmi.harness import Fmu
 from mbfmu.mechanics import Harmonic, Input, JointForce, JointSpring, Mechanism, PointForce, Revolute, rod
 from mbfmu.mechanics.arrays.systems import Systems
-from mbfmu.model import Model, parameter
-from mbfmu.scene import Scene
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model, parameter
+from mbfmu.modeling.scene import Scene
+from mbfmu.session.run import Result, communication_points, run
+from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.studies.compare import compare, outcome
 from mbfmu.studies.reference import reference
 from mbfmu.studies.timing import Budget
+from mbfmu.util.errors import UserError
 
 SOLVERS = ("adams", "hybrid", "ida", "radau")
 TIMES = np.linspace(0.0, 3.0, 151)

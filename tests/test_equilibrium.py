@@ -19,13 +19,13 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.cli.equilibrium import branches_as_text
-from mbfmu.direct import run
-from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import DistanceCut, Input, JointSpring, Mechanism, Revolute, RevoluteCut, Translational, rod
-from mbfmu.model import Model, parameter
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model, parameter
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.steady.equilibrium import build_problem, equilibrium
 from mbfmu.steady.sweep import Branch, sweep
+from mbfmu.util.errors import EquilibriumError, UserError
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ import pytest
 import mbfmu
 from mbfmu import mechanics
 from mbfmu.cli import main
-from mbfmu.interface import arrays, interface
 from mbfmu.mechanics import (
     Coupling,
     Cut,
@@ -28,6 +27,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.mechanics.contact import surfaces
 from mbfmu.mechanics.kind import kinds_of
+from mbfmu.modeling.variables import arrays, interface
 from mbfmu.studies.resolution import resolutions_of
 
 DOCS = Path(__file__).parents[1] / "docs"

@@ -12,12 +12,13 @@ from fmpy import simulate_fmu
 import mbfmu as mb
 from fmus.feeder import Feeder
 from fmus.feeder.path import Arc, Path, lay
-from mbfmu.errors import UserError
 from mbfmu.fmi import export
-from mbfmu.mechanics import Mechanism, add_sheet, jammed
+from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact
-from mbfmu.scene import load_scene, scenes
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling.scene import load_scene, scenes
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.sheets import add_sheet, jammed
+from mbfmu.util.errors import UserError
 
 SMALL: dict[str, Any] = {"nx": 7, "nz": 5, "bend_radius": 0.1, "spacing": 0.2}  # cells that follow their bends
 ANGLE, TILT = 0.3, 0.4  # rad

@@ -14,8 +14,8 @@ from fmpy import read_model_description, simulate_fmu
 
 from fmus.feeder import Feeder
 from mbfmu.fmi import export
-from mbfmu.scene import default_scene
-from mbfmu.simulation import Simulation
+from mbfmu.modeling.scene import default_scene
+from mbfmu.session.simulation import Simulation
 
 MODEL = Feeder(path="straight", nips=1, nx=5, nz=4, lead=0.0)  # its leading edge is in the nips from the start
 STEP, COUNT = 1e-3, 20  # s

@@ -20,17 +20,17 @@ import pytest
 import mbfmu
 from fmus.pendulum import SwingPendulum
 from mbfmu.cli.common import write_json
-from mbfmu.direct import communication_points, run
 from mbfmu.ensemble.records import write_table
-from mbfmu.errors import UserError
-from mbfmu.files import check_writable, replacing, write_bytes, write_text
 from mbfmu.fmi.export import pack
 from mbfmu.mechanics import Variable
-from mbfmu.result import Result
-from mbfmu.settings import Settings
+from mbfmu.modeling.settings import Settings
+from mbfmu.plotting.figures import finish
+from mbfmu.session.result import Result
+from mbfmu.session.run import communication_points, run
 from mbfmu.steady.linear import StateSpace
 from mbfmu.steady.path import EquilibriumPath, PathBranch, PathState
-from mbfmu.studies.report import finish
+from mbfmu.util.errors import UserError
+from mbfmu.util.files import check_writable, replacing, write_bytes, write_text
 from mbfmu.viewer import Motion, Recorder
 from mbfmu.viewer.gltf import write_glb
 from mbfmu.viewer.html import write_html
@@ -300,7 +300,7 @@ def test_no_file_is_opened_for_writing_elsewhere() -> None:
         for function, line in written_outside(ast.parse(path.read_text("utf-8"))):
             if f"{name}:{function}" not in TEMPORARY:
                 found.append(f"{name}:{line} in {function}")
-    assert found == [], "write through mbfmu.files.replacing"
+    assert found == [], "write through mbfmu.util.files.replacing"
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from fmus.fourbar import FourBar
-from mbfmu.direct import Result, run
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant, Revolute, RevoluteCut, add_chain, rod
-from mbfmu.model import Model
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model
+from mbfmu.session.run import Result, run
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 
 DATA = Path(__file__).parent / "data" / "fourbar"
 BETA = 5.8115e-4  # s: 1 % of the first mode

@@ -15,14 +15,14 @@ import pytest
 from scipy.integrate import solve_bvp
 
 import mbfmu as mb
-from mbfmu.codes import code_of
 from mbfmu.fmi import export
+from mbfmu.modeling.settings import Settings
 from mbfmu.native.data import native_model
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.session.simulation import Simulation
 from mbfmu.steady.equilibrium import build_problem, find_state
 from mbfmu.steady.sweep import sweep
 from mbfmu.studies.settling import settle
+from mbfmu.util.codes import code_of
 
 LENGTH, WIDTH, THICKNESS, E, DENSITY = 0.3, 0.02, 5e-5, 4e9, 1000.0
 

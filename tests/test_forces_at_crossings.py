@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from mbfmu.direct import run
 from mbfmu.mechanics import Mechanism, Polynomial, Revolute, RevoluteCut, rod
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
 
 WEIGHT = (0.5 * 1.0 + 2.0 + 0.5 * 1.5) * 9.81  # N m at the crank, of coupler and half of both cranks
 BESIDE = np.array([1e-4, 3e-4, 1e-3, 2e-3, 2.5e-3, 3e-3, 1e-2])

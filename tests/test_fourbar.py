@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import brentq
 
 from fmus.fourbar import FourBar
-from mbfmu.direct import run
-from mbfmu.simulation import Settings
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
 
 TIMES = np.linspace(0.0, 10.0, 501)
 BOUNDS = {"adams": 100.0, "hybrid": 300.0, "ida": 1000.0}

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
+from mbfmu.plotting import steady_states
 from mbfmu.steady.linear import modes_as_text
 from mbfmu.steady.sweep import Branch
-from mbfmu.studies import report
 
 K, C, MASS = 100.0, 6.0, 2.0
 
@@ -40,8 +40,8 @@ def test_pictures_have_the_words_of_the_table(monkeypatch: pytest.MonkeyPatch, t
     def note(figure: Any, path: Path) -> None:
         labels.extend(text.get_text() for text in figure.axes[0].get_legend().get_texts())
 
-    monkeypatch.setattr(report, "finish", note)
+    monkeypatch.setattr(steady_states, "finish", note)
     states = [mb.equilibrium(oscillator(damping)) for damping in (0.0, C)]
     assert [state.stability for state in states] == ["undamped", "stable"]
-    report.plot_branches([Branch([0.0, C], states)], "damping", "x", "title", tmp_path / "x.png")
+    steady_states.plot_branches([Branch([0.0, C], states)], "damping", "x", "title", tmp_path / "x.png")
     assert sorted(labels) == ["stable", "undamped"]

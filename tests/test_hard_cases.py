@@ -9,9 +9,9 @@ from scipy.integrate import simpson
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.direct import Result, run
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import Result, run
+from mbfmu.session.simulation import Settings
 
 
 def undamped(model: Model, solver: str, tolerance: float, end: float, interval: float) -> tuple[Result, float]:

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.direct import run
-from mbfmu.errors import EquilibriumError, UserError
-from mbfmu.mechanics import Body, Mechanism, Plant, Polynomial, Revolute, Spring, Support, add_sheet, rod
+from mbfmu.mechanics import Body, Mechanism, Plant, Polynomial, Revolute, Spring, rod
 from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.mechanics.tangent.groups import BLOCK
-from mbfmu.model import Model, parameter
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model, parameter
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.sheets import Support, add_sheet
 from mbfmu.steady.equilibrium import build_problem
+from mbfmu.util.errors import EquilibriumError, UserError
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.direct import simulate
 from mbfmu.mechanics import JointForce, JointSpring, Mechanism, Revolute, Signal, Step, Sum, Table, Translational
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.run import simulate
+from mbfmu.session.simulation import Simulation
 from solvers.balance import bound
 from solvers.ledger import ROW
 from solvers.steppers import SOLVERS

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import mbfmu as mb
-from mbfmu.codes import TITLES, code_of, coded
-from mbfmu.errors import AssemblyError, UserError
+from mbfmu.util.codes import TITLES, code_of, coded
+from mbfmu.util.errors import AssemblyError, UserError
 from solvers.outcome import KEYS, Code, Status
 
 ROOT = Path(__file__).parents[1]

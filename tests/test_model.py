@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 
 from fmus.fourbar import FourBar
-from mbfmu.direct import communication_points, run, simulate
-from mbfmu.errors import UserError
-from mbfmu.model import find, models
-from mbfmu.scene import load_scene
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling.registry import find, models
+from mbfmu.modeling.scene import load_scene
+from mbfmu.session.run import communication_points, run, simulate
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 
 MODEL = '''
 from dataclasses import dataclass
 from mbfmu.mechanics import Mechanism, Revolute, rod
-from mbfmu.model import Model, parameter
+from mbfmu.modeling import Model, parameter
 
 @dataclass(frozen=True, kw_only=True)
 class Pendulum(Model):

@@ -11,10 +11,10 @@ import pytest
 
 from examples.spinning_arm import SpinningArm
 from fmus.fourbar import FourBar
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.state import Equilibrium
-from mbfmu.studies.report import displacements
+from mbfmu.viewer.mode_shapes import displacements
 from mbfmu.viewer.picture import draw
 
 DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}

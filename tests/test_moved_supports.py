@@ -12,8 +12,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fmus.sheet import Sheet
-from mbfmu.direct import run
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Body,
     Harmonic,
@@ -29,8 +27,10 @@ from mbfmu.mechanics import (
     Weld,
     rod,
 )
-from mbfmu.model import Model
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 from solvers.system import TreeSystem
 
 AMPLITUDE, W = 0.02, 30.0  # m, rad/s, of a support that is shaken

@@ -11,8 +11,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fmus.fourbar import FourBar
-from mbfmu.direct import communication_points, run
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Box,
     CutHandle,
@@ -25,13 +23,14 @@ from mbfmu.mechanics import (
     RevoluteCut,
     SpeedInput,
     SphericalCut,
-    Support,
     Translational,
-    add_sheet,
     rod,
 )
-from mbfmu.model import Model
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model
+from mbfmu.session.run import communication_points, run
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.sheets import Support, add_sheet
+from mbfmu.util.errors import UserError
 
 TIMES = np.linspace(0.0, 0.1, 3)
 

@@ -14,10 +14,10 @@ from scipy.integrate import solve_ivp
 import mbfmu as mb
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
-from mbfmu.codes import code_of
 from mbfmu.fmi import Fmu
+from mbfmu.modeling.scene import load_scene
 from mbfmu.native.data import native_model
-from mbfmu.scene import load_scene
+from mbfmu.util.codes import code_of
 from solvers import Options
 from solvers.steppers import NAMES, stepper
 

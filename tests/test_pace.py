@@ -11,12 +11,12 @@ import pytest
 
 import mbfmu as mb
 from fmus.sheet import Sheet
-from mbfmu import pace
 from mbfmu.cli import main
-from mbfmu.direct import communication_points, run
 from mbfmu.mechanics import JointSpring, Mechanism, Revolute, rod
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.modeling.settings import Settings
+from mbfmu.session import step_count
+from mbfmu.session.run import communication_points, run
+from mbfmu.session.simulation import Simulation
 from solvers import Options, stepper
 from solvers.compiled.kernel import COMPILED
 
@@ -98,8 +98,8 @@ def test_a_run_that_ends_soon_is_not_remarked() -> None:
 def test_the_command_line_prints_the_remark(
     way: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pace, "MANY_STEPS", 3000)
-    monkeypatch.setattr(pace, "UNKNOWN_END", EARLY)
+    monkeypatch.setattr(step_count, "MANY_STEPS", 3000)
+    monkeypatch.setattr(step_count, "UNKNOWN_END", EARLY)
     sets = [f"--set={name}={value}" for name, value in (STRIP | {"curl_x": 5.0}).items()]
     times, wanted = ["--stop-time=0.004", "--interval=0.001"], ["--tolerance=1e-6", f"--output={tmp_path / 'out'}"]
     code = main(["run", "sheet", *filter(None, [way]), *sets, *times, "--solver=ida", *wanted])

@@ -10,10 +10,10 @@ import pytest
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.direct import run
-from mbfmu.errors import UserError
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
+from mbfmu.util.errors import UserError
 
 MODELS = (FourBar(), Governor(), SwingPendulum())
 ENDS = [

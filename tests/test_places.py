@@ -13,8 +13,8 @@ from scipy.integrate import solve_ivp
 from mbfmu import UserError, equilibrium, linearize, simulate
 from mbfmu.fmi import export
 from mbfmu.mechanics import Force, Mechanism, Revolute, Spring, rod
-from mbfmu.model import load
-from mbfmu.settings import Settings
+from mbfmu.modeling.registry import load
+from mbfmu.modeling.settings import Settings
 from mbfmu.viewer.picture import draw
 from solvers.compiled.kernel import COMPILED
 
@@ -27,7 +27,7 @@ from mbfmu.mechanics import (
     Coupling, Cut, Force, Joint, Load, Mechanism, Sensor, Signal, Translational, kernel, rod, signal_value
 )
 from mbfmu.mechanics.spatial import arm
-from mbfmu.model import Model, parameter
+from mbfmu.modeling import Model, parameter
 
 
 @kernel

@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 import mbfmu as mb
-from mbfmu.direct import communication_points, run
 from mbfmu.mechanics import Variable
+from mbfmu.session.run import communication_points, run
 from solvers import Statistics
 
 
@@ -124,8 +124,8 @@ def test_outputs_do_not_depend_on_how_many_are_recorded_at_once(solver: str, mon
     reported: list[list[float]] = []
     values = []
     for rows, brief in ((7, 0.0), (100, np.inf)):
-        monkeypatch.setattr("mbfmu.direct.ROWS", rows)
-        monkeypatch.setattr("mbfmu.direct.BRIEF", brief)
+        monkeypatch.setattr("mbfmu.session.run.ROWS", rows)
+        monkeypatch.setattr("mbfmu.session.run.BRIEF", brief)
         reported.append([])
         times = communication_points(2.0, 0.005)
         values.append(run(swing(), mb.Settings(solver=solver), times, progress=reported[-1].append).values)
@@ -220,7 +220,7 @@ def test_a_picture_of_many_units_has_a_limited_height() -> None:
 
 def test_drawing_leaves_the_backend_alone() -> None:
     script = (
-        "import matplotlib as mpl; mpl.use('svg'); import mbfmu.studies.report, mbfmu.viewer.images; "
+        "import matplotlib as mpl; mpl.use('svg'); import mbfmu.plotting.steady_states, mbfmu.viewer.images; "
         "import matplotlib.pyplot; print(mpl.get_backend())"
     )
     assert subprocess.check_output([sys.executable, "-c", script], text=True).strip() == "svg"

@@ -26,9 +26,9 @@ from mbfmu.mechanics import (
     Signal,
     Step,
     Translational,
-    add_sheet,
     rod,
 )
+from mbfmu.sheets import add_sheet
 
 Array = NDArray[np.float64]
 

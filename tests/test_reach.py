@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
 from mbfmu.mechanics import Plant
-from mbfmu.reach import why
+from mbfmu.session.failure_diagnosis import why
 from solvers.outcome import Code, Status
 
 SOLVERS = ("ida", "adams", "hybrid", "radau")

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.direct import run
 from mbfmu.mechanics import Mechanism, Revolute, RevoluteCut
-from mbfmu.model import Model
-from mbfmu.settings import Settings
+from mbfmu.modeling import Model
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.run import run
 
 G, INERTIA = 9.81, 0.1  # m/s2; moment of inertia of a bar of length 1 and mass 1
 TIMES = np.linspace(0.0, 1.0, 21)

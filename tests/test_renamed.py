@@ -10,8 +10,8 @@ import pytest
 import mbfmu as mb
 from mbfmu import mechanics
 from mbfmu.cli import main
-from mbfmu.errors import RENAMED, UserError
-from mbfmu.scene import KEYS, read_scene
+from mbfmu.modeling.scene import KEYS, read_scene
+from mbfmu.util.errors import RENAMED, UserError
 
 ATTRIBUTES: dict[str, Callable[[], object]] = {
     "recommend_solver": lambda: mb.choose,

@@ -8,8 +8,8 @@ import pytest
 from fmus.fourbar import FourBar
 from fmus.pendulum import SwingPendulum
 from mbfmu.mechanics import Mechanism, Spherical, box
-from mbfmu.model import Model
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model
+from mbfmu.session.simulation import Settings, Simulation
 from solvers.steppers import SOLVERS
 
 TIMES = np.linspace(0.0, 0.4, 41)[1:]

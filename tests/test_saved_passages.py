@@ -11,8 +11,8 @@ import pytest
 
 from mbfmu.mechanics import Mechanism, Revolute, rod
 from mbfmu.mechanics.arrays import systems
-from mbfmu.model import Model, parameter
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model, parameter
+from mbfmu.session.simulation import Settings, Simulation
 
 STEP, END = 0.15, 4.0  # s
 

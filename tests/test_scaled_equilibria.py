@@ -8,21 +8,12 @@ from math import cos, sin
 import numpy as np
 import pytest
 
-from mbfmu.errors import EquilibriumError
-from mbfmu.mechanics import (
-    JointSpring,
-    Mechanism,
-    Polynomial,
-    Revolute,
-    SphericalCut,
-    Support,
-    Translational,
-    add_sheet,
-    rod,
-)
-from mbfmu.model import Model
+from mbfmu.mechanics import JointSpring, Mechanism, Polynomial, Revolute, SphericalCut, Translational, rod
+from mbfmu.modeling import Model
+from mbfmu.sheets import Support, add_sheet
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.state import position_names
+from mbfmu.util.errors import EquilibriumError
 
 SCALES = [(1e-3, 1.0, 1.0), (1e3, 1.0, 1.0), (1.0, 1e-6, 1.0), (1e-3, 1e-6, 1e-2), (1e3, 1e6, 1e2), (1e-3, 1e3, 10.0)]
 

@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.direct import run
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Function,
     Harmonic,
@@ -33,8 +31,10 @@ from mbfmu.mechanics import (
     kernel,
     rod,
 )
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import COMPILED
 
 SOLVERS = ["adams", "hybrid", "ida"]

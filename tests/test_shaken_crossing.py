@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.direct import run
 from mbfmu.mechanics import (
     Body,
     Harmonic,
@@ -21,8 +20,9 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
 
 START, RATE = -0.4, 0.8  # rad, rad/s
 MOMENT, INERTIA = 0.5 * 1.0 + 2.0 + 0.5 * 1.5, (1.0 + 1.5) / 3.0 + 2.0  # kg m, kg m2, of the cranks and the coupler

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from mbfmu.direct import run
 from mbfmu.mechanics import Harmonic, Mechanism, Revolute, RevoluteCut, Translational, rod
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
 
 TILT = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
 TILT[:, 2] *= np.linalg.det(TILT)

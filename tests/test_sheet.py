@@ -11,16 +11,17 @@ from fmpy.validation import validate_fmu
 
 from fmus.sheet import Sheet
 from fmus.sheet.model import RELEASE
-from mbfmu.direct import run
-from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.fmi import Fmu, export
-from mbfmu.mechanics import Mechanism, Plant, Plate, Support, Weld, add_sheet
+from mbfmu.mechanics import Mechanism, Plant, Plate, Weld
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.recursions.rnea import momentum
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.sheets import Support, add_sheet
 from mbfmu.steady import rigid_body_modes
 from mbfmu.steady.equilibrium import build_problem, equilibrium
-from mbfmu.studies.report import without_rounding
+from mbfmu.util.errors import EquilibriumError, UserError
+from mbfmu.viewer.mode_shapes import without_rounding
 
 DATA = Path(__file__).parent / "data" / "sheet"
 CLAMPED = [1.7544, 5.6901, 10.8989, 19.3376, 25.0568, 31.0848, 39.8990, 40.8125]  # Hz, flat

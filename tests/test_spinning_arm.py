@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbfmu.direct import run
-from mbfmu.simulation import Settings
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 

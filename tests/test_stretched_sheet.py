@@ -12,9 +12,10 @@ from scipy.optimize import root
 
 import mbfmu as mb
 from fmus.sheet import Sheet
-from mbfmu.mechanics import Mechanism, Support, Translational, add_sheet
-from mbfmu.scene import load_scene
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.mechanics import Mechanism, Translational
+from mbfmu.modeling.scene import load_scene
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.sheets import Support, add_sheet
 
 PAPER = {"length": 0.3, "width": 0.21, "thickness": 0.3e-3, "youngs_modulus": 1e10, "density": 1000.0}
 TIP = -108.22e-3  # m, two shell codes at rest, 51 x 35

@@ -8,7 +8,7 @@ import pytest
 
 import mbfmu as mb
 from mbfmu.mechanics import Plant
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
 
 A, W = 0.02, 30.0
 

@@ -14,28 +14,18 @@ from scipy.integrate import solve_bvp
 
 import solvers
 from fmus.sheet import Sheet
-from mbfmu.direct import run
-from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
-from mbfmu.mechanics import (
-    JointSpring,
-    Mechanism,
-    PlaneCut,
-    Plant,
-    PointForce,
-    Revolute,
-    Spring,
-    Support,
-    Translational,
-    add_sheet,
-)
+from mbfmu.mechanics import JointSpring, Mechanism, PlaneCut, Plant, PointForce, Revolute, Spring, Translational
 from mbfmu.mechanics.arrays import systems
-from mbfmu.mechanics.assemblies.supports import UPRIGHT
-from mbfmu.model import Model, parameter
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model, parameter
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.sheets import Support, add_sheet
+from mbfmu.sheets.supports import UPRIGHT
 from mbfmu.steady.equilibrium import build_problem
 from mbfmu.steady.modes import shapes
 from mbfmu.steady.state import Equilibrium
+from mbfmu.util.errors import UserError
 from solvers.projection.saddle import Accelerations, Saddle
 from solvers.system import System, TreeSystem
 

@@ -12,11 +12,11 @@ import pytest
 import mbfmu as mb
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Plant
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
-from mbfmu.trial import MOST_STEPS, ran
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.simulation import Simulation
+from mbfmu.session.warmup import MOST_STEPS, ran
+from mbfmu.util.errors import UserError
 from solvers import stepper
 from solvers.options import Options
 from solvers.steppers import LARGEST_RADAU, refusal

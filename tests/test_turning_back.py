@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.direct import run
 from mbfmu.mechanics import Harmonic, JointSpring, Mechanism, Polynomial, Revolute, RevoluteCut, rod
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
 
 START, GRAVITY = 0.6, 9.81  # rad, m/s2
 WEIGHT = (0.5 * 1.0 + 2.0 + 0.5 * 1.5) * GRAVITY  # N m about the cranks' pins

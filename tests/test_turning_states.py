@@ -11,8 +11,6 @@ import pytest
 from scipy.optimize import brentq
 
 from fmus.governor import Governor
-from mbfmu.direct import run
-from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import (
     DistanceCut,
     JointSpring,
@@ -28,9 +26,11 @@ from mbfmu.mechanics import (
     WeldCut,
     rod,
 )
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
 from mbfmu.steady.equilibrium import build_problem, equilibrium
+from mbfmu.util.errors import EquilibriumError
 
 UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # z of the cut frame along y of the body
 ARM, LINK, PIN = 1.0, 0.7, 0.6  # m: the arm, the link that carries it, and where on the arm

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from mbfmu.errors import UserError
-from mbfmu.units import read_unit
+from mbfmu.util.errors import UserError
+from mbfmu.util.units import read_unit
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import inspect
 import re
 from typing import Any
 
-from mbfmu.model import declared, span
+from mbfmu.modeling.parameters import declared, span
 
 ARRAY = re.compile(r"(~?numpy\.)ndarray\[tuple\[[^\]]*\], ~?numpy\.dtype\[[^\]]*\]\]")
 NAMED = re.compile(r"<function (\w+)>")

@@ -14,28 +14,11 @@ from math import ceil, cos, sin
 from types import MappingProxyType
 from typing import Any
 
-from mbfmu.errors import UserError
-from mbfmu.mechanics import (
-    Body,
-    Input,
-    JointSpring,
-    Mechanism,
-    NipHandle,
-    Product,
-    Revolute,
-    SpeedInput,
-    Surface,
-    SurfaceContactHandle,
-    Wall,
-    add_contact,
-    add_nip,
-    add_sheet,
-    contact_pressure,
-    cylinder,
-    jammed,
-)
-from mbfmu.mechanics import Sheet as SheetHandle
-from mbfmu.model import Model, parameter
+from mbfmu.mechanics import Body, Input, JointSpring, Mechanism, Product, Revolute, SpeedInput, Surface, Wall, cylinder
+from mbfmu.modeling import Model, parameter
+from mbfmu.sheets import NipHandle, SurfaceContactHandle, add_contact, add_nip, add_sheet, contact_pressure, jammed
+from mbfmu.sheets import Sheet as SheetHandle
+from mbfmu.util.errors import UserError
 
 from .guides import beside, chute
 from .path import Path, lay

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics import MODES, Beam, Body, CutHandle, Input, JointForce, Mechanism, Revolute, RevoluteCut, rod
-from mbfmu.model import Model, parameter
+from mbfmu.modeling import Model, parameter
+from mbfmu.util.errors import UserError
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,7 +37,7 @@ from mbfmu.mechanics import (
     SpeedInput,
     Translational,
 )
-from mbfmu.model import Model, parameter
+from mbfmu.modeling import Model, parameter
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from mbfmu.mechanics import JointSpring, Mechanism, Revolute, SpeedInput, Translational
-from mbfmu.model import Model, parameter
+from mbfmu.modeling import Model, parameter
 
 
 @dataclass(frozen=True, kw_only=True)

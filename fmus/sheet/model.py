@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Body,
     Box,
@@ -27,13 +26,13 @@ from mbfmu.mechanics import (
     Revolute,
     Sensor,
     Step,
-    Support,
     Translational,
     Weld,
-    add_sheet,
 )
-from mbfmu.mechanics.assemblies.sheet import Sheet as SheetHandle
-from mbfmu.model import Model, parameter
+from mbfmu.modeling import Model, parameter
+from mbfmu.sheets import Support, add_sheet
+from mbfmu.sheets.sheet import Sheet as SheetHandle
+from mbfmu.util.errors import UserError
 
 RELEASE = Path(__file__).with_name("release.csv")  # the default, by a shell code
 RELEASE_DOUBT = 0.05e-3  # m; by how much two shell codes differ at rest

@@ -13,8 +13,8 @@ from typing import NoReturn
 import argcomplete
 
 import mbfmu
-from mbfmu.errors import RENAMED, UserError, shorten
-from mbfmu.interrupts import termination_raised
+from mbfmu.session.interrupts import termination_raised
+from mbfmu.util.errors import RENAMED, UserError, shorten
 
 from . import (
     cache,

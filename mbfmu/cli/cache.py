@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from mbfmu.errors import UserError
-from mbfmu.model import models
-from mbfmu.scene import load_scene
-from mbfmu.settings import AUTO, Settings
-from mbfmu.simulation import Simulation
+from mbfmu.modeling.registry import models
+from mbfmu.modeling.scene import load_scene
+from mbfmu.modeling.settings import AUTO, Settings
+from mbfmu.session.simulation import Simulation
 from mbfmu.steady.equilibrium import equilibrium
+from mbfmu.util.errors import UserError
 from solvers.compiled import cache, storage
 from solvers.steppers import NAMES
 

@@ -13,13 +13,13 @@ from typing import Any
 
 from tqdm import tqdm
 
-from mbfmu.direct import check_interval
-from mbfmu.errors import UserError
-from mbfmu.files import check_writable, write_text
-from mbfmu.model import Parameter, declared
-from mbfmu.scene import SETTINGS, Scene, load_scene
-from mbfmu.settings import Settings
-from mbfmu.table import power
+from mbfmu.modeling.parameters import Parameter, declared
+from mbfmu.modeling.scene import SETTINGS, Scene, load_scene
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.run import check_interval
+from mbfmu.util.errors import UserError
+from mbfmu.util.files import check_writable, write_text
+from mbfmu.util.table import power
 
 from .completion import complete, parameter_names, scene_names
 

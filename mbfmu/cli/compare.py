@@ -7,11 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from mbfmu.errors import UserError
-from mbfmu.files import write_text
-from mbfmu.model import declared
-from mbfmu.scene import Scene, as_toml
-from mbfmu.settings import Settings
+from mbfmu.modeling.parameters import declared
+from mbfmu.modeling.scene import Scene, as_toml
+from mbfmu.modeling.settings import Settings
+from mbfmu.util.errors import UserError
+from mbfmu.util.files import write_text
 
 from .common import (
     AGAIN,

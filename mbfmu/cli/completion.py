@@ -8,9 +8,9 @@ from typing import Any
 
 from argcomplete.completers import FilesCompleter
 
-from mbfmu.errors import UserError
-from mbfmu.model import models
-from mbfmu.scene import load_scene, scenes
+from mbfmu.modeling.registry import models
+from mbfmu.modeling.scene import load_scene, scenes
+from mbfmu.util.errors import UserError
 
 HOW = 'eval "$(register-python-argcomplete mbfmu)"'  # in ~/.bashrc or ~/.zshrc
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from mbfmu.errors import UserError, suggest
+from mbfmu.util.errors import UserError, suggest
 
 from .common import Commands, add_solver, add_steady, bar, reader, scene_of, show, start_of
 from .completion import complete, output_names

@@ -8,15 +8,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mbfmu.errors import UserError, suggest
-from mbfmu.files import replacing
-from mbfmu.scene import Scene
+from mbfmu.modeling.scene import Scene
+from mbfmu.plotting.steady_states import plot_branches
 from mbfmu.steady.equilibrium import build_problem, equilibrium
 from mbfmu.steady.state import Equilibrium
 from mbfmu.steady.supports import FOLLOWED
 from mbfmu.steady.sweep import Branch, sweep
-from mbfmu.studies.report import plot_branches
-from mbfmu.table import table
+from mbfmu.util.errors import UserError, suggest
+from mbfmu.util.files import replacing
+from mbfmu.util.table import table
 
 from .common import (
     Commands,

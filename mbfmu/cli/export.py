@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from mbfmu.scene import DEFAULT
+from mbfmu.modeling.scene import DEFAULT
 
 from .common import (
     Commands,

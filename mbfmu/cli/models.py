@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from mbfmu.interface import Role, ScalarVariable, columns, interface, parameters
-from mbfmu.model import models
-from mbfmu.scene import load_scene
-from mbfmu.table import table
+from mbfmu.modeling.registry import models
+from mbfmu.modeling.scene import load_scene
+from mbfmu.modeling.variables import Role, ScalarVariable, columns, interface, parameters
+from mbfmu.util.table import table
 
 from . import scenes
 from .common import Commands

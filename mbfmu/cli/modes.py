@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from mbfmu.errors import UserError
-from mbfmu.files import write_text
 from mbfmu.steady.equilibrium import equilibrium
+from mbfmu.util.errors import UserError
+from mbfmu.util.files import write_text
 from solvers.statics.spectrum import Stability
 
 from .common import (
@@ -48,7 +48,7 @@ The results are in a folder such as results/sheet/default-modes:
 
 def command_modes(options: argparse.Namespace) -> int:
     """Print the modes; draw their shapes where the model has a surface or an elastic body."""
-    from mbfmu.studies.report import plot_bars, plot_shapes
+    from mbfmu.viewer.mode_shapes import plot_bars, plot_shapes
 
     if options.count < 1:
         raise UserError(f"--count is {options.count}; allowed: 1 or more")

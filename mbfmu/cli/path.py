@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from mbfmu.errors import UserError, suggest
+from mbfmu.plotting.steady_states import plot_path
 from mbfmu.steady.path import STEPS, EquilibriumPath, equilibrium_path
-from mbfmu.studies.report import plot_path
-from mbfmu.table import table
+from mbfmu.util.errors import UserError, suggest
+from mbfmu.util.table import table
 
 from .common import (
     Commands,

@@ -10,8 +10,8 @@ from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
-from mbfmu.errors import writing
-from mbfmu.scene import Scene
+from mbfmu.modeling.scene import Scene
+from mbfmu.util.errors import writing
 
 from .common import file_name, folder
 

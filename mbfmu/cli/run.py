@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from mbfmu.codes import NOTES, code_of
-from mbfmu.curves import errors_of, matching
-from mbfmu.direct import Result, communication_points, loops, run
-from mbfmu.energy_check import VARIABLES
-from mbfmu.files import write_text
-from mbfmu.scene import Scene, as_toml
-from mbfmu.settings import AUTO
-from mbfmu.simulation import Simulation
+from mbfmu.modeling.scene import Scene, as_toml
+from mbfmu.modeling.settings import AUTO
+from mbfmu.modeling.variables import ENERGY_OUTPUTS
+from mbfmu.plotting.time_series import errors_of, matching
+from mbfmu.session.run import Result, communication_points, loops, run
+from mbfmu.session.simulation import Simulation
+from mbfmu.util.codes import NOTES, code_of
+from mbfmu.util.files import write_text
 from mbfmu.viewer import Recorder
 from solvers.compiled.cache import NotCompiled, compiling_nothing
 
@@ -114,7 +114,7 @@ def command_run(options: argparse.Namespace) -> int:
     begin = time.perf_counter()
     scene = scene_of(options)
     outputs = [name for name, *_ in scene.model.built().outputs]
-    matching([*outputs, *(v.name for v in VARIABLES)], options.plot)  # raises before the run
+    matching([*outputs, *(v.name for v in ENERGY_OUTPUTS)], options.plot)  # raises before the run
     with results(options.output, scene, run_part(scene, options.set)) as place:
         recorder = Recorder()
         result, way, notes = ran(scene, options, recorder)
@@ -187,7 +187,7 @@ def mark(result: Result) -> str:
 
 def write(place: Results, scene: Scene, result: Result, recorder: Recorder, shown: list[str]) -> None:
     """Write the files of a run."""
-    from mbfmu.studies.report import plot_result
+    from mbfmu.plotting.time_series import plot_result
 
     result.write_csv(place.file(CSV))
     result.save(place.file(SAVED))

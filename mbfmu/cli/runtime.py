@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 
 from .common import Commands, show, show_more
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from mbfmu.model import Model, find, models
-from mbfmu.scene import load_scene, scenes
-from mbfmu.table import power, table
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.registry import find, models
+from mbfmu.modeling.scene import load_scene, scenes
+from mbfmu.util.table import power, table
 
 from .common import Commands
 from .completion import complete, model_names

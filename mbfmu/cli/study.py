@@ -11,7 +11,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 
 from .common import RESULTS, Commands, file_name, show, show_more, wrote
 

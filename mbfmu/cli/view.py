@@ -11,12 +11,12 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from mbfmu.direct import Result, communication_points, run
-from mbfmu.errors import UserError
 from mbfmu.mechanics.numbers import positive
-from mbfmu.model import declared
-from mbfmu.scene import Scene
-from mbfmu.settings import Settings
+from mbfmu.modeling.parameters import declared
+from mbfmu.modeling.scene import Scene
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.run import Result, communication_points, run
+from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, Recorder
 from mbfmu.viewer.gltf import write_glb
 from mbfmu.viewer.html import write_html

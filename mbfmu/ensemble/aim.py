@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
-from mbfmu.errors import UserError, suggest
+from mbfmu.util.errors import UserError, suggest
 from solvers.system import Array
 
 from .design import Point

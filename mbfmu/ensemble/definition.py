@@ -39,9 +39,9 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError, short, suggest
-from mbfmu.modules import load_module
-from mbfmu.toml import read_toml
+from mbfmu.modeling.modules import load_module
+from mbfmu.util.errors import UserError, short, suggest
+from mbfmu.util.toml import read_toml
 
 from .aim import Aim, read_aim
 from .design import Point, Sampling, correlations, points

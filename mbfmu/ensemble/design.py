@@ -16,7 +16,7 @@ import numpy as np
 from scipy import stats
 from scipy.stats import qmc
 
-from mbfmu.errors import UserError, suggest
+from mbfmu.util.errors import UserError, suggest
 from solvers.system import Array
 
 from .variation import Drawn, Listed, Variation

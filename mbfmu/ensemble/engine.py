@@ -20,8 +20,8 @@ from types import TracebackType
 from typing import Any, Self
 
 import mbfmu
-from mbfmu.errors import UserError
-from mbfmu.extras import optional
+from mbfmu.util.errors import UserError
+from mbfmu.util.extras import optional
 
 from .design import Point
 from .work import EXTRA, FAILED, FmuJob, ModelJob, Outcome, batch

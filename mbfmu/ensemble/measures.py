@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError, suggest
-from mbfmu.result import Result
+from mbfmu.session.result import Result
 from mbfmu.steady.state import Equilibrium
+from mbfmu.util.errors import UserError, suggest
 from solvers.system import Array
 
 Take = Callable[..., float]

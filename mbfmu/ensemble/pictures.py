@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from mbfmu.files import replacing
+from mbfmu.util.files import replacing
 
 from .definition import Definition
 from .sensitivity import sobol_indices, tornado

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 import mbfmu
-from mbfmu.errors import UserError, writing
-from mbfmu.extras import optional
-from mbfmu.files import replacing, write_text
-from mbfmu.toml import LARGEST
+from mbfmu.util.errors import UserError, writing
+from mbfmu.util.extras import optional
+from mbfmu.util.files import replacing, write_text
+from mbfmu.util.toml import LARGEST
 
 from .definition import COLUMNS, Definition, key_of
 from .design import Point

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 from solvers.system import Array
 
 from .study import Study

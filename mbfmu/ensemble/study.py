@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
-from mbfmu.extras import optional
+from mbfmu.util.errors import UserError
+from mbfmu.util.extras import optional
 
 from .aim import Found, look
 from .definition import Definition, define, read_study

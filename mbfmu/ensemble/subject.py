@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 import mbfmu
-from mbfmu.direct import check_interval
-from mbfmu.energy_check import VARIABLES
-from mbfmu.errors import UserError, suggest
 from mbfmu.mechanics import Mechanism
-from mbfmu.model import Model, check, declared, of_user
-from mbfmu.scene import Scene, check_times, default_scene, load_scene
-from mbfmu.settings import Settings
+from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.parameters import check, declared
+from mbfmu.modeling.scene import Scene, check_times, default_scene, load_scene
+from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.variables import ENERGY_OUTPUTS
+from mbfmu.session.run import check_interval
+from mbfmu.util.errors import UserError, suggest
 
 from .design import Point
 from .work import STOP, Files, FmuJob, Job, ModelJob, pickled
@@ -88,7 +89,7 @@ class ModelSubject:
         units |= {v.name: v.unit for v in plant.inputs.variables} | {p.name: p.unit for p in model.parameters()}
         object.__setattr__(self, "units", units)
         object.__setattr__(self, "inputs", frozenset(v.name for v in plant.inputs.variables))
-        checked = VARIABLES if self.scene.settings.energy_check else ()
+        checked = ENERGY_OUTPUTS if self.scene.settings.energy_check else ()
         object.__setattr__(self, "outputs", {v.name: v.unit for v in (*plant.outputs, *checked)})
 
     @property

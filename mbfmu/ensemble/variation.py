@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from mbfmu.errors import LONGEST, UserError, short, suggest
-from mbfmu.units import read_unit
+from mbfmu.util.errors import LONGEST, UserError, short, suggest
+from mbfmu.util.units import read_unit
 from solvers.system import Array
 
 NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+(?:[eE][-+]?\d+)?"

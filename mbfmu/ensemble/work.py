@@ -21,17 +21,18 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 import mbfmu
-from mbfmu.direct import communication_points, run
-from mbfmu.energy_check import VARIABLES
-from mbfmu.errors import UserError
-from mbfmu.extras import optional
 from mbfmu.mechanics import Variable
-from mbfmu.model import Model, find
-from mbfmu.modules import load_module
-from mbfmu.result import Result
-from mbfmu.settings import Settings
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.modules import load_module
+from mbfmu.modeling.registry import find
+from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.variables import ENERGY_OUTPUTS
+from mbfmu.session.result import Result
+from mbfmu.session.run import communication_points, run
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.state import Equilibrium
+from mbfmu.util.errors import UserError
+from mbfmu.util.extras import optional
 from solvers import Statistics
 from solvers.system import Array
 
@@ -40,7 +41,7 @@ from .measures import Measure, Steady
 
 OK, SUSPECT, FAILED = "ok", "suspect", "failed"
 STOP = "stop_time"
-AUDITED = tuple(v.name for v in VARIABLES)
+AUDITED = tuple(v.name for v in ENERGY_OUTPUTS)
 WARNING = 1  # the status of FMI; larger ones are worse
 EXTRA = "study"  # of mbfmu: the packages that studies need
 

@@ -15,13 +15,13 @@ import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from mbfmu.direct import loops
-from mbfmu.errors import UserError
+from mbfmu.modeling.scene import Scene, as_toml, read_scene
+from mbfmu.modeling.settings import Settings
 from mbfmu.native.families import SOLVERS
 from mbfmu.native.runtime import there
 from mbfmu.native.targets import TARGETS, host
-from mbfmu.scene import Scene, as_toml, read_scene
-from mbfmu.settings import Settings
+from mbfmu.session.run import loops
+from mbfmu.util.errors import UserError
 from solvers.compiled.cache import NotCompiled, compiling_nothing
 
 from .description import Experiment

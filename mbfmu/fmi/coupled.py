@@ -15,9 +15,9 @@ from pathlib import Path
 from pythonfmu import FmuBuilder
 
 import mbfmu
-from mbfmu.errors import UserError
-from mbfmu.model import Model
-from mbfmu.settings import Settings
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.settings import Settings
+from mbfmu.util.errors import UserError
 
 from .description import Experiment
 from .identity import identify
@@ -42,7 +42,7 @@ if mbfmu.__version__ != "{version}":
 
 from mbfmu.fmi.description import Experiment
 from mbfmu.fmi.slave import ModelSlave
-from mbfmu.settings import Settings
+from mbfmu.modeling.settings import Settings
 from {module} import {name} as Model
 
 

@@ -8,8 +8,8 @@ from math import isfinite
 from xml.etree.ElementTree import Element, SubElement
 
 import mbfmu
-from mbfmu.interface import ScalarVariable, Type
-from mbfmu.units import read_unit
+from mbfmu.modeling.variables import ScalarVariable, Type
+from mbfmu.util.units import read_unit
 
 EPOCH = "2000-01-01T00:00:00+00:00"  # the date of every build: equal content gives equal bytes
 

@@ -7,7 +7,7 @@ from math import isfinite
 from xml.etree.ElementTree import Element, SubElement
 
 import mbfmu
-from mbfmu.interface import ArrayVariable, ScalarVariable, Type
+from mbfmu.modeling.variables import ArrayVariable, ScalarVariable, Type
 
 from .description import EPOCH, Experiment, Identity, default_run, number, type_name, units
 

@@ -7,9 +7,9 @@ from html import escape
 from importlib.metadata import distribution
 
 import mbfmu
-from mbfmu.errors import UserError
-from mbfmu.interface import Role, ScalarVariable, columns
-from mbfmu.model import Model
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.variables import Role, ScalarVariable, columns
+from mbfmu.util.errors import UserError
 
 STYLE = (
     "body{font:15px/1.5 sans-serif;margin:2em auto;max-width:70em;padding:0 1em}"

@@ -7,14 +7,14 @@ import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from mbfmu.direct import communication_points
-from mbfmu.errors import UserError
-from mbfmu.files import replacing
-from mbfmu.interface import interface, legible
 from mbfmu.mechanics import Mechanism, Plant
-from mbfmu.model import Model, of_user
-from mbfmu.settings import Settings
-from mbfmu.simulation import RestingSimulation
+from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.variables import interface, legible
+from mbfmu.session.run import communication_points
+from mbfmu.session.simulation import RestingSimulation
+from mbfmu.util.errors import UserError
+from mbfmu.util.files import replacing
 from solvers.steppers import refusal
 
 from .coupled import coupled

@@ -23,7 +23,7 @@ from fmpy.fmi2 import (
 )
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError, suggest
+from mbfmu.util.errors import UserError, suggest
 
 
 def called(variable: Any) -> str:

@@ -10,8 +10,8 @@ from hashlib import sha256
 from typing import NamedTuple
 
 import mbfmu
-from mbfmu.model import Model
-from mbfmu.settings import Settings
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.settings import Settings
 
 from .description import Experiment
 

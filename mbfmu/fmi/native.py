@@ -7,15 +7,15 @@ from dataclasses import replace
 from hashlib import sha256
 from xml.etree.ElementTree import Element, indent, tostring
 
-from mbfmu.auto import pick
-from mbfmu.errors import UserError
-from mbfmu.model import Model
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.settings import AUTO, Settings
 from mbfmu.native.data import native_model
 from mbfmu.native.families import SOLVERS
 from mbfmu.native.layout import signed
 from mbfmu.native.runtime import library
 from mbfmu.native.targets import TARGETS, host
-from mbfmu.settings import AUTO, Settings
+from mbfmu.session.solver_selection import pick
+from mbfmu.util.errors import UserError
 from solvers.steppers import refusal
 
 from . import description, description3

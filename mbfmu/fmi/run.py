@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.direct import Result
-from mbfmu.errors import UserError
-from mbfmu.interface import COUNTERS
-from mbfmu.interrupts import interrupts_held
 from mbfmu.mechanics import Variable
-from mbfmu.model import Model
-from mbfmu.pace import OPENING
-from mbfmu.settings import Settings
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.variables import COUNTERS
+from mbfmu.session.interrupts import interrupts_held
+from mbfmu.session.run import Result
+from mbfmu.session.step_count import OPENING
+from mbfmu.util.errors import UserError
 from solvers.options import Statistics
 
 from .harness import Fmu

@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pythonfmu.enums import Fmi2Status
 
-from mbfmu.errors import UserError
-from mbfmu.frame import frame, unframe
-from mbfmu.model import Model
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.serialization import frame, unframe
+from mbfmu.session.simulation import Simulation
+from mbfmu.util.errors import UserError
 from solvers.compiled.cache import when_compiling
 
 from .description import LOG_CATEGORIES, Experiment, Identity, model_description

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from xml.etree.ElementTree import Element, SubElement
 
-from mbfmu.errors import UserError
-from mbfmu.interface import Role, ScalarVariable
-from mbfmu.model import Model
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.variables import Role, ScalarVariable
+from mbfmu.util.errors import UserError
 
 FLANGES = (  # name and kind of a member by its unit: turning, and sliding. Torques and forces flow into the mechanism
     {"rad": ("phi", "signal"), "rad/s": ("w", "signal"), "N.m": ("tau", "inflow")},

@@ -14,13 +14,13 @@ import numpy as np
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
-from mbfmu.codes import coded
-from mbfmu.errors import UserError
-from mbfmu.interface import Role, ScalarVariable, Type, interface
 from mbfmu.mechanics import Plant
-from mbfmu.model import Model
-from mbfmu.settings import Settings, check_setting
-from mbfmu.simulation import Simulation
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.settings import Settings, check_setting
+from mbfmu.modeling.variables import Role, ScalarVariable, Type, interface
+from mbfmu.session.simulation import Simulation
+from mbfmu.util.codes import coded
+from mbfmu.util.errors import UserError
 
 Phase = Enum("Phase", ["INSTANTIATED", "INITIALIZING", "RUNNING", "FAILED", "TERMINATED"])
 

@@ -1,17 +1,12 @@
 """Mechanisms and their motion; independent of the methods of solvers and of FMI."""
 
-from mbfmu.errors import AssemblyError, UserError, missing_attribute
+from mbfmu.util.errors import AssemblyError, UserError, missing_attribute
 from solvers.compiled.kernel import kernel
 
 from .arrays.compile import Variable
 from .arrays.plant import Plant
-from .assemblies.chain import add_chain
-from .assemblies.contacts import NipHandle, SurfaceContactHandle, contact_pressure, jammed
-from .assemblies.fabric import Crease
-from .assemblies.sheet import Sheet, add_sheet
-from .assemblies.supports import Support
-from .assemblies.transport import add_contact, add_nip
 from .builder.bodies import Body, FlexibleBody
+from .builder.chain import add_chain
 from .builder.handles import CouplingHandle, CutHandle, ForceHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.mechanism import Mechanism
@@ -75,7 +70,6 @@ __all__ = [
     "Cam",
     "Coupling",
     "CouplingHandle",
-    "Crease",
     "Cut",
     "CutHandle",
     "Cylinder",
@@ -101,7 +95,6 @@ __all__ = [
     "LineForce",
     "Load",
     "Mechanism",
-    "NipHandle",
     "OutOfPlane",
     "Panel",
     "Planar",
@@ -118,7 +111,6 @@ __all__ = [
     "RunUp",
     "Screw",
     "Sensor",
-    "Sheet",
     "Shell",
     "Signal",
     "SpeedInput",
@@ -129,9 +121,7 @@ __all__ = [
     "Step",
     "Stretching",
     "Sum",
-    "Support",
     "Surface",
-    "SurfaceContactHandle",
     "Table",
     "Torque",
     "TorsionSpring",
@@ -145,13 +135,8 @@ __all__ = [
     "Weld",
     "WeldCut",
     "add_chain",
-    "add_contact",
-    "add_nip",
-    "add_sheet",
     "box",
-    "contact_pressure",
     "cylinder",
-    "jammed",
     "kernel",
     "rod",
     "signal_value",

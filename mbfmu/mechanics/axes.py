@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 
 from .numbers import array_of
 

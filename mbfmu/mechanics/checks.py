@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 
 from .numbers import array_of, is_finite, is_whole
 from .signals import Function, Polynomial, Signal

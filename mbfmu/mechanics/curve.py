@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolator, PPoly
 
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
 from .numbers import array_of

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from mbfmu.errors import UserError, require_arguments, short
+from mbfmu.util.errors import UserError, require_arguments, short
 from solvers.compiled.kernel import COMPILED, is_kernel, raises
 
 NOTHING = np.dtype([("nothing", np.int64)])  # record of a kind without parameters

@@ -17,7 +17,7 @@ from numba import types
 from numba.core.errors import NumbaError
 from numba.extending import overload
 
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import COMPILED, is_kernel, kept_nowhere, raises
 
 FUNCTIONS: dict[str, Any] = {

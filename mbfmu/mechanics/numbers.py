@@ -8,7 +8,7 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 
 SHORTEST, LONGEST = 1e-50, 1e50  # m, of the lengths that can be reckoned with
 

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 
 from .axes import along, unit_axis
 from .checks import lengths, rotation

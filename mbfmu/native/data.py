@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.interface import ArrayVariable, Role, ScalarVariable, Type, arrays, interface
 from mbfmu.mechanics.arrays.closing import SENTENCES
-from mbfmu.model import Model, declared, span
-from mbfmu.reach import advise
-from mbfmu.settings import Settings
-from mbfmu.simulation import RestingSimulation, Simulation
-from mbfmu.tolerances import COARSE_TOLERANCE, describe_coarse
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.parameters import declared, span
+from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.variables import ArrayVariable, Role, ScalarVariable, Type, arrays, interface
+from mbfmu.session.failure_diagnosis import advise
+from mbfmu.session.simulation import RestingSimulation, Simulation
+from mbfmu.session.tolerances import COARSE_TOLERANCE, describe_coarse
 from solvers.assembly import Outcome
 from solvers.codes import coded
 from solvers.outcome import CODES, KEYS, MESSAGES, Status

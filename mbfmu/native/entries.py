@@ -15,8 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
-from mbfmu.interface import COUNTERS
 from mbfmu.mechanics import couplings, cuts, elements, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.points import (
     CHANGED,
@@ -33,7 +31,9 @@ from mbfmu.mechanics.arrays.tables import REAL, Called
 from mbfmu.mechanics.kind import Kind, kernel_of, kinds_of, record_of
 from mbfmu.mechanics.records import empty_data
 from mbfmu.mechanics.recursions.dynamics import observe, resolves
-from mbfmu.simulation import Simulation
+from mbfmu.modeling.variables import COUNTERS
+from mbfmu.session.simulation import Simulation
+from mbfmu.util.errors import UserError
 from solvers.assembly import Scratch
 from solvers.balance import BALANCE
 from solvers.compiled.held import contents, hold

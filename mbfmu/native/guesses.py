@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 from solvers.system import Array
 
 from .monomials import Fit, products

@@ -11,13 +11,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from mbfmu.codes import coded
-from mbfmu.folds import UNFOLD
-from mbfmu.interface import Role, Type
 from mbfmu.mechanics.arrays.bending import COARSE, FOLDED
-from mbfmu.model import declared
-from mbfmu.settings import Settings
-from mbfmu.tolerances import COARSE_TEXT, COARSE_TOLERANCE
+from mbfmu.modeling.parameters import declared
+from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.variables import Role, Type
+from mbfmu.session.tolerances import COARSE_TEXT, COARSE_TOLERANCE
+from mbfmu.sheets.bending_monitor import UNFOLD
+from mbfmu.util.codes import coded
 from solvers.assembly import WORST, Outcome
 from solvers.balance import UNSURE
 from solvers.compiled.kernel import types

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.scale import spans
-from mbfmu.model import Model
+from mbfmu.modeling.model import Model
+from mbfmu.util.errors import UserError
 from solvers.system import Array
 
 STRUCTURE = "it changes the structure of the mechanism"

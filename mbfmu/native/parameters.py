@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbfmu.model import Model
+from mbfmu.modeling.model import Model
 
 from .numbers import Place
 from .search import Search

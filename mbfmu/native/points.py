@@ -1,4 +1,4 @@
-"""What communication points do in machine code, as in :class:`mbfmu.simulation.Simulation`: kernels over instances."""
+"""What communication points do in machine code, as in :class:`mbfmu.Simulation`: kernels over instances."""
 
 from __future__ import annotations
 

@@ -26,8 +26,8 @@ try:
 except ImportError:  # on Windows: two processes may build at once
     fcntl = None  # type: ignore[assignment]
 
-from mbfmu.errors import UserError
-from mbfmu.files import write_bytes
+from mbfmu.util.errors import UserError
+from mbfmu.util.files import write_bytes
 from solvers.compiled.cache import folder, tell_listeners
 
 from .entries import entries

@@ -13,8 +13,9 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
-from mbfmu.model import Model, Parameter
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.parameters import Parameter
+from mbfmu.util.errors import UserError
 from solvers.codes import without_code
 from solvers.system import Array
 

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.codes import coded
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.cuts.base import CUT
+from mbfmu.util.codes import coded
 from solvers.assembly import ASSEMBLED, Outcome
 from solvers.compiled.kernel import inlined, kernel
 from solvers.stepper import COARSEST

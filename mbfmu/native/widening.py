@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from mbfmu.model import Parameter
+from mbfmu.modeling.parameters import Parameter
 
 if TYPE_CHECKING:
     from .search import Search

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbfmu.errors import AssemblyError, EquilibriumError
 from mbfmu.mechanics import Plant
+from mbfmu.util.errors import AssemblyError, EquilibriumError
 from solvers.statics.newton import EquilibriumSolver, Solution
 from solvers.system import Array
 

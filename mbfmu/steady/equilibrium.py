@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 
-from mbfmu.codes import coded
-from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Mechanism, Plant
-from mbfmu.model import Model, of_user
+from mbfmu.modeling.model import Model, of_user
 from mbfmu.steady.linear import StateSpace
 from mbfmu.steady.modes import ModeShapes
 from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.steady.state import Equilibrium
 from mbfmu.steady.supports import Supports, follow_supports
 from mbfmu.steady.times import finish, hold_start
+from mbfmu.util.codes import coded
+from mbfmu.util.errors import EquilibriumError, UserError
 from solvers.statics.spectrum import Stability
 
 

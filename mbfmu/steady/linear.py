@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from scipy import linalg
 from scipy.io import savemat
 
-from mbfmu.errors import EquilibriumError, UserError
-from mbfmu.extras import optional
-from mbfmu.files import replacing
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.closing import check_inertia
-from mbfmu.table import table
+from mbfmu.util.errors import EquilibriumError, UserError
+from mbfmu.util.extras import optional
+from mbfmu.util.files import replacing
+from mbfmu.util.table import table
 from solvers.statics.small import EPSILON
 from solvers.system import Array
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.closing import check_inertia
 from mbfmu.steady.linear import Mode, modes_as_text
+from mbfmu.util.errors import EquilibriumError
 from solvers.linalg.blocks import one_thread
 from solvers.statics.matrices import LARGEST_ASSEMBLED, linearized_matrices
 from solvers.statics.modes import lowest_modes

@@ -13,12 +13,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from mbfmu.errors import EquilibriumError, UserError, suggest
-from mbfmu.files import replacing
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import finite
-from mbfmu.model import Model
+from mbfmu.modeling.model import Model
 from mbfmu.steady.equilibrium import build_problem, find_state
+from mbfmu.util.errors import EquilibriumError, UserError, suggest
+from mbfmu.util.files import replacing
 from solvers.linalg.blocks import one_thread
 from solvers.statics.matrices import LARGEST_ASSEMBLED
 from solvers.statics.path import Follower, Load, State

@@ -12,10 +12,10 @@ from math import gcd, lcm, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
 from mbfmu.steady.checks import TURNS
 from mbfmu.steady.linear import StateSpace, linearize
+from mbfmu.util.errors import EquilibriumError
 from solvers.linalg.blocks import one_thread
 from solvers.projection.products import Products
 from solvers.statics.floquet import exponents

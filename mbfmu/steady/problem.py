@@ -20,18 +20,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import AssemblyError, EquilibriumError, UserError, suggest
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.tangent.inertia import even_negative
-from mbfmu.model import Model
+from mbfmu.modeling.model import Model
 from mbfmu.steady.checks import STEADY, check
 from mbfmu.steady.cyclic import CYCLIC, find_cyclic
 from mbfmu.steady.periodic import Turned, describe_period
 from mbfmu.steady.rigid_body_modes import describe_pushed
 from mbfmu.steady.state import Equilibrium, position_names
 from mbfmu.steady.supports import Supports
+from mbfmu.util.errors import AssemblyError, EquilibriumError, UserError, suggest
 from solvers.statics.large import TreeEquilibriumSolver
 from solvers.statics.linearized import DenseLinearized, Linearized, TreeLinearized
 from solvers.statics.newton import EquilibriumSolver, Outcome, Solution

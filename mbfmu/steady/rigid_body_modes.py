@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.recursions.dynamics import move
 from mbfmu.steady.modes import shapes
+from mbfmu.util.errors import EquilibriumError
 from solvers.system import Array
 
 COUNT = 8  # modes evaluated: the six rigid ones of a free body, and two for its stiffness

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.bending import COARSE
-from mbfmu.model import Model
+from mbfmu.modeling.model import Model
 from mbfmu.steady.linear import Mode, StateSpace, modes_as_text
 from mbfmu.steady.modes import LOWEST, ModeShapes, find_spectrum, shapes_of
 from mbfmu.steady.periodic import Turned
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
-from mbfmu.table import table
+from mbfmu.util.errors import EquilibriumError
+from mbfmu.util.table import table
 from solvers.statics.spectrum import Spectrum, Stability
 from solvers.system import Array
 

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.signals import InUse
 from mbfmu.steady.state import Equilibrium
+from mbfmu.util.errors import EquilibriumError
 from solvers.linalg.blocks import one_thread
 from solvers.statics.path import Follower, Load, State
 from solvers.system import Array

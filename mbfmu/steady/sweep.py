@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from mbfmu.errors import EquilibriumError
-from mbfmu.model import Model
+from mbfmu.modeling.model import Model
 from mbfmu.steady.equilibrium import build_problem, find_states
 from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.steady.state import Equilibrium
+from mbfmu.util.errors import EquilibriumError
 from solvers.system import Array
 
 

@@ -5,10 +5,10 @@ A signal that drives a joint may move at constant speed in a steady state. One t
 
 from __future__ import annotations
 
-from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.dispatch import signal as signal_at
 from mbfmu.mechanics.signals import Function, InUse
+from mbfmu.util.errors import EquilibriumError
 
 AT_REST = 1e-6  # change of a drive by its speed and acceleration within its pace, in units of its coordinate
 

@@ -13,20 +13,20 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.auto import SolverPick, State, pick
-from mbfmu.errors import UserError, require_arguments
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.numbers import finite
-from mbfmu.model import Model, of_user
-from mbfmu.result import together
-from mbfmu.scene import Scene, default_scene
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
-from mbfmu.spectrum import Spectrum, spectrum
+from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.scene import Scene, default_scene
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.result import together
+from mbfmu.session.simulation import Simulation
+from mbfmu.session.solver_selection import SolverPick, State, pick
+from mbfmu.session.stiffness import Spectrum, spectrum
 from mbfmu.studies.held import describe_held_inputs
 from mbfmu.studies.loops import Loop, loops, redundant_rows
 from mbfmu.studies.nearest import Nearest, Watch
 from mbfmu.studies.telling import in_words, reasons
+from mbfmu.util.errors import UserError, require_arguments
 from solvers.options import Statistics
 
 SAMPLES, FEW = 200, 40  # states of a run that are looked at; of a large tree
@@ -181,7 +181,7 @@ def check(
     patience
         Time limit of the run, s; later parts of the motion are not examined.
     **settings
-        Settings that differ from the scene, such as ``solver``; see :class:`~mbfmu.settings.Settings`.
+        Settings that differ from the scene, such as ``solver``; see :class:`~mbfmu.modeling.settings.Settings`.
 
     Returns
     -------

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.direct import communication_points
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant
-from mbfmu.model import Model, of_user
-from mbfmu.result import Result
-from mbfmu.scene import Scene, default_scene
+from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.scene import Scene, default_scene
+from mbfmu.session.result import Result
+from mbfmu.session.run import communication_points
 from mbfmu.studies.held import describe_held_inputs
 from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, in_words, resolutions_of
 from mbfmu.studies.timing import Budget, Spent, TooLong, check_repeats, in_turn
-from mbfmu.table import power
+from mbfmu.util.errors import UserError
+from mbfmu.util.table import power
 from solvers.steppers import LARGE, SOLVERS, UNTIED, order_refusal, refusal, size_limit
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)

@@ -14,17 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.direct import communication_points, run
-from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Plant
-from mbfmu.model import Model
-from mbfmu.result import Result
-from mbfmu.scene import Scene, default_scene
-from mbfmu.settings import Settings
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.scene import Scene, default_scene
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.result import Result
+from mbfmu.session.run import communication_points, run
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.studies.reference import scales, still
 from mbfmu.studies.timing import Budget, Spent, cpu_time, in_turn
-from mbfmu.table import table
+from mbfmu.util.errors import EquilibriumError, UserError
+from mbfmu.util.table import table
 from solvers.compiled.kernel import kernel
 from solvers.system import Equations
 

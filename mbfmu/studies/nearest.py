@@ -1,8 +1,9 @@
 """The nearest singular configuration of a motion: time, distance, loops, and whether it is passed.
 
-The distance is measured by singular values of the constraints, as in messages (:func:`mbfmu.energy_check.distance`):
-the smallest divided by the largest. It is zero in a singular configuration and decreases linearly to it, so its minimum
-between two samples is found by golden section, on the run itself, taken up again at the sample before.
+The distance is measured by singular values of the constraints, as in messages
+(:func:`mbfmu.session.energy_check.distance`): the smallest divided by the largest. It is zero in a singular
+configuration and decreases linearly to it, so its minimum between two samples is found by golden section, on the run
+itself, taken up again at the sample before.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from math import inf, nan
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from mbfmu.energy_check import NEAR, distance, loops_of
 from mbfmu.mechanics import Plant
-from mbfmu.simulation import Simulation
+from mbfmu.session.energy_check import NEAR, distance, loops_of
+from mbfmu.session.simulation import Simulation
 from solvers.options import Options
 from solvers.steppers import stepper
 from solvers.steppers.dense import DenseStepper

@@ -14,17 +14,17 @@ from math import log10
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.curves import RESIDUALS
-from mbfmu.energy_check import VARIABLES
-from mbfmu.errors import UserError, suggest
 from mbfmu.mechanics import Plant
-from mbfmu.model import Model
-from mbfmu.result import Result
-from mbfmu.scene import Scene
-from mbfmu.settings import Settings
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.scene import Scene
+from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.variables import ENERGY_OUTPUTS
+from mbfmu.plotting.time_series import RESIDUALS
+from mbfmu.session.result import Result
 from mbfmu.studies.resolution import Resolution, in_words, limit, moving_places, size
 from mbfmu.studies.timing import Budget, TooLong
-from mbfmu.table import power
+from mbfmu.util.errors import UserError, suggest
+from mbfmu.util.table import power
 from solvers.steppers import refusal
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ class Reference:
 def scales(result: Result) -> dict[str, float]:
     """Return the range of every output that is no residual; of an energy at least what was exchanged."""
     exchanged = float(np.nan_to_num(result["energy_throughput"][-1]))
-    own = [v for v in result.variables if not v.name.endswith(RESIDUALS) and v not in VARIABLES]
+    own = [v for v in result.variables if not v.name.endswith(RESIDUALS) and v not in ENERGY_OUTPUTS]
     ranges = {v.name: float(np.ptp(result[v.name])) for v in own}
     return {v.name: max(ranges[v.name], exchanged) if v.unit == "J" else ranges[v.name] for v in own}
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from mbfmu.errors import UserError
-from mbfmu.model import Model
+from mbfmu.modeling.model import Model
+from mbfmu.util.errors import UserError
 
 Array = NDArray[np.float64]
 Resolution = Mapping[str, Any]  # values by the names of parameters; none: the model as it is

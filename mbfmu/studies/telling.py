@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from math import isfinite, isinf, pi
 from typing import TYPE_CHECKING
 
-from mbfmu.energy_check import NEAR
-from mbfmu.table import counted, power
+from mbfmu.session.energy_check import NEAR
+from mbfmu.util.table import counted, power
 from solvers.inertia import LARGE_GROWTH
 
 if TYPE_CHECKING:

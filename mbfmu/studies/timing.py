@@ -15,14 +15,15 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.direct import run
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism
-from mbfmu.model import LARGEST, Model
-from mbfmu.result import Result
-from mbfmu.scene import Scene
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.modeling.model import Model
+from mbfmu.modeling.parameters import LARGEST
+from mbfmu.modeling.scene import Scene
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.result import Result
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Simulation
+from mbfmu.util.errors import UserError
 from solvers.linalg.blocks import one_thread
 
 

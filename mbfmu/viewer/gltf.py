@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.files import write_bytes
+from mbfmu.util.files import write_bytes
 
 from . import meshes
 from .camera import basis

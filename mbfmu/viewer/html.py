@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.files import write_text
+from mbfmu.util.files import write_text
 
 from .camera import Stage
 from .fields import STOPS, fields

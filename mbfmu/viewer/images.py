@@ -15,9 +15,9 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
-from mbfmu.files import replacing
 from mbfmu.mechanics.axes import along
+from mbfmu.util.errors import UserError
+from mbfmu.util.files import replacing
 
 from .camera import Camera, Stage
 from .fields import Field, colored, fields

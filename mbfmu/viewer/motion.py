@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mbfmu.errors import UserError
-from mbfmu.files import replacing
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.numbers import positive
-from mbfmu.simulation import Simulation
+from mbfmu.session.simulation import Simulation
+from mbfmu.util.errors import UserError
+from mbfmu.util.files import replacing
 
 from .forces import Arrow, Source, read, shown, sources
 from .picture import Bar, Picture, as_tuples, check_fields, draw
@@ -160,7 +160,7 @@ class Motion:
 
 
 class Recorder:
-    """Notes the pose of every body, outputs and forces; give it to :func:`mbfmu.direct.run` as ``watch``."""
+    """Notes the pose of every body, outputs and forces; give it to :func:`mbfmu.session.run.run` as ``watch``."""
 
     def __init__(self) -> None:
         self._mechanism: Mechanism | None = None

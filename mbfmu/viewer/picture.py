@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.axes import along
 from mbfmu.mechanics.builder.appearance import Surface
@@ -23,6 +22,7 @@ from mbfmu.mechanics.builder.bodies import Body, FlexibleBody
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.joints.section import Section
+from mbfmu.util.errors import UserError
 
 from .contacts import Poses, met
 

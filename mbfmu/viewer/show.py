@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.direct import simulate
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import is_finite
-from mbfmu.model import Model, of_user
-from mbfmu.result import Result
+from mbfmu.modeling.model import Model, of_user
+from mbfmu.session.result import Result
+from mbfmu.session.run import simulate
+from mbfmu.util.errors import UserError
 
 from .gltf import write_glb
 from .html import write_html

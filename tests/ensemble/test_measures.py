@@ -14,9 +14,9 @@ from mbfmu.ensemble.definition import define
 from mbfmu.ensemble.measures import History, Own, Steady, read_measure, settling
 from mbfmu.ensemble.sensitivity import sobol_indices, tornado
 from mbfmu.ensemble.study import Study
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
-from mbfmu.result import Result
+from mbfmu.session.result import Result
+from mbfmu.util.errors import UserError
 from solvers import Statistics
 
 T = np.linspace(0.0, 2.0 * pi, 4001)

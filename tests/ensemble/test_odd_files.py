@@ -13,9 +13,9 @@ from mbfmu.ensemble.definition import define, read_study
 from mbfmu.ensemble.records import Records, read_table, storable
 from mbfmu.ensemble.variation import toleranced
 from mbfmu.ensemble.work import FAILED, Outcome
-from mbfmu.errors import UserError
-from mbfmu.scene import load_scene
+from mbfmu.modeling.scene import load_scene
 from mbfmu.studies.recommendation import read_target
+from mbfmu.util.errors import UserError
 
 ODD = {
     "deep nesting": ("a = " + 5000 * "[" + 5000 * "]", "nested too deeply"),

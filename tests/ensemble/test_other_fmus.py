@@ -18,7 +18,7 @@ import pytest
 import mbfmu as mb
 from mbfmu.ensemble.definition import define
 from mbfmu.ensemble.work import FAILED, OK, SUSPECT, batch, forget
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 
 pytestmark = pytest.mark.skipif(
     not shutil.which("cc") or sys.platform != "linux" or platform.machine() != "x86_64",

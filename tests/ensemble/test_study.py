@@ -25,7 +25,7 @@ from mbfmu.ensemble.definition import define
 from mbfmu.ensemble.engine import Workers
 from mbfmu.ensemble.records import KEPT, PARTS, TABLE, Records
 from mbfmu.ensemble.work import FAILED, OK, Outcome, batch, forget
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 

@@ -8,7 +8,7 @@ from scipy import stats
 
 from mbfmu.ensemble.design import Sampling, correlations, points
 from mbfmu.ensemble.variation import Drawn, Listed, Variation, read_variation
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 
 
 def drawn(given: object, unit: str = "m") -> Drawn:

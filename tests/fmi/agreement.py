@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.direct import run
 from mbfmu.fmi import Fmu
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
 
 STEP = 0.013  # s, in no proportion to the solvers' own steps
 

@@ -23,8 +23,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule, run_state_machine_as_test
 
 from mbfmu.fmi import export
-from mbfmu.model import models
-from mbfmu.settings import Settings
+from mbfmu.modeling import models
+from mbfmu.modeling.settings import Settings
 
 FACTORS = (1.0, 0.999, 1.001, 0.0, -1.0, 1e300, nan, inf)  # of start values, for the next one
 STEPS = (1e-3, 5e-3, 1e-6, 0.0, -1e-3, nan, inf)  # s

@@ -15,8 +15,8 @@ import pytest
 from fmpy import read_model_description
 
 from mbfmu.fmi import export
-from mbfmu.model import models
-from mbfmu.settings import Settings
+from mbfmu.modeling import models
+from mbfmu.modeling.settings import Settings
 
 PYTHON = Path(sysconfig.get_config_var("LIBDIR") or "", sysconfig.get_config_var("INSTSONAME") or "")
 COMPILER = shutil.which("cc")

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import Input, JointForce, Mechanism, Revolute
-from mbfmu.model import Model
-from mbfmu.settings import Settings
+from mbfmu.modeling import Model
+from mbfmu.modeling.settings import Settings
+from mbfmu.util.errors import UserError
 
 STEPS = (0.2, 0.2, 0.1, 0.02, 0.02, 0.01)  # s; where they grow, a load changes by no more than it did
 

@@ -15,11 +15,11 @@ from fmus.fourbar import FourBar
 from mbfmu.fmi import Fmu, export
 from mbfmu.fmi.description import LOG_CATEGORIES, Experiment, Identity
 from mbfmu.fmi.description3 import model_description
-from mbfmu.interface import Role, interface
 from mbfmu.mechanics import Input, JointForce, Mechanism, PointForce, Product, Revolute, Spring, Translational, rod
-from mbfmu.model import Model
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.modeling import Model
+from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.variables import Role, interface
+from mbfmu.session.simulation import Simulation
 
 ADAMS = Settings(solver="adams", tolerance=1e-6, energy_check=False)
 NEEDS = {  # of the excavator's outputs: inputs that change them at the moment they are set, by the laws of the forces

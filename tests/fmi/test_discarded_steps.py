@@ -16,12 +16,12 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
-from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import Input, Mechanism, Revolute, Translational, rod
-from mbfmu.model import Model
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.modeling import Model
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.simulation import Simulation
+from mbfmu.util.errors import UserError
 
 RUNS: dict[str, tuple[Model, str, float, int]] = {  # solver, length of a step (s), most steps of one call
     "adams": (FourBar(), "adams", 0.02, 60),

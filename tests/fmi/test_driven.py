@@ -13,11 +13,11 @@ from fmpy.validation import validate_fmu
 
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.simulation import Settings
 from mbfmu.steady.equilibrium import equilibrium
+from mbfmu.util.errors import UserError
 
 MODELS = {"governor": Governor(), "free": Governor(driven=False), "pendulum": SwingPendulum()}
 

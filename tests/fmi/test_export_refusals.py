@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from fmus.pendulum import SwingPendulum
-from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.fmi import export
 from mbfmu.mechanics import Mechanism, Revolute, SphericalCut, rod
-from mbfmu.model import Model, models
-from mbfmu.settings import Settings
+from mbfmu.modeling import Model, models
+from mbfmu.modeling.settings import Settings
+from mbfmu.util.errors import EquilibriumError, UserError
 from solvers.steppers import NAMES, refusal, stepper
 
 SMALL: dict[str, dict[str, Any]] = {

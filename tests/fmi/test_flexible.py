@@ -9,9 +9,9 @@ import pytest
 from agreement import check_against_direct, check_continuation
 
 from fmus.fourbar import FourBar
-from mbfmu.direct import run
 from mbfmu.fmi import Fmu, export
-from mbfmu.simulation import Settings
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
 
 TIMES = np.linspace(0.0, 0.5, 26)
 MODEL = FourBar(coupler_modes=2, coupler_damping=5.8115e-4)

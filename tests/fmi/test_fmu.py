@@ -15,10 +15,10 @@ from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 
 from fmus.fourbar import FourBar
-from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.fmi.slave import ModelSlave
-from mbfmu.simulation import Settings
+from mbfmu.session.simulation import Settings
+from mbfmu.util.errors import UserError
 
 
 def test_validates(fourbar_fmu: Path) -> None:
@@ -149,13 +149,14 @@ def test_equal_models_give_equal_bytes(tmp_path: Path) -> None:
 
 
 def test_a_model_from_a_file_travels_in_the_fmu(tmp_path: Path) -> None:
-    from mbfmu.model import find
+    from mbfmu.modeling import find
 
     source = tmp_path / "swing.py"
     source.write_text(
         "from dataclasses import dataclass\n"
         "from mbfmu.mechanics import Mechanism, Revolute, rod\n"
-        "from mbfmu.model import Model, parameter\n"
+        "from mbfmu.modeling.model import Model\n"
+        "from mbfmu.modeling.parameters import parameter\n"
         "@dataclass(frozen=True, kw_only=True)\n"
         "class Swing(Model):\n"
         "    '''A swing.'''\n"

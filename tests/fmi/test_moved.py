@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from mbfmu.fmi import Fmu, export
-from mbfmu.model import Model, find
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model, find
+from mbfmu.session.simulation import Settings, Simulation
 
 SOURCE = """
 from dataclasses import dataclass
 from mbfmu.mechanics import Input, JointSpring, Mechanism, Translational
-from mbfmu.model import Model
+from mbfmu.modeling import Model
 
 @dataclass(frozen=True, kw_only=True)
 class Oscillator(Model):

@@ -25,11 +25,11 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
-from mbfmu.model import Model, parameter
+from mbfmu.modeling import Model, parameter
+from mbfmu.modeling.settings import Settings
 from mbfmu.native.runtime import COMPILERS
 from mbfmu.native.targets import host
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.session.simulation import Simulation
 
 TIMES = (100.0, -7.25, 1e4)  # s
 ADAMS = Settings(solver="adams", tolerance=1e-8)

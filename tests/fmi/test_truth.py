@@ -12,11 +12,11 @@ import pytest
 from fmpy.fmi1 import FMICallException
 
 from fmus.fourbar import FourBar
-from mbfmu.direct import run
-from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
-from mbfmu.frame import frame, unframe
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.run import run
+from mbfmu.session.serialization import frame, unframe
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 from solvers.compiled import cache
 
 SOLVERS = ["adams", "hybrid", "ida"]

@@ -18,12 +18,12 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
-from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
-from mbfmu.interface import Role, Type, interface
 from mbfmu.mechanics import Input, JointForce, Mechanism, Revolute, SpeedInput, SphericalCut, Translational, rod
-from mbfmu.model import Model, parameter
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model, parameter
+from mbfmu.modeling.variables import Role, Type, interface
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 
 MODELS: list[Model] = [
     FourBar(),

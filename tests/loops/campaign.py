@@ -31,7 +31,7 @@ from judge import Truth, Verdict, judge, truth  # noqa: E402
 from mechanisms import parallelogram  # noqa: E402
 from random_loops import FAMILIES, draw  # noqa: E402
 
-from mbfmu.errors import UserError  # noqa: E402
+from mbfmu.util.errors import UserError  # noqa: E402
 
 POINTS = 41  # at which runs are compared
 PATIENCE = 120  # s, for one run

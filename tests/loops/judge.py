@@ -26,8 +26,8 @@ from tree import forward, units
 
 import mbfmu
 import solvers
-from mbfmu.errors import UserError
 from mbfmu.mechanics import JointForce, JointSpring, LineForce, Mechanism, Plant, PointForce, Spring, Torque
+from mbfmu.util.errors import UserError
 from solvers import Options, stepper
 
 FACTOR = 100.0  # c: errors of a right run, in rtol and amplifications

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import Mechanism, Plant, Sheet, Support, add_sheet
+from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.recursions.dynamics import solved
+from mbfmu.sheets import Sheet, Support, add_sheet
 from solvers.system import TreeSystem
 
 E = 1e-30  # complex step

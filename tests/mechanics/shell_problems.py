@@ -31,13 +31,12 @@ from mbfmu.mechanics import (
     Product,
     Revolute,
     Shell,
-    Support,
     Torque,
     Translational,
     Weld,
-    add_sheet,
 )
 from mbfmu.mechanics.elements.material import PlaneStress
+from mbfmu.sheets import Support, add_sheet
 from mbfmu.steady.equilibrium import equilibrium
 
 Node = tuple[int, int]

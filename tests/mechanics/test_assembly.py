@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbfmu.errors import AssemblyError, UserError
 from mbfmu.mechanics import (
     DistanceCut,
     Floating,
@@ -30,6 +29,7 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.mechanics.joints import Joint
+from mbfmu.util.errors import AssemblyError, UserError
 
 
 def four_bar(*, ground: float = 3.0, angle: float = 0.3, guess: float = 0.0) -> Mechanism:

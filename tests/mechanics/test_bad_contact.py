@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Body,
     Drum,
@@ -20,17 +19,15 @@ from mbfmu.mechanics import (
     Plant,
     Polynomial,
     Revolute,
-    Sheet,
     SpeedInput,
     Surface,
     Translational,
     Trough,
     Wall,
-    add_contact,
-    add_nip,
-    add_sheet,
 )
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.sheets import Sheet, add_contact, add_nip, add_sheet
+from mbfmu.util.errors import UserError
 
 PAPER: dict[str, Any] = {
     "length": 0.297, "width": 0.21, "thickness": 1e-4, "youngs_modulus": 4e9, "density": 800.0,

@@ -9,9 +9,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics import MODES, Beam
 from mbfmu.mechanics.flexible.modal import FLEXIBLE, NODE
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import records
 
 L, MASS, EI = 3.0, 24.057, 7897.5

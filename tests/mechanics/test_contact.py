@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Drum,
     Floating,
@@ -23,10 +22,6 @@ from mbfmu.mechanics import (
     Translational,
     Trough,
     Wall,
-    add_contact,
-    add_nip,
-    add_sheet,
-    contact_pressure,
 )
 from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.contact import patch
@@ -36,7 +31,9 @@ from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import allocate_state, complex_state
 from mbfmu.mechanics.recursions.dynamics import move
 from mbfmu.mechanics.steps import EPSILON, step
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.sheets import add_contact, add_nip, add_sheet, contact_pressure
+from mbfmu.util.errors import UserError
 from solvers.compiled.held import contents, hold
 from solvers.compiled.kernel import kernel, records
 

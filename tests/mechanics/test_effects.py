@@ -10,9 +10,10 @@ from plate_oracles import acm_stiffness, isotropic
 from random_mechanisms import Case
 from test_identities import close, derivative, observed
 
-from mbfmu.mechanics import Crease, Harmonic, Mechanism, Plant, Sheet, Support, Translational, add_sheet
+from mbfmu.mechanics import Harmonic, Mechanism, Plant, Translational
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import move
+from mbfmu.sheets import Crease, Sheet, Support, add_sheet
 
 TREES = ["spine", "rows", "master"]
 GRAVITY = np.array([0.4, -0.9, 0.6])

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_mechanisms import Case, random_inertia, random_rotation
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Beam,
     BeamElement,
@@ -25,6 +24,7 @@ from mbfmu.mechanics import (
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import move, solved
 from mbfmu.mechanics.recursions.rnea import momentum
+from mbfmu.util.errors import UserError
 from solvers import Options, stepper
 
 TOLERANCE = 1e-9
@@ -178,7 +178,7 @@ def test_momentum_of_a_free_mechanism_changes_by_its_weight(seed: int) -> None:
 
 def cantilever(elements: int) -> float:
     """Tip deflection under gravity of a chain of nodal bodies, at rest."""
-    from mbfmu.model import Model
+    from mbfmu.modeling import Model
     from mbfmu.steady.equilibrium import build_problem
 
     class Chain(Model):

@@ -17,14 +17,11 @@ from mbfmu.mechanics import (
     Revolute,
     RunUp,
     SphericalCut,
-    Support,
     Torque,
     Translational,
     Wall,
-    add_contact,
-    add_nip,
-    add_sheet,
 )
+from mbfmu.sheets import Support, add_contact, add_nip, add_sheet
 from solvers.compiled.kernel import COMPILED
 from solvers.steppers.ida import large
 from solvers.steppers.ida.tree import residual, times

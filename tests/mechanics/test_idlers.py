@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.mechanics import Body, Mechanism, PointForce, Polynomial, Revolute, add_nip
+from mbfmu.mechanics import Body, Mechanism, PointForce, Polynomial, Revolute
+from mbfmu.sheets import add_nip
 
 from .strips import DENSITY, LENGTH, RADIUS, THICKNESS, WIDTH, add_driven, add_strip, run, sliding
 

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Plant
+from mbfmu.util.errors import UserError
 
 Array = NDArray[np.float64]
 MASS, CENTER, INERTIA, GRAVITY = 80.0, 1.2, 30.0, 9.81  # of the boom: kg, m, kg m2 about its center; m/s2

@@ -12,7 +12,6 @@ from random_mechanisms import random_inertia, random_rotation
 from reference import integrate
 from scipy.spatial.transform import Rotation
 
-from mbfmu.errors import AssemblyError, UserError
 from mbfmu.mechanics import (
     Cylindrical,
     CylindricalCut,
@@ -38,6 +37,7 @@ from mbfmu.mechanics import (
     WeldCut,
 )
 from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.util.errors import AssemblyError, UserError
 from mbfmu.viewer.picture import draw
 from solvers import Options, stepper
 

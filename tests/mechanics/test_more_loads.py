@@ -12,7 +12,6 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from mbfmu import modes, simulate
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Bushing,
     DistanceStop,
@@ -35,6 +34,7 @@ from mbfmu.mechanics import (
     sphere,
     tube,
 )
+from mbfmu.util.errors import UserError
 
 TIGHT: dict[str, Any] = {"solver": "adams", "tolerance": 1e-10}
 

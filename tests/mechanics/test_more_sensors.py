@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from test_identities import along, derivative
 
 from mbfmu import linearize, simulate
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     BeamElement,
     Bushing,
@@ -33,6 +32,7 @@ from mbfmu.mechanics import (
     Translational,
 )
 from mbfmu.mechanics.sensors import Follows
+from mbfmu.util.errors import UserError
 
 E = 1e-30
 P, Q = np.array((0.3, -0.2, 0.5)), np.array((-0.4, 0.1, 0.7))

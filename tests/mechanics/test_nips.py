@@ -8,20 +8,10 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.errors import UserError
-from mbfmu.mechanics import (
-    Drum,
-    Mechanism,
-    Plant,
-    Polynomial,
-    Revolute,
-    Sheet,
-    Wall,
-    add_contact,
-    add_nip,
-    add_sheet,
-)
+from mbfmu.mechanics import Drum, Mechanism, Plant, Polynomial, Revolute, Wall
 from mbfmu.mechanics.tangent import find_groups
+from mbfmu.sheets import Sheet, add_contact, add_nip, add_sheet
+from mbfmu.util.errors import UserError
 
 from .test_contact import PAPER
 

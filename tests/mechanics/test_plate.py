@@ -9,7 +9,6 @@ import pytest
 from plate_oracles import CORNERS, E, acm_stiffness, grain, isotropic
 from random_mechanisms import random_rotation
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Polynomial, Shell
 from mbfmu.mechanics.dispatch import load_tangent
 from mbfmu.mechanics.elements.plate_energy import bending_strain, lean, stress
@@ -17,6 +16,7 @@ from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.records import complex_state
 from mbfmu.mechanics.recursions.dynamics import energy, move
 from mbfmu.steady.equilibrium import equilibrium
+from mbfmu.util.errors import UserError
 from solvers.compiled.held import contents, hold
 
 A, B, NU = 2.0, 1.5, 0.3

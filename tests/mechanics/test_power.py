@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from random_mechanisms import Case, cases
 from test_identities import derivative, observed
 
-from mbfmu.mechanics import Beam, Harmonic, Input, Mechanism, Plant, Revolute, Support, add_sheet, rod
+from mbfmu.mechanics import Beam, Harmonic, Input, Mechanism, Plant, Revolute, rod
 from mbfmu.mechanics.arrays import systems
+from mbfmu.sheets import Support, add_sheet
 from solvers.compiled.kernel import kernel
 from solvers.system import TreeSystem
 

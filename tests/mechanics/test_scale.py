@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     DistanceCut,
     Floating,
@@ -20,6 +19,7 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
+from mbfmu.util.errors import UserError
 
 
 def slider_crank(scale: float, origin: float) -> Any:

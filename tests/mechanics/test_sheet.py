@@ -23,27 +23,16 @@ from random_mechanisms import Case, random_rotation
 from test_complex_step import check as check_complex_step
 from test_identities import close
 
-from mbfmu.errors import UserError
-from mbfmu.mechanics import (
-    Floating,
-    Harmonic,
-    Mechanism,
-    Plant,
-    Plate,
-    Revolute,
-    Sheet,
-    Support,
-    Translational,
-    Weld,
-    add_sheet,
-)
+from mbfmu.mechanics import Floating, Harmonic, Mechanism, Plant, Plate, Revolute, Translational, Weld
 from mbfmu.mechanics.arrays.rows import dependent_rows
 from mbfmu.mechanics.elements.plate_energy import shape, strain
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import move, solved
 from mbfmu.mechanics.tangent import find_groups
-from mbfmu.model import Model
+from mbfmu.modeling import Model
+from mbfmu.sheets import Sheet, Support, add_sheet
 from mbfmu.steady.equilibrium import equilibrium
+from mbfmu.util.errors import UserError
 
 TREES = ["spine", "rows", "master"]
 EVERYTHING = {"membrane": True, "damping": 1e-3, "drag": 0.6, "pressure": 0.4}

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from plate_oracles import bodies_at
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Geodesic, Mechanism, OutOfPlane, Plant
+from mbfmu.util.errors import UserError
 
 
 def hinged(joint: type[OutOfPlane | Geodesic], q: tuple[float, float, float]) -> tuple[Any, Any]:

@@ -20,11 +20,11 @@ from test_plate import (
     wrenches,
 )
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Shell
-from mbfmu.mechanics.assemblies.fabric import shell_of
 from mbfmu.mechanics.elements.material import PlaneStress
 from mbfmu.mechanics.elements.shell_stiffness import bending, flat_axes, membrane
+from mbfmu.sheets.section_properties import shell_of
+from mbfmu.util.errors import UserError
 
 E, NU, T = 10.0, 0.3, 0.3
 CORNERS = np.array([[0.0, 0.0, 0.0], [2.0, 0.05, 0.1], [2.2, -0.03, 1.6], [0.1, 0.04, 1.4]])  # nearly flat

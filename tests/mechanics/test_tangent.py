@@ -10,25 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.sheet import Sheet
-from mbfmu.mechanics import (
-    Bushing,
-    Floating,
-    Geodesic,
-    Mechanism,
-    Plant,
-    Revolute,
-    Stretching,
-    Support,
-    Translational,
-    Weld,
-    add_sheet,
-)
+from mbfmu.mechanics import Bushing, Floating, Geodesic, Mechanism, Plant, Revolute, Stretching, Translational, Weld
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.recursions import dynamics as dy
 from mbfmu.mechanics.recursions.kinematics import accelerations
 from mbfmu.mechanics.recursions.rnea import inverse_dynamics
 from mbfmu.mechanics.tangent import Groups, find_groups, groups
 from mbfmu.mechanics.tangent.layout import OUTER
+from mbfmu.sheets import Support, add_sheet
 from solvers.system import TreeSystem
 
 from .random_mechanisms import Case, build, cases

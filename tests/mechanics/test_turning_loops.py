@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mbfmu.errors import AssemblyError
 from mbfmu.mechanics import (
     Floating,
     Harmonic,
@@ -32,6 +31,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.mechanics.cuts import DistanceCut
 from mbfmu.mechanics.dispatch import signal as signal_at
+from mbfmu.util.errors import AssemblyError
 from solvers import Options, stepper
 
 from .random_mechanisms import CUTS, JOINTS, random_inertia, random_joint, random_rotation

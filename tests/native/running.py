@@ -17,7 +17,7 @@ from mbfmu.mechanics import Plant
 from mbfmu.native.entries import family_of, image_of, kinds
 from mbfmu.native.runtime import COMPILERS, objects
 from mbfmu.native.targets import host
-from mbfmu.simulation import Simulation
+from mbfmu.session.simulation import Simulation
 from solvers.compiled.held import contents
 
 needs_linker = pytest.mark.skipif(

@@ -21,15 +21,15 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
-from mbfmu.errors import UserError
 from mbfmu.fmi import export
-from mbfmu.interface import arrays, interface
 from mbfmu.mechanics import Mechanism, Revolute, rod
-from mbfmu.model import Model
+from mbfmu.modeling import Model
+from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.variables import arrays, interface
 from mbfmu.native.runtime import COMPILERS
 from mbfmu.native.targets import host
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.session.simulation import Simulation
+from mbfmu.util.errors import UserError
 
 ADAMS = Settings(solver="adams")
 GRID = Sheet(nx=5, nz=4, grid_outputs=True)

@@ -12,7 +12,6 @@ from running import Running, adopt, needs_linker
 
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
-from mbfmu.errors import AssemblyError
 from mbfmu.mechanics import (
     Floating,
     Mechanism,
@@ -25,9 +24,10 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.mechanics.arrays.closing import assemble_positions, assemble_velocities
+from mbfmu.modeling.settings import Settings
 from mbfmu.native.starting import Flaw
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.session.simulation import Simulation
+from mbfmu.util.errors import AssemblyError
 from solvers.assembly import ASSEMBLED, NO_MASS, OPEN, OPENS
 
 pytestmark = needs_linker

@@ -19,11 +19,11 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
-from mbfmu.errors import UserError
 from mbfmu.fmi import export
 from mbfmu.mechanics import Mechanism, Revolute, RevoluteCut, rod
-from mbfmu.model import Model, parameter
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.modeling import Model, parameter
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 
 pytestmark = needs_linker
 

@@ -14,9 +14,9 @@ from empty_models import DrivenArm, DrivenLoop, Silent, Truss, Welded
 from running import Running, needs_linker
 
 from mbfmu.fmi import export
-from mbfmu.model import Model
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.modeling import Model
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.simulation import Simulation
 
 FILE = Path(__file__).with_name("empty_models.py")
 MODELS = {kind.__name__: kind for kind in (DrivenArm, DrivenLoop, Welded, Silent, Truss)}

@@ -17,10 +17,10 @@ from fmpy import read_model_description, simulate_fmu
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from mbfmu.fmi import export
-from mbfmu.model import Model
+from mbfmu.modeling import Model
 from mbfmu.native.runtime import COMPILERS
 from mbfmu.native.targets import host
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
 
 UNABLE = 77
 WAYS = {  # of odd_hosts.c, and how many FMUs each needs

@@ -9,11 +9,11 @@ import pytest
 from running import Running, adopt, needs_linker
 
 from fmus.sheet import Sheet
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Revolute, SphericalCut
 from mbfmu.mechanics.joints import Spherical
 from mbfmu.native.entries import image_of
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 from solvers.assembly import ASSEMBLED
 from solvers.outcome import OK
 

@@ -15,14 +15,15 @@ from fmus.feeder import Feeder
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.errors import UserError
 from mbfmu.fmi import export
-from mbfmu.mechanics import Mechanism, Revolute, Spring, Wall, add_contact, add_sheet, rod
+from mbfmu.mechanics import Mechanism, Revolute, Spring, Wall, rod
 from mbfmu.native.entries import image_of
 from mbfmu.native.image import Image
 from mbfmu.native.runtime import objects
 from mbfmu.native.targets import host
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.sheets import add_contact, add_sheet
+from mbfmu.util.errors import UserError
 
 TIMES = 0.01 * np.arange(1, 201)
 LIBM = {"acos", "asin", "atan", "atan2", "cos", "exp", "floor", "hypot", "log", "pow", "sin", "sincos", "sqrt", "tan"}

@@ -17,7 +17,7 @@ from running import needs_linker
 
 from fmus.fourbar import FourBar
 from mbfmu.fmi import export
-from mbfmu.simulation import Settings
+from mbfmu.session.simulation import Settings
 
 pytestmark = needs_linker
 

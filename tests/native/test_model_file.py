@@ -16,7 +16,7 @@ from fmus.fourbar import FourBar
 from mbfmu.fmi import export
 from mbfmu.native import layout
 from mbfmu.native.checksum import crc64
-from mbfmu.simulation import Settings
+from mbfmu.session.simulation import Settings
 
 pytestmark = needs_linker
 

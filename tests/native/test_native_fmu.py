@@ -23,12 +23,12 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
-from mbfmu.errors import UserError
 from mbfmu.fmi import export
-from mbfmu.model import Model
+from mbfmu.modeling import Model
 from mbfmu.native.runtime import COMPILERS
 from mbfmu.native.targets import TARGETS, host
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 
 STEPS = 200  # of runs
 GRID = {"nx": 9, "nz": 7}

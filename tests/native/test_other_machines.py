@@ -18,7 +18,7 @@ from fmus.fourbar import FourBar
 from mbfmu.fmi import export
 from mbfmu.native.runtime import compiler
 from mbfmu.native.targets import TARGETS, host
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
 
 STEPS, LENGTH, TOLERANCE = 100, 0.01, 1e-6  # the second in s
 EMULATORS = {  # programs that run what is built for a machine, and what else they need

@@ -11,7 +11,6 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     DistanceStop,
     Input,
@@ -23,9 +22,10 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
-from mbfmu.model import Model, parameter
+from mbfmu.modeling import Model, parameter
 from mbfmu.native.numbers import STRUCTURE, Place, Reader
 from mbfmu.native.parameters import Live, find_live
+from mbfmu.util.errors import UserError
 
 SHIPPED = {
     "four-bar": FourBar(),

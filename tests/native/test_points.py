@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from running import Running, needs_linker
 
 from fmus.fourbar import FourBar
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Input,
     JointSpring,
@@ -25,7 +24,8 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 from solvers.compiled.held import contents
 from solvers.outcome import NOT_FINITE, OK, Code
 

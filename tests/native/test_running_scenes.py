@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 
 from fmus.fourbar import FourBar
-from mbfmu.errors import UserError
 from mbfmu.fmi import apart
+from mbfmu.modeling.scene import load_scene
 from mbfmu.native.runtime import COMPILERS, library
 from mbfmu.native.targets import host
-from mbfmu.scene import load_scene
+from mbfmu.util.errors import UserError
 from solvers.compiled.cache import NotCompiled, compiling_nothing, home, tell_listeners, when_compiling
 
 Command = Callable[..., tuple[int, str, str]]
@@ -27,7 +27,7 @@ NATIVE, COUPLED = "native FMU: ", "FMU that calls Python: "
 OWN = '''
 from dataclasses import dataclass
 from mbfmu.mechanics import Function, Mechanism, Revolute, rod
-from mbfmu.model import Model
+from mbfmu.modeling import Model
 
 @dataclass(frozen=True, kw_only=True)
 class Waved(Model):

@@ -19,7 +19,7 @@ from mbfmu.fmi import export
 from mbfmu.native import layout
 from mbfmu.native.runtime import COMPILERS, compiler, ingredients
 from mbfmu.native.targets import host
-from mbfmu.simulation import Settings
+from mbfmu.session.simulation import Settings
 
 CALLS = 8_000
 NO_INSTANCE = 3  # how fuzz.c ends where there is none

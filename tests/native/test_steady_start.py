@@ -15,8 +15,8 @@ from running import needs_linker
 
 from fmus.governor import Governor
 from mbfmu.fmi import Fmu, export
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.simulation import Settings
 from mbfmu.steady.equilibrium import equilibrium
 
 pytestmark = needs_linker

@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 from running import Running, needs_linker
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Harmonic,
     Input,
@@ -30,10 +29,11 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
-from mbfmu.model import Model, parameter
+from mbfmu.modeling import Model, parameter
 from mbfmu.native.entries import image_of
 from mbfmu.native.parameters import find_live
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 from solvers.compiled.held import contents
 from solvers.outcome import OK
 

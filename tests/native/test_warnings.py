@@ -13,12 +13,12 @@ from binding import OK, WARNING, Binary
 from running import needs_linker
 from scipy.integrate import solve_ivp
 
-from mbfmu.codes import code_of
-from mbfmu.direct import run
 from mbfmu.fmi import export
 from mbfmu.mechanics import Harmonic, Mechanism, Revolute, rod
-from mbfmu.model import Model, parameter
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model, parameter
+from mbfmu.session.run import run
+from mbfmu.session.simulation import Settings
+from mbfmu.util.codes import code_of
 
 pytestmark = needs_linker
 

@@ -196,9 +196,9 @@ def test_another_environment_with_the_same_sources_uses_the_same_code(tmp_path: 
 LATE = """
 import json
 from solvers.compiled import cache
-from mbfmu.model import find
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.modeling import find
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.simulation import Simulation
 
 late, load = [], cache.Cache.load_overload
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from fmus.sheet import Sheet
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Floating,
     Input,
@@ -22,7 +21,8 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 from solvers.steppers.esdirk.formulas import GAMMA, LOWER, A, B, C
 
 MANY = 70  # coordinates of their own: a large tree

@@ -12,8 +12,8 @@ import pytest
 from fmus.fourbar import FourBar
 from fmus.sheet import Sheet
 from mbfmu.mechanics import Harmonic, JointForce, JointSpring, Mechanism, Revolute, Translational, rod
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.simulation import Simulation
 from solvers.compiled.kernel import COMPILED
 from solvers.steppers.ida import large, small, sundials
 from solvers.steppers.ida.binding import BoundIDA

@@ -12,8 +12,8 @@ from oracles import INERTIA, fourbar, fourbar_q, fourbar_v, particle, pendulum, 
 from scipy.integrate import solve_ivp
 
 from mbfmu.mechanics import JointSpring, Mechanism, Revolute, Spherical, rod
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.modeling.settings import Settings
+from mbfmu.session.simulation import Simulation
 from solvers import SOLVERS, Options
 from solvers.steppers.radau import formulas as f
 

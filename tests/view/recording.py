@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from mbfmu.direct import Result, communication_points, run
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import Result, communication_points, run
+from mbfmu.session.simulation import Settings
 from mbfmu.viewer import Motion, Recorder
 
 

@@ -13,27 +13,13 @@ from scripts import NODE, evaluated
 from test_gltf import File
 from test_page import browser, opened
 
-from mbfmu.errors import UserError
-from mbfmu.mechanics import (
-    Box,
-    Drum,
-    Floating,
-    Guide,
-    Mechanism,
-    Panel,
-    Revolute,
-    Sphere,
-    Surface,
-    Trough,
-    Wall,
-    add_contact,
-    add_nip,
-    add_sheet,
-)
+from mbfmu.mechanics import Box, Drum, Floating, Guide, Mechanism, Panel, Revolute, Sphere, Surface, Trough, Wall
 from mbfmu.mechanics.contact.surfaces.guide import gap as guide_gap
 from mbfmu.mechanics.contact.surfaces.trough import gap as trough_gap
 from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import allocate_state
+from mbfmu.sheets import add_contact, add_nip, add_sheet
+from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, html, images
 from mbfmu.viewer.gltf import glb
 from mbfmu.viewer.picture import Part, draw

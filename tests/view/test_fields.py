@@ -15,9 +15,9 @@ from matplotlib.image import imread
 from scripts import NODE, evaluated
 from test_page import browser, opened, scene_in
 
-from mbfmu.direct import simulate
-from mbfmu.errors import UserError
 from mbfmu.mechanics import Floating, Mechanism
+from mbfmu.session.run import simulate
+from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, Recorder, html, images
 from mbfmu.viewer.fields import STOPS, Field, colored, field_with, fields
 from mbfmu.viewer.picture import draw

@@ -8,7 +8,6 @@ from recording import recorded
 
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
-from mbfmu.direct import communication_points, run
 from mbfmu.mechanics import (
     JointForce,
     Mechanism,
@@ -20,8 +19,9 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import communication_points, run
+from mbfmu.session.simulation import Settings
 from mbfmu.viewer import Motion, Recorder
 from mbfmu.viewer.forces import rounded, scales
 

@@ -16,7 +16,7 @@ import mbfmu as mb
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.errors import UserError
+from mbfmu.util.errors import UserError
 from mbfmu.viewer import gltf, meshes
 from mbfmu.viewer.gltf import glb
 from mbfmu.viewer.meshes import Mesh

@@ -17,8 +17,6 @@ from scipy.spatial.transform import Rotation
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.direct import communication_points, run
-from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Beam,
     Box,
@@ -36,8 +34,10 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
-from mbfmu.model import Model
-from mbfmu.simulation import Settings
+from mbfmu.modeling import Model
+from mbfmu.session.run import communication_points, run
+from mbfmu.session.simulation import Settings
+from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, Recorder
 from mbfmu.viewer.camera import Camera, Stage
 from mbfmu.viewer.motion import matrices

@@ -26,10 +26,11 @@ from fmus.governor import Governor
 from mbfmu.cli import parser
 from mbfmu.cli.common import scene_of
 from mbfmu.cli.view import seen
-from mbfmu.direct import simulate
-from mbfmu.errors import UserError
-from mbfmu.mechanics import Floating, Mechanism, PointForce, Revolute, Support, add_sheet, rod
-from mbfmu.model import Model
+from mbfmu.mechanics import Floating, Mechanism, PointForce, Revolute, rod
+from mbfmu.modeling import Model
+from mbfmu.session.run import simulate
+from mbfmu.sheets import Support, add_sheet
+from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, Recorder, html, images
 from mbfmu.viewer.picture import draw
 from mbfmu.viewer.show import view

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.codes import coded
-from mbfmu.errors import AssemblyError, UserError
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import with_unit_quaternion
 from mbfmu.mechanics.numbers import array_of
 from mbfmu.mechanics.records import State
+from mbfmu.util.codes import coded
+from mbfmu.util.errors import AssemblyError, UserError
 from solvers.system import AnySystem, Array
 
 from .closing import assemble_positions, assemble_velocities, check_frames, check_inertia, frame_angles

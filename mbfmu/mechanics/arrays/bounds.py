@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.records import Arrays, Data, State
+from mbfmu.util.errors import UserError
 from solvers.compiled.held import hold
 from solvers.compiled.kernel import COMPILED, bounds_checked
 

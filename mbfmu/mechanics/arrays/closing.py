@@ -10,10 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.codes import coded
-from mbfmu.errors import AssemblyError
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.records import State
+from mbfmu.util.codes import coded
+from mbfmu.util.errors import AssemblyError
 from solvers.assembly import ASSEMBLED, Loops, Outcome, Scratch, close_positions, close_velocities, move_mass
 from solvers.assembly import least_change as find_least_change
 from solvers.compiled.held import hold

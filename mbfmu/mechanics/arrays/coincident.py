@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.codes import coded
 from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.loads import LineForce, Load, Spring
+from mbfmu.util.codes import coded
 
 COINCIDENT = 1e-14  # distance relative to the length of the mechanism
 

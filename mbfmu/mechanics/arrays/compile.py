@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation, signal_of, vector
@@ -37,6 +36,7 @@ from mbfmu.mechanics.records import (
 from mbfmu.mechanics.sensors import CouplingEffort, Energy, KineticEnergy, RowForce, Sensor
 from mbfmu.mechanics.signals import Input, InUse, Signal, SpeedInput
 from mbfmu.mechanics.signals.followed import Followed
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import records
 
 from .given import Courses

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.records import State
+from mbfmu.util.errors import UserError
 
 ASKEW = np.radians(45.0)  # of an edge: no element is good that far from its own shape
 

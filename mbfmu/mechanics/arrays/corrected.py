@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from mbfmu.codes import coded
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.joints.section import Section
 from mbfmu.mechanics.records import Data
+from mbfmu.util.codes import coded
 from solvers.system import Array
 
 from .redundant import Part, Position, Redundancy, near_singular

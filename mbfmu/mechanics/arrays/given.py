@@ -17,8 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from mbfmu.codes import coded
-from mbfmu.errors import UserError, short
 from mbfmu.mechanics import law
 from mbfmu.mechanics.checks import signal_of
 from mbfmu.mechanics.curve import curve
@@ -26,6 +24,8 @@ from mbfmu.mechanics.numbers import finite, is_finite
 from mbfmu.mechanics.signals import Input, Signal, SpeedInput, Table
 from mbfmu.mechanics.signals.fitting import Pieces, UnresolvedError, find_jump, fit
 from mbfmu.mechanics.signals.followed import Followed
+from mbfmu.util.codes import coded
+from mbfmu.util.errors import UserError, short
 
 Array = NDArray[np.float64]
 

@@ -16,13 +16,13 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.codes import coded
-from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.nip import Nip
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact, sound
 from mbfmu.mechanics.records import State
+from mbfmu.util.codes import coded
+from mbfmu.util.errors import UserError
 
 K = TypeVar("K", Nip, SurfaceContact)
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.records import Arrays, State
+from mbfmu.util.errors import UserError
 from solvers.system import Array
 
 from .tables import Called

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import AssemblyError, UserError
 from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact
@@ -18,7 +17,8 @@ from mbfmu.mechanics.recursions.dynamics import energy, observe
 from mbfmu.mechanics.sensors import Follows, largest_residual
 from mbfmu.mechanics.signals import Input, InUse
 from mbfmu.mechanics.tangent import Groups, Tangent
-from mbfmu.units import read_unit
+from mbfmu.util.errors import AssemblyError, UserError
+from mbfmu.util.units import read_unit
 from solvers.compiled.held import contents
 from solvers.system import Array, System
 

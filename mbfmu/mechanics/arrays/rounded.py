@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbfmu.codes import coded
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.joints.base import AxisJoint
 from mbfmu.mechanics.records import State
+from mbfmu.util.codes import coded
 from solvers.system import Array
 
 ROUNDED = (

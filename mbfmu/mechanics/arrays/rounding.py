@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from mbfmu.codes import coded
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import LARGEST_ASSEMBLY_TOLERANCE, Mechanism
 from mbfmu.mechanics.records import Data
+from mbfmu.util.codes import coded
 from solvers.system import AnySystem, Array
 
 from .assembly import held_coordinates, start_positions

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from mbfmu.codes import coded
-from mbfmu.errors import AssemblyError
 from mbfmu.mechanics.builder.handles import CouplingHandle, CutHandle
 from mbfmu.mechanics.signals import InUse
+from mbfmu.util.codes import coded
+from mbfmu.util.errors import AssemblyError
 from solvers.system import AnySystem, Array
 
 from .inputs import Drives, Inputs

@@ -9,13 +9,13 @@ from collections import defaultdict
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.handles import CouplingHandle, CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.numbers import LONGEST, SHORTEST, array_of
 from mbfmu.mechanics.records import Arrays
+from mbfmu.util.errors import UserError
 from solvers.system import Array
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.nip import Nip
@@ -27,6 +26,7 @@ from mbfmu.mechanics.recursions.dynamics import (
     work_callbacks,
 )
 from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
+from mbfmu.util.errors import UserError
 from solvers.compiled.held import hold
 from solvers.positions import Positions
 from solvers.system import AnySystem, Array, Stepped, System, TreeSystem

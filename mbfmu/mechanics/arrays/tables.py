@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Kind, kernel_of, record_of
 from mbfmu.mechanics.records import (
     KERNELS,
@@ -20,6 +19,7 @@ from mbfmu.mechanics.records import (
     complex_twin,
     empty_data,
 )
+from mbfmu.util.errors import UserError
 from solvers.compiled.by_address import address_of, record_type, side_by_side
 from solvers.compiled.held import held_type
 from solvers.compiled.kernel import COMPILED, records, types

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import Matrix, Vector, vector
 from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.shapes import Shape, check_color
+from mbfmu.util.errors import UserError
 
 from .bodies import Body, FlexibleBody
 from .members import Members

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import Matrix, Vector, one_of, vector
 from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Joint, Section
@@ -29,6 +28,7 @@ from mbfmu.mechanics.sensors import (
     Sensor,
     axis_index,
 )
+from mbfmu.util.errors import UserError
 
 if TYPE_CHECKING:
     from .mechanism import Mechanism

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import Cut
@@ -21,6 +20,7 @@ from mbfmu.mechanics.sensors import (
     Sensor,
     axis_index,
 )
+from mbfmu.util.errors import UserError
 
 from .bodies import Body, effort_unit
 

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.elements import Plate, Shell
 from mbfmu.mechanics.kind import check_kind
 from mbfmu.mechanics.loads import Drag, Force, Load, Pressure
+from mbfmu.util.errors import UserError
 
 from .bodies import Body
 from .handles import ForceHandle

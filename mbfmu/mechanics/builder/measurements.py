@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Vector, rotation, vector
 from mbfmu.mechanics.joints import Revolute, Section
@@ -21,6 +20,7 @@ from mbfmu.mechanics.sensors import (
     Turn,
     axis_index,
 )
+from mbfmu.util.errors import UserError
 
 from .bodies import Body
 from .members import Members

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbfmu.errors import UserError, missing_attribute
 from mbfmu.mechanics.checks import Vector, inertia_matrix, vector
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import Cut
@@ -33,6 +32,7 @@ from mbfmu.mechanics.sensors import (
     Sensor,
 )
 from mbfmu.mechanics.signals import Input, Signal
+from mbfmu.util.errors import UserError, missing_attribute
 
 from .appearance import Appearance
 from .bodies import Body, FlexibleBody, coordinate_of
@@ -41,7 +41,7 @@ from .loading import Loading
 from .measurements import Measurements
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.assemblies.sheet import Sheet
+    from mbfmu.sheets.sheet import Sheet
 
 
 ORIGIN = (0.0, 0.0, 0.0)

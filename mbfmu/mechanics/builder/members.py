@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.joints import Weld
+from mbfmu.util.errors import UserError
 
 from .bodies import Body
 

@@ -26,8 +26,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.numbers import finite, is_finite, positive
+from mbfmu.util.errors import UserError
 
 Matrix = NDArray[np.float64]
 ALIGNED = 1e-12  # sine or cosine of an angle that is meant to be zero

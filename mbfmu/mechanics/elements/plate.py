@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import flag
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative, positive
+from mbfmu.util.errors import UserError
 
 from .feeling import Felt, felt
 from .material import Matrix, PlaneStress, creased

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative
+from mbfmu.util.errors import UserError
 
 from .feeling import Felt, felt
 from .shell_energy import SHELL, apply, potential

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import flag, whole
 from mbfmu.mechanics.numbers import finite, not_negative, positive
+from mbfmu.util.errors import UserError
 
 from .modal import MODES
 

@@ -20,9 +20,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.axes import Vector, unit_axis
 from mbfmu.mechanics.kind import Kind, Site
+from mbfmu.util.errors import UserError
 
 MOST_COORDINATES = 6  # of a joint
 

@@ -29,9 +29,9 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Site
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
 from .out_of_plane import OutOfPlane

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import LONGEST, SHORTEST, is_finite
 from mbfmu.mechanics.spatial import axis_matrix
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
 from .base import AxisJoint

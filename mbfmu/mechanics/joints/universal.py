@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.axes import Vector, unit_axis
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import axis_matrix, turned
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
 from .base import AxisJoint

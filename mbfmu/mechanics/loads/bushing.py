@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import array_of
 from mbfmu.mechanics.spatial import add_force, arm, quaternion_of, way, way_rate
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
 from .base import Force, Points, fill_points

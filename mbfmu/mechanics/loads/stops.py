@@ -13,8 +13,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.numbers import finite, not_negative
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
 LIMITS = [

@@ -14,8 +14,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Kind, Site
+from mbfmu.util.errors import UserError
 
 
 class Follows(IntEnum):

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.dispatch import signal as signal_at
 from mbfmu.mechanics.kind import Site
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import positive
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kept_nowhere, kernel
 
 from .base import InUse, Signal

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import finite, is_finite
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal

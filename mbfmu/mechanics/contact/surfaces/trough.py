@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import finite, positive
 from mbfmu.mechanics.shapes import GLASS, Matrix, Shape, ribbon
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
 from .base import FRAME, Surface, across, point, within

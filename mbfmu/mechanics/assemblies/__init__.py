@@ -1,1 +1,0 @@
-"""Mechanisms of many bodies that one call adds."""

@@ -1,0 +1,265 @@
+"""What a model is: a frozen dataclass of parameters whose ``build`` makes a mechanism.
+
+>>> from dataclasses import dataclass
+>>> from mbfmu.mechanics import Mechanism, Revolute, rod
+>>> @dataclass(frozen=True, kw_only=True)
+... class Pendulum(Model):
+...     '''A swinging rod.'''
+...     length: float = parameter(1.0, unit="m", min=1e-3, doc="length of the rod")
+...     def build(self):
+...         m = Mechanism(gravity=(0, -9.81, 0))
+...         bar = m.body("bar", m.ground, Revolute(), **rod(mass=1.0, length=self.length))
+...         m.output("bar.angle", bar.angle(), "angle from the horizontal")
+...         return m
+>>> Pendulum(length=2.0).build().outputs[0][0]
+'bar.angle'
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import Field, dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics.arrays.given import Courses
+from mbfmu.util.errors import UserError, require_arguments, suggest
+
+from .parameters import Parameter, check, declared, read_text
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """Base class of all models. Subclass it as a frozen dataclass, declare parameters, and write :meth:`build`.
+
+    Parameters
+    ----------
+    **given
+        Values of parameters by name; others keep their defaults.
+
+    Attributes
+    ----------
+    name
+        Name on the command line and of the FMU; by default that of the class in lower case.
+    stop_time, output_interval
+        Stop time and output interval of the default experiment, s.
+    tolerance, default_solver
+        Tolerance and solver of the default experiment.
+    settling
+        Parameters that damp the motion, with which a comparison simulates until the steady state is reached.
+    viewing
+        Parameters that ``mbfmu view`` sets by default.
+    effects
+        By name of an optional effect, the parameters that turn it on; zero turns it off.
+    reserved
+        Names that no parameter may have.
+
+    Raises
+    ------
+    UserError
+        There is no such parameter, a value is not allowed, or the class is not a dataclass.
+    """
+
+    name: ClassVar[str] = ""
+    stop_time: ClassVar[float] = 10.0
+    output_interval: ClassVar[float] = 0.01
+    tolerance: ClassVar[float] = 1e-6
+    default_solver: ClassVar[str] = "ida"
+    settling: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    viewing: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+    effects: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
+    reserved: ClassVar[tuple[str, ...]] = (
+        "name",
+        "stop_time",
+        "output_interval",
+        "tolerance",
+        "default_solver",
+        "settling",
+        "viewing",
+        "effects",
+        "arrays",
+        "terminals",
+    )
+
+    def __new__(cls, *_: Any, **given: Any) -> Self:
+        """Check that the class is a dataclass, and the names of the parameters; raises UserError."""
+        declared(cls)  # type: ignore[arg-type]  # classes are hashable
+        require_arguments(cls, given)
+        return super().__new__(cls)
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if not cls.__dict__.get("name"):
+            cls.name = cls.__name__.lower()
+        if not isinstance(cls.name, str | Field):
+            raise UserError(f"name of model {cls.__name__} is {cls.name!r}; allowed: text")
+
+    def __post_init__(self) -> None:
+        """Check every parameter; raises UserError naming it, its value and what is allowed."""
+        for p in self.parameters():
+            object.__setattr__(self, p.name, check(self.name, p, getattr(self, p.name)))
+
+    def build(self) -> Mechanism:
+        """Return the mechanism for these parameters."""
+        raise UserError(f"model {self.name!r} has no method build(); write one that returns a Mechanism")
+
+    def built(self) -> Mechanism:
+        """Return the mechanism that ``build`` returns.
+
+        Raises
+        ------
+        UserError
+            ``build`` fails, or does not return a mechanism.
+        """
+        try:
+            mechanism = self.build()
+        except UserError:
+            raise
+        except Exception as error:
+            at = traceback.extract_tb(error.__traceback__)[-1]
+            raise UserError(
+                f"model {self.name!r}: build() fails with {type(error).__name__}: {error} "
+                f"({Path(at.filename).name}, line {at.lineno})"
+            ) from error
+        if not isinstance(mechanism, Mechanism):
+            raise UserError(f"model {self.name!r}: build() returns {mechanism!r}; it must return a Mechanism")
+        return mechanism
+
+    def plant(self, courses: Courses | None = None) -> Plant:
+        """Return the compiled mechanism; raises the errors of :meth:`built`.
+
+        Parameters
+        ----------
+        courses
+            Inputs given for the whole run, see :mod:`mbfmu.mechanics.arrays.given`.
+        """
+        return Plant(self.built(), courses)
+
+    def arrays(self) -> Mapping[str, Sequence[Any]]:
+        """Return outputs that are one array in FMI 3: nested lists of their names, by the name of the array."""
+        return {}
+
+    def terminals(self) -> Mapping[str, Sequence[str]]:
+        """Return the terminals of FMI 3: names of inputs and outputs along one joint coordinate, by the name of the
+        terminal. Their units identify them: position (rad, m), rate (rad/s, m/s), torque (N.m) or force (N) on it.
+        """
+        return {}
+
+    def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
+        """Return outputs whose exact motion is known, as a reference of comparisons.
+
+        Parameters
+        ----------
+        times
+            Times (k,), s.
+
+        Returns
+        -------
+        dict[str, Array] or None
+            Exact outputs (k,) by name; None: none is known.
+        """
+        return None
+
+    def independent(self, times: NDArray[np.float64]) -> dict[str, tuple[NDArray[np.float64], float]] | None:
+        """Return outputs from another code or an experiment, as a reference of comparisons.
+
+        Parameters
+        ----------
+        times
+            Times (k,), s.
+
+        Returns
+        -------
+        dict[str, tuple[Array, float]] or None
+            Outputs (k,) and their uncertainty, in their unit, by name; None: there is no such reference.
+        """
+        return None
+
+    def exact_equilibrium(self) -> dict[str, float] | None:
+        """Return outputs whose value in the steady state is known, by name; None: none is."""
+        return None
+
+    def branch_gap(self, outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64] | None:
+        """Return the distance from the correct branch of the motion.
+
+        Parameters
+        ----------
+        outputs
+            Outputs (k,) of a run, by name.
+
+        Returns
+        -------
+        Array or None
+            Distance (k,), zero on the correct branch; None: the motion has no other branch.
+        """
+        return None
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """Return the declared parameters in order."""
+        return declared(cls)  # type: ignore[arg-type]  # classes are hashable
+
+    @classmethod
+    def title(cls) -> str:
+        """Return the first line of the docstring."""
+        return ((cls.__doc__ or "").strip() or cls.name).splitlines()[0]
+
+    def _hint(self, name: str) -> str:
+        """Return what a name is instead of a parameter, as the end of a message."""
+        known = [p.name for p in self.parameters()]
+        if name in (variable.name for variable in self.plant().inputs.variables):
+            return (
+                "; it is an input. Set its value by Input(start=...) in the model, or simulate with "
+                f"mb.simulate(model, inputs={{{name!r}: ...}})"
+            )
+        return suggest(name, known)
+
+    def with_values(self, values: Mapping[str, Any]) -> Self:
+        """Return a copy with other parameter values.
+
+        Parameters
+        ----------
+        values
+            Values by parameter name; text is read as a number, a Boolean or a choice.
+
+        Raises
+        ------
+        UserError
+            There is no such parameter, or the value is not allowed.
+        """
+        known = {p.name: p for p in self.parameters()}
+        changes = {}
+        for name, value in values.items():
+            if name not in known:
+                raise UserError(f"model {self.name!r} has no parameter {name!r}{self._hint(name)}")
+            changes[name] = read_text(known[name], value) if isinstance(value, str) else value
+        return replace(self, **changes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bare(Model):
+    """A mechanism without parameters, as it is."""
+
+    name = "mechanism"
+    mechanism: Mechanism
+
+    def build(self) -> Mechanism:
+        """Return it."""
+        return self.mechanism
+
+
+def of_user(model: Any) -> Model:
+    """Return what was given for a model, if it is one."""
+    if isinstance(model, Model):
+        return model
+    if isinstance(model, Mechanism):
+        return Bare(mechanism=model)
+    if isinstance(model, type) and issubclass(model, Model):
+        raise UserError(f"model is the class {model.__name__}; give an instance of it: {model.__name__}()")
+    raise UserError(f"model is {model!r}; allowed: a Mechanism, or an instance of a subclass of mbfmu.Model")

@@ -1,0 +1,95 @@
+"""How a model is integrated: what a scene, the command line and an FMU say of the solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import Any, Self
+
+from mbfmu.util.errors import UserError, require_arguments, suggest
+from solvers import Options
+from solvers.steppers import NAMES, order_refusal
+
+from .parameters import check, declared, parameter, span
+
+AUTO = "auto"  # of the solvers: the one that :mod:`mbfmu.session.solver_selection` takes for the model
+FINEST = 1e-15  # absolute tolerance: numbers of size one are no finer
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Settings of the integration.
+
+    Parameters
+    ----------
+    **given
+        Values of settings by name, as listed with their descriptions by ``mbfmu models``; others keep their defaults.
+
+    Raises
+    ------
+    UserError
+        There is no such setting, or its value is not allowed.
+    """
+
+    solver: str = parameter("ida", choices=(*NAMES, AUTO), doc="Integration method")
+    tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="Relative tolerance of the solver")
+    absolute_tolerance: float = parameter(
+        0.0, min=0.0, max=1.0, doc="Absolute tolerance in units of each coordinate; 0: equal to the relative tolerance"
+    )
+    max_order: int = parameter(
+        0, min=0, max=12, doc="Maximum order, 1 to 12 (ida: 1 to 5); 0: the largest (ida with sheets: 2)"
+    )
+    max_steps: int = parameter(100_000, min=1, doc="Maximum number of steps between two communication points")
+    max_step: float = parameter(0.0, unit="s", min=0.0, doc="Maximum step size; 0: no limit")
+    input_interpolation: str = parameter(
+        "hold",
+        choices=("hold", "linear"),
+        doc="Interpolation of loads between communication points: constant (hold) or linear extrapolation",
+    )
+    start_at_equilibrium: bool = parameter(False, doc="Start in the steady state nearest to the start values")
+    energy_check: bool = parameter(True, doc="Check of the energy balance during the run")
+
+    def __new__(cls, **given: Any) -> Self:
+        """Check the names of the settings; raises UserError."""
+        require_arguments(cls, given)
+        return super().__new__(cls)
+
+    def __post_init__(self) -> None:
+        """Check the names and numbers; raises UserError."""
+        known = (*NAMES, AUTO)
+        if not isinstance(self.solver, str) or self.solver not in known:
+            raise UserError(f"solver is {self.solver!r}{suggest(str(self.solver), known)}")
+        for p in declared(Settings):
+            object.__setattr__(self, p.name, check_setting(p.name, getattr(self, p.name)))
+        if refused := order_refusal(self.solver, self.max_order or None):
+            raise UserError(refused)
+        if 0.0 < self.absolute_tolerance < FINEST:
+            raise UserError(f"absolute_tolerance is {self.absolute_tolerance!r}; allowed: 0, or {FINEST:g} to 1")
+
+    def options(self, duration: float = Options.duration) -> Options:
+        """Return the options of the stepper.
+
+        Parameters
+        ----------
+        duration
+            Time of the whole run, s.
+        """
+        return Options(
+            rtol=self.tolerance,
+            atol=self.absolute_tolerance or None,
+            max_step=self.max_step or inf,
+            max_order=self.max_order or None,
+            max_steps=self.max_steps,
+            energy_check=self.energy_check,
+            duration=duration,
+        )
+
+
+def check_setting(name: str, value: Any) -> Any:
+    """Return the value of one setting in its type; raises UserError if it is invalid whatever the others are."""
+    declaration = next(p for p in declared(Settings) if p.name == name)
+    try:
+        return check("the settings", declaration, value)
+    except UserError as error:
+        finite = "finite, " if declaration.max == inf and not declaration.choices else ""
+        raise UserError(f"{name} is {value!r}; allowed: {finite}{span(declaration)}") from error

@@ -1,0 +1,1 @@
+"""Plots of results over time and of steady states over a parameter."""

@@ -1,0 +1,42 @@
+"""Figures that no window shows, and colors of solvers."""
+
+from __future__ import annotations
+
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from mbfmu.util.files import replacing
+from solvers.steppers import NAMES
+
+CYCLE = ("#4269d0", "#3ca951", "#efb118", "#ff725c", "#a463f2", "#38b2c4", "#ff8ab7", "#9c6b4e")
+COLORS = dict(zip(NAMES, cycle(CYCLE), strict=False))  # by solver
+
+
+def new_figure(size: tuple[float, float]) -> Figure:
+    """Return an empty figure of this size (inches)."""
+    return Figure(figsize=size, layout="constrained")
+
+
+def subplots(rows: int = 1, columns: int = 1, *, size: tuple[float, float], **options: Any) -> tuple[Any, Any]:
+    """Return a figure of this size (inches) that no window shows, and its axes."""
+    figure = new_figure(size)
+    return figure, figure.subplots(rows, columns, **options)
+
+
+def panels(count: int) -> tuple[Any, Any]:
+    """Return a figure and the axes (count,) of as many panels."""
+    columns = min(4, count)
+    rows = -(-count // columns)
+    figure, axes = subplots(rows, columns, size=(3.0 * columns, 2.6 * rows), squeeze=False)
+    for ax in axes.flat[count:]:
+        ax.axis("off")
+    return figure, axes.flat[:count]
+
+
+def finish(figure: Any, path: Path) -> None:
+    """Write the picture."""
+    with replacing(path) as unfinished:
+        figure.savefig(unfinished, dpi=130, format=path.suffix[1:] or "png")

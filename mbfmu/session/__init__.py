@@ -1,0 +1,1 @@
+"""One run: from the start through communication points to its result, and what is checked on the way."""

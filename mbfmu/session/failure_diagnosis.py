@@ -1,0 +1,177 @@
+"""Drives and rates that loops cannot follow: unreachable positions, and rates that are not determined."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics import Plant
+from mbfmu.mechanics.arrays.assembly import free_bodies
+from mbfmu.util.codes import coded
+from mbfmu.util.errors import AssemblyError
+from solvers.outcome import Code, Status
+from solvers.system import Array
+
+MARCH = 100  # intervals of the requested time, in which loops are closed one after the other
+EXACT = 1e-9  # of that time, to which the last position they reach is found
+BEYOND = (1e-6, 1e-4, 1e-2)  # of that time: where they are tried after it, as a run may pass a singular configuration
+OPEN = 1e-10  # singular values below this part of the largest are zero
+LIGHT = 1e-3  # mass of a body, relative to the heaviest that it carries, below which the inertia is nearly singular
+PART = 1e-6  # of the largest: what a joint has to do with a motion
+
+
+def why(plant: Plant, status: Status, q: Array, end: float, starts_singular: bool) -> str:
+    """Return why a run stopped at q (nq,) on its way to ``end`` (s), and what to do.
+
+    ``starts_singular``: whether the loops do not determine all rates at the start.
+    """
+    stuck = status.code in (Code.BRANCHES, Code.COLLAPSED, Code.NOT_CLOSED)
+    advice = to_choose(plant, status.t, q) if starts_singular else ""
+    if advice and status.code in (Code.BRANCHES, Code.UNDECIDABLE):
+        return status.explain(advice)
+    drives = driven_bodies(plant)
+    until = 2.0 * end - status.t  # beyond the requested time: it may end right there
+    last = _last(plant, status.t, q, until) if stuck and drives and plant.system.has_matrices else until
+    if last == until:
+        return status.explain(advise(plant, status))
+    whose = f"the drive of {drives[0]!r} requires" if len(drives) == 1 else "the drives require"
+    return coded(
+        "unreachable-drive",
+        f"{whose} a position that the loops cannot reach after t = {last:.6g} s (the run stopped at "
+        f"t = {status.t:.9g} s). Shorten the motion of the drive, or change the lengths of the loops.",
+    )
+
+
+def driven_bodies(plant: Plant) -> list[str]:
+    """Return the names of the bodies whose joints are driven."""
+    return [body.name for body in plant.mechanism.bodies if body.joint.drive is not None]
+
+
+def advise(plant: Plant, status: Status) -> str:
+    """Return what to do after a step that collapsed, or near branches, by what the model has; of other ends nothing."""
+    if status.code is Code.COLLAPSED:
+        causes = [*_causes(plant)]
+        if not causes:
+            return f"Use a larger tolerance{status.alternatives}."
+        what, remedies = (" or ".join(texts) for texts in zip(*causes, strict=True))
+        return f"Possible cause: {what}. Possible remedy: {remedies}{status.alternatives}."
+    if status.code is Code.BRANCHES:
+        several = ", or several loops are at slightly different times" if len(plant.mechanism.constraints) > 1 else ""
+        turns = "Do not let a drive stop or turn back there. " if driven_bodies(plant) else ""
+        return (
+            f"A loop is in a singular configuration, or very near one{several}. If the position is meant to be passed "
+            "exactly, give lengths with all their digits; otherwise change them so that the loop stays farther from "
+            f"it. {turns}A finer tolerance may help{status.alternatives}."
+        )
+    return ""
+
+
+def _causes(plant: Plant) -> Iterator[tuple[str, str]]:
+    """Yield what may make a step collapse in a model, and what helps."""
+    if any(True for _ in plant.mechanism.loads()):
+        yield "a force that jumps or has a kink", "smooth the force"
+    if plant.system.m:
+        yield "a singular configuration nearby", "change the lengths so that the loops stay farther from it"
+        if driven_bodies(plant):
+            yield "a drive that moves its loop out of reach", "shorten the motion of the drive"
+    if light := light_body(plant):
+        yield light, "give it more mass"
+
+
+def light_body(plant: Plant) -> str:
+    """Return the body that is lightest compared with the heaviest body that it carries; empty: none is light."""
+    bodies, masses = plant.mechanism.bodies, plant.data.arrays.bodies["mass"]
+    carried = np.zeros(len(bodies))
+    for body in reversed(bodies[1:]):
+        k = body.index
+        carried[body.parent] = max(carried[body.parent], carried[k], float(masses[k]))
+    own = np.array([float(masses[body.index]) for body in bodies])
+    ratios = np.divide(own, carried, out=np.full(len(bodies), np.inf), where=(own > 0.0) & (carried > 0.0))
+    k = int(np.argmin(ratios))
+    if not ratios[k] < LIGHT:
+        return ""
+    return f"body {bodies[k].name!r} of {own[k]:.3g} kg, which carries one of {carried[k]:.3g} kg"
+
+
+def _last(plant: Plant, begin: float, q: Array, end: float) -> float:
+    """Return until when loops can be closed, s: ``end`` where nothing ends that."""
+    held, whole = np.zeros(plant.system.n, bool), end - begin
+    reached, step = begin, whole / MARCH
+    way = [(begin, q)]
+
+    def closed(t: float, near: Array) -> Array | None:
+        try:
+            return plant.assembly.close(t, near, held)
+        except AssemblyError:
+            return None
+
+    def beyond(t: float) -> bool:
+        """Whether the loops can be closed at t near the present position, or where the way leads to."""
+        before, then = next((at for at in reversed(way) if reached - at[0] >= t - reached), way[0])
+        ahead = q + (q - then) * ((t - reached) / (reached - before)) if before < reached else q
+        return closed(t, q) is not None or closed(t, ahead) is not None
+
+    while reached < end and step > EXACT * whole:
+        ahead = min(reached + step, end)
+        there = closed(ahead, q)
+        if there is None:
+            step *= 0.5
+        else:
+            reached, q = ahead, there
+            way.append((reached, q))
+    opens = reached < end and not any(beyond(min(reached + part * whole, end)) for part in BEYOND)
+    return reached if opens else end
+
+
+def to_choose(plant: Plant, t: float, q: Array) -> str:
+    """Return a message on the rates that choose the branch in a singular configuration q (nq,); empty: all given."""
+    names = [repr(name) for name in open_rates(plant, t, q)]
+    if not names:
+        return ""
+    joints = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    return f"Give the rate{'s' if len(names) > 1 else ''} of {joints} to choose the branch"
+
+
+def explain_rates(plant: Plant, t: float, q: Array, v: Array, tolerance: float) -> str:
+    """Return why the rates v (n,) belong to no branch of the motion in a singular configuration q (nq,); empty: they
+    do.
+
+    An acceleration exists if J v' = gamma has a solution: if u^T gamma = 0 for all u with u^T J = 0. In a singular
+    position this is the tangent cone of the constraints. Deviations of the rates from it, relative to them, are
+    compared with ``tolerance``.
+    """
+    system: Any = plant.system
+    terms = system.allocate_terms()
+    system.fill(t, q, v, terms)
+    U, sigma, _ = np.linalg.svd(terms.J * system.size / system.row_size[:, None])
+    left = U[:, int(np.sum(sigma > OPEN * sigma[0])) :]
+    off = np.abs(left.T @ (terms.gamma / system.row_size)).max(initial=0.0)
+    rates = np.square(v / system.size).sum() + np.square(terms.nu / system.row_size).sum()
+    if off <= tolerance * rates:
+        return ""
+    bodies, first, values = free_bodies(plant.mechanism), 0, []
+    for body in bodies:
+        values += [f"{body.name!r} {x:.6g}" for x in v[first : first + body.joint.nv]]
+        first += body.joint.nv
+    return (
+        "the start is a singular configuration, in which several branches of the motion cross, and the given rates are "
+        f"not those of any branch ({', '.join(values)}). {to_choose(plant, t, q) or 'Give other rates'}"
+    )
+
+
+def open_rates(plant: Plant, t: float, q: Array) -> tuple[str, ...]:
+    """Return the joints whose rates the loops do not determine at q (nq,), and that were not given one."""
+    system: Any = plant.system
+    terms = system.allocate_terms()
+    system.fill_position(t, q, terms)
+    _, sigma, V = np.linalg.svd(terms.J * system.size / system.row_size[:, None])
+    null = V[int(np.sum(sigma > OPEN * sigma[0])) :]
+    moved = np.linalg.norm(null, axis=0) > PART
+    first, names = 0, []
+    for body in free_bodies(plant.mechanism):
+        if body.joint.rate is None and moved[first : first + body.joint.nv].any():
+            names.append(body.name)
+        first += body.joint.nv
+    return tuple(names)

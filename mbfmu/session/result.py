@@ -1,0 +1,277 @@
+"""Result of a run: outputs over time, statistics of the solver, failure, warnings and remarks."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import asdict, dataclass, fields
+from html import escape
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from mbfmu.mechanics import Variable
+from mbfmu.modeling.settings import Settings
+from mbfmu.util.errors import UserError, suggest
+from mbfmu.util.extras import optional
+from mbfmu.util.files import replacing
+from mbfmu.util.table import power
+from solvers import Statistics
+from solvers.system import Array
+
+FORMAT = 1  # of a saved result
+
+
+@dataclass
+class Result:
+    """Result of a run: outputs over time, statistics of the solver, failure, warnings and remarks.
+
+    ``result["crank.angle"]`` is one output over ``result.t``.
+
+    Attributes
+    ----------
+    t
+        Times (k,), s.
+    values
+        Outputs (k, n), one column per variable.
+    variables
+        Name, unit and description of each column of ``values``.
+    statistics
+        Counts of steps, evaluations and other work of the solver.
+    wall_time
+        Time between the first and the last output, s.
+    name
+        Name of the model or of the scene.
+    settings
+        Settings of the integration; None: unknown.
+    failure
+        Reason why the run ended early, and advice; empty: it did not.
+    verdict
+        Time and size of the first violation of the energy balance; empty: there is none.
+    coarse
+        Place where cells of a sheet bend too far for their grid; empty: there is none, or the run ended early.
+    remarks
+        Warnings and notes that do not stop the run.
+    inputs
+        One message per given input: how it was interpolated.
+    """
+
+    t: Array
+    values: Array
+    variables: tuple[Variable, ...]
+    statistics: Statistics
+    wall_time: float
+    name: str = ""
+    settings: Settings | None = None
+    failure: str = ""
+    verdict: str = ""
+    coarse: str = ""
+    remarks: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(v.name for v in self.variables)
+
+    @property
+    def warning(self) -> str:
+        """Reason why the result may be wrong although the run has reached its end; empty: there is none."""
+        return together(self.verdict, self.coarse)
+
+    @property
+    def title(self) -> str:
+        """Model or scene, solver and tolerance in one line."""
+        how = f"{self.settings.solver}, tolerance {power(self.settings.tolerance)}" if self.settings else ""
+        return ", ".join(filter(None, (self.name, how)))
+
+    def __getitem__(self, name: str) -> Array:
+        """Return one output over time."""
+        return self.values[:, self.column(name)]
+
+    def column(self, name: str) -> int:
+        """Return the number of the column of ``values`` that contains an output.
+
+        Parameters
+        ----------
+        name
+            Name of the output.
+
+        Returns
+        -------
+        int
+            Number of the column, from 0.
+
+        Raises
+        ------
+        UserError
+            There is no such output; the message contains similar names.
+        """
+        if name not in self.names:
+            raise UserError(f"no output {name!r}{suggest(str(name), self.names)}")
+        return self.names.index(name)
+
+    def unit(self, name: str) -> str:
+        """Return the unit of an output.
+
+        Parameters
+        ----------
+        name
+            Name of the output.
+
+        Returns
+        -------
+        str
+            Unit in the notation of FMI, such as ``rad/s``.
+        """
+        return self.variables[self.column(name)].unit
+
+    def as_dict(self) -> dict[str, Array]:
+        """Return a dictionary of all outputs: arrays (k,) by name."""
+        return {name: self.values[:, i] for i, name in enumerate(self.names)}
+
+    # ---- for other tools ----------------------------------------------------------------------------------------
+
+    def to_dataframe(self) -> Any:
+        """Return a pandas DataFrame with one column per output; index: time in s; units in ``attrs["units"]``."""
+        pandas = optional("pandas")
+        frame = pandas.DataFrame(self.values, index=pandas.Index(self.t, name="time"), columns=list(self.names))
+        frame.attrs["units"] = {v.name: v.unit for v in self.variables}
+        return frame
+
+    def to_xarray(self) -> Any:
+        """Return an xarray Dataset with one variable per output over ``time`` in s, with unit and description."""
+        xarray = optional("xarray")
+        outputs = {
+            v.name: ("time", self.values[:, i], {"units": v.unit, "long_name": v.description})
+            for i, v in enumerate(self.variables)
+        }
+        return xarray.Dataset(outputs, coords={"time": ("time", self.t, {"units": "s"})}, attrs={"title": self.title})
+
+    def plot(self, *names: str) -> Any:
+        """Return a matplotlib figure of outputs over time with one panel per unit.
+
+        Parameters
+        ----------
+        *names
+            Names of outputs, or patterns: ``plot("coupler.*")`` draws the outputs whose names begin with
+            ``coupler.``, and ``plot("*")`` all. Without names the first twelve outputs of each unit are drawn, but no
+            residuals and no energy error. These have logarithmic axes.
+
+        Raises
+        ------
+        UserError
+            A name is not an output, and no output matches it as a pattern.
+        """
+        import matplotlib.pyplot as plt
+
+        from mbfmu.plotting.time_series import draw, size
+
+        figure = plt.figure(figsize=size(self, names), layout="constrained")
+        draw(figure, self, names)
+        return figure
+
+    def _repr_html_(self) -> str:
+        """Return a table for a notebook: every output with its unit, first, last, smallest and largest value."""
+        head = "<tr><th>output</th><th>unit</th><th>start</th><th>end</th><th>least</th><th>most</th></tr>"
+        rows = [
+            f"<tr><td>{escape(v.name)}</td><td>{escape(v.unit)}</td>"
+            + "".join(f"<td>{x:.6g}</td>" for x in (own[0], own[-1], own.min(), own.max()))
+            + "</tr>"
+            for v, own in zip(self.variables, self.values.T, strict=True)
+        ]
+        notes = [escape(text) for text in (self.failure, self.warning, *self.remarks, *self.inputs) if text]
+        said = "".join(f"<p>{note}</p>" for note in notes)
+        return f"<b>{escape(self._line())}</b>{said}<table>{head}{''.join(rows)}</table>"
+
+    def __repr__(self) -> str:
+        """Return the run in one line."""
+        return f"<Result of {self._line()}>"
+
+    def _line(self) -> str:
+        span = f"{len(self.t)} times from {self.t[0]:g} to {self.t[-1]:g} s, {len(self.variables)} outputs"
+        return ": ".join(filter(None, (self.title, span))) + (", ended early" if self.failure else "")
+
+    # ---- files --------------------------------------------------------------------------------------------------
+
+    def write_csv(self, path: Path | str) -> None:
+        """Write time and outputs as comma-separated values; the header contains names and units.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        UserError
+            The file cannot be written.
+        """
+        with replacing(path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(["time [s]", *(f"{v.name} [{v.unit}]" for v in self.variables)])
+            for t, row in zip(self.t, self.values, strict=True):
+                writer.writerow([repr(float(t)), *(repr(float(x)) for x in row)])
+
+    def save(self, path: Path | str) -> None:
+        """Write the whole result to a file, for :meth:`load`.
+
+        Parameters
+        ----------
+        path
+            Path of the file, with the suffix ``.npz``.
+
+        Raises
+        ------
+        UserError
+            The file cannot be written.
+        """
+        told = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("t", "values")}
+        told |= {"variables": [asdict(v) for v in self.variables], "statistics": asdict(self.statistics)}
+        told["settings"] = asdict(self.settings) if self.settings else None
+        with replacing(path) as unfinished, unfinished.open("wb") as file:
+            np.savez_compressed(file, t=self.t, values=self.values, told=json.dumps({"format": FORMAT} | told))
+
+    @classmethod
+    def load(cls, path: Path | str) -> Self:
+        """Return the result in a file that :meth:`save` has written.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Returns
+        -------
+        Result
+            The result, equal to the saved one.
+
+        Raises
+        ------
+        UserError
+            The file is not a saved result.
+        """
+        try:
+            with np.load(path) as file:
+                told = json.loads(str(file["told"]))
+                t, values = file["t"], file["values"]
+            if told.pop("format") != FORMAT:
+                raise ValueError("another format")
+            told["variables"] = tuple(Variable(**v) for v in told["variables"])
+            told["statistics"] = Statistics(**told["statistics"])
+            told["settings"] = Settings(**told["settings"]) if told["settings"] else None
+            if (
+                t.ndim != 1
+                or values.shape != (len(t), len(told["variables"]))
+                or t.dtype.kind + values.dtype.kind != "ff"
+            ):
+                raise ValueError(f"times {t.shape} and values {values.shape} do not belong together")
+            return cls(t, values, **told | {name: tuple(told.get(name, ())) for name in ("remarks", "inputs")})
+        except Exception as error:  # a file of another kind fails in any of these
+            raise UserError(f"{str(path)!r} is not a saved result: {error}") from error
+
+
+def together(*warnings: str) -> str:
+    """Return several messages as one text, without the empty ones."""
+    return ". ".join(filter(None, warnings))

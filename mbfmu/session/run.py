@@ -1,0 +1,199 @@
+"""A direct run, without an FMU: a model's outputs over time."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics import Mechanism
+from mbfmu.mechanics.arrays.given import Courses, Given
+from mbfmu.mechanics.numbers import array_of, positive
+from mbfmu.mechanics.signals import Signal
+from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.scene import MAX_OUTPUTS
+from mbfmu.modeling.settings import Settings
+from mbfmu.util.errors import UserError
+
+from .interrupts import interrupts_held
+from .result import Result
+from .simulation import Array, Simulation
+
+__all__ = ["Result", "communication_points", "run", "simulate"]
+
+ROWS, BRIEF = 100, 0.05  # outputs recorded before progress is reported first; s: twice as many if that took less
+
+
+def communication_points(stop_time: float, interval: float) -> Array:
+    """Return 0, interval, 2 interval, ... and the stop time, s; UserError where there are none or too many."""
+    stop_time, interval = positive("stop time", stop_time), positive("interval", interval)
+    if stop_time / interval > MAX_OUTPUTS:
+        raise UserError(
+            f"interval is {interval!r} s for {stop_time!r} s; allowed: at most {MAX_OUTPUTS:g} points. Use "
+            "a larger interval"
+        )
+    count = int(np.ceil(stop_time / interval - 1e-9))
+    times: Array = np.minimum(interval * np.arange(count + 1), stop_time)
+    return times
+
+
+def check_interval(stop_time: float, interval: float) -> None:
+    """Refuse an interval, s, that was given for a run and is longer than it; raises UserError."""
+    if interval > stop_time:
+        raise UserError(
+            f"interval is {interval!r} s, longer than the run of {stop_time!r} s; allowed: at most the stop time. Give "
+            "a shorter interval or a later stop time"
+        )
+
+
+def loops(model: Model) -> list[str]:
+    """Return messages on trivially satisfied and redundant constraint equations of a model at its start."""
+    plant = model.plant()
+    return plant.assembly.notes(0.0, plant.assemble()[0]) if plant.mechanism.constraints else []
+
+
+def simulate(
+    model: Model | Mechanism,
+    stop_time: float | None = None,
+    *,
+    interval: float | None = None,
+    inputs: Mapping[str, Given] | None = None,
+    watch: Callable[[Simulation], None] | None = None,
+    **settings: Any,
+) -> Result:
+    """Simulate a model or a mechanism from its start until ``stop_time``.
+
+    Parameters
+    ----------
+    model
+        A model, or a mechanism without a model.
+    stop_time, interval
+        End of the run and time between outputs, s; by default those of the model.
+    inputs
+        Values by name: a number, or a motion for the whole run: a function of time (s), an expression such as
+        ``"10 * sin(30 * t)"``, a pair (times, values) of arrays, a :class:`.Table` or another signal. These are
+        evaluated at the solver's times, so that the result has the solver's accuracy at any ``interval``. Points of
+        loads and of rates are joined by straight lines, those of driven positions by a cubic spline. A function must
+        depend on time alone, and is called before the run. ``Result.inputs`` states how each input was treated.
+    watch
+        Function that receives the simulation at every output.
+    **settings
+        Settings, see :class:`~mbfmu.modeling.settings.Settings`: ``solver``, ``tolerance``, ``max_step``,
+        ``start_at_equilibrium``,
+        ``input_interpolation`` (of loads that ``watch`` sets by :meth:`.Simulation.set_input`, between two outputs) and
+        others.
+
+    Returns
+    -------
+    Result
+        Outputs over time, statistics of the solver, and ``failure``, ``warning`` and ``remarks``.
+
+    Raises
+    ------
+    UserError
+        The model, the times, the inputs or the settings are invalid. A run that stops early does not raise:
+        ``failure`` of the result contains the reason.
+
+    Warns
+    -----
+    RuntimeWarning
+        During the run, if `ida` takes very many steps and a trial shows that another solver is far faster.
+    """
+    model = of_user(model)
+    times = communication_points(
+        model.stop_time if stop_time is None else stop_time, model.output_interval if interval is None else interval
+    )
+    if interval is not None:
+        check_interval(float(times[-1]), interval)
+    own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance}
+    return run(model, Settings(**own | settings), times, watch=watch, inputs=inputs, report=warn_of_pace)
+
+
+def is_course(value: Any) -> bool:
+    """Whether an input is given by more than one number."""
+    return callable(value) or isinstance(value, str | Signal) or np.ndim(value) > 0 or isinstance(value, tuple | list)
+
+
+def warn_of_pace(text: str) -> None:
+    """Issue a RuntimeWarning at once: the result, which contains the remark too, may come much later."""
+    warnings.warn(text, RuntimeWarning, stacklevel=2)
+
+
+def run(
+    model: Model | Mechanism,
+    settings: Settings,
+    times: Array,
+    progress: Callable[[float], None] | None = None,
+    watch: Callable[[Simulation], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+    inputs: Mapping[str, Given] | None = None,
+    report: Callable[[str], None] | None = None,
+) -> Result:
+    """Run a model directly, without an FMU, and record its outputs at ``times``; stops at a failure.
+
+    ``inputs`` are as :func:`simulate` takes them. ``watch`` is shown
+    the simulation whenever its outputs have been read: its bodies are in place then.
+    ``warn`` is called at once when the energy balance is violated, ``report`` (else ``warn``) when another solver is
+    far faster. The run continues.
+
+    Raises
+    ------
+    UserError
+        Times that do not ascend, and what :class:`Simulation` raises.
+    """
+    times = array_of("times", times)
+    if times.ndim != 1 or not len(times) or not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):
+        raise UserError(f"times are {times!r}; allowed: finite numbers, each greater than the one before")
+    if watch is not None and not callable(watch):
+        raise UserError(f"watch is {watch!r}; allowed: a function that is shown the simulation")
+    if not isinstance(inputs or {}, Mapping):
+        raise UserError(f"inputs are {inputs!r}; allowed: numbers or functions of time by the names of inputs")
+    given = {name: value for name, value in (inputs or {}).items() if is_course(value)}
+    numbers: dict[str, Any] = {name: value for name, value in (inputs or {}).items() if name not in given}
+    courses = Courses(given, numbers, times, settings.tolerance, set_later=watch is not None)
+    start, duration = float(times[0]), float(times[-1] - times[0])
+    simulation = Simulation(model, settings, start, numbers, courses=courses, duration=duration or None)
+    simulation.pace.end, simulation.report = float(times[-1]), report or warn
+    varying = courses.held
+    values = np.zeros((len(times), len(simulation.variables)))
+    values[0] = simulation.outputs()
+    if watch is not None:
+        watch(simulation)
+    begin, done, failure, told, many = time.perf_counter(), 1, "", "", ROWS
+    with interrupts_held() as interrupt:
+        while done < len(times) and not failure:
+            interrupt()
+            for course in varying:
+                simulation.set_input(course.name, course.value(float(times[done - 1])))
+            rows, before = slice(done, done + (1 if watch or varying else many)), time.perf_counter()
+            done += simulation.record(times[rows], values[rows])
+            many *= 1 if time.perf_counter() - before > BRIEF else 2
+            if warn is not None and simulation.verdict != told:
+                told = simulation.verdict
+                warn(told)
+            failure = simulation.failure
+            if failure:
+                break
+            if watch is not None:
+                watch(simulation)
+            if progress is not None:
+                progress(float(times[done - 1]))
+    wall = time.perf_counter() - begin
+    coarse = "" if failure else simulation.coarse
+    return Result(
+        t=times[:done],
+        values=values[:done],
+        variables=simulation.variables,
+        statistics=simulation.statistics,
+        wall_time=wall,
+        name=simulation.model.name,
+        settings=settings,
+        failure=failure,
+        verdict=simulation.verdict,
+        coarse=coarse,
+        remarks=tuple(filter(None, (str(simulation.pick), *simulation.remarks, *courses.remarks()))),
+        inputs=courses.summary(settings.input_interpolation),
+    )

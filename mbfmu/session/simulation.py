@@ -1,0 +1,620 @@
+"""A model at work: one object behind the direct run and inside the FMU."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import replace
+from math import isnan, nan
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics.arrays.given import Courses
+from mbfmu.mechanics.arrays.points import CHANGED, DEPARTS, JUMPS
+from mbfmu.mechanics.numbers import finite
+from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.settings import AUTO, Settings
+from mbfmu.modeling.variables import ENERGY_OUTPUTS, unique
+from mbfmu.sheets.bending_monitor import Folds, Sharpest
+from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
+from mbfmu.util.codes import code_of, coded
+from mbfmu.util.errors import UserError
+from solvers import SolverError, Statistics, Status, stepper
+from solvers.compiled.kernel import COMPILED
+from solvers.ledger import THROUGHPUT
+from solvers.stepper import Samples, Stepper
+
+from .energy_check import EnergyCheck
+from .failure_diagnosis import explain_rates, to_choose, why
+from .result import together
+from .serialization import frame, unframe
+from .solver_selection import SolverPick, limit_order, pick
+from .step_count import PaceCheck
+from .tolerances import describe_coarse, describe_loose
+from .warmup import MOST_STEPS, ran
+
+__all__ = ["Settings", "Simulation"]
+
+Array = NDArray[np.float64]
+
+_compiled: set[tuple[type, bool]] = set()  # kinds of runs whose kernels this process has compiled
+
+
+class Mark(NamedTuple):
+    """State that a simulation can be rewound to."""
+
+    stepper: bytes  # state of the stepper, with history and counters
+    inputs: dict[str, list[Any]] | None  # where they remember anything
+    work_of_jumps: float  # J
+    balance: tuple[float, str, float] | None  # state of the energy check
+    sharpest: Sharpest
+    remarks: int  # how many there were
+
+
+class Simulation:
+    """Simulation of a model that is advanced step by step, with inputs and parameters that change between steps.
+
+    Parameters
+    ----------
+    model
+        Model, or a mechanism without a model.
+    settings
+        Solver, tolerance and other settings of the run.
+    t0
+        Start time, s.
+    begins
+        Whether the model is checked for contacts at the start; False for a run that continues another one.
+    inputs
+        Values of inputs, by name or number, that differ from their start. A support that is moved by them starts with
+        this position and rate, and the bodies connected to it move with it: start velocities are relative.
+    courses
+        Inputs given for the whole run as functions of time or tables, see :mod:`mbfmu.mechanics.arrays.given`.
+    duration
+        Time of the whole run, s; if it is not given or 0, the stop time of the model. It is the time scale of a
+        start at rest if no force, drive or rate gives another one.
+
+    Attributes
+    ----------
+    pick
+        Solver in use and the reason: that of the settings, or the one that ``auto`` has chosen.
+    start
+        Positions (nq,) and velocities (n,) at the start, with closed loops.
+    lock
+        Reason why nothing can move although nothing is driven; empty: something can move.
+    work_of_jumps
+        Work done on the mechanism by jumps of inputs and of tunable parameters, J: work of impulses of supports, and
+        changes of potential energy at constant position.
+    remarks
+        Warnings and notes that do not stop the run.
+    pace
+        Check of the number of steps; its ``end`` is the end of the run, s, if that is known.
+    report
+        Function that receives a message about the computing time at once, while :meth:`advance` continues.
+    variables
+        What :meth:`outputs` returns: the plant's outputs, then those of the energy check (NaN if it is off, or if no
+        degree of freedom is free).
+
+    Raises
+    ------
+    UserError
+        The model cannot be built, assembled or balanced with these parameters.
+    """
+
+    def __init__(
+        self,
+        model: Model | Mechanism,
+        settings: Settings,
+        t0: float = 0.0,
+        inputs: Mapping[int, float] | Mapping[str, float] | None = None,
+        *,
+        begins: bool = True,
+        courses: Courses | None = None,
+        duration: float | None = None,
+    ) -> None:
+        self.model = own = of_user(model)
+        self.settings, self._courses = settings, courses
+        self.plant = own.plant(courses)
+        if settings.input_interpolation == "linear":
+            self.plant.inputs.extrapolate()
+        known = enumerate(self.plant.inputs.variables)
+        self._inputs: dict[Hashable, int] = {key: k for k, v in known for key in (v.name, k)}
+        if not isinstance(inputs or {}, Mapping):
+            raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
+        given, unstable = self._starts(inputs or {}, t0), ""
+        if settings.start_at_equilibrium:  # whose time is zero; the drives are where they are at the start time
+            found = find_state(build_problem(own, self._held_plant(inputs or {}, given)))
+            unstable = report_unstable(found)
+        self.plant.inputs.begin(t0, given)
+        q, v = (found.q, found.v) if settings.start_at_equilibrium else self.plant.assemble(t0)
+        beside = self.plant.check_meetings(t0, q) if begins else []
+        self.start, found_out = (q, v), settings.solver == AUTO
+        if duration is not None and finite("duration", duration) < 0.0:
+            raise UserError(f"duration is {duration!r}; allowed: at least 0 s (0: the stop time of the model)")
+        options = settings.options(duration or own.stop_time)
+        self.pick = pick(self.plant, [(t0, q, v)], options) if found_out else SolverPick(settings.solver)
+        self._options, limited = limit_order(self.plant, self.pick.solver, (t0, q, v), options)
+        self.pace = PaceCheck(self._copy_plant, self._options, self._report_pace)
+        self.report: Callable[[str], None] | None = None
+        self.stepper = self._stepper(t0, q, v)
+        self.variables = (*self.plant.outputs, *ENERGY_OUTPUTS)
+        unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
+        self._out = np.zeros(len(self.variables))
+        self.work_of_jumps = 0.0
+        self.remarks: list[str] = []
+        self._told_jumps: set[str] = set()  # names of inputs
+        self._remark(self.stepper.notice)
+        if self.stepper.starts_singular:
+            if self.plant.system.has_matrices and (off := explain_rates(self.plant, t0, q, v, settings.tolerance)):
+                raise UserError(f"model {self.model.name!r}: {off}", "singular-start")
+            if advice := to_choose(self.plant, t0, q):
+                self._remark(
+                    coded(
+                        "singular-start",
+                        "the start is a singular configuration, in which the loops do not determine all rates; the "
+                        f"rates nearest to the given ones are used. {advice}",
+                    )
+                )
+        changed = [] if settings.start_at_equilibrium else self.plant.assembly.changes(q, v, settings.tolerance)
+        self.lock = self.plant.explain_lock(t0, q, self.stepper.freedom)
+        beside = [*beside, *self.plant.coincident(t0, q)]
+        loose = describe_loose(self.plant, settings.tolerance)
+        coarse = describe_coarse(self.plant, settings.tolerance, self.stepper.freedom)
+        for remark in (unstable, self.lock, *self.plant.rounding, *changed, loose, coarse, limited, *beside):
+            self._remark(remark)
+        # where nothing is free nothing is integrated but the work, whose error no tolerance controls
+        checked = settings.energy_check and self.stepper.freedom > 0
+        self.energy_check = (
+            EnergyCheck(self.plant, settings.tolerance, self.energy(), self.stepper.freedom) if checked else None
+        )
+        self._folds, self._told_undetermined, self._end = Folds(self.plant, t0, q), False, t0
+        self._rehearse(t0, q, v)
+
+    def _starts(self, inputs: Mapping[Any, Any], t0: float) -> dict[int, float]:
+        """Return the values of inputs at the start by their numbers, without those that are signals in this run."""
+        given = dict(inputs)
+        if self._courses:
+            for name in self._courses.unused:
+                self._input(name)  # raises
+            given |= {course.name: course.value(t0) for course in self._courses.held}
+        checked = {key: finite(f"input {key!r}", value) for key, value in given.items()}
+        signals = self._courses.replaced if self._courses else set()
+        return {self._input(key): value for key, value in checked.items() if key not in signals}
+
+    def _held_plant(self, inputs: Mapping[Any, Any], given: dict[int, float]) -> Plant:
+        """Return a plant whose inputs are all held at their values at the start, to look for a steady state in."""
+        plant = self.model.plant()  # whose signals are held too
+        if self._courses:
+            known = {v.name: k for k, v in enumerate(plant.inputs.variables)}
+            given = {known[name]: float(value) for name, value in {**inputs, **self._courses.starts()}.items()}
+        plant.inputs.begin(0.0, given)
+        return plant
+
+    def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
+        """Return the solver that was chosen, at a state."""
+        try:
+            made = stepper(self.pick.solver, self.plant.system, t, q, v, self._options)
+            self.pace.attach(made)
+            return made
+        except ValueError as error:
+            told = str(error)
+            if t == 0.0 and told.startswith("t0 is"):  # the clock resolves everything there but what is no number
+                told = coded(
+                    "clock-resolution",
+                    "rates or accelerations at the start are too large for floating-point numbers; reduce gravity, "
+                    "forces, stiffness or velocities, or increase masses and lengths",
+                )
+            raise UserError(f"model {self.model.name!r}: {told}") from error
+
+    def _copy_plant(self) -> Plant:
+        """Return another plant of the same model, whose inputs are what they are now."""
+        plant = self.model.plant(self._courses)
+        if self.settings.input_interpolation == "linear":
+            plant.inputs.extrapolate()
+        plant.inputs.restore(self.plant.inputs.state())
+        return plant
+
+    def _report_pace(self, text: str) -> None:
+        self._remark(text)
+        if self.report is not None:
+            self.report(text)
+
+    def _rehearse(self, t0: float, q: Array, v: Array) -> None:
+        """Have everything compiled that a run calls, once in a process for each kind of run."""
+        kind = (type(self.stepper), self.plant.system.m > 0)
+        if kind in _compiled or not COMPILED:
+            return
+        options = replace(self._options, max_steps=MOST_STEPS)
+        trial = stepper(self.pick.solver, self.plant.system, t0, q, v, options)
+        if ran(trial, self.plant, len(self._out)):
+            _compiled.add(kind)
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Refuse to be copied or pickled, as its stepper does."""
+        raise TypeError("a simulation cannot be copied or pickled: make another of the same model, and restore(save())")
+
+    @property
+    def t(self) -> float:
+        """Time reached, s."""
+        return float(self.stepper.t)
+
+    @property
+    def statistics(self) -> Statistics:
+        """Counts of steps, evaluations and other work of the solver so far."""
+        return self.stepper.statistics
+
+    def loops(self) -> list[str]:
+        """Return messages on trivially satisfied and on redundant constraint equations."""
+        return self.plant.assembly.notes(self.t, self.stepper.q)
+
+    def energy(self) -> float:
+        """Kinetic and potential energy at the time reached, J."""
+        return self.plant.energy(self.stepper.t, self.stepper.q, self.stepper.v)
+
+    def start_remarks(self) -> list[str]:
+        """Return the remarks on the model and on its start, without those on the choice of the solver."""
+        return [text for text in self.remarks if code_of(text)]
+
+    @property
+    def failure(self) -> str:
+        """Reason why the last :meth:`advance` or :meth:`record` ended early, and advice; empty: it did not."""
+        s = self.stepper
+        return self._folds.folded if s.status.ok else why(self.plant, s.status, s.q, self._end, s.starts_singular)
+
+    @property
+    def verdict(self) -> str:
+        """Time and size of the first violation of the energy balance; empty: there is none."""
+        return self.energy_check.verdict if self.energy_check else ""
+
+    @property
+    def coarse(self) -> str:
+        """Place, time and angle of the largest bending of cells, if it is too large for the grid; empty: it is not."""
+        return self._folds.coarse
+
+    @property
+    def warning(self) -> str:
+        """Reason why the result may be wrong; empty: there is none."""
+        return together(self.verdict, self.coarse)
+
+    def advance(self, t: float) -> Status:
+        """Advance to a communication point.
+
+        Parameters
+        ----------
+        t
+            Time of the communication point, s, not before the time reached.
+
+        Returns
+        -------
+        Status
+            Whether the solver has reached t. If it has not, the last good state remains. :attr:`failure` contains the
+            reason; it also reports a folded sheet, which the status does not.
+
+        Raises
+        ------
+        UserError
+            t is before the time reached.
+        """
+        t = finite("the time to advance to", t)
+        if t < self.stepper.t:
+            raise UserError(
+                f"the time to advance to is {t!r} s, but the simulation has reached {self.t!r} s; restore a saved "
+                "state to go back"
+            )
+        self._end = t
+        self._set_out(t)
+        stepper = self.stepper
+        status = stepper.advance(t)
+        t, q = stepper.t, stepper.q
+        if self.energy_check:
+            self._balance(t, q, self.plant.energy(t, q, stepper.v), stepper.ledger)
+        self._folds.look(t, q)
+        self._remark(stepper.notice)
+        return status
+
+    def _set_out(self, end: float) -> None:
+        """Start the prescribed motion of input-driven supports over the communication step that ends at ``end``, s.
+
+        Velocity discontinuities of all supports are applied as a single impulse.
+        """
+        inputs, t = self.plant.inputs, self.t
+        if not (inputs.remember and end > t):
+            return
+        found = inputs.set_out(t, float(end))
+        if found & CHANGED:
+            self.stepper.renew()
+        if not found & DEPARTS:
+            return
+        before = self.energy()
+        try:
+            dv = inputs.impulse(t, lambda: self.stepper.accelerations()[0]) if found & JUMPS else None
+        except SolverError as error:
+            names = ", ".join(map(repr, inputs.jumping()))
+            raise UserError(
+                f"the rate of input {names} jumps at t = {t:.9g} s, where the impulse is not determined: {error}"
+            ) from error
+        jumped = inputs.depart(self.settings.tolerance)
+        if dv is None:
+            self.stepper.renew()
+        else:
+            self.stepper.jump(dv)
+        self._book_jump(before)
+        for name, size in jumped:
+            if name not in self._told_jumps:
+                self._told_jumps.add(name)
+                self._remark(
+                    coded(
+                        "input-jump",
+                        f"input {name!r} at t = {t:.9g} s: its position differs by {size} from the value that its rate "
+                        "gives; the joint is moved there within the next communication step. Set position and rate "
+                        "consistently, or use a smaller communication step",
+                    )
+                )
+
+    def _remark(self, text: str) -> None:
+        if text and text not in self.remarks:
+            self.remarks.append(text)
+
+    def outputs(self) -> Array:
+        """Return the outputs at the time reached.
+
+        Returns
+        -------
+        Array
+            Outputs (k,) in the order of ``variables``; the next call overwrites the array.
+
+        Raises
+        ------
+        UserError
+            The accelerations are not determined.
+        """
+        stepper = self.stepper
+        try:
+            a, lam = stepper.accelerations()  # the limit along the motion in a singular configuration
+        except SolverError as error:
+            raise UserError(f"model {self.model.name!r}: {error}") from error
+        t, q, out = stepper.t, stepper.q, self._out
+        self.plant.observe(t, q, stepper.v, a, lam, out)
+        self._tell_undetermined()
+        out[-2:] = self._balance(t, q, float(out[-2]), stepper.ledger)
+        return out
+
+    @property
+    def last_outputs(self) -> Array:
+        """Outputs of the last call of :meth:`outputs` or :meth:`record`, in the order of ``variables``."""
+        return self._out.copy()
+
+    def _balance(self, t: float, q: Array, energy: float, ledger: Array) -> tuple[float, float]:
+        """Return energy error and throughput of one state, J; NaN without energy check."""
+        if self.energy_check is None:
+            return nan, nan
+        return self.energy_check.look(t, q, energy, ledger), float(ledger[THROUGHPUT])
+
+    def _finish(self, times: Array, q: Array, ledgers: Array, values: Array) -> None:
+        """Put what the energy check finds in place of the energies that ``values`` (k, outputs) end in."""
+        if self.energy_check is None:
+            values[:, -2:] = nan
+            return
+        values[:, -2] = self.energy_check.check(times, q, values[:, -2], ledgers)
+        values[:, -1] = ledgers[:, THROUGHPUT]
+
+    def _book_jump(self, before: float) -> None:
+        """Book what a change at one state has made of the energy ``before``, J; it is no energy error."""
+        work = self.energy() - before
+        self.work_of_jumps += work
+        if self.energy_check:
+            self.energy_check.base += work
+
+    def record(self, times: Array, values: Array) -> int:
+        """Advance through several communication points and store the outputs at each.
+
+        Parameters
+        ----------
+        times
+            Times (k,), increasing, s.
+        values
+            Array (k, outputs) that receives the outputs, one line per time.
+
+        Returns
+        -------
+        int
+            Number of lines written; if it is less than k, :attr:`failure` contains the reason.
+
+        Raises
+        ------
+        UserError
+            The shape of ``values`` is another one.
+        """
+        times = np.ascontiguousarray(times)
+        if np.shape(values) != (len(times), len(self.variables)):
+            wanted = (len(times), len(self.variables))
+            raise UserError(f"values have the shape {np.shape(values)}; allowed: {wanted} (times, outputs)")
+        done, self._end = 0, float(max(times, default=self._end))
+        while done < len(times):
+            self._set_out(times[done])
+            ahead = times[done:] if self.plant.inputs.settled else times[done : done + 1]
+            samples = self.stepper.sample(ahead, values[done : done + len(ahead)])
+            count = self._folds.unfolded(ahead, samples.q)
+            rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
+            if count > 1:
+                self.plant.inputs.pass_by(float(ahead[count - 2]))
+            if count:
+                self._finish(times[rows], samples.q, samples.ledger, values[rows])
+            done = rows.stop
+            if self.failure:
+                break
+        if done:
+            self._out[:] = values[done - 1]
+        self._remark(self.stepper.notice)
+        self._tell_undetermined()
+        return done
+
+    def _tell_undetermined(self) -> None:
+        """Warn once that forces were read at a time at which they are not determined."""
+        if isnan(self.stepper.undetermined_at) or self._told_undetermined or not self.plant.tells_forces:
+            return
+        self._told_undetermined = True
+        self._remark(
+            coded(
+                "undetermined-forces",
+                f"outputs of forces at t = {self.stepper.undetermined_at:.9g} s are not determined and may be "
+                "unbounded, because the mechanism is in a singular configuration or too near to one. Read them at "
+                "other times, or change the lengths of the loop",
+            )
+        )
+
+    def _input(self, key: int | str) -> int:
+        """Return the number of an input."""
+        index = self._inputs.get(key) if isinstance(key, Hashable) else None
+        if index is None:
+            if self._courses and key in self._courses.replaced:
+                raise UserError(
+                    f"input {key!r} is given for the whole run, as a function of time or by points; it cannot be set "
+                    "during the run"
+                )
+            names = ", ".join(repr(name) for name in self._inputs if isinstance(name, str))
+            raise UserError(f"there is no input {key!r}; this model has {names or 'none'}")
+        return index
+
+    def set_input(self, key: int | str, value: float) -> None:
+        """Set an input at the time reached.
+
+        The input of a load is held or extrapolated from this time on, according to the settings. The input of a driven
+        joint is its position or rate at the end of the next communication step, which moves the joint there; see
+        :mod:`mbfmu.mechanics.arrays.motion`.
+
+        Parameters
+        ----------
+        key
+            Name or number of the input.
+        value
+            Value in the unit of the input.
+
+        Raises
+        ------
+        UserError
+            There is no such input, it is given for the whole run, or the value is not finite.
+        """
+        index, inputs = self._input(key), self.plant.inputs
+        if inputs.moves_support(index):
+            inputs.set(index, value)
+            return
+        before = self.energy() if inputs.weighs(index) else None
+        inputs.set(index, value, self.stepper.t)
+        if before is not None:
+            self._book_jump(before)
+        self.stepper.renew()
+
+    def retune(self, model: Model) -> None:
+        """Change tunable parameters at the time reached.
+
+        Parameters
+        ----------
+        model
+            Model of the same class, with the new values.
+
+        Raises
+        ------
+        UserError
+            A parameter that is not tunable differs, or the structure would change.
+        """
+        for p in model.parameters():
+            before, after = getattr(self.model, p.name), getattr(model, p.name)
+            if before != after and not (p.varies(before) and p.varies(after)):
+                why = f", from {before!r} to {after!r}" if p.tunable else ": it is not tunable"
+                raise UserError(f"parameter {p.name!r} cannot change during a run{why}")
+        before = self.energy()
+        self.plant.adopt(model.plant(self._courses))
+        self._book_jump(before)
+        self.model = model
+        self.stepper.restart()
+
+    def mark(self) -> Mark:
+        """Return a mark of the present state for :meth:`rewind`; it costs less than :meth:`save`."""
+        inputs = self.plant.inputs.state() if self.plant.inputs.remember else None
+        balance = self.energy_check.state if self.energy_check else None
+        place = self.stepper.save()
+        return Mark(place, inputs, self.work_of_jumps, balance, self._folds.sharpest, len(self.remarks))
+
+    def rewind(self, mark: Mark) -> None:
+        """Return to a mark and discard everything after it, except values of inputs that were set.
+
+        Solvers that keep their history in arrays continue bit for bit as if the discarded advance had not been tried.
+        ``ida``, whose history is inside SUNDIALS, is reinitialized at the state of the mark.
+
+        Parameters
+        ----------
+        mark
+            Mark of this simulation.
+        """
+        if mark.inputs is not None:
+            self.plant.inputs.restore(mark.inputs)
+        self.stepper.restore(mark.stepper)
+        del self.remarks[mark.remarks :]
+        self.work_of_jumps = mark.work_of_jumps
+        self._folds.rewind(mark.sharpest)
+        if self.energy_check and mark.balance:
+            self.energy_check.state = mark.balance
+
+    @property
+    def _owner(self) -> str:
+        """Model and settings that a simulation must have in common with this one to restore its states."""
+        fixed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if not p.tunable}
+        how = self.settings
+        return json.dumps(
+            [self.model.name, fixed, how.solver, how.tolerance, how.energy_check, how.input_interpolation]
+        )
+
+    def save(self) -> bytes:
+        """Return the whole state.
+
+        Returns
+        -------
+        bytes
+            State of solver, inputs and tunable parameters, for :meth:`restore` in this or another process.
+        """
+        changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
+        inputs, work = self.plant.inputs.state(), self.work_of_jumps
+        balance = list(self.energy_check.state) if self.energy_check else []
+        head = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
+        head["bent"] = self._folds.state()
+        head["pick"] = self.pick
+        return frame(self._owner, head, self.stepper.save())
+
+    def restore(self, state: bytes) -> None:
+        """Continue from a state that a simulation of the same model and settings has saved.
+
+        Parameters
+        ----------
+        state
+            State from :meth:`save`.
+
+        Raises
+        ------
+        UserError
+            The state is damaged, or of another model or other settings; nothing has changed then.
+        """
+        head, body = unframe(self._owner, state)
+        model = self.model.with_values(head["parameters"])
+        if model != self.model:
+            self.plant.adopt(model.plant(self._courses))
+            self.model = model
+        self.plant.inputs.restore(head["inputs"])
+        self.work_of_jumps = head["work_of_jumps"]
+        before, self.pick = self.pick, SolverPick(*head["pick"])
+        if self.pick.solver != before.solver:  # auto takes another one at other parameters
+            self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)
+        self.stepper.restart()  # the equations may have changed
+        self.stepper.restore(body)
+        if self.energy_check:
+            self.energy_check.state = head["balance"]
+        self._folds.restore(head["bent"], self.t, self.stepper.q)
+
+
+class RestingSimulation(Simulation):
+    """A simulation that is not to run: nothing is compiled for that, and its arrays are as they are at the start."""
+
+    def _rehearse(self, *_: Any) -> None:
+        """Rest."""

@@ -1,0 +1,247 @@
+"""The solver that ``auto`` stands for: found before the run by trying, from the model as it starts.
+
+Eigenvalues do not show which motion a solver must resolve: rotation at a constant speed requires no steps. So both
+families run for a short time with the settings of the run, and the results are discarded. The explicit solver is first.
+Where accuracy sets its steps it is the cheapest there is, and nothing else is tried. Where stability sets them the
+implicit one runs, some times as far, and the cheaper one is taken: by evaluations of the equations for a second of
+motion, which are the same on every machine and every day.
+
+A trial of an implicit solver is dear while what is fast still dies out. So what it will have to follow when that is
+done is estimated too, from eigenvalues and amplitudes (:mod:`mbfmu.session.stiffness`), and the lower number counts.
+Either may be too high: eigenvalues take a speed for a rate, a short trial the start for the whole.
+
+A model at rest needs no evaluations by an implicit solver. It will not remain at rest, so that no fewer are
+counted than gravity and drives will require. Stiffness after the trial, such as a stop that is reached later, is not
+detected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from mbfmu.mechanics import Plant
+from mbfmu.util.codes import coded
+from mbfmu.util.errors import UserError
+from mbfmu.util.table import counted
+from solvers import stepper
+from solvers.compiled.kernel import COMPILED
+from solvers.options import Options
+from solvers.stepper import SLOWEST_RATE
+from solvers.steppers import order_refusal
+from solvers.system import LARGEST_DENSE, Array
+
+from .stiffness import spectrum
+
+STEPS, IMPLICIT_STEPS = 300, 60  # of a trial, of the explicit solver and of the implicit one
+LONGEST = 1e3  # of a trial, in units of one over the rate of the motion
+FAR = 10.0  # times as far as the explicit one the implicit one may go: decays at the start count less
+WEIGHT = {"radau": 1.5, "esdirk": 2.5, "ida": 1.8}  # of an evaluation, in those of an explicit solver
+RUNGS = 10  # of twice the length each, by which it goes there
+LEAST = 50.0  # evaluations of an implicit solver for every 1/s of gravity and drives
+OWN, SWING = 250.0, 15.0  # per 1/s of the rate of the motion, and of a fast oscillation that is resolved
+GAIN, GAIN_OF_TREES = 1.0 / 6.0, 0.45  # evaluations of radau, and of esdirk or ida on trees, grow as tolerance to this
+WIDE = 10  # constraint equations from which LU on the dependent coordinates pays
+COARSE = 1e-6  # tightest tolerance of esdirk
+RESOLVED = 0.3  # part of the fastest undamped motion's rate that must be followed for orders of BDF above LOW_ORDER
+LOW_ORDER = 2  # of BDF, up to which undamped motions of any speed are stable
+
+State = tuple[float, Array, Array]  # t (s), q (nq,), v (n,)
+
+
+class SolverPick(NamedTuple):
+    """A solver, and the reason why ``auto`` selected it; no reason if it was requested."""
+
+    solver: str
+    reason: str = ""  # a clause with the numbers that decided
+    stiff: bool = False  # whether it was taken because an explicit one would take too many steps
+
+    def __str__(self) -> str:
+        """Return both as a message; empty if the solver was requested."""
+        return f"auto selected {self.solver!r}: {self.reason}" if self.reason else ""
+
+
+class _Trial(NamedTuple):
+    """What a solver did in a trial."""
+
+    end: State
+    took: float  # s
+    cost: float  # evaluations for a second of motion, 1/s; infinite where it did not get anywhere
+    limited: bool  # whether stability set the length of steps
+
+
+def pick(plant: Plant, states: Sequence[State], options: Options) -> SolverPick:
+    """Return the solver of the cheaper family for motions from these states, which must keep the constraints."""
+    if not plant.system.n:
+        return SolverPick("adams", "the drives determine the motion, and nothing is integrated")
+    if plant.system.stiff:
+        solver, size = implicit(plant, options.absolute)
+        return SolverPick(solver, f"stiff: {plant.system.stiff}; {size}", True)
+    first, size = explicit(plant)
+    if first == "ida":
+        return SolverPick(first, size)
+    tried = [_explicit(plant, first, state, options) for state in states]
+    if not any(trial.limited for trial in tried):
+        return SolverPick(first, f"not stiff, the step size is limited by accuracy; {size}")
+    other, other_size = implicit(plant, options.absolute)
+    costs = [_costs(plant, first, other, *both, options) for both in zip(states, tried, strict=True)]
+    cost, least = (sum(family) / len(states) for family in zip(*costs, strict=True))
+    numbers = f"per second of motion {cost:.3g} evaluations with {first!r}, and the cost of {least:.3g} with {other!r}"
+    if least < cost:
+        return SolverPick(other, f"stiff: {numbers}; {other_size}", True)
+    return SolverPick(first, f"not stiff: {numbers}; {size}")
+
+
+def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tuple[Options, str]:
+    """Return the options of a run, and a remark if they limit the order of `ida`, or if a lower or higher one was set.
+
+    Orders from 3 on are unstable on undamped motions that the steps do not resolve. A large tree without a mesh has
+    such motions if its fastest undamped one is much faster than what the solver has to follow.
+    """
+    s = plant.system
+    asked = options.max_order
+    if solver != "ida":
+        return options, ""
+    meshed = not s.has_matrices and s.meshed is not None and bool(s.meshed.any())
+    if asked and asked <= LOW_ORDER:
+        return options, "" if meshed and asked == LOW_ORDER else low_order(asked)
+    if s.has_matrices or s.meshed is None:
+        return options, ""
+    if meshed:  # of itself, it uses low orders there
+        return options, asked_order(asked, "the membrane motions of sheets are", "or use 'esdirk'") if asked else ""
+    if not COMPILED:  # the eigenvalues would take longer than most runs; without a limit the error is as small
+        return options, ""
+    try:
+        found = spectrum(plant, *state)
+    except UserError:
+        return options, ""
+    followed = found.followed(options.absolute)
+    if followed >= RESOLVED * found.undamped or followed <= SLOWEST_RATE / options.duration:
+        return options, ""  # in the second case it is at rest, and the motion to be resolved is unknown
+    if asked:
+        what = f"the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate {found.leading!r}) is"
+        return options, asked_order(asked, what, "or use 'adams' if the run is short")
+    return replace(options, max_order=LOW_ORDER), coded(
+        "limited-order",
+        f"'ida' uses orders 1 and 2 only: the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate "
+        f"{found.leading!r}) is hardly damped and faster than the resolved motion ({followed:.3g} rad/s), and "
+        "higher orders are unstable there. The error may be several hundred times the tolerance: choose a tolerance "
+        "100 times smaller than the required accuracy, or set max_order, or use 'adams' if the run is short",
+    )
+
+
+def low_order(order: int) -> str:
+    """Return the remark on an order that was set, where `ida` would use higher ones."""
+    lowest = order == 1
+    used, error, factor = ("order 1", "thousand", 10_000) if lowest else ("orders 1 and 2", "hundred", 1000)
+    return coded(
+        "limited-order",
+        f"max_order is {order}, so that 'ida' uses {used} only: the error may be several {error} times the tolerance. "
+        "Leave max_order at 0, which allows the orders that the model permits, or choose a tolerance "
+        f"{factor} times smaller than the required accuracy",
+    )
+
+
+def asked_order(order: int, what: str, other: str) -> str:
+    """Return the remark on an order that was set, where `ida` would use lower ones."""
+    return coded(
+        "unstable-order",
+        f"max_order is {order}, but {what} faster than the resolved motion, and orders from 3 on are unstable there if "
+        f"it is hardly damped: the run may take very many steps. Leave max_order at 0 (orders 1 and 2), {other}",
+    )
+
+
+def _explicit(plant: Plant, solver: str, state: State, options: Options) -> _Trial:
+    rate = max(_rate(plant, state), SLOWEST_RATE / options.duration)
+    return try_solver(plant, solver, state, options, [LONGEST / rate], STEPS)
+
+
+def _costs(plant: Plant, first: str, other: str, state: State, before: _Trial, options: Options) -> tuple[float, float]:
+    """Return what a second from this state on costs the explicit solver and the implicit one, 1/s.
+
+    ``before`` is the trial of the explicit one. The implicit one is tried last, since that takes longest, and gets on:
+    where it ends is the second state, about which the explicit one and the estimate are asked again.
+    """
+    weight, whole = WEIGHT[other], FAR * before.took
+    least = weight * LEAST * plant.system.rate
+    if not before.took:
+        return 0.0, 0.0
+    if not least < before.cost:
+        return before.cost, least
+    later = max(least, weight * _later(plant, state, options.absolute, whole))
+    if later < before.cost:
+        return before.cost, later
+    trial = try_solver(
+        plant, other, state, options, [whole / 2.0**rung for rung in range(RUNGS, -1, -1)], IMPLICIT_STEPS
+    )
+    again = _explicit(plant, first, trial.end, options)
+    later = weight * _later(plant, trial.end, options.absolute, FAR * again.took)
+    return again.cost if again.took else before.cost, max(least, min(weight * trial.cost, later))
+
+
+def _later(plant: Plant, state: State, tolerance: float, after: float) -> float:
+    """Return the evaluations of an implicit solver for a second of what is left ``after`` so long (s), 1/s.
+
+    They are infinite where they are not known.
+    """
+    try:
+        swinging = spectrum(plant, *state).swinging(tolerance, after)
+    except UserError:
+        return inf
+    gain = GAIN if plant.system.has_matrices else GAIN_OF_TREES
+    return float(max(OWN * _rate(plant, state), SWING * swinging) * (1e-6 / tolerance) ** gain)
+
+
+def _rate(plant: Plant, state: State) -> float:
+    """Return the rate of the motion by gravity, drives and velocities, 1/s; zero: at rest."""
+    return max(float(plant.system.rate), float(np.abs(state[2] / plant.system.size).max()))
+
+
+def try_solver(plant: Plant, solver: str, state: State, options: Options, times: Sequence[float], steps: int) -> _Trial:
+    """Try a solver for these times (s) one after the other, until it has taken ``steps`` steps.
+
+    A start that it refuses gets nowhere here; the run will say why.
+    """
+    begin = state[0]
+    order = None if order_refusal(solver, options.max_order) else options.max_order
+    options = replace(options, max_steps=steps, max_order=order, energy_check=False)
+    try:
+        trial = stepper(solver, plant.system, *state, options)
+    except ValueError:
+        return _Trial(state, 0.0, inf, False)
+    for t in times:
+        if not trial.advance(begin + t).ok or trial.statistics.steps > steps:
+            break
+    done, took = trial.statistics, trial.t - begin
+    cost = done.rhs_evals / took if took > 0.0 else inf
+    return _Trial((trial.t, trial.q, trial.v), took, cost, done.stability_limited > 0)
+
+
+def explicit(plant: Plant) -> tuple[str, str]:
+    """Return the solver to take where nothing is stiff, and what its size has to do with it."""
+    s, size = plant.system, counted(plant.system.n, "joint coordinate")
+    if not s.has_matrices and not s.m:
+        return "adams", f"a large open-chain model with {size}"
+    if s.n > LARGEST_DENSE:
+        return "ida", f"{size} with loops, too many for the dense matrices of 'adams' and 'hybrid'"
+    if s.m >= WIDE:
+        return "hybrid", f"{size} and {s.m} constraints"
+    return "adams", f"{size} and {counted(s.m, 'constraint')}" if s.m else f"{size} without loops"
+
+
+def implicit(plant: Plant, tolerance: float) -> tuple[str, str]:
+    """Return the solver to take where something is stiff, and what its size has to do with it."""
+    s, size = plant.system, counted(plant.system.n, "joint coordinate")
+    if s.has_matrices:
+        return "radau", size
+    if s.cornered:
+        return "esdirk", f"a large model with {size} and contact"
+    if s.m:
+        return "ida", f"a large model with {size} and {counted(s.m, 'constraint')}"
+    if tolerance < COARSE:
+        return "ida", f"a large model with {size} and a tolerance below {COARSE:g}, which is too small for esdirk"
+    return "esdirk", f"a large open-chain model with {size}"

@@ -1,0 +1,119 @@
+"""Mistakes a user can make; the message names the thing, its value and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+RENAMED = {  # names of earlier versions, and what each is called now
+    "TargetChoice": "Recommendation",
+    "Touch": "SurfaceContact",
+    "TouchHandle": "SurfaceContactHandle",
+    "add_touch": "add_contact",
+    "audit": "energy_check",
+    "choose": "recommend_solver",
+    "energy_exchanged": "energy_throughput",
+    "energy_imbalance": "energy_error",
+    "imbalance": "energy_error",
+    "inputs": "input_interpolation",
+    "readout": "show_outputs",
+    "tell": "report",
+    "turning_damping": "rotational_damping",
+    "turning_stiffness": "rotational_stiffness",
+}
+LONGEST_MESSAGE = 3000  # characters that the command prints of an error
+LONGEST = 200  # characters of a value in a message
+
+
+class UserError(ValueError):
+    """Base of every error that the command line prints without a traceback; the message ends in its code.
+
+    Parameters
+    ----------
+    message
+        What is wrong (name, value, time), what is allowed or why, and what to do.
+    code
+        Key of :data:`mbfmu.util.codes.TITLES`; by default that of the class. A quoted message keeps its own.
+    """
+
+    code: ClassVar[str] = "invalid-value"
+
+    def __init__(self, message: str = "", code: str = "") -> None:
+        from .codes import coded  # not before it is needed: it loads the solvers
+
+        super().__init__(coded(code or self.code, message))
+
+
+class AssemblyError(UserError):
+    """The loops of a mechanism cannot be closed, or its start is not consistent."""
+
+    code = "cannot-assemble"
+
+
+class EquilibriumError(UserError):
+    """No steady state was found, or what was found is none; the message gives the residual."""
+
+    code = "no-steady-state"
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise UserError if a file, or one in a folder, cannot be written."""
+    try:
+        yield
+    except BrokenPipeError:  # of what is printed meanwhile
+        raise
+    except OSError as error:
+        inside = error.filename is not None and path in Path(error.filename).parents
+        where = str(error.filename if inside else path)
+        raise UserError(f"{where!r} cannot be written: {error.strerror or error}", "file-access") from error
+
+
+def short(value: object) -> str:
+    """Return a value as Python writes it, or its class if that is long."""
+    text = repr(value)
+    return text if len(text) <= LONGEST and "\n" not in text else f"a {type(value).__name__}"
+
+
+def shorten(text: str) -> str:
+    """Return a message without its middle if it is long, as one that repeats what was given is."""
+    if len(text) <= LONGEST_MESSAGE:
+        return text
+    head, tail = 2 * LONGEST_MESSAGE // 3, LONGEST_MESSAGE // 3
+    return f"{text[:head]} [... {len(text) - head - tail} characters left out ...] {text[-tail:]}"
+
+
+def suggest(name: str, known: Iterable[str]) -> str:
+    """Return the end of a message about an unknown name: its new name, the nearest known one, or all of them."""
+    names = list(known)
+    if RENAMED.get(name) in names:
+        return f"; it is now called {RENAMED[name]!r}"
+    near = difflib.get_close_matches(name, names, n=1)
+    return f"; did you mean {near[0]!r}?" if near else f"; allowed: {', '.join(sorted(names))}"
+
+
+def missing_attribute(owner: str, name: str) -> AttributeError:
+    """Return the error for an attribute that ``owner`` does not have; it gives the new name of a renamed one."""
+    now = f"; it is now called {RENAMED[name]!r}" if name in RENAMED else ""
+    return AttributeError(f"{owner} has no attribute {name!r}{now}")
+
+
+def require_arguments(cls: type, given: Iterable[str]) -> None:
+    """Raise UserError if a class is given a keyword argument that its ``__init__`` does not have."""
+    known = _arguments(cls)
+    for name in given:
+        if known and name not in known:
+            raise UserError(f"{cls.__name__} has no argument {name!r}{suggest(name, known)}")
+
+
+@cache
+def _arguments(cls: type) -> tuple[str, ...]:
+    """Return the names of the arguments of ``cls.__init__`` without self; empty if it accepts any."""
+    arguments: list[Any] = list(inspect.signature(cls.__init__).parameters.values())[1:]  # type: ignore[misc]
+    accepts_any = any(a.kind is inspect.Parameter.VAR_KEYWORD for a in arguments)
+    return () if accepts_any else tuple(a.name for a in arguments)

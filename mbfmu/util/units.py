@@ -1,0 +1,62 @@
+"""Units: what names such as ``N.m`` or ``rad/s2`` mean in kg, m, s and rad."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from math import pi
+from typing import NamedTuple
+
+from .errors import UserError
+
+
+class Unit(NamedTuple):
+    """A product of powers of kg, m, s and rad, times a factor."""
+
+    exponents: dict[str, int]
+    factor: float
+
+
+SYMBOLS = {
+    "1": Unit({}, 1.0),
+    "kg": Unit({"kg": 1}, 1.0),
+    "m": Unit({"m": 1}, 1.0),
+    "s": Unit({"s": 1}, 1.0),
+    "rad": Unit({"rad": 1}, 1.0),
+    "N": Unit({"kg": 1, "m": 1, "s": -2}, 1.0),
+    "J": Unit({"kg": 1, "m": 2, "s": -2}, 1.0),
+    "W": Unit({"kg": 1, "m": 2, "s": -3}, 1.0),
+    "Pa": Unit({"kg": 1, "m": -1, "s": -2}, 1.0),
+    "Hz": Unit({"s": -1}, 1.0),
+    "g": Unit({"kg": 1}, 1e-3),
+    "mm": Unit({"m": 1}, 1e-3),
+    "min": Unit({"s": 1}, 60.0),
+    "deg": Unit({"rad": 1}, pi / 180.0),
+    "rev": Unit({"rad": 1}, 2.0 * pi),
+    "kN": Unit({"kg": 1, "m": 1, "s": -2}, 1e3),
+    "MPa": Unit({"kg": 1, "m": -1, "s": -2}, 1e6),
+}
+
+PART = re.compile(r"(^|[./])(1|[A-Za-z]+)(-?\d{1,2})?(?=[./]|$)")
+
+
+def read_unit(text: str) -> Unit:
+    """Return what a unit written as ``a.b2/c/d`` means.
+
+    Raises
+    ------
+    UserError
+        It is written in another way, or a symbol of it is unknown.
+    """
+    parts = list(PART.finditer(text)) if isinstance(text, str) and text[:1] not in ("/", ".") else []
+    if not parts or "".join(part.group() for part in parts) != text or any(p.group(2) not in SYMBOLS for p in parts):
+        raise UserError(f"unit is {text!r}; allowed: such as 'N.m' or 'rad/s2', of {', '.join(SYMBOLS)}")
+    total: Counter[str] = Counter()
+    factor = 1.0
+    for part in parts:
+        sign, symbol, power = part.groups()
+        exponent = int(power or 1) * (-1 if sign == "/" else 1)
+        factor *= SYMBOLS[symbol].factor ** exponent
+        for base, count in SYMBOLS[symbol].exponents.items():
+            total[base] += count * exponent
+    return Unit({base: count for base, count in total.items() if count}, factor)
