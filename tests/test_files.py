@@ -246,9 +246,9 @@ TEMPORARY = {  # functions that write into a folder of their own, which is remov
     "ensemble/work.py:__init__",
     "__main__.py:prepare_streams",  # the device, as below
     "cli/__init__.py:main",  # the device that swallows what is written to it
-    "files.py:write_text",
-    "files.py:write_bytes",
-    "files.py:check_writable",
+    "util/files.py:write_text",
+    "util/files.py:write_bytes",
+    "util/files.py:check_writable",
 }
 ALWAYS = {
     "write_text", "write_bytes", "savez", "savez_compressed", "savetxt", "tofile", "savefig", "savemat", "imsave",
