@@ -46,37 +46,46 @@ PAGE, PICTURE = ROOT / "docs" / "hard_cases.md", ROOT / "docs" / "images" / "nea
 
 INTRODUCTION = """# Hard cases: validation of singular, redundant and ill-conditioned mechanisms
 
-This page is written by `benchmarks/hard_cases.py`. Each mechanism is simulated with each solver that accepts it, and
-compared with a reference that shares no code with mbfmu: the motion in closed form or from equations derived by hand
-if available, otherwise maximal coordinates with redundant constraints removed by rank, integrated by SciPy's DOP853
-at 1e-11 with projection. For mechanisms of your own `mbfmu check SCENE` reports whether they are such cases,
-[choosing](choosing.md) helps to select a solver, and [limitations](limitations.md#loops) lists what is known to fail.
+This page is written by `benchmarks/hard_cases.py`. Each mechanism is simulated with each solver that accepts it. The
+results are compared with a reference that shares no code with mbfmu:
+
+- *hand-derived*: the motion in closed form, or from equations of motion that were derived by hand;
+- *maximal coordinates*, for all other mechanisms: position and orientation of each body, integrated by SciPy's DOP853
+  at a tolerance of 1e-11 with projection. Redundant constraint equations are removed by rank.
+
+`mbfmu check SCENE` reports whether a mechanism of your own is such a case. [Choosing a solver](choosing.md) helps to
+select a solver, and [limitations](limitations.md#loops) lists what is known to fail.
 
 ## How runs are classified
 
-A(t) is the factor by which errors grow in the motion: the reference is repeated with a random error of 1e-7 at each
-output time, and A is the largest deviation until t divided by 1e-7. A run at the relative tolerance rtol is
+A(t) is the factor by which errors grow in the motion. To compute it, the reference is repeated with random errors
+of 1e-7 (at each output time if it is hand-derived, otherwise after each step). A(t) is the largest deviation until
+t, divided by 1e-7. Positions are compared until 100 rtol A(t) exceeds 0.1, where rtol is the relative tolerance of
+the run. After that time errors may have grown so far that a difference of positions has no meaning; a change to
+another branch is then detected only by its energy. A run is
 
-- **right** if its error is at most 100 rtol A(t) at all times until 100 rtol A exceeds 0.1, its loops remain closed,
-  and a system without damping and drives conserves its energy within 2 %. After that time errors may have grown so
-  far that positions are not compared; a change to another branch would then be noticed only by its energy. If it is
-  before the end, the cell gives it.
-- **warned** if the error is larger and the run reports that its result may be wrong,
-- **refused** if the run stops with an error message,
+- **right** if its error is at most 100 rtol A(t) as long as positions are compared (plus ten times the uncertainty
+  of the reference), its loops remain closed, and the energy of a system without damping and drives is conserved
+  within 2 %,
+- **refused** if it is right until it stops with an error message, which it also does after 20 000 steps between two of
+  its 81 output times,
+- **warned** if it is neither, but reports that its result may be wrong, or stops with an error message,
 - **wrong** otherwise.
 
-If a singular configuration is missed by 1e-8 lengths or less, rounding errors have a larger influence than a
-tolerance of 1e-10. `adams` and `hybrid` then use a larger tolerance and report it. They are compared at that
-tolerance, which is given in the cell.
+A cell such as *2e-4 until 3.9 s, 14 ms* contains the largest error, in rad or in [lengths of the
+mechanism](glossary.md), the time until which positions are compared if this is not the whole run, and the CPU time
+without compilation. The CPU time is a single measurement, which may be wrong by a factor of two. Runs at small
+tolerances are compared for a longer time, so that an error may be larger in a column further to the right.
 
-Cells contain the largest error, in rad or in lengths of the mechanism, and the CPU time without compilation, a single
-measurement that may be off by a factor of two. Lower tolerances are compared for a longer time, so that an error may
-grow from column to column."""
+If a singular configuration is missed by 1e-7 m or less, rounding errors may exceed a small tolerance. `adams`,
+`hybrid` and `radau` then use a larger tolerance and report it. They are compared at that tolerance, which is in the
+cell: *3e-5 at 8e-9*. `ida` uses a tolerance of at least 1e-9 for all mechanisms with loops, but is compared at the
+tolerance of the column."""
 
 LOOPS = """## Loops that are singular, redundant, driven or long
 
-Columns give the relative tolerance. *+ 1e-5*: the last link is 1e-5 m longer than in the mechanism that passes
-exactly through its singular configuration, so that it misses this configuration."""
+Columns give the relative tolerance. *+ 1e-5*: the rod of the slider-crank is 1e-5 m longer than the crank, so that
+the mechanism misses its singular configuration; *- 1e-5*: it is shorter."""
 
 WITHOUT_LOOPS = """## Trees: light bodies, many coordinates, driven rotating bases, stops
 
@@ -88,15 +97,20 @@ AT_ONCE = """## Loops that are singular at the same instant
 Benchmark A02 of the IFToMM library: N four-bars in a row, 2 s, with the exact motion of one degree of freedom. All
 loops are singular at the same instant, first at 0.7 s. *Serial*: the tree is a chain with a loop-closing joint (cut
 joint) at the foot of each column. *Grounded*: the columns are connected to the ground, with a cut joint at the end of
-each coupler. Cells give the number of runs over N = {counts}, and the largest error of those that are right."""
+each coupler. N is {counts}.
+Cells contain the number of runs and the largest error of those that are right."""
 
 MISSES = """## Near misses
 
 ![Error against the gap, for every solver and tolerance](images/near_misses.png)
 
-*Largest error over the compared time, which is shorter at large tolerances. Circles: parallelogram; squares: Grashof
-four-bar. A link is too long or too short by the gap; both are drawn. The error decreases with the tolerance at every
-gap. At 1e-9 m rounding limits it to about 1e-5.*"""
+*Largest error over the time in which positions are compared. At 1e-4 this time is so short that the error is often
+smaller than at 1e-6. Circles: parallelogram; squares: Grashof four-bar. The gap is the length by which a link is
+too long or too short; both are drawn. Runs that are refused are not drawn. At gaps of 1e-8 m and more the error
+decreases from 1e-6 to 1e-10 with the tolerance. At a gap of 1e-9 m rounding errors limit it to 1e-6 to 1e-4 at all
+small tolerances.*
+
+Of the parallelogram the rocker, and of the Grashof four-bar the ground link is too long (*+*) or too short (*-*)."""
 
 SOURCES = {
     "parallelogram": (
@@ -339,7 +353,8 @@ def main() -> None:
         return
     draw([r for r in rows if r.gap])
     by_section = {s: [r for r in rows if r.section == s] for s in (LOOPS, WITHOUT_LOOPS, AT_ONCE, MISSES)}
-    at_once = AT_ONCE.format(counts=", ".join(map(str, LOOPS_AT_ONCE)))
+    *first, last = map(str, LOOPS_AT_ONCE)
+    at_once = AT_ONCE.format(counts=f"{', '.join(first)} and {last}")
     parts = [
         f"{INTRODUCTION}\n\n## Counts\n\n{machine()}\n\n{counted_by_solver(rows)}\n",
         f"## Mechanisms\n\n{described()}\n",
