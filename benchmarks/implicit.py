@@ -23,7 +23,7 @@ from fmus.fourbar import FourBar
 from mbfmu.mechanics import Plant
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.table import table
-from solvers.steppers.ida import small
+from solvers.steppers.ida import dense
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "loops"))
 from mechanisms import SQUEEZER_END, squeezer
@@ -40,7 +40,7 @@ def against_adams() -> None:
     ida = Swing(model, "ida", 1e-6)
     error = ida.error(exact)
     adams, own = loosest(model, "adams", error, exact)
-    with patch.object(small, "serves", lambda: False):
+    with patch.object(dense, "serves", lambda: False):
         bound = Swing(model, "ida", 1e-6)
     i, a, b = median_times(ida.run, adams.run, bound.run)
     print(

@@ -42,7 +42,7 @@ from solvers.ledger import ROW, Scales
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
-from solvers.steppers.closed import Given
+from solvers.steppers.compiled_loop import Given
 from solvers.system import Array
 
 from .families import FAMILIES, SOLVERS
@@ -68,7 +68,7 @@ class Start(NamedTuple):
 class Instance(NamedTuple):
     """One instance of a model, as the entry points take it."""
 
-    given: Any  # solvers.steppers.closed.Given
+    given: Any  # solvers.steppers.compiled_loop.Given
     start: Any  # Start
     a: Array  # (n,) accelerations
     lam: Array  # (m,) multipliers

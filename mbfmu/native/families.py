@@ -20,7 +20,7 @@ from solvers.projection.rank import normal_rank
 from solvers.projection.reported import evaluate
 from solvers.projection.workspace import Workspace
 from solvers.steppers.adams import loop as adams
-from solvers.steppers.adams import tree
+from solvers.steppers.adams import tree_loop
 from solvers.steppers.adams.explicit import SINGLES
 from solvers.steppers.adams.formulas import History
 from solvers.steppers.adams.formulas import begin_anew as begin_history
@@ -28,14 +28,14 @@ from solvers.steppers.adams.hybrid import HYBRID
 from solvers.steppers.adams.jumps import limit_steps
 from solvers.steppers.dense import measure_pace
 from solvers.steppers.radau import loop as radau
+from solvers.steppers.radau.dense import STOPS
 from solvers.steppers.radau.formulas import Memory
-from solvers.steppers.radau.small import STOPS
 from solvers.system import Equations, Terms
 
 from .starting import find_turned
 
 SMALL = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
-LARGE = {name: getattr(recursions, name) for name in tree.TreeEquations._fields[:-1]}
+LARGE = {name: getattr(recursions, name) for name in tree_loop.TreeEquations._fields[:-1]}
 LARGE["power"] = recursions.solved_power
 
 
@@ -114,7 +114,7 @@ def begin_radau(s: Any, t: float) -> tuple[int, float]:
 def begin_tree(s: Any, t: float) -> tuple[int, float]:
     """As ``TreeAdamsStepper`` is made."""
     adams.take_options(s.options, s.given.settings)
-    tree.set_up(s.given, t, s.known[0], s.options[0].duration)
+    tree_loop.set_up(s.given, t, s.known[0], s.options[0].duration)
     return OK, s.given.settings[0].rate
 
 
@@ -129,7 +129,7 @@ def evaluate_small(s: Any) -> int:
 @kernel
 def evaluate_tree(s: Any) -> int:
     """Fill ``s.a``."""
-    code: int = tree.evaluate(s.given, s.clock[0], s.a)
+    code: int = tree_loop.evaluate(s.given, s.clock[0], s.a)
     return code
 
 
@@ -198,8 +198,8 @@ def _by_matrices(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) 
     return Equations(**callbacks, data=data, terms=Terms.allocate(nq, n, m))
 
 
-def _by_recursions(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> tree.TreeEquations:
-    return tree.TreeEquations(**callbacks, data=data)
+def _by_recursions(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> tree_loop.TreeEquations:
+    return tree_loop.TreeEquations(**callbacks, data=data)
 
 
 def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
@@ -216,7 +216,7 @@ FAMILIES = {  # by the prefix of their entry points
         assemble_small, begin_radau, evaluate_small, renew_radau, limit_radau, count_radau,
     ),
     "tree": Family(
-        tree, LARGE, _by_recursions, History.allocate, lambda nq, n, m, p: tree.Scratch.allocate(nq, n, p),
+        tree_loop, LARGE, _by_recursions, History.allocate, lambda nq, n, m, p: tree_loop.Scratch.allocate(nq, n, p),
         assemble_tree, begin_tree, evaluate_tree, renew_tree, limit_history, count_adams,
     ),
 }  # fmt: skip

@@ -19,7 +19,7 @@ from mbfmu.util.codes import coded
 from mbfmu.util.errors import UserError
 from solvers.options import Options
 from solvers.stepper import Stepper
-from solvers.steppers.ida.large import TreeIDAStepper
+from solvers.steppers.ida.tree import TreeIDAStepper
 
 from .solver_selection import COARSE, IMPLICIT_STEPS, WEIGHT, State, try_solver
 

@@ -10,22 +10,22 @@ from solvers.options import Options
 from solvers.stepper import Stepper
 from solvers.system import LARGEST_DENSE, AnySystem, Array, TreeSystem
 
-from .adams.large import TreeAdamsStepper
-from .adams.small import AdamsLUStepper, AdamsStepper, HybridStepper
-from .esdirk.large import TreeESDIRKStepper
-from .radau.small import RadauStepper
+from .adams.dense import AdamsLUStepper, AdamsStepper, HybridStepper
+from .adams.tree import TreeAdamsStepper
+from .esdirk.tree import TreeESDIRKStepper
+from .radau.dense import RadauStepper
 
 
 def ida(*given: Any) -> Stepper:
     """Return an IDA stepper; SUNDIALS is loaded only here."""
-    from .ida.small import IDAStepper
+    from .ida.dense import IDAStepper
 
     return IDAStepper(*given)
 
 
 def ida_large(*given: Any) -> Stepper:
     """Return an IDA stepper on a large tree; SUNDIALS is loaded only here."""
-    from .ida.large import TreeIDAStepper
+    from .ida.tree import TreeIDAStepper
 
     return TreeIDAStepper(*given)
 

@@ -62,7 +62,7 @@ def springs(links: int, stiffness: float, damping: float = 0.0) -> Mechanism:
 
 
 def test_undamped_motions_that_are_not_resolved_limit_the_order_and_are_reported() -> None:
-    """Orders from 3 on took 400 000 residuals here, see the reason in solvers/steppers/ida/large.py."""
+    """Orders from 3 on took 400 000 residuals here, see the reason in solvers/steppers/ida/tree.py."""
     result = mb.simulate(springs(70, 1e3), 0.3, solver="ida", tolerance=1e-4)
     assert not result.failure
     assert result.statistics.rhs_evals < 2000

@@ -23,8 +23,8 @@ from mbfmu.mechanics import (
 )
 from mbfmu.sheets import Support, add_contact, add_nip, add_sheet
 from solvers.compiled.kernel import COMPILED
-from solvers.steppers.ida import large
-from solvers.steppers.ida.tree import residual, times
+from solvers.steppers.ida import tree
+from solvers.steppers.ida.tree_callbacks import residual, times
 
 from .strips import CLAMP, DENSITY, LENGTH, RADIUS, THICKNESS, WIDTH, add_channel, add_driven, add_strip, run, sliding
 
@@ -56,7 +56,7 @@ def test_products_are_derivatives_of_the_residual() -> None:
     system, random = plant.system, np.random.default_rng(1)
     q, v = plant.assemble()
     assert system.m == 4
-    stepper = large.TreeIDAStepper(system, 0.0, q, v)
+    stepper = tree.TreeIDAStepper(system, 0.0, q, v)
     given, N, c = stepper._given, len(stepper._ida.y), 3e3
     y, slopes, product = (random.normal(size=N) for _ in range(3))
     y[: system.nq], y[stepper._v_at] = q, 1e-3 * y[stepper._v_at]
@@ -71,10 +71,10 @@ def test_products_are_derivatives_of_the_residual() -> None:
 
 
 def test_the_library_that_takes_products_must_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(large, "serves", lambda: False)
+    monkeypatch.setattr(tree, "serves", lambda: False)
     plant = Plant(crowded())
     with pytest.raises(ValueError, match=r"^solver 'ida' .* SUNDIALS 7 .*contact forces .* use 'esdirk' "):
-        large.TreeIDAStepper(plant.system, 0.0, *plant.assemble())
+        tree.TreeIDAStepper(plant.system, 0.0, *plant.assemble())
 
 
 def test_a_strip_that_is_fed_falls_as_the_elastica_does() -> None:

@@ -79,7 +79,7 @@ def exact_swing(end: float, stiffness: float = 30.0) -> float:
 def fixed_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every step be as long as it may, and solve its stages to rounding."""
     for name, value in (("FIRST", 1e9), ("EXACT", 1e-8)):
-        monkeypatch.setattr(f"solvers.steppers.esdirk.large.{name}", value)
+        monkeypatch.setattr(f"solvers.steppers.esdirk.tree.{name}", value)
 
 
 @pytest.mark.usefixtures("fixed_steps")

@@ -15,7 +15,7 @@ from mbfmu.mechanics import Harmonic, JointForce, JointSpring, Mechanism, Revolu
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.simulation import Simulation
 from solvers.compiled.kernel import COMPILED
-from solvers.steppers.ida import large, small, sundials
+from solvers.steppers.ida import dense, sundials, tree
 from solvers.steppers.ida.binding import BoundIDA
 from solvers.steppers.ida.sundials import DirectIDA
 
@@ -35,7 +35,7 @@ def both_ways(monkeypatch: pytest.MonkeyPatch) -> Ways:
     def run(model: Any, tolerance: float, end: float) -> list[Simulation]:
         runs = []
         for serves in (True, False):
-            for module in (small, large):
+            for module in (dense, tree):
                 monkeypatch.setattr(module, "serves", lambda serves=serves: serves)
             simulation = Simulation(model, Settings(solver="ida", tolerance=tolerance))
             assert isinstance(simulation.stepper._ida, DirectIDA if serves else BoundIDA)  # type: ignore[attr-defined]

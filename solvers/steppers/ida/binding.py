@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from solvers.options import Statistics
 from solvers.system import Array
 
+from .logging import nowhere, silent
 from .loop import go
-from .quiet import nowhere, silent
 
 
 class BoundIDA:

@@ -1,207 +1,276 @@
-"""What IDA is given of a small mechanism: its callbacks in C's form, and what looks over its steps."""
+"""SUNDIALS IDA on the stabilized equations of constrained motion ('ida'): variable-order BDF on :mod:`.ggl`.
+
+After each step jumps between branches are detected (:mod:`solvers.projection.singular`). A step that may have jumped to
+another branch is rejected: IDA restarts from its beginning with a shorter step. A crossing is jumped over. Near a near
+miss positions must be more accurate than its gap, or the other branch is as near: D is removed except for redundant
+rows, and d as far as rounding lets it.
+
+If a motion is so slow that D affects it, as where it reverses in a singular configuration, D takes from it what it
+should keep: the run stops when that is more than the tolerance forgives.
+
+Multipliers carry no error control: they may be unbounded where the motion is smooth. Reported states are IDA's,
+interpolated, then closed onto the constraints; reported accelerations are computed there
+(:meth:`solvers.stepper.Stepper.accelerations`), not read from the BDF. IDA's history cannot be saved: a restored run
+restarts at order one, so it agrees with the saved one to the tolerance, not bit for bit.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sksundae.ida import IDAJacTimes, IDAPrecond
 
-from solvers.compiled.foreign import array_at
-from solvers.compiled.kernel import kernel
-from solvers.inertia import finer_tolerance, update_growth
-from solvers.ledger import add_step, due, look
-from solvers.linalg.dense import ratio, turn_out
-from solvers.outcome import BRANCHES, OK
-from solvers.projection.singular import MISS, SINGULAR, note, passed, step_bound
-from solvers.projection.workspace import factor, factor_transposed
-from solvers.system import Array
+from solvers.codes import coded
+from solvers.compiled.held import hold
+from solvers.inertia import describe_large_growth, update_growth
+from solvers.ledger import WORK, Scales, begin_work
+from solvers.options import Options
+from solvers.outcome import Code
+from solvers.projection.reported import close_report
+from solvers.steppers.dense import DenseStepper
+from solvers.system import Array, System
 
-from .ggl import MU, assemble, multiply, residual, set_up, solve, taken_by_filter, velocity, weak_residual
-from .loop import REFUSED, STEPS, TAKEN_BACK
-from .sundials import Callbacks, data_of, data_of_matrix
+from .binding import BoundIDA
+from .dense_callbacks import DIRECT, FACTORED, POWER, Given, accept, book, call_accept, look_over
+from .driver import IDADriver
+from .ggl import (
+    LAMBDA,
+    MU,
+    Unknowns,
+    assemble,
+    multiply,
+    residual,
+    set_up,
+    solve,
+    tie,
+)
+from .loop import FAILURES, MATRICES, RESIDUALS, STANDSTILL
+from .sundials import DirectIDA, serves
 
-POWER = 1.2  # of a motion's tolerance: IDA bounds the error of a step, see solvers.steppers.ida.small
-BELOW = 0.2  # part of a near miss's gap: bound of the residual of a step near it
-LESS = 1e-4  # of D near a near miss, where only redundant constraints need it
-SHORTER = 0.25  # of a step that was taken back may be gone at once
-
-
-@kernel
-def book(eqs: Any, t: float, y: Any, yp: Any, works: bool, u: Any, work: Any, books: Any, scales: Any) -> None:
-    """Book a step of IDA's to (t, y, yp); see :mod:`solvers.ledger`."""
-    c, nq, n, power = books[0], u.q.shape[0], u.v.shape[0], 0.0
-    u.at[0] = np.nan  # the terms move
-    for i in range(nq):
-        u.q[i] = y[i]
-    for i in range(n):
-        u.v[i], u.a[i] = velocity(i, t, y, u), yp[nq + i] + u.lift[1, i]
-    if works or due(c):
-        eqs.dynamics(t, u.q, u.v, eqs.data, eqs.terms)
-    if due(c):
-        look(eqs.exposure, eqs.data, c, scales)
-    if works:
-        for row in range(u.lam.shape[0]):
-            u.lam[row] = y[nq + n + row] / work.row[row]
-        power = eqs.power(t, u.q, u.v, u.a, u.lam, eqs.data)
-    add_step(books, t, power)
-
-
-@kernel
-def project_redundant(rank: int, u: Any, work: Any) -> None:
-    """u.P = projection onto the left null space of J~, from its factors."""
-    m = u.P.shape[0]
-    factor_transposed(m, rank, work)
-    for i in range(m):
-        for j in range(m):
-            u.P[i, j] = 0.0
-    for k in range(rank, m):
-        for i in range(m):
-            work.x[i] = 1.0 if i == k else 0.0
-        turn_out(work.B, work.tau_B, rank, m, work.x)
-        for i in range(m):
-            for j in range(m):
-                u.P[i, j] += work.x[i] * work.x[j]
+FINEST = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
+# IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
+# error^(5/6): for a motion's error in proportion to rtol IDA is given TIGHTER rtol^POWER, and atol in proportion.
+TIGHTER = 3.0
+HIGHEST_ORDER = 5  # of BDF
+UNCONTROLLED = 1e20  # absolute tolerance of the multipliers, in their units
+NEARER = 10.0  # times rtol: branches that are no farther apart, in units of size, are one
+# Times rtol: speed that D may take from loops in a singular configuration, in units of theirs. In a period of the
+# motion
+# that makes an error of some 60 rtol.
+LOSS = 10.0
+FRICTION = 1e-3  # rate of the friction by redundant constraint equations, in units of rtol and the rate of the motion
+NOISE = 3e-16  # relative rounding of a residual
+STOPS = 12  # requested times at which steps end after a load has changed at one: another change is likely
+HIGH = 3.0  # ramp of the velocities, in units of them and of their absolute tolerance to the relative one
 
 
-class Given(NamedTuple):
-    """What IDA's callbacks and its loop are given."""
+class IDAStepper(IDADriver, DenseStepper):
+    """SUNDIALS IDA; see :mod:`solvers.steppers.ida.dense`. For stiff models; order at most 5."""
 
-    eqs: Any
-    u: Any
-    work: Any
-    rank: int
-    unknowns: int  # N
-    book: NDArray[Any]
-    scales: Any
-    counts: Array
-    course: NDArray[Any]
-    good: Array  # (2, N) IDA's unknowns after its last step, and their derivatives
-    loss: Array  # (1,) what u.lost may be
-    rtol: float  # relative tolerance of IDA
-    atol: Array  # (N,)
+    def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        super().__init__(system, t0, q0, v0, options)
+        self._rtol = max(FINEST, self.options.rtol) if system.m else self.options.rtol
+        self._unknowns = Unknowns.allocate(system.nq, system.n, system.m)
+        self._held = hold(self._unknowns)
+        self._counts = self._unknowns.counts
+        self._good, self._atol = np.zeros((2, len(self._unknowns.y))), np.zeros(len(self._unknowns.y))
+        self._place, self._pace = np.zeros(system.n), np.zeros(system.n)  # absolute tolerances, to the books
+        self._tight = TIGHTER * self._rtol**POWER
+        self._set_tolerances()
+        self._ida = self._new_ida()
 
+    def _set_tolerances(self) -> None:
+        """Take tolerances in today's units, where IDA and the books have them."""
+        s, u, units, controlled = self.system, self._unknowns, self._units, self.system.nq + self.system.n
+        u.noise[0], u.near[0] = NOISE / self._tight, NEARER * self._rtol
+        tightened = self._tight if self.options.atol is None else self.options.atol * self._tight / self._rtol
+        self._atol[:] = UNCONTROLLED * self._scaling()[0]
+        self._atol[:controlled] = tightened * np.concatenate((units.size_q, units.pace * s.size))
+        self._place[:] = tightened * s.size
+        self._pace[:] = units.pace * self._place
+        self._c["instant"] = STANDSTILL / units.rate[0]
 
-@kernel
-def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work: Any) -> float:
-    """Longest next step after one of IDA's to (t, y), s; negative where the step may have jumped to another branch."""
-    for i in range(u.q.shape[0]):
-        u.q[i] = y[i]
-    for i in range(u.v.shape[0]):
-        u.v[i] = velocity(i, t, y, u)
-    eqs.position(t, u.q, eqs.data, eqs.terms)
-    factor(eqs.terms, work)
-    for row in range(u.lam.shape[0]):
-        u.lam[row] = y[u.q.shape[0] + u.v.shape[0] + row] / work.row[row]
-    if not passed(eqs, t, u.q, u.near[0], rank, work):
-        return -1.0
-    u.lost[0] += taken_by_filter(taken, eqs.terms, u, work)
-    if ratio(work.pivot, rank) >= SINGULAR:
-        u.lost[0] = 0.0
-    note(eqs, t, u.q, taken, taken, rank, work)
-    if rank < u.P.shape[0] and (ratio(work.pivot, rank) >= SINGULAR or work.critical[0].kind == MISS):
-        project_redundant(rank, u, work)
-    u.at[0] = np.nan  # the terms have moved
-    bound = step_bound(t, u.q, u.v, taken, eqs.terms, work)
-    u.d[0], u.d[1] = u.usual[0], u.usual[1]
-    if work.critical[0].kind == MISS:
-        u.d[0] = LESS * u.usual[0] if rank < eqs.terms.J.shape[0] else 0.0
-        u.d[1] *= min(1.0, bound * work.rate[0] / MU)
-        if not abs(weak_residual(eqs.terms, work)) <= BELOW * abs(work.critical[0].gap):
-            return -1.0
-    return bound
+    def _new_ida(self) -> DirectIDA | BoundIDA:
+        o, count = self.options, len(self._atol)
+        tighter = self._tight / self._rtol
+        self._scales = hold(Scales.of(self._tight, self._place, self._pace, count, (tighter, tighter)))
+        given = Given(
+            self._eqs, self._held, self._work, self._rank, count, self._book, self._scales, self._counts, self._course,
+            self._good, np.array([LOSS * self._rtol]), self._tight, self._atol,
+        )  # fmt: skip
+        order = o.max_order or HIGHEST_ORDER
+        options: dict[str, Any] = {"rtol": self._tight, "atol": self._atol, "max_order": order}
+        if serves():
+            callbacks = DIRECT if self.system.m else FACTORED
+            return DirectIDA(callbacks, call_accept, hold(given), max_step=o.max_step, **options)
+        return self._bound_ida(hold(given), options)
 
+    def _bound_ida(self, given: Any, options: dict[str, Any]) -> BoundIDA:
+        """Return IDA with the same kernels for callbacks, by way of Python."""
+        s, u, work, eqs = self.system, self._held, self._work, self._eqs
 
-@kernel
-def weigh(y: Any, out: Any, g: Any) -> None:
-    """out (N,) <- one over the tolerances of the unknowns."""
-    finer = finer_tolerance(g.rtol, POWER, g.work)
-    for i in range(out.shape[0]):
-        out[i] = 1.0 / (finer * (g.rtol * abs(y[i]) + g.atol[i]))
+        def resfn(t: float, y: Array, yp: Array, res: Array) -> None:
+            residual(eqs, t, y, yp, res, u, work)
 
+        def setup(t: float, y: Array, yp: Array, res: Array, cj: float) -> None:
+            set_up(eqs, t, y, yp, u, work)
 
-@kernel
-def accept(t: float, y: Any, slopes: Any, g: Any) -> int:
-    """Accept IDA's step to (t, y), or restart it from its beginning."""
-    c, u = g.course[0], g.u
-    g.counts[STEPS] += 1.0
-    if u.lam.shape[0] > 0:
-        bound = look_over(g.eqs, t, y, c.taken, g.rank, u, g.work)
-        if bound < 0.0:
-            g.counts[REFUSED] += 1.0
-            c.reach = SHORTER * c.taken
-            return TAKEN_BACK
-        c.reach = min(bound, 2.0 * c.reach)
-        if u.lost[0] > g.loss[0]:
-            return BRANCHES
-    c.passed = t
-    for i in range(y.shape[0]):
-        g.good[0, i], g.good[1, i] = y[i], slopes[i]
-    for i in range(u.v.shape[0]):
-        u.v[i] = velocity(i, t, y, u)
-    update_growth(t, g.eqs.terms.M, u.v, g.work)  # M of Newton's last correction
-    if c.energy_check == 1:
-        book(g.eqs, t, y, slopes, c.works == 1, u, g.work, g.book, g.scales)
-    return OK
+        def precondition(
+            t: float, y: Array, yp: Array, res: Array, right: Array, left: Array, cj: float, delta: float
+        ) -> None:
+            solve(eqs, t, y, yp, right, left, cj, u, work)
 
+        def times(t: float, y: Array, yp: Array, res: Array, vector: Array, product: Array, cj: float) -> None:
+            multiply(vector, product, u)
 
-def call_accept(t: float, y: Any, slopes: Any, g: Any) -> int:
-    """As the loop calls it."""
-    return accept(t, y, slopes, g)
+        def dense(t: float, y: Array, yp: Array, res: Array, cj: float, matrix: Array) -> None:
+            set_up(eqs, t, y, yp, u, work)
+            assemble(eqs, u, work, cj)
+            matrix[:] = self._unknowns.matrix
 
+        fresh = {"linsolver": "gmres", "precond": IDAPrecond(setup, precondition), "jactimes": IDAJacTimes(None, times)}
+        max_step = 0.0 if np.isinf(self.options.max_step) else self.options.max_step
+        return BoundIDA(
+            resfn, lambda t, y, slopes, _: accept(t, y, slopes, given), self._counts, self._course,
+            **(fresh if s.m else {"jacfn": dense}), max_step=max_step, max_conv_fails=FAILURES, **options,
+        )  # fmt: skip
 
-def call_residual(t: float, y: Any, slopes: Any, out: Any, g: Any) -> int:
-    """As IDA calls it, like those that follow."""
-    n = g.unknowns
-    y_, slopes_, out_ = array_at(data_of(y), n), array_at(data_of(slopes), n), array_at(data_of(out), n)
-    residual(g.eqs, t, y_, slopes_, out_, g.u, g.work)
-    return 0
+    def _begin(self) -> Code:
+        """Initialize IDA at the reported state with consistent derivatives."""
+        s, u, w = self.system, self._unknowns, self._units
+        code, a, lam = self._evaluate()
+        if code is not Code.OK:
+            return code
+        update_growth(self._t, self._terms.M, self._v, self._work)
+        if s.m:
+            u.usual[:], u.redundant[:] = self._regularization()
+            u.d[:] = u.usual
+        zeros = np.zeros(s.m)
+        y = np.concatenate((self._q, self._v, lam * w.row, zeros))
+        yp = np.concatenate((self._terms.qdot, a, zeros, zeros))
+        u.at[:], u.lift[:] = np.nan, 0.0
+        u.asked[0] = 0.0
+        u.columns[:], u.rows[:] = self._scaling()
+        self._begin_with(y, yp)
+        self._good[:] = y, yp
+        w.course["ratio"] = 0.0  # what is known of the branch holds
+        if s.m:
+            bound = look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work)
+            self._c["reach"] = min(self._c["reach"], bound)
+        self._note(self._t, y, yp)
+        return Code.OK
 
+    def _scaling(self) -> tuple[Array, Array]:
+        """Return the units of unknowns and residuals (N,): pivots are not to depend on meters and kilograms."""
+        s, w = self.system, self._units
+        rate, one = w.rate[0], np.ones(s.m)
+        inertia = self._terms.M * np.outer(s.size, s.size)
+        energy = (np.trace(inertia) / max(1, s.n) or 1.0) * rate**2
+        columns = w.size_q, s.size * rate, one * energy, one * rate
+        rows = w.size_q * rate, energy / s.size, one * rate, one
+        return np.concatenate(columns), np.concatenate(rows)
 
-def call_set_up(t: float, y: Any, slopes: Any, _res: Any, _cj: float, g: Any) -> int:
-    """Set up the preconditioner."""
-    set_up(g.eqs, t, array_at(data_of(y), g.unknowns), array_at(data_of(slopes), g.unknowns), g.u, g.work)
-    return 0
+    def _regularization(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return D on rows without rank and d, then the coefficients of redundant equations in these two.
 
+        M may be singular across the motion; there J~ stands in.
+        """
+        w, terms = self._units, self._terms
+        J = terms.J * (self.system.size / w.row[:, None])
+        M = terms.M * np.outer(self.system.size, self.system.size)
+        square = np.linalg.norm(J, 2) ** 2
+        mobile = np.linalg.solve(M + np.trace(M) / (self.system.n * square) * J.T @ J, J.T)
+        lam, mu = np.trace(J @ mobile) / w.rate[0], square / w.rate[0]
+        share = self._tight**2 / (FRICTION * self._rtol)
+        return (LAMBDA * lam, self._unknowns.noise[0] * MU * mu), (share * lam, share * mu)
 
-def call_solve(
-    t: float, y: Any, slopes: Any, _res: Any, right: Any, left: Any, cj: float, _delta: float, g: Any
-) -> int:
-    """Apply it."""
-    n = g.unknowns
-    y_, slopes_ = array_at(data_of(y), n), array_at(data_of(slopes), n)
-    solve(g.eqs, t, y_, slopes_, array_at(data_of(right), n), array_at(data_of(left), n), cj, g.u, g.work)
-    return 0
+    def _note(self, t: float, y: Array, yp: Array) -> None:
+        if self.options.energy_check:
+            book(self._eqs, t, y, yp, self._works(), self._held, self._work, self._book, self._scales)
 
+    def _works(self) -> bool:
+        return self.system.works()
 
-def call_weigh(y: Any, out: Any, g: Any) -> int:
-    """Weigh the unknowns."""
-    weigh(array_at(data_of(y), g.unknowns), array_at(data_of(out), g.unknowns), g)
-    return 0
+    def renew(self) -> None:
+        """Go on with IDA's history where its last step ends at the reported time; let the next ones end where asked."""
+        keeps = not self._pending and self._c["passed"] == self._t and self.status.ok
+        if not (keeps and self._ramp_is_low(self._t) and self._tied()):
+            self.restart()
+        self._c["stops"] = STOPS
 
+    def _ramp_is_low(self, t: float) -> bool:
+        """Whether IDA's unknowns are of the size of the velocities until t (s): relative tolerances are of them."""
+        u = self._unknowns
+        ramp = u.lift[0] + (t - u.since[0]) * u.lift[1]
+        return bool(np.all(np.abs(ramp) <= HIGH * (np.abs(self._v) + self._units.pace * self.system.size)))
 
-def call_multiply(
-    _t: float, _y: Any, _slopes: Any, _res: Any, vector: Any, product: Any, _cj: float, g: Any, _a: Any, _b: Any
-) -> int:
-    """Multiply by the matrix."""
-    multiply(array_at(data_of(vector), g.unknowns), array_at(data_of(product), g.unknowns), g.u)
-    return 0
+    def _advance(self, t: float) -> Code:
+        if self._unknowns.lift[1].any() and not self._ramp_is_low(t):
+            self.restart()
+        return super()._advance(t)
 
+    def _tied(self) -> bool:
+        """Let IDA's history go on to today's accelerations, and the books begin another piece; False: they are none."""
+        code, a, lam = self._evaluate()
+        if code is not Code.OK:
+            return False
+        here, slopes = self._good.copy()
+        tie(self._t, a, slopes, self._held)
+        self._unknowns.at[:], self._c["works"] = np.nan, int(self._works())
+        begin_work(self._book, self._ledger[WORK])
+        first = self.system.nq + self.system.n
+        here[first : first + self.system.m] = lam * self._units.row
+        self._note(self._t, here, slopes)
+        return True
 
-def call_matrix(
-    t: float, cj: float, y: Any, slopes: Any, _res: Any, matrix: Any, g: Any, _a: Any, _b: Any, _c: Any
-) -> int:
-    """Fill the matrix, column by column."""
-    n = g.unknowns
-    set_up(g.eqs, t, array_at(data_of(y), n), array_at(data_of(slopes), n), g.u, g.work)
-    assemble(g.eqs, g.u, g.work, cj)
-    out = array_at(data_of_matrix(matrix), n * n)
-    for i in range(n):
-        for j in range(n):
-            out[j * n + i] = g.u.matrix[i, j]
-    return 0
+    def _resume(self) -> Code:
+        code = self._take(float(self._c["passed"]), self._good[0])
+        if code is not Code.OK:
+            return code
+        self._tell()
+        book = self._book[0]
+        passage = book["lowest"], book["highest"]
+        code = self._begin()
+        book["lowest"], book["highest"] = passage  # the motion is the same
+        return code
 
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
+        return [*super().arrays(), *self._units.memory()]
 
-# Old factors serve where nothing is near singular.
-DIRECT = Callbacks(call_residual, call_set_up, call_solve, call_multiply, weigh=call_weigh)
-FACTORED = Callbacks(call_residual, matrix=call_matrix, weigh=call_weigh)
+    def restore(self, data: bytes) -> None:
+        """Set a reported state and the units of its integration; the history restarts."""
+        super().restore(data)
+        self._set_tolerances()
+
+    def _take(self, t: float, y: Array) -> Code:
+        u, nq = self._unknowns, self.system.nq
+        q, v = y[:nq].copy(), y[nq : nq + self.system.n] + u.lift[0] + (t - u.since[0]) * u.lift[1]
+        code = Code(close_report(self._eqs, t, q, v, self._rank, self._work))
+        if code is Code.OK:
+            self._t, self._q, self._v = t, q, v
+        return code
+
+    def _growth(self) -> tuple[float, float]:
+        return DenseStepper._growth(self)
+
+    @property
+    def notice(self) -> str:
+        """Whether the tolerance is larger than requested, or than the mass matrix requires."""
+        large = describe_large_growth(self._units.inertia) if isinstance(self._ida, BoundIDA) else ""
+        if large:
+            text = f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot compensate that. Use 'adams'"
+            return coded("ill-conditioned-mass", text)
+        if self._rtol == self.options.rtol:
+            return ""
+        return coded(
+            "limited-tolerance",
+            f"'ida' uses a tolerance of {self._rtol:g} instead of {self.options.rtol:g}, because rounding errors of "
+            "closed loops allow no smaller one. Use 'adams' if this is too large",
+        )
+
+    def _evaluations(self) -> int:
+        columns = self.system.nq + 2 * self.system.n + 1
+        return int(self._counts[RESIDUALS] + columns * self._counts[MATRICES])

@@ -26,8 +26,8 @@ from solvers.compiled.kernel import COMPILED, callback, types
 from solvers.options import Statistics
 from solvers.system import Array
 
+from .logging import nowhere
 from .loop import FAILURES, go
-from .quiet import nowhere
 
 SERIAL = 0  # SUN_COMM_NULL
 LEFT = 1  # SUN_PREC_LEFT

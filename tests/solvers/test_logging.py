@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sksundae.ida import IDA
 
-from solvers.steppers.ida.quiet import LOGS, nowhere, silent
+from solvers.steppers.ida.logging import LOGS, nowhere, silent
 
 RATES = np.logspace(0.0, 8.0, 30)
 

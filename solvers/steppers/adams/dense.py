@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import records
 from solvers.options import Options, Statistics
-from solvers.steppers.closed import ClosedStepper
+from solvers.steppers.compiled_loop import CompiledLoopStepper
 from solvers.system import Array, System
 
 from . import loop
@@ -17,7 +17,7 @@ from .formulas import History, counts
 from .hybrid import HYBRID, LU, PROJECTION
 
 
-class AdamsStepper(ExplicitStepper, ClosedStepper):
+class AdamsStepper(ExplicitStepper, CompiledLoopStepper):
     """Adams PECE with the projection partition; see :mod:`.loop`."""
 
     others: tuple[str, ...] = ("radau", "ida", "hybrid")

@@ -10,7 +10,7 @@ from solvers.compiled.kernel import records
 from solvers.ledger import WORK
 from solvers.options import Options, Statistics
 from solvers.stepper import sized
-from solvers.steppers.closed import ClosedStepper
+from solvers.steppers.compiled_loop import CompiledLoopStepper
 from solvers.system import Array, System
 
 from . import loop
@@ -19,7 +19,7 @@ from .formulas import Memory
 STOPS = 12  # steps after a change of the loads that end where they are asked to: another change is likely
 
 
-class RadauStepper(ClosedStepper):
+class RadauStepper(CompiledLoopStepper):
     """Radau IIA of order 5; see :mod:`.loop`. For stiff models, and for loads that change at every requested time."""
 
     others: tuple[str, ...] = ("adams", "ida")

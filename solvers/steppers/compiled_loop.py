@@ -31,7 +31,7 @@ class Given(NamedTuple):
     ledger: Array
 
 
-class ClosedStepper(DenseStepper):
+class CompiledLoopStepper(DenseStepper):
     """A stepper whose ``loop`` has the kernels ``advance_reported`` and ``sample``, its control record and settings.
 
     Attributes
