@@ -43,7 +43,7 @@ class Options:
     rtol: float = 1e-6  # relative tolerance of positions and velocities
     atol: float | None = None  # absolute tolerance, in units of each coordinate; None: rtol
     max_step: float = math.inf  # s
-    max_order: int | None = None  # None: the solver's own, see solvers.steppers.ORDERS
+    max_order: int | None = None  # None: the solver's own, see solvers.steppers.ORDER_LIMITS
     max_steps: int = 100_000  # in one call of advance
     energy_check: bool = True  # book work and what the tolerance explains
     duration: float = 10.0  # s, for which the run is to go on: the scale of time of a start at rest

@@ -25,7 +25,7 @@ from mbfmu.session.failure_diagnosis import advise
 from mbfmu.util.codes import code_of
 from solvers.outcome import Code, Status
 from solvers.statics.spectrum import Stability
-from solvers.steppers import NAMES
+from solvers.steppers import SOLVER_NAMES
 
 # exit code of check
 
@@ -105,7 +105,7 @@ class Preferred(FourBar):
     default_solver = "adams"
 
 
-@pytest.mark.parametrize("solver", sorted(set(NAMES) - set(SOLVERS)))
+@pytest.mark.parametrize("solver", sorted(set(SOLVER_NAMES) - set(SOLVERS)))
 def test_a_solver_that_was_requested_and_is_not_native_is_refused(
     solver: str, command: Callable[..., Any], tmp_path: Path
 ) -> None:

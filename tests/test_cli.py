@@ -35,7 +35,7 @@ from mbfmu.util.errors import UserError
 from solvers import SOLVERS
 from solvers.compiled import cache
 from solvers.compiled.kernel import kernel
-from solvers.steppers import NAMES
+from solvers.steppers import SOLVER_NAMES
 
 Command = Callable[..., Any]
 
@@ -362,7 +362,7 @@ def test_the_cache_is_warmed_for_a_model(command: Command, monkeypatch: pytest.M
     monkeypatch.setattr("mbfmu.cli.cache.Simulation", lambda _model, settings: started.append(settings.solver))
     code, out, _ = command("cache", "warm", "pendulum")
     assert code == 0
-    assert started == list(NAMES)
+    assert started == list(SOLVER_NAMES)
     assert "MB of machine code" in out
 
 

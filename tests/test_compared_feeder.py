@@ -15,7 +15,7 @@ from mbfmu.sheets import add_sheet
 from mbfmu.studies.compare import compare
 from mbfmu.studies.reference import tight_runs
 from mbfmu.util.errors import EquilibriumError, UserError
-from solvers.steppers import refusal
+from solvers.steppers import describe_refusal
 
 SMALL: dict[str, Any] = {"solvers": None, "tolerances": [1e-3], "repeats": 1, "outputs": ["lead.x"]}
 FREE: dict[str, Any] = {"path": "straight", "nips": 1, "guides": False}
@@ -63,7 +63,7 @@ def test_sheets_without_contact_are_compared_as_they_were() -> None:
     kind: dict[str, Any] = {"thickness": 1e-4, "youngs_modulus": 4e9, "density": 800.0, "tree": "master"}
     add_sheet(m, "sheet", length=0.3, width=0.2, grid=(7, 5), **kind)
     plant = mb.mechanics.Plant(m)
-    assert not any(refusal(name, plant.system) for name in ("ida", "adams", "hybrid", "esdirk"))
+    assert not any(describe_refusal(name, plant.system) for name in ("ida", "adams", "hybrid", "esdirk"))
     runs = tight_runs(plant, 1e-4)
     assert runs[0] == (("adams", 1e-9), ("adams", 1e-8))
     assert [pair[1][0] for pair in runs[1:]] == ["ida"] * (len(runs) - 1)

@@ -19,7 +19,7 @@ from mbfmu.modeling.scene import load_scene
 from mbfmu.native.data import native_model
 from mbfmu.util.codes import code_of
 from solvers import Options
-from solvers.steppers import NAMES, stepper
+from solvers.steppers import SOLVER_NAMES, stepper
 
 RANGES = {  # BDF of SUNDIALS IDA, Adams of Shampine and Gordon, Radau IIA of three stages, the ESDIRK formula
     "ida": (1, 5),
@@ -67,7 +67,7 @@ def test_an_order_that_a_solver_does_not_have_is_refused(
         way(solver, order, tmp_path)
 
 
-@pytest.mark.parametrize("solver", sorted(set(NAMES) - {"esdirk"}))
+@pytest.mark.parametrize("solver", sorted(set(SOLVER_NAMES) - {"esdirk"}))
 def test_an_order_that_it_has_is_kept(solver: str) -> None:
     low, high = RANGES[solver]
     for order in {low, high}:
@@ -77,7 +77,7 @@ def test_an_order_that_it_has_is_kept(solver: str) -> None:
 
 
 def test_the_table_has_every_solver() -> None:
-    assert set(RANGES) == set(NAMES)
+    assert set(RANGES) == set(SOLVER_NAMES)
     assert mb.Settings(solver="auto", max_order=12).max_order == 12
     assert not mb.simulate(SwingPendulum(), 0.1, solver="auto", max_order=12).failure
 

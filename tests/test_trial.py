@@ -19,7 +19,7 @@ from mbfmu.session.warmup import MOST_STEPS, ran
 from mbfmu.util.errors import UserError
 from solvers import stepper
 from solvers.options import Options
-from solvers.steppers import LARGEST_RADAU, refusal
+from solvers.steppers import MAX_RADAU_COORDINATES, describe_refusal
 
 
 def chain(count: int, length: float = 1.0, gravity: float = 9.81, stiffness: float = 0.0) -> mb.Mechanism:
@@ -55,7 +55,7 @@ def test_a_trial_integrates_nothing(name: str, t0: float) -> None:
     plant = Plant(FAMILY[name]())
     q, v = plant.assemble(t0)
     for solver in ("adams", "ida", "radau", "esdirk"):
-        if refusal(solver, plant.system):
+        if describe_refusal(solver, plant.system):
             continue
         trial = stepper(solver, plant.system, t0, q, v, Options(rtol=1e-8, max_steps=MOST_STEPS))
         assert ran(trial, plant, len(plant.outputs) + 2), solver
@@ -71,18 +71,18 @@ def test_a_trial_does_not_depend_on_what_the_run_is_asked_for() -> None:
         assert Simulation(chain(2), replace(Settings(solver="adams"), **changes)).t == 0.0
 
 
-@pytest.mark.parametrize("count", [LARGEST_RADAU, LARGEST_RADAU + 1])
+@pytest.mark.parametrize("count", [MAX_RADAU_COORDINATES, MAX_RADAU_COORDINATES + 1])
 def test_radau_is_refused_where_its_matrices_are_too_large(count: int) -> None:
     plant = Plant(chain(count))
-    refused = refusal("radau", plant.system)
-    if count <= LARGEST_RADAU:
+    refused = describe_refusal("radau", plant.system)
+    if count <= MAX_RADAU_COORDINATES:
         assert refused == ""
         return
     assert refused == (
         f"solver 'radau' is given {count} joint coordinates and 0 constraints; allowed: at most 200 coordinates; use "
         "'ida' [unsuitable-solver]"
     )
-    assert refusal("ida", plant.system) == refusal("adams", plant.system) == ""
+    assert describe_refusal("ida", plant.system) == describe_refusal("adams", plant.system) == ""
     with pytest.raises(UserError, match="solver 'radau' is given"):
         Simulation(chain(count), Settings(solver="radau"))
 

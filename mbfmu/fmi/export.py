@@ -15,7 +15,7 @@ from mbfmu.session.run import communication_points
 from mbfmu.session.simulation import RestingSimulation
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import replacing
-from solvers.steppers import refusal
+from solvers.steppers import describe_refusal
 
 from .coupled import coupled
 from .description import Experiment
@@ -115,7 +115,7 @@ def check_start(model: Model, settings: Settings, plant: Plant, native: bool) ->
     if native:  # which chooses its own solver, and builds the start
         plant.check_meetings(0.0, plant.assemble()[0])
         return []
-    if refused := refusal(settings.solver, plant.system):
+    if refused := describe_refusal(settings.solver, plant.system):
         raise UserError(f"model {model.name!r}: {refused}")
     if plant.system.m or settings.start_at_equilibrium:
         return RestingSimulation(model, settings).start_remarks()

@@ -16,7 +16,7 @@ from mbfmu.native.runtime import library
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.session.solver_selection import pick
 from mbfmu.util.errors import UserError
-from solvers.steppers import refusal
+from solvers.steppers import describe_refusal
 
 from . import description, description3
 from .description import LOG_CATEGORIES, Experiment, Identity
@@ -134,7 +134,7 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[str], None]
     found = pick(plant, [(0.0, *plant.assemble())], settings.options(model.stop_time))
     implicit = "radau" if plant.system.has_matrices else "adams"  # which is all that large trees have
     solver = found.solver if found.solver in SOLVERS else implicit
-    if refused := refusal(solver, plant.system):
+    if refused := describe_refusal(solver, plant.system):
         why = f", since {plant.system.stiff}" if plant.system.stiff else f" ({refused})"
         raise UserError(
             f"model {model.name!r} needs the solver 'ida' or 'esdirk'{why}, but native FMUs support {_solvers()} only; "

@@ -22,7 +22,7 @@ from mbfmu.session.tolerances import COARSE_TOLERANCE, describe_coarse
 from solvers.assembly import Outcome
 from solvers.codes import coded
 from solvers.outcome import CODES, KEYS, MESSAGES, Status
-from solvers.steppers import ORDERS
+from solvers.steppers import ORDER_LIMITS
 
 from . import layout, starting
 from .entries import Instance, family_of, image_of
@@ -98,7 +98,7 @@ def _native(v: ScalarVariable, model: Model, live: Live, solver: str) -> ScalarV
     """Return a variable as it is without Python: what is baked is a constant, and ranges may be narrower."""
     baked = v.name in BAKED if v.role is Role.SETTING else v.role is Role.PARAMETER and v.name in live.frozen
     if v.role is Role.SETTING and v.name == "max_order":
-        lowest, highest = ORDERS[solver]
+        lowest, highest = ORDER_LIMITS[solver]
         if lowest < highest:
             return replace(v, max=highest, allowed=f"0, or {lowest} to {highest} with solver {solver!r}")
         baked = True  # the method has one order

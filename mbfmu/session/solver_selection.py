@@ -32,7 +32,7 @@ from solvers import stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.options import Options
 from solvers.stepper import SLOWEST_RATE
-from solvers.steppers import order_refusal
+from solvers.steppers import describe_order_refusal
 from solvers.system import LARGEST_DENSE, Array
 
 from .stiffness import spectrum
@@ -207,7 +207,7 @@ def try_solver(plant: Plant, solver: str, state: State, options: Options, times:
     A start that it refuses gets nowhere here; the run will say why.
     """
     begin = state[0]
-    order = None if order_refusal(solver, options.max_order) else options.max_order
+    order = None if describe_order_refusal(solver, options.max_order) else options.max_order
     options = replace(options, max_steps=steps, max_order=order, energy_check=False)
     try:
         trial = stepper(solver, plant.system, *state, options)

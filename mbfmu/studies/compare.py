@@ -21,7 +21,14 @@ from mbfmu.studies.resolution import Resolution, in_words, resolutions_of
 from mbfmu.studies.timing import Budget, Spent, TooLong, check_repeats, in_turn
 from mbfmu.util.errors import UserError
 from mbfmu.util.table import power
-from solvers.steppers import LARGE, SOLVERS, UNTIED, order_refusal, refusal, size_limit
+from solvers.steppers import (
+    SOLVERS,
+    TREE_SOLVERS,
+    UNCONSTRAINED_SOLVERS,
+    describe_order_refusal,
+    describe_refusal,
+    size_limit,
+)
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 COARSE = (1e-4, 1e-6)  # at several resolutions
@@ -153,12 +160,12 @@ def known(error: float | None) -> float:
 def solvers_of(plant: Plant) -> tuple[str, ...]:
     """Return the solvers that differ from each other on a mechanism."""
     system = plant.system
-    same = () if system.m else tuple(UNTIED)[1:]  # where nothing is partitioned
+    same = () if system.m else tuple(UNCONSTRAINED_SOLVERS)[1:]  # where nothing is partitioned
     if system.has_matrices:
         return tuple(name for name in SOLVERS if name not in same)
     if not system.m:
-        return (*LARGE, *(name for name in UNTIED if name not in same))
-    return (*LARGE, *(name for name in SOLVERS if name not in LARGE and system.n <= size_limit(name)))
+        return (*TREE_SOLVERS, *(name for name in UNCONSTRAINED_SOLVERS if name not in same))
+    return (*TREE_SOLVERS, *(name for name in SOLVERS if name not in TREE_SOLVERS and system.n <= size_limit(name)))
 
 
 def of_subject(subject: Scene | Model | Mechanism) -> Scene:
@@ -272,7 +279,7 @@ def asked(
     names = [dict.fromkeys(solvers or solvers_of(plant)) for plant in plants]
     order = scene.settings.max_order or None
     why = [
-        {name: refusal(name, plant.system) or order_refusal(name, order) for name in own}
+        {name: describe_refusal(name, plant.system) or describe_order_refusal(name, order) for name in own}
         for plant, own in zip(plants, names, strict=True)
     ]
     chosen = {

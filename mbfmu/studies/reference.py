@@ -25,7 +25,7 @@ from mbfmu.studies.resolution import Resolution, in_words, limit, moving_places,
 from mbfmu.studies.timing import Budget, TooLong
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.table import power
-from solvers.steppers import refusal
+from solvers.steppers import describe_refusal
 
 Array = NDArray[np.float64]
 Runs = tuple[tuple[str, float], tuple[str, float]]  # solver and tolerance of the reference, and of the second run
@@ -130,12 +130,12 @@ def tight_runs(plant: Plant, finest: float) -> tuple[Runs, ...]:
     """Return what to try for the motion of a mechanism, the best first; ``finest`` is its smallest tolerance."""
     system = plant.system
     if system.has_matrices:
-        return tuple(pair for pair in TIGHT if not refusal(pair[0][0], system))
+        return tuple(pair for pair in TIGHT if not describe_refusal(pair[0][0], system))
     tolerance = max(FINEST, TIGHTER * finest)
     tolerances = [tolerance * 10.0**k for k in range(1 + max(0, round(log10(LOOSEST / tolerance))))]
     pairs = (((("esdirk", tol), ("ida", tol)), (("ida", tol), ("ida", 10.0 * tol))) for tol in tolerances)
     implicit = [pair for two in pairs for pair in two]
-    return (*implicit,) if system.m or refusal("adams", system) else (EXPLICIT, *implicit)
+    return (*implicit,) if system.m or describe_refusal("adams", system) else (EXPLICIT, *implicit)
 
 
 def tight(

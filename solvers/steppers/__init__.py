@@ -16,35 +16,37 @@ from .esdirk.tree import TreeESDIRKStepper
 from .radau.dense import RadauStepper
 
 
-def ida(*given: Any) -> Stepper:
-    """Return an IDA stepper; SUNDIALS is loaded only here."""
+def dense_ida(*arguments: Any) -> Stepper:
+    """Return an IDA stepper on a system's matrices; SUNDIALS is loaded only here."""
     from .ida.dense import IDAStepper
 
-    return IDAStepper(*given)
+    return IDAStepper(*arguments)
 
 
-def ida_large(*given: Any) -> Stepper:
-    """Return an IDA stepper on a large tree; SUNDIALS is loaded only here."""
+def tree_ida(*arguments: Any) -> Stepper:
+    """Return an IDA stepper on a tree's recursions; SUNDIALS is loaded only here."""
     from .ida.tree import TreeIDAStepper
 
-    return TreeIDAStepper(*given)
+    return TreeIDAStepper(*arguments)
 
 
 SOLVERS: dict[str, Callable[..., Stepper]] = {  # on a system's matrices
-    "ida": ida,
+    "ida": dense_ida,
     "adams": AdamsStepper,
     "hybrid": HybridStepper,
     "adams-lu": AdamsLUStepper,
     "radau": RadauStepper,
 }
-LARGE: dict[str, Callable[..., Stepper]] = {  # on a tree's recursions, with constraints or without
-    "ida": ida_large,
+TREE_SOLVERS: dict[str, Callable[..., Stepper]] = {  # on a tree's recursions, with constraints or without
+    "ida": tree_ida,
     "esdirk": TreeESDIRKStepper,
 }
 # on those of a tree without constraints: there is nothing to partition
-UNTIED: dict[str, Callable[..., Stepper]] = dict.fromkeys(("adams", "hybrid", "adams-lu"), TreeAdamsStepper)
-NAMES = tuple(dict.fromkeys((*SOLVERS, *LARGE)))
-ORDERS = {  # lowest and highest order that a run can be limited to; one number: the method has this order
+UNCONSTRAINED_SOLVERS: dict[str, Callable[..., Stepper]] = dict.fromkeys(
+    ("adams", "hybrid", "adams-lu"), TreeAdamsStepper
+)
+SOLVER_NAMES = tuple(dict.fromkeys((*SOLVERS, *TREE_SOLVERS)))
+ORDER_LIMITS = {  # lowest and highest order that a run can be limited to; one number: the method has this order
     "ida": (1, 5),
     "adams": (1, 12),
     "hybrid": (1, 12),
@@ -52,24 +54,26 @@ ORDERS = {  # lowest and highest order that a run can be limited to; one number:
     "radau": (5, 5),
     "esdirk": (3, 3),
 }
-LARGEST_RADAU = 200  # coordinates; a Newton matrix of that size takes seconds, and grows with more than the third power
+MAX_RADAU_COORDINATES = (
+    200  # coordinates; a Newton matrix of that size takes seconds, and grows with more than the third power
+)
 
 
 def size_limit(name: str) -> int:
     """Return how many coordinates of a large tree a solver that factors dense matrices may be given."""
-    return min(LARGEST_RADAU, LARGEST_DENSE) if name == "radau" else LARGEST_DENSE
+    return min(MAX_RADAU_COORDINATES, LARGEST_DENSE) if name == "radau" else LARGEST_DENSE
 
 
-def refusal(name: str, system: AnySystem) -> str:
+def describe_refusal(name: str, system: AnySystem) -> str:
     """Return why a solver cannot integrate a system: its forces, or its size; empty: it can.
 
     A simulation and an export ask this one function, so what is exported can start. A name that is no solver's, such as
     ``auto``, is not refused here.
     """
-    if name not in NAMES:
+    if name not in SOLVER_NAMES:
         return ""
     large = isinstance(system, TreeSystem)
-    if system.stiff and name in UNTIED:
+    if system.stiff and name in UNCONSTRAINED_SOLVERS:
         implicit = "'ida' or 'esdirk'" if large else "'radau' or 'ida'"
         return coded("unsuitable-solver", f"solver {name!r} is explicit, but {system.stiff}; use {implicit}")
     if not isinstance(system, TreeSystem):
@@ -80,7 +84,7 @@ def refusal(name: str, system: AnySystem) -> str:
                 "'radau'",
             )
         return ""
-    if name in LARGE or (not system.m and name in UNTIED):
+    if name in TREE_SOLVERS or (not system.m and name in UNCONSTRAINED_SOLVERS):
         return ""
     if system.dense is None or system.n > size_limit(name):
         return coded(
@@ -91,12 +95,12 @@ def refusal(name: str, system: AnySystem) -> str:
     return ""
 
 
-def order_refusal(name: str, order: int | None) -> str:
+def describe_order_refusal(name: str, order: int | None) -> str:
     """Return why a solver cannot be limited to an order; empty: it can, or there is no limit.
 
     A name that is no solver's, such as ``auto``, is not refused here.
     """
-    low, high = ORDERS.get(name, (1, 12))
+    low, high = ORDER_LIMITS.get(name, (1, 12))
     if order is None or low <= order <= high:
         return ""
     allowed = f"{low} to {high}" if low < high else f"{high}"
@@ -112,18 +116,20 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     A large model is advanced by its recursions if the solver supports this, else by its matrices. Raises ValueError
     if these would be too large, for an order that the solver does not have, and for an unknown name.
     """
-    if name not in NAMES:
-        raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, NAMES))}")
-    if refused := refusal(name, system) or order_refusal(name, options.max_order if options else None):
+    if name not in SOLVER_NAMES:
+        raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, SOLVER_NAMES))}")
+    if refused := describe_refusal(name, system) or describe_order_refusal(
+        name, options.max_order if options else None
+    ):
         raise ValueError(refused)
-    given: tuple[Any, ...] = t0, q0, v0, options
+    arguments: tuple[Any, ...] = t0, q0, v0, options
     if not isinstance(system, TreeSystem):
         if not system.n:
             name = "adams"  # IDA takes no empty system, and nothing is integrated
-        return SOLVERS[name](system, *given)
-    if name in LARGE:
-        return LARGE[name](system, *given)
-    if not system.m and name in UNTIED:
-        return UNTIED[name](system, *given)
+        return SOLVERS[name](system, *arguments)
+    if name in TREE_SOLVERS:
+        return TREE_SOLVERS[name](system, *arguments)
+    if not system.m and name in UNCONSTRAINED_SOLVERS:
+        return UNCONSTRAINED_SOLVERS[name](system, *arguments)
     assert system.dense is not None  # else it is refused
-    return SOLVERS[name](system.dense(), *given)
+    return SOLVERS[name](system.dense(), *arguments)

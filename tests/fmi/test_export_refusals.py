@@ -14,7 +14,7 @@ from mbfmu.mechanics import Mechanism, Revolute, SphericalCut, rod
 from mbfmu.modeling import Model, models
 from mbfmu.modeling.settings import Settings
 from mbfmu.util.errors import EquilibriumError, UserError
-from solvers.steppers import NAMES, refusal, stepper
+from solvers.steppers import SOLVER_NAMES, describe_refusal, stepper
 
 SMALL: dict[str, dict[str, Any]] = {
     "sheet": {"nx": 9, "nz": 7},
@@ -31,8 +31,8 @@ def test_a_solver_that_does_not_suit_a_model_is_refused_as_a_run_refuses_it(name
     model = models()[name](**SMALL.get(name, {}))
     system = model.plant().system
     start = (0.0, *model.plant().assemble())
-    for solver in NAMES:
-        why, path = refusal(solver, system), tmp_path / f"{solver}.fmu"
+    for solver in SOLVER_NAMES:
+        why, path = describe_refusal(solver, system), tmp_path / f"{solver}.fmu"
         assert bool(why) == ((name, solver) in REFUSED), (solver, why)
         if why:
             with pytest.raises(ValueError) as said:  # noqa: PT011  # what it says is compared
