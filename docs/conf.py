@@ -19,7 +19,7 @@ copyright = author
 version = release = mbfmu.__version__
 
 extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_nb", "sphinx_copybutton"]
-extensions += ["mathml", "fields", "names", "animations", "links"]  # ours, in _ext
+extensions += ["mathml", "fields", "names", "animations", "links", "model_pages"]  # ours, in _ext
 exclude_patterns = ["_ext", "**/.ipynb_checkpoints"]
 
 html_theme = "furo"

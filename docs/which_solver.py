@@ -8,7 +8,10 @@ from xml.sax.saxutils import escape
 PICTURE = Path(__file__).parent / "images" / "which_solver.svg"
 QUESTIONS = (  # lines of a question, and of the answer if it is yes
     (("Do you need the steady state", "instead of the motion?"), ("mbfmu equilibrium", "no simulation")),
-    (("Does the model have loops and", "more than 1000 coordinates?"), ("ida", "tolerance: 1/1000 of the error")),
+    (
+        ("Does the model have loops and more than", "1000 coordinates, and no sheet?"),
+        ("ida", "tolerance: 1/1000 of the error"),
+    ),
     (
         (
             "Is the model stiff: a sheet, a mesh,",

@@ -36,6 +36,12 @@ def test_the_picture_of_the_choice_is_what_its_script_draws() -> None:
     assert script["PICTURE"].read_text() == script["picture"]()
 
 
+def test_the_tables_of_comparisons_are_those_of_their_runs() -> None:
+    script = runpy.run_path(str(DOCS / "comparison_tables.py"))
+    for page in script["tables"]():
+        assert page.read_text() == script["with_tables"](page), page
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_files_that_a_page_names_exist(page: Path) -> None:
     named = re.findall(r"`((?:mbfmu|solvers|fmus|tests|benchmarks|examples|docs)/[\w/.]*)`", page.read_text())
