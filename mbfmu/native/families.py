@@ -21,15 +21,14 @@ from solvers.projection.reported import evaluate
 from solvers.projection.workspace import Workspace
 from solvers.steppers.adams import loop as adams
 from solvers.steppers.adams import tree_loop
-from solvers.steppers.adams.explicit import SINGLES
 from solvers.steppers.adams.formulas import History
 from solvers.steppers.adams.formulas import begin_anew as begin_history
 from solvers.steppers.adams.hybrid import HYBRID
 from solvers.steppers.adams.jumps import limit_steps
-from solvers.steppers.dense import measure_pace
+from solvers.steppers.dense import estimate_rates
 from solvers.steppers.radau import loop as radau
-from solvers.steppers.radau.dense import STOPS
 from solvers.steppers.radau.formulas import Memory
+from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.system import Equations, Terms
 
 from .starting import find_turned
@@ -88,7 +87,7 @@ def find_out(s: Any, t: float) -> tuple[int, int]:
     position_sizes(s.positions, g.work.size, g.work.size_q)
     rank = normal_rank(g.eqs, t, g.q, g.v, g.work)
     code = close(g.eqs, t, g.q, g.v, rank, g.work)
-    measure_pace(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], s.options[0].duration, g.work)
+    estimate_rates(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], s.options[0].duration, g.work)
     return code, rank
 
 
@@ -136,7 +135,7 @@ def evaluate_tree(s: Any) -> int:
 @kernel
 def renew_history(s: Any, fresh: bool, watched: bool) -> None:
     """As ``ExplicitStepper.renew`` does; ``fresh``: as its ``restart``; ``watched``: work is to be booked."""
-    g, kept, singles = s.given, not fresh and s.told[0].code == OK, 0 if fresh else SINGLES
+    g, kept, singles = s.given, not fresh and s.told[0].code == OK, 0 if fresh else TRUNCATED_STEPS
     g.settings[0].works = 1 if watched and g.eqs.data.arrays.world[0].works == 1 else 0
     begin_history(g.memory, s.clock[0], g.q, g.v, g.ledger[WORK], singles, 0 if fresh else 1, kept)
 
@@ -160,7 +159,7 @@ def renew_radau(s: Any, fresh: bool) -> None:
     g, kept = s.given, not fresh and s.told[0].code == OK
     o = g.settings[0]
     o.works = 1 if o.energy_check == 1 and g.eqs.data.arrays.world[0].works == 1 else 0
-    radau.begin_anew(g.memory, s.clock[0], g.q, g.v, g.ledger[WORK], 0 if fresh else STOPS, kept)
+    radau.begin_anew(g.memory, s.clock[0], g.q, g.v, g.ledger[WORK], 0 if fresh else TRUNCATED_STEPS, kept)
     if fresh:
         g.memory.control[0].known = 0
 

@@ -54,9 +54,8 @@ ORDER_LIMITS = {  # lowest and highest order that a run can be limited to; one n
     "radau": (5, 5),
     "esdirk": (3, 3),
 }
-MAX_RADAU_COORDINATES = (
-    200  # coordinates; a Newton matrix of that size takes seconds, and grows with more than the third power
-)
+# joint coordinates; a Newton matrix of that size takes seconds, and its time grows with more than the third power
+MAX_RADAU_COORDINATES = 200
 
 
 def size_limit(name: str) -> int:

@@ -21,12 +21,12 @@ from solvers.system import Array, Equations, System, Terms
 
 # The pace of a coordinate: of its rate at the start, which is above that of a small oscillation by the root of its
 # amplitude; and the least, of the rate of the motion, for what rests at the start may move later.
-SLOWER, SLOWEST = 0.1, 0.01
-UNDETERMINED = 1e-9  # singular value of J~, relative to the largest, below which a start takes no rate from it
+INITIAL_RATE_RATIO, MIN_RATE_RATIO = 0.1, 0.01
+RANK_LOSS_RATIO = 1e-9  # singular value of J~, relative to the largest, below which a start takes no rate from it
 
 
 @kernel
-def find_critical(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+def classify_nearest_singularity(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     """Class of the singular configuration next to q; see :func:`solvers.projection.singular.judge`."""
     eqs.position(t, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
@@ -34,7 +34,7 @@ def find_critical(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 
 
 @kernel
-def measure_pace(
+def estimate_rates(
     eqs: Any, t: float, q: Any, v: Any, rank: int, known: float, loop_rate: float, duration: float, work: Any
 ) -> None:
     """Note the rate of the motion (1/s, see :func:`solvers.stepper.rate_of_start`), and of every coordinate's own part
@@ -49,7 +49,7 @@ def measure_pace(
         loop_rate = max(loop_rate, work.pace[k] * work.looped[k])
     work.rate[0], work.rate[1] = rate, loop_rate if loop_rate != 0.0 else rate
     for k in range(v.shape[0]):
-        work.pace[k] = max(SLOWER * work.pace[k], SLOWEST * rate)
+        work.pace[k] = max(INITIAL_RATE_RATIO * work.pace[k], MIN_RATE_RATIO * rate)
 
 
 class DenseStepper(Stepper):
@@ -70,7 +70,7 @@ class DenseStepper(Stepper):
         self.starts_singular = self._loses_rank()
         self.status = self._status(Code(code))
         known = system.rate, system.loop_rate, self.options.duration
-        measure_pace(self._eqs, self._t, self._q, self._v, self._rank, *known, self._work)
+        estimate_rates(self._eqs, self._t, self._q, self._v, self._rank, *known, self._work)
         require_resolved(self._t, float(self._units.rate[0]), self.options.rtol)
 
     def _loses_rank(self) -> bool:
@@ -78,7 +78,7 @@ class DenseStepper(Stepper):
         if self._rank == 0 or not np.isfinite(self._terms.J).all():
             return False
         sigma = np.linalg.svd(self._terms.J * self.system.size / self._units.row[:, None], compute_uv=False)
-        return bool(sigma[self._rank - 1] <= UNDETERMINED * sigma[0])
+        return bool(sigma[self._rank - 1] <= RANK_LOSS_RATIO * sigma[0])
 
     def gap(self, t: float, q: Array) -> float:
         """Return the gap of the loops to the singular configuration next to q (nq,) at time t, in units of the rows.
@@ -89,7 +89,7 @@ class DenseStepper(Stepper):
         if self._rank == 0:
             return nan
         self._units.critical["kind"], self._units.critical["in_vain"] = NONE, 0.0
-        kind = find_critical(self._eqs, t, q, self._rank, self._work)
+        kind = classify_nearest_singularity(self._eqs, t, q, self._rank, self._work)
         return {CROSSING: 0.0, MISS: float(abs(self._units.critical["gap"][0]))}.get(kind, nan)
 
     def _growth(self) -> tuple[float, float]:

@@ -23,7 +23,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.errors import UserError
-from solvers.steppers.esdirk.formulas import GAMMA, LOWER, A, B, C
+from solvers.steppers.esdirk.formulas import EMBEDDED_WEIGHTS, GAMMA, A, B, C
 
 MANY = 70  # coordinates of their own: a large tree
 
@@ -41,8 +41,8 @@ def test_coefficients_are_of_order_three_with_one_of_order_two_beside_them() -> 
     ones = np.ones(4)
     np.testing.assert_allclose(A @ ones, C, atol=1e-15)
     np.testing.assert_allclose([B @ ones, B @ C, B @ C**2, B @ A @ C], [1.0, 1 / 2, 1 / 3, 1 / 6], atol=1e-14)
-    np.testing.assert_allclose([LOWER @ ones, LOWER @ C], [1.0, 1 / 2], atol=1e-14)
-    assert abs(LOWER @ C**2 - 1 / 3) > 1e-3
+    np.testing.assert_allclose([EMBEDDED_WEIGHTS @ ones, EMBEDDED_WEIGHTS @ C], [1.0, 1 / 2], atol=1e-14)
+    assert abs(EMBEDDED_WEIGHTS @ C**2 - 1 / 3) > 1e-3
     np.testing.assert_allclose(np.diag(A), [0.0, GAMMA, GAMMA, GAMMA])
 
 
@@ -78,7 +78,7 @@ def exact_swing(end: float, stiffness: float = 30.0) -> float:
 @pytest.fixture
 def fixed_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every step be as long as it may, and solve its stages to rounding."""
-    for name, value in (("FIRST", 1e9), ("EXACT", 1e-8)):
+    for name, value in (("FIRST_STEP_RATIO", 1e9), ("STAGE_TOLERANCE", 1e-8)):
         monkeypatch.setattr(f"solvers.steppers.esdirk.tree.{name}", value)
 
 

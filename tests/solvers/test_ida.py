@@ -30,7 +30,7 @@ def both_ways(monkeypatch: pytest.MonkeyPatch) -> Ways:
 
     That binding cannot say when a matrix is old, so IDA's own rule serves both.
     """
-    monkeypatch.setattr(sundials, "STALE", 0.25)
+    monkeypatch.setattr(sundials, "MAX_CJ_CHANGE", 0.25)
 
     def run(model: Any, tolerance: float, end: float) -> list[Simulation]:
         runs = []

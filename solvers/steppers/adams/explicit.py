@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from solvers.ledger import WORK
 from solvers.stepper import Stepper, sized
+from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.system import Array
 
 from .formulas import begin_anew
 from .jumps import limit_steps
-
-SINGLES = 12  # single steps after a change of the equations before a history is begun
 
 
 class ExplicitStepper(Stepper):
@@ -39,7 +38,7 @@ class ExplicitStepper(Stepper):
 
     def renew(self) -> None:
         """Continue in steps that need no history and end at the requested time, at which the next change may occur."""
-        self._begin(SINGLES, 1, self.status.ok)
+        self._begin(TRUNCATED_STEPS, 1, self.status.ok)
 
     def _begin(self, singles: int, renew: int, kept: bool) -> None:
         self._settings["works"] = self._watched and self.system.works()

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
 from solvers.ledger import FIELDS, SLIP, book_stray, look_anew, set_scales
+from solvers.steppers.step_control import FIRST_STEP_RATIO
 from solvers.system import Array
 
-HIGHEST = 12  # order
-ROWS = HIGHEST + 3
-BOUND, MANY = 0.25, 50  # see watch_stability
-FIRST = 0.1  # longest first step, in units of one over the rate: what lies still bounds none by its slope
+MAX_ORDER = 12
+N_DIFFERENCES = MAX_ORDER + 3  # entries of the arrays that are indexed by the order
+STABILITY_BOUND, STABILITY_STEPS = 0.25, 50  # see watch_stability
 GAMMA_STAR = np.array(
     [1.0, 0.5, 0.0833, 0.0417, 0.0264, 0.0188, 0.0143, 0.0114, 0.00936, 0.00789, 0.00679, 0.00592, 0.00524, 0.00468]
 )  # |coefficient| of the error of the fixed-step formulas, gstr of STEP
@@ -36,10 +36,11 @@ CONTROL = np.dtype(
         ("singles", "i8"), ("single", "f8"),  # steps without history yet to take, and how long accuracy lets them be
         ("renew", "i8"), ("placed", "i8"),  # y' at y is to be evaluated again; such a step has ended at y
         ("knew", "i8"), ("erk", "f8"), ("erkm1", "f8"), ("erkm2", "f8"),  # order and error estimates of this step
-        ("psi", "f8", ROWS),  # sums of steps, s
-        ("alpha", "f8", ROWS), ("beta", "f8", ROWS), ("sig", "f8", ROWS), ("v", "f8", ROWS), ("w", "f8", ROWS),
-        ("g", "f8", ROWS),  # coefficients of the predictor
-        ("g_out", "f8", ROWS), ("w_out", "f8", ROWS),  # of the interpolation
+        ("psi", "f8", N_DIFFERENCES),  # sums of steps, s
+        ("alpha", "f8", N_DIFFERENCES), ("beta", "f8", N_DIFFERENCES), ("sig", "f8", N_DIFFERENCES),
+        ("v", "f8", N_DIFFERENCES), ("w", "f8", N_DIFFERENCES),
+        ("g", "f8", N_DIFFERENCES),  # coefficients of the predictor
+        ("g_out", "f8", N_DIFFERENCES), ("w_out", "f8", N_DIFFERENCES),  # of the interpolation
         ("rank", "i8"), ("regime", "i8"),  # of J; which partition
         ("long", "i8"), ("limited", "i8"),  # near the bound of stability: steps more than others; steps it set
         ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"),
@@ -82,7 +83,7 @@ class History(NamedTuple):
         """Return a zeroed history for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         size = nq + n + 1
         y, weight, p, yp, trial, yp_p = (np.zeros(size) for _ in range(6))
-        phi, unit = np.zeros((size, ROWS)), np.ones(size)
+        phi, unit = np.zeros((size, N_DIFFERENCES)), np.ones(size)
         choice = np.arange(m), np.arange(n)
         control = records(1, CONTROL)
         return History(control, y, phi, unit, weight, p, yp, trial, yp_p, *choice, np.zeros((n, n) if m else (0, 0)))
@@ -144,11 +145,11 @@ def set_units(H: Any, absolute: float, work: Any, scales: Any) -> None:
 def begin(c: Any, H: Any, max_step: float, rate: float) -> None:
     """History of order 1 from y' = ``H.yp`` at ``c.t``; ``rate`` (1/s) times y' stands for y''."""
     for i in range(H.y.shape[0]):
-        for j in range(ROWS):
+        for j in range(N_DIFFERENCES):
             H.phi[i, j] = 0.0
         H.phi[i, 1] = H.yp[i]
     slope = weighted_norm(H.yp, H.weight)
-    c.h = min(max_step, FIRST / rate)
+    c.h = min(max_step, FIRST_STEP_RATIO / rate)  # a body at rest gives no bound by its slope
     if 16.0 * slope * rate * c.h * c.h > 1.0:
         c.h = 0.25 * np.sqrt(1.0 / (slope * rate))
     c.h = max(c.h, 4.0 * 2.3e-16 * abs(c.t))
@@ -312,19 +313,19 @@ def watch_stability(c: Any, H: Any) -> None:
     """Count the steps whose length stability sets, and not accuracy.
 
     rho = |y'_c - y'_p| / |y_c - y_p|, from the predicted to the corrected state, comes near the largest eigenvalue
-    where its mode is what the two differ by. h rho swings from step to step; where most of many steps are above
-    ``BOUND`` stability sets their length: medians were 0.3 to 1 on stiff motions, 0.06 to 0.13 on those that accuracy
-    limits.
+    if its mode dominates their difference. h rho varies from step to step. If most of ``STABILITY_STEPS`` steps are
+    above ``STABILITY_BOUND``, stability sets their length: medians were 0.3 to 1 on stiff motions, 0.06 to 0.13 on
+    those that accuracy limits.
     """
     change, rate = 0.0, 0.0
     for i in range(H.y.shape[0]):
         change += ((H.trial[i] - H.p[i]) * H.weight[i]) ** 2
         rate += ((H.yp[i] - H.yp_p[i]) * H.weight[i]) ** 2
-    if rate * c.h * c.h > BOUND * BOUND * change:
-        c.long = min(c.long + 1, 2 * MANY)
+    if rate * c.h * c.h > STABILITY_BOUND * STABILITY_BOUND * change:
+        c.long = min(c.long + 1, 2 * STABILITY_STEPS)
     else:
         c.long = max(c.long - 1, 0)
-    if c.long >= MANY:
+    if c.long >= STABILITY_STEPS:
         c.limited += 1
 
 

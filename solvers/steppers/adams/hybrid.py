@@ -24,7 +24,7 @@ from solvers.projection.workspace import factor
 from .formulas import split
 
 PROJECTION, LU, HYBRID = 0, 1, 2  # partitions; the first two are regimes of the third
-CLEAR = 5.0  # steps to a singular configuration beyond which a return to LU is worthwhile
+MIN_CLEAR_STEPS = 5.0  # steps to a singular configuration beyond which a return to LU is worthwhile
 
 
 @kernel
@@ -153,7 +153,7 @@ def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
     If a singular configuration is a few steps ahead LU is not worthwhile.
     """
     here = work.course[0]
-    calm = here.ratio >= SINGULAR and here.ahead >= CLEAR * c.h
+    calm = here.ratio >= SINGULAR and here.ahead >= MIN_CLEAR_STEPS * c.h
     calm = calm and c.h >= min(c.hold, o.max_step)
     calm = choose(terms, c.rank, work) and calm
     if not factor_dependent(terms, c.rank, H.rows, H.columns, work) or better_choice(c.rank, work):

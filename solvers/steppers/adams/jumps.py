@@ -18,7 +18,7 @@ from solvers.stepper import sudden
 
 from .formulas import begin_anew
 
-FREED = 1e3  # times: a limit that becomes longer by so much has ended
+ENDED_LIMIT_RATIO = 1e3  # times: a limit that becomes longer by so much has ended
 
 
 @kernel
@@ -30,7 +30,7 @@ def limit_steps(H: Any, settings: Any, t: float, q: Any, v: Any, work: float, lo
         return
     o.max_step = longest
     if c.start == 0:
-        if longest >= FREED * before and sudden(before, t):
+        if longest >= ENDED_LIMIT_RATIO * before and sudden(before, t):
             begin_anew(H, t, q, v, work, 0, 0, False)
         elif longest < c.h and sudden(longest, t):
             c.phase1, c.k = 0, 1

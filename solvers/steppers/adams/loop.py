@@ -45,9 +45,10 @@ from solvers.projection.reported import report_state
 from solvers.projection.singular import CLOSED, MISS, SINGULAR, note, passed, step_bound
 from solvers.projection.workspace import factor
 from solvers.stepper import smallest_step, sudden
+from solvers.steppers.step_control import FIRST_STEP_RATIO, MIN_RTOL_TIMES_GAP, MIN_STEP_RATIO
 
 from .formulas import (
-    HIGHEST,
+    MAX_ORDER,
     accept,
     begin,
     coefficients,
@@ -74,11 +75,9 @@ SETTINGS = np.dtype(
     ],
     align=True,
 )  # fmt: skip
-RESOLVED = 3e-18  # rtol that rounding allows near a near miss, times its gap; found by trial
-SLIGHT = 1e-3  # part of the tolerance: a correction of the position by less needs no new J
-FIRST_SINGLE = 0.1  # first of the single steps, in units of one over the rate of the motion
-CLEAR = 2.0  # times the nearly singular ratio, or the time to a singular configuration: single steps are possible
-SMALLEST_STEP = 1e-11  # see solvers.stepper.smallest_step
+FROZEN_JACOBIAN_RATIO = 1e-3  # part of the tolerance: a smaller correction of the position needs no new J
+# Times the nearly singular ratio of the pivots, or times the way to the target: Runge-Kutta steps are possible.
+CLEARANCE_FACTOR = 2.0
 
 
 @inlined
@@ -91,7 +90,7 @@ def weigh(c: Any, o: Any, H: Any, nq: int, n: int, work: Any) -> None:
     c.coarser = 1.0
     if work.critical[0].kind == MISS:
         gap = abs(work.critical[0].gap)
-        c.coarser = max(1.0, RESOLVED / (gap * o.rtol))
+        c.coarser = max(1.0, MIN_RTOL_TIMES_GAP / (gap * o.rtol))
         if c.coarser > c.coarsest:
             c.coarsest, c.narrowest = c.coarser, gap
     scale = c.coarser * finer_tolerance(o.rtol, 1.0, work)
@@ -123,7 +122,7 @@ def differentiate(eqs: Any, t: float, closing: bool, c: Any, o: Any, H: Any, wor
     else:
         code = OK
         if closing:
-            code = settle(eqs, t, q, v, H.p, rank, SLIGHT * min(o.rtol, o.atol), work)
+            code = settle(eqs, t, q, v, H.p, rank, FROZEN_JACOBIAN_RATIO * min(o.rtol, o.atol), work)
         else:
             eqs.dynamics(t, q, v, eqs.data, eqs.terms)
             factor(eqs.terms, work)
@@ -184,8 +183,12 @@ def clear_way(c: Any, work: Any, target: float) -> bool:
     if c.rank == 0:
         return True
     if c.regime == LU:
-        return c.pivot == 0.0 or c.pivot >= CLEAR * SINGULAR
-    return work.critical[0].kind != MISS and here.ratio >= CLEAR * SINGULAR and here.ahead >= CLEAR * (target - c.t)
+        return c.pivot == 0.0 or c.pivot >= CLEARANCE_FACTOR * SINGULAR
+    return (
+        work.critical[0].kind != MISS
+        and here.ratio >= CLEARANCE_FACTOR * SINGULAR
+        and here.ahead >= CLEARANCE_FACTOR * (target - c.t)
+    )
 
 
 @kernel
@@ -207,7 +210,7 @@ def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
         H.yp[H.y.shape[0] - 1] = power(eqs, c.t, c, o, H, work)
         keep_stage(H, 0)
         c.starts += 1
-        c.h = c.single if c.single > 0.0 else FIRST_SINGLE / work.rate[0]
+        c.h = c.single if c.single > 0.0 else FIRST_STEP_RATIO / work.rate[0]
         c.renew = 0
     return code
 
@@ -248,7 +251,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target
                 code, error = BRANCHES, np.inf
         refuse_step(c, code == OK)
         change_step(c, error)
-        smallest = smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t)
+        smallest = smallest_step(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
         if not c.h > smallest:
             if shortest or code != OK or not sudden(o.max_step, c.t):
                 c.single = 0.0
@@ -289,7 +292,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
         if o.partition == HYBRID and c.regime == LU and cuts >= o.collapse_cuts:
             give_up_lu(eqs, c, H, work)
             c.by_collapse += 1
-        smallest = smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t)
+        smallest = smallest_step(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
         if not c.h > smallest:
             if shortest or code != OK or not sudden(o.max_step, c.t):
                 return COLLAPSED if code == OK else code
@@ -391,7 +394,7 @@ def take_options(options: Any, settings: Any) -> None:
     asked, o = options[0], settings[0]
     o.rtol, o.atol = asked.rtol, asked.absolute
     o.max_step, o.max_steps, o.energy_check = asked.max_step, asked.max_steps, asked.energy_check
-    o.max_order = asked.max_order if asked.max_order > 0 else HIGHEST
+    o.max_order = asked.max_order if asked.max_order > 0 else MAX_ORDER
 
 
 @kernel

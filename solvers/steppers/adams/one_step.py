@@ -17,6 +17,7 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined
 from solvers.ledger import book_stray
+from solvers.steppers.step_control import MIN_STEP_CHANGE, STEP_SAFETY_FACTOR, TARGET_TOLERANCE
 
 STAGES = 7
 NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
@@ -32,8 +33,7 @@ A = np.array(
     ]
 )  # the last row is the step itself
 E = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])  # order 5 less order 4
-SAFETY, SHORTEST, LONGEST = 0.9, 0.2, 5.0  # of the next step in units of this one
-SAME = 1e-9  # part of a step: nearer to its end is there
+MAX_STEP_CHANGE = 5.0  # next step in units of this one, at most
 
 
 @inlined
@@ -68,7 +68,11 @@ def error_of_step(c: Any, H: Any) -> float:
 @inlined
 def change_step(c: Any, error: float) -> None:
     """The step that this error lets be next, or again."""
-    c.h *= min(LONGEST, max(SHORTEST, SAFETY * max(error, 1e-10) ** -0.2)) if error < np.inf else SHORTEST
+    c.h *= (
+        min(MAX_STEP_CHANGE, max(MIN_STEP_CHANGE, STEP_SAFETY_FACTOR * max(error, 1e-10) ** -0.2))
+        if error < np.inf
+        else MIN_STEP_CHANGE
+    )
 
 
 @inlined
@@ -79,7 +83,7 @@ def stop_at(c: Any, target: float) -> None:
     """
     c.single = c.h
     left = target - c.t
-    if left * (1.0 - SAME) <= c.h:
+    if left * (1.0 - TARGET_TOLERANCE) <= c.h:
         c.h = left
     elif left < 2.0 * c.h:
         c.h = 0.5 * left
@@ -94,7 +98,7 @@ def take_step(c: Any, H: Any, target: float, error: float) -> None:
         slip += E[k] * H.phi[last, k + 1]
     c.through += abs(H.trial[last] - H.y[last])
     book_stray(c, c.h * slip, c.h)
-    c.t = target if abs(target - c.t - c.h) <= SAME * c.h else c.t + c.h
+    c.t = target if abs(target - c.t - c.h) <= TARGET_TOLERANCE * c.h else c.t + c.h
     c.hold = c.h
     for j in range(H.y.shape[0]):
         H.y[j] = H.trial[j]

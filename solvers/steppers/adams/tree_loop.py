@@ -22,6 +22,7 @@ from solvers.ledger import due, look, refuse_step, report
 from solvers.outcome import COLLAPSED, MAX_STEPS, NO_MASS, NOT_FINITE, OK
 from solvers.positions import Positions, position_sizes
 from solvers.stepper import rate_of_start, smallest_step, sudden
+from solvers.steppers.step_control import FIRST_STEP_RATIO, MIN_STEP_RATIO
 from solvers.system import Array
 
 from .formulas import (
@@ -37,7 +38,7 @@ from .formulas import (
     set_units,
     split,
 )
-from .loop import FIRST_SINGLE, SMALLEST_STEP, cut
+from .loop import cut
 from .one_step import NODES, STAGES, change_step, error_of_step, keep_stage, stage, stop_at, take_step
 
 SETTINGS = np.dtype(
@@ -48,8 +49,9 @@ SETTINGS = np.dtype(
     ],
     align=True,
 )  # fmt: skip
-RATE = 1.5  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate; tighter than IDA's
-# costs nothing where stability limits the step, and looser lets the fastest modes grow
+# Absolute tolerance of a rate to that of its coordinate, in units of the motion's rate. A tighter one than IDA's costs
+# nothing if stability limits the step, and a looser one lets the fastest modes grow.
+RATE_TOLERANCE_RATIO = 1.5
 
 
 class TreeEquations(NamedTuple):
@@ -150,7 +152,7 @@ def prepare(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
         H.yp[H.y.shape[0] - 1] = power(eqs, c.t, o, s)
         book(eqs, c.t, c, o, scales, s)
         keep_stage(H, 0)
-        c.h = c.single if c.single > 0.0 else FIRST_SINGLE / o.rate
+        c.h = c.single if c.single > 0.0 else FIRST_STEP_RATIO / o.rate
         c.renew = 0
     return code
 
@@ -185,7 +187,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any, target: f
                 return OK
         refuse_step(c, code == OK)
         change_step(c, error)
-        smallest = smallest_step(SMALLEST_STEP, o.rate, o.max_step, c.t)
+        smallest = smallest_step(MIN_STEP_RATIO, o.rate, o.max_step, c.t)
         if not c.h > smallest:
             if shortest or code != OK or not sudden(o.max_step, c.t):
                 c.single = 0.0
@@ -218,7 +220,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
         cuts += 1
         refuse_step(c, code == OK)
         cut(cuts, c, H)
-        smallest = smallest_step(SMALLEST_STEP, o.rate, o.max_step, c.t)
+        smallest = smallest_step(MIN_STEP_RATIO, o.rate, o.max_step, c.t)
         if not c.h > smallest:
             if shortest or code != OK or not sudden(o.max_step, c.t):
                 return COLLAPSED if code == OK else code
@@ -277,7 +279,7 @@ def set_up(g: Any, t: float, known: float, duration: float) -> None:
         o.rate = rate_of_start(known, duration, s.size, g.v, s.a)
     position_sizes(s.positions, s.size, s.size_q)
     for k in range(s.pace.shape[0]):
-        s.pace[k] = RATE * o.rate
+        s.pace[k] = RATE_TOLERANCE_RATIO * o.rate
     g.scales.mean[0] = 1 if s.inertia[0].watched == 1 else H.y.shape[0] - 1
     set_units(H, o.atol, s, g.scales)
     clear_growth(s)

@@ -45,7 +45,7 @@ A = np.array(
         B,
     ]
 )
-LOWER = np.array(  # weights of order 2
+EMBEDDED_WEIGHTS = np.array(  # weights of order 2
     [
         2756255671327 / 12835298489170,
         -10771552573575 / 22201958757719,
@@ -53,9 +53,9 @@ LOWER = np.array(  # weights of order 2
         2193209047091 / 5459859503100,
     ]
 )
-MOST = 20  # corrections of a stage
-SMALL = 1e-3  # part of the way to a first guess, over which the equations are linear
-NEW = 1e-4  # part of a change of corrections that must be left after removal of the others
+MAX_CORRECTIONS = 20  # corrections of a stage
+DIFFERENCE_RATIO = 1e-3  # part of the way to a first guess, over which the equations are linear
+MIN_INDEPENDENT_RATIO = 1e-4  # part of a change of corrections that must be left after removal of the others
 CONTROL = np.dtype(
     [
         *FIELDS,
@@ -128,7 +128,7 @@ class Stage(NamedTuple):
         nq, n, m, z = system.nq, system.n, system.m, np.zeros
         return Stage(
             z(nq), z(n), z(n), z(m), z(nq), z(nq), z(n), z(n), z(nq), z(n), z(nq), z(n), z(n),
-            z(n + m), z(n + m), z((MOST, n)), z((MOST, n + m)), np.zeros(1, np.int64),
+            z(n + m), z(n + m), z((MAX_CORRECTIONS, n)), z((MAX_CORRECTIONS, n + m)), np.zeros(1, np.int64),
             z(n), z(m), *system.positions,
         )  # fmt: skip
 
@@ -197,13 +197,13 @@ def foresee(eqs: Any, t: float, c: float, M: Any, s: Any) -> None:
     begin = M.control[0].t
     eqs.inverse(begin, M.q, M.v, M.A[0], M.lam, eqs.data, s.qdot, s.start)
     for k in range(s.v.shape[0]):
-        s.v[k] = M.v[k] + SMALL * (s.v[k] - M.v[k])
-        s.a[k] = M.A[0, k] + SMALL * (s.a[k] - M.A[0, k])
-        s.turn[k] *= SMALL
+        s.v[k] = M.v[k] + DIFFERENCE_RATIO * (s.v[k] - M.v[k])
+        s.a[k] = M.A[0, k] + DIFFERENCE_RATIO * (s.a[k] - M.A[0, k])
+        s.turn[k] *= DIFFERENCE_RATIO
     eqs.retract(s.near, s.turn, eqs.data)
-    eqs.inverse(begin + SMALL * (t - begin), s.near, s.v, s.a, M.lam, eqs.data, s.qdot, s.tau)
+    eqs.inverse(begin + DIFFERENCE_RATIO * (t - begin), s.near, s.v, s.a, M.lam, eqs.data, s.qdot, s.tau)
     for k in range(s.v.shape[0]):
-        s.tau[k] = s.start[k] + (s.tau[k] - s.start[k]) / SMALL
+        s.tau[k] = s.start[k] + (s.tau[k] - s.start[k]) / DIFFERENCE_RATIO
 
 
 @kernel
@@ -256,7 +256,7 @@ def keep_secant(k: int, dq: Any, dlam: Any, s: Any) -> None:
         for i in range(s.step.shape[0]):
             s.along[k, i] -= part * s.along[j, i]
     left = root_of_square(s.df, k)
-    if left > NEW * before:
+    if left > MIN_INDEPENDENT_RATIO * before:
         for i in range(n):
             s.df[k, i] /= left
         for i in range(s.step.shape[0]):
@@ -301,7 +301,7 @@ def error_of_step(h: float, M: Any, s: Any) -> None:
     for k in range(s.slope.shape[0]):
         s.slope[k] = 0.0
         for j in range(STAGES):
-            s.slope[k] += h * (B[j] - LOWER[j]) * M.Q[j, k]
+            s.slope[k] += h * (B[j] - EMBEDDED_WEIGHTS[j]) * M.Q[j, k]
     as_motion(s.q, s.slope, s, s.turn)
 
 
@@ -322,7 +322,7 @@ def accept(h: float, after: float, M: Any, s: Any) -> None:
     done, slip = 0.0, 0.0
     for j in range(STAGES):
         done += h * B[j] * M.P[j]
-        slip += h * (B[j] - LOWER[j]) * M.P[j]
+        slip += h * (B[j] - EMBEDDED_WEIGHTS[j]) * M.P[j]
     c.through += abs(done)
     book_stray(c, slip, h)
     M.ends[0], M.ends[1], M.ends[2], M.ends[3] = c.work, c.work + done, M.P[0], M.P[STAGES - 1]

@@ -32,11 +32,20 @@ from solvers.options import Options, Statistics
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, Saddle, close, count_freedom, rate_of_motion
 from solvers.stepper import Stepper, rate_of_start, require_placed, require_resolved, sized, smallest_step
+from solvers.steppers.step_control import (
+    FIRST_STEP_RATIO,
+    MIN_CONTROLLED_ERROR,
+    MIN_STEP_CHANGE,
+    MIN_STEP_RATIO,
+    STEP_SAFETY_FACTOR,
+    TARGET_TOLERANCE,
+    TRUNCATED_STEPS,
+)
 from solvers.system import LARGEST_DENSE, Array, TreeSystem, energy_callbacks
 
 from .formulas import (
     GAMMA,
-    MOST,
+    MAX_CORRECTIONS,
     STAGES,
     C,
     Memory,
@@ -55,27 +64,24 @@ from .formulas import (
     watch_inertia,
 )
 
-RATE = 150.0  # tolerance of a rate in tolerances of its coordinate times the rate of the motion
-FIRST = 0.1  # first step, in units of one over the rate of the motion, or of the fastest coordinate
-STRICTER = 0.2  # of the tolerance, to which the estimated error of a step is held: that of the motion adds up to more
-# What Newton may leave of a stage, in these tolerances: EXACT, or DRIFT (h rate)^2. It has one sign in many steps, and
-# the rate that it leaves behind, larger by 1 / (h gamma), adds up to a drift.
-EXACT, DRIFT = 0.05, 6.0
-FINEST = 1e-12  # sizes: what rounding leaves of a correction
-SHORTEST_MOTION = 1e-16  # square of rate times step: in shorter steps more than one correction is rounding errors alone
-LEAST_TOLERANCE = 1e-10  # below it steps are so short that rounding errors add up to more than the tolerance
-CLOSINGS = 2  # on the way back onto the constraints by the factors of the stages
-SLOW = 0.7  # rate of the corrections that calls for new factors
-RENEWALS = 8  # of the factors within a stage
-WAIT, TAMER = 8, 0.6  # steps after Newton has failed at a length that are not longer than this part of it
-UNSEEN, FASTEST = 0.5, 0.1  # rate of a first correction; the least that is counted on
-ROUNDING = 0.02  # of what Newton may leave: a correction that need not fall
-NEAR = 1e-3  # part by which 1 / (h gamma) may be off that of the factors
-SAFETY, SHORTEST, LONGER, LONGEST = 0.9, 0.2, 2.0, 4.0  # of the next step in units of this one
-TINY = 1e-8  # an error, in tolerances, that lets it be as long as any
-SAME = 1e-9  # part of a step: nearer to its end is there
-STOPS = 12  # steps after a change of the loads that end where they are asked to: another change is likely
-SMALLEST_STEP = 1e-11  # see solvers.stepper.smallest_step
+RATE_TOLERANCE_RATIO = 150.0  # tolerance of a rate in tolerances of its coordinate times the rate of the motion
+# Of the tolerance, to which the estimated error of a step is held: the error of the motion adds up to more.
+ERROR_TOLERANCE_RATIO = 0.2
+# What Newton may leave of a stage, in these tolerances: STAGE_TOLERANCE, or DRIFT_FACTOR (h rate)^2. It has one sign in
+# many steps, and the rate that it leaves behind, larger by 1 / (h gamma), adds up to a drift.
+STAGE_TOLERANCE, DRIFT_FACTOR = 0.05, 6.0
+ROUNDING_OF_CORRECTIONS = 1e-12  # in units of size
+MIN_SQUARED_MOTION = 1e-16  # square of rate times step: in shorter steps all corrections but one are rounding errors
+MIN_RTOL = 1e-10  # below it steps are so short that rounding errors add up to more than the tolerance
+PROJECTION_ITERATIONS = 2  # of the projection onto the constraints with the factors of the stages
+MAX_CONTRACTION = 0.7  # above this rate of convergence factors are renewed
+MAX_REFACTORIZATIONS = 8  # within a stage
+# After a failure of Newton at a step size this many steps are not longer than this part of it.
+RETRY_STEPS, RETRY_STEP_RATIO = 8, 0.6
+FIRST_CONTRACTION, MIN_CONTRACTION = 0.5, 0.1  # rate of convergence before the second correction; the least assumed
+NEGLIGIBLE_CORRECTION = 0.02  # of the tolerance of a stage: a correction that need not decrease
+FACTOR_REUSE_TOLERANCE = 1e-3  # part by which 1 / (h gamma) may be off that of the factors
+MIN_STEP_INCREASE, MAX_STEP_CHANGE = 2.0, 4.0  # next step in units of this one, if it is longer
 
 
 class Callbacks(NamedTuple):
@@ -97,8 +103,8 @@ class TreeESDIRKStepper(Stepper):
         self.others = (*dense, "ida") if system.m else ("adams", "ida")
         super().__init__(system, t0, q0, v0, options)
         self._requested = self.options.rtol
-        if self._requested < LEAST_TOLERANCE:
-            self.options = replace(self.options, rtol=LEAST_TOLERANCE)
+        if self._requested < MIN_RTOL:
+            self.options = replace(self.options, rtol=MIN_RTOL)
         self.system, o = system, self.options
         self._motion, self._saddle = Accelerations(system), Saddle(system)
         self._memory, self._stage = Memory.allocate(system.nq, system.n, system.m), Stage.of(system)
@@ -112,8 +118,8 @@ class TreeESDIRKStepper(Stepper):
         self._absolute = o.absolute * system.size
         self._growth = Growth.of(system, self._rate)
         self._held_growth = hold(self._growth)
-        rates = RATE * self._rate * self._absolute
-        self._scales = hold(Scales.of_mesh(o.rtol, self._absolute, rates, system.n, RATE))
+        rates = RATE_TOLERANCE_RATIO * self._rate * self._absolute
+        self._scales = hold(Scales.of_mesh(o.rtol, self._absolute, rates, system.n, RATE_TOLERANCE_RATIO))
         self._works, self._longest = 0, np.inf
         self._mine = -1  # how often the tangent had been factored when these factors were made
         self.status = self._status(close(system, self._t, self._q, self._v))
@@ -159,7 +165,7 @@ class TreeESDIRKStepper(Stepper):
             c["start"] = 0
             c["starts"] += 1
             if not c["h"] > 0.0:
-                c["h"] = FIRST / rate_of_start(self._rate, np.inf, self.system.size, M.v, M.A[0])
+                c["h"] = FIRST_STEP_RATIO / rate_of_start(self._rate, np.inf, self.system.size, M.v, M.A[0])
         return code
 
     def _look(self) -> None:
@@ -169,25 +175,25 @@ class TreeESDIRKStepper(Stepper):
     def _step(self, target: float) -> Code:
         """One accepted step, however often it has to be cut; or what made it too small."""
         c, M, s = self._c, self._memory, self._stage
-        s.tol[:] = STRICTER * self._absolute
-        s.tol[s.in_v] += STRICTER * self.options.rtol * np.abs(M.q[s.in_q])
+        s.tol[:] = ERROR_TOLERANCE_RATIO * self._absolute
+        s.tol[s.in_v] += ERROR_TOLERANCE_RATIO * self.options.rtol * np.abs(M.q[s.in_q])
         s.tol[:] *= finer_tolerance(self.options.rtol, 1.3, self._held_growth)
         while True:
             c["h"] = min(c["h"], self._longest)
             h = self._stop_at(target) if c["ends"] else float(c["h"])
-            ends = bool(c["ends"]) and abs(target - c["t"] - h) <= SAME * h
+            ends = bool(c["ends"]) and abs(target - c["t"] - h) <= TARGET_TOLERANCE * h
             after = target if ends else float(c["t"]) + h
             code, error = self._try(h, after)
             if code is Code.OK and error <= 1.0:
                 break
             c["rejected"] += 1
             if code is Code.OK:
-                c["h"] = h * max(SHORTEST, SAFETY * error ** (-1.0 / 3.0))
+                c["h"] = h * max(MIN_STEP_CHANGE, STEP_SAFETY_FACTOR * error ** (-1.0 / 3.0))
             else:
-                c["h"], c["hard"], c["wait"] = 0.5 * h, h, WAIT
-            if not c["h"] > smallest_step(SMALLEST_STEP, self._rate, self._longest, float(c["t"])):
+                c["h"], c["hard"], c["wait"] = 0.5 * h, h, RETRY_STEPS
+            if not c["h"] > smallest_step(MIN_STEP_RATIO, self._rate, self._longest, float(c["t"])):
                 return Code.COLLAPSED if code is Code.OK else code
-        whole, longer = h >= c["h"], self._longer(h, max(error, TINY))
+        whole, longer = h >= c["h"], self._longer(h, max(error, MIN_CONTROLLED_ERROR))
         c["error"], c["before"] = max(error, 1e-2), h
         accept(h, after, *self._held)
         if self.system.watches_inertia:
@@ -200,18 +206,18 @@ class TreeESDIRKStepper(Stepper):
     def _longer(self, h: float, error: float) -> float:
         """Return the length of the step after one of h, with a look at how the error has changed (Gustafsson)."""
         c = self._c
-        factor = SAFETY * error ** (-1.0 / 3.0)
+        factor = STEP_SAFETY_FACTOR * error ** (-1.0 / 3.0)
         if c["wait"] > 0:
             c["wait"] -= 1
-            factor = min(factor, max(1.0, TAMER * c["hard"] / h))
+            factor = min(factor, max(1.0, RETRY_STEP_RATIO * c["hard"] / h))
         if c["before"] > 0.0:
-            factor = min(factor, SAFETY * h / c["before"] * (c["error"] / error**2) ** (1.0 / 3.0))
-        return h if 1.0 <= factor < LONGER else h * float(min(LONGEST, max(SHORTEST, factor)))
+            factor = min(factor, STEP_SAFETY_FACTOR * h / c["before"] * (c["error"] / error**2) ** (1.0 / 3.0))
+        return h if 1.0 <= factor < MIN_STEP_INCREASE else h * float(min(MAX_STEP_CHANGE, max(MIN_STEP_CHANGE, factor)))
 
     def _stop_at(self, target: float) -> float:
         """Return the length of a step that is to end at ``target``, or half way where another would be shorter."""
         left, h = target - float(self._c["t"]), float(self._c["h"])
-        if left * (1.0 - SAME) <= h:
+        if left * (1.0 - TARGET_TOLERANCE) <= h:
             return left
         return 0.5 * left if left < 2.0 * h else h
 
@@ -219,8 +225,8 @@ class TreeESDIRKStepper(Stepper):
         """Solve the stages of a step of h; return its error in tolerances."""
         t, M, s, held = float(self._c["t"]), self._memory, self._stage, self._held
         rate = 1.0 / (GAMMA * h)
-        finest, motion = FINEST / float(np.max(s.tol / self.system.size)), (self._rate * h) ** 2
-        exact = min(EXACT, DRIFT * motion) if motion > SHORTEST_MOTION else finest
+        finest, motion = ROUNDING_OF_CORRECTIONS / float(np.max(s.tol / self.system.size)), (self._rate * h) ** 2
+        exact = min(STAGE_TOLERANCE, DRIFT_FACTOR * motion) if motion > MIN_SQUARED_MOTION else finest
         if not self._factors_for(rate):
             return Code.COLLAPSED, np.inf
         s.q[:], s.v[:], s.lam[:] = M.q, M.v, M.lam
@@ -248,11 +254,11 @@ class TreeESDIRKStepper(Stepper):
         """
         system, s, saddle = self.system, self._stage, self._saddle
         if system.m:
-            for _ in range(CLOSINGS):
+            for _ in range(PROJECTION_ITERATIONS):
                 system.fill_position(t, s.q, saddle.terms)
                 system.apply(s.q, -saddle.solve(s.zero, saddle.terms.Phi)[0])
             system.fill_position(t, s.q, saddle.terms)
-            for _ in range(CLOSINGS):
+            for _ in range(PROJECTION_ITERATIONS):
                 s.v[:] -= saddle.solve(s.zero, saddle.terms.J @ s.v - saddle.terms.nu)[0]
         return close(system, t, s.q, s.v)
 
@@ -262,10 +268,10 @@ class TreeESDIRKStepper(Stepper):
         If corrections decrease slowly, factors are renewed on the way; if they grow, at the first guess. Corrections
         below ``finest`` tolerances that do not decrease are rounding errors.
         """
-        s, held, slow, before, begun, renewed, fresh = self._stage, self._held[1], UNSEEN, 0.0, 0, 0, np.inf
+        s, held, slow, before, begun, renewed, fresh = self._stage, self._held[1], FIRST_CONTRACTION, 0.0, 0, 0, np.inf
         guess, reactions = s.q.copy(), s.lam.copy()
-        for k in range(MOST):
-            anew = k - begun > 1 and slow > SLOW
+        for k in range(MAX_CORRECTIONS):
+            anew = k - begun > 1 and slow > MAX_CONTRACTION
             if anew and not renewed and slow > 1.0:
                 s.q[:], s.lam[:] = guess, reactions
             self._c["evaluations"] += 1
@@ -273,7 +279,7 @@ class TreeESDIRKStepper(Stepper):
                 return Code.NOT_FINITE
             gap = self._gap(t, rate)
             if anew:
-                if renewed == RENEWALS:
+                if renewed == MAX_REFACTORIZATIONS:
                     break
                 renewed, begun = renewed + 1, k
                 self._place_factors(t, rate, s.q, s.v, s.a, s.lam)
@@ -286,10 +292,10 @@ class TreeESDIRKStepper(Stepper):
                 if renewed > 1 and size > fresh:  # Newton's own corrections grow: what is far will not come nearer
                     break
                 fresh = size
-            slow = max(FASTEST, size / before) if k > begun else slow
-            if size <= ROUNDING * exact or slow * size <= exact * (1.0 - slow):
+            slow = max(MIN_CONTRACTION, size / before) if k > begun else slow
+            if size <= NEGLIGIBLE_CORRECTION * exact or slow * size <= exact * (1.0 - slow):
                 return Code.OK
-            if k > begun and size <= finest and slow > SLOW:
+            if k > begun and size <= finest and slow > MAX_CONTRACTION:
                 return Code.OK
             before = size
         return Code.COLLAPSED
@@ -313,7 +319,7 @@ class TreeESDIRKStepper(Stepper):
     def _factors_for(self, rate: float) -> bool:
         """Have factors for 1 / (h gamma) = ``rate``, those there are if they are not far off; False: singular."""
         c, M = self._c, self._memory
-        if abs(c["c"] - rate) > NEAR * rate:
+        if abs(c["c"] - rate) > FACTOR_REUSE_TOLERANCE * rate:
             self._place_factors(float(c["t"]), rate, M.q, M.v, M.A[0], M.lam)
         elif self._mine == self.system.tangent.factored:
             return True
@@ -352,7 +358,7 @@ class TreeESDIRKStepper(Stepper):
         """Continue in steps that end at the requested time, at which the next change may occur."""
         if self.system.cornered:  # friction in T goes with what is given; a restored run would have other factors
             self._c["c"] = 0.0
-        self._begin(STOPS)
+        self._begin(TRUNCATED_STEPS)
 
     def _begin(self, ends: int) -> None:
         c, M = self._c, self._memory

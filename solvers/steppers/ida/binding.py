@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from solvers.options import Statistics
 from solvers.system import Array
 
-from .logging import nowhere, silent
+from .logging import discard_logs, discard_output
 from .loop import go
 
 
@@ -46,12 +46,12 @@ class BoundIDA:
     def begin(self, t: float, y: Array, slopes: Array) -> None:
         """Begin a history at t (s) with unknowns and their derivatives (N,), tolerances as they are now."""
         self._ida = sksundae.ida.IDA(self._residual, **self._options)  # which copies them
-        with nowhere():
+        with discard_logs():
             self._ida.init_step(t, y, slopes)
 
     def go(self, t: float) -> int:
         """Step until t (s) is passed; see :func:`.loop.go`."""
-        with silent():
+        with discard_output():
             return int(getattr(go, "py_func", go)(self, self, t))
 
     def stop_at(self, _memory: int, t: float) -> None:
@@ -70,7 +70,7 @@ class BoundIDA:
 
     def interpolate(self, t: float) -> Array:
         """Return the unknowns (N,) at t in the last step."""
-        with silent():
+        with discard_output():
             found: Array = self._ida.step(t).y
         return found
 

@@ -30,10 +30,20 @@ from solvers.options import Options
 from solvers.outcome import Code
 from solvers.projection.reported import close_report
 from solvers.steppers.dense import DenseStepper
+from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.system import Array, System
 
 from .binding import BoundIDA
-from .dense_callbacks import DIRECT, FACTORED, POWER, Given, accept, book, call_accept, look_over
+from .dense_callbacks import (
+    DENSE_CALLBACKS,
+    ITERATIVE_CALLBACKS,
+    RTOL_EXPONENT,
+    Given,
+    accept,
+    book,
+    call_accept,
+    look_over,
+)
 from .driver import IDADriver
 from .ggl import (
     LAMBDA,
@@ -46,24 +56,24 @@ from .ggl import (
     solve,
     tie,
 )
-from .loop import FAILURES, MATRICES, RESIDUALS, STANDSTILL
+from .loop import JACOBIANS, MAX_CONVERGENCE_FAILURES, RESIDUALS, STANDSTILL_RATIO
 from .sundials import DirectIDA, serves
 
-FINEST = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
+MIN_RTOL = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
 # IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
-# error^(5/6): for a motion's error in proportion to rtol IDA is given TIGHTER rtol^POWER, and atol in proportion.
-TIGHTER = 3.0
-HIGHEST_ORDER = 5  # of BDF
-UNCONTROLLED = 1e20  # absolute tolerance of the multipliers, in their units
-NEARER = 10.0  # times rtol: branches that are no farther apart, in units of size, are one
+# error^(5/6): for a motion's error in proportion to rtol IDA is given RTOL_FACTOR rtol^RTOL_EXPONENT, and atol in
+# proportion.
+RTOL_FACTOR = 3.0
+MAX_ORDER = 5  # of BDF
+MULTIPLIER_TOLERANCE = 1e20  # absolute tolerance of the multipliers, in their units
+BRANCH_DISTANCE_RATIO = 10.0  # times rtol: branches that are no farther apart, in units of size, are one
 # Times rtol: speed that D may take from loops in a singular configuration, in units of theirs. In a period of the
-# motion
-# that makes an error of some 60 rtol.
-LOSS = 10.0
-FRICTION = 1e-3  # rate of the friction by redundant constraint equations, in units of rtol and the rate of the motion
-NOISE = 3e-16  # relative rounding of a residual
-STOPS = 12  # requested times at which steps end after a load has changed at one: another change is likely
-HIGH = 3.0  # ramp of the velocities, in units of them and of their absolute tolerance to the relative one
+# motion that makes an error of some 60 rtol.
+SPEED_LOSS_RATIO = 10.0
+# Rate of the friction by redundant constraint equations, in units of rtol and the rate of the motion.
+REDUNDANCY_FRICTION = 1e-3
+RESIDUAL_ROUNDING = 3e-16  # relative rounding of a residual
+MAX_SHIFT_RATIO = 3.0  # ramp of the velocities, in units of them and of their absolute tolerance to the relative one
 
 
 class IDAStepper(IDADriver, DenseStepper):
@@ -71,26 +81,26 @@ class IDAStepper(IDADriver, DenseStepper):
 
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
-        self._rtol = max(FINEST, self.options.rtol) if system.m else self.options.rtol
+        self._rtol = max(MIN_RTOL, self.options.rtol) if system.m else self.options.rtol
         self._unknowns = Unknowns.allocate(system.nq, system.n, system.m)
         self._held = hold(self._unknowns)
         self._counts = self._unknowns.counts
         self._good, self._atol = np.zeros((2, len(self._unknowns.y))), np.zeros(len(self._unknowns.y))
         self._place, self._pace = np.zeros(system.n), np.zeros(system.n)  # absolute tolerances, to the books
-        self._tight = TIGHTER * self._rtol**POWER
+        self._tight = RTOL_FACTOR * self._rtol**RTOL_EXPONENT
         self._set_tolerances()
         self._ida = self._new_ida()
 
     def _set_tolerances(self) -> None:
         """Take tolerances in today's units, where IDA and the books have them."""
         s, u, units, controlled = self.system, self._unknowns, self._units, self.system.nq + self.system.n
-        u.noise[0], u.near[0] = NOISE / self._tight, NEARER * self._rtol
+        u.noise[0], u.near[0] = RESIDUAL_ROUNDING / self._tight, BRANCH_DISTANCE_RATIO * self._rtol
         tightened = self._tight if self.options.atol is None else self.options.atol * self._tight / self._rtol
-        self._atol[:] = UNCONTROLLED * self._scaling()[0]
+        self._atol[:] = MULTIPLIER_TOLERANCE * self._scaling()[0]
         self._atol[:controlled] = tightened * np.concatenate((units.size_q, units.pace * s.size))
         self._place[:] = tightened * s.size
         self._pace[:] = units.pace * self._place
-        self._c["instant"] = STANDSTILL / units.rate[0]
+        self._c["instant"] = STANDSTILL_RATIO / units.rate[0]
 
     def _new_ida(self) -> DirectIDA | BoundIDA:
         o, count = self.options, len(self._atol)
@@ -98,12 +108,12 @@ class IDAStepper(IDADriver, DenseStepper):
         self._scales = hold(Scales.of(self._tight, self._place, self._pace, count, (tighter, tighter)))
         given = Given(
             self._eqs, self._held, self._work, self._rank, count, self._book, self._scales, self._counts, self._course,
-            self._good, np.array([LOSS * self._rtol]), self._tight, self._atol,
+            self._good, np.array([SPEED_LOSS_RATIO * self._rtol]), self._tight, self._atol,
         )  # fmt: skip
-        order = o.max_order or HIGHEST_ORDER
+        order = o.max_order or MAX_ORDER
         options: dict[str, Any] = {"rtol": self._tight, "atol": self._atol, "max_order": order}
         if serves():
-            callbacks = DIRECT if self.system.m else FACTORED
+            callbacks = ITERATIVE_CALLBACKS if self.system.m else DENSE_CALLBACKS
             return DirectIDA(callbacks, call_accept, hold(given), max_step=o.max_step, **options)
         return self._bound_ida(hold(given), options)
 
@@ -134,7 +144,8 @@ class IDAStepper(IDADriver, DenseStepper):
         max_step = 0.0 if np.isinf(self.options.max_step) else self.options.max_step
         return BoundIDA(
             resfn, lambda t, y, slopes, _: accept(t, y, slopes, given), self._counts, self._course,
-            **(fresh if s.m else {"jacfn": dense}), max_step=max_step, max_conv_fails=FAILURES, **options,
+            **(fresh if s.m else {"jacfn": dense}), max_step=max_step,
+            max_conv_fails=MAX_CONVERGENCE_FAILURES, **options,
         )  # fmt: skip
 
     def _begin(self) -> Code:
@@ -183,7 +194,7 @@ class IDAStepper(IDADriver, DenseStepper):
         square = np.linalg.norm(J, 2) ** 2
         mobile = np.linalg.solve(M + np.trace(M) / (self.system.n * square) * J.T @ J, J.T)
         lam, mu = np.trace(J @ mobile) / w.rate[0], square / w.rate[0]
-        share = self._tight**2 / (FRICTION * self._rtol)
+        share = self._tight**2 / (REDUNDANCY_FRICTION * self._rtol)
         return (LAMBDA * lam, self._unknowns.noise[0] * MU * mu), (share * lam, share * mu)
 
     def _note(self, t: float, y: Array, yp: Array) -> None:
@@ -198,13 +209,13 @@ class IDAStepper(IDADriver, DenseStepper):
         keeps = not self._pending and self._c["passed"] == self._t and self.status.ok
         if not (keeps and self._ramp_is_low(self._t) and self._tied()):
             self.restart()
-        self._c["stops"] = STOPS
+        self._c["stops"] = TRUNCATED_STEPS
 
     def _ramp_is_low(self, t: float) -> bool:
         """Whether IDA's unknowns are of the size of the velocities until t (s): relative tolerances are of them."""
         u = self._unknowns
         ramp = u.lift[0] + (t - u.since[0]) * u.lift[1]
-        return bool(np.all(np.abs(ramp) <= HIGH * (np.abs(self._v) + self._units.pace * self.system.size)))
+        return bool(np.all(np.abs(ramp) <= MAX_SHIFT_RATIO * (np.abs(self._v) + self._units.pace * self.system.size)))
 
     def _advance(self, t: float) -> Code:
         if self._unknowns.lift[1].any() and not self._ramp_is_low(t):
@@ -273,4 +284,4 @@ class IDAStepper(IDADriver, DenseStepper):
 
     def _evaluations(self) -> int:
         columns = self.system.nq + 2 * self.system.n + 1
-        return int(self._counts[RESIDUALS] + columns * self._counts[MATRICES])
+        return int(self._counts[RESIDUALS] + columns * self._counts[JACOBIANS])

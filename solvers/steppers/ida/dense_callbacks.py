@@ -18,13 +18,13 @@ from solvers.projection.workspace import factor, factor_transposed
 from solvers.system import Array
 
 from .ggl import MU, assemble, multiply, residual, set_up, solve, taken_by_filter, velocity, weak_residual
-from .loop import REFUSED, STEPS, TAKEN_BACK
+from .loop import REJECTED_STEPS, STEP_REJECTED, STEPS
 from .sundials import Callbacks, data_of, data_of_matrix
 
-POWER = 1.2  # of a motion's tolerance: IDA bounds the error of a step, see solvers.steppers.ida.dense
-BELOW = 0.2  # part of a near miss's gap: bound of the residual of a step near it
-LESS = 1e-4  # of D near a near miss, where only redundant constraints need it
-SHORTER = 0.25  # of a step that was taken back may be gone at once
+RTOL_EXPONENT = 1.2  # of a motion's tolerance: IDA bounds the error of a step, see solvers.steppers.ida.dense
+WEAK_RESIDUAL_RATIO = 0.2  # part of a near miss's gap: bound of the residual of a step near it
+NEAR_MISS_REGULARIZATION = 1e-4  # of D near a near miss, where only redundant constraints need it
+RETRY_STEP_RATIO = 0.25  # of a step that was taken back may be gone at once
 
 
 @kernel
@@ -105,9 +105,9 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
     bound = step_bound(t, u.q, u.v, taken, eqs.terms, work)
     u.d[0], u.d[1] = u.usual[0], u.usual[1]
     if work.critical[0].kind == MISS:
-        u.d[0] = LESS * u.usual[0] if rank < eqs.terms.J.shape[0] else 0.0
+        u.d[0] = NEAR_MISS_REGULARIZATION * u.usual[0] if rank < eqs.terms.J.shape[0] else 0.0
         u.d[1] *= min(1.0, bound * work.rate[0] / MU)
-        if not abs(weak_residual(eqs.terms, work)) <= BELOW * abs(work.critical[0].gap):
+        if not abs(weak_residual(eqs.terms, work)) <= WEAK_RESIDUAL_RATIO * abs(work.critical[0].gap):
             return -1.0
     return bound
 
@@ -115,7 +115,7 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
 @kernel
 def weigh(y: Any, out: Any, g: Any) -> None:
     """out (N,) <- one over the tolerances of the unknowns."""
-    finer = finer_tolerance(g.rtol, POWER, g.work)
+    finer = finer_tolerance(g.rtol, RTOL_EXPONENT, g.work)
     for i in range(out.shape[0]):
         out[i] = 1.0 / (finer * (g.rtol * abs(y[i]) + g.atol[i]))
 
@@ -128,9 +128,9 @@ def accept(t: float, y: Any, slopes: Any, g: Any) -> int:
     if u.lam.shape[0] > 0:
         bound = look_over(g.eqs, t, y, c.taken, g.rank, u, g.work)
         if bound < 0.0:
-            g.counts[REFUSED] += 1.0
-            c.reach = SHORTER * c.taken
-            return TAKEN_BACK
+            g.counts[REJECTED_STEPS] += 1.0
+            c.reach = RETRY_STEP_RATIO * c.taken
+            return STEP_REJECTED
         c.reach = min(bound, 2.0 * c.reach)
         if u.lost[0] > g.loss[0]:
             return BRANCHES
@@ -203,5 +203,5 @@ def call_matrix(
 
 
 # Old factors serve where nothing is near singular.
-DIRECT = Callbacks(call_residual, call_set_up, call_solve, call_multiply, weigh=call_weigh)
-FACTORED = Callbacks(call_residual, matrix=call_matrix, weigh=call_weigh)
+ITERATIVE_CALLBACKS = Callbacks(call_residual, call_set_up, call_solve, call_multiply, weigh=call_weigh)
+DENSE_CALLBACKS = Callbacks(call_residual, matrix=call_matrix, weigh=call_weigh)

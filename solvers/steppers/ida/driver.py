@@ -18,7 +18,7 @@ from solvers.stepper import Stepper
 from solvers.system import AnySystem, Array
 
 from .binding import BoundIDA
-from .loop import COUNTS, COURSE, FAILED, REFUSED, RESIDUALS, STEPS, TAKEN_BACK
+from .loop import COURSE, ERROR_TEST_FAILURES, N_COUNTERS, REJECTED_STEPS, RESIDUALS, STEP_REJECTED, STEPS
 from .sundials import DirectIDA
 
 
@@ -36,7 +36,7 @@ class IDADriver(Stepper):
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
-        self._counts, self._book, self._course = np.zeros(COUNTS), records(1, BOOK), records(1, COURSE)
+        self._counts, self._book, self._course = np.zeros(N_COUNTERS), records(1, BOOK), records(1, COURSE)
         self._begun = np.zeros(1)  # how often IDA has been initialized
         self._failed_before = 0.0  # steps of too large an error until then
         self._pending = True  # IDA is to be initialized at the reported state
@@ -78,7 +78,7 @@ class IDADriver(Stepper):
     def _begin_with(self, y: Array, slopes: Array) -> None:
         """Initialize IDA at the reported state, where its unknowns and their derivatives are these (N,)."""
         self._count_failures()
-        self._failed_before = self._counts[FAILED]
+        self._failed_before = self._counts[ERROR_TEST_FAILURES]
         self._ida.begin(self._t, y, slopes)
         c = self._c
         self._pending, c["passed"], c["begun"], c["taken"] = False, self._t, self._t, 0.0
@@ -93,7 +93,7 @@ class IDADriver(Stepper):
     def _count_failures(self) -> None:
         """Count the steps whose error was too large: IDA resets this counter at a restart."""
         if not self._pending:
-            self._counts[FAILED] = self._failed_before + self._ida.told().rejected
+            self._counts[ERROR_TEST_FAILURES] = self._failed_before + self._ida.told().rejected
 
     def _advance(self, t: float) -> Code:
         if self._pending:
@@ -116,7 +116,7 @@ class IDADriver(Stepper):
             if told == Code.MAX_STEPS and c["count"] < self._most:
                 self._check_at = self._check()
                 continue
-            if not (told == TAKEN_BACK or (told == Code.COLLAPSED and c["passed"] > c["begun"])):
+            if not (told == STEP_REJECTED or (told == Code.COLLAPSED and c["passed"] > c["begun"])):
                 code = Code(told)
                 break
             code = self._resume()
@@ -147,16 +147,16 @@ class IDADriver(Stepper):
         """Set a reported state; the history restarts."""
         super().restore(data)
         self.restart()
-        self._failed_before, self._c["stops"] = self._counts[FAILED], 0
+        self._failed_before, self._c["stops"] = self._counts[ERROR_TEST_FAILURES], 0
 
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far, order and length of IDA's last step."""
         self._count_failures()
-        told, refused = self._ida.told(), int(self._counts[REFUSED])
+        told, refused = self._ida.told(), int(self._counts[REJECTED_STEPS])
         return Statistics(
             steps=int(self._counts[STEPS]),
-            rejected=int(self._counts[FAILED]) + refused,
+            rejected=int(self._counts[ERROR_TEST_FAILURES]) + refused,
             refused=refused,
             rate_growth=self._growth()[0],
             rate_growth_at=self._growth()[1],

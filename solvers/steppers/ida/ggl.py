@@ -43,7 +43,7 @@ from solvers.linalg.dense import factor_lu, solve_lu
 from solvers.projection.workspace import loop_speed
 from solvers.system import Array
 
-from .loop import BAD, COUNTS, MATRICES, RESIDUALS
+from .loop import JACOBIANS, N_COUNTERS, NONFINITE_RESIDUALS, RESIDUALS
 
 LAMBDA, FILTER, MU = 1e-10, 1e-13, 1e-2  # see above
 LENGTH_RATE = 10.0  # k, in units of the motion's rate
@@ -99,7 +99,7 @@ class Unknowns(NamedTuple):
             z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(2), z((m, m)), z(1),
             z(1), z(1), z((m, m)), z(m), z(m), z((m, m)), z((2, n)), z(1), np.full(N, np.nan), np.full(N, np.nan), z(3),
             z((N, nq + n)), z((nq, n)), z((N, N)), z(N), z(N), np.zeros(N, np.int64), z(N), z(N), z(N), z(1),
-            z(COUNTS),
+            z(N_COUNTERS),
         )  # fmt: skip
 
 
@@ -236,7 +236,7 @@ def residual(eqs: Any, t: float, y: Any, yp: Any, res: Any, u: Any, work: Any) -
     u.counts[RESIDUALS] += 1.0
     for i in range(res.shape[0]):
         if not np.isfinite(res[i]):
-            u.counts[BAD] += 1.0
+            u.counts[NONFINITE_RESIDUALS] += 1.0
             return
 
 
@@ -245,7 +245,7 @@ def set_up(eqs: Any, t: float, y: Any, yp: Any, u: Any, work: Any) -> None:
     """u.K: differences in q and v, all columns in one call; u.N. The part of y' is known."""
     nq, n = u.q.shape[0], u.v.shape[0]
     load(t, y, yp, u)
-    u.counts[MATRICES] += 1.0
+    u.counts[JACOBIANS] += 1.0
     balance(eqs, t, u, work, u.res)
     for j in range(nq + n):
         natural = work.size_q[j] if j < nq else work.size[j - nq] * work.rate[0]

@@ -7,18 +7,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from io import StringIO
 
-LOGS = ("SUNLOGGER_ERROR_FILENAME", "SUNLOGGER_WARNING_FILENAME")  # where SUNDIALS writes to; else to the console
+# environment variables with the files that SUNDIALS writes to; without them it writes to the console
+LOG_VARIABLES = ("SUNLOGGER_ERROR_FILENAME", "SUNLOGGER_WARNING_FILENAME")
 
 
-def silent() -> redirect_stdout[StringIO]:
+def discard_output() -> redirect_stdout[StringIO]:
     """Discard printed text: scikit-sundae prints the content of a step's status."""
     return redirect_stdout(StringIO())
 
 
 @contextmanager
-def nowhere() -> Iterator[None]:
+def discard_logs() -> Iterator[None]:
     """Discard logs that are opened now and remain open, unless the environment sets their path."""
-    given = [name for name in LOGS if name not in os.environ]
+    given = [name for name in LOG_VARIABLES if name not in os.environ]
     os.environ.update(dict.fromkeys(given, os.devnull))
     try:
         yield

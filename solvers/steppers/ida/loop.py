@@ -12,15 +12,15 @@ import numpy as np
 from solvers.compiled.kernel import inlined, kernel
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_FINITE, OK
 
-STANDSTILL = 1e-10  # relative to t and one over the rate: no step, and in OFTEN steps no progress
-OFTEN = 5000
-STOOD = 10  # returns of IDA without a step, of which one is meant
-ONE_STEP = np.int32(2)  # SUNDIALS' IDA_ONE_STEP
-FAILURES = 30  # of convergence, in one step
-TAKEN_BACK = -1  # besides the codes of solvers.outcome: the step is rejected, IDA must restart
+STANDSTILL_RATIO = 1e-10  # relative to t and one over the rate: no step, and in PROGRESS_CHECK_STEPS steps no progress
+PROGRESS_CHECK_STEPS = 5000
+MAX_RETURNS_WITHOUT_STEP = 10  # returns of IDA without a step, of which one is meant
+IDA_ONE_STEP = np.int32(2)
+MAX_CONVERGENCE_FAILURES = 30  # in one step
+STEP_REJECTED = -1  # besides the codes of solvers.outcome: the step is rejected, IDA must restart
 
-COUNTS = 6  # of a stepper: residuals, matrices, residuals not finite, steps, steps taken back, errors too large
-RESIDUALS, MATRICES, BAD, STEPS, REFUSED, FAILED = range(COUNTS)
+N_COUNTERS = 6  # of a stepper, in this order
+RESIDUALS, JACOBIANS, NONFINITE_RESIDUALS, STEPS, REJECTED_STEPS, ERROR_TEST_FAILURES = range(N_COUNTERS)
 COURSE = np.dtype(
     [
         ("passed", "f8"), ("begun", "f8"),  # s, where IDA itself stands, and where its history begins
@@ -53,23 +53,23 @@ def go(ida: Any, given: Any, t: float) -> int:
     ``ida.accept(t, y, y', given)`` looks over every step: it notes that it is passed, and returns a code.
     """
     c, counts = given.course[0], given.counts
-    stood, bad, since, first = 0, counts[BAD], c.passed, c.count
+    stood, bad, since, first = 0, counts[NONFINITE_RESIDUALS], c.passed, c.count
     while c.passed < t:
         if c.count >= c.most:
             return MAX_STEPS
-        before, stop, instant = c.passed, stop_on_the_way(c, t), max(c.instant, STANDSTILL * abs(c.passed))
+        before, stop, instant = c.passed, stop_on_the_way(c, t), max(c.instant, STANDSTILL_RATIO * abs(c.passed))
         if c.reach < instant:
             return BRANCHES
         if stop < np.inf:
             ida.stop_at(ida.memory, stop)
-        flag = ida.solve(ida.memory, max(t, stop) if stop < np.inf else t, ida.told, ida.yy, ida.yp, ONE_STEP)
+        flag = ida.solve(ida.memory, max(t, stop) if stop < np.inf else t, ida.told, ida.yy, ida.yp, IDA_ONE_STEP)
         ida.stop_nowhere(ida.memory)
-        reached, stopped = ida.reached[0], NOT_FINITE if counts[BAD] > bad else COLLAPSED
+        reached, stopped = ida.reached[0], NOT_FINITE if counts[NONFINITE_RESIDUALS] > bad else COLLAPSED
         if flag < 0:
             return stopped
         if reached <= before:  # it had interpolated, and first reports its time; or t does not advance
             stood += 1
-            if stood > STOOD:
+            if stood > MAX_RETURNS_WITHOUT_STEP:
                 return stopped
             continue
         stood, c.taken = 0, reached - before
@@ -77,7 +77,7 @@ def go(ida: Any, given: Any, t: float) -> int:
         code = ida.accept(reached, ida.y, ida.slopes, given)
         if code != OK:
             return code
-        if (c.count - first) % OFTEN == 0:
+        if (c.count - first) % PROGRESS_CHECK_STEPS == 0:
             if c.passed - since <= instant:
                 return stopped
             since = c.passed

@@ -26,17 +26,17 @@ from solvers.compiled.kernel import COMPILED, callback, types
 from solvers.options import Statistics
 from solvers.system import Array
 
-from .logging import nowhere
-from .loop import FAILURES, go
+from .logging import discard_logs
+from .loop import MAX_CONVERGENCE_FAILURES, go
 
-SERIAL = 0  # SUN_COMM_NULL
-LEFT = 1  # SUN_PREC_LEFT
+SUN_COMM_NULL = 0
+SUN_PREC_LEFT = 1
 # A dense matrix is refactored if c_j has changed by this part. With IDA's 0.25 Newton stops as soon as positions
 # are good to the tolerance, and the stiffest mode turns what is left in them into a speed that the error test refuses:
 # a loaded spring of 1e8 N/m had 97 % of its steps rejected.
-STALE = 0.05
+MAX_CJ_CHANGE = 0.05
 
-FUNCTIONS = {  # in the letters of solvers.compiled.foreign
+SIGNATURES = {  # in the letters of solvers.compiled.foreign
     "SUNContext_Create": "i ip",
     "SUNContext_ClearErrHandlers": "i p",
     "SUNContext_Free": "i p",
@@ -75,7 +75,7 @@ FUNCTIONS = {  # in the letters of solvers.compiled.foreign
 @cache
 def library() -> Library:
     """Return SUNDIALS as the extension module of scikit-sundae has loaded it."""
-    return Library(_cy_ida.__file__, FUNCTIONS, ("N_VGetArrayPointer", "SUNDenseMatrix_Data"))
+    return Library(_cy_ida.__file__, SIGNATURES, ("N_VGetArrayPointer", "SUNDenseMatrix_Data"))
 
 
 def serves() -> bool:
@@ -94,7 +94,9 @@ data_of: Any = by_symbol("N_VGetArrayPointer")
 data_of_matrix: Any = by_symbol("SUNDenseMatrix_Data")
 
 
-SET_UP = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, *(ctypes.c_void_p,) * 3, ctypes.c_double, ctypes.c_void_p)
+SETUP_FUNCTION = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_double, *(ctypes.c_void_p,) * 3, ctypes.c_double, ctypes.c_void_p
+)
 
 
 class InPython:
@@ -114,7 +116,7 @@ class InPython:
                 self.raised = error
                 return -1
 
-        self._function = SET_UP(set_up)
+        self._function = SETUP_FUNCTION(set_up)
         self.address = ctypes.cast(self._function, ctypes.c_void_p).value
 
     def raise_again(self) -> None:
@@ -138,7 +140,7 @@ class Callbacks(NamedTuple):
     weigh: Callable[..., int] | None = None  # (y, out, data): one over the tolerances of the unknowns
 
 
-LETTERS = ("dppp*", "dpppd*", "dpppppdd*", "dpppppd*pp", "ddpppp*ppp", "pp*")  # of these, the data as a star
+CALLBACK_SIGNATURES = ("dppp*", "dpppd*", "dpppppdd*", "dpppppd*pp", "ddpppp*ppp", "pp*")  # the data as a star
 
 
 @cache
@@ -185,8 +187,8 @@ class DirectIDA:
         max_order: int, max_step: float, krylov: int = 5,
     ) -> None:  # fmt: skip
         handle = ctypes.c_void_p()
-        with nowhere():  # before any kernel is loaded: those name symbols of the library, which this call loads
-            call("SUNContext_Create", SERIAL, ctypes.addressof(handle))
+        with discard_logs():  # before any kernel is loaded: those name symbols of the library, which this call loads
+            call("SUNContext_Create", SUN_COMM_NULL, ctypes.addressof(handle))
         context = handle.value
         call("SUNContext_ClearErrHandlers", context)
         kind = data._numba_type_
@@ -194,7 +196,7 @@ class DirectIDA:
         count = len(atol)
         made = (
             called_back(given, letters, kind) if given and not isinstance(given, InPython) else given
-            for given, letters in zip(callbacks, LETTERS, strict=True)
+            for given, letters in zip(callbacks, CALLBACK_SIGNATURES, strict=True)
         )
         self._callbacks: Any = Callbacks._make(made)
         self.y, self.slopes, reached = np.zeros(count), np.zeros(count), np.zeros(1)
@@ -203,7 +205,7 @@ class DirectIDA:
         self._options = rtol, tol, max_order, max_step
         c = self._callbacks
         if c.precondition:
-            matrix, solver = None, call("SUNLinSol_SPGMR", yy, LEFT, krylov, context)
+            matrix, solver = None, call("SUNLinSol_SPGMR", yy, SUN_PREC_LEFT, krylov, context)
         else:
             matrix = call("SUNDenseMatrix", count, count, context)
             solver = call("SUNLinSol_Dense", yy, matrix, context)
@@ -231,13 +233,13 @@ class DirectIDA:
         if c.matrix:
             call("IDASetJacFn", memory, c.matrix.address)
         if not c.precondition:
-            call("IDASetDeltaCjLSetup", memory, STALE)
+            call("IDASetDeltaCjLSetup", memory, MAX_CJ_CHANGE)
         if c.precondition:
             call("IDASetPreconditioner", memory, c.set_up.address, c.precondition.address)
         if c.times:
             call("IDASetJacTimes", memory, None, c.times.address)
         call("IDASetMaxOrd", memory, max_order)
-        call("IDASetMaxConvFails", memory, FAILURES)
+        call("IDASetMaxConvFails", memory, MAX_CONVERGENCE_FAILURES)
         if np.isfinite(max_step):
             call("IDASetMaxStep", memory, max_step)
         self._begun = True

@@ -6,9 +6,9 @@ Unknowns y = (q, v, lambda, mu), the last two where there are cut joints; residu
     q' - N(q) (v - J^T mu) + k (q - unit(q)) = 0      M v' + h + J^T lambda = 0
     J v - nu - d0 lambda = 0                          Phi - d1 mu = 0
 
-d0 and d1 are TIKHONOV rtol times the inverse of each constraint's effective mass, and times its J J^T. The reaction of
-a node's support would throw the node alone at hundreds of g: with a D as large as :mod:`.ggl` has, it damps the
-motion.
+d0 and d1 are TIKHONOV_FACTOR rtol times the inverse of each constraint's effective mass, and times its J J^T. The
+reaction of a node's support would throw the node alone at hundreds of g: with a D as large as :mod:`.ggl` has, it damps
+the motion.
 
 Newton's linear systems go to GMRES, whose preconditioner is the structured tangent (all but exact, so one or two
 iterations do). With g the first residual as a motion, c = IDA's cj and T = c^2 M + c D + K,
@@ -28,8 +28,8 @@ the order if the tree has such motions.
 **Weights.** IDA's norm is the root of a mean square, in which one of N unknowns may have an error of sqrt(N)
 tolerances. The tolerances of coordinates outside meshes are therefore multiplied by N^-1/2. Absolute tolerances are
 relative to the size of each coordinate (an angle of a sheet's joint is curvature times cell, and the errors of a chain
-of joints add up); those of rates are MESH_RATE or RATE times that in the time of the motion. Multipliers carry no error
-control. Reported states are closed onto the constraints.
+of joints add up); those of rates are MESH_RATE_TOLERANCE_RATIO or RATE_TOLERANCE_RATIO times that in the time of the
+motion. Multipliers carry no error control. Reported states are closed onto the constraints.
 
 **In contact** pressures turn within micrometers and friction within millimeters per second. IDA's own products of
 Newton's matrix and a vector are differences over what tolerances allow, which is more: they are taken exactly, by an
@@ -58,7 +58,7 @@ from solvers.system import LARGEST_DENSE, Array, TreeSystem, energy_callbacks
 from .binding import BoundIDA
 from .driver import IDADriver
 from .ggl import LENGTH_RATE
-from .loop import COUNTS, FAILURES, MATRICES, STANDSTILL
+from .loop import JACOBIANS, MAX_CONVERGENCE_FAILURES, N_COUNTERS, STANDSTILL_RATIO
 from .sundials import Callbacks, DirectIDA, InPython, serves
 from .tree_callbacks import (
     Given,
@@ -76,15 +76,16 @@ from .tree_callbacks import (
 )
 from .tree_callbacks import residual as residual_of_tree
 
-UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
-RATE = 1.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
-MESH_RATE = 150.0  # the same where the order is low, and fast motions are damped and not followed
-ORDER, MESH_ORDER = 5, 2  # largest orders of BDF
-MESH_ERROR, REPORTED_ERROR = 0.18, 30.0  # factor of the error of a sheet; tolerances from which on it is reported
-LEAST_TOLERANCE = 1e-12
-KRYLOV = 5
-SLIPPED = 0.3  # part of the slip at which friction turns over, to which a sheet's speed is known
-TIKHONOV = 1e-6
+MULTIPLIER_TOLERANCE = 1e8  # absolute tolerance of the multipliers
+RATE_TOLERANCE_RATIO = 1.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
+MESH_RATE_TOLERANCE_RATIO = 150.0  # the same where the order is low, and fast motions are damped and not followed
+MAX_ORDER, MAX_MESH_ORDER = 5, 2  # largest orders of BDF
+# Factor of the error of a sheet; error in tolerances from which on it is reported.
+MESH_ERROR_FACTOR, MIN_REPORTED_ERROR = 0.18, 30.0
+MIN_RTOL = 1e-12
+KRYLOV_DIMENSION = 5
+SLIP_TOLERANCE_RATIO = 0.3  # part of the slip at which friction turns over, to which a sheet's speed is known
+TIKHONOV_FACTOR = 1e-6
 
 
 class TreeIDAStepper(IDADriver):
@@ -104,7 +105,7 @@ class TreeIDAStepper(IDADriver):
         self._rate = rate_of_motion(self._motion, self._t, self._q, self._v, self.options.duration)
         require_resolved(self._t, self._rate, self.options.rtol)
         require_placed(self._q, system.position_sizes(system.size), self.options.rtol, system.coordinate_names)
-        self._c["instant"] = STANDSTILL / self._rate
+        self._c["instant"] = STANDSTILL_RATIO / self._rate
         self._growth_data = Growth.of(system, self._rate)
         self._ida = self._new_ida()
         self.status = self._status(close(system, self._t, self._q, self._v))
@@ -112,11 +113,11 @@ class TreeIDAStepper(IDADriver):
     def _new_ida(self) -> DirectIDA | BoundIDA:
         s, o = self.system, self.options
         mesh = self._has_mesh
-        order = self._order = o.max_order or (MESH_ORDER if mesh else ORDER)
+        order = self._order = o.max_order or (MAX_MESH_ORDER if mesh else MAX_ORDER)
         part = 1.0 if mesh else (s.nq + s.n + 2 * s.m) ** -0.5
         sizes = o.absolute * s.size
-        rates = (RATE if order > MESH_ORDER else MESH_RATE) * self._rate * sizes
-        atol = np.concatenate((part * s.position_sizes(sizes), part * rates, np.full(2 * s.m, UNCONTROLLED)))
+        rates = (RATE_TOLERANCE_RATIO if order > MAX_MESH_ORDER else MESH_RATE_TOLERANCE_RATIO) * self._rate * sizes
+        atol = np.concatenate((part * s.position_sizes(sizes), part * rates, np.full(2 * s.m, MULTIPLIER_TOLERANCE)))
         self._scales = hold(self._find_scales(sizes, rates, len(atol)))
         given = self._given = hold(
             Given(
@@ -141,7 +142,7 @@ class TreeIDAStepper(IDADriver):
             if s.cornered:
                 exact["times"] = call_times
             callbacks = Callbacks(call_residual, InPython(self._set_up, len(atol)), call_precondition, **exact)
-            return DirectIDA(callbacks, call_accept, given, max_step=o.max_step, krylov=KRYLOV, **options)
+            return DirectIDA(callbacks, call_accept, given, max_step=o.max_step, krylov=KRYLOV_DIMENSION, **options)
 
         def residual(t: float, y: Array, yp: Array, res: Array) -> None:
             residual_of_tree(t, y, yp, res, given)
@@ -151,8 +152,8 @@ class TreeIDAStepper(IDADriver):
 
         return BoundIDA(
             residual, lambda t, y, slopes, _: accept(t, y, slopes, given), self._counts, self._course,
-            linsolver="gmres", krylov_dim=KRYLOV, precond=IDAPrecond(self._set_up, solve),
-            max_step=0.0 if np.isinf(o.max_step) else o.max_step, max_conv_fails=FAILURES, **options,
+            linsolver="gmres", krylov_dim=KRYLOV_DIMENSION, precond=IDAPrecond(self._set_up, solve),
+            max_step=0.0 if np.isinf(o.max_step) else o.max_step, max_conv_fails=MAX_CONVERGENCE_FAILURES, **options,
         )  # fmt: skip
 
     def _describe_sheet_error(self) -> str:
@@ -162,13 +163,13 @@ class TreeIDAStepper(IDADriver):
         2/3; the factor was measured on sheets of 35 to 165 nodes, damped and undamped.
         """
         meshed = self.system.meshed
-        if meshed is None or not meshed.any() or self._order > MESH_ORDER:
+        if meshed is None or not meshed.any() or self._order > MAX_MESH_ORDER:
             return ""
-        rtol, factor = self.options.rtol, MESH_ERROR * float(np.sum(meshed)) ** 0.5
+        rtol, factor = self.options.rtol, MESH_ERROR_FACTOR * float(np.sum(meshed)) ** 0.5
         error, needed = factor * rtol ** (-1.0 / 3.0), (rtol / factor) ** 1.5
-        if error < REPORTED_ERROR:
+        if error < MIN_REPORTED_ERROR:
             return ""
-        finer = f", or 'ida' at a tolerance of {needed:.0e}" if needed >= LEAST_TOLERANCE else ""
+        finer = f", or 'ida' at a tolerance of {needed:.0e}" if needed >= MIN_RTOL else ""
         return coded(
             "large-error",
             "'ida' uses only orders 1 and 2 for a model with a sheet: the errors of its coordinates may be about "
@@ -186,7 +187,7 @@ class TreeIDAStepper(IDADriver):
         The stiff modes of a mesh are damped on purpose, as far as IDA's own tolerances let them be.
         """
         if self._has_mesh:
-            return Scales.of_mesh(self.options.rtol, sizes, rates, count, MESH_RATE)
+            return Scales.of_mesh(self.options.rtol, sizes, rates, count, MESH_RATE_TOLERANCE_RATIO)
         return Scales.of(self.options.rtol, sizes, self._rate * sizes)
 
     def _imaginary(self, count: int) -> Any:
@@ -197,7 +198,8 @@ class TreeIDAStepper(IDADriver):
         (inverse, position, retract, data), z = s.stepped(), np.zeros((3, count), complex)
         return Imaginary(
             inverse, position, retract, data, s.allocate_terms(complex), s.positions,
-            Scratch.allocate(s.nq, s.n, s.m, complex), self._reduced, LENGTH_RATE * self._rate, np.zeros(COUNTS), *z,
+            Scratch.allocate(s.nq, s.n, s.m, complex), self._reduced, LENGTH_RATE * self._rate,
+            np.zeros(N_COUNTERS), *z,
         )  # fmt: skip
 
     def _tolerances(self, atol: Array, rtol: float) -> Array:
@@ -214,12 +216,12 @@ class TreeIDAStepper(IDADriver):
             parts = np.where(s.meshed, 1.0, N**-0.5)
             found[:2, : s.nq] *= s.position_sizes(parts) / s.position_sizes(np.ones(s.n))
             found[:2, self._v_at] *= parts
-            found[2, self._v_at] = SLIPPED * parts * s.slip
+            found[2, self._v_at] = SLIP_TOLERANCE_RATIO * parts * s.slip
         return found
 
     def _set_up(self, t: float, y: Array, yp: Array, res: Array, cj: float) -> int:
         """Factor the tangent and the equations of the constraints; 1: it is singular there."""
-        self._counts[MATRICES] += 1.0
+        self._counts[JACOBIANS] += 1.0
         residual_of_tree(t, y, yp, np.empty(len(y)), self._given)
         self._reduced.c[0] = cj
         if not self.system.tangent.factor(cj, cj * cj):
@@ -268,8 +270,8 @@ class TreeIDAStepper(IDADriver):
         code = motion.solve(self._t, self._q, self._v)
         if code is Code.OK:
             J, zeros = motion.terms.J, np.zeros(m)
-            self._reduced.d[0] = TIKHONOV * self.options.rtol / motion.masses
-            self._reduced.d[1] = TIKHONOV * self.options.rtol / inverse_squares(np.einsum("ij,ij->i", J, J))
+            self._reduced.d[0] = TIKHONOV_FACTOR * self.options.rtol / motion.masses
+            self._reduced.d[1] = TIKHONOV_FACTOR * self.options.rtol / inverse_squares(np.einsum("ij,ij->i", J, J))
             y = np.concatenate((self._q, self._v, motion.lam, zeros))
             yp = np.concatenate((motion.qdot, motion.a, zeros, zeros))
             self._begin_with(y, yp)

@@ -15,11 +15,11 @@ from solvers.outcome import OK
 from solvers.positions import Positions, as_motion, as_slope
 from solvers.system import Array
 
-from .dense_callbacks import POWER
-from .loop import BAD, RESIDUALS, STEPS
+from .dense_callbacks import RTOL_EXPONENT
+from .loop import NONFINITE_RESIDUALS, RESIDUALS, STEPS
 from .sundials import data_of
 
-EPSILON = 1e-20  # of an imaginary step
+COMPLEX_STEP = 1e-20  # of an imaginary step
 
 
 class Scratch(NamedTuple):
@@ -137,7 +137,7 @@ def residual(t: float, y: Any, slopes: Any, res: Any, g: Any) -> None:
         res[nq + i] = s.tau[i]
         finite = finite and np.isfinite(s.tau[i])
     if not finite:
-        g.counts[BAD] += 1.0
+        g.counts[NONFINITE_RESIDUALS] += 1.0
     if m == 0:
         return
     for i in range(n):
@@ -160,16 +160,16 @@ def times(t: float, y: Any, slopes: Any, x: Any, c: float, out: Any, g: Any) -> 
     """out (N,) <- (dF/dy + c dF/dy') x of the residual F, exactly."""
     e = g.stepped
     for i in range(out.shape[0]):
-        e.y[i], e.slopes[i] = y[i] + EPSILON * x[i] * 1j, slopes[i] + EPSILON * c * x[i] * 1j
+        e.y[i], e.slopes[i] = y[i] + COMPLEX_STEP * x[i] * 1j, slopes[i] + COMPLEX_STEP * c * x[i] * 1j
     residual(t, e.y, e.slopes, e.res, e)
     for i in range(out.shape[0]):
-        out[i] = e.res[i].imag / EPSILON
+        out[i] = e.res[i].imag / COMPLEX_STEP
 
 
 @kernel
 def weigh(y: Any, out: Any, g: Any) -> None:
     """out (N,) <- one over the tolerances of the unknowns."""
-    finer = finer_tolerance(g.tolerances[0, 0], POWER, g.growth)
+    finer = finer_tolerance(g.tolerances[0, 0], RTOL_EXPONENT, g.growth)
     for i in range(out.shape[0]):
         out[i] = 1.0 / (finer * min(g.tolerances[0, i] * abs(y[i]) + g.tolerances[1, i], g.tolerances[2, i]))
 

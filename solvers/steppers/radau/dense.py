@@ -11,12 +11,11 @@ from solvers.ledger import WORK
 from solvers.options import Options, Statistics
 from solvers.stepper import sized
 from solvers.steppers.compiled_loop import CompiledLoopStepper
+from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.system import Array, System
 
 from . import loop
 from .formulas import Memory
-
-STOPS = 12  # steps after a change of the loads that end where they are asked to: another change is likely
 
 
 class RadauStepper(CompiledLoopStepper):
@@ -43,7 +42,7 @@ class RadauStepper(CompiledLoopStepper):
 
     def renew(self) -> None:
         """Continue in steps that end at the requested time, at which the next change may occur."""
-        self._begin(STOPS, self.status.ok)
+        self._begin(TRUNCATED_STEPS, self.status.ok)
 
     def _begin(self, ends: int, kept: bool) -> None:
         self._settings["works"] = self.options.energy_check and self.system.works()

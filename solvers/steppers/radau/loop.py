@@ -24,9 +24,18 @@ from solvers.projection.projection import acceleration, close
 from solvers.projection.reported import report_state
 from solvers.projection.singular import CLOSED, MISS, note, passed, step_bound
 from solvers.stepper import smallest_step, sudden
+from solvers.steppers.step_control import (
+    FIRST_STEP_RATIO,
+    MIN_CONTROLLED_ERROR,
+    MIN_RTOL_TIMES_GAP,
+    MIN_STEP_CHANGE,
+    MIN_STEP_RATIO,
+    STEP_SAFETY_FACTOR,
+    TARGET_TOLERANCE,
+)
 
 from .formulas import STAGES, A, error_of_step, error_of_work, factor_newton, interpolate
-from .stages import FARTHEST, at_state, power, solve_stages, take_derivatives
+from .stages import MAX_EXTRAPOLATION, at_state, power, solve_stages, take_derivatives
 
 SETTINGS = np.dtype(
     [
@@ -38,21 +47,16 @@ SETTINGS = np.dtype(
     ],
     align=True,
 )  # fmt: skip
-FIRST = 0.1  # first step, in units of one over the rate of the motion
-REGULAR = 1e-2  # ratio of the pivots below which no derivatives are taken
-SLOW = 0.3  # rate of the corrections that calls for new derivatives
-SAFETY, SHORTEST, LONGEST = 0.9, 0.2, FARTHEST  # of the next step in units of this one
-TINY = 1e-8  # an error, in tolerances, that lets it be as long as any
-SAME = 1e-9  # part of a step: nearer to its end is there
-RESOLVED = 3e-18  # see solvers.steppers.adams.loop
-SMALLEST_STEP = 1e-11  # see solvers.stepper.smallest_step
+MIN_DERIVATIVE_PIVOT_RATIO = 1e-2  # below this ratio of the pivots no derivatives are evaluated
+MAX_CONTRACTION = 0.3  # rate of the corrections that calls for new derivatives
+MAX_STEP_CHANGE = MAX_EXTRAPOLATION  # next step in units of this one, at most
 # The error that is estimated is that of a formula of order 3: its step is as tolerance^(1/4), and the motion's error,
-# of order 5, as that step^5. For an error in proportion to rtol the estimate is held to LOOSER rtol^POWER.
-LOOSER, POWER = 2.0, 0.8
+# of order 5, as that step^5. For an error in proportion to rtol the estimate is held to RTOL_FACTOR rtol^RTOL_EXPONENT.
+RTOL_FACTOR, RTOL_EXPONENT = 2.0, 0.8
 # Ratio of errors, estimated and expected from the last step, that only a corner of a force explains. There the motion
 # is no more accurate than the estimate, which is then held to the requested tolerance.
-UNEXPECTED = 7.0
-EXACT = 0.1  # rtol: what Newton leaves of every step has one sign in many, and adds up
+CORNER_ERROR_RATIO = 7.0
+NEWTON_RTOL_RATIO = 0.1  # of rtol: the remainder of Newton's method has one sign in many steps, and adds up
 
 
 @inlined
@@ -61,10 +65,10 @@ def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
     c.coarser = 1.0
     if work.critical[0].kind == MISS:
         gap = abs(work.critical[0].gap)
-        c.coarser = max(1.0, RESOLVED / (gap * o.asked))
+        c.coarser = max(1.0, MIN_RTOL_TIMES_GAP / (gap * o.asked))
         if c.coarser > c.coarsest:
             c.coarsest, c.narrowest = c.coarser, gap
-    c.finer = finer_tolerance(o.rtol, POWER, work)
+    c.finer = finer_tolerance(o.rtol, RTOL_EXPONENT, work)
     scale = c.coarser * c.finer
     for i in range(H.q.shape[0]):
         H.tol_q[i] = scale * (o.rtol * abs(H.q[i]) + o.atol * work.size_q[i])
@@ -122,30 +126,32 @@ def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
         c.start, c.placed, c.follows, c.fresh = 0, 1, 0, 0
         c.starts += 1
         if not c.h > 0.0:
-            c.h = FIRST / work.rate[0]
+            c.h = FIRST_STEP_RATIO / work.rate[0]
     return code
 
 
 @inlined
 def grow(c: Any, h: float, error: float) -> float:
     """By how much the step after one of h may be longer, with a look at how the error has changed (Gustafsson)."""
-    factor = SAFETY * max(error, TINY) ** -0.25
+    factor = STEP_SAFETY_FACTOR * max(error, MIN_CONTROLLED_ERROR) ** -0.25
     if c.before > 0.0:
-        factor = min(factor, SAFETY * h / c.before * (c.error / max(error, TINY) ** 2) ** 0.25)
-    return min(LONGEST, max(SHORTEST, factor))
+        factor = min(
+            factor, STEP_SAFETY_FACTOR * h / c.before * (c.error / max(error, MIN_CONTROLLED_ERROR) ** 2) ** 0.25
+        )
+    return min(MAX_STEP_CHANGE, max(MIN_STEP_CHANGE, factor))
 
 
 @inlined
 def meets_corner(c: Any, h: float, error: float) -> bool:
     """Whether the error of a step of h is far above what the last step's lets expect of a smooth motion."""
-    return c.before > 0.0 and error > UNEXPECTED * c.estimate * (h / c.before) ** 4
+    return c.before > 0.0 and error > CORNER_ERROR_RATIO * c.estimate * (h / c.before) ** 4
 
 
 @inlined
 def stop_at(c: Any, target: float) -> float:
     """Length of the next step where it is to end at ``target``, or half way where another would be shorter still."""
     left = target - c.t
-    if left * (1.0 - SAME) <= c.h:
+    if left * (1.0 - TARGET_TOLERANCE) <= c.h:
         return left
     return 0.5 * left if left < 2.0 * c.h else c.h
 
@@ -160,8 +166,8 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
         c.h = min(c.h, o.max_step)
         h = stop_at(c, target) if c.ends > 0 else c.h
         code, shorter, corner, exact = COLLAPSED, 0.5, False, True
-        renewable = c.fresh == 0 and (c.rank == 0 or work.course[0].ratio >= REGULAR)
-        if renewable and (c.known == 0 or c.rate > SLOW):
+        renewable = c.fresh == 0 and (c.rank == 0 or work.course[0].ratio >= MIN_DERIVATIVE_PIVOT_RATIO)
+        if renewable and (c.known == 0 or c.rate > MAX_CONTRACTION):
             renewable = False
             take_derivatives(eqs, c, H, work)
         if factor_newton(h, H):
@@ -177,7 +183,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
                     work.q[i] = H.Q[STAGES - 1, i]
                 for i in range(n):
                     work.v[i] = H.v[i] + H.Z[STAGES - 1, i]
-                after = target if c.ends > 0 and abs(target - c.t - h) <= SAME * h else c.t + h
+                after = target if c.ends > 0 and abs(target - c.t - h) <= TARGET_TOLERANCE * h else c.t + h
                 code = close(eqs, after, work.q, work.v, c.rank, work)
                 if code == OK and not passed(eqs, after, work.q, CLOSED, c.rank, work):
                     code = BRANCHES
@@ -189,7 +195,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
                     return OK
                 corner = False  # another test refuses the step
             else:
-                code, shorter = COLLAPSED, max(SHORTEST, SAFETY * (error / largest) ** -0.25)
+                code, shorter = COLLAPSED, max(MIN_STEP_CHANGE, STEP_SAFETY_FACTOR * (error / largest) ** -0.25)
                 if corner:
                     c.corner_before = c.t + h
                 if renewable:
@@ -200,7 +206,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
         refuse_step(c, corner)
         if shorter < 1.0:
             c.h = shorter * h
-        smallest = smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t)
+        smallest = smallest_step(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
         if not c.h > smallest:
             if shortest or exact or not sudden(o.max_step, c.t):
                 return code
@@ -231,8 +237,8 @@ def accept(c: Any, H: Any, h: float, after: float, error: float) -> None:
     c.t, c.hold = after, h
     longer = h * grow(c, h, error)
     if after < c.corner_before:  # a corner near the middle of a step is not in the estimate: on in short steps
-        longer = min(longer, max(h, SHORTEST * (c.corner_before - after)))
-    c.error, c.estimate, c.before = max(error, 1e-2), max(error, TINY), h
+        longer = min(longer, max(h, MIN_STEP_CHANGE * (c.corner_before - after)))
+    c.error, c.estimate, c.before = max(error, 1e-2), max(error, MIN_CONTROLLED_ERROR), h
     c.h = longer if whole else max(c.h, longer)
     c.follows, c.fresh, c.ends = 1, 0, max(0, c.ends - 1)
     c.steps += 1
@@ -285,9 +291,9 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
 def take_options(options: Any, settings: Any) -> None:
     """Set the options of a run (``solvers.options.OPTIONS``)."""
     asked, o = options[0], settings[0]
-    looser = LOOSER * asked.rtol**POWER
+    looser = RTOL_FACTOR * asked.rtol**RTOL_EXPONENT
     o.rtol, o.atol = looser, asked.absolute * looser / asked.rtol
-    o.asked, o.exact = asked.rtol, EXACT * asked.rtol / looser
+    o.asked, o.exact = asked.rtol, NEWTON_RTOL_RATIO * asked.rtol / looser
     o.max_step, o.max_steps, o.energy_check = asked.max_step, asked.max_steps, asked.energy_check
 
 

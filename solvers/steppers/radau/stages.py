@@ -14,11 +14,11 @@ from solvers.projection.workspace import factor_here
 
 from .formulas import NODES, STAGES, A, correct_stages, extrapolate
 
-APART = 1e-6  # in units of size, and of it times the rate: what derivatives are differences over
-NARROW = 0.1  # ratio of the pivots below which stages are closed
-CORRECTIONS = 8  # of Newton at most
-ROUNDING = 1e-9  # of what Newton may leave: a correction so small is no other's measure
-FARTHEST = 6.0  # a step in units of the one before, whose polynomial is a guess of its stages
+DIFFERENCE_STEP = 1e-6  # of the derivatives, in units of size, and of size times the rate
+CLOSED_STAGES_PIVOT_RATIO = 0.1  # below this ratio of the pivots stages are closed
+MAX_NEWTON_ITERATIONS = 8
+NEGLIGIBLE_CORRECTION = 1e-9  # of the tolerance of Newton's method: from smaller ones no rate of convergence follows
+MAX_EXTRAPOLATION = 6.0  # step in units of the last one, up to which its polynomial predicts the stages
 
 
 @kernel
@@ -29,7 +29,7 @@ def differentiate(eqs: Any, t: float, c: Any, work: Any, a: Any) -> int:
     """
     c.evaluations += 1
     factor_here(eqs, t, work.q, work.v, work)
-    if c.rank > 0 and ratio(work.pivot, c.rank) < NARROW:
+    if c.rank > 0 and ratio(work.pivot, c.rank) < CLOSED_STAGES_PIVOT_RATIO:
         code = close(eqs, t, work.q, work.v, c.rank, work)
         if code != OK:
             return code
@@ -66,14 +66,14 @@ def take_derivatives(eqs: Any, c: Any, H: Any, work: Any) -> None:
     for k in range(2 * n):
         j = k % n
         at_state(H.q, H.v, work)
-        apart = APART
+        apart = DIFFERENCE_STEP
         if k < n:
             for i in range(n):
                 H.e_v[i] = 0.0
-            H.e_v[j] = APART * work.size[j]
+            H.e_v[j] = DIFFERENCE_STEP * work.size[j]
             eqs.retract(work.q, H.e_v, eqs.data)
         else:
-            apart = APART * work.rate[0]
+            apart = DIFFERENCE_STEP * work.rate[0]
             work.v[j] += apart * work.size[j]
         if differentiate(eqs, c.t, c, work, H.e_v) != OK:
             return
@@ -121,7 +121,7 @@ def place_stages(eqs: Any, h: float, c: Any, H: Any, work: Any) -> float:
 def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> int:
     """Solve for the stages of a step of h from (H.q, H.v) with the existing factors; ``c.rate``: convergence rate."""
     nq, n = H.q.shape[0], H.v.shape[0]
-    goes_on = c.follows == 1 and h <= FARTHEST * c.hold  # farther out a polynomial is no guess
+    goes_on = c.follows == 1 and h <= MAX_EXTRAPOLATION * c.hold  # farther out a polynomial is no guess
     for s in range(STAGES):
         for i in range(n):
             if not goes_on:
@@ -132,7 +132,7 @@ def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> int:
         extrapolate(h, H)
     place_stages(eqs, h, c, H, work)
     before, rate = 0.0, 0.0
-    for k in range(CORRECTIONS):
+    for k in range(MAX_NEWTON_ITERATIONS):
         for s in range(STAGES):
             at = c.t + NODES[s] * h
             for i in range(nq):
@@ -148,11 +148,11 @@ def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> int:
         size = np.sqrt(correct_stages(h, H, work.size) + place_stages(eqs, h, c, H, work))
         if not size < np.inf:
             return NOT_FINITE
-        if size <= ROUNDING * o.exact:
+        if size <= NEGLIGIBLE_CORRECTION * o.exact:
             return OK
         if k > 0:
             rate = size / before if k == 1 else np.sqrt(rate * size / before)
-            if rate >= 1.0 or size * rate ** (CORRECTIONS - 1 - k) > o.exact * (1.0 - rate):
+            if rate >= 1.0 or size * rate ** (MAX_NEWTON_ITERATIONS - 1 - k) > o.exact * (1.0 - rate):
                 c.rate = 1.0
                 return COLLAPSED
             c.rate = rate
