@@ -201,10 +201,11 @@ def with_tables(page: Path) -> str:
     """Return the text of a page with its tables."""
     text = page.read_text()
     for name, table in tables()[page].items():
-        pattern = re.escape(MARK.format(name)) + r"\n\n(\|.*\n)+"
-        text, count = re.subn(pattern, lambda _, table=table, name=name: f"{MARK.format(name)}\n\n{table}\n", text)
-        if count != 1:
-            raise ValueError(f"{page} has {count} lines {MARK.format(name)!r} instead of one")
+        mark = MARK.format(name)
+        found = re.findall(re.escape(mark) + r"\n\n(?:\|.*\n)+", text)
+        if len(found) != 1:
+            raise ValueError(f"{page} has {len(found)} tables below {mark!r} instead of one")
+        text = text.replace(found[0], f"{mark}\n\n{table}\n")
     return text
 
 
