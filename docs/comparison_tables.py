@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from mbfmu.util.table import power
-from solvers.steppers.ida.dense import FINEST
+from solvers.steppers.ida.dense import MIN_RTOL
 
 ROOT = Path(__file__).parents[1]
 IMAGES = ROOT / "docs" / "images"
@@ -44,7 +44,7 @@ def rows(name: str, study: str) -> Rows:
 
 def used(name: str, row: dict[str, Any]) -> float:
     """Return the tolerance that the solver of a row has used."""
-    smallest = FINEST if row["solver"] == "ida" and name not in WITHOUT_LOOPS else 0.0
+    smallest = MIN_RTOL if row["solver"] == "ida" and name not in WITHOUT_LOOPS else 0.0
     return float(max(smallest, row["rtol"]))
 
 
