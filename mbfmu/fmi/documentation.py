@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from html import escape
 from importlib.metadata import distribution
+from pathlib import Path
+from textwrap import dedent
+
+import fmpy
 
 import mbfmu
 from mbfmu.modeling.model import Model
@@ -43,7 +48,18 @@ def _table(role: Role, variables: Sequence[ScalarVariable]) -> str:
 
 def licenses(*, native: bool) -> dict[str, bytes]:
     """Return the texts of the licenses of what an FMU contains, by the name of a file."""
-    return {f"{name}.txt": _license(name).encode() for name in ("mbfmu", *(() if native else ("pythonfmu",)))}
+    texts = {"mbfmu": _license("mbfmu")}
+    texts |= {"fmi-headers": _header_license()} if native else {"pythonfmu": _license("pythonfmu")}
+    return {f"{name}.txt": text.encode() for name, text in texts.items()}
+
+
+def _header_license() -> str:
+    """Return the license in the headers of FMI, which a runtime is compiled with."""
+    path = Path(fmpy.__file__).parent / "c-code" / "fmi2Functions.h"
+    found = re.search(r"Copyright.*?(?=\*/)", path.read_text("utf-8"), re.DOTALL)
+    if found is None:
+        raise UserError(f"{str(path)!r} contains no license; install fmpy again")
+    return f"Headers of the Functional Mock-up Interface\n\n{dedent('   ' + found.group())}"
 
 
 def _license(package: str) -> str:

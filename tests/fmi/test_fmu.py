@@ -16,6 +16,7 @@ from fmpy.validation import validate_fmu
 
 from fmus.fourbar import FourBar
 from mbfmu.fmi import Fmu, export
+from mbfmu.fmi.documentation import licenses
 from mbfmu.fmi.slave import ModelSlave
 from mbfmu.session.simulation import Settings
 from mbfmu.util.errors import UserError
@@ -194,6 +195,13 @@ def test_archive_holds_what_a_user_looks_for(fourbar_fmu: Path) -> None:
     }
     assert "resources/requirements.txt" in names
     assert names == sorted(names)
+
+
+def test_native_fmus_contain_the_license_of_the_headers_they_are_compiled_with() -> None:
+    texts = licenses(native=True)
+    assert set(texts) == {"mbfmu.txt", "fmi-headers.txt"}
+    for words in (b"Modelica Association", b"2-Clause BSD", b"Redistributions in binary form", b"AS IS"):
+        assert words in texts["fmi-headers.txt"]
 
 
 def test_a_fault_at_the_very_end_of_the_initialization_is_told(
