@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -36,12 +37,12 @@ def _close_figures() -> Iterator[None]:
 
 @pytest.fixture
 def command(capfd: pytest.CaptureFixture[str]) -> Callable[..., Any]:
-    """Run the command line in this process: returns exit code, stdout, stderr."""
+    """Run the command line in this process: returns exit code, stdout, stderr without what depends on the cache."""
     from mbfmu.cli import main
 
     def run(*arguments: str) -> tuple[int, str, str]:
         code = main(arguments)
         out, err = capfd.readouterr()
-        return code, out, err
+        return code, out, re.sub(r"^compil(ing; this takes|ed in) .*\n", "", err, flags=re.MULTILINE)
 
     return run

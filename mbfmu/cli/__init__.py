@@ -110,9 +110,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     described = parser()
     argcomplete.autocomplete(described)
     options = described.parse_args(arguments)
-    tells = options.verbose or (sys.stderr.isatty() and not options.quiet)
     try:
-        with termination_raised(), compilation(tells):
+        with termination_raised(), compilation(reported=options.verbose or not options.quiet):
             return int(options.command(options))
     except UserError as error:
         print(f"mbfmu: {shorten(str(error))}", file=sys.stderr)

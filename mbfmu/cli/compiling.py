@@ -1,4 +1,4 @@
-"""Say that something is compiled before it is, and how long that took afterwards."""
+"""Report that something is compiled before it is, and how long that took afterwards."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ BEFORE = "compiling; this takes one to three minutes, for native FMUs up to six,
 
 
 @contextmanager
-def compilation(tells: bool) -> Iterator[None]:
+def compilation(*, reported: bool) -> Iterator[None]:
     """Report on standard error, if requested, that this block waits for the compiler, and how long it took."""
     with time_of_compiling() as taken:
         try:
-            with when_compiling(lambda: print_if(BEFORE, tells)):
+            with when_compiling(lambda: print_if(BEFORE, reported)):
                 yield
         finally:
             if taken():
-                print_if(f"compiled in {taken():.1f} s", tells)
+                print_if(f"compiled in {taken():.1f} s", reported)
 
 
 def print_if(text: str, shown: bool) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from textwrap import wrap
 
 from mbfmu.modeling.registry import models
 from mbfmu.modeling.scene import load_scene
@@ -13,6 +14,8 @@ from mbfmu.util.table import table
 from . import scenes
 from .common import Commands
 from .completion import complete, scene_names
+
+MAX_CELL_WIDTH = 40  # characters
 
 
 def add(commands: Commands) -> None:
@@ -54,4 +57,5 @@ def command_models(options: argparse.Namespace) -> int:
 def as_table(variables: Sequence[ScalarVariable]) -> str:
     """Return the variables as a table."""
     cells = columns(variables)
-    return table(list(cells), list(zip(*cells.values(), strict=True)))
+    rows = zip(*cells.values(), strict=True)
+    return table(list(cells), [["\n".join(wrap(cell, MAX_CELL_WIDTH)) for cell in row] for row in rows])

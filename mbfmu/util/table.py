@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return rows as aligned text."""
-    widths = [max(len(line[i]) for line in [header, *rows]) for i in range(len(header))]
+    """Return rows as aligned text; a cell of several lines makes its row as high."""
+    cells = [[cell.split("\n") for cell in line] for line in [header, *rows]]
+    widths = [max(len(part) for line in cells for part in line[i]) for i in range(len(header))]
     lines = [
-        "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in [header, *rows]
+        "  ".join(part.ljust(w) for part, w in zip(parts, widths, strict=True)).rstrip()
+        for line in cells
+        for parts in zip_longest(*line, fillvalue="")
     ]
     return "\n".join([lines[0], "  ".join("-" * w for w in widths), *lines[1:]])
 
