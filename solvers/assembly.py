@@ -6,8 +6,8 @@ so that a mechanism closes alike at every size::
 
     J~ = R^-1 J S = L Q^T     s of least |J~ s - gaps|^2 + damping^2 |s|^2:    s = Q z,   [L; damping I] z = [gaps; 0]
 
-with :func:`solvers.linalg.dense.lq` once for Q and once, of the transposed, for z. Rows that depend on others are no
-trouble: z has as many entries as there are independent ones, and all rows take part in it.
+with :func:`solvers.linalg.dense.factor_lq` once for Q and once, of the transposed, for z. Rows that depend on others
+are no trouble: z has as many entries as there are independent ones, and all rows take part in it.
 
 Three sets of coordinates may change, one after the other until the loops close: those without a given value; all that
 are not held, given ones by ``GIVEN`` of what the others change by; and all that are not held, alike.
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.held import hold
 from solvers.compiled.kernel import kernel, records
-from solvers.linalg.dense import basic_transposed, lq, rank_at, turn_in, turn_out
+from solvers.linalg.dense import apply_Q, apply_Qt, factor_lq, rank_at, solve_transposed_basic
 from solvers.system import AnySystem, Array
 
 CLOSED = 1e-11  # in units of the row; a loop is closed
@@ -220,7 +220,7 @@ def factor(J: Any, whole: bool, work: Any) -> int:
         for j in range(n):
             part = 1.0 if whole else work.share[j]
             work.A[i, j] = part * J[i, j] * (work.size[j] / work.row[i])
-    lq(work.A, m, n, work.tau, work.pivots, work.pivot)
+    factor_lq(work.A, m, n, work.tau, work.pivots, work.pivot)
     for i in range(min(m, n)):
         work.pivot[i] = abs(work.A[i, i])
     return rank_at(work.pivot, min(m, n), RANK)
@@ -241,9 +241,9 @@ def least_change(J: Any, damping: float, work: Any) -> None:
         work.b[i] = work.gaps[i] if i < m else 0.0
     for j in range(n):
         work.step[j] = 0.0
-    lq(work.B, rank, width, work.tau_B, work.pivots_B, work.left_B)
-    basic_transposed(work.b, rank, width, rank, work.B, work.tau_B, work.pivots_B, work.step)
-    turn_out(work.A, work.tau, rank, n, work.step)
+    factor_lq(work.B, rank, width, work.tau_B, work.pivots_B, work.left_B)
+    solve_transposed_basic(work.b, rank, width, rank, work.B, work.tau_B, work.pivots_B, work.step)
+    apply_Q(work.A, work.tau, rank, n, work.step)
     for j in range(n):
         work.step[j] *= work.share[j]
 
@@ -308,7 +308,7 @@ def move_mass(terms: Any, mass: Any, work: Any) -> int:
     for k in range(freedom):
         for i in range(freedom):
             mass[k, i] /= work.own[k] * work.own[i]
-    lq(mass, freedom, freedom, work.tau_B, work.pivots_B, work.left_B)
+    factor_lq(mass, freedom, freedom, work.tau_B, work.pivots_B, work.left_B)
     if freedom == 0 or not abs(mass[freedom - 1, freedom - 1]) <= MASSLESS * max(abs(mass[0, 0]), 1e-300):
         return ASSEMBLED
     find_massless(freedom, rank, mass, work)
@@ -322,12 +322,12 @@ def reduce(M: Any, rank: int, mass: Any, work: Any) -> None:
     for i in range(n):
         for j in range(n):
             mass[i, j] = work.size[i] * M[i, j] * work.size[j]
-        turn_in(work.A, work.tau, rank, n, mass[i])
+        apply_Qt(work.A, work.tau, rank, n, mass[i])
     for i in range(n):
         for j in range(i):
             mass[i, j], mass[j, i] = mass[j, i], mass[i, j]
     for i in range(rank, n):
-        turn_in(work.A, work.tau, rank, n, mass[i])
+        apply_Qt(work.A, work.tau, rank, n, mass[i])
         for j in range(rank, n):
             mass[i - rank, j - rank] = mass[i, j]
 
@@ -340,10 +340,10 @@ def find_massless(freedom: int, rank: int, mass: Any, work: Any) -> None:
         solid -= 1
     for k in range(freedom):
         x[k] = 1.0 if k == freedom - 1 else 0.0
-    turn_out(mass, work.tau_B, solid, freedom, x)
+    apply_Q(mass, work.tau_B, solid, freedom, x)
     for j in range(n):
         y[j] = x[j - rank] / work.own[j - rank] if j >= rank else 0.0
-    turn_out(work.A, work.tau, rank, n, y)
+    apply_Q(work.A, work.tau, rank, n, y)
     most = 0.0
     for j in range(n):
         most = max(most, abs(y[j]))

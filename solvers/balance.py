@@ -1,18 +1,18 @@
-"""What difference between energy and work the tolerance explains.
+"""Check of the energy balance: the difference between energy and work that the tolerance explains.
 
-A run keeps its balance while
+The balance of a run holds while
 
-    |E - level - W| <= min(explained, most) + rounding + energy of the slowest motion,
+    |E - reference - W| <= min(explained, most) + rounding + energy floor,
 
-    explained = max(EXPLAINED stray, min(stray, FEW (exposure + slip))),
-    most      = max(PART, 1 / extent) at work + slip,
+    explained = max(BOUND_FRACTION bound, min(bound, LAST_STEP_FACTOR (step bound + work error))),
+    most      = max(MAX_ENERGY_FRACTION, 1 / extent) at work + work error,
 
-with W, stray, exposure, slip and extent of a reported row of :mod:`.ledger`, and the ``level`` that E started from with
-every jump since. ``stray`` takes the local errors of all steps at their largest and all of one sign; of healthy runs
-the energy error was at most 0.08 of it, and mostly 0.01. ``most`` is for runs in which that is more than there is: a
-part of the energy at work, which is the kinetic energy at its largest and what was exchanged. A motion whose extent is
-a few absolute tolerances is not known to that part: its first-order error of energy is the energy at work over the
-extent.
+with W, bound, step bound, work error and extent of a reported row of :mod:`.energy_account`, and the reference energy:
+that of the start plus every jump since. The bound takes the local errors of all steps at their largest and all of
+one sign; in correct runs the energy error was at most 0.08 of it, and mostly 0.01. ``most`` is for runs in which that
+is more than there is: a part of the energy at work, which is the kinetic energy at its largest and what was exchanged.
+A motion whose extent is a few absolute tolerances is not known to that part: its first-order error of energy is the
+energy at work over the extent.
 """
 
 from __future__ import annotations
@@ -23,32 +23,42 @@ import numpy as np
 
 from solvers.compiled.kernel import kernel
 
-from .ledger import EXPOSURE, EXTENT, MOST, PASSAGE, SLIPPED, STRAY, THROUGHPUT, WORK
+from .energy_account import (
+    ENERGY_ERROR_BOUND,
+    EXCHANGED_ENERGY,
+    EXTENT,
+    KINETIC_MAX,
+    MAX_WORK_ERROR,
+    PASSAGE_ENERGY,
+    STEP_BOUND,
+    WORK,
+)
 
 BALANCE = np.dtype(
     [
-        ("kept", np.int64),  # 1: there is one
-        ("level", np.float64),  # J, energy at the start and every jump since
+        ("is_checked", np.int64),  # 1: the balance is checked
+        ("reference_energy", np.float64),  # J, energy at the start and every jump since
         ("tolerance", np.float64),
-        ("unseen", np.float64),  # J, of the slowest motion
-        ("single", np.int64),  # 1: the mechanism has one degree of freedom, and no drives
-        ("passage", np.float64),  # J, of the last slow passage that was examined
+        ("energy_floor", np.float64),  # J, energies below it are not resolved, see :func:`energy_floor`
+        ("has_one_freedom", np.int64),  # 1: the mechanism has one degree of freedom, and no drives
+        ("last_passage_energy", np.float64),  # J, of the last slow passage that was examined
     ],
     align=True,
 )
-EXPLAINED = 0.25  # of what the steps could add up to
-FEW = 6.0  # times what the last step could add: errors of a few steps need not cancel each other
-PART = 0.02  # of the energy at work
+BOUND_FRACTION = 0.25  # of what the steps could add up to
+LAST_STEP_FACTOR = 6.0  # times what the last step could add: errors of a few steps need not cancel each other
+MAX_ENERGY_FRACTION = 0.02  # of the energy at work
 # Of the kinetic energy in a slow passage, which the energy error may be. A motion that passes an unstable equilibrium
 # at a speed as cosh(k t), with too much energy by that part, is ahead afterwards by part / k (s). A pendulum moves at
 # up to 2 k (rad/s) later on, and is off by twice the part then: 0.1 rad.
-SLOW = 0.05
-KEPT, LOST, UNSURE = 0, 1, 2  # the balance is kept; it is lost; it is too inaccurate for a slow passage
-ROUNDING = 1e-13  # of every energy that was added up; besides, what moves as slowly as the tolerance has none
+PASSAGE_ERROR_FRACTION = 0.05
+# Results of the check: the balance holds; it is violated; the energy error is too large for a slow passage
+BALANCE_OK, BALANCE_VIOLATED, PASSAGE_INACCURATE = 0, 1, 2
+ENERGY_ROUNDING = 1e-13  # of every energy that was added up; besides, what moves as slowly as the tolerance has none
 
 
 @kernel
-def slowest(mass: float, length: float, rate: float, tolerance: float) -> float:
+def energy_floor(mass: float, length: float, rate: float, tolerance: float) -> float:
     """Energy (J) of the slowest motion that counts: of all mass (kg), by the tolerance in a length (m) a second.
 
     ``rate`` (1/s) makes it slower where gravity and drives are slow; that of a drive may be of one short jerk.
@@ -58,38 +68,44 @@ def slowest(mass: float, length: float, rate: float, tolerance: float) -> float:
 
 
 @kernel
-def bound(b: Any, energy: float, row: Any) -> float:
-    """What the tolerance and rounding explain of the energy error of a state, J; b a record of BALANCE."""
-    stray, at_work = row[STRAY], row[MOST] + row[THROUGHPUT]
-    rounding = ROUNDING * (abs(energy) + abs(b.level) + at_work + stray / b.tolerance)
-    most = max(PART, 1.0 / max(1.0, row[EXTENT])) * at_work + row[SLIPPED]
-    steps = max(EXPLAINED * stray, min(stray, FEW * (row[EXPOSURE] + row[SLIPPED])))
-    explained: float = min(steps, most) + rounding + b.unseen
+def energy_error_limit(record: Any, energy: float, row: Any) -> float:
+    """What the tolerance and rounding explain of the energy error of a state, J; record of BALANCE."""
+    bound, at_work = row[ENERGY_ERROR_BOUND], row[KINETIC_MAX] + row[EXCHANGED_ENERGY]
+    rounding = ENERGY_ROUNDING * (abs(energy) + abs(record.reference_energy) + at_work + bound / record.tolerance)
+    most = max(MAX_ENERGY_FRACTION, 1.0 / max(1.0, row[EXTENT])) * at_work + row[MAX_WORK_ERROR]
+    steps = max(BOUND_FRACTION * bound, min(bound, LAST_STEP_FACTOR * (row[STEP_BOUND] + row[MAX_WORK_ERROR])))
+    explained: float = min(steps, most) + rounding + record.energy_floor
     return explained
 
 
 @kernel
-def judge(balance: Any, energy: float, row: Any) -> tuple[float, int]:
-    """Return the energy error (J) of a state with this energy and reported row (ROW,), and what it means: LOST if it is
-    more than explained, or no number, UNSURE where it is large for a slow passage since the last call, else KEPT.
+def check_energy_balance(balance: Any, energy: float, row: Any) -> tuple[float, int]:
+    """Return the energy error (J) of a state with this energy and reported row (ACCOUNT_SIZE,), and the result of
+    the check: BALANCE_VIOLATED if it exceeds the limit or is not a number, PASSAGE_INACCURATE if it is too large for a
+    slow passage since the last call, else BALANCE_OK.
     balance (1,) of BALANCE.
     """
-    b = balance[0]
-    error, passes = energy - b.level - row[WORK], b.single == 1 and row[PASSAGE] != b.passage
-    b.passage = row[PASSAGE]
-    if not abs(error) <= bound(b, energy, row):
-        return error, LOST
-    return error, UNSURE if passes and abs(error) > SLOW * row[PASSAGE] else KEPT
+    record = balance[0]
+    error, passes = (
+        energy - record.reference_energy - row[WORK],
+        record.has_one_freedom == 1 and row[PASSAGE_ENERGY] != record.last_passage_energy,
+    )
+    record.last_passage_energy = row[PASSAGE_ENERGY]
+    if not abs(error) <= energy_error_limit(record, energy, row):
+        return error, BALANCE_VIOLATED
+    return error, PASSAGE_INACCURATE if passes and abs(error) > PASSAGE_ERROR_FRACTION * row[
+        PASSAGE_ENERGY
+    ] else BALANCE_OK
 
 
 @kernel
-def find_lost(balance: Any, energies: Any, rows: Any, found: Any) -> tuple[int, int]:
-    """Put the energy error of states into ``found`` (k,); return the number of the first that is not KEPT, k if all
-    are, and what :func:`judge` finds there.
+def find_violation(balance: Any, energies: Any, rows: Any, found: Any) -> tuple[int, int]:
+    """Put the energy error of states into ``found`` (k,); return the number of the first that is not
+    BALANCE_OK, k if all are, and what :func:`check_energy_balance` finds there.
     """
-    first, kind = found.shape[0], KEPT
+    first, kind = found.shape[0], BALANCE_OK
     for i in range(found.shape[0]):
-        found[i], here = judge(balance, energies[i], rows[i])
-        if here != KEPT and kind == KEPT:
+        found[i], here = check_energy_balance(balance, energies[i], rows[i])
+        if here != BALANCE_OK and kind == BALANCE_OK:
             first, kind = i, here
     return first, kind

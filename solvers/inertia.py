@@ -87,13 +87,13 @@ def note_growth(t: float, growth: float, c: Any) -> None:
 @kernel
 def update_growth(t: float, M: Any, v: Any, work: Any) -> None:
     """Update the rate growth at time t (s) with mass matrix M (n, n) and rates v (n,); ``work`` is a workspace."""
-    c, energy, growth, looped = work.inertia[0], 0.0, 0.0, work.row.shape[0] > 0
+    c, energy, growth, has_loops = work.inertia[0], 0.0, 0.0, work.row.shape[0] > 0
     for i in range(v.shape[0]):
         for j in range(v.shape[0]):
             energy += v[i] * M[i, j] * v[j]
     c.energy = max(c.energy, energy)
     for i in range(v.shape[0]):
-        if not (looped and work.looped[i] == 1.0):
+        if not (has_loops and work.in_loops[i] == 1.0):
             growth = max(growth, growth_of_rate(M[i, i], v[i], work.pace[i] * work.size[i], c.energy))
     note_growth(t, growth, c)
 

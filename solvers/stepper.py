@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .codes import coded
 from .compiled.kernel import inlined, kernel
-from .ledger import ROW
+from .energy_account import ACCOUNT_SIZE
 from .options import Options, Statistics
 from .outcome import Code, SolverError, Status
 from .system import AnySystem, Array
@@ -93,7 +93,7 @@ class Samples(NamedTuple):
     v: Array  # (k, n)
     a: Array  # (k, n)  accelerations
     lam: Array  # (k, m)  multipliers
-    ledger: Array  # (k, ROW)  as Stepper.ledger
+    energy_account: Array  # (k, ACCOUNT_SIZE)  as Stepper.energy_account
 
 
 class Stepper(ABC):
@@ -120,10 +120,10 @@ class Stepper(ABC):
     7. ``sample(times)`` is 3 and 6 at each of the times; a state without accelerations ends it, and ``status``
        contains the reason.
        Given an array it writes the outputs of the system at each state into a row of it.
-    8. ``ledger`` has, of the reported state, the work W that drives, dampers and given forces have done since
+    8. ``energy_account`` has, of the reported state, the work W that drives, dampers and given forces have done since
        construction, the bound of the energy error by the tolerance, the energy that was exchanged, the largest
-       kinetic energy, and the bound of one step, now and the largest so far (see :mod:`solvers.ledger`). No meaning if
-       ``options.energy_check`` is off.
+       kinetic energy, and the bound of one step, now and the largest so far (see :mod:`solvers.energy_account`). No
+       meaning if ``options.energy_check`` is off.
     9. ``save()`` returns bytes, ``restore()`` loads them into a stepper of the same system and options.
 
     Attributes
@@ -150,8 +150,8 @@ class Stepper(ABC):
         self._q = sized("q0", q0, system.nq)
         self._v = sized("v0", v0, system.n)
         self.clock = np.array([self._t])
-        self._ledger = np.zeros(ROW)
-        self._sizes = (system.nq, system.n, system.n, system.m, ROW)
+        self._energy_account = np.zeros(ACCOUNT_SIZE)
+        self._sizes = (system.nq, system.n, system.n, system.m, ACCOUNT_SIZE)
         self._resolves, self._observe = system.resolves, system.observe_all
         self.status = self._status(Code.OK)
 
@@ -188,9 +188,9 @@ class Stepper(ABC):
         return ""
 
     @property
-    def ledger(self) -> Array:
-        """Energy account of the reported state (ROW,), see :func:`solvers.ledger.report`."""
-        return self._ledger.copy()
+    def energy_account(self) -> Array:
+        """Energy account of the reported state (ACCOUNT_SIZE,), see :func:`solvers.energy_account.report`."""
+        return self._energy_account.copy()
 
     def advance(self, t: float) -> Status:
         """Advance to time ``t``, s."""
@@ -278,7 +278,7 @@ class Stepper(ABC):
             if not self.advance(float(t)).ok:
                 return i
             code, out.a[i], out.lam[i] = self._evaluate()
-            out.q[i], out.v[i], out.ledger[i] = self._q, self._v, self._ledger
+            out.q[i], out.v[i], out.energy_account[i] = self._q, self._v, self._energy_account
             if code is not Code.OK:
                 self.status = self._status(code)
                 return i

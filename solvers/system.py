@@ -57,7 +57,7 @@ def no_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
     return 0.0
 
 
-def no_exposure(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
+def no_energy_bound(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
     """Default of a system without this function: no bound on the error of its energy follows."""
     out[0], out[1] = 0.0, 0.0
 
@@ -67,9 +67,9 @@ def no_outputs(a: Any, lam: Any, data: Any, out: Any) -> None:
 
 
 def energy_callbacks(system: AnySystem) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return power and exposure of a system as kernels take them."""
-    if system.power is not None and system.exposure is not None:
-        return system.power, system.exposure
+    """Return the callbacks of power and energy bound of a system for kernels."""
+    if system.power is not None and system.evaluate_energy_bound is not None:
+        return system.power, system.evaluate_energy_bound
     return _nothing(held_type(system.data))
 
 
@@ -89,10 +89,10 @@ def _no_outputs(data: Any) -> Callable[..., Any]:
 @cache
 def _nothing(data: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
     if not COMPILED:
-        return no_power, no_exposure
+        return no_power, no_energy_bound
     real, vector = types.float64, types.float64[::1]
     work = callback(types.float64(real, vector, vector, vector, vector, data))
-    return work(no_power), callback(types.void(real, vector, vector, data, vector))(no_exposure)
+    return work(no_power), callback(types.void(real, vector, vector, data, vector))(no_energy_bound)
 
 
 def no_parts(data: Any, out: Any) -> None:
@@ -157,7 +157,9 @@ class AnySystem(ABC):
     position: Callable[[float, Array, Any, Terms], None]  # (t, q, data, terms): fills Phi, J, nu only
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
     power: Callable[..., float] | None = None  # (t, q, v, a, lam, data): dE/dt, W
-    exposure: Callable[..., None] | None = None  # (rtol, place, rate, data, out): see solvers.ledger
+    evaluate_energy_bound: Callable[..., None] | None = (
+        None  # (rtol, place, rate, data, out): see solvers.energy_account
+    )
     observe: Callable[..., None] | None = None  # (times, q, v, a, lam, data, out): outputs at solutions, a row each
     works: Callable[[], bool] = nothing_works  # (): whether power can differ from zero, as things are now
     resolves: Callable[[float], tuple[float, float]] = nothing_varies  # (t) -> (h_max, t_valid): largest step that
@@ -220,7 +222,7 @@ class System(AnySystem):
 
     ``motion`` may rely on ``position`` having been called last, for the same t and q. If there is nothing to
     gain from that it is ``dynamics``. ``power`` may rely on ``dynamics`` or ``motion`` having been called last for the
-    same (t, q, v), ``tell`` and ``exposure`` too, which leaves nothing ``power`` needs undone.
+    same (t, q, v), ``tell`` and ``evaluate_energy_bound`` too, which leaves nothing ``power`` needs undone.
     """
 
     has_matrices: ClassVar[bool] = True
@@ -249,7 +251,7 @@ class Equations(NamedTuple):
     retract: Any
     energy: Any
     power: Any
-    exposure: Any
+    evaluate_energy_bound: Any
     evaluate_outputs: Any
     data: Any
     terms: Any
@@ -310,7 +312,8 @@ class TreeSystem(AnySystem):
     """A large tree by recursions and a structured tangent: no matrix but J of few constraints.
 
     q' = N(q) v,   M v' + h + J^T lambda = 0,   given as inverse and, without J, as forward dynamics. ``power`` may rely
-    on either having been called last for the same (t, q, v, a, lam), ``exposure`` on inverse for a = 0 and lambda = 0.
+    on either having been called last for the same (t, q, v, a, lam), ``evaluate_energy_bound`` on inverse for a = 0 and
+    lambda = 0.
     """
 
     has_matrices: ClassVar[bool] = False

@@ -383,7 +383,7 @@ def test_saddle_system_is_the_exact_linearization(way: str) -> None:
     lam, x, y = 0.01 * rng.normal(size=system.m), rng.normal(size=system.n), rng.normal(size=system.m)
     K = linearization(at, q, lam)
     saddle, rest = Saddle(system), np.zeros(system.n)
-    saddle.weigh(0.0, q)
+    saddle.set_penalties(0.0, q)
     saddle.residual(0.0, q, rest, rest, lam)
     assert saddle.factor(0.0, 1e4)
     J = saddle.terms.J

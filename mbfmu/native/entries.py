@@ -38,7 +38,7 @@ from solvers.assembly import Scratch
 from solvers.balance import BALANCE
 from solvers.compiled.held import contents, hold
 from solvers.compiled.kernel import by_name, kept_nowhere, records, types
-from solvers.ledger import ROW, Scales
+from solvers.energy_account import ACCOUNT_SIZE, EnergyScales
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
@@ -115,8 +115,8 @@ def instance_of(simulation: Simulation) -> Instance:
         start = Start(q.copy(), v.copy(), scratch)
     else:
         start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
-    scales = Scales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
-    own = Given(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ROW))
+    scales = EnergyScales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
+    own = Given(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ACCOUNT_SIZE))
     known = np.array([system.rate, system.loop_rate if system.has_matrices else 0.0, plant.length])
     rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
     settings = stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
@@ -161,7 +161,16 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
         numbers.append(-1 if own is None else known[own])
     instance, arrays = instance_of(simulation), simulation.plant.data.arrays
     own, start = instance.given, instance.start
-    state = [*own.memory, instance.clock, own.q, own.v, own.ledger, own.settings, *own.work.memory(), *own.scales]
+    state = [
+        *own.memory,
+        instance.clock,
+        own.q,
+        own.v,
+        own.energy_account,
+        own.settings,
+        *own.work.memory(),
+        *own.scales,
+    ]
     state += [start.q, start.v, own.work.size, own.work.size_q, start.scratch.row, instance.known, instance.options]
     state += [*instance.inputs.memory(), instance.balance, instance.told]
     state += [array for array in arrays if array is not arrays.kernels]
@@ -174,8 +183,8 @@ def example(name: str) -> Any:
     callbacks = {own: _named(function) for own, function in family.callbacks.items()}
     positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64))
     eqs = family.equations(callbacks, hold(empty_data()), 1, 1, 1)
-    own = family.memory(1, 1, 1), family.work(1, 1, 1, positions), Scales.of(1e-6, z(1), z(1))
-    given = Given(eqs, records(1, family.loop.SETTINGS), *own, z(1), z(1), z(ROW))
+    own = family.memory(1, 1, 1), family.work(1, 1, 1, positions), EnergyScales.of(1e-6, z(1), z(1))
+    given = Given(eqs, records(1, family.loop.SETTINGS), *own, z(1), z(1), z(ACCOUNT_SIZE))
     start = Start(z(1), z(1), Scratch.allocate(1, 1))
     settings = records(1, OPTIONS), np.zeros(1, np.int64), InputRecords.example()
     frames = Frames(z(1, np.int64), z(1))
@@ -240,7 +249,7 @@ def entries(name: str) -> dict[str, Entry]:
         s.clock[0], g.scales.rtol[0] = t, s.options[0].rtol
         code, rate = begun(s, t)
         renewed(s, True)
-        s.balance[0].kept = 1 if s.options[0].energy_check == 1 and g.v.shape[0] > g.memory.control[0].rank else 0
+        s.balance[0].is_checked = 1 if s.options[0].energy_check == 1 and g.v.shape[0] > g.memory.control[0].rank else 0
         s.balance[0].tolerance = s.options[0].rtol
         begin_points(s, code)
         s.told[0].flaw = judge_start(t, rate, g.q, g.work.size_q, g.scales.rtol[0], s.start.scratch.worst[0])
@@ -258,7 +267,7 @@ def entries(name: str) -> dict[str, Entry]:
 
     def retune(s: Any) -> int:
         """Restart with other parameters, like ``Simulation.retune``."""
-        s.balance[0].level += energy_at(s) - s.told[0].before
+        s.balance[0].reference_energy += energy_at(s) - s.told[0].before
         renewed(s, True)
         return OK
 
@@ -292,7 +301,7 @@ def entries(name: str) -> dict[str, Entry]:
                 renewed(s, False)
         if end > t or s.told[0].code != OK:
             arrive(s, end, go(s, end))
-        if s.balance[0].kept == 1:
+        if s.balance[0].is_checked == 1:
             look(s, energy_at(s))
         look_at_plates(s)
         return int(s.told[0].code)

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 from mbfmu.mechanics.recursions import dynamics as recursions
 from solvers.assembly import ASSEMBLED, close_positions, close_velocities, move_mass
 from solvers.compiled.kernel import kernel
-from solvers.ledger import WORK
+from solvers.energy_account import WORK
 from solvers.outcome import OK
 from solvers.positions import position_sizes
-from solvers.projection.projection import close
-from solvers.projection.rank import normal_rank
-from solvers.projection.reported import evaluate
+from solvers.projection.projection import project
+from solvers.projection.rank import find_normal_rank
+from solvers.projection.reported import evaluate_state
 from solvers.projection.workspace import Workspace
 from solvers.steppers.adams import loop as adams
 from solvers.steppers.adams import tree_loop
@@ -85,8 +85,8 @@ def find_out(s: Any, t: float) -> tuple[int, int]:
     """Close the reported state, and find units and paces there; return how it was closed, and the rank."""
     g = s.given
     position_sizes(s.positions, g.work.size, g.work.size_q)
-    rank = normal_rank(g.eqs, t, g.q, g.v, g.work)
-    code = close(g.eqs, t, g.q, g.v, rank, g.work)
+    rank = find_normal_rank(g.eqs, t, g.q, g.v, g.work)
+    code = project(g.eqs, t, g.q, g.v, rank, g.work)
     estimate_rates(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], s.options[0].duration, g.work)
     return code, rank
 
@@ -121,7 +121,7 @@ def begin_tree(s: Any, t: float) -> tuple[int, float]:
 def evaluate_small(s: Any) -> int:
     """Fill ``s.a`` and ``s.lam``."""
     g = s.given
-    code: int = evaluate(g.eqs, s.clock[0], g.q, g.v, g.memory.control[0].rank, g.work, s.a, s.lam)
+    code: int = evaluate_state(g.eqs, s.clock[0], g.q, g.v, g.memory.control[0].rank, g.work, s.a, s.lam)
     return code
 
 
@@ -137,7 +137,7 @@ def renew_history(s: Any, fresh: bool, watched: bool) -> None:
     """As ``ExplicitStepper.renew`` does; ``fresh``: as its ``restart``; ``watched``: work is to be booked."""
     g, kept, singles = s.given, not fresh and s.told[0].code == OK, 0 if fresh else TRUNCATED_STEPS
     g.settings[0].works = 1 if watched and g.eqs.data.arrays.world[0].works == 1 else 0
-    begin_history(g.memory, s.clock[0], g.q, g.v, g.ledger[WORK], singles, 0 if fresh else 1, kept)
+    begin_history(g.memory, s.clock[0], g.q, g.v, g.energy_account[WORK], singles, 0 if fresh else 1, kept)
 
 
 @kernel
@@ -159,7 +159,7 @@ def renew_radau(s: Any, fresh: bool) -> None:
     g, kept = s.given, not fresh and s.told[0].code == OK
     o = g.settings[0]
     o.works = 1 if o.energy_check == 1 and g.eqs.data.arrays.world[0].works == 1 else 0
-    radau.begin_anew(g.memory, s.clock[0], g.q, g.v, g.ledger[WORK], 0 if fresh else TRUNCATED_STEPS, kept)
+    radau.begin_anew(g.memory, s.clock[0], g.q, g.v, g.energy_account[WORK], 0 if fresh else TRUNCATED_STEPS, kept)
     if fresh:
         g.memory.control[0].known = 0
 
@@ -167,7 +167,7 @@ def renew_radau(s: Any, fresh: bool) -> None:
 @kernel
 def limit_history(g: Any, t: float, longest: float) -> None:
     """As ``ExplicitStepper._limit`` does."""
-    limit_steps(g.memory, g.settings, t, g.q, g.v, g.ledger[WORK], longest)
+    limit_steps(g.memory, g.settings, t, g.q, g.v, g.energy_account[WORK], longest)
 
 
 @kernel

@@ -19,7 +19,7 @@ from mbfmu.session.tolerances import COARSE_TEXT, COARSE_TOLERANCE
 from mbfmu.sheets.bending_monitor import UNFOLD
 from mbfmu.util.codes import coded
 from solvers.assembly import WORST, Outcome
-from solvers.balance import UNSURE
+from solvers.balance import PASSAGE_INACCURATE
 from solvers.compiled.kernel import types
 from solvers.options import OPTIONS
 from solvers.outcome import Code
@@ -137,7 +137,7 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     lines = ["/* Made of mbfmu/native/layout.py. */", "#include <stdint.h>", ""]
     lines += [f"#define MAGIC INT64_C({MAGIC})", f"#define LENGTH ({LENGTH})"]
     lines += [f"#define COARSE {float(COARSE)!r} /* rad */", f"#define FOLDED {float(FOLDED)!r}"]
-    lines.append(f"#define UNSURE {UNSURE}")
+    lines.append(f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}")
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     lines.append(f"#define COARSE_TEXT {json.dumps(coded('coarse-tolerance', COARSE_TEXT))}")
     lines += [f"#define UNFOLD {json.dumps(UNFOLD)}", f"#define KINDS {len(kinds())}", ""]

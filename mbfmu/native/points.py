@@ -9,9 +9,9 @@ import numpy as np
 from mbfmu.mechanics.arrays.bending import sharpest
 from mbfmu.mechanics.arrays.points import WEIGHS, begin_inputs, depart, set_input
 from mbfmu.mechanics.recursions.dynamics import energy
-from solvers.balance import KEPT, judge, slowest
+from solvers.balance import BALANCE_OK, check_energy_balance, energy_floor
 from solvers.compiled.kernel import kernel
-from solvers.ledger import PASSAGE, THROUGHPUT
+from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
 from solvers.outcome import OK
 
 TOLD = np.dtype(
@@ -24,7 +24,7 @@ TOLD = np.dtype(
         ("lost_at", np.float64),  # s, where that was seen first; by how much, and what was exchanged until then, J
         ("energy_error", np.float64),
         ("exchanged", np.float64),
-        ("passage", np.float64),  # J, of the last slow passage until then, see solvers.ledger
+        ("passage", np.float64),  # J, of the last slow passage until then, see solvers.energy_account
         ("before", np.float64),  # J, energy before parameters change
         ("bent", np.float64),  # rad, the sharpest angle of a plate's edge at the last communication point
     ],
@@ -47,8 +47,8 @@ def begin_points(s: Any, code: int) -> None:
     told.code, told.unknown, told.jumps, told.lost, told.bent = code, 0, 0, 0, 0.0
     for k in range(bodies.shape[0]):
         mass += bodies[k].mass
-    b.passage = 0.0
-    b.level, b.unseen = energy_at(s), slowest(mass, s.known[2], s.known[0], b.tolerance)
+    b.last_passage_energy = 0.0
+    b.reference_energy, b.energy_floor = energy_at(s), energy_floor(mass, s.known[2], s.known[0], b.tolerance)
 
 
 @kernel
@@ -58,7 +58,7 @@ def take(s: Any, index: int, value: float) -> int:
     before = energy_at(s) if role == WEIGHS else 0.0
     set_input(s.inputs, index, value, s.clock[0])
     if role == WEIGHS:
-        s.balance[0].level += energy_at(s) - before
+        s.balance[0].reference_energy += energy_at(s) - before
     return role
 
 
@@ -80,7 +80,7 @@ def leave(s: Any, before: float, jumps: bool) -> None:
     if jumps:
         for i in range(s.dv.shape[0]):
             s.given.v[i] += s.dv[i]
-    s.balance[0].level += energy_at(s) - before
+    s.balance[0].reference_energy += energy_at(s) - before
 
 
 @kernel
@@ -93,14 +93,14 @@ def arrive(s: Any, t: float, code: int) -> None:
 @kernel
 def look(s: Any, now: float) -> float:
     """Hold the reported state, of energy ``now``, to its balance; return the energy error, J."""
-    energy_error, found = judge(s.balance, now, s.given.ledger)
+    energy_error, found = check_energy_balance(s.balance, now, s.given.energy_account)
     told = s.told[0]
-    if found != KEPT and told.lost == KEPT:
+    if found != BALANCE_OK and told.lost == BALANCE_OK:
         told.lost, told.lost_at = found, s.clock[0]
         told.energy_error, told.exchanged, told.passage = (
             energy_error,
-            s.given.ledger[THROUGHPUT],
-            s.given.ledger[PASSAGE],
+            s.given.energy_account[EXCHANGED_ENERGY],
+            s.given.energy_account[PASSAGE_ENERGY],
         )
     return energy_error
 
@@ -117,7 +117,7 @@ def look_at_plates(s: Any) -> None:
 def tell_balance(s: Any) -> None:
     """Put energy error and throughput in place of the energies that the outputs end in; NaN without energy check."""
     out, last = s.out, s.out.shape[0] - 1
-    if s.balance[0].kept == 1:
-        out[last - 1], out[last] = look(s, out[last - 1]), s.given.ledger[THROUGHPUT]
+    if s.balance[0].is_checked == 1:
+        out[last - 1], out[last] = look(s, out[last - 1]), s.given.energy_account[EXCHANGED_ENERGY]
     else:
         out[last - 1], out[last] = np.nan, np.nan

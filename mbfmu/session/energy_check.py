@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant
 from mbfmu.util.codes import coded
-from solvers.balance import BALANCE, KEPT, UNSURE, find_lost, judge, slowest
+from solvers.balance import BALANCE, BALANCE_OK, PASSAGE_INACCURATE, check_energy_balance, energy_floor, find_violation
 from solvers.compiled.kernel import records
-from solvers.ledger import PASSAGE, THROUGHPUT
+from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
 
 Array = NDArray[np.float64]
 Place = tuple[float, Array]  # t, q
@@ -41,67 +41,69 @@ class EnergyCheck:
     def __init__(self, plant: Plant, tolerance: float, base: float, freedom: int) -> None:
         self.plant, self.verdict, self.balance = plant, "", records(1, BALANCE)
         mass = float(plant.data.arrays.bodies["mass"].sum())
-        self.balance["kept"], self.balance["level"], self.balance["tolerance"] = 1, base, tolerance
-        self.balance["unseen"] = slowest(mass, plant.length, plant.system.rate, tolerance)
+        self.balance["is_checked"], self.balance["reference_energy"], self.balance["tolerance"] = 1, base, tolerance
+        self.balance["energy_floor"] = energy_floor(mass, plant.length, plant.system.rate, tolerance)
         driven = any(body.joint.drive is not None for body in plant.mechanism.bodies)
-        self.balance["single"] = int(freedom == 1 and not driven)
+        self.balance["has_one_freedom"] = int(freedom == 1 and not driven)
         self._last: Place | None = None
 
     @property
     def state(self) -> tuple[float, str, float]:
         """Base (J), verdict, and energy (J) of the last slow passage that was examined, to go back to."""
-        return self.base, self.verdict, float(self.balance["passage"][0])
+        return self.base, self.verdict, float(self.balance["last_passage_energy"][0])
 
     @state.setter
     def state(self, state: tuple[float, str, float]) -> None:
-        self.base, self.verdict, self.balance["passage"] = state
+        self.base, self.verdict, self.balance["last_passage_energy"] = state
 
     @property
     def base(self) -> float:
         """Energy at the start and every jump since, J."""
-        return float(self.balance["level"][0])
+        return float(self.balance["reference_energy"][0])
 
     @base.setter
     def base(self, base: float) -> None:
-        self.balance["level"] = base
+        self.balance["reference_energy"] = base
 
-    def look(self, t: float, q: Array, energy: float, ledger: Array) -> float:
-        """Return the energy_error of one state, J; q (nq,), and a ledger (ROW,)."""
-        energy_error, kind = judge(self.balance, energy, ledger)
-        if kind != KEPT:
-            self._note((t, q), energy_error, kind, ledger, self._last)
+    def look(self, t: float, q: Array, energy: float, energy_account: Array) -> float:
+        """Return the energy_error of one state, J; q (nq,), and an energy account (ACCOUNT_SIZE,)."""
+        energy_error, kind = check_energy_balance(self.balance, energy, energy_account)
+        if kind != BALANCE_OK:
+            self._note((t, q), energy_error, kind, energy_account, self._last)
         self._last = t, q
         return float(energy_error)
 
-    def check(self, times: Array, q: Array, energies: Array, ledgers: Array) -> Array:
-        """Return the energy_error (k,) at ``times`` (k,) with positions q (k, nq), energies and ledgers (k, ROW), J."""
+    def check(self, times: Array, q: Array, energies: Array, energy_accounts: Array) -> Array:
+        """Return the energy_error (k,) at ``times`` (k,) with positions q (k, nq), energies and energy accounts (k,
+        ACCOUNT_SIZE), J.
+        """
         found = np.zeros(len(times))
-        i, kind = find_lost(self.balance, np.ascontiguousarray(energies), ledgers, found)
+        i, kind = find_violation(self.balance, np.ascontiguousarray(energies), energy_accounts, found)
         if i < len(times):
             before = (float(times[i - 1]), q[i - 1]) if i else self._last
-            self._note((float(times[i]), q[i]), float(found[i]), kind, ledgers[i], before)
+            self._note((float(times[i]), q[i]), float(found[i]), kind, energy_accounts[i], before)
         if len(times):
             self._last = float(times[-1]), q[-1].copy()
         return found
 
-    def _note(self, here: Place, energy_error: float, kind: int, ledger: Array, before: Place | None) -> None:
+    def _note(self, here: Place, energy_error: float, kind: int, energy_account: Array, before: Place | None) -> None:
         """Report once that the energy error is too large here; it was not at ``before``."""
         if not self.verdict:
-            self.verdict = self._tell(energy_error, kind, ledger, before or here, here)
+            self.verdict = self._tell(energy_error, kind, energy_account, before or here, here)
 
-    def _tell(self, energy_error: float, kind: int, ledger: Array, before: Place, here: Place) -> str:
+    def _tell(self, energy_error: float, kind: int, energy_account: Array, before: Place, here: Place) -> str:
         more = "more" if energy_error > 0.0 else "less"
         change = f"the energy has changed by {abs(energy_error):.3g} J {more} than the work done on the mechanism"
-        if kind == UNSURE:
+        if kind == PASSAGE_INACCURATE:
             return coded(
                 "slow-passage",
                 f"the energy error is too large at t = {here[0]:.6g} s: {change}, which is "
-                f"{abs(energy_error) / ledger[PASSAGE]:.2g} of the {ledger[PASSAGE]:.3g} J by which the motion "
-                "has just "
-                "passed an unstable equilibrium, or missed it. The time of the passage and the motion after it may be "
-                "wrong: reduce the tolerance and compare the results",
+                f"{abs(energy_error) / energy_account[PASSAGE_ENERGY]:.2g} of the "
+                f"{energy_account[PASSAGE_ENERGY]:.3g} J by which the motion has just passed an unstable "
+                "equilibrium, or missed it. The time of the passage and the motion after it may be wrong: reduce "
+                "the tolerance and compare the results",
             )
-        exchanged = ledger[THROUGHPUT]
+        exchanged = energy_account[EXCHANGED_ENERGY]
         part = (
             f", {abs(energy_error) / exchanged:.2g} of the {exchanged:.3g} J of energy exchanged" if exchanged else ""
         )

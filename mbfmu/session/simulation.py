@@ -24,7 +24,7 @@ from mbfmu.util.codes import code_of, coded
 from mbfmu.util.errors import UserError
 from solvers import SolverError, Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
-from solvers.ledger import THROUGHPUT
+from solvers.energy_account import EXCHANGED_ENERGY
 from solvers.stepper import Samples, Stepper
 
 from .energy_check import EnergyCheck
@@ -309,7 +309,7 @@ class Simulation:
         status = stepper.advance(t)
         t, q = stepper.t, stepper.q
         if self.energy_check:
-            self._balance(t, q, self.plant.energy(t, q, stepper.v), stepper.ledger)
+            self._balance(t, q, self.plant.energy(t, q, stepper.v), stepper.energy_account)
         self._folds.look(t, q)
         self._remark(stepper.notice)
         return status
@@ -378,7 +378,7 @@ class Simulation:
         t, q, out = stepper.t, stepper.q, self._out
         self.plant.observe(t, q, stepper.v, a, lam, out)
         self._tell_undetermined()
-        out[-2:] = self._balance(t, q, float(out[-2]), stepper.ledger)
+        out[-2:] = self._balance(t, q, float(out[-2]), stepper.energy_account)
         return out
 
     @property
@@ -386,19 +386,19 @@ class Simulation:
         """Outputs of the last call of :meth:`outputs` or :meth:`record`, in the order of ``variables``."""
         return self._out.copy()
 
-    def _balance(self, t: float, q: Array, energy: float, ledger: Array) -> tuple[float, float]:
+    def _balance(self, t: float, q: Array, energy: float, energy_account: Array) -> tuple[float, float]:
         """Return energy error and throughput of one state, J; NaN without energy check."""
         if self.energy_check is None:
             return nan, nan
-        return self.energy_check.look(t, q, energy, ledger), float(ledger[THROUGHPUT])
+        return self.energy_check.look(t, q, energy, energy_account), float(energy_account[EXCHANGED_ENERGY])
 
-    def _finish(self, times: Array, q: Array, ledgers: Array, values: Array) -> None:
+    def _finish(self, times: Array, q: Array, energy_accounts: Array, values: Array) -> None:
         """Put what the energy check finds in place of the energies that ``values`` (k, outputs) end in."""
         if self.energy_check is None:
             values[:, -2:] = nan
             return
-        values[:, -2] = self.energy_check.check(times, q, values[:, -2], ledgers)
-        values[:, -1] = ledgers[:, THROUGHPUT]
+        values[:, -2] = self.energy_check.check(times, q, values[:, -2], energy_accounts)
+        values[:, -1] = energy_accounts[:, EXCHANGED_ENERGY]
 
     def _book_jump(self, before: float) -> None:
         """Book what a change at one state has made of the energy ``before``, J; it is no energy error."""
@@ -441,7 +441,7 @@ class Simulation:
             if count > 1:
                 self.plant.inputs.pass_by(float(ahead[count - 2]))
             if count:
-                self._finish(times[rows], samples.q, samples.ledger, values[rows])
+                self._finish(times[rows], samples.q, samples.energy_account, values[rows])
             done = rows.stop
             if self.failure:
                 break

@@ -12,10 +12,10 @@ import numpy as np
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays import points
 from solvers import SolverError
-from solvers.balance import BALANCE, find_lost, judge
+from solvers.balance import BALANCE, check_energy_balance, find_violation
 from solvers.compiled.held import hold
 from solvers.compiled.kernel import records
-from solvers.ledger import ROW
+from solvers.energy_account import ACCOUNT_SIZE
 from solvers.stepper import Stepper, rate_of_start
 
 SHORT = 1e-6  # of the time in which the motion changes
@@ -64,5 +64,5 @@ def _rehearse() -> None:
     points.depart(inputs, 0.0)
     points.pass_by(inputs, 0.0)
     points.all_settled(inputs)
-    judge(balance, 0.0, np.zeros(ROW))
-    find_lost(balance, np.zeros(1), np.zeros((1, ROW)), np.zeros(1))
+    check_energy_balance(balance, 0.0, np.zeros(ACCOUNT_SIZE))
+    find_violation(balance, np.zeros(1), np.zeros((1, ACCOUNT_SIZE)), np.zeros(1))

@@ -29,10 +29,10 @@ def find_cyclic(system: TreeSystem, start: Array) -> NDArray[np.bool_]:
     v, a, motion = (random.uniform(-1.0, 1.0, n) * system.size for _ in range(3))
     rate = system.rate or 1.0
     lam = random.uniform(-1.0, 1.0, m)
-    products.place(0.0, q, np.zeros(n), np.zeros(n), lam)
+    products.set_state(0.0, q, np.zeros(n), np.zeros(n), lam)
     change = np.abs(products.apply(motion, *POSITION)) * system.size
     candidates = np.flatnonzero(change <= CYCLIC * change.max(initial=0.0))
-    products.place(0.0, q, rate * v, rate**2 * a, lam)
+    products.set_state(0.0, q, rate * v, rate**2 * a, lam)
     largest = np.abs(products.apply(motion, *POSITION) * system.size).max(initial=0.0)
     for k in candidates:
         unit = np.zeros(n)

@@ -108,7 +108,7 @@ class Turned:
         x = random.normal(size=system.n) * system.size
         found = []
         for t in (0.0, *times):
-            products.place(t, self.at(t)[0], self.v, np.zeros(system.n), self.lam)
+            products.set_state(t, self.at(t)[0], self.v, np.zeros(system.n), self.lam)
             found.append(np.array([products.apply(x, *which) for which in np.eye(3)]))
         size = np.abs(found[0]).max(axis=1, keepdims=True) + system.rate ** np.array([[2.0], [1.0], [0.0]]) * np.abs(
             found[0][2]

@@ -27,8 +27,8 @@ from solvers.compiled.held import hold
 from solvers.compiled.kernel import inlined, kernel, reordered
 from solvers.system import Array
 
-WIDTH = 4  # columns that are multiplied at once: what they are added to is read and written once
-PIECE = 8  # rows of a panel come in such pieces
+PANEL_WIDTH = 4  # columns that are multiplied at once: what they are added to is read and written once
+PANEL_ROW_STEP = 8  # rows of a panel come in such pieces
 
 _threads = ThreadpoolController()
 
@@ -45,9 +45,9 @@ class Factors(NamedTuple):
     """
 
     inward: NDArray[np.int64]  # (blocks,) the neighbor inward; -1: none
-    first: NDArray[np.int64]  # (blocks + 1,) its first unknown
-    at: NDArray[np.int64]  # (blocks + 1,) where its inverse begins
-    tied: NDArray[np.int64]  # (blocks + 1,) where its right and left begin
+    first_unknown: NDArray[np.int64]  # (blocks + 1,)
+    inverse_start: NDArray[np.int64]  # (blocks + 1,) where its inverse begins
+    panel_entry_start: NDArray[np.int64]  # (blocks + 1,) where its right and left begin
     first_panel: NDArray[np.int64]  # (blocks + 1,)
     end_panel: NDArray[np.int64]  # (blocks,)
     panels: NDArray[np.int64]  # (.., 5) first column, columns, first row, rows, where they begin
@@ -59,7 +59,7 @@ class Factors(NamedTuple):
 
 
 @inlined
-def add(a: float, columns: Any, at: int, count: int, y: Any, first: int) -> None:
+def add_column(a: float, columns: Any, at: int, count: int, y: Any, first: int) -> None:
     """y[first:] += a times the column that begins at ``at``, ``count`` entries."""
     column, out = columns[at : at + count], y[first : first + count]
     for i in range(count):
@@ -67,7 +67,9 @@ def add(a: float, columns: Any, at: int, count: int, y: Any, first: int) -> None
 
 
 @inlined
-def add_four(a: float, b: float, c: float, d: float, columns: Any, at: int, count: int, y: Any, first: int) -> None:
+def add_four_columns(
+    a: float, b: float, c: float, d: float, columns: Any, at: int, count: int, y: Any, first: int
+) -> None:
     """The same with four columns, one after the other."""
     out = y[first : first + count]
     A, B = columns[at : at + count], columns[at + count : at + 2 * count]
@@ -77,7 +79,7 @@ def add_four(a: float, b: float, c: float, d: float, columns: Any, at: int, coun
 
 
 @reordered
-def along(columns: Any, at: int, count: int, x: Any, first: int) -> float:
+def dot_column(columns: Any, at: int, count: int, x: Any, first: int) -> float:
     """The column that begins at ``at`` . x[first:]."""
     column, other = columns[at : at + count], x[first : first + count]
     total = 0.0
@@ -87,11 +89,11 @@ def along(columns: Any, at: int, count: int, x: Any, first: int) -> float:
 
 
 @reordered
-def along_four(columns: Any, at: int, apart: int, count: int, x: Any, first: int) -> Any:
-    """The same for four columns, which begin ``apart``."""
+def dot_four_columns(columns: Any, at: int, stride: int, count: int, x: Any, first: int) -> Any:
+    """The same for four columns, ``stride`` entries from one beginning to the next."""
     other = x[first : first + count]
-    A, B = columns[at : at + count], columns[at + apart : at + apart + count]
-    C, D = columns[at + 2 * apart : at + 2 * apart + count], columns[at + 3 * apart : at + 3 * apart + count]
+    A, B = columns[at : at + count], columns[at + stride : at + stride + count]
+    C, D = columns[at + 2 * stride : at + 2 * stride + count], columns[at + 3 * stride : at + 3 * stride + count]
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     for i in range(count):
         a += A[i] * other[i]
@@ -102,123 +104,128 @@ def along_four(columns: Any, at: int, apart: int, count: int, x: Any, first: int
 
 
 @kernel
-def keep_inverse(k: int, block: Any, B: Any) -> None:
+def store_inverse(k: int, block: Any, factors: Any) -> None:
     """Keep D_k^-1, by columns; of a symmetric one, the part below the diagonal is given."""
-    D, at = block.D, B.at[k]
+    D, at = block.D, factors.inverse_start[k]
     n = D.shape[0]
-    whole = n - n % WIDTH
+    whole = n - n % PANEL_WIDTH
     for j in range(n):
-        first = 0 if B.symmetric[0] == 0 else j - j % WIDTH if j < whole else j
+        first = 0 if factors.symmetric[0] == 0 else j - j % PANEL_WIDTH if j < whole else j
         for i in range(first, j):
-            B.inverse[at] = D[j, i] if B.symmetric[0] == 0 else D[i, j]
+            factors.inverse[at] = D[j, i] if factors.symmetric[0] == 0 else D[i, j]
             at += 1
         for i in range(j, n):
-            B.inverse[at] = D[j, i]
+            factors.inverse[at] = D[j, i]
             at += 1
 
 
 @kernel
-def keep_panels(k: int, block: Any, B: Any) -> None:
+def store_panels(k: int, block: Any, factors: Any) -> None:
     """Keep the panels of U_k, given by columns, and of L_k."""
-    U, L, panel, at = block.U, block.L, B.first_panel[k], B.tied[k]
+    U, L, panel, at = block.U, block.L, factors.first_panel[k], factors.panel_entry_start[k]
     n = U.shape[1]
-    for column in range(0, U.shape[0], WIDTH):
-        end_column, row = min(column + WIDTH, U.shape[0]), 0
+    for column in range(0, U.shape[0], PANEL_WIDTH):
+        end_column, row = min(column + PANEL_WIDTH, U.shape[0]), 0
         while row < n:
             end = row
-            while end < n and is_tied(column, end_column, end, min(end + PIECE, n), U, L, B):
-                end = min(end + PIECE, n)
+            while end < n and has_nonzeros(column, end_column, end, min(end + PANEL_ROW_STEP, n), U, L, factors):
+                end = min(end + PANEL_ROW_STEP, n)
             if end > row:
-                B.panels[panel, 0], B.panels[panel, 1] = column, end_column - column
-                B.panels[panel, 2], B.panels[panel, 3], B.panels[panel, 4] = row, end - row, at
+                factors.panels[panel, 0], factors.panels[panel, 1] = column, end_column - column
+                factors.panels[panel, 2], factors.panels[panel, 3], factors.panels[panel, 4] = row, end - row, at
                 panel += 1
             for j in range(column, end_column):
                 for i in range(row, end):
-                    B.right[at] = U[j, i]
-                    if B.symmetric[0] == 0:
-                        B.left[at] = L[i, j]
+                    factors.right[at] = U[j, i]
+                    if factors.symmetric[0] == 0:
+                        factors.left[at] = L[i, j]
                     at += 1
-            row = end + PIECE
-    B.end_panel[k] = panel
+            row = end + PANEL_ROW_STEP
+    factors.end_panel[k] = panel
 
 
 @inlined
-def is_tied(column: int, end_column: int, row: int, end: int, U: Any, L: Any, B: Any) -> bool:
+def has_nonzeros(column: int, end_column: int, row: int, end: int, U: Any, L: Any, factors: Any) -> bool:
     """Whether there is anything in these columns and rows of U_k or L_k^T."""
     for j in range(column, end_column):
         for i in range(row, end):
-            if U[j, i] != 0.0 or (B.symmetric[0] == 0 and L[i, j] != 0.0):
+            if U[j, i] != 0.0 or (factors.symmetric[0] == 0 and L[i, j] != 0.0):
                 return True
     return False
 
 
 @kernel
-def multiply_inverse(k: int, B: Any, x: Any) -> None:
+def multiply_inverse(k: int, factors: Any, x: Any) -> None:
     """B.y <- D_k^-1 x_k; of a symmetric one, every entry below the diagonal is used twice."""
-    y, n, at, j = B.y, B.first[k + 1] - B.first[k], B.at[k], 0
+    y, n, at, j = factors.y, factors.first_unknown[k + 1] - factors.first_unknown[k], factors.inverse_start[k], 0
     for i in range(n):
         y[i] = 0.0
     while j < n:
-        width = WIDTH if j + WIDTH <= n else 1
-        first = j if B.symmetric[0] == 1 else 0
-        i, count, below = B.first[k] + j, n - first, n - j - width
-        if width == WIDTH:
-            add_four(x[i], x[i + 1], x[i + 2], x[i + 3], B.inverse, at, count, y, first)
+        width = PANEL_WIDTH if j + PANEL_WIDTH <= n else 1
+        first = j if factors.symmetric[0] == 1 else 0
+        i, count, below = factors.first_unknown[k] + j, n - first, n - j - width
+        if width == PANEL_WIDTH:
+            add_four_columns(x[i], x[i + 1], x[i + 2], x[i + 3], factors.inverse, at, count, y, first)
         else:
-            add(x[i], B.inverse, at, count, y, first)
-        if B.symmetric[0] == 1 and width == WIDTH:
-            a, b, c, d = along_four(B.inverse, at + WIDTH, count, below, x, i + WIDTH)
+            add_column(x[i], factors.inverse, at, count, y, first)
+        if factors.symmetric[0] == 1 and width == PANEL_WIDTH:
+            a, b, c, d = dot_four_columns(factors.inverse, at + PANEL_WIDTH, count, below, x, i + PANEL_WIDTH)
             y[j], y[j + 1], y[j + 2], y[j + 3] = y[j] + a, y[j + 1] + b, y[j + 2] + c, y[j + 3] + d
-        elif B.symmetric[0] == 1:
-            y[j] += along(B.inverse, at + 1, below, x, i + 1)
+        elif factors.symmetric[0] == 1:
+            y[j] += dot_column(factors.inverse, at + 1, below, x, i + 1)
         at, j = at + width * count, j + width
 
 
 @kernel
-def subtract_inward(k: int, left: Any, B: Any, x: Any) -> None:
+def subtract_inward(k: int, left: Any, factors: Any, x: Any) -> None:
     """x_i -= L_k B.y."""
-    for p in range(B.first_panel[k], B.end_panel[k]):
-        width, row, rows, at = B.panels[p, 1], B.panels[p, 2], B.panels[p, 3], B.panels[p, 4]
-        i = B.first[B.inward[k]] + B.panels[p, 0]
-        if width == WIDTH:
-            a, b, c, d = along_four(left, at, rows, rows, B.y, row)
+    for p in range(factors.first_panel[k], factors.end_panel[k]):
+        width, row, rows, at = factors.panels[p, 1], factors.panels[p, 2], factors.panels[p, 3], factors.panels[p, 4]
+        i = factors.first_unknown[factors.inward[k]] + factors.panels[p, 0]
+        if width == PANEL_WIDTH:
+            a, b, c, d = dot_four_columns(left, at, rows, rows, factors.y, row)
             x[i], x[i + 1], x[i + 2], x[i + 3] = x[i] - a, x[i + 1] - b, x[i + 2] - c, x[i + 3] - d
         else:
             for l in range(width):
-                x[i + l] -= along(left, at + l * rows, rows, B.y, row)
+                x[i + l] -= dot_column(left, at + l * rows, rows, factors.y, row)
 
 
 @kernel
-def subtract_outward(k: int, B: Any, x: Any) -> None:
+def subtract_outward(k: int, factors: Any, x: Any) -> None:
     """x_k -= U_k x_i."""
-    for p in range(B.first_panel[k], B.end_panel[k]):
-        width, row, rows, at = B.panels[p, 1], B.first[k] + B.panels[p, 2], B.panels[p, 3], B.panels[p, 4]
-        i = B.first[B.inward[k]] + B.panels[p, 0]
-        if width == WIDTH:
-            add_four(-x[i], -x[i + 1], -x[i + 2], -x[i + 3], B.right, at, rows, x, row)
+    for p in range(factors.first_panel[k], factors.end_panel[k]):
+        width, row, rows, at = (
+            factors.panels[p, 1],
+            factors.first_unknown[k] + factors.panels[p, 2],
+            factors.panels[p, 3],
+            factors.panels[p, 4],
+        )
+        i = factors.first_unknown[factors.inward[k]] + factors.panels[p, 0]
+        if width == PANEL_WIDTH:
+            add_four_columns(-x[i], -x[i + 1], -x[i + 2], -x[i + 3], factors.right, at, rows, x, row)
         else:
             for l in range(width):
-                add(-x[i + l], B.right, at + l * rows, rows, x, row)
+                add_column(-x[i + l], factors.right, at + l * rows, rows, x, row)
 
 
 @kernel
-def solve_blocks(B: Any, x: Any) -> None:
+def solve_blocks(factors: Any, x: Any) -> None:
     """x (unknowns,) <- the solution for the right-hand side x."""
-    blocks = B.inward.shape[0]
+    blocks = factors.inward.shape[0]
     for k in range(blocks):
-        if B.inward[k] >= 0:
-            multiply_inverse(k, B, x)
-            if B.symmetric[0] == 1:
-                subtract_inward(k, B.right, B, x)
+        if factors.inward[k] >= 0:
+            multiply_inverse(k, factors, x)
+            if factors.symmetric[0] == 1:
+                subtract_inward(k, factors.right, factors, x)
             else:
-                subtract_inward(k, B.left, B, x)
+                subtract_inward(k, factors.left, factors, x)
     for back in range(blocks):
         k = blocks - 1 - back
-        if B.inward[k] >= 0:
-            subtract_outward(k, B, x)
-        multiply_inverse(k, B, x)
-        for i in range(B.first[k + 1] - B.first[k]):
-            x[B.first[k] + i] = B.y[i]
+        if factors.inward[k] >= 0:
+            subtract_outward(k, factors, x)
+        multiply_inverse(k, factors, x)
+        for i in range(factors.first_unknown[k + 1] - factors.first_unknown[k]):
+            x[factors.first_unknown[k] + i] = factors.y[i]
 
 
 class Blocks(NamedTuple):
@@ -257,15 +264,16 @@ class BlockTree:
         n = np.array([*sizes, 0], np.int64)  # the last one stands for no neighbor
         inner = np.array(inward, np.int64)
         own, other, largest = n[:-1], n[inner], int(n.max())
-        most = -(-other // WIDTH) * ((own // PIECE + 2) // 2)  # panels
+        most = -(-other // PANEL_WIDTH) * ((own // PANEL_ROW_STEP + 2) // 2)  # panels
         starts = [np.concatenate(([0], np.cumsum(counts))) for counts in (own, own**2, own * other, most)]
-        first, at, tied, panel = (start.astype(np.int64) for start in starts)
+        first_unknown, inverse_start, entry_start, panel = (start.astype(np.int64) for start in starts)
         z, integers = np.zeros, np.int64
-        F = self._factors = Factors(
-            inner, first, at, tied, panel, z(len(own), integers), z((panel[-1], 5), integers), z(1, integers),
-            z(at[-1]), z(tied[-1]), z(tied[-1]), z(largest),
+        built = self._factors = Factors(
+            inner, first_unknown, inverse_start, entry_start, panel,
+            z(len(own), integers), z((panel[-1], 5), integers), z(1, integers),
+            z(inverse_start[-1]), z(entry_start[-1]), z(entry_start[-1]), z(largest),
         )  # fmt: skip
-        self.factors = hold(F)
+        self.factors = hold(built)
         space = z((3, largest**2))
         self._blocks = [
             Blocks(
@@ -274,42 +282,44 @@ class BlockTree:
             for a, b in zip(own, other, strict=True)
         ]  # fmt: skip
         self.blocks = [hold(block) for block in self._blocks]
-        self.begin(symmetric=False)
+        self.reset(symmetric=False)
 
-    def begin(self, symmetric: bool, averaged: bool = False) -> None:
-        """Forget what has been factored. Of a symmetric matrix D below its diagonal and U are read alone.
+    def reset(self, symmetric: bool, averaged: bool = False) -> None:
+        """Discard the factors. Of a symmetric matrix D below its diagonal and U are read alone.
 
         ``averaged``: the mean of the matrix and its transpose is factored instead.
         """
         self._factors.symmetric[0] = symmetric or averaged
         self._averaged = averaged
         self.positive, self.negative = True, 0
-        self._carried: dict[int, Array] = {}  # sum of L_k D_k^-1 U_k, transposed, by the neighbor inward
+        self._schur_updates: dict[int, Array] = {}  # sum of L_k D_k^-1 U_k, transposed, by the neighbor inward
 
     def eliminate(self, k: int) -> bool:
         """Eliminate the next block, whose arrays have been filled; False where it is singular."""
         (D, U, L), inner = self._blocks[k], int(self._factors.inward[k])
         if self._averaged:
             D[:], U[:] = 0.5 * (D + D.T), 0.5 * (U + L.T)
-        if k in self._carried:
-            D -= self._carried.pop(k)
+        if k in self._schur_updates:
+            D -= self._schur_updates.pop(k)
         if D.size and not self._invert(D):
             return False
-        keep_inverse(k, self.blocks[k], self.factors)
-        keep_panels(k, self.blocks[k], self.factors)
+        store_inverse(k, self.blocks[k], self.factors)
+        store_panels(k, self.blocks[k], self.factors)
         if U.size:
             if self._factors.symmetric[0]:
-                carried = U @ blas.dsymm(1.0, D.T, U.T, lower=1)
+                schur_update = U @ blas.dsymm(1.0, D.T, U.T, lower=1)
             else:
-                carried = U @ D @ L
-            self._carried[inner] = self._carried[inner] + carried if inner in self._carried else carried
+                schur_update = U @ D @ L
+            self._schur_updates[inner] = (
+                self._schur_updates[inner] + schur_update if inner in self._schur_updates else schur_update
+            )
         return True
 
     def _invert(self, D: Array) -> bool:
         """D <- D^-1, of a symmetric one below the diagonal, of the transpose above it; False where it is singular."""
-        A, room = D.T, 64 * len(D)
+        A, work_size = D.T, 64 * len(D)
         if self._factors.symmetric[0]:
-            factors, pivots, info = lapack.dsytrf(A, lower=1, lwork=room, overwrite_a=1)  # in place
+            factors, pivots, info = lapack.dsytrf(A, lower=1, lwork=work_size, overwrite_a=1)  # in place
             if info == 0:
                 single = pivots > 0  # the others are pairs, of which one is negative
                 self.negative += int(np.sum(np.diag(factors)[single] < 0.0)) + int(np.sum(~single)) // 2
@@ -317,7 +327,7 @@ class BlockTree:
         else:
             factors, pivots, info = lapack.dgetrf(A, overwrite_a=1)
             if info == 0:
-                turned = np.sum(np.diag(factors) < 0.0) + np.sum(pivots != np.arange(len(D)))
-                self.positive ^= bool(turned % 2)
-                _, info = lapack.dgetri(factors, pivots, lwork=room, overwrite_lu=1)
+                sign_changes = np.sum(np.diag(factors) < 0.0) + np.sum(pivots != np.arange(len(D)))
+                self.positive ^= bool(sign_changes % 2)
+                _, info = lapack.dgetri(factors, pivots, lwork=work_size, overwrite_lu=1)
         return bool(info == 0)

@@ -12,12 +12,12 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 
-ROUNDING = 1e-16  # below what one addition rounds by, relative to the larger
-DIGITS = 0.1  # part of a square that must be left after a subtraction for its digits to be trusted
+REGULARIZATION_RATIO = 1e-16  # below what one addition rounds by, relative to the larger
+MIN_RESOLVED_FRACTION = 0.1  # part of a square that must be left after a subtraction for its digits to be trusted
 
 
 @kernel
-def lq(A: Any, m: int, n: int, tau: Any, pivots: Any, left: Any) -> None:
+def factor_lq(A: Any, m: int, n: int, tau: Any, pivots: Any, left: Any) -> None:
     """Householder factors of A (m, n) in place with rows exchanged, the longest remaining one first: A[pivots] = L Q^T.
 
     L (m, min(m, n)) lies on and below the diagonal; row k right of it and ``tau`` (m,) hold reflector k, whose first
@@ -29,7 +29,7 @@ def lq(A: Any, m: int, n: int, tau: Any, pivots: Any, left: Any) -> None:
         pivots[i], tau[i] = i, 0.0
         left[i] = dot(A, i, A, i, 0, n)
     for k in range(min(m, n)):
-        bring_longest(k, m, n, A, pivots, left)
+        pivot_row(k, m, n, A, pivots, left)
         square = dot(A, k, A, k, k, n)
         if square == 0.0:
             return
@@ -45,7 +45,7 @@ def lq(A: Any, m: int, n: int, tau: Any, pivots: Any, left: Any) -> None:
             for j in range(k + 1, n):
                 A[i, j] -= factor * A[k, j]
             before, left[i] = left[i], left[i] - A[i, k] * A[i, k]
-            if not left[i] > DIGITS * before:
+            if not left[i] > MIN_RESOLVED_FRACTION * before:
                 left[i] = dot(A, i, A, i, k + 1, n)
 
 
@@ -67,7 +67,7 @@ def dot(A: Any, i: int, B: Any, j: int, begin: int, end: int) -> float:
 
 
 @inlined
-def bring_longest(k: int, m: int, n: int, A: Any, pivots: Any, left: Any) -> None:
+def pivot_row(k: int, m: int, n: int, A: Any, pivots: Any, left: Any) -> None:
     """Swap the row longest from column k on to place k."""
     best = k
     for i in range(k + 1, m):
@@ -81,21 +81,21 @@ def bring_longest(k: int, m: int, n: int, A: Any, pivots: Any, left: Any) -> Non
 
 
 @inlined
-def turn_out(A: Any, tau: Any, rank: int, n: int, x: Any) -> None:
-    """x <- Q x, x (n,), with the first ``rank`` reflectors of :func:`lq`."""
+def apply_Q(A: Any, tau: Any, rank: int, n: int, x: Any) -> None:
+    """x <- Q x, x (n,), with the first ``rank`` reflectors of :func:`factor_lq`."""
     for back in range(rank):
-        reflect(A, tau, rank - 1 - back, n, x)
+        apply_householder(A, tau, rank - 1 - back, n, x)
 
 
 @inlined
-def turn_in(A: Any, tau: Any, rank: int, n: int, x: Any) -> None:
+def apply_Qt(A: Any, tau: Any, rank: int, n: int, x: Any) -> None:
     """x <- Q^T x, x (n,)."""
     for k in range(rank):
-        reflect(A, tau, k, n, x)
+        apply_householder(A, tau, k, n, x)
 
 
 @inlined
-def reflect(A: Any, tau: Any, k: int, n: int, x: Any) -> None:
+def apply_householder(A: Any, tau: Any, k: int, n: int, x: Any) -> None:
     """x <- H_k x."""
     total = x[k]
     for j in range(k + 1, n):
@@ -107,8 +107,8 @@ def reflect(A: Any, tau: Any, k: int, n: int, x: Any) -> None:
 
 
 @inlined
-def least_norm(b: Any, n: int, rank: int, A: Any, tau: Any, pivots: Any, x: Any) -> None:
-    """Shortest x (n,) with A x = b (m,) in the first ``rank`` pivot rows, from the factors of :func:`lq`."""
+def solve_least_norm(b: Any, n: int, rank: int, A: Any, tau: Any, pivots: Any, x: Any) -> None:
+    """Shortest x (n,) with A x = b (m,) in the first ``rank`` pivot rows, from the factors of :func:`factor_lq`."""
     for j in range(n):
         x[j] = 0.0
     for i in range(rank):
@@ -116,13 +116,13 @@ def least_norm(b: Any, n: int, rank: int, A: Any, tau: Any, pivots: Any, x: Any)
         for k in range(i):
             total -= A[i, k] * x[k]
         x[i] = total / A[i, i]
-    turn_out(A, tau, rank, n, x)
+    apply_Q(A, tau, rank, n, x)
 
 
 @inlined
-def basic_transposed(f: Any, m: int, n: int, rank: int, A: Any, tau: Any, pivots: Any, y: Any) -> None:
+def solve_transposed_basic(f: Any, m: int, n: int, rank: int, A: Any, tau: Any, pivots: Any, y: Any) -> None:
     """y (m,) with A^T y = f in the span of the first ``rank`` pivot rows, zero elsewhere; ``f`` (n,) is used up."""
-    turn_in(A, tau, rank, n, f)
+    apply_Qt(A, tau, rank, n, f)
     for i in range(m):
         y[i] = 0.0
     for back in range(rank):
@@ -142,7 +142,7 @@ def rank_at(sigma: Any, rank: int, tolerance: float) -> int:
 
 
 @kernel
-def ratio(sigma: Any, rank: int) -> float:
+def pivot_ratio(sigma: Any, rank: int) -> float:
     """Value number ``rank`` relative to the first; 1 if there is none."""
     return sigma[rank - 1] / sigma[0] if rank > 0 else 1.0
 
@@ -157,9 +157,9 @@ def length(v: Any) -> float:
 
 
 @inlined
-def lift(A: Any, rank: int) -> None:
+def regularize_diagonal(A: Any, rank: int) -> None:
     """Regularize the diagonal of a triangular factor relative to its first entry, for inverse iteration."""
-    least = ROUNDING * abs(A[0, 0])
+    least = REGULARIZATION_RATIO * abs(A[0, 0])
     for i in range(rank):
         if abs(A[i, i]) < least:
             A[i, i] = least
@@ -175,7 +175,7 @@ def scale_to_unit(v: Any) -> None:
 
 
 @kernel
-def full_pivot(A: Any, m: int, n: int, tolerance: float, rows: Any, columns: Any) -> int:
+def factor_full_pivot(A: Any, m: int, n: int, tolerance: float, rows: Any, columns: Any) -> int:
     """LU factors of A (m, n) in place by Gauss elimination with full pivoting; return the rank.
 
     ``rows`` (m,) and ``columns`` (n,) become permutations whose first ``rank`` entries are the pivots in
@@ -207,7 +207,8 @@ def full_pivot(A: Any, m: int, n: int, tolerance: float, rows: Any, columns: Any
 
 @kernel
 def solve_full_pivot(A: Any, n: int, rank: int, rows: Any, columns: Any, b: Any, x: Any) -> None:
-    """Solve the ``rank`` pivot rows of A x = b with the factors of :func:`full_pivot`; the other unknowns are zero.
+    """Solve the ``rank`` pivot rows of A x = b with the factors of :func:`factor_full_pivot`; the other unknowns are
+    zero.
 
     ``b`` (m,) and ``x`` (n,) are different arrays.
     """
@@ -250,7 +251,7 @@ def factor_lu(A: Any, n: int, order: Any) -> bool:
 
 
 @kernel
-def positive_determinant(LU: Any, n: int, order: Any) -> bool:
+def is_determinant_positive(LU: Any, n: int, order: Any) -> bool:
     """Whether the determinant of a matrix is positive, from its factors of :func:`factor_lu`."""
     positive = True
     for i in range(n):
@@ -290,7 +291,7 @@ def solve_lu_transposed(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
 
 
 @inlined
-def solve_positive(A: Any, n: int, x: Any) -> bool:
+def solve_positive_definite(A: Any, n: int, x: Any) -> bool:
     """Solve A x = b for a symmetric positive definite A (n, n), in place; False where A is not."""
     for i in range(n):
         for j in range(i):
@@ -312,7 +313,7 @@ def solve_positive(A: Any, n: int, x: Any) -> bool:
 
 
 @kernel
-def positive_pivots(A: Any, n: int) -> int:
+def count_positive_pivots(A: Any, n: int) -> int:
     """Number of positive pivots of a symmetric A (n, n), the largest remaining one first: A, used up, is positive
     definite in a subspace of that dimension.
     """

@@ -8,8 +8,8 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 
-SWEEPS = 40  # one-sided Jacobi converges quadratically: 3 to 6 sweeps in practice
-ORTHOGONAL = 1e-15  # relative to the lengths of the two columns
+MAX_SWEEPS = 40  # one-sided Jacobi converges quadratically: 3 to 6 sweeps in practice
+ORTHOGONALITY_TOLERANCE = 1e-15  # relative to the lengths of the two columns
 
 
 @kernel
@@ -23,7 +23,7 @@ def decompose(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any, sigma: Any, W
     Column-pivoted Householder QR of J^T first, then one-sided Jacobi on R^T, which keeps small singular
     values accurate (Drmac, Veselic 2008).
     """
-    householder(J, m, n, A, pivots, U)
+    factor_qr_transposed(J, m, n, A, pivots, U)
     size = min(m, n)
     for i in range(m):
         sigma[i] = 0.0
@@ -32,14 +32,14 @@ def decompose(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any, sigma: Any, W
     for j in range(size):
         for i in range(j, m):
             W[pivots[i], j] = A[j, i]
-    for _ in range(SWEEPS):
-        if not sweep(m, n, size, U, W):
+    for _ in range(MAX_SWEEPS):
+        if not apply_rotations(m, n, size, U, W):
             break
-    descend(m, n, size, U, sigma, W)
+    sort_singular_values(m, n, size, U, sigma, W)
 
 
 @inlined
-def householder(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any) -> None:
+def factor_qr_transposed(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any) -> None:
     """Column-pivoted QR of J^T: ``A`` holds R on and above its diagonal, ``U`` (n, n) the orthogonal factor."""
     for i in range(n):
         for j in range(m):
@@ -49,7 +49,7 @@ def householder(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any) -> None:
     for j in range(m):
         pivots[j] = j
     for k in range(min(m, n)):
-        bring_longest_column(k, m, n, A, pivots)
+        pivot_column(k, m, n, A, pivots)
         square = 0.0
         for i in range(k, n):
             square += A[i, k] * A[i, k]
@@ -77,7 +77,7 @@ def householder(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any) -> None:
 
 
 @inlined
-def bring_longest_column(k: int, m: int, n: int, A: Any, pivots: Any) -> None:
+def pivot_column(k: int, m: int, n: int, A: Any, pivots: Any) -> None:
     """Swap the column longest below row k to place k."""
     best, longest = k, -1.0
     for j in range(k, m):
@@ -93,7 +93,7 @@ def bring_longest_column(k: int, m: int, n: int, A: Any, pivots: Any) -> None:
 
 
 @inlined
-def sweep(m: int, n: int, size: int, U: Any, W: Any) -> bool:
+def apply_rotations(m: int, n: int, size: int, U: Any, W: Any) -> bool:
     """One round of Jacobi rotations making the first ``size`` columns of W orthogonal; U turns along. True: rotated."""
     rotated = False
     for p in range(size - 1):
@@ -103,7 +103,7 @@ def sweep(m: int, n: int, size: int, U: Any, W: Any) -> bool:
                 pp += W[i, p] * W[i, p]
                 qq += W[i, q] * W[i, q]
                 pq += W[i, p] * W[i, q]
-            if abs(pq) <= ORTHOGONAL * np.sqrt(pp) * np.sqrt(qq):
+            if abs(pq) <= ORTHOGONALITY_TOLERANCE * np.sqrt(pp) * np.sqrt(qq):
                 continue
             rotated = True
             zeta = 0.5 * (qq - pp) / pq
@@ -126,7 +126,7 @@ def rotate(rows: int, p: int, q: int, c: float, s: float, A: Any) -> None:
 
 
 @inlined
-def descend(m: int, n: int, size: int, U: Any, sigma: Any, W: Any) -> None:
+def sort_singular_values(m: int, n: int, size: int, U: Any, sigma: Any, W: Any) -> None:
     """Column lengths of W become sigma, the columns unit vectors; the largest come first."""
     for j in range(size):
         square = 0.0

@@ -25,53 +25,73 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.linalg.dense import least_norm, length, lq, rank_at, ratio, solve_positive, turn_in, turn_out
+from solvers.linalg.dense import (
+    apply_Q,
+    apply_Qt,
+    factor_lq,
+    length,
+    pivot_ratio,
+    rank_at,
+    solve_least_norm,
+    solve_positive_definite,
+)
 
-from .critical import EXACT, FLAT, NEWTON, PROBE, drive_rate, moves
+from .critical import (
+    CRITICAL_POINT_TOLERANCE,
+    DIFFERENCE_STEP,
+    MAX_NEWTON_STEPS,
+    ZERO_SINGULAR_VALUE_RATIO,
+    drive_rate,
+    is_rheonomic,
+)
 
-ROUNDED = 1e-10  # part of the first pivot: those below are alike
-APART = 3.0  # least ratio of two successive pivots that separates equations without rank from the others
-LEAP = 10.0  # longest distance ahead to the loss of rank, in lengths of the last step
-CLOSER = 100.0  # factor by which Phi~ must lie better in the span of U than L_22 must be zero
-STRIDE, FAR = 0.3, 1.0  # longest step and way of any coordinate, in units of size
-ALIKE = 1e-6  # distance of the critical points of several equations below which they are one: a gap of its square
-COMBINATIONS = 3  # of rows without rank, if their number is kept
+PIVOT_FLOOR_RATIO = 1e-10  # part of the first pivot: those below are alike
+MIN_PIVOT_GAP = 3.0  # least ratio of two successive pivots that separates equations without rank from the others
+MAX_EXTRAPOLATION_STEPS = 10.0  # longest distance ahead to the loss of rank, in lengths of the last step
+CLOSURE_WEIGHT = 100.0  # factor by which Phi~ must lie better in the span of U than L_22 must be zero
+MAX_COORDINATE_STEP, MAX_COORDINATE_DISTANCE = 0.3, 1.0  # longest step and way of any coordinate, in units of size
+# distance of the critical points of several equations below which they are one: a gap of its square
+COINCIDENCE_TOLERANCE = 1e-6
+MAX_ROW_COMBINATIONS = 3  # of rows without rank, if their number is kept
 
 
 @kernel
-def seek_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
-    """Newton for the critical point next to q in which several rows lose their rank, started by :func:`begin_block`:
-    fills ``work.q_c``, ``work.u`` and in its record time, gap, and the dimension of the critical points about it.
+def find_block_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+    """Newton for the critical point next to q in which several rows lose their rank, started by
+    :func:`start_block_search`: fills ``work.q_c``, ``work.u`` and in its record time, gap, and the dimension of the
+    critical points about it.
 
     The gap is |Phi~| there, and u its direction if it is not rounding. Return the number of rows that keep their
     rank; 0: no point was found.
     """
     c, p, before = work.critical[0], work.size.shape[0] + 1, np.inf
-    for _ in range(NEWTON):
+    for _ in range(MAX_NEWTON_STEPS):
         eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
         regular = factor_block(eqs.terms, rank, work)
         if regular in (0, rank):
             return 0
-        mix_forces(regular, 0, work)
-        off = block_residual(eqs.terms, regular, work)
-        if not off < np.inf or not block_matrix(eqs, work):
+        combine_null_vectors(regular, 0, work)
+        off = fill_block_residual(eqs.terms, regular, work)
+        if not off < np.inf or not fill_block_hessian(eqs, work):
             return 0
-        if settled(off, before):
-            note_block(eqs, p - regular - flat_directions(regular, work), work)
+        if has_converged(off, before):
+            record_block_point(eqs, p - regular - factor_reduced_hessian(regular, work), work)
             return regular
         before = off
-        if not closing_step(regular, work) or not move(eqs, block_step(regular, work), work):
+        if not solve_closing_step(regular, work) or not apply_block_step(eqs, solve_block_step(regular, work), work):
             return 0
-        if not farthest(q, t, work) < FAR:
+        if not max_coordinate_distance(q, t, work) < MAX_COORDINATE_DISTANCE:
             return 0
     return 0
 
 
 @kernel
-def seek_held(eqs: Any, t: float, q: Any, regular: int, rank: int, work: Any) -> int:
-    """As :func:`seek_block` for a point in which ``regular`` rows keep their rank, independent of its neighborhood."""
+def find_critical_point_of_rank(eqs: Any, t: float, q: Any, regular: int, rank: int, work: Any) -> int:
+    """As :func:`find_block_critical_point` for a point in which ``regular`` rows keep their rank, independent of its
+    neighborhood.
+    """
     c, p, before = work.critical[0], work.size.shape[0] + 1 - regular, np.inf
-    for _ in range(NEWTON):
+    for _ in range(MAX_NEWTON_STEPS):
         eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
         factor_block(eqs.terms, rank, work)
         if not abs(work.E[regular - 1, regular - 1]) > 0.0:
@@ -80,34 +100,37 @@ def seek_held(eqs: Any, t: float, q: Any, regular: int, rank: int, work: Any) ->
             work.z[i] = 0.0
             for k in range(p):
                 work.K_work[i, k] = 0.0
-        mix_forces(regular, 0, work)
-        off = block_residual(eqs.terms, regular, work)
-        if not off < np.inf or not closing_step(regular, work):
+        combine_null_vectors(regular, 0, work)
+        off = fill_block_residual(eqs.terms, regular, work)
+        if not off < np.inf or not solve_closing_step(regular, work):
             return 0
-        for combination in range(min(COMBINATIONS, rank - regular)):
-            mix_forces(regular, combination, work)
-            block_residual(eqs.terms, regular, work)
-            if not block_matrix(eqs, work):
+        for combination in range(min(MAX_ROW_COMBINATIONS, rank - regular)):
+            combine_null_vectors(regular, combination, work)
+            fill_block_residual(eqs.terms, regular, work)
+            if not fill_block_hessian(eqs, work):
                 return 0
             add_squares(regular, work)
-        lq(work.K_work, p, p, work.K_tau, work.K_pivots, work.change)
+        factor_lq(work.K_work, p, p, work.K_tau, work.K_pivots, work.change)
         for i in range(p):
             work.change[i] = abs(work.K_work[i, i])
-        full = rank_at(work.change, p, FLAT * FLAT)
-        if settled(off, before):
-            note_block(eqs, p - full, work)
+        full = rank_at(work.change, p, ZERO_SINGULAR_VALUE_RATIO * ZERO_SINGULAR_VALUE_RATIO)
+        if has_converged(off, before):
+            record_block_point(eqs, p - full, work)
             return regular
         before = off
-        least_norm(work.z, p, full, work.K_work, work.K_tau, work.K_pivots, work.g)
-        if not move(eqs, turn_step(regular, work), work) or not farthest(q, t, work) < FAR:
+        solve_least_norm(work.z, p, full, work.K_work, work.K_tau, work.K_pivots, work.g)
+        if (
+            not apply_block_step(eqs, assemble_step(regular, work), work)
+            or not max_coordinate_distance(q, t, work) < MAX_COORDINATE_DISTANCE
+        ):
             return 0
     return 0
 
 
 @inlined
-def settled(off: float, before: float) -> bool:
+def has_converged(off: float, before: float) -> bool:
     """Whether the point is found: equations that lose their rank within ALIKE of each other leave a residual."""
-    return off < EXACT or ALIKE > off > 0.5 * before
+    return off < CRITICAL_POINT_TOLERANCE or COINCIDENCE_TOLERANCE > off > 0.5 * before
 
 
 @kernel
@@ -115,7 +138,7 @@ def add_squares(regular: int, work: Any) -> None:
     """Add H^T H to work.K_work and H^T r to work.z: H the part of work.K in the directions Q_2, r the residual."""
     p = work.size.shape[0] + 1 - regular
     for i in range(p):
-        rest = missing(i, regular, work)
+        rest = reduced_residual(i, regular, work)
         for k in range(p):
             work.z[k] += work.K[regular + k, regular + i] * rest
             for other in range(p):
@@ -123,7 +146,7 @@ def add_squares(regular: int, work: Any) -> None:
 
 
 @inlined
-def missing(i: int, regular: int, work: Any) -> float:
+def reduced_residual(i: int, regular: int, work: Any) -> float:
     """What a step in the directions Q_2 is to change entry i of c^T L_22 by, after the step that closes."""
     rest = -work.g[regular + i]
     for k in range(regular):
@@ -132,7 +155,7 @@ def missing(i: int, regular: int, work: Any) -> float:
 
 
 @kernel
-def begin_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+def start_block_search(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     """Start the search at q or where the smallest pivot is zero on the line through the last accepted position,
     between the two or beyond one of them: where the gap in the pivots is widest. Return the number of rows that keep
     their rank there, 0: no gap.
@@ -141,7 +164,7 @@ def begin_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     """
     c, widest, best = work.critical[0], 0.0, 0
     c.t, c.rate = t, drive_rate(eqs.terms, work)
-    known, now, last = work.course[0].known == 1, ratio(work.pivot, rank), 0.0
+    known, now, last = work.branch_history[0].is_frame_known == 1, pivot_ratio(work.pivot, rank), 0.0
     if known:
         last = abs(work.frame[rank - 1, rank - 1] / work.frame[0, 0])
     for trial in range(3 if known else 1):
@@ -150,7 +173,7 @@ def begin_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
             part = -now / max(now + last, 1e-300)
         elif trial == 2:
             part = now / (last - now) if last != now else np.inf
-        if abs(part) > LEAP:
+        if abs(part) > MAX_EXTRAPOLATION_STEPS:
             continue
         for i in range(q.shape[0]):
             work.q_try[i] = q[i] + part * (q[i] - work.q_last[i])
@@ -159,7 +182,7 @@ def begin_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
         eqs.retract(work.q_try, work.dq, eqs.data)
         eqs.position(t, work.q_try, eqs.data, eqs.terms)
         regular = factor_block(eqs.terms, rank, work)
-        gap = gap_after(work.E, regular) if regular > 0 else 0.0
+        gap = pivot_gap(work.E, regular) if regular > 0 else 0.0
         if gap > widest or trial == 0:
             widest, best = gap, regular
             for i in range(q.shape[0]):
@@ -175,41 +198,41 @@ def factor_block(terms: Any, rank: int, work: Any) -> int:
         for j in range(n):
             work.E[i, j] = terms.J[i, j] * (work.size[j] / work.row[i])
         work.E[i, n] = -terms.nu[i] / (work.row[i] * work.critical[0].rate)
-    lq(work.E, m, n + 1, work.E_tau, work.E_pivots, work.x)
+    factor_lq(work.E, m, n + 1, work.E_tau, work.E_pivots, work.x)
     return count_regular(work.E, rank)
 
 
 @inlined
 def count_regular(L: Any, rank: int) -> int:
     """How many of the first ``rank`` diagonal entries of L come before the largest gap; 0: there is none."""
-    widest, regular = APART, 0
+    widest, regular = MIN_PIVOT_GAP, 0
     for r in range(1, rank):
-        gap = gap_after(L, r)
+        gap = pivot_gap(L, r)
         if gap > widest:
             widest, regular = gap, r
     return regular
 
 
 @inlined
-def gap_after(L: Any, r: int) -> float:
+def pivot_gap(L: Any, r: int) -> float:
     """Ratio of pivots number r and r + 1."""
-    return abs(L[r - 1, r - 1]) / max(abs(L[r, r]), ROUNDED * abs(L[0, 0]))
+    return abs(L[r - 1, r - 1]) / max(abs(L[r, r]), PIVOT_FLOOR_RATIO * abs(L[0, 0]))
 
 
 @inlined
-def share(row: int, combination: int) -> float:
+def row_weight(row: int, combination: int) -> float:
     """Entry of c for a row: positive, and no two alike."""
     return 1.0 + 0.5 * np.sin((7.3 + 2.9 * combination) * (row + 1.0))
 
 
 @inlined
-def mix_forces(regular: int, combination: int, work: Any) -> None:
+def combine_null_vectors(regular: int, combination: int, work: Any) -> None:
     """work.u = U c / |U c|."""
     m = work.u.shape[0]
     for k in range(regular):
         work.x[k] = 0.0
         for i in range(regular, m):
-            work.x[k] -= work.E[i, k] * share(work.E_pivots[i], combination)
+            work.x[k] -= work.E[i, k] * row_weight(work.E_pivots[i], combination)
     for back in range(regular):
         k = regular - 1 - back
         for i in range(k + 1, regular):
@@ -217,7 +240,7 @@ def mix_forces(regular: int, combination: int, work: Any) -> None:
         work.x[k] /= work.E[k, k]
     square = 0.0
     for i in range(m):
-        entry = work.x[i] if i < regular else share(work.E_pivots[i], combination)
+        entry = work.x[i] if i < regular else row_weight(work.E_pivots[i], combination)
         work.u[work.E_pivots[i]] = entry
         square += entry * entry
     for i in range(m):
@@ -225,7 +248,7 @@ def mix_forces(regular: int, combination: int, work: Any) -> None:
 
 
 @kernel
-def block_residual(terms: Any, regular: int, work: Any) -> float:
+def fill_block_residual(terms: Any, regular: int, work: Any) -> float:
     """Fill work.g = Q^T [J~, -nu~]^T u and work.b = L_1^T Phi~, which must be zero; return the largest entry,
     of L_22 all entries, of b a multiple, as the gap has the digits of Phi~.
     """
@@ -242,16 +265,16 @@ def block_residual(terms: Any, regular: int, work: Any) -> float:
         for i in range(k, m):
             row = work.E_pivots[i]
             work.b[k] += work.E[i, k] * terms.Phi[row] / work.row[row]
-        off = max(off, CLOSER * abs(work.b[k]))
+        off = max(off, CLOSURE_WEIGHT * abs(work.b[k]))
     return off
 
 
 @kernel
-def block_matrix(eqs: Any, work: Any) -> bool:
+def fill_block_hessian(eqs: Any, work: Any) -> bool:
     """work.K (n + 1, n + 1) = Q^T H Q, H the derivative of [J~, -nu~]^T u by q and t with u fixed, by differences."""
     m, n = eqs.terms.J.shape
-    c, timed = work.critical[0], moves(eqs.terms)
-    strain(eqs.terms, work, work.change)
+    c, timed = work.critical[0], is_rheonomic(eqs.terms)
+    fill_transposed_product(eqs.terms, work, work.change)
     for k in range(n + 1):
         if k == n and not timed:
             for i in range(n + 1):
@@ -260,20 +283,20 @@ def block_matrix(eqs: Any, work: Any) -> bool:
         for i in range(work.q_c.shape[0]):
             work.q_try[i] = work.q_c[i]
         for i in range(n):
-            work.dq[i] = PROBE * work.size[i] if i == k else 0.0
+            work.dq[i] = DIFFERENCE_STEP * work.size[i] if i == k else 0.0
         eqs.retract(work.q_try, work.dq, eqs.data)
-        eqs.position(c.t + (PROBE / c.rate if k == n else 0.0), work.q_try, eqs.data, eqs.terms)
-        strain(eqs.terms, work, work.g_try)
+        eqs.position(c.t + (DIFFERENCE_STEP / c.rate if k == n else 0.0), work.q_try, eqs.data, eqs.terms)
+        fill_transposed_product(eqs.terms, work, work.g_try)
         for i in range(n + 1):
-            work.K[k, i] = (work.g_try[i] - work.change[i]) / PROBE
+            work.K[k, i] = (work.g_try[i] - work.change[i]) / DIFFERENCE_STEP
             if not np.isfinite(work.K[k, i]):
                 return False
     for k in range(n + 1):
-        turn_in(work.E, work.E_tau, min(m, n + 1), n + 1, work.K[k])
+        apply_Qt(work.E, work.E_tau, min(m, n + 1), n + 1, work.K[k])
     for i in range(n + 1):
         for k in range(n + 1):
             work.g_try[k] = work.K[k, i]
-        turn_in(work.E, work.E_tau, min(m, n + 1), n + 1, work.g_try)
+        apply_Qt(work.E, work.E_tau, min(m, n + 1), n + 1, work.g_try)
         for k in range(n + 1):
             work.K[k, i] = work.g_try[k]
     eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
@@ -281,7 +304,7 @@ def block_matrix(eqs: Any, work: Any) -> bool:
 
 
 @inlined
-def strain(terms: Any, work: Any, f: Any) -> None:
+def fill_transposed_product(terms: Any, work: Any, f: Any) -> None:
     """f[:n + 1] = [J~, -nu~]^T u."""
     m, n = terms.J.shape
     for j in range(n + 1):
@@ -294,20 +317,20 @@ def strain(terms: Any, work: Any, f: Any) -> None:
 
 
 @kernel
-def flat_directions(regular: int, work: Any) -> int:
+def factor_reduced_hessian(regular: int, work: Any) -> int:
     """Factor the part of work.K in the directions Q_2 in ``work.K_work``; return its rank."""
     p = work.size.shape[0] + 1 - regular
     for i in range(p):
         for k in range(p):
             work.K_work[i, k] = work.K[regular + k, regular + i]
-    lq(work.K_work, p, p, work.K_tau, work.K_pivots, work.change)
+    factor_lq(work.K_work, p, p, work.K_tau, work.K_pivots, work.change)
     for i in range(p):
         work.change[i] = abs(work.K_work[i, i])
-    return rank_at(work.change, p, FLAT)
+    return rank_at(work.change, p, ZERO_SINGULAR_VALUE_RATIO)
 
 
 @kernel
-def closing_step(regular: int, work: Any) -> bool:
+def solve_closing_step(regular: int, work: Any) -> bool:
     """work.lam[:regular] = the shortest step that closes the regular rows."""
     m = work.row.shape[0]
     for i in range(regular):
@@ -316,29 +339,29 @@ def closing_step(regular: int, work: Any) -> bool:
             for row in range(i, m):
                 work.B[i, k] += work.E[row, i] * work.E[row, k]
         work.lam[i] = -work.b[i]
-    return solve_positive(work.B, regular, work.lam)
+    return solve_positive_definite(work.B, regular, work.lam)
 
 
 @kernel
-def block_step(regular: int, work: Any) -> float:
+def solve_block_step(regular: int, work: Any) -> float:
     """work.change[:n + 1] = Newton's step in q and t: the shortest that closes the regular rows, and in the
     directions Q_2 that for c^T L_22 = 0. Return its largest entry.
     """
     p = work.size.shape[0] + 1 - regular
-    full = flat_directions(regular, work)
+    full = factor_reduced_hessian(regular, work)
     for i in range(p):
-        work.g_try[i] = missing(i, regular, work)
-    least_norm(work.g_try, p, full, work.K_work, work.K_tau, work.K_pivots, work.g)
-    return turn_step(regular, work)
+        work.g_try[i] = reduced_residual(i, regular, work)
+    solve_least_norm(work.g_try, p, full, work.K_work, work.K_tau, work.K_pivots, work.g)
+    return assemble_step(regular, work)
 
 
 @kernel
-def turn_step(regular: int, work: Any) -> float:
+def assemble_step(regular: int, work: Any) -> float:
     """work.change[:n + 1] = the step in q and t from its parts work.lam and work.g; return its largest entry."""
     n, m, largest = work.size.shape[0], work.row.shape[0], 0.0
     for i in range(n + 1):
         work.change[i] = work.lam[i] if i < regular else work.g[i - regular]
-    turn_out(work.E, work.E_tau, min(m, n + 1), n + 1, work.change)
+    apply_Q(work.E, work.E_tau, min(m, n + 1), n + 1, work.change)
     for i in range(n + 1):
         if not np.isfinite(work.change[i]):
             return np.inf
@@ -347,12 +370,12 @@ def turn_step(regular: int, work: Any) -> float:
 
 
 @kernel
-def move(eqs: Any, largest: float, work: Any) -> bool:
+def apply_block_step(eqs: Any, largest: float, work: Any) -> bool:
     """Go Newton's step, or a part of it; False where it has no number."""
     n = work.size.shape[0]
     if not largest < np.inf:
         return False
-    part = min(1.0, STRIDE / max(largest, 1e-300))
+    part = min(1.0, MAX_COORDINATE_STEP / max(largest, 1e-300))
     for i in range(n):
         work.dq[i] = part * work.change[i] * work.size[i]
     eqs.retract(work.q_c, work.dq, eqs.data)
@@ -361,7 +384,7 @@ def move(eqs: Any, largest: float, work: Any) -> bool:
 
 
 @inlined
-def farthest(q: Any, t: float, work: Any) -> float:
+def max_coordinate_distance(q: Any, t: float, work: Any) -> float:
     """Largest distance of any coordinate from (t, q), in units of size."""
     far = abs(work.critical[0].t - t) * work.rate[0]
     for i in range(q.shape[0]):
@@ -370,13 +393,13 @@ def farthest(q: Any, t: float, work: Any) -> float:
 
 
 @kernel
-def note_block(eqs: Any, spread: int, work: Any) -> None:
+def record_block_point(eqs: Any, spread: int, work: Any) -> None:
     """Note gap, forces and dimension of the point found, where ``terms`` are at hand."""
     c = work.critical[0]
-    c.spread = spread
+    c.set_dimension = spread
     for i in range(work.row.shape[0]):
         work.b[i] = eqs.terms.Phi[i] / work.row[i]
-    c.gap = length(work.b)
-    if c.gap > EXACT:
+    c.bifurcation_gap = length(work.b)
+    if c.bifurcation_gap > CRITICAL_POINT_TOLERANCE:
         for i in range(work.row.shape[0]):
-            work.u[i] = work.b[i] / c.gap
+            work.u[i] = work.b[i] / c.bifurcation_gap

@@ -17,23 +17,33 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.linalg.dense import dot, least_norm, length, lift, lq, scale_to_unit, solve_positive, turn_in, turn_out
+from solvers.linalg.dense import (
+    apply_Q,
+    apply_Qt,
+    dot,
+    factor_lq,
+    length,
+    regularize_diagonal,
+    scale_to_unit,
+    solve_least_norm,
+    solve_positive_definite,
+)
 
 from .workspace import distance, factor_transposed
 
-PROBE = 1e-7  # of differences, in units of size
-TURNS = 5  # of the inverse iteration for the weakest forces
-DAMPING = 0.01  # of the squares of singular values, in what is left of the equations: see seek
-NOISE = 1e-8  # singular values of the equations below this part of all are those of the differences
-FLAT = 1e-6  # below this part of the largest they count as zero
-SPAN = 1e-2  # of a unit vector in q, t, u and g, its part in q and t that counts
-SLOWEST = 1e-4  # rate of the drives that counts, in those of the motion
-STRIDE, FAR = 0.3, 1.0  # longest Newton step, longest way, in units of size
-NEWTON, EXACT = 30, 1e-11  # steps, and what they may leave: g is known to its power of 3/2
+DIFFERENCE_STEP = 1e-7  # of differences, in units of size
+INVERSE_ITERATIONS = 5  # of the inverse iteration for the left null vector
+DAMPING_FACTOR = 0.01  # of the squares of singular values, in what is left of the equations: see find_critical_point
+DIFFERENCE_NOISE_RATIO = 1e-8  # singular values of the equations below this part of all are those of the differences
+ZERO_SINGULAR_VALUE_RATIO = 1e-6  # below this part of the largest they count as zero
+MIN_POSITION_PART = 1e-2  # of a unit vector in q, t, u and g, its part in q and t that counts
+MIN_DRIVE_RATE_RATIO = 1e-4  # rate of the drives that counts, in those of the motion
+MAX_NEWTON_STEP_LENGTH, MAX_SEARCH_DISTANCE = 0.3, 1.0  # longest Newton step, longest way, in units of size
+MAX_NEWTON_STEPS, CRITICAL_POINT_TOLERANCE = 30, 1e-11  # steps, and what they may leave: g is known to its power of 3/2
 
 
 @kernel
-def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+def find_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     """Newton for the critical point next to q: fills ``work.q_c``, and time and gap of its record.
 
     If several rows lose their rank at once the point is a double root: relevant directions have singular values as
@@ -41,30 +51,30 @@ def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     """
     m, n = eqs.terms.J.shape
     c, N = work.critical[0], n + m + 2
-    weakest(eqs.terms, rank, work)
+    find_left_null_vector(eqs.terms, rank, work)
     for i in range(q.shape[0]):
         work.q_c[i] = q[i]
-    c.t, c.gap, c.rate = t, 0.0, drive_rate(eqs.terms, work)
-    for _ in range(NEWTON):
-        residual(eqs, c.t, work.q_c, work, work.g)
+    c.t, c.bifurcation_gap, c.rate = t, 0.0, drive_rate(eqs.terms, work)
+    for _ in range(MAX_NEWTON_STEPS):
+        critical_residual(eqs, c.t, work.q_c, work, work.g)
         for i in range(N):
             if not np.isfinite(work.g[i]):
                 return False
         off = length(work.g)
-        if off < EXACT:
-            c.gap += gap_left(m, n, work)
+        if off < CRITICAL_POINT_TOLERANCE:
+            c.bifurcation_gap += remaining_gap(m, n, work)
             return True
-        fill_matrix(eqs, moves(eqs.terms), work)
-        if not damped_step(DAMPING * off, work):
+        fill_critical_jacobian(eqs, is_rheonomic(eqs.terms), work)
+        if not solve_damped_step(DAMPING_FACTOR * off, work):
             return False
-        step_critical(eqs, min(1.0, STRIDE / max(length(work.change), 1e-300)), work)
-        if not max(distance(work.q_c, q, work), abs(c.t - t) * work.rate[0]) < FAR:
+        apply_newton_step(eqs, min(1.0, MAX_NEWTON_STEP_LENGTH / max(length(work.change), 1e-300)), work)
+        if not max(distance(work.q_c, q, work), abs(c.t - t) * work.rate[0]) < MAX_SEARCH_DISTANCE:
             return False
     return False
 
 
 @kernel
-def damped_step(damping: float, work: Any) -> bool:
+def solve_damped_step(damping: float, work: Any) -> bool:
     """work.change = the x that minimizes |K x - g|^2 + damping |x|^2: (K K^T + damping) y = g, x = K^T y; False where
     that has no digits.
     """
@@ -74,9 +84,9 @@ def damped_step(damping: float, work: Any) -> bool:
             work.K_work[i, j] = dot(work.K, i, work.K, j, 0, N)
         trace += work.K_work[i, i]
     for i in range(N):
-        work.K_work[i, i] += damping + NOISE * NOISE * trace
+        work.K_work[i, i] += damping + DIFFERENCE_NOISE_RATIO * DIFFERENCE_NOISE_RATIO * trace
         work.change[i] = 0.0
-    if not solve_positive(work.K_work, N, work.g):
+    if not solve_positive_definite(work.K_work, N, work.g):
         return False
     for i in range(N):
         for j in range(N):
@@ -85,30 +95,30 @@ def damped_step(damping: float, work: Any) -> bool:
 
 
 @kernel
-def dimension(eqs: Any, work: Any) -> int:
+def critical_set_dimension(eqs: Any, work: Any) -> int:
     """Dimension of the critical points in q and t about the one just found, from the null space of its equations."""
     N, n = work.change.shape[0], work.size.shape[0]
-    fill_matrix(eqs, True, work)
+    fill_critical_jacobian(eqs, True, work)
     for i in range(N):
         for j in range(N):
             work.K_work[i, j] = work.K[i, j]
-    lq(work.K_work, N, N, work.K_tau, work.K_pivots, work.change)
+    factor_lq(work.K_work, N, N, work.K_tau, work.K_pivots, work.change)
     flat = 0
-    while flat < N and abs(work.K_work[flat, flat]) > FLAT * abs(work.K_work[0, 0]):
+    while flat < N and abs(work.K_work[flat, flat]) > ZERO_SINGULAR_VALUE_RATIO * abs(work.K_work[0, 0]):
         flat += 1
     for k in range(N - flat):
         for j in range(N):
             work.K[k, j] = 1.0 if j == flat + k else 0.0
-        turn_out(work.K_work, work.K_tau, flat, N, work.K[k])
-    lq(work.K, N - flat, n + 1, work.K_tau, work.K_pivots, work.change)
+        apply_Q(work.K_work, work.K_tau, flat, N, work.K[k])
+    factor_lq(work.K, N - flat, n + 1, work.K_tau, work.K_pivots, work.change)
     found = 0
-    while found < min(N - flat, n + 1) and abs(work.K[found, found]) > SPAN:
+    while found < min(N - flat, n + 1) and abs(work.K[found, found]) > MIN_POSITION_PART:
         found += 1
     return found
 
 
 @inlined
-def moves(terms: Any) -> bool:
+def is_rheonomic(terms: Any) -> bool:
     """Whether time moves a constraint."""
     for i in range(terms.nu.shape[0]):
         if terms.nu[i] != 0.0:
@@ -122,11 +132,11 @@ def drive_rate(terms: Any, work: Any) -> float:
     square = 0.0
     for i in range(terms.nu.shape[0]):
         square += (terms.nu[i] / work.row[i]) ** 2
-    return min(work.rate[0], max(SLOWEST * work.rate[0], np.sqrt(square)))
+    return min(work.rate[0], max(MIN_DRIVE_RATE_RATIO * work.rate[0], np.sqrt(square)))
 
 
 @inlined
-def gap_left(m: int, n: int, work: Any) -> float:
+def remaining_gap(m: int, n: int, work: Any) -> float:
     """What u . (Phi~ - g u) is off."""
     total = 0.0
     for i in range(m):
@@ -135,27 +145,27 @@ def gap_left(m: int, n: int, work: Any) -> float:
 
 
 @kernel
-def weakest(terms: Any, rank: int, work: Any) -> None:
+def find_left_null_vector(terms: Any, rank: int, work: Any) -> None:
     """work.u = the left singular vector of the smallest singular value of J~ that is not redundant, from its factors:
     by inverse iteration, which begins with what the last pivot row has for itself.
     """
     m, n = terms.J.shape
     factor_transposed(m, rank, work)
-    lift(work.A, rank)
-    lift(work.B, rank)
+    regularize_diagonal(work.A, rank)
+    regularize_diagonal(work.B, rank)
     for j in range(n):
         work.f[j] = 1.0 if j == rank - 1 else 0.0
-    turn_out(work.A, work.tau, rank, n, work.f)
-    for _ in range(TURNS):
-        turn_in(work.A, work.tau, rank, n, work.f)
-        least_norm(work.f, m, rank, work.B, work.tau_B, work.pivots_B, work.u)
+    apply_Q(work.A, work.tau, rank, n, work.f)
+    for _ in range(INVERSE_ITERATIONS):
+        apply_Qt(work.A, work.tau, rank, n, work.f)
+        solve_least_norm(work.f, m, rank, work.B, work.tau_B, work.pivots_B, work.u)
         scale_to_unit(work.u)
-        least_norm(work.u, n, rank, work.A, work.tau, work.pivots, work.f)
+        solve_least_norm(work.u, n, rank, work.A, work.tau, work.pivots, work.f)
         scale_to_unit(work.f)
 
 
 @kernel
-def residual(eqs: Any, t: float, q: Any, work: Any, g: Any) -> None:
+def critical_residual(eqs: Any, t: float, q: Any, work: Any, g: Any) -> None:
     """Left side less right side of the equations (N,) at (t, q) with ``work.u`` and the gap; ``terms`` follow."""
     terms, c = eqs.terms, work.critical[0]
     m, n = terms.J.shape
@@ -168,14 +178,14 @@ def residual(eqs: Any, t: float, q: Any, work: Any, g: Any) -> None:
         for j in range(n):
             g[j] += scaled * terms.J[i, j] * work.size[j]
         g[n] -= scaled * terms.nu[i] / c.rate
-        g[n + 1 + i] = terms.Phi[i] / work.row[i] - c.gap * work.u[i]
+        g[n + 1 + i] = terms.Phi[i] / work.row[i] - c.bifurcation_gap * work.u[i]
         g[n + m + 1] += 0.5 * work.u[i] * work.u[i]
 
 
 @kernel
-def fill_matrix(eqs: Any, timed: bool, work: Any) -> None:
-    """work.K (N, N) = derivative of work.g, the last :func:`residual`: by differences where J is differentiated; that
-    by time only where ``timed``.
+def fill_critical_jacobian(eqs: Any, timed: bool, work: Any) -> None:
+    """work.K (N, N) = derivative of work.g, the last :func:`critical_residual`: by differences where J is
+    differentiated; that by time only where ``timed``.
     """
     terms, c = eqs.terms, work.critical[0]
     m, n = terms.J.shape
@@ -186,7 +196,7 @@ def fill_matrix(eqs: Any, timed: bool, work: Any) -> None:
         for j in range(n):
             work.K[j, n + 1 + k] = terms.J[k, j] * (work.size[j] / work.row[k])
         work.K[n, n + 1 + k] = -terms.nu[k] / (work.row[k] * c.rate)
-        work.K[n + 1 + k, n + 1 + k] = -c.gap
+        work.K[n + 1 + k, n + 1 + k] = -c.bifurcation_gap
         work.K[N - 1, n + 1 + k] = work.u[k]
     for i in range(N):
         work.K[i, N - 1] = -work.u[i - n - 1] if n < i < N - 1 else 0.0
@@ -196,15 +206,15 @@ def fill_matrix(eqs: Any, timed: bool, work: Any) -> None:
         for i in range(work.q_c.shape[0]):
             work.q_try[i] = work.q_c[i]
         for i in range(n):
-            work.dq[i] = PROBE * work.size[i] if i == k else 0.0
+            work.dq[i] = DIFFERENCE_STEP * work.size[i] if i == k else 0.0
         eqs.retract(work.q_try, work.dq, eqs.data)
-        residual(eqs, c.t + (PROBE / c.rate if k == n else 0.0), work.q_try, work, work.g_try)
+        critical_residual(eqs, c.t + (DIFFERENCE_STEP / c.rate if k == n else 0.0), work.q_try, work, work.g_try)
         for i in range(N):
-            work.K[i, k] = (work.g_try[i] - work.g[i]) / PROBE
+            work.K[i, k] = (work.g_try[i] - work.g[i]) / DIFFERENCE_STEP
 
 
 @inlined
-def step_critical(eqs: Any, part: float, work: Any) -> None:
+def apply_newton_step(eqs: Any, part: float, work: Any) -> None:
     """Go a ``part`` of Newton's step."""
     m, n = eqs.terms.J.shape
     c = work.critical[0]
@@ -214,4 +224,4 @@ def step_critical(eqs: Any, part: float, work: Any) -> None:
     c.t -= part * work.change[n] / c.rate
     for i in range(m):
         work.u[i] -= part * work.change[n + 1 + i]
-    c.gap -= part * work.change[n + m + 1]
+    c.bifurcation_gap -= part * work.change[n + m + 1]

@@ -26,39 +26,45 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.linalg.dense import factor_lu, full_pivot, solve_lu, solve_lu_transposed
+from solvers.linalg.dense import factor_full_pivot, factor_lu, solve_lu, solve_lu_transposed
 from solvers.outcome import NO_MASS, NOT_CLOSED, NOT_FINITE, OK
 
-from .projection import CHORD, PASSES, TOUCHING, still_open, tangent_motion
+from .projection import (
+    CHORD_CONTRACTION_LIMIT,
+    CORRECTION_ROUNDING,
+    MAX_CORRECTIONS,
+    add_tangent_acceleration,
+    violates_constraints,
+)
 
-PIVOT = 1e-12  # pivots this small relative to the first are zero
-WORTH = 3.0  # how many times larger its smallest pivot makes another choice worth a change
+ZERO_PIVOT_RATIO = 1e-12  # pivots this small relative to the first are zero
+MIN_PIVOT_IMPROVEMENT = 3.0  # how many times larger its smallest pivot makes another choice worth a change
 
 
 @kernel
-def choose(terms: Any, rank: int, work: Any) -> bool:
+def choose_partition(terms: Any, rank: int, work: Any) -> bool:
     """Pivot the Jacobian held by ``terms``: fill ``work.rows`` and ``work.columns``; False below the normal rank."""
     m, n = terms.J.shape
     for i in range(m):
         for j in range(n):
             work.J_work[i, j] = terms.J[i, j] * (work.size[j] / work.row[i])
-    return full_pivot(work.J_work, m, n, PIVOT, work.rows, work.columns) >= rank
+    return factor_full_pivot(work.J_work, m, n, ZERO_PIVOT_RATIO, work.rows, work.columns) >= rank
 
 
 @kernel
-def better_choice(rank: int, work: Any) -> bool:
-    """Whether what :func:`choose` has just found is worth changing for from the choice whose J_d is factored.
+def is_better_partition(rank: int, work: Any) -> bool:
+    """Whether what :func:`choose_partition` has just found is worth changing for from the choice whose J_d is factored.
 
     Bodies that are alike give choices that are alike, which one is the best then changes by next to nothing.
     """
     least, first = np.inf, abs(work.J_work[work.rows[0], work.columns[0]])
     for k in range(rank):
         least = min(least, abs(work.J_work[work.rows[k], work.columns[k]]))
-    return least > WORTH * smallest_pivot(rank, work) * first
+    return least > MIN_PIVOT_IMPROVEMENT * smallest_pivot_ratio(rank, work) * first
 
 
 @kernel
-def same_choice(rank: int, columns: Any, others: Any) -> bool:
+def is_same_partition(rank: int, columns: Any, others: Any) -> bool:
     """Whether both permutations start with the same set of ``rank`` rows or coordinates."""
     for i in range(rank):
         found = False
@@ -89,7 +95,7 @@ def solve_dependent(rank: int, rows: Any, columns: Any, work: Any) -> None:
 
 
 @kernel
-def recall_dependents(rank: int, columns: Any, last: Any, q: Any, v: Any) -> None:
+def restore_dependents(rank: int, columns: Any, last: Any, q: Any, v: Any) -> None:
     """Let the dependents of q be those of ``last`` once more, where coordinates of q and of v correspond."""
     if q.shape[0] == v.shape[0]:
         for j in range(rank):
@@ -97,14 +103,16 @@ def recall_dependents(rank: int, columns: Any, last: Any, q: Any, v: Any) -> Non
 
 
 @kernel
-def close_dependent(
+def project_dependents(
     eqs: Any, t: float, q: Any, v: Any, rank: int, rows: Any, columns: Any, factored: bool, work: Any
 ) -> int:
     """Solve the dependents of (q, v) from the independents, in place; leave ``terms`` and J_d at the result.
 
     ``factored``: the factors at hand are those of a J_d nearby.
     """
-    if not newton(eqs, t, q, rank, rows, columns, factored, work) or still_open(eqs.terms, work):
+    if not solve_dependent_positions(eqs, t, q, rank, rows, columns, factored, work) or violates_constraints(
+        eqs.terms, work
+    ):
         return NOT_CLOSED
     if not factor_dependent(eqs.terms, rank, rows, columns, work):
         return NOT_CLOSED
@@ -120,7 +128,9 @@ def close_dependent(
 
 
 @kernel
-def newton(eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, factored: bool, work: Any) -> bool:
+def solve_dependent_positions(
+    eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, factored: bool, work: Any
+) -> bool:
     """Newton on Phi(t, q) = 0 for the dependent positions; False if it does not converge. ``terms`` follow.
 
     Factors of a J_d nearby serve as long as each correction is a small part of the one before.
@@ -129,7 +139,7 @@ def newton(eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, facto
         work.dq[i] = 0.0
     eqs.position(t, q, eqs.data, eqs.terms)
     before = 1.0
-    for _ in range(PASSES):
+    for _ in range(MAX_CORRECTIONS):
         if not factored and not factor_dependent(eqs.terms, rank, rows, columns, work):
             return False
         for i in range(rank):
@@ -139,21 +149,21 @@ def newton(eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, facto
         for j in range(rank):
             work.dq[columns[j]] = work.x[j]
             largest = max(largest, abs(work.x[j]) / work.size[columns[j]])
-        if factored and not largest <= CHORD * before:
+        if factored and not largest <= CHORD_CONTRACTION_LIMIT * before:
             factored = False
             continue
         if not np.isfinite(largest):
             return False
         eqs.retract(q, work.dq, eqs.data)
         eqs.position(t, q, eqs.data, eqs.terms)
-        if largest * (largest / before) <= TOUCHING:
+        if largest * (largest / before) <= CORRECTION_ROUNDING:
             return True
         before = largest if factored else 1.0
     return False
 
 
 @kernel
-def span_dependent(terms: Any, rank: int, rows: Any, columns: Any, work: Any) -> None:
+def fill_dependent_tangents(terms: Any, rank: int, rows: Any, columns: Any, work: Any) -> None:
     """Fill the rows of ``work.T`` with the motions of one independent each, from ``terms`` and the factors of J_d."""
     n = work.T.shape[1]
     for k in range(n - rank):
@@ -167,10 +177,10 @@ def span_dependent(terms: Any, rank: int, rows: Any, columns: Any, work: Any) ->
 
 
 @kernel
-def dependent_acceleration(terms: Any, rank: int, rows: Any, columns: Any, work: Any, a: Any) -> int:
+def evaluate_dependent_acceleration(terms: Any, rank: int, rows: Any, columns: Any, work: Any, a: Any) -> int:
     """v' from ``terms`` and the factors of their J_d."""
     n = a.shape[0]
-    span_dependent(terms, rank, rows, columns, work)
+    fill_dependent_tangents(terms, rank, rows, columns, work)
     for k in range(n - rank):
         a[columns[rank + k]] = 0.0
     for i in range(rank):
@@ -178,7 +188,7 @@ def dependent_acceleration(terms: Any, rank: int, rows: Any, columns: Any, work:
     solve_dependent(rank, rows, columns, work)
     for j in range(rank):
         a[columns[j]] = work.x[j]
-    if not tangent_motion(terms, n - rank, work, a):
+    if not add_tangent_acceleration(terms, n - rank, work, a):
         return NO_MASS
     for i in range(n):
         if not np.isfinite(a[i]):
@@ -187,7 +197,7 @@ def dependent_acceleration(terms: Any, rank: int, rows: Any, columns: Any, work:
 
 
 @kernel
-def tangents_turned(rank: int, before: Any, work: Any) -> bool:
+def have_tangents_turned(rank: int, before: Any, work: Any) -> bool:
     """Whether a motion of one independent has changed by more than half of what it was ``before``."""
     n = work.T.shape[1]
     for k in range(n - rank):
@@ -201,7 +211,7 @@ def tangents_turned(rank: int, before: Any, work: Any) -> bool:
 
 
 @kernel
-def smallest_pivot(rank: int, work: Any) -> float:
+def smallest_pivot_ratio(rank: int, work: Any) -> float:
     """Smallest pivot of J_d relative to the largest: approximate distance of a singular configuration."""
     low, high = np.inf, 0.0
     for i in range(rank):
@@ -210,7 +220,7 @@ def smallest_pivot(rank: int, work: Any) -> float:
 
 
 @kernel
-def dependent_multipliers(terms: Any, rank: int, rows: Any, columns: Any, work: Any, a: Any, lam: Any) -> None:
+def evaluate_dependent_multipliers(terms: Any, rank: int, rows: Any, columns: Any, work: Any, a: Any, lam: Any) -> None:
     """lambda of the chosen rows, zero in others, with J_d^T lambda = -(M a + h)_d, from ``terms`` and J_d's factors."""
     for j in range(rank):
         k = columns[j]

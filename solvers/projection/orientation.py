@@ -7,26 +7,30 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.linalg.dense import factor_lu, positive_determinant, solve_lu, turn_in, turn_out
+from solvers.linalg.dense import apply_Q, apply_Qt, factor_lu, is_determinant_positive, solve_lu
 
-STRAIGHT, FLIPPED, BENT, TURNED = 0, 1, 2, 3
-LITTLE, SLOPE = 0.36, 1.7  # turns of a tangent in one step, as their tangents: 20 and 60 degrees
+ORIENTATION_KEPT, ORIENTATION_REVERSED, LARGE_ROTATION, INDETERMINATE = 0, 1, 2, 3
+# Turns of a tangent in one step, as their tangents: 20 and 60 degrees
+SMALL_ROTATION_TANGENT, MAX_ROTATION_TANGENT = 0.36, 1.7
 
 
 @kernel
-def orientation(terms: Any, rank: int, work: Any) -> int:
-    """Compare ``terms``, whose factors are at hand, with the frame of the last good position: STRAIGHT or FLIPPED and
-    little rotated, else BENT, or TURNED if rotated too far to decide.
+def compare_orientation(terms: Any, rank: int, work: Any) -> int:
+    """Compare ``terms``, whose factors are at hand, with the frame of the last good position:
+    ORIENTATION_KEPT or ORIENTATION_REVERSED and little rotated, else LARGE_ROTATION, or INDETERMINATE if rotated too
+    far to decide.
     """
     few = 2 * rank < terms.J.shape[1]
-    positive, steepest = by_normals(terms, rank, work) if few else by_tangents(terms, rank, work)
-    if steepest <= LITTLE * LITTLE:
-        return STRAIGHT if positive else FLIPPED
-    return BENT if positive and steepest <= SLOPE * SLOPE else TURNED
+    positive, steepest = (
+        orientation_from_range_space(terms, rank, work) if few else orientation_from_null_space(terms, rank, work)
+    )
+    if steepest <= SMALL_ROTATION_TANGENT * SMALL_ROTATION_TANGENT:
+        return ORIENTATION_KEPT if positive else ORIENTATION_REVERSED
+    return LARGE_ROTATION if positive and steepest <= MAX_ROTATION_TANGENT * MAX_ROTATION_TANGENT else INDETERMINATE
 
 
 @kernel
-def by_normals(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
+def orientation_from_range_space(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
     """Whether det C_n has kept its sign, and the largest square of a column of C_n^-1 C_t; for few rows."""
     n = terms.J.shape[1]
     positive, steepest = True, 0.0
@@ -34,7 +38,7 @@ def by_normals(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
         row, row_unit = work.J_work[i], work.row[work.frame_pivots[i]]
         for j in range(n):
             row[j] = terms.J[work.frame_pivots[i], j] * (work.size[j] / row_unit)
-        turn_in(work.frame, work.frame_tau, rank, n, row)
+        apply_Qt(work.frame, work.frame_tau, rank, n, row)
         for j in range(rank):
             work.D[i, j] = row[j]
         positive = positive == (work.frame[i, i] > 0.0)
@@ -50,11 +54,11 @@ def by_normals(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
         if not square < np.inf:
             return False, np.inf
         steepest = max(steepest, square)
-    return positive == positive_determinant(work.D, rank, work.order), steepest
+    return positive == is_determinant_positive(work.D, rank, work.order), steepest
 
 
 @kernel
-def by_tangents(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
+def orientation_from_null_space(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
     """The same for few degrees of freedom, from N and T: the present orthonormal tangents in the frame's normals
     and tangents.
 
@@ -66,11 +70,11 @@ def by_tangents(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
     for k in range(freedom):
         for j in range(n):
             work.f[j] = 1.0 if j == rank + k else 0.0
-        turn_out(work.A, work.tau, rank, n, work.f)
-        turn_in(work.frame, work.frame_tau, rank, n, work.f)
+        apply_Q(work.A, work.tau, rank, n, work.f)
+        apply_Qt(work.frame, work.frame_tau, rank, n, work.f)
         for j in range(freedom):
             work.mass[j, k] = work.f[rank + j]
-    same = same_side(rank, work)
+    same = frame_determinants_agree(rank, work)
     if not factor_lu(work.mass, freedom, work.order):
         return False, np.inf
     for k in range(freedom):
@@ -83,11 +87,11 @@ def by_tangents(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
         if not square < np.inf:
             return False, np.inf
         steepest = max(steepest, square)
-    return same == positive_determinant(work.mass, freedom, work.order), steepest
+    return same == is_determinant_positive(work.mass, freedom, work.order), steepest
 
 
 @inlined
-def same_side(rank: int, work: Any) -> bool:
+def frame_determinants_agree(rank: int, work: Any) -> bool:
     """Whether the rows that are the frame's, in L as it is now and as it was, have determinants of one sign."""
     positive, same = True, True
     for i in range(work.pivots.shape[0]):
@@ -97,9 +101,9 @@ def same_side(rank: int, work: Any) -> bool:
         work.order[i] = work.rows[work.frame_pivots[i]]
         same = same and work.order[i] < rank
     if same:
-        return positive == positive_determinant(work.A, rank, work.order)
+        return positive == is_determinant_positive(work.A, rank, work.order)
     for i in range(rank):
         k = work.rows[work.frame_pivots[i]]
         for j in range(rank):
             work.D[i, j] = work.A[k, j] if j <= k else 0.0
-    return factor_lu(work.D, rank, work.order) and positive == positive_determinant(work.D, rank, work.order)
+    return factor_lu(work.D, rank, work.order) and positive == is_determinant_positive(work.D, rank, work.order)

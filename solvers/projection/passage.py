@@ -28,30 +28,30 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.linalg.dense import factor_lu, lq, positive_pivots, rank_at, solve_lu, turn_in
+from solvers.linalg.dense import apply_Qt, count_positive_pivots, factor_lq, factor_lu, rank_at, solve_lu
 
-from .orientation import LITTLE
+from .orientation import SMALL_ROTATION_TANGENT
 
-ASTRAY, ACROSS, ASIDE = 0, 1, 2  # on another branch; straight through; on this side of it
-LOST = 1e-6  # ratio to the first pivot below which a pivot is zero in the critical point
-SKEW = 0.5  # largest difference of B from its value on the same branch, relative to c
-ROUNDS = 20  # of the power iteration for the largest singular value
+OTHER_BRANCH, OPPOSITE_SIDE, SAME_SIDE = 0, 1, 2  # on another branch; straight through; on this side of it
+LOST_PIVOT_RATIO = 1e-6  # ratio to the first pivot below which a pivot is zero in the critical point
+MAX_DEVIATION_RATIO = 0.5  # largest difference of B from its value on the same branch, relative to c
+POWER_ITERATIONS = 20  # of the power iteration for the largest singular value
 
 
 @kernel
-def hold_critical(eqs: Any, rank: int, work: Any) -> int:
+def store_critical_factors(eqs: Any, rank: int, work: Any) -> int:
     """Keep the factors of J~ at the critical point just found; return the number of equations that lose their rank."""
     eqs.position(work.critical[0].t, work.q_c, eqs.data, eqs.terms)
     m, n = eqs.terms.J.shape
-    scale_rows(eqs.terms, work, work.C)
-    lq(work.C, m, n, work.C_tau, work.C_pivots, work.x)
+    fill_scaled_jacobian(eqs.terms, work, work.C)
+    factor_lq(work.C, m, n, work.C_tau, work.C_pivots, work.x)
     for i in range(rank):
         work.x[i] = abs(work.C[i, i])
-    return rank - rank_at(work.x, rank, LOST)
+    return rank - rank_at(work.x, rank, LOST_PIVOT_RATIO)
 
 
 @inlined
-def scale_rows(terms: Any, work: Any, J: Any) -> None:
+def fill_scaled_jacobian(terms: Any, work: Any, J: Any) -> None:
     """J (m, n) <- J~ of ``terms``."""
     m, n = terms.J.shape
     for i in range(m):
@@ -60,7 +60,7 @@ def scale_rows(terms: Any, work: Any, J: Any) -> None:
 
 
 @kernel
-def split(J: Any, regular: int, work: Any, B: Any) -> bool:
+def fill_lost_block(J: Any, regular: int, work: Any, B: Any) -> bool:
     """B[:m - regular, :n - regular] = U^T J Z, J (m, n) in its units, from the factors of the critical point; J and B
     are different arrays. Return whether the regular equations keep their rank and their direction from there to J.
     """
@@ -68,14 +68,17 @@ def split(J: Any, regular: int, work: Any, B: Any) -> bool:
     for i in range(m):
         for j in range(n):
             B[i, j] = J[work.C_pivots[i], j]
-        turn_in(work.C, work.C_tau, regular, n, B[i])
+        apply_Qt(work.C, work.C_tau, regular, n, B[i])
         for k in range(min(i, regular)):
             for j in range(n):
                 B[i, j] -= work.C[i, k] * B[k, j]
         if i < regular:
             for j in range(n):
                 B[i, j] /= work.C[i, i]
-    kept = steepest_tangent(B, regular, work) <= LITTLE * LITTLE and count_kept(B, regular, work.C, work) == regular
+    kept = (
+        max_tangent_slope(B, regular, work) <= SMALL_ROTATION_TANGENT * SMALL_ROTATION_TANGENT
+        and count_rank_kept(B, regular, work.C, work) == regular
+    )
     for i in range(regular, m):
         for j in range(regular, n):
             B[i - regular, j - regular] = B[i, j]
@@ -83,7 +86,7 @@ def split(J: Any, regular: int, work: Any, B: Any) -> bool:
 
 
 @kernel
-def steepest_tangent(B: Any, regular: int, work: Any) -> float:
+def max_tangent_slope(B: Any, regular: int, work: Any) -> float:
     """Largest square of a column of R^-1 N, [R N] = B[:regular]: slope of the tangents of the regular equations, seen
     from Z.
     """
@@ -107,26 +110,26 @@ def steepest_tangent(B: Any, regular: int, work: Any) -> float:
 
 
 @kernel
-def others_stay(terms: Any, rank: int, work: Any) -> bool:
+def regular_equations_keep_rank(terms: Any, rank: int, work: Any) -> bool:
     """Whether the equations that are regular in the critical point keep their rank and their direction from the last
     good position to it, and on to that of ``terms``. Fills B of the two: work.slopes and work.J_work.
     """
     regular = rank - work.critical[0].lost
-    before = split(work.J_last, regular, work, work.slopes)
-    scale_rows(terms, work, work.C_work)
-    return split(work.C_work, regular, work, work.J_work) and before
+    before = fill_lost_block(work.J_last, regular, work, work.slopes)
+    fill_scaled_jacobian(terms, work, work.C_work)
+    return fill_lost_block(work.C_work, regular, work, work.J_work) and before
 
 
 @kernel
-def passage(terms: Any, rank: int, work: Any) -> int:
+def classify_passage(terms: Any, rank: int, work: Any) -> int:
     """How the step from the last good position to that of ``terms`` lies to the critical point."""
     m, n = terms.J.shape
     lost = work.critical[0].lost
     regular = rank - lost
-    if not others_stay(terms, rank, work):
-        return ASTRAY
+    if not regular_equations_keep_rank(terms, rank, work):
+        return OTHER_BRANCH
     p = n - regular
-    lq(work.slopes, m - regular, p, work.tau_B, work.pivots_B, work.x)
+    factor_lq(work.slopes, m - regular, p, work.tau_B, work.pivots_B, work.x)
     trace = 0.0
     for i in range(lost):
         row = work.J_work[work.pivots_B[i]]
@@ -136,23 +139,23 @@ def passage(terms: Any, rank: int, work: Any) -> int:
         for j in range(p):
             row[j] /= work.slopes[i, i]
     for i in range(lost):
-        turn_in(work.slopes, work.tau_B, lost, p, work.J_work[work.pivots_B[i]])
+        apply_Qt(work.slopes, work.tau_B, lost, p, work.J_work[work.pivots_B[i]])
         trace += work.J_work[work.pivots_B[i], i]
     mean = trace / lost
     for i in range(lost):
         work.J_work[work.pivots_B[i], i] -= mean
-    if not largest_singular(lost, p, work) <= SKEW * abs(mean):
-        return ASTRAY
-    return ACROSS if mean < 0.0 else ASIDE
+    if not largest_singular_value(lost, p, work) <= MAX_DEVIATION_RATIO * abs(mean):
+        return OTHER_BRANCH
+    return OPPOSITE_SIDE if mean < 0.0 else SAME_SIDE
 
 
 @kernel
-def largest_singular(k: int, p: int, work: Any) -> float:
+def largest_singular_value(k: int, p: int, work: Any) -> float:
     """Largest singular value of rows ``pivots_B[:k]`` of ``J_work``, p columns, by power iteration; work.x, work.f."""
     for i in range(k):
         work.x[i] = 1.0 + 0.5 * np.sin(7.3 * (i + 1.0))
     value = 0.0
-    for _ in range(ROUNDS):
+    for _ in range(POWER_ITERATIONS):
         square = 0.0
         for j in range(p):
             work.f[j] = 0.0
@@ -173,24 +176,24 @@ def largest_singular(k: int, p: int, work: Any) -> float:
 
 
 @kernel
-def count_doubtful(terms: Any, rank: int, work: Any) -> int:
+def count_doubtful_rows(terms: Any, rank: int, work: Any) -> int:
     """How many equations may have lost their rank between the last accepted position and that of ``terms``."""
     n = terms.J.shape[1]
     for i in range(rank):
         row = work.J_work[i]
         for j in range(n):
             row[j] = terms.J[work.frame_pivots[i], j] * (work.size[j] / work.row[work.frame_pivots[i]])
-        turn_in(work.frame, work.frame_tau, rank, n, row)
+        apply_Qt(work.frame, work.frame_tau, rank, n, row)
         for k in range(i):
             for j in range(rank):
                 row[j] -= work.frame[i, k] * work.J_work[k, j]
         for j in range(rank):
             row[j] /= work.frame[i, i]
-    return rank - count_kept(work.J_work, rank, work.frame, work)
+    return rank - count_rank_kept(work.J_work, rank, work.frame, work)
 
 
 @kernel
-def count_kept(X: Any, rank: int, L: Any, work: Any) -> int:
+def count_rank_kept(X: Any, rank: int, L: Any, work: Any) -> int:
     """How many of the first ``rank`` equations keep their rank on the straight line from L Q^T to L X Q^T: dimension of
     a subspace in which X + X^T is positive definite, X balanced by the pivots of L.
 
@@ -201,4 +204,4 @@ def count_kept(X: Any, rank: int, L: Any, work: Any) -> int:
             part = np.sqrt(abs(L[i, i] / L[j, j]))
             work.D[i, j] = X[i, j] * part + X[j, i] / part
             work.D[j, i] = work.D[i, j]
-    return positive_pivots(work.D, rank)
+    return count_positive_pivots(work.D, rank)

@@ -17,7 +17,7 @@ from solvers.compiled.held import hold
 from solvers.compiled.kernel import kernel
 from solvers.system import Array, TreeSystem
 
-EPSILON = 1e-30  # imaginary step; its square must be negligible
+COMPLEX_STEP = 1e-30  # imaginary step; its square must be negligible
 
 
 @kernel
@@ -31,7 +31,7 @@ def _inverse(inverse: Any, t: float, q: Any, v: Any, a: Any, lam: Any, data: Any
 
 
 class Products:
-    """Products of the tangent of one large tree at the state given last by :meth:`place`."""
+    """Products of the tangent of one large tree at the state given last by :meth:`set_state`."""
 
     def __init__(self, system: TreeSystem) -> None:
         if system.stepped is None:
@@ -40,19 +40,19 @@ class Products:
         self._data = hold(self._stepped.data)
         self._rate, self._force = np.zeros(system.nq, complex), np.zeros(system.n, complex)
 
-    def place(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> None:
+    def set_state(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> None:
         """Take products from now on at (t, q (nq,), v (n,), a (n,), lambda (m,))."""
         self._t = t
         self._q, self._v, self._a, self._lam = (np.array(x, complex) for x in (q, v, a, lam))
 
     def apply(self, x: Array, c0: float, c1: float, c2: float) -> Array:
         """Return (c0 K + c1 C + c2 M) x, both (n,)."""
-        step = EPSILON * 1j * x
+        step = COMPLEX_STEP * 1j * x
         q = self._q.copy()
         _retract(self._stepped.retract, q, c0 * step, self._data)
         moving = self._v + c1 * step, self._a + c2 * step
         _inverse(self._stepped.inverse, self._t, q, *moving, self._lam, self._data, self._rate, self._force)
-        return np.asarray(self._force.imag / EPSILON)
+        return np.asarray(self._force.imag / COMPLEX_STEP)
 
     def matrix(self, c0: float, c1: float, c2: float) -> Array:
         """Return c0 K + c1 C + c2 M (n, n), by one product a column."""

@@ -1,8 +1,8 @@
 """Projection partitioning: motion tangent to the constraints, also through singular configurations.
 
 Coordinates are measured in units S of their size, constraints in units R of their rows (the largest they have been), so
-that radians and meters are comparable: J~ = R^-1 J S. With J~ = L Q^T (:func:`solvers.linalg.dense.lq`) the first
-``rank`` columns of Q span the constraint normals and the others the motions the constraints allow, P = S Q_2::
+that radians and meters are comparable: J~ = R^-1 J S. With J~ = L Q^T (:func:`solvers.linalg.dense.factor_lq`) the
+first ``rank`` columns of Q span the constraint normals and the others the motions the constraints allow, P = S Q_2::
 
     v' = J^+ gamma + P (P^T M P)^-1 P^T (-h - M J^+ gamma)       (projection, paper eq. 9-13)
     q <- q (+) -J^+ Phi,   v <- v - J^+ (J v - nu)               (Gauss-Newton, velocity correction)
@@ -11,9 +11,10 @@ M itself is never factored, so bodies without mass are fine while P^T M P is pos
 rank*, the rank in generic positions; rows that are redundant everywhere are beyond it, and
 are identified at every position.
 
-**Singular configurations.** If the diagonal entry of L number ``rank`` is below ``SINGULAR`` times the first, J nearly
-loses rank. This is either a *crossing*, where it loses rank on the way and a second branch of the motion
-crosses, or a *near miss*, where the branches part just before they meet and the motion turns sharply.
+**Singular configurations.** If the diagonal entry of L number ``rank`` is below ``SINGULAR_PIVOT_RATIO`` times the
+first, J nearly loses rank. This is either a *crossing* (bifurcation), where it loses rank on the way and a second
+branch of the motion crosses, or a *near miss* (imperfect bifurcation), where the branches part just before they meet
+and the motion turns sharply.
 :mod:`.singular` distinguishes the two. Near a miss the equations above are valid. At a crossing a truncation of J
 causes an error O(1) of v', and without truncation there is a division by zero. But the motion has a continuous tangent
 e = v/|v|, and with it v' has a limit. It is interpolated along the branch from both sides of the crossing, which lies
@@ -36,51 +37,70 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.linalg.dense import basic_transposed, dot, least_norm, rank_at, ratio, solve_positive, turn_in, turn_out
+from solvers.linalg.dense import (
+    apply_Q,
+    apply_Qt,
+    dot,
+    pivot_ratio,
+    rank_at,
+    solve_least_norm,
+    solve_positive_definite,
+    solve_transposed_basic,
+)
 from solvers.outcome import NO_MASS, NOT_CLOSED, NOT_FINITE, OK, UNDECIDABLE
 
-from .critical import moves
-from .singular import CROSSING, SINGULAR, judge
-from .workspace import distance, factor, factor_here, factor_transposed, loop_speed
+from .critical import is_rheonomic
+from .singular import BIFURCATION, SINGULAR_PIVOT_RATIO, classify_singularity
+from .workspace import distance, evaluate_and_factor, factor, factor_transposed, loop_speed
 
-AT_REST = 1e-9  # speed, in units of size and rate, below which there is no tangent; see UNRESOLVED
-UNRESOLVED = 1e-7  # ratio below which the smallest pivot has no accurate digits after squaring
-CLUSTER = 10.0  # a pivot up to this multiple of SINGULAR is zero at a crossing together with a smaller one
-REACH = 1e-2  # d of the limit, in units of size
-PASSES = 12  # Gauss-Newton corrections of a position
-CLOSED = 1e-7  # a correction this small is the last: the next one would be its square
-CHORD = 0.1  # part that a correction by the factors of the prediction must leave at most
-TOUCHING = 1e-14  # a correction this small is rounding
-OPEN = 1e-8  # residual that a closed position must not have in any row, in units of the rows
+MIN_TANGENT_SPEED = (
+    1e-9  # speed, in units of size and rate, below which there is no tangent; see UNRESOLVED_PIVOT_RATIO
+)
+UNRESOLVED_PIVOT_RATIO = 1e-7  # ratio below which the smallest pivot has no accurate digits after squaring
+PIVOT_CLUSTER_FACTOR = (
+    10.0  # a pivot up to this multiple of SINGULAR_PIVOT_RATIO is zero at a crossing together with a smaller one
+)
+LIMIT_NODE_DISTANCE = 1e-2  # d of the limit, in units of size
+MAX_CORRECTIONS = 12  # Gauss-Newton corrections of a position
+CORRECTION_TOLERANCE = 1e-7  # a correction this small is the last: the next one would be its square
+CHORD_CONTRACTION_LIMIT = 0.1  # part that a correction by the factors of the prediction must leave at most
+CORRECTION_ROUNDING = 1e-14  # a correction this small is rounding
+RESIDUAL_TOLERANCE = 1e-8  # residual that a closed position must not have in any row, in units of the rows
 
 
 @kernel
-def trusted(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+def effective_rank(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     """How many pivot rows can be divided by; ``terms`` and factors belong to (t, q).
 
     Rows that lose their rank at a crossing are left out, because they would be divided by nearly zero. If there are
     several, all of them are: closing one and not another would give the velocity of a branch that does not exist.
     """
-    if rank_at(work.pivot, rank, SINGULAR) == rank:
+    if rank_at(work.pivot, rank, SINGULAR_PIVOT_RATIO) == rank:
         return rank
-    if judge(eqs, t, q, rank, work) == CROSSING:
+    if classify_singularity(eqs, t, q, rank, work) == BIFURCATION:
         several = work.critical[0].lost > 1
-        return max(rank_at(work.pivot, rank, CLUSTER * SINGULAR), rank - work.critical[0].lost if several else 0)
-    return rank_at(work.pivot, rank, UNRESOLVED)
+        return max(
+            rank_at(work.pivot, rank, PIVOT_CLUSTER_FACTOR * SINGULAR_PIVOT_RATIO),
+            rank - work.critical[0].lost if several else 0,
+        )
+    return rank_at(work.pivot, rank, UNRESOLVED_PIVOT_RATIO)
 
 
 @inlined
-def close_to_crossing(rank: int, work: Any) -> bool:
+def is_near_bifurcation(rank: int, work: Any) -> bool:
     """Whether a known crossing is so near that pivots which are zero there are small."""
-    return work.critical[0].kind == CROSSING and rank_at(work.pivot, rank, CLUSTER * SINGULAR) < rank
+    return (
+        work.critical[0].kind == BIFURCATION
+        and rank_at(work.pivot, rank, PIVOT_CLUSTER_FACTOR * SINGULAR_PIVOT_RATIO) < rank
+    )
 
 
 @inlined
-def position_off(terms: Any, rank: int, work: Any) -> float:
+def solve_position_correction(terms: Any, rank: int, work: Any) -> float:
     """work.dq = -J^+ Phi with the first ``rank`` pivot rows; return its largest entry in units of size."""
     for i in range(terms.Phi.shape[0]):
         work.b[i] = terms.Phi[i] / work.row[i]
-    least_norm(work.b, terms.J.shape[1], rank, work.A, work.tau, work.pivots, work.dq)
+    solve_least_norm(work.b, terms.J.shape[1], rank, work.A, work.tau, work.pivots, work.dq)
     largest = 0.0
     for i in range(work.dq.shape[0]):
         largest = max(largest, abs(work.dq[i]))
@@ -89,34 +109,34 @@ def position_off(terms: Any, rank: int, work: Any) -> float:
 
 
 @inlined
-def still_open(terms: Any, work: Any) -> bool:
+def violates_constraints(terms: Any, work: Any) -> bool:
     """Whether some row, dependent ones included, has a residual."""
     for i in range(terms.Phi.shape[0]):
-        if not abs(terms.Phi[i]) <= OPEN * work.row[i]:
+        if not abs(terms.Phi[i]) <= RESIDUAL_TOLERANCE * work.row[i]:
             return True
     return False
 
 
 @kernel
-def close_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+def project_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     """Bring q onto Phi(t, q) = 0 along the constraint normals, in place; False if it does not get there.
 
     Leaves Phi, J and nu at the result, and the factors of a J nearby.
     """
     eqs.position(t, q, eqs.data, eqs.terms)
-    for _ in range(PASSES):
+    for _ in range(MAX_CORRECTIONS):
         factor(eqs.terms, work)
-        trust = trusted(eqs, t, q, rank, work)
+        trust = effective_rank(eqs, t, q, rank, work)
         largest = correct_position(eqs, t, q, trust, work)
-        if largest <= CLOSED:
-            return trust < rank or not still_open(eqs.terms, work)
+        if largest <= CORRECTION_TOLERANCE:
+            return trust < rank or not violates_constraints(eqs.terms, work)
     return False
 
 
 @inlined
 def correct_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> float:
     """One Gauss-Newton correction of q in place, with the factors of the J of ``terms``; return its size."""
-    largest = position_off(eqs.terms, rank, work)
+    largest = solve_position_correction(eqs.terms, rank, work)
     if not np.isfinite(largest):
         return np.inf
     eqs.retract(q, work.dq, eqs.data)
@@ -125,7 +145,7 @@ def correct_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> float:
 
 
 @kernel
-def close_velocity(v: Any, terms: Any, rank: int, work: Any) -> None:
+def project_velocity(v: Any, terms: Any, rank: int, work: Any) -> None:
     """Take from v what violates J v = nu in the first ``rank`` pivot rows of the factored J, in place."""
     m, n = terms.J.shape
     for i in range(m):
@@ -133,29 +153,31 @@ def close_velocity(v: Any, terms: Any, rank: int, work: Any) -> None:
         for j in range(n):
             work.b[i] += terms.J[i, j] * v[j]
         work.b[i] /= work.row[i]
-    least_norm(work.b, n, rank, work.A, work.tau, work.pivots, work.dq)
+    solve_least_norm(work.b, n, rank, work.A, work.tau, work.pivots, work.dq)
     for i in range(n):
         v[i] -= work.size[i] * work.dq[i]
 
 
 @kernel
-def close(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
+def project(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
     """Bring (q, v) onto the constraints, in place; leave ``terms`` and the factors of J at the result."""
-    if not close_position(eqs, t, q, rank, work):
+    if not project_position(eqs, t, q, rank, work):
         return NOT_CLOSED
     factor(eqs.terms, work)
-    close_velocity(v, eqs.terms, trusted(eqs, t, q, rank, work), work)
+    project_velocity(v, eqs.terms, effective_rank(eqs, t, q, rank, work), work)
     eqs.motion(t, q, v, eqs.data, eqs.terms)
     return OK
 
 
 @kernel
-def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: float, work: Any) -> int:
-    """As :func:`close`, with ``terms`` and the factors of J at the prediction ``near`` (simplified Newton).
+def project_with_frozen_jacobian(
+    eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: float, work: Any
+) -> int:
+    """As :func:`project`, with ``terms`` and the factors of J at the prediction ``near`` (simplified Newton).
 
     The factors are used again until the correction is below ``slight``, since new factors cost more. J is refactored
-    only if the contraction is worse than ``CHORD``. v' depends on the residual by the inverse square of the smallest
-    pivot.
+    only if the contraction is worse than ``CHORD_CONTRACTION_LIMIT``. v' depends on the residual by the inverse square
+    of the smallest pivot.
     """
     n = v.shape[0]
     if eqs.terms.Phi.shape[0] == 0:
@@ -164,46 +186,46 @@ def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: flo
         eqs.retract(q, work.dq, eqs.data)
         eqs.dynamics(t, q, v, eqs.data, eqs.terms)
         return OK
-    if rank == 0 or rank_at(work.pivot, rank, SINGULAR) < rank:
-        return close(eqs, t, q, v, rank, work)
+    if rank == 0 or rank_at(work.pivot, rank, SINGULAR_PIVOT_RATIO) < rank:
+        return project(eqs, t, q, v, rank, work)
     if q.shape[0] == n:
         for i in range(eqs.terms.Phi.shape[0]):
             for j in range(n):
                 eqs.terms.Phi[i] += eqs.terms.J[i, j] * (q[j] - near[j])
-        position_off(eqs.terms, rank, work)
+        solve_position_correction(eqs.terms, rank, work)
     else:
         for i in range(n):
             work.dq[i] = 0.0
     eqs.retract(q, work.dq, eqs.data)  # quaternions to unit length, too
     eqs.position(t, q, eqs.data, eqs.terms)
-    rest = position_off(eqs.terms, rank, work)
-    while not rest <= max(slight * ratio(work.pivot, rank) ** 2, TOUCHING):
+    rest = solve_position_correction(eqs.terms, rank, work)
+    while not rest <= max(slight * pivot_ratio(work.pivot, rank) ** 2, CORRECTION_ROUNDING):
         eqs.retract(q, work.dq, eqs.data)
         eqs.position(t, q, eqs.data, eqs.terms)
-        before, rest = rest, position_off(eqs.terms, rank, work)
-        if not rest <= CHORD * before:
-            return close(eqs, t, q, v, rank, work)
-    close_velocity(v, eqs.terms, rank, work)
+        before, rest = rest, solve_position_correction(eqs.terms, rank, work)
+        if not rest <= CHORD_CONTRACTION_LIMIT * before:
+            return project(eqs, t, q, v, rank, work)
+    project_velocity(v, eqs.terms, rank, work)
     eqs.motion(t, q, v, eqs.data, eqs.terms)
     factor(eqs.terms, work)
     return OK
 
 
 @kernel
-def span_tangents(rank: int, work: Any) -> None:
+def fill_tangent_basis(rank: int, work: Any) -> None:
     """Fill the rows of ``work.T`` with a basis of the motions the factored constraints allow: the columns of P."""
     n = work.T.shape[1]
     for k in range(n - rank):
         tangent = work.T[k]
         for i in range(n):
             tangent[i] = 1.0 if i == rank + k else 0.0
-        turn_out(work.A, work.tau, rank, n, tangent)
+        apply_Q(work.A, work.tau, rank, n, tangent)
         for i in range(n):
             tangent[i] *= work.size[i]
 
 
 @kernel
-def tangent_motion(terms: Any, freedom: int, work: Any, a: Any) -> bool:
+def add_tangent_acceleration(terms: Any, freedom: int, work: Any, a: Any) -> bool:
     """a <- a + P z, where P^T (M a + h) = 0 and the columns of P are the first ``freedom`` rows of ``work.T``."""
     n = a.shape[0]
     for i in range(n):
@@ -218,7 +240,7 @@ def tangent_motion(terms: Any, freedom: int, work: Any, a: Any) -> bool:
         work.z[k] = 0.0
         for i in range(n):
             work.z[k] += work.T[k, i] * work.f[i]
-    if not solve_positive(work.mass, freedom, work.z):
+    if not solve_positive_definite(work.mass, freedom, work.z):
         return False
     for k in range(freedom):
         for i in range(n):
@@ -227,16 +249,16 @@ def tangent_motion(terms: Any, freedom: int, work: Any, a: Any) -> bool:
 
 
 @kernel
-def regular_acceleration(terms: Any, rank: int, work: Any, a: Any) -> int:
+def evaluate_regular_acceleration(terms: Any, rank: int, work: Any, a: Any) -> int:
     """v' away from singular configurations, from ``terms`` and the factors of their J."""
     m, n = terms.J.shape
     for i in range(m):
         work.b[i] = terms.gamma[i] / work.row[i]
-    least_norm(work.b, n, rank, work.A, work.tau, work.pivots, a)
+    solve_least_norm(work.b, n, rank, work.A, work.tau, work.pivots, a)
     for i in range(n):
         a[i] *= work.size[i]
-    span_tangents(rank, work)
-    if not tangent_motion(terms, n - rank, work, a):
+    fill_tangent_basis(rank, work)
+    if not add_tangent_acceleration(terms, n - rank, work, a):
         return NO_MASS
     for i in range(n):
         if not np.isfinite(a[i]):
@@ -245,69 +267,69 @@ def regular_acceleration(terms: Any, rank: int, work: Any, a: Any) -> int:
 
 
 @kernel
-def acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any) -> int:
+def evaluate_acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any) -> int:
     """v' anywhere; ``terms`` and the factors of J belong to (t, q, v) and do so again afterwards."""
     for i in range(v.shape[0]):
         if not np.isfinite(eqs.terms.h[i]):
             return NOT_FINITE
-    if rank_at(work.pivot, rank, SINGULAR) == rank:
-        return regular_acceleration(eqs.terms, rank, work, a)
-    crossing = judge(eqs, t, q, rank, work) == CROSSING
-    if not crossing or not loop_speed(v, work) > AT_REST * work.rate[1]:
-        resolved = rank_at(work.pivot, rank, UNRESOLVED) == rank
-        return regular_acceleration(eqs.terms, rank, work, a) if resolved else UNDECIDABLE
-    code = limit(eqs, t, q, v, False, rank, work, a)
-    factor_here(eqs, t, q, v, work)
+    if rank_at(work.pivot, rank, SINGULAR_PIVOT_RATIO) == rank:
+        return evaluate_regular_acceleration(eqs.terms, rank, work, a)
+    crossing = classify_singularity(eqs, t, q, rank, work) == BIFURCATION
+    if not crossing or not loop_speed(v, work) > MIN_TANGENT_SPEED * work.rate[1]:
+        resolved = rank_at(work.pivot, rank, UNRESOLVED_PIVOT_RATIO) == rank
+        return evaluate_regular_acceleration(eqs.terms, rank, work, a) if resolved else UNDECIDABLE
+    code = limit_at_bifurcation(eqs, t, q, v, False, rank, work, a)
+    evaluate_and_factor(eqs, t, q, v, work)
     return code
 
 
 @inlined
-def place(eqs: Any, q: Any, v: Any, along: float, work: Any) -> None:
+def retract_along(eqs: Any, q: Any, v: Any, along: float, work: Any) -> None:
     """work.q_near = the position a time ``along`` of the loops' part of v from q."""
     for i in range(q.shape[0]):
         work.q_near[i] = q[i]
     for i in range(v.shape[0]):
-        work.dq[i] = along * v[i] * work.looped[i]
+        work.dq[i] = along * v[i] * work.in_loops[i]
     eqs.retract(work.q_near, work.dq, eqs.data)
 
 
 @kernel
-def way_to_crossing(eqs: Any, q: Any, v: Any, work: Any) -> float:
+def arclength_to_bifurcation(eqs: Any, q: Any, v: Any, work: Any) -> float:
     """Signed distance along v from q to where the crossing lies nearest."""
     speed = loop_speed(v, work)
-    place(eqs, q, v, -REACH / speed, work)
+    retract_along(eqs, q, v, -LIMIT_NODE_DISTANCE / speed, work)
     behind = distance(work.q_c, work.q_near, work)
-    place(eqs, q, v, REACH / speed, work)
+    retract_along(eqs, q, v, LIMIT_NODE_DISTANCE / speed, work)
     before = distance(work.q_c, work.q_near, work)
-    return (behind * behind - before * before) / (4.0 * REACH)
+    return (behind * behind - before * before) / (4.0 * LIMIT_NODE_DISTANCE)
 
 
 @kernel
-def neighbor(eqs: Any, t: float, q: Any, v: Any, along: float, timed: bool, rank: int, work: Any) -> bool:
+def project_neighbor(eqs: Any, t: float, q: Any, v: Any, along: float, timed: bool, rank: int, work: Any) -> bool:
     """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, with its terms and factors.
     Where constraints are ``timed`` they are those of the time when the motion gets there, inertia and loads those of t.
     False where it cannot be closed. No row is left out.
     """
     speed = loop_speed(v, work)
-    place(eqs, q, v, along / speed, work)
+    retract_along(eqs, q, v, along / speed, work)
     for i in range(v.shape[0]):
         work.v_near[i] = v[i]
     after = t + along / speed if timed else t
     eqs.position(after, work.q_near, eqs.data, eqs.terms)
-    for _ in range(PASSES):
+    for _ in range(MAX_CORRECTIONS):
         factor(eqs.terms, work)
-        if correct_position(eqs, after, work.q_near, rank, work) <= CLOSED:
+        if correct_position(eqs, after, work.q_near, rank, work) <= CORRECTION_TOLERANCE:
             factor(eqs.terms, work)
-            close_velocity(work.v_near, eqs.terms, rank, work)
+            project_velocity(work.v_near, eqs.terms, rank, work)
             eqs.motion(after, work.q_near, work.v_near, eqs.data, eqs.terms)
             if timed:
-                load_at(eqs, t, work)
+                freeze_loads(eqs, t, work)
             return True
     return False
 
 
 @inlined
-def load_at(eqs: Any, t: float, work: Any) -> None:
+def freeze_loads(eqs: Any, t: float, work: Any) -> None:
     """Give ``terms`` of a neighbor inertia and loads as they are at t, and leave it what constraints ask for."""
     for i in range(work.x.shape[0]):
         work.x[i] = eqs.terms.gamma[i]
@@ -317,22 +339,22 @@ def load_at(eqs: Any, t: float, work: Any) -> None:
 
 
 @kernel
-def limit(eqs: Any, t: float, q: Any, v: Any, velocity: bool, rank: int, work: Any, out: Any) -> int:
+def limit_at_bifurcation(eqs: Any, t: float, q: Any, v: Any, velocity: bool, rank: int, work: Any, out: Any) -> int:
     """``out`` = v', or v on the branch, near a crossing, from both sides of it (module docstring)."""
     for i in range(v.shape[0]):
         out[i] = 0.0
-    way = way_to_crossing(eqs, q, v, work)
-    step = max(REACH, abs(way))
-    x = -way / step
-    timed = moves(eqs.terms)
+    arclength = arclength_to_bifurcation(eqs, q, v, work)
+    step = max(LIMIT_NODE_DISTANCE, abs(arclength))
+    x = -arclength / step
+    timed = is_rheonomic(eqs.terms)
     for node in (-2, -1, 1, 2):
-        weight = lagrange(node, x)
+        weight = lagrange_polynomial(node, x)
         if weight == 0.0:  # q is a node itself
             continue
-        if not neighbor(eqs, t, q, v, way + node * step, timed, rank, work):
+        if not project_neighbor(eqs, t, q, v, arclength + node * step, timed, rank, work):
             return NOT_CLOSED
         if not velocity:
-            code = regular_acceleration(eqs.terms, rank, work, work.a)
+            code = evaluate_regular_acceleration(eqs.terms, rank, work, work.a)
             if code != OK:
                 return code
         for i in range(v.shape[0]):
@@ -341,7 +363,7 @@ def limit(eqs: Any, t: float, q: Any, v: Any, velocity: bool, rank: int, work: A
 
 
 @inlined
-def lagrange(node: int, x: float) -> float:
+def lagrange_polynomial(node: int, x: float) -> float:
     """The cubic that is one at ``node`` and zero at the others of -2, -1, 1, 2."""
     if abs(node) == 1:
         return (4.0 - x * x) * (1.0 + node * x) / 6.0
@@ -349,7 +371,7 @@ def lagrange(node: int, x: float) -> float:
 
 
 @kernel
-def multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
+def evaluate_multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
     """Shortest lambda, in units of the rows, with J^T lambda = -(M a + h) in the directions of ``rank`` pivot rows, as
     far as there are digits; ``terms`` and factors belong together.
 
@@ -357,23 +379,23 @@ def multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
     a drive is their product with a lever arm that goes to zero.
     """
     m, n = terms.J.shape
-    rank = rank_at(work.pivot, rank, UNRESOLVED)
+    rank = rank_at(work.pivot, rank, UNRESOLVED_PIVOT_RATIO)
     for i in range(n):
         work.f[i] = -terms.h[i]
         for j in range(n):
             work.f[i] -= terms.M[i, j] * a[j]
         work.f[i] *= work.size[i]
     if rank == m:
-        basic_transposed(work.f, m, n, rank, work.A, work.tau, work.pivots, lam)
+        solve_transposed_basic(work.f, m, n, rank, work.A, work.tau, work.pivots, lam)
     else:
-        shortest_transposed(m, n, rank, work, lam)
+        solve_transposed_shortest(m, n, rank, work, lam)
     for i in range(m):
         lam[i] /= work.row[i]
 
 
 @kernel
-def shortest_transposed(m: int, n: int, rank: int, work: Any, y: Any) -> None:
+def solve_transposed_shortest(m: int, n: int, rank: int, work: Any, y: Any) -> None:
     """Shortest y (m,) with J~^T y = work.f, where rows depend on each other: L^T y = Q^T f by factors of L^T."""
-    turn_in(work.A, work.tau, rank, n, work.f)
+    apply_Qt(work.A, work.tau, rank, n, work.f)
     factor_transposed(m, rank, work)
-    least_norm(work.f, m, rank, work.B, work.tau_B, work.pivots_B, y)
+    solve_least_norm(work.f, m, rank, work.B, work.tau_B, work.pivots_B, y)

@@ -9,16 +9,16 @@ import numpy as np
 from solvers.compiled.kernel import kernel
 from solvers.linalg.dense import rank_at
 
-from .projection import CLOSED, PASSES, REACH, correct_position, span_tangents
-from .workspace import factor, scaled_length
+from .projection import CORRECTION_TOLERANCE, LIMIT_NODE_DISTANCE, MAX_CORRECTIONS, correct_position, fill_tangent_basis
+from .workspace import factor, scaled_norm
 
-REDUNDANT = 1e-6  # ratio that separates a redundant constraint from a nearby singular configuration
-ROUNDING = 1e-12  # part of a row that is no more than that
-SAMPLES = 5  # positions that the units of the rows are taken from
+REDUNDANT_PIVOT_RATIO = 1e-6  # ratio that separates a redundant constraint from a nearby singular configuration
+ZERO_ENTRY_RATIO = 1e-12  # part of a row that is no more than that
+ROW_UNIT_SAMPLES = 5  # positions that the units of the rows are taken from
 
 
 @kernel
-def normal_rank(eqs: Any, t: float, q: Any, v: Any, work: Any) -> int:
+def find_normal_rank(eqs: Any, t: float, q: Any, v: Any, work: Any) -> int:
     """Largest rank of J at q and at neighbors a finite move away, along v and along every allowed motion.
 
     A start in a singular configuration has a smaller rank than the motion that leaves it; constraints that are
@@ -26,24 +26,24 @@ def normal_rank(eqs: Any, t: float, q: Any, v: Any, work: Any) -> int:
     redundancy is hidden.
     """
     m, n = eqs.terms.J.shape
-    measure_rows(eqs, t, q, work)
+    set_row_units(eqs, t, q, work)
     eqs.position(t, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
-    here = rank_at(work.pivot, min(m, n), REDUNDANT)
+    here = rank_at(work.pivot, min(m, n), REDUNDANT_PIVOT_RATIO)
     best = here
-    span_tangents(here, work)
+    fill_tangent_basis(here, work)
     for k in range(n - here):
         for i in range(n):
             work.directions[k, i] = work.T[k, i]
     for k in range(n - here + 1):
         for i in range(n):
             work.v_near[i] = work.directions[k, i] if k < n - here else v[i]
-        best = max(best, rank_beside(eqs, t, q, work.v_near, work))
+        best = max(best, rank_at_neighbor(eqs, t, q, work.v_near, work))
     return best
 
 
 @kernel
-def measure_rows(eqs: Any, t: float, q: Any, work: Any) -> None:
+def set_row_units(eqs: Any, t: float, q: Any, work: Any) -> None:
     """Let the unit of every row be its largest length at q and at a few positions far from q, closed or not: where it
     is short at q it may be singular there. Note which coordinates they know.
     """
@@ -51,8 +51,8 @@ def measure_rows(eqs: Any, t: float, q: Any, work: Any) -> None:
     for i in range(m):
         work.row[i] = 0.0
     for j in range(n):
-        work.looped[j] = 0.0
-    for far in range(SAMPLES):
+        work.in_loops[j] = 0.0
+    for far in range(ROW_UNIT_SAMPLES):
         for i in range(q.shape[0]):
             work.q_near[i] = q[i]
         for j in range(n):
@@ -64,8 +64,8 @@ def measure_rows(eqs: Any, t: float, q: Any, work: Any) -> None:
             for j in range(n):
                 square += (eqs.terms.J[i, j] * work.size[j]) ** 2
             for j in range(n):
-                if abs(eqs.terms.J[i, j]) * work.size[j] > ROUNDING * np.sqrt(square):
-                    work.looped[j] = 1.0
+                if abs(eqs.terms.J[i, j]) * work.size[j] > ZERO_ENTRY_RATIO * np.sqrt(square):
+                    work.in_loops[j] = 1.0
             work.row[i] = max(work.row[i], np.sqrt(square))
     for i in range(m):
         if not work.row[i] > 0.0:
@@ -73,25 +73,25 @@ def measure_rows(eqs: Any, t: float, q: Any, work: Any) -> None:
 
 
 @kernel
-def rank_beside(eqs: Any, t: float, q: Any, e: Any, work: Any) -> int:
+def rank_at_neighbor(eqs: Any, t: float, q: Any, e: Any, work: Any) -> int:
     """Rank of J after a small closed move from q along e; zero where there is none."""
     m, n = eqs.terms.J.shape
-    size = scaled_length(e, work)
+    size = scaled_norm(e, work)
     if not size > 0.0:
         return 0
     for i in range(q.shape[0]):
         work.q_near[i] = q[i]
     for i in range(n):
-        work.dq[i] = 5.0 * REACH * e[i] / size
+        work.dq[i] = 5.0 * LIMIT_NODE_DISTANCE * e[i] / size
     eqs.retract(work.q_near, work.dq, eqs.data)
     eqs.position(t, work.q_near, eqs.data, eqs.terms)
-    for _ in range(PASSES):
+    for _ in range(MAX_CORRECTIONS):
         factor(eqs.terms, work)
-        here = rank_at(work.pivot, min(m, n), REDUNDANT)
+        here = rank_at(work.pivot, min(m, n), REDUNDANT_PIVOT_RATIO)
         largest = correct_position(eqs, t, work.q_near, here, work)
-        if largest <= CLOSED:
+        if largest <= CORRECTION_TOLERANCE:
             factor(eqs.terms, work)
-            return rank_at(work.pivot, min(m, n), REDUNDANT)
+            return rank_at(work.pivot, min(m, n), REDUNDANT_PIVOT_RATIO)
         if not largest < np.inf:
             return 0
     return 0

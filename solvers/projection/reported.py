@@ -5,38 +5,43 @@ from __future__ import annotations
 from typing import Any
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.linalg.dense import rank_at, ratio
+from solvers.linalg.dense import pivot_ratio, rank_at
 from solvers.outcome import OK
 
 from .projection import (
-    AT_REST,
-    UNRESOLVED,
-    acceleration,
-    close,
+    MIN_TANGENT_SPEED,
+    UNRESOLVED_PIVOT_RATIO,
     correct_position,
-    limit,
-    multipliers,
-    position_off,
+    evaluate_acceleration,
+    evaluate_multipliers,
+    limit_at_bifurcation,
+    project,
+    solve_position_correction,
 )
-from .singular import CROSSING, SINGULAR, judge
-from .workspace import factor_here, loop_speed
+from .singular import BIFURCATION, SINGULAR_PIVOT_RATIO, classify_singularity
+from .workspace import evaluate_and_factor, loop_speed
 
 
 @kernel
-def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
-    """As :func:`close`; at a crossing what lies across the branch is removed too: of the position as far as it is
+def project_reported_state(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
+    """As :func:`project`; at a crossing what lies across the branch is removed too: of the position as far as it is
     resolved, of the velocity by the same limit.
 
     For states from a solver that does not control these well (IDA's regularization leaves them free).
     """
-    code = close(eqs, t, q, v, rank, work)
-    if code != OK or rank_at(work.pivot, rank, SINGULAR) == rank:
+    code = project(eqs, t, q, v, rank, work)
+    if code != OK or rank_at(work.pivot, rank, SINGULAR_PIVOT_RATIO) == rank:
         return code
-    if judge(eqs, t, q, rank, work) != CROSSING or not loop_speed(v, work) > AT_REST * work.rate[1]:
+    if (
+        classify_singularity(eqs, t, q, rank, work) != BIFURCATION
+        or not loop_speed(v, work) > MIN_TANGENT_SPEED * work.rate[1]
+    ):
         return code
-    if rank_at(work.pivot, rank, UNRESOLVED) == rank and position_off(eqs.terms, rank, work) < ratio(work.pivot, rank):
+    if rank_at(work.pivot, rank, UNRESOLVED_PIVOT_RATIO) == rank and solve_position_correction(
+        eqs.terms, rank, work
+    ) < pivot_ratio(work.pivot, rank):
         correct_position(eqs, t, q, rank, work)
-    code = limit(eqs, t, q, v, True, rank, work, work.a)
+    code = limit_at_bifurcation(eqs, t, q, v, True, rank, work, work.a)
     if code == OK:
         for i in range(v.shape[0]):
             v[i] = work.a[i]
@@ -44,36 +49,36 @@ def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> in
 
 
 @kernel
-def unresolved(rtol: float, rank: int, work: Any) -> bool:
+def has_unresolved_forces(rtol: float, rank: int, work: Any) -> bool:
     """Whether so little is left of a pivot that forces are not known: positions are no better than the tolerance."""
-    return rank > 0 and rank_at(work.pivot, rank, max(UNRESOLVED, rtol)) < rank
+    return rank > 0 and rank_at(work.pivot, rank, max(UNRESOLVED_PIVOT_RATIO, rtol)) < rank
 
 
 @kernel
-def evaluate(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, lam: Any) -> int:
+def evaluate_state(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, lam: Any) -> int:
     """Accelerations and shortest multipliers at a closed state; leaves ``terms`` there."""
-    factor_here(eqs, t, q, v, work)
-    code = acceleration(eqs, t, q, v, rank, work, a)
+    evaluate_and_factor(eqs, t, q, v, work)
+    code = evaluate_acceleration(eqs, t, q, v, rank, work, a)
     if code == OK:
-        multipliers(eqs.terms, rank, work, a, lam)
+        evaluate_multipliers(eqs.terms, rank, work, a, lam)
     return code
 
 
 @inlined
-def report_state(
+def fill_reported_state(
     eqs: Any, t: float, q: Any, v: Any, rtol: float, c: Any, work: Any, a: Any, lam: Any, outputs: Any
 ) -> int:
     """Accelerations, multipliers and outputs of the system at the last projected state, whose factors exist.
 
     The record ``c`` has the rank, and takes note of where forces are not known.
     """
-    code = acceleration(eqs, t, q, v, c.rank, work, a)
+    code = evaluate_acceleration(eqs, t, q, v, c.rank, work, a)
     if code != OK:
         return code
-    if rank_at(work.pivot, c.rank, SINGULAR) < c.rank:  # neighbors have been looked at
-        factor_here(eqs, t, q, v, work)
-    multipliers(eqs.terms, c.rank, work, a, lam)
-    if unresolved(rtol, c.rank, work):
+    if rank_at(work.pivot, c.rank, SINGULAR_PIVOT_RATIO) < c.rank:  # neighbors have been looked at
+        evaluate_and_factor(eqs, t, q, v, work)
+    evaluate_multipliers(eqs.terms, c.rank, work, a, lam)
+    if has_unresolved_forces(rtol, c.rank, work):
         c.undetermined, c.undetermined_at = 1, t
     if outputs.shape[0] > 0:
         eqs.evaluate_outputs(a, lam, eqs.data, outputs)

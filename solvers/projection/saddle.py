@@ -26,18 +26,18 @@ from solvers.stepper import rate_of_start
 from solvers.system import Array, TreeSystem
 
 from .products import Products
-from .rank import REDUNDANT as REDUNDANT_ROW
+from .rank import REDUNDANT_PIVOT_RATIO
 
-SPRING = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
-REDUNDANT = 1e-10  # eigenvalues of a scaled Schur complement below this part of the largest count as zero
-ZERO = 1e-13  # eigenvalues of its inverse below this part of the largest are those of redundant constraints
+PENALTY_STIFFNESS = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
+# eigenvalues of a scaled Schur complement below this part of the largest count as zero
+REDUNDANT_EIGENVALUE_RATIO = 1e-10
+# eigenvalues of its inverse below this part of the largest are those of redundant constraints
+ZERO_EIGENVALUE_RATIO = 1e-13
 # Square of a row to that of the largest below which nothing works against it here: rounding is 1e-32, units make 1e-6.
-VANISHING = 1e-20
-KRYLOV, PRECISE = (
-    120,
-    1e-13,
-)  # products with the exact tangent in one solution, and the residual at which there are enough
-PASSES, CLOSED = 12, 1e-11  # of the way back onto the constraints, in units of their rows
+ZERO_ROW_SQUARE_RATIO = 1e-20
+# products with the exact tangent in one solution, and the residual at which there are enough
+MAX_KRYLOV_DIMENSION, GMRES_TOLERANCE = 120, 1e-13
+MAX_CORRECTIONS, CONSTRAINT_TOLERANCE = 12, 1e-11  # of the way back onto the constraints, in units of their rows
 
 
 @kernel
@@ -54,14 +54,14 @@ def _mobilities(mobility: Any, J: Array, data: Any, X: Array) -> None:
 
 def pseudo_inverse(S: Array) -> Array:
     """Return the pseudo-inverse (m, m) of a Schur complement whose rows are scaled to size one."""
-    inverse: Any = np.linalg.pinv(S, rcond=REDUNDANT) if len(S) else S
+    inverse: Any = np.linalg.pinv(S, rcond=REDUNDANT_EIGENVALUE_RATIO) if len(S) else S
     return np.asarray(inverse)
 
 
 def inverse_squares(squares: Array) -> Array:
     """Return the factors that scale rows of these squares (m,) to one; a row that is zero here remains small."""
     largest = squares.max(initial=0.0) or 1.0
-    return np.asarray(1.0 / np.where(squares > VANISHING * largest, squares, largest))
+    return np.asarray(1.0 / np.where(squares > ZERO_ROW_SQUARE_RATIO * largest, squares, largest))
 
 
 class Accelerations:
@@ -113,10 +113,10 @@ def count_freedom(system: TreeSystem, t: float, q: Array) -> int:
     terms = system.allocate_terms()
     system.fill_position(t, q, terms)
     sigma = np.linalg.svd(terms.J * system.size / system.row_size[:, None], compute_uv=False)
-    return system.n - int(np.count_nonzero(sigma > REDUNDANT_ROW * sigma[0]))
+    return system.n - int(np.count_nonzero(sigma > REDUNDANT_PIVOT_RATIO * sigma[0]))
 
 
-def rate_of_motion(motion: Accelerations, t: float, q: Array, v: Array, duration: float) -> float:
+def motion_rate(motion: Accelerations, t: float, q: Array, v: Array, duration: float) -> float:
     """Return the rate of a tree's motion, 1/s, for a run of ``duration`` (s): by gravity and drives, or if there are
     none as it starts.
     """
@@ -147,13 +147,13 @@ class Saddle:
         self._alpha = np.zeros(0)
         self._exact = exact and system.stepped is not None
         self._products: Products | None = None
-        self.left_out = False
+        self.is_incomplete = False
 
     def residual(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
         """Return M a + h + J^T lambda (n,) and Phi (m,); the state is left there, and J."""
         if self.system.m:
             self.system.fill_position(t, q, self.terms)
-        self.at = t, q, v, a, lam
+        self.state = t, q, v, a, lam
         return self.system.residual(t, q, v, a, lam), self.terms.Phi.copy()
 
     def factor(self, c1: float, c2: float, symmetric: bool = False, averaged: bool = False) -> bool:
@@ -162,10 +162,10 @@ class Saddle:
         ``symmetric``: as if T were. ``averaged``: (T + T^T) / 2 instead, whose negative eigenvalues are counted.
         """
         tangent, J = self.system.tangent, self.terms.J
-        self.left_out = self._exact and (self.system.moves() or bool(self.at[2].any()))
-        if self.left_out:
+        self.is_incomplete = self._exact and (self.system.moves() or bool(self.state[2].any()))
+        if self.is_incomplete:
             self._c1, self._c2 = c1, c2
-            self.products.place(*self.at)
+            self.products.set_state(*self.state)
         if self.system.m == 0:
             return tangent.factor(c1, c2, symmetric=symmetric, averaged=averaged)
         if not self._alpha.size:
@@ -208,22 +208,22 @@ class Saddle:
             return np.zeros(0, np.int64)
         root = np.sqrt(self._alpha)
         values = np.linalg.eigvals(self._inverse / np.outer(root, root))
-        floor = ZERO * np.abs(values).max()
+        floor = ZERO_EIGENVALUE_RATIO * np.abs(values).max()
         return np.where(values.imag == 0.0, np.sign(values.real) * (np.abs(values) > floor), 0).astype(np.int64)
 
-    def weigh(self, t: float, q: Array) -> None:
+    def set_penalties(self, t: float, q: Array) -> None:
         """Choose alpha at a position."""
         if self.system.m:
             motion = Accelerations(self.system)
             motion.solve(t, q, np.zeros(self.system.n))
-            self._alpha = SPRING * motion.masses
+            self._alpha = PENALTY_STIFFNESS * motion.masses
 
     def solve(self, f: Array, g: Array) -> tuple[Array, Array]:
         """Return x (n,) and y (m,)."""
-        if not self.left_out:
+        if not self.is_incomplete:
             return self._solve_structured(f, g)
         s, n = self.system, self.system.n
-        forces = self._alpha / SPRING * (s.rate or 1.0) ** 2 * s.row_size
+        forces = self._alpha / PENALTY_STIFFNESS * (s.rate or 1.0) ** 2 * s.row_size
         units = np.concatenate((s.size, forces))
 
         def structured(r: Array) -> Array:
@@ -252,14 +252,14 @@ class Saddle:
 def solve_gmres(operator: Callable[[Array], Array], b: Array) -> Array:
     """Return z with operator(z) = b (N,) by the generalized minimal residual method (Saad and Schultz 1986).
 
-    It is as good as rounding allows, or as KRYLOV products.
+    It is as good as rounding allows, or as MAX_KRYLOV_DIMENSION products.
     """
     size = float(np.linalg.norm(b))
     if not 0.0 < size < np.inf:
         return b
-    basis, H = [b / size], np.zeros((KRYLOV + 1, KRYLOV))
+    basis, H = [b / size], np.zeros((MAX_KRYLOV_DIMENSION + 1, MAX_KRYLOV_DIMENSION))
     y: Array = np.zeros(0)
-    for k in range(min(KRYLOV, len(b))):
+    for k in range(min(MAX_KRYLOV_DIMENSION, len(b))):
         w = operator(basis[k])
         whole = float(np.linalg.norm(w))
         for _ in range(2):  # once more for what rounding left
@@ -272,18 +272,18 @@ def solve_gmres(operator: Callable[[Array], Array], b: Array) -> Array:
         right[0] = size
         y = np.asarray(np.linalg.lstsq(H[: k + 2, : k + 1], right, rcond=None)[0], float)
         left = float(np.linalg.norm(H[: k + 2, : k + 1] @ y - right))
-        if left <= PRECISE * size or H[k + 1, k] <= PRECISE * whole:
+        if left <= GMRES_TOLERANCE * size or H[k + 1, k] <= GMRES_TOLERANCE * whole:
             break
         basis.append(w / H[k + 1, k])
     return np.asarray(np.array(basis[: len(y)]).T @ y)
 
 
-def close(system: TreeSystem, t: float, q: Array, v: Array) -> Code:
+def project(system: TreeSystem, t: float, q: Array, v: Array) -> Code:
     """Bring (q, v) onto the constraints, in place: least change of the coordinates (Gauss-Newton, then J v = nu)."""
     if system.m == 0:
         return Code.OK
     terms = system.allocate_terms()
-    for _ in range(PASSES):
+    for _ in range(MAX_CORRECTIONS):
         system.fill_position(t, q, terms)
         off = float(np.abs(terms.Phi / system.row_size).max())
         if not np.isfinite(off):
@@ -291,7 +291,7 @@ def close(system: TreeSystem, t: float, q: Array, v: Array) -> Code:
         with one_thread():
             scale = np.sqrt(inverse_squares(np.einsum("ij,ij->i", terms.J, terms.J)))
             inverse = scale[:, None] * pseudo_inverse(scale[:, None] * (terms.J @ terms.J.T) * scale) * scale
-            if off < CLOSED:
+            if off < CONSTRAINT_TOLERANCE:
                 v -= (inverse @ (terms.J @ v - terms.nu)) @ terms.J
                 return Code.OK
             system.apply(q, -(inverse @ terms.Phi) @ terms.J)

@@ -9,32 +9,36 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
 from solvers.inertia import INERTIA
-from solvers.linalg.dense import lq
+from solvers.linalg.dense import factor_lq
 from solvers.system import Array
 
 CRITICAL = np.dtype(
     [
-        ("kind", "i8"),  # what the critical point q_c is: solvers.projection.singular.NONE, CROSSING, or MISS
+        (
+            "kind",
+            "i8",
+        ),  # what the critical point q_c is: solvers.projection.singular.NO_CRITICAL_POINT, BIFURCATION or IMPERFECT
         ("lost", "i8"),  # number of independent rows that lose their rank there
-        ("spread", "i8"),  # dimension of the set of critical points, in q and t, if several equations lose their rank
+        # dimension of the set of critical points, in q and t, if several equations lose their rank
+        ("set_dimension", "i8"),
         ("slope", "f8"),  # of the ratio of the pivots by the distance, where it was found; 1 for one row
-        ("gap", "f8"),  # distance of the loop from one that crosses, in units of the rows
+        ("bifurcation_gap", "f8"),  # distance of the loop from one that crosses, in units of the rows
         ("t", "f8"),  # when the drives get there, s
         ("rate", "f8"),  # 1/s, unit of time in which it was looked for
-        ("behind", "i8"),  # 1: a step has gone through it
-        ("in_vain", "f8"),  # ratio of the pivots where it was looked for last and not found
+        ("is_passed", "i8"),  # 1: a step has gone through it
+        ("failed_search_ratio", "f8"),  # ratio of the pivots where it was looked for last and not found
     ],
     align=True,
 )
 
 
-COURSE = np.dtype(
+BRANCH_HISTORY = np.dtype(
     [
-        ("known", "i8"),  # is the frame determined
-        ("ratio", "f8"),  # of the pivots in the last position
-        ("fall", "f8"),  # 1/s, of it in the last step
-        ("taken", "f8"),  # s, that step
-        ("ahead", "f8"),  # s, when it would be zero, or stop, if it continues to decrease
+        ("is_frame_known", "i8"),  # is the frame determined
+        ("pivot_ratio", "f8"),  # of the pivots in the last position
+        ("decrease_rate", "f8"),  # 1/s, of it in the last step
+        ("step", "f8"),  # s, that step
+        ("time_to_singular", "f8"),  # s, when it would be zero, or stop, if it continues to decrease
     ],
     align=True,
 )
@@ -49,7 +53,7 @@ class Workspace(NamedTuple):
     size: Array  # (n,)    units of the coordinates
     size_q: Array  # (nq,)   units of the positions
     row: Array  # (m,)    units of the constraints
-    looped: Array  # (n,)    1 for coordinates that constraints know, 0 for others
+    in_loops: Array  # (n,)    1 for coordinates that constraints know, 0 for others
     rate: Array  # (2,)    1/s, of the motion, and of the loops' part in it: unit of size a second
     pace: Array  # (n,)    1/s, of every coordinate's own part in it
     A: Array  # (m, n)  L, and the reflectors of Q, of J~[pivots] = L Q^T
@@ -100,7 +104,7 @@ class Workspace(NamedTuple):
     C_pivots: NDArray[np.int64]  # (m,)  int64
     J_last: Array  # (m, n)  J~ in the last good position
     slopes: Array  # (m, n)  its part that is zero in the critical point
-    course: NDArray[Any]  # (1,)    record of COURSE: the last good position
+    branch_history: NDArray[Any]  # (1,)    record of BRANCH_HISTORY: the last accepted position
     frame: Array  # (m, n)  factors of J~ there, see solvers.projection.singular
     frame_tau: Array  # (m,)
     frame_pivots: NDArray[np.int64]  # (m,)  int64
@@ -121,16 +125,16 @@ class Workspace(NamedTuple):
             z((n, n)), z((1, n)), z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m),
             pivots_B, z((m, n)), z((m, m)), order, z(m), z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m),
             z((N, N)), z((N, N)), z(N), K_pivots, z(N), z(N), z(N), z((m, n + 1)), z(m),
-            E_pivots, z((m, n)), z((m, n)), z(m), C_pivots, z((m, n)), z((m, n)), records(1, COURSE), z((m, n)), z(m),
-            frame_pivots, z(nq), z(m), records(1, INERTIA),
+            E_pivots, z((m, n)), z((m, n)), z(m), C_pivots, z((m, n)), z((m, n)), records(1, BRANCH_HISTORY),
+            z((m, n)), z(m), frame_pivots, z(nq), z(m), records(1, INERTIA),
         )  # fmt: skip
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that a motion cannot go on without."""
-        known = (self.row, self.looped, self.rate, self.pace, self.critical, self.q_c, self.u)
+        known = (self.row, self.in_loops, self.rate, self.pace, self.critical, self.q_c, self.u)
         point = (self.C, self.C_tau, self.C_pivots, self.J_last)
         frame = (self.frame, self.frame_tau, self.frame_pivots)
-        return [*known, *point, self.course, *frame, self.q_last, self.nu_last, self.inertia]
+        return [*known, *point, self.branch_history, *frame, self.q_last, self.nu_last, self.inertia]
 
 
 @kernel
@@ -140,7 +144,7 @@ def factor(terms: Any, work: Any) -> None:
     for i in range(m):
         for j in range(n):
             work.A[i, j] = terms.J[i, j] * (work.size[j] / work.row[i])
-    lq(work.A, m, n, work.tau, work.pivots, work.pivot)
+    factor_lq(work.A, m, n, work.tau, work.pivots, work.pivot)
     for i in range(m):
         work.pivot[i] = abs(work.A[i, i]) if i < n else 0.0
 
@@ -151,18 +155,18 @@ def factor_transposed(m: int, rank: int, work: Any) -> None:
     for k in range(rank):
         for i in range(m):
             work.B[k, work.pivots[i]] = work.A[i, k] if i >= k else 0.0
-    lq(work.B, rank, m, work.tau_B, work.pivots_B, work.x)
+    factor_lq(work.B, rank, m, work.tau_B, work.pivots_B, work.x)
 
 
 @kernel
-def factor_here(eqs: Any, t: float, q: Any, v: Any, work: Any) -> None:
+def evaluate_and_factor(eqs: Any, t: float, q: Any, v: Any, work: Any) -> None:
     """Fill ``terms`` at (t, q, v) and factor their J."""
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
     factor(eqs.terms, work)
 
 
 @inlined
-def scaled_length(x: Any, work: Any) -> float:
+def scaled_norm(x: Any, work: Any) -> float:
     """|x|, x (n,) a change of the coordinates in units of their size."""
     square = 0.0
     for i in range(x.shape[0]):
@@ -175,7 +179,7 @@ def loop_speed(v: Any, work: Any) -> float:
     """|v| of the coordinates that constraints know, in units of their size a second."""
     square = 0.0
     for i in range(v.shape[0]):
-        square += (work.looped[i] * v[i] / work.size[i]) ** 2
+        square += (work.in_loops[i] * v[i] / work.size[i]) ** 2
     return np.sqrt(square)
 
 

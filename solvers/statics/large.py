@@ -40,7 +40,7 @@ class TreeEquilibriumSolver(EquilibriumSolver):
 
     def run_trial(self, q: Array) -> None:
         """See the base."""
-        self._saddle.weigh(0.0, q)
+        self._saddle.set_penalties(0.0, q)
         forces, gaps = self.residual(0.0, q, np.zeros(self.system.m))
         if self._saddle.factor(0.0, 1.0):
             self._moved(q, 0.0 * self._saddle.solve(forces, gaps)[0])
@@ -55,7 +55,7 @@ class TreeEquilibriumSolver(EquilibriumSolver):
 
     def _balancing(self, t: float, q: Array) -> Array:
         """Return none; Newton finds them in its first step."""
-        self._saddle.weigh(t, q)
+        self._saddle.set_penalties(t, q)
         return np.zeros(self.system.m)
 
     def _strayed(self, moved: Array) -> bool:
@@ -74,7 +74,7 @@ class TreeEquilibriumSolver(EquilibriumSolver):
         return Unknowns(self._moved(at.q, part * step), at.lam + part * reaction)
 
     def _accelerate(self, t: float, q: Array) -> Array:
-        self._saddle.weigh(t, q)
+        self._saddle.set_penalties(t, q)
         forces, gaps = self.residual(t, q, np.zeros(self.system.m))
         return self._saddle.solve(-forces, 0.0 * gaps)[0] if self._saddle.factor(0.0, 1.0) else 0.0 * forces
 

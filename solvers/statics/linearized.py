@@ -137,7 +137,7 @@ class TreeLinearized(Linearized):
 
     def inspect(self, q: Array, lam: Array) -> int:
         """See the base."""
-        self._saddle.weigh(0.0, q)
+        self._saddle.set_penalties(0.0, q)
         moving = self._system.moves() or bool(self._v.any())
         if self._system.tangent.symmetric and not moving:
             self.residual(q, lam)
@@ -153,8 +153,8 @@ class TreeLinearized(Linearized):
     def _count_assembled(self) -> int:
         """Return the negative eigenvalues of the exact matrix at the last state."""
         products, units = self._saddle.products, self.size
-        if not self._saddle.left_out:
-            products.place(*self._saddle.at)
+        if not self._saddle.is_incomplete:
+            products.set_state(*self._saddle.state)
         K = products.matrix(1.0, 0.0, 0.0)
         basis = allowed_motions(self._saddle.terms.J, units, self._system.row_size)
         return negative_eigenvalues(basis.T @ K @ basis, PIVOT)

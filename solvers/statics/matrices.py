@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from solvers.projection.products import EPSILON, Products
+from solvers.projection.products import COMPLEX_STEP, Products
 from solvers.system import Array, System, TreeSystem
 
 LARGEST_ASSEMBLED = 300  # coordinates of a large tree up to which its matrices are assembled
@@ -96,7 +96,7 @@ def linearized_matrices(
 def _tree_terms(system: TreeSystem, t: float, q: Array, v: Array, lam: Array) -> tuple[Array, Array, Array, Array]:
     """Return M, C, K (n, n) and J (m, n) of a large tree."""
     products, terms = Products(system), system.allocate_terms()
-    products.place(t, q, v, np.zeros(system.n), lam)
+    products.set_state(t, q, v, np.zeros(system.n), lam)
     M, C, K = (products.matrix(*which) for which in np.eye(3)[::-1])
     if system.m:
         system.fill_position(t, q, terms)
@@ -107,13 +107,13 @@ def _dense_terms(system: System, t: float, q: Array, v: Array, lam: Array) -> tu
     """Return M, C, K (n, n) and J (m, n) by the complex twin of a small system."""
     terms, n = system.allocate_terms(complex), system.n
     C, K = np.zeros((n, n)), np.zeros((n, n))
-    for k, unit in enumerate(EPSILON * 1j * np.eye(n)):
+    for k, unit in enumerate(COMPLEX_STEP * 1j * np.eye(n)):
         system.fill(t, q.astype(complex), v + unit, terms)
-        C[:, k] = terms.h.imag / EPSILON
+        C[:, k] = terms.h.imag / COMPLEX_STEP
         moved = q.astype(complex)
         system.apply(moved, unit)
         system.fill(t, moved, v.astype(complex), terms)
-        K[:, k] = (terms.h + terms.J.T @ lam).imag / EPSILON
+        K[:, k] = (terms.h + terms.J.T @ lam).imag / COMPLEX_STEP
     return terms.M.real.copy(), C, K, terms.J.real.copy()
 
 

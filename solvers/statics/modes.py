@@ -36,10 +36,10 @@ class LowestModes:
     def __init__(self, system: TreeSystem, q: Array, v: Array, lam: Array) -> None:
         self.system, self.saddle, self._at = system, Saddle(system, exact=True), (q, v, lam)
         self.still = np.zeros(system.n)
-        self.saddle.weigh(0.0, q)
+        self.saddle.set_penalties(0.0, q)
         self.saddle.residual(0.0, q, v, self.still, lam)
         self.products = self.saddle.products
-        self.products.place(0.0, q, v, self.still, lam)
+        self.products.set_state(0.0, q, v, self.still, lam)
         self.beside = [self._products_beside(k) for k in range(SAMPLES)]
 
     def _products_beside(self, seed: int) -> Products:
@@ -49,7 +49,7 @@ class LowestModes:
         system.apply(moved, LAST_DIGITS * random.uniform(-1.0, 1.0, system.n) * system.size)
         v, lam = (x * (1.0 + LAST_DIGITS * random.uniform(-1.0, 1.0, len(x))) for x in (v, lam))
         found = Products(system)
-        found.place(0.0, moved, v, self.still, lam)
+        found.set_state(0.0, moved, v, self.still, lam)
         return found
 
     @property

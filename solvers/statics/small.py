@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.held import hold
 from solvers.compiled.kernel import kernel
-from solvers.linalg.dense import full_pivot, solve_full_pivot
+from solvers.linalg.dense import factor_full_pivot, solve_full_pivot
 from solvers.linalg.svd import decompose, pseudo_inverse_transposed
 from solvers.system import Array, Equations, System
 
@@ -200,7 +200,7 @@ def factor(s: Any) -> bool:
             if not np.isfinite(s.K[i, j]):
                 return False
             s.LU[i, j] = s.K[i, j]
-    s.rank[0] = full_pivot(s.LU, N, N, PIVOT, s.order, s.columns)
+    s.rank[0] = factor_full_pivot(s.LU, N, N, PIVOT, s.order, s.columns)
     return True
 
 
@@ -303,7 +303,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         rows, columns = np.zeros(m, np.int64), np.zeros(n, np.int64)
         scaled = self._terms.J.real * self.system.size / self.system.row_size[:, np.newaxis]
         self._stuck = bool((np.abs(scaled).max(axis=1, initial=0.0) < SINGULAR_POSITION).any())
-        rank = full_pivot(scaled, m, n, INDEPENDENT, rows, columns)
+        rank = factor_full_pivot(scaled, m, n, INDEPENDENT, rows, columns)
         return np.sort(rows[:rank])
 
     def run_trial(self, q: Array) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from solvers.codes import coded
 from solvers.compiled.held import hold
-from solvers.ledger import Scales
+from solvers.energy_account import EnergyScales
 from solvers.outcome import CODES, Code
 from solvers.stepper import Samples
 from solvers.system import Array
@@ -28,7 +28,7 @@ class Given(NamedTuple):
     scales: Any
     q: Array  # the reported state
     v: Array
-    ledger: Array
+    energy_account: Array
 
 
 class CompiledLoopStepper(DenseStepper):
@@ -48,9 +48,9 @@ class CompiledLoopStepper(DenseStepper):
     def _set_up(self, memory: Any) -> None:
         """Let the loop have what it remembers, a tuple of arrays, and begin."""
         self._held, n = hold(memory), self.system.n
-        self._scales = Scales.of(self.options.rtol, np.zeros(n), np.zeros(n))
+        self._scales = EnergyScales.of(self.options.rtol, np.zeros(n), np.zeros(n))
         own = self._eqs, self._settings, self._held, self._work, hold(self._scales)
-        self.given = hold(Given(*own, self._q, self._v, self._ledger))
+        self.given = hold(Given(*own, self._q, self._v, self._energy_account))
         self.loop.set_up(self.given, self._rank, self.options.absolute)
         self.restart()
 
@@ -64,7 +64,7 @@ class CompiledLoopStepper(DenseStepper):
         code, done = self.loop.sample(self.given, times, *out, outputs)
         last = min(done, len(times) - 1)
         self._t = min(float(times[last]), float(self._control["t"]))
-        self._q[:], self._v[:], self._ledger[:] = out.q[last], out.v[last], out.ledger[last]
+        self._q[:], self._v[:], self._energy_account[:] = out.q[last], out.v[last], out.energy_account[last]
         self.status = self._status(CODES[code])
         if self._control["undetermined"]:
             self.undetermined_at = float(self._control["undetermined_at"])

@@ -11,10 +11,10 @@ from solvers.compiled.held import hold
 from solvers.compiled.kernel import COMPILED, kernel
 from solvers.options import Options
 from solvers.outcome import OK, Code
-from solvers.projection.projection import close
-from solvers.projection.rank import normal_rank
-from solvers.projection.reported import evaluate, unresolved
-from solvers.projection.singular import CROSSING, MISS, NONE, judge
+from solvers.projection.projection import project
+from solvers.projection.rank import find_normal_rank
+from solvers.projection.reported import evaluate_state, has_unresolved_forces
+from solvers.projection.singular import BIFURCATION, IMPERFECT, NO_CRITICAL_POINT, classify_singularity
 from solvers.projection.workspace import Workspace, factor
 from solvers.stepper import Stepper, own_rate, rate_of_start, require_placed, require_resolved
 from solvers.system import Array, Equations, System, Terms
@@ -27,10 +27,10 @@ RANK_LOSS_RATIO = 1e-9  # singular value of J~, relative to the largest, below w
 
 @kernel
 def classify_nearest_singularity(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
-    """Class of the singular configuration next to q; see :func:`solvers.projection.singular.judge`."""
+    """Class of the singular configuration next to q; see :func:`solvers.projection.singular.classify_singularity`."""
     eqs.position(t, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
-    return judge(eqs, t, q, rank, work)
+    return classify_singularity(eqs, t, q, rank, work)
 
 
 @kernel
@@ -40,13 +40,13 @@ def estimate_rates(
     """Note the rate of the motion (1/s, see :func:`solvers.stepper.rate_of_start`), and of every coordinate's own part
     in it: a stiff spring at one of them is not to make the others' tolerances coarse.
     """
-    if evaluate(eqs, t, q, v, rank, work, work.slope, work.lam) != OK:
+    if evaluate_state(eqs, t, q, v, rank, work, work.slope, work.lam) != OK:
         for k in range(v.shape[0]):
             work.slope[k] = 0.0
     rate = rate_of_start(known, duration, work.size, v, work.slope)
     for k in range(v.shape[0]):
         work.pace[k] = own_rate(work.size[k], v[k], work.slope[k])
-        loop_rate = max(loop_rate, work.pace[k] * work.looped[k])
+        loop_rate = max(loop_rate, work.pace[k] * work.in_loops[k])
     work.rate[0], work.rate[1] = rate, loop_rate if loop_rate != 0.0 else rate
     for k in range(v.shape[0]):
         work.pace[k] = max(INITIAL_RATE_RATIO * work.pace[k], MIN_RATE_RATIO * rate)
@@ -65,8 +65,8 @@ class DenseStepper(Stepper):
         self._units.size[:] = system.size
         self._units.size_q[:] = system.position_sizes(system.size)
         require_placed(self._q, self._units.size_q, self.options.rtol, system.coordinate_names)
-        self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
-        code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
+        self._rank = find_normal_rank(self._eqs, self._t, self._q, self._v, self._work)
+        code = project(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.starts_singular = self._loses_rank()
         self.status = self._status(Code(code))
         known = system.rate, system.loop_rate, self.options.duration
@@ -88,9 +88,9 @@ class DenseStepper(Stepper):
         """
         if self._rank == 0:
             return nan
-        self._units.critical["kind"], self._units.critical["in_vain"] = NONE, 0.0
+        self._units.critical["kind"], self._units.critical["failed_search_ratio"] = NO_CRITICAL_POINT, 0.0
         kind = classify_nearest_singularity(self._eqs, t, q, self._rank, self._work)
-        return {CROSSING: 0.0, MISS: float(abs(self._units.critical["gap"][0]))}.get(kind, nan)
+        return {BIFURCATION: 0.0, IMPERFECT: float(abs(self._units.critical["bifurcation_gap"][0]))}.get(kind, nan)
 
     def _growth(self) -> tuple[float, float]:
         """Return the largest rate growth so far and its time (s), see :mod:`solvers.inertia`."""
@@ -104,8 +104,8 @@ class DenseStepper(Stepper):
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
         a, lam = np.zeros(self.system.n), np.zeros(self.system.m)
-        code = evaluate(self._eqs, self._t, self._q, self._v, self._rank, self._work, a, lam)
+        code = evaluate_state(self._eqs, self._t, self._q, self._v, self._rank, self._work, a, lam)
         return Code(code), a, lam
 
     def _undetermined(self) -> bool:
-        return bool(unresolved(self.options.rtol, self._rank, self._work))
+        return bool(has_unresolved_forces(self.options.rtol, self._rank, self._work))

@@ -13,7 +13,7 @@ import pytest
 from fans import fan, parallel, turned
 from watch import Watch
 
-from solvers.projection.singular import SINGULAR
+from solvers.projection.singular import SINGULAR_PIVOT_RATIO
 
 SPREADS = (0.0, 1e-9, 1e-7, 1e-5, 1e-4, 1e-3, 1e-2, 0.1)  # rad, between the loops
 DISTANCES = (0.2, 0.05, 1e-2, 3e-3)  # rad, from the singular positions before the step
@@ -28,7 +28,7 @@ def draw(loops: int, spread: float):
 def begin(watch: Watch, q) -> bool:
     """Begin at q; False: it is nearly singular itself, so that no step can be compared with it."""
     watch.begin(q)
-    return watch.motion._units.course["ratio"][0] >= SINGULAR
+    return watch.motion._units.branch_history["pivot_ratio"][0] >= SINGULAR_PIVOT_RATIO
 
 
 def choices(loops: int):

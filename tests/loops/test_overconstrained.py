@@ -80,7 +80,7 @@ def test_a_jump_to_the_branch_of_two_freedoms_is_found(angle: float) -> None:
     for sign in (1.0, -1.0):
         q = lifted(sign * angle)
         for part, accepted in ((-0.8, True), (0.5, True)):
-            assert watch.begin(q) == singular.CROSSING
+            assert watch.begin(q) == singular.BIFURCATION
             assert watch.motion._units.critical["lost"] == 2
             np.testing.assert_allclose(watch.motion._units.q_c, lifted(0.0), atol=1e-9)
             assert watch.passes(lifted(part * sign * angle)) == accepted

@@ -85,7 +85,7 @@ def test_a_jump_of_any_number_of_loops_is_found(loops: int) -> None:
     for angle in (0.1, 0.01) if loops < 10 else (2e-3,):
         q = parallel(loops, angle)
         for there, accepted in ((parallel(loops, -0.8 * angle), True), (parallel(loops, 0.5 * angle), True)):
-            assert watch.begin(q) == singular.CROSSING
+            assert watch.begin(q) == singular.BIFURCATION
             critical = watch.motion._units.critical
             assert critical["lost"] == loops
             np.testing.assert_allclose(watch.motion._units.q_c, 0.0, atol=1e-9)

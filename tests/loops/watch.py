@@ -15,11 +15,11 @@ from solvers.projection.workspace import factor
 def begin(eqs, q, rank, work):
     """Let q be the last good position; return the kind of the critical point next to it."""
     c = work.critical[0]
-    c.kind, c.in_vain, work.course[0].ratio = singular.NONE, 0.0, 0.0
+    c.kind, c.failed_search_ratio, work.branch_history[0].pivot_ratio = singular.NO_CRITICAL_POINT, 0.0, 0.0
     eqs.position(0.0, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
-    kind = singular.judge(eqs, 0.0, q, rank, work)
-    singular.note(eqs, 0.0, q, 0.0, 0.0, rank, work)
+    kind = singular.classify_singularity(eqs, 0.0, q, rank, work)
+    singular.record_accepted(eqs, 0.0, q, 0.0, 0.0, rank, work)
     return kind
 
 
@@ -28,7 +28,7 @@ def passes(eqs, q, rank, work):
     """Whether a step from the last good position to q is accepted."""
     eqs.position(0.0, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
-    return singular.passed(eqs, 0.0, q, singular.CLOSED, rank, work)
+    return singular.on_same_branch(eqs, 0.0, q, singular.BRANCH_RESOLUTION, rank, work)
 
 
 class Watch:

@@ -25,7 +25,7 @@ def call_power(function: Any, t: float, q: Any, v: Any, a: Any, lam: Any, data: 
 
 
 @kernel
-def call_exposure(function: Any, rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
+def call_energy_bound(function: Any, rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
     function(rtol, place, rate, data, out)
 
 
@@ -61,7 +61,7 @@ def test_power_of_loops_is_the_rate_of_their_energy(case: Case) -> None:
 
 @settings(deadline=None)
 @given(cases(forces=True))
-def test_exposure_is_momentum_and_bias_by_tolerance(case: Case) -> None:
+def test_energy_bound_is_momentum_and_bias_by_tolerance(case: Case) -> None:
     plant, system = case.plant, case.plant.system
     terms, out, zero = system.allocate_terms(), np.zeros(2), np.zeros(system.n)
     energy, turned = plant.energy(case.t, case.q, case.v), turns(plant)
@@ -69,14 +69,14 @@ def test_exposure_is_momentum_and_bias_by_tolerance(case: Case) -> None:
     for i, e in enumerate(np.eye(system.n)):
         p = 0.5 * (plant.energy(case.t, case.q, case.v + e) - plant.energy(case.t, case.q, case.v - e))
         system.fill(case.t, case.q, case.v, terms)
-        call_exposure(system.exposure, 0.0, zero, e, system.held_data, out)
+        call_energy_bound(system.evaluate_energy_bound, 0.0, zero, e, system.held_data, out)
         assert out[0] == pytest.approx(abs(p), **close)
         system.fill(case.t, case.q, case.v, terms)
-        call_exposure(system.exposure, 0.0, e, zero, system.held_data, out)
+        call_energy_bound(system.evaluate_energy_bound, 0.0, e, zero, system.held_data, out)
         assert out[0] == pytest.approx(abs(terms.h[i]), **close)
     assert out[1] == pytest.approx(0.5 * case.v @ terms.M @ case.v, **close)
     system.fill(case.t, case.q, case.v, terms)
-    call_exposure(system.exposure, 1e-3, zero, zero, system.held_data, out)
+    call_energy_bound(system.evaluate_energy_bound, 1e-3, zero, zero, system.held_data, out)
     reach = np.array([abs(case.q[k]) if k >= 0 else 2.0 for k in turned])
     expected = np.concatenate((terms.h * reach, (terms.M @ case.v) * case.v))
     assert out[0] == pytest.approx(1e-3 * np.linalg.norm(expected), **close)
@@ -93,7 +93,7 @@ def turns(plant: Plant) -> list[int]:
 
 @settings(deadline=None)
 @given(cases(driven=True))
-def test_exposure_counts_a_drive_by_its_effort_and_momentum(case: Case) -> None:
+def test_energy_bound_counts_a_drive_by_its_effort_and_momentum(case: Case) -> None:
     system, out, n = case.plant.system, np.zeros(2), case.plant.system.n
     terms = system.allocate_terms()
     found = observed(case, case.t, case.q, case.v, np.zeros(n), np.zeros(0))
@@ -105,10 +105,10 @@ def test_exposure_counts_a_drive_by_its_effort_and_momentum(case: Case) -> None:
     ]
     close = {"rel": 1e-7, "abs": 1e-9 * max(1.0, abs(energy))}
     system.fill(case.t, case.q, case.v, terms)
-    call_exposure(system.exposure, 0.0, np.ones(n), np.zeros(n), system.held_data, out)
+    call_energy_bound(system.evaluate_energy_bound, 0.0, np.ones(n), np.zeros(n), system.held_data, out)
     assert out[0] == pytest.approx(np.linalg.norm([*terms.h, found["b0.effort"]]), **close)
     system.fill(case.t, case.q, case.v, terms)
-    call_exposure(system.exposure, 0.0, np.zeros(n), np.ones(n), system.held_data, out)
+    call_energy_bound(system.evaluate_energy_bound, 0.0, np.zeros(n), np.ones(n), system.held_data, out)
     speed = found["b0.drive_rate"]
     assert out[0] * abs(speed) == pytest.approx(np.linalg.norm([*(speed * np.array(p)), action]), **close)
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from mbfmu.mechanics import Harmonic, JointForce, JointSpring, Mechanism, Plant, Revolute, Spherical, Translational
 from mbfmu.mechanics.recursions.aba import drive_efforts, forward_dynamics, unforced
 from mbfmu.mechanics.recursions.dynamics import move, solved
-from mbfmu.mechanics.recursions.energy import exposure, inertia_parts
+from mbfmu.mechanics.recursions.energy import evaluate_energy_bound, inertia_parts
 
 SEVERAL = [joint for joint in MOVING if joint.nv >= 2]
 PLAIN = [joint for joint in MOVING if joint.nv == joint.nq]
@@ -193,7 +193,7 @@ def test_extent_of_a_motion_is_measured_in_tolerances(joint: Any) -> None:
     system.apply(q, random.normal(size=n))
     for at, speed in ((case.q, case.v), (q, v)):
         system.fill(case.t, at, speed, terms)
-        exposure(1e-3, place, rate, *plant.kernel_data, found)
+        evaluate_energy_bound(1e-3, place, rate, *plant.kernel_data, found)
         assert found[3] == pytest.approx(np.max(np.abs(speed) / rate), rel=1e-12)
         assert found[2] == pytest.approx(np.max(np.abs(along(plant, at) - along(plant, case.q)) / place), rel=1e-12)
     assert found[4] == pytest.approx(v @ terms.M @ case.v, rel=1e-10)

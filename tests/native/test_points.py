@@ -55,7 +55,8 @@ def follow(
         assert native.call("read") == OK
         np.testing.assert_array_equal(native.out, simulation.outputs())
     assert (
-        simulation.energy_check is None or native.view(native.instance.balance)["level"] == simulation.energy_check.base
+        simulation.energy_check is None
+        or native.view(native.instance.balance)["reference_energy"] == simulation.energy_check.base
     )
     assert native.told["lost"] == bool(simulation.verdict)
     assert set(codes) == set(ends)
@@ -253,7 +254,7 @@ def test_balance_that_is_lost_is_told():
     simulation, native = pair(FourBar, Settings(solver="adams"))
     follow(simulation, native, torque, last=10)
     assert not native.told["lost"]
-    native.view(native.instance.balance)["level"] += 1.0
+    native.view(native.instance.balance)["reference_energy"] += 1.0
     simulation.energy_check.base += 1.0
     follow(simulation, native, torque, first=10, last=12)
     told = native.told

@@ -39,7 +39,7 @@ def matrix(sizes: list[int], inward: list[int], symmetric: bool) -> Any:
 def eliminated(sizes: list[int], inward: list[int], A: Any, symmetric: bool) -> tuple[BlockTree, bool]:
     """The tree filled with A, of a symmetric one with what is said to be read alone, and whether it is regular."""
     tree, at = BlockTree(sizes, inward), np.concatenate(([0], np.cumsum(sizes)))
-    tree.begin(symmetric)
+    tree.reset(symmetric)
     with one_thread():
         for k, inner in enumerate(inward):
             own, (D, U, L) = slice(at[k], at[k + 1]), tree._blocks[k]

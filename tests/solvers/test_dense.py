@@ -50,7 +50,7 @@ def test_least_norm_solutions_are_the_pseudo_inverse():
 def test_full_pivoting_finds_the_rank_and_independent_columns():
     J = np.array([[0.0, 1.0, 0.0, 2.0], [0.0, 2.0, 0.0, 4.0], [0.0, 0.0, 3.0, 0.0]])
     rows, columns = np.zeros(3, np.int64), np.zeros(4, np.int64)
-    assert dense.full_pivot(J.copy(), 3, 4, 1e-12, rows, columns) == 2
+    assert dense.factor_full_pivot(J.copy(), 3, 4, 1e-12, rows, columns) == 2
     assert sorted(columns[:2]) == [2, 3]
     assert sorted(columns) == [0, 1, 2, 3]
 
@@ -66,13 +66,13 @@ def test_solves(n):
     dense.solve_lu_transposed(LU, n, order, b.copy(), x)
     np.testing.assert_allclose(A.T @ x, b, atol=1e-12)
     y = b.copy()
-    assert dense.solve_positive(A @ A.T, n, y)
+    assert dense.solve_positive_definite(A @ A.T, n, y)
     np.testing.assert_allclose(A @ A.T @ y, b, atol=1e-10)
 
 
 def test_singular_matrices_are_refused():
     assert not dense.factor_lu(np.zeros((2, 2)), 2, np.zeros(2, np.int64))
-    assert not dense.solve_positive(np.zeros((2, 2)), 2, np.zeros(2))
+    assert not dense.solve_positive_definite(np.zeros((2, 2)), 2, np.zeros(2))
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 7])
@@ -82,8 +82,8 @@ def test_positive_pivots_are_the_dimension_of_a_definite_subspace(n):
         A = rng.standard_normal((n, n))
         A = A + A.T + rng.uniform(-3.0, 3.0) * np.eye(n)
         positive = int((np.linalg.eigvalsh(A) > 0.0).sum())
-        found = dense.positive_pivots(A.copy(), n)
+        found = dense.count_positive_pivots(A.copy(), n)
         assert found <= positive
         assert (found == n) == (positive == n)
     signs = np.diag(np.resize([1.0, -2.0, 3.0], n))
-    assert dense.positive_pivots(signs.copy(), n) == int((np.diag(signs) > 0.0).sum())
+    assert dense.count_positive_pivots(signs.copy(), n) == int((np.diag(signs) > 0.0).sum())

@@ -71,7 +71,7 @@ def test_both_ways_take_the_same_steps(both_ways: Ways, model: Any, end: float, 
     assert direct.statistics.rhs_evals == bound.statistics.rhs_evals
     assert direct.stepper.q == pytest.approx(bound.stepper.q, rel=apart, abs=apart)
     assert direct.stepper.v == pytest.approx(bound.stepper.v, rel=100 * apart, abs=100 * apart)
-    assert direct.stepper.ledger == pytest.approx(bound.stepper.ledger, rel=1e-6, abs=1e-9)
+    assert direct.stepper.energy_account == pytest.approx(bound.stepper.energy_account, rel=1e-6, abs=1e-9)
 
 
 def test_order_and_length_of_the_last_step_are_told() -> None:

@@ -37,23 +37,23 @@ def test_orientation_is_that_of_the_rows_in_the_axes_of_the_last_position(m: int
         factor(Terms(mix @ A), work)
         work.frame[:], work.frame_tau[:], work.frame_pivots[:] = work.A, work.tau, work.pivots
         factor(Terms(mix @ B), work)
-        way = orientation.orientation(Terms(mix @ B), rank, work)
+        way = orientation.compare_orientation(Terms(mix @ B), rank, work)
 
         Q = np.eye(n)
         for axis in Q:
-            dense.turn_out(work.frame, work.frame_tau, rank, n, axis)
+            dense.apply_Q(work.frame, work.frame_tau, rank, n, axis)
         np.testing.assert_allclose(A @ Q[rank:].T, 0.0, atol=1e-13)
         before, now = A @ Q.T, B @ Q.T
         positive = np.linalg.det(now[:, :rank]) * np.linalg.det(before[:, :rank]) > 0.0
         slopes = np.linalg.norm(np.linalg.solve(now[:, :rank], now[:, rank:]), axis=0)
-        if slopes.max(initial=0.0) <= orientation.LITTLE:
-            assert way == (orientation.STRAIGHT if positive else orientation.FLIPPED)
-        elif slopes.max() <= orientation.SLOPE:
-            assert way == (orientation.BENT if positive else orientation.TURNED)
+        if slopes.max(initial=0.0) <= orientation.SMALL_ROTATION_TANGENT:
+            assert way == (orientation.ORIENTATION_KEPT if positive else orientation.ORIENTATION_REVERSED)
+        elif slopes.max() <= orientation.MAX_ROTATION_TANGENT:
+            assert way == (orientation.LARGE_ROTATION if positive else orientation.INDETERMINATE)
         else:
-            assert way == orientation.TURNED
+            assert way == orientation.INDETERMINATE
         found.add(way)
-    assert orientation.STRAIGHT in found
+    assert orientation.ORIENTATION_KEPT in found
     assert len(found) > 1
 
 
@@ -65,7 +65,7 @@ def test_weakest_forces_are_the_left_singular_vector(m: int, n: int, rank: int, 
     sigma[rank - 1], sigma[rank:] = smallest * sigma[0], 0.0
     terms, work = Terms(U * sigma @ Vt), Workspace.allocate(n, n, m)
     factor(terms, work)
-    critical.weakest(terms, rank, work)
+    critical.find_left_null_vector(terms, rank, work)
     assert abs(work.u @ U[:, rank - 1]) == pytest.approx(1.0, abs=1e-9)
 
 
@@ -74,6 +74,6 @@ def test_damping_leaves_what_is_nearly_singular_where_it_is() -> None:
     work = Workspace.allocate(3, 3, 2)
     K = rng.standard_normal((7, 7)) @ np.diag((1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1e-6))
     work.K[:], work.g[:] = K, 1.0
-    assert critical.damped_step(1e-4, work)
+    assert critical.solve_damped_step(1e-4, work)
     np.testing.assert_allclose(work.change, np.linalg.solve(K.T @ K + 1e-4 * np.eye(7), K.T @ np.ones(7)), atol=1e-9)
     assert np.abs(work.change).max() < 1e-3 * np.abs(np.linalg.solve(K, np.ones(7))).max()

@@ -225,9 +225,9 @@ def test_a_sample_is_what_advancing_step_by_step_gives(name):
     stepper, other = run(name, 1e-6, times=())[0], run(name, 1e-6, times=())[0]
     samples = stepper.sample(times)
     assert len(samples.q) == len(times)
-    for t, q, v, a, lam, ledger in zip(times, *samples, strict=True):
+    for t, q, v, a, lam, energy_account in zip(times, *samples, strict=True):
         assert other.advance(t).ok
-        np.testing.assert_array_equal(ledger, other.ledger)
+        np.testing.assert_array_equal(energy_account, other.energy_account)
         np.testing.assert_array_equal(q, other.q)
         np.testing.assert_array_equal(v, other.v)
         for own, theirs in zip((a, lam), other.accelerations(), strict=True):

@@ -73,7 +73,7 @@ class Systems:
     def dense(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
         """Return the system by its matrices."""
         dynamics, position, motion, retract, energy = callbacks(scalar)
-        power, exposure = work_callbacks(tree=False) if scalar is float else (None, None)
+        power, evaluate_energy_bound = work_callbacks(tree=False) if scalar is float else (None, None)
         return System(
             **self._common(constraint_names, data),
             dynamics=dynamics,
@@ -83,7 +83,7 @@ class Systems:
             energy=energy,
             loop_rate=self._loop_rate(),
             power=power,
-            exposure=exposure,
+            evaluate_energy_bound=evaluate_energy_bound,
             evaluate_outputs=outputs_callback() if scalar is float else None,
         )
 
@@ -91,7 +91,7 @@ class Systems:
         """Return the system of a large tree."""
         data = self._compiled.data
         inverse, forward, mobility, position, constraints, retract = tree_callbacks()
-        power, exposure = work_callbacks(tree=True)
+        power, evaluate_energy_bound = work_callbacks(tree=True)
         return TreeSystem(
             **self._common(constraint_names, data),
             inverse=inverse,
@@ -108,7 +108,7 @@ class Systems:
             moves=self._moves,
             inertia_parts=inertia_callback(),
             power=power,
-            exposure=exposure,
+            evaluate_energy_bound=evaluate_energy_bound,
         )
 
     def _positions(self) -> Positions:

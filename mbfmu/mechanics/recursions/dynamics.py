@@ -22,7 +22,7 @@ from .aba import drive_efforts, forward_dynamics, unforced
 from .applied import apply_loads
 from .constraints import evaluate_constraints, jacobian, load_constraints, right_hand_side
 from .crba import composite_inertia, mass_matrix
-from .energy import exposure as exposure_of
+from .energy import evaluate_energy_bound as energy_bound_of
 from .energy import inertia_parts as inertia_parts_of
 from .energy import kinetic_energy, potential_energy
 from .energy import power as power_of
@@ -188,9 +188,11 @@ def solved_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float
     return power_of(t, arrays, state) if arrays.world[0].works == 1 else 0.0
 
 
-def exposure(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
-    """See :func:`.energy.exposure`; :func:`dynamics`, or :func:`inverse` of a = 0 and lam = 0, was called last."""
-    exposure_of(rtol, place, rate, data.arrays, data.state, out)
+def evaluate_energy_bound(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
+    """See :func:`.energy.evaluate_energy_bound`; :func:`dynamics`, or :func:`inverse` of a = 0 and lam = 0, was called
+    last.
+    """
+    energy_bound_of(rtol, place, rate, data.arrays, data.state, out)
 
 
 def inertia_parts(data: Any, out: Any) -> None:
@@ -348,12 +350,14 @@ def stepped_callbacks() -> tuple[Callable[..., Any], ...]:
 
 @cache
 def work_callbacks(tree: bool) -> tuple[Callable[..., Any], ...]:
-    """Return power and exposure as a solver takes them; compiled on first use."""
+    """Return the callbacks of power and energy bound of a solver; compiled on first use."""
     if not COMPILED:
-        return solved_power if tree else power, exposure
+        return solved_power if tree else power, evaluate_energy_bound
     data, real, vector = held_type(empty_data()), types.float64, types.float64[::1]
     work = callback(types.float64(real, vector, vector, vector, vector, data))
-    return work(solved_power if tree else power), callback(types.void(real, vector, vector, data, vector))(exposure)
+    return work(solved_power if tree else power), callback(types.void(real, vector, vector, data, vector))(
+        evaluate_energy_bound
+    )
 
 
 @cache

@@ -95,7 +95,7 @@ def generalized_momenta(arrays: Any, state: Any) -> float:
 
 
 @inlined
-def exposure(rtol: float, place: Any, rate: Any, arrays: Any, state: Any, out: Any) -> None:
+def evaluate_energy_bound(rtol: float, place: Any, rate: Any, arrays: Any, state: Any, out: Any) -> None:
     """out = (root of the sum over all coordinates of (h dq)^2 + (p dv)^2, kinetic energy), J.
 
     h is State.tau, the bias; dq = rtol |q| + place and dv = rtol |v| + rate with the absolute tolerances (n,) of the

@@ -281,7 +281,7 @@ class Tangent:
         self._steps.q[:], self._steps.v[:] = self._state.q, self._state.v
         along_joints(c1, L, arrays, state, twin, scratch.along)
         scratch.apart[:] = 0.0
-        self._tree.begin(symmetric, averaged)
+        self._tree.reset(symmetric, averaged)
         self.factored += 1
         handed: dict[int, Array] = {}  # what groups have added to their neighbor's own rows
         for group, panels in enumerate(self._panels):

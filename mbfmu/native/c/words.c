@@ -120,7 +120,7 @@ void tell_loss(const Instance *own, char text[SAYS])
     const Told *told = (const Told *)(own->block + own->header->told_at);
     double most = fabs(told->energy_error);
     char at[32], lost[32], part[32], all[32];
-    if (told->lost == UNSURE) {
+    if (told->lost == PASSAGE_INACCURATE) {
         SAY(text, "the energy error is too large at t = ", in_so_many(at, 6, told->lost_at),
             " s: the energy has changed by ", in_so_many(lost, 3, most), " J ", told->energy_error > 0.0 ? "more" : "less",
             " than the work done on the mechanism, which is ", in_so_many(part, 2, most / told->passage), " of the ",

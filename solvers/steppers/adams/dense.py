@@ -47,8 +47,8 @@ class AdamsStepper(ExplicitStepper, CompiledLoopStepper):
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        seen = self._scales.found
-        return [*self._history, self.clock, self._q, self._v, self._ledger, seen, *self._units.memory()]
+        seen = self._scales.bound_results
+        return [*self._history, self.clock, self._q, self._v, self._energy_account, seen, *self._units.memory()]
 
     @property
     def statistics(self) -> Statistics:

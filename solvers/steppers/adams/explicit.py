@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from solvers.ledger import WORK
+from solvers.energy_account import WORK
 from solvers.stepper import Stepper, sized
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.system import Array
@@ -30,7 +30,7 @@ class ExplicitStepper(Stepper):
         """Whether work is to be booked."""
 
     def _limit(self, longest: float) -> None:
-        limit_steps(self._held, self._settings, self._t, self._q, self._v, float(self._ledger[WORK]), longest)
+        limit_steps(self._held, self._settings, self._t, self._q, self._v, float(self._energy_account[WORK]), longest)
 
     def restart(self) -> None:
         """Begin a new history at the reported state with the next step."""
@@ -42,7 +42,7 @@ class ExplicitStepper(Stepper):
 
     def _begin(self, singles: int, renew: int, kept: bool) -> None:
         self._settings["works"] = self._watched and self.system.works()
-        begin_anew(self._held, self._t, self._q, self._v, float(self._ledger[WORK]), singles, renew, kept)
+        begin_anew(self._held, self._t, self._q, self._v, float(self._energy_account[WORK]), singles, renew, kept)
 
     def jump(self, dv: Array) -> None:
         """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""

@@ -17,7 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
-from solvers.ledger import FIELDS, SLIP, book_stray, look_anew, set_scales
+from solvers.energy_account import (
+    ACCOUNT_FIELDS,
+    WORK_ERROR_SAFETY,
+    add_energy_error_bound,
+    reset_check_schedule,
+    set_energy_scales,
+)
 from solvers.steppers.step_control import FIRST_STEP_RATIO
 from solvers.system import Array
 
@@ -53,7 +59,7 @@ CONTROL = np.dtype(
         ("coarser", "f8"), ("coarsest", "f8"),  # tolerance of this step in units of the requested one, and its largest
         ("narrowest", "f8"),  # the gap that made it so
         ("undetermined", "i8"), ("undetermined_at", "f8"),  # 1: requested forces were not resolved, and the last time
-        *FIELDS,
+        *ACCOUNT_FIELDS,
     ],
     align=True,
 )  # fmt: skip
@@ -124,7 +130,7 @@ def begin_anew(H: Any, t: float, q: Any, v: Any, work: float, singles: int, rene
     c = H.control[0]
     c.placed = c.placed if kept and c.t == t else 0
     c.t, c.start, c.singles, c.renew = t, 1, singles, renew
-    look_anew(H.control)
+    reset_check_schedule(H.control)
     join(q, v, H.y)
     H.y[H.y.shape[0] - 1] = work
 
@@ -138,7 +144,7 @@ def set_units(H: Any, absolute: float, work: Any, scales: Any) -> None:
     for i in range(n):
         H.unit[nq + i] = work.pace[i] * work.size[i]
     H.unit[nq + n] = 1.0
-    set_scales(scales, absolute, work.size, work.pace)
+    set_energy_scales(scales, absolute, work.size, work.pace)
 
 
 @inlined
@@ -280,13 +286,13 @@ def correct_work(c: Any, H: Any, power: float) -> None:
 
 @inlined
 def book_step(c: Any, H: Any) -> None:
-    """Book the work of a step, its error and what else the energy may stray; see :mod:`solvers.ledger`."""
+    """Book the work of a step, its error and what else the energy may stray; see :mod:`solvers.energy_account`."""
     last = H.y.shape[0] - 1
-    c.through += abs(H.trial[last] - H.y[last])
+    c.work_total_variation += abs(H.trial[last] - H.y[last])
     part = c.g[c.k] - c.g[c.k + 1]
-    if c.corners > 0.0:  # the difference of two orders is small, though the power is wrong by its correction
-        part = max(part, 1.0 / SLIP)
-    book_stray(c, c.h * part * (H.yp[last] - H.phi[last, 1]), c.h)
+    if c.corner_rejections > 0.0:  # the difference of two orders is small, though the power is wrong by its correction
+        part = max(part, 1.0 / WORK_ERROR_SAFETY)
+    add_energy_error_bound(c, c.h * part * (H.yp[last] - H.phi[last, 1]), c.h)
 
 
 @inlined

@@ -8,17 +8,24 @@ from __future__ import annotations
 from typing import Any
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.linalg.dense import positive_determinant
+from solvers.linalg.dense import is_determinant_positive
 from solvers.projection.lu_partition import (
-    better_choice,
-    choose,
+    choose_partition,
     factor_dependent,
-    same_choice,
-    smallest_pivot,
-    span_dependent,
-    tangents_turned,
+    fill_dependent_tangents,
+    have_tangents_turned,
+    is_better_partition,
+    is_same_partition,
+    smallest_pivot_ratio,
 )
-from solvers.projection.singular import AHEAD, NONE, SINGULAR, hold_frame, note, time_left
+from solvers.projection.singular import (
+    LOOKAHEAD_STEPS,
+    NO_CRITICAL_POINT,
+    SINGULAR_PIVOT_RATIO,
+    extrapolate_to_zero,
+    record_accepted,
+    store_reference_frame,
+)
 from solvers.projection.workspace import factor
 
 from .formulas import split
@@ -33,16 +40,16 @@ def look_around(eqs: Any, c: Any, H: Any, work: Any) -> None:
     split(H.y, work.q, work.v)
     eqs.position(c.t, work.q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
-    work.course[0].ratio = 0.0
-    note(eqs, c.t, work.q, 0.0, 0.0, c.rank, work)
-    if work.critical[0].kind == NONE:  # LU has compared all steps up to here
-        hold_frame(work.q, eqs.terms, work)
+    work.branch_history[0].pivot_ratio = 0.0
+    record_accepted(eqs, c.t, work.q, 0.0, 0.0, c.rank, work)
+    if work.critical[0].kind == NO_CRITICAL_POINT:  # LU has compared all steps up to here
+        store_reference_frame(work.q, eqs.terms, work)
 
 
 @kernel
 def frame_lu(terms: Any, c: Any, H: Any, work: Any) -> None:
     """Note orientation and tangents of the dependents, whose J_d is factored and whose tangents are at hand."""
-    c.positive = 1 if positive_determinant(work.D, c.rank, work.order) else 0
+    c.positive = 1 if is_determinant_positive(work.D, c.rank, work.order) else 0
     n = work.T.shape[1]
     for k in range(n - c.rank):
         for i in range(n):
@@ -54,8 +61,8 @@ def passed_lu(c: Any, H: Any, work: Any) -> bool:
     """Whether the LU step stayed on its branch for sure: J_d has kept the sign of its determinant, and tangents turned
     little.
     """
-    same = (c.positive == 1) == positive_determinant(work.D, c.rank, work.order)
-    return same and not tangents_turned(c.rank, H.tangents, work)
+    same = (c.positive == 1) == is_determinant_positive(work.D, c.rank, work.order)
+    return same and not have_tangents_turned(c.rank, H.tangents, work)
 
 
 @kernel
@@ -66,7 +73,7 @@ def take_choice(terms: Any, c: Any, H: Any, work: Any) -> None:
     for i in range(work.columns.shape[0]):
         H.columns[i] = work.columns[i]
     factor_dependent(terms, c.rank, H.rows, H.columns, work)
-    span_dependent(terms, c.rank, H.rows, H.columns, work)
+    fill_dependent_tangents(terms, c.rank, H.rows, H.columns, work)
     frame_lu(terms, c, H, work)
     c.pivot = 0.0
 
@@ -108,19 +115,19 @@ def leave_lu(eqs: Any, c: Any, o: Any, work: Any, H: Any) -> None:
     ends = False
     if o.partition == HYBRID:
         frame_lu(eqs.terms, c, H, work)
-        before, c.pivot = c.pivot, smallest_pivot(c.rank, work)
-        ends = c.pivot < SINGULAR or time_left(before, c.pivot, c.hold) < AHEAD * c.h
+        before, c.pivot = c.pivot, smallest_pivot_ratio(c.rank, work)
+        ends = c.pivot < SINGULAR_PIVOT_RATIO or extrapolate_to_zero(before, c.pivot, c.hold) < LOOKAHEAD_STEPS * c.h
     if not (due_for_choice(c) or ends):
         return
-    found = choose(eqs.terms, c.rank, work)
-    if ends and not (found and better_choice(c.rank, work)):
+    found = choose_partition(eqs.terms, c.rank, work)
+    if ends and not (found and is_better_partition(c.rank, work)):
         give_up_lu(eqs, c, H, work)
         c.by_turn += 1
         return
-    if not found or (o.partition == HYBRID and not better_choice(c.rank, work)):
+    if not found or (o.partition == HYBRID and not is_better_partition(c.rank, work)):
         return
-    changed = not same_choice(c.rank, H.columns, work.columns)
-    if changed or not same_choice(c.rank, H.rows, work.rows):
+    changed = not is_same_partition(c.rank, H.columns, work.columns)
+    if changed or not is_same_partition(c.rank, H.rows, work.rows):
         take_choice(eqs.terms, c, H, work)
     if not changed:
         return
@@ -152,11 +159,11 @@ def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
 
     If a singular configuration is a few steps ahead LU is not worthwhile.
     """
-    here = work.course[0]
-    calm = here.ratio >= SINGULAR and here.ahead >= MIN_CLEAR_STEPS * c.h
+    here = work.branch_history[0]
+    calm = here.pivot_ratio >= SINGULAR_PIVOT_RATIO and here.time_to_singular >= MIN_CLEAR_STEPS * c.h
     calm = calm and c.h >= min(c.hold, o.max_step)
-    calm = choose(terms, c.rank, work) and calm
-    if not factor_dependent(terms, c.rank, H.rows, H.columns, work) or better_choice(c.rank, work):
+    calm = choose_partition(terms, c.rank, work) and calm
+    if not factor_dependent(terms, c.rank, H.rows, H.columns, work) or is_better_partition(c.rank, work):
         for i in range(work.rows.shape[0]):
             H.rows[i] = work.rows[i]
         for i in range(work.columns.shape[0]):

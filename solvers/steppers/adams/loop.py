@@ -23,26 +23,33 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
+from solvers.energy_account import count_rejected_step, energy_check_scheduled, fill_account_row, update_energy_bound
 from solvers.inertia import clear_growth, finer_tolerance, update_growth
-from solvers.ledger import due, look, refuse_step, report
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_CLOSED, OK
 from solvers.projection.lu_partition import (
-    choose,
-    close_dependent,
-    dependent_acceleration,
-    dependent_multipliers,
+    choose_partition,
+    evaluate_dependent_acceleration,
+    evaluate_dependent_multipliers,
     factor_dependent,
-    recall_dependents,
+    project_dependents,
+    restore_dependents,
 )  # fmt: skip
 from solvers.projection.projection import (
-    acceleration,
-    close,
-    close_to_crossing,
-    multipliers,
-    settle,
+    evaluate_acceleration,
+    evaluate_multipliers,
+    is_near_bifurcation,
+    project,
+    project_with_frozen_jacobian,
 )
-from solvers.projection.reported import report_state
-from solvers.projection.singular import CLOSED, MISS, SINGULAR, note, passed, step_bound
+from solvers.projection.reported import fill_reported_state
+from solvers.projection.singular import (
+    BRANCH_RESOLUTION,
+    IMPERFECT,
+    SINGULAR_PIVOT_RATIO,
+    branch_step_limit,
+    on_same_branch,
+    record_accepted,
+)
 from solvers.projection.workspace import factor
 from solvers.stepper import smallest_step, sudden
 from solvers.steppers.step_control import FIRST_STEP_RATIO, MIN_RTOL_TIMES_GAP, MIN_STEP_RATIO
@@ -88,8 +95,8 @@ def weigh(c: Any, o: Any, H: Any, nq: int, n: int, work: Any) -> None:
     Near a near miss rounding limits the accuracy: a smaller tolerance only makes steps smaller.
     """
     c.coarser = 1.0
-    if work.critical[0].kind == MISS:
-        gap = abs(work.critical[0].gap)
+    if work.critical[0].kind == IMPERFECT:
+        gap = abs(work.critical[0].bifurcation_gap)
         c.coarser = max(1.0, MIN_RTOL_TIMES_GAP / (gap * o.rtol))
         if c.coarser > c.coarsest:
             c.coarsest, c.narrowest = c.coarser, gap
@@ -110,26 +117,28 @@ def differentiate(eqs: Any, t: float, closing: bool, c: Any, o: Any, H: Any, wor
     c.evaluations += 1
     if c.regime == LU:
         if o.partition == LU:
-            recall_dependents(rank, H.columns, H.y, q, v)
+            restore_dependents(rank, H.columns, H.y, q, v)
         if closing or o.partition == LU:
             hybrid = o.partition == HYBRID
-            code = close_dependent(eqs, t, q, v, rank, H.rows, H.columns, hybrid, work)
+            code = project_dependents(eqs, t, q, v, rank, H.rows, H.columns, hybrid, work)
         else:
             eqs.dynamics(t, q, v, eqs.data, eqs.terms)
             code = OK if factor_dependent(eqs.terms, rank, H.rows, H.columns, work) else NOT_CLOSED
         if code == OK:
-            code = dependent_acceleration(eqs.terms, rank, H.rows, H.columns, work, work.slope)
+            code = evaluate_dependent_acceleration(eqs.terms, rank, H.rows, H.columns, work, work.slope)
     else:
         code = OK
         if closing:
-            code = settle(eqs, t, q, v, H.p, rank, FROZEN_JACOBIAN_RATIO * min(o.rtol, o.atol), work)
+            code = project_with_frozen_jacobian(
+                eqs, t, q, v, H.p, rank, FROZEN_JACOBIAN_RATIO * min(o.rtol, o.atol), work
+            )
         else:
             eqs.dynamics(t, q, v, eqs.data, eqs.terms)
             factor(eqs.terms, work)
-            if close_to_crossing(rank, work):  # v' of what is not closed is wrong by the inverse square of its pivot
-                code = close(eqs, t, q, v, rank, work)
+            if is_near_bifurcation(rank, work):  # v' of what is not closed is wrong by the inverse square of its pivot
+                code = project(eqs, t, q, v, rank, work)
         if code == OK:
-            code = acceleration(eqs, t, q, v, rank, work, work.slope)
+            code = evaluate_acceleration(eqs, t, q, v, rank, work, work.slope)
     if code == OK:
         join(eqs.terms.qdot, work.slope, H.yp)
     return code
@@ -141,35 +150,35 @@ def power(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> float:
     if o.works == 0:
         return 0.0
     if c.regime == LU:
-        dependent_multipliers(eqs.terms, c.rank, H.rows, H.columns, work, work.slope, work.lam)
+        evaluate_dependent_multipliers(eqs.terms, c.rank, H.rows, H.columns, work, work.slope, work.lam)
     else:
-        multipliers(eqs.terms, c.rank, work, work.slope, work.lam)
+        evaluate_multipliers(eqs.terms, c.rank, work, work.slope, work.lam)
     return eqs.power(t, work.q, work.v, work.slope, work.lam, eqs.data)
 
 
 @kernel
 def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, work: Any) -> None:
-    """Book the energy at the state evaluated last, before :func:`power`; see :mod:`solvers.ledger`."""
+    """Book the energy at the state evaluated last, before :func:`power`; see :mod:`solvers.energy_account`."""
     update_growth(t, eqs.terms.M, work.v, work)
-    if o.energy_check == 1 and due(c):
-        look(eqs.exposure, eqs.data, c, scales)
-        c.exposure *= max(1.0, c.coarser)
+    if o.energy_check == 1 and energy_check_scheduled(c):
+        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, c, scales)
+        c.step_energy_error_bound *= max(1.0, c.coarser)
 
 
 @inlined
 def settle_down(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
     """Close y = (work.q, work.v), look around, and choose coordinates."""
     q, v = work.q, work.v
-    code = close(eqs, c.t, q, v, c.rank, work)
+    code = project(eqs, c.t, q, v, c.rank, work)
     if code != OK:
         return code
     join(q, v, H.y)
-    work.course[0].ratio = 0.0
-    note(eqs, c.t, q, 0.0, 0.0, c.rank, work)
-    if c.rank > 0 and work.course[0].ratio < SINGULAR and o.partition == HYBRID:
+    work.branch_history[0].pivot_ratio = 0.0
+    record_accepted(eqs, c.t, q, 0.0, 0.0, c.rank, work)
+    if c.rank > 0 and work.branch_history[0].pivot_ratio < SINGULAR_PIVOT_RATIO and o.partition == HYBRID:
         c.regime = PROJECTION
     if c.regime == LU:
-        if not choose(eqs.terms, c.rank, work):
+        if not choose_partition(eqs.terms, c.rank, work):
             return NOT_CLOSED
         take_choice(eqs.terms, c, H, work)
     c.equal, c.h_before = 0, 0.0
@@ -179,15 +188,15 @@ def settle_down(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
 @inlined
 def clear_way(c: Any, work: Any, target: float) -> bool:
     """Whether no singular configuration is near the way to ``target``, so that a step may end there."""
-    here = work.course[0]
+    here = work.branch_history[0]
     if c.rank == 0:
         return True
     if c.regime == LU:
-        return c.pivot == 0.0 or c.pivot >= CLEARANCE_FACTOR * SINGULAR
+        return c.pivot == 0.0 or c.pivot >= CLEARANCE_FACTOR * SINGULAR_PIVOT_RATIO
     return (
-        work.critical[0].kind != MISS
-        and here.ratio >= CLEARANCE_FACTOR * SINGULAR
-        and here.ahead >= CLEARANCE_FACTOR * (target - c.t)
+        work.critical[0].kind != IMPERFECT
+        and here.pivot_ratio >= CLEARANCE_FACTOR * SINGULAR_PIVOT_RATIO
+        and here.time_to_singular >= CLEARANCE_FACTOR * (target - c.t)
     )
 
 
@@ -249,7 +258,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target
                     take_step(c, H, target, error)
                     return OK
                 code, error = BRANCHES, np.inf
-        refuse_step(c, code == OK)
+        count_rejected_step(c, code == OK)
         change_step(c, error)
         smallest = smallest_step(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
         if not c.h > smallest:
@@ -287,7 +296,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
                         return OK
                     code = BRANCHES
         cuts += 1
-        refuse_step(c, code == OK)
+        count_rejected_step(c, code == OK)
         cut(cuts, c, H)
         if o.partition == HYBRID and c.regime == LU and cuts >= o.collapse_cuts:
             give_up_lu(eqs, c, H, work)
@@ -309,7 +318,7 @@ def stayed(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> bool:
         return True
     done = H.trial[H.y.shape[0] - 1]
     if c.regime == PROJECTION:
-        if passed(eqs, t, work.q, CLOSED, c.rank, work):
+        if on_same_branch(eqs, t, work.q, BRANCH_RESOLUTION, c.rank, work):
             jumped(eqs, t, done, c, o, work)
             return True
         c.refused += 1
@@ -340,9 +349,11 @@ def cut(cuts: int, c: Any, H: Any) -> None:
 
 
 @kernel
-def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: float, q: Any, v: Any, ledger: Any) -> int:
+def advance(
+    eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: float, q: Any, v: Any, energy_account: Any
+) -> int:
     """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure, and
-    what is booked into ``ledger`` (ROW,).
+    what is booked into ``energy_account`` (ROW,).
     """
     c, o = H.control[0], settings[0]
     code, taken = OK, 0
@@ -370,12 +381,12 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
             c.time_lu += c.hold
             leave_lu(eqs, c, o, work, H)
         else:
-            note(eqs, c.t, work.q, c.hold, c.h, c.rank, work)
+            record_accepted(eqs, c.t, work.q, c.hold, c.h, c.rank, work)
             c.time_projection += c.hold
             if o.partition == HYBRID:
                 return_to_lu(c, o, eqs.terms, work, H)
         if o.partition != LU:
-            c.h = min(c.h, step_bound(c.t, work.q, work.v, c.hold, eqs.terms, work))
+            c.h = min(c.h, branch_step_limit(c.t, work.q, work.v, c.hold, eqs.terms, work))
     split(H.y, q, v)
     done = H.y[H.y.shape[0] - 1]
     if code == OK:
@@ -383,8 +394,8 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
             interpolate(c, H, target, H.trial)
             split(H.trial, q, v)
             done = H.trial[H.y.shape[0] - 1]
-        code = close(eqs, target, q, v, c.rank, work)
-    report(c, done, ledger)
+        code = project(eqs, target, q, v, c.rank, work)
+    fill_account_row(c, done, energy_account)
     return code
 
 
@@ -410,11 +421,11 @@ def set_up(g: Any, rank: int, absolute: float) -> None:
 @kernel
 def advance_reported(g: Any, target: float) -> int:
     """:func:`advance` for the reported state."""
-    return advance(g.eqs, g.settings, g.memory, g.work, g.scales, target, g.q, g.v, g.ledger)
+    return advance(g.eqs, g.settings, g.memory, g.work, g.scales, target, g.q, g.v, g.energy_account)
 
 
 @kernel
-def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, outputs: Any) -> tuple[int, int]:
+def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, energy_account: Any, outputs: Any) -> tuple[int, int]:
     """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, energy account and outputs of
     the system in a row each.
 
@@ -422,9 +433,9 @@ def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, ou
     """
     eqs, H, work, o = g.eqs, g.memory, g.work, g.settings[0]
     for i in range(times.shape[0]):
-        code = advance(eqs, g.settings, H, work, g.scales, times[i], q[i], v[i], ledger[i])
+        code = advance(eqs, g.settings, H, work, g.scales, times[i], q[i], v[i], energy_account[i])
         if code == OK:
-            code = report_state(eqs, times[i], q[i], v[i], o.rtol, H.control[0], work, a[i], lam[i], outputs[i])
+            code = fill_reported_state(eqs, times[i], q[i], v[i], o.rtol, H.control[0], work, a[i], lam[i], outputs[i])
         if code != OK:
             return code, i
     return OK, times.shape[0]

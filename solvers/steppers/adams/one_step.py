@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined
-from solvers.ledger import book_stray
+from solvers.energy_account import add_energy_error_bound
 from solvers.steppers.step_control import MIN_STEP_CHANGE, STEP_SAFETY_FACTOR, TARGET_TOLERANCE
 
 STAGES = 7
@@ -96,8 +96,8 @@ def take_step(c: Any, H: Any, target: float, error: float) -> None:
     slip = 0.0
     for k in range(STAGES):
         slip += E[k] * H.phi[last, k + 1]
-    c.through += abs(H.trial[last] - H.y[last])
-    book_stray(c, c.h * slip, c.h)
+    c.work_total_variation += abs(H.trial[last] - H.y[last])
+    add_energy_error_bound(c, c.h * slip, c.h)
     c.t = target if abs(target - c.t - c.h) <= TARGET_TOLERANCE * c.h else c.t + c.h
     c.hold = c.h
     for j in range(H.y.shape[0]):

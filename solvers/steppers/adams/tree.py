@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.held import hold
 from solvers.compiled.kernel import records
-from solvers.ledger import Scales
+from solvers.energy_account import EnergyScales
 from solvers.options import Options, Statistics
 from solvers.outcome import CODES, Code
 from solvers.stepper import require_placed, require_resolved
@@ -46,9 +46,9 @@ class TreeAdamsStepper(ExplicitStepper):
         self._inertia["watched"] = system.watches_inertia
         callbacks = system.forward, system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
         eqs = hold(tree_loop.TreeEquations(*callbacks, system.held_data))
-        self._scales = Scales.of(o.rtol, np.zeros(system.n), np.zeros(system.n))
+        self._scales = EnergyScales.of(o.rtol, np.zeros(system.n), np.zeros(system.n))
         own = eqs, self._settings, self._held, hold(work), hold(self._scales)
-        self.given = hold(Given(*own, self._q, self._v, self._ledger))
+        self.given = hold(Given(*own, self._q, self._v, self._energy_account))
         tree_loop.set_up(self.given, self._t, system.rate, o.duration)
         require_resolved(self._t, float(self._settings["rate"][0]), o.rtol)
         require_placed(self._q, work.size_q, o.rtol, system.coordinate_names)
@@ -69,7 +69,15 @@ class TreeAdamsStepper(ExplicitStepper):
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        return [self.clock, self._q, self._v, self._ledger, self._scales.found, *self._history, self._inertia]
+        return [
+            self.clock,
+            self._q,
+            self._v,
+            self._energy_account,
+            self._scales.bound_results,
+            *self._history,
+            self._inertia,
+        ]
 
     @property
     def statistics(self) -> Statistics:

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
+from solvers.energy_account import count_rejected_step, energy_check_scheduled, fill_account_row, update_energy_bound
 from solvers.inertia import INERTIA, clear_growth, finer_tolerance, update_tree_growth
-from solvers.ledger import due, look, refuse_step, report
 from solvers.outcome import COLLAPSED, MAX_STEPS, NO_MASS, NOT_FINITE, OK
 from solvers.positions import Positions, position_sizes
 from solvers.stepper import rate_of_start, smallest_step, sudden
@@ -61,7 +61,7 @@ class TreeEquations(NamedTuple):
     inverse: Any
     retract: Any
     power: Any
-    exposure: Any
+    evaluate_energy_bound: Any
     inertia_parts: Any
     data: Any
 
@@ -133,10 +133,10 @@ def power(eqs: Any, t: float, o: Any, s: Any) -> float:
 
 @kernel
 def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, s: Any) -> None:
-    """Book the energy at (s.q, s.v), at the cost of an inverse dynamics; see :mod:`solvers.ledger`."""
-    if o.energy_check == 1 and due(c):
+    """Book the energy at (s.q, s.v), at the cost of an inverse dynamics; see :mod:`solvers.energy_account`."""
+    if o.energy_check == 1 and energy_check_scheduled(c):
         eqs.inverse(t, s.q, s.v, s.zero, s.lam, eqs.data, s.qdot, s.a)
-        look(eqs.exposure, eqs.data, c, scales)
+        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, c, scales)
     if s.inertia[0].watched == 1:
         eqs.inertia_parts(eqs.data, s.parts)
         update_tree_growth(t, s.parts, s.v, s)
@@ -185,7 +185,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any, target: f
                 book(eqs, c.t + c.h, c, o, scales, s)
                 take_step(c, H, target, error)
                 return OK
-        refuse_step(c, code == OK)
+        count_rejected_step(c, code == OK)
         change_step(c, error)
         smallest = smallest_step(MIN_STEP_RATIO, o.rate, o.max_step, c.t)
         if not c.h > smallest:
@@ -218,7 +218,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
                 accept(c, H, o.max_order, o.max_step)
                 return OK
         cuts += 1
-        refuse_step(c, code == OK)
+        count_rejected_step(c, code == OK)
         cut(cuts, c, H)
         smallest = smallest_step(MIN_STEP_RATIO, o.rate, o.max_step, c.t)
         if not c.h > smallest:
@@ -228,9 +228,11 @@ def step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
 
 
 @kernel
-def advance(eqs: Any, settings: Any, H: Any, s: Any, scales: Any, target: float, q: Any, v: Any, ledger: Any) -> int:
+def advance(
+    eqs: Any, settings: Any, H: Any, s: Any, scales: Any, target: float, q: Any, v: Any, energy_account: Any
+) -> int:
     """Step until ``target`` is passed; put the state there into (q, v), or the last good one on failure, and what is
-    booked into ``ledger`` (ROW,).
+    booked into ``energy_account`` (ROW,).
     """
     c, o = H.control[0], settings[0]
     code, taken = OK, 0
@@ -260,7 +262,7 @@ def advance(eqs: Any, settings: Any, H: Any, s: Any, scales: Any, target: float,
         split(H.trial, q, v)
         done = H.trial[H.y.shape[0] - 1]
         eqs.retract(q, s.zero, eqs.data)
-    report(c, done, ledger)
+    fill_account_row(c, done, energy_account)
     return code
 
 
@@ -280,7 +282,7 @@ def set_up(g: Any, t: float, known: float, duration: float) -> None:
     position_sizes(s.positions, s.size, s.size_q)
     for k in range(s.pace.shape[0]):
         s.pace[k] = RATE_TOLERANCE_RATIO * o.rate
-    g.scales.mean[0] = 1 if s.inertia[0].watched == 1 else H.y.shape[0] - 1
+    g.scales.mean_count[0] = 1 if s.inertia[0].watched == 1 else H.y.shape[0] - 1
     set_units(H, o.atol, s, g.scales)
     clear_growth(s)
 
@@ -294,4 +296,4 @@ def evaluate(g: Any, t: float, a: Any) -> int:
 @kernel
 def advance_reported(g: Any, target: float) -> int:
     """:func:`advance` for the reported state."""
-    return advance(g.eqs, g.settings, g.memory, g.work, g.scales, target, g.q, g.v, g.ledger)
+    return advance(g.eqs, g.settings, g.memory, g.work, g.scales, target, g.q, g.v, g.energy_account)

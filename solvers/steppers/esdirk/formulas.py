@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
+from solvers.energy_account import ACCOUNT_FIELDS, add_energy_error_bound, energy_check_scheduled, update_energy_bound
 from solvers.inertia import update_tree_growth
-from solvers.ledger import FIELDS, book_stray, due, look
 from solvers.positions import angular_velocity, as_motion, as_slope
 from solvers.system import Array, TreeSystem
 
@@ -58,7 +58,7 @@ DIFFERENCE_RATIO = 1e-3  # part of the way to a first guess, over which the equa
 MIN_INDEPENDENT_RATIO = 1e-4  # part of a change of corrections that must be left after removal of the others
 CONTROL = np.dtype(
     [
-        *FIELDS,
+        *ACCOUNT_FIELDS,
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # s: where it stands, the next step, the last one
         ("error", "f8"), ("before", "f8"),  # of the last step, and its length, s; 0: there is none
         ("hard", "f8"), ("wait", "i8"),  # a length, s, at which Newton failed, and steps until it may be tried again
@@ -323,8 +323,8 @@ def accept(h: float, after: float, M: Any, s: Any) -> None:
     for j in range(STAGES):
         done += h * B[j] * M.P[j]
         slip += h * (B[j] - EMBEDDED_WEIGHTS[j]) * M.P[j]
-    c.through += abs(done)
-    book_stray(c, slip, h)
+    c.work_total_variation += abs(done)
+    add_energy_error_bound(c, slip, h)
     M.ends[0], M.ends[1], M.ends[2], M.ends[3] = c.work, c.work + done, M.P[0], M.P[STAGES - 1]
     c.work, M.P[0] = c.work + done, M.P[STAGES - 1]
     for k in range(s.q.shape[0]):
@@ -350,11 +350,14 @@ def watch_inertia(eqs: Any, M: Any, s: Any, growth: Any) -> None:
 
 @kernel
 def look_around(eqs: Any, M: Any, s: Any, scales: Any) -> None:
-    """Book the energy where the last step ended, at the cost of an inverse dynamics; see :mod:`solvers.ledger`."""
+    """Update the energy bound where the last step ended, at the cost of an inverse dynamics.
+
+    See :mod:`solvers.energy_account`.
+    """
     c = M.control[0]
-    if due(c):
+    if energy_check_scheduled(c):
         eqs.inverse(c.t, M.q, M.v, s.zero, s.none, eqs.data, s.qdot, s.tau)
-        look(eqs.exposure, eqs.data, c, scales)
+        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, c, scales)
 
 
 @kernel

@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 
 from solvers.codes import coded
 from solvers.compiled.held import contents, hold
+from solvers.energy_account import WORK, EnergyScales, fill_account_row, reset_check_schedule
 from solvers.inertia import Growth, describe_large_growth, finer_tolerance
-from solvers.ledger import WORK, Scales, look_anew, report
 from solvers.linalg.blocks import one_thread
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
-from solvers.projection.saddle import Accelerations, Saddle, close, count_freedom, rate_of_motion
+from solvers.projection.saddle import Accelerations, Saddle, count_freedom, motion_rate, project
 from solvers.stepper import Stepper, rate_of_start, require_placed, require_resolved, sized, smallest_step
 from solvers.steppers.step_control import (
     FIRST_STEP_RATIO,
@@ -90,7 +90,7 @@ class Callbacks(NamedTuple):
     inverse: Any
     retract: Any
     power: Any
-    exposure: Any
+    evaluate_energy_bound: Any
     inertia_parts: Any
     data: Any
 
@@ -112,17 +112,17 @@ class TreeESDIRKStepper(Stepper):
         self._held = hold(self._memory), hold(self._stage)
         callbacks = system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
         self._eqs = hold(Callbacks(*callbacks, system.held_data))
-        self._rate = rate_of_motion(self._motion, self._t, self._q, self._v, o.duration)
+        self._rate = motion_rate(self._motion, self._t, self._q, self._v, o.duration)
         require_resolved(self._t, self._rate, o.rtol)
         require_placed(self._q, system.position_sizes(system.size), o.rtol, system.coordinate_names)
         self._absolute = o.absolute * system.size
         self._growth = Growth.of(system, self._rate)
         self._held_growth = hold(self._growth)
         rates = RATE_TOLERANCE_RATIO * self._rate * self._absolute
-        self._scales = hold(Scales.of_mesh(o.rtol, self._absolute, rates, system.n, RATE_TOLERANCE_RATIO))
+        self._scales = hold(EnergyScales.of_mesh(o.rtol, self._absolute, rates, system.n, RATE_TOLERANCE_RATIO))
         self._works, self._longest = 0, np.inf
         self._mine = -1  # how often the tangent had been factored when these factors were made
-        self.status = self._status(close(system, self._t, self._q, self._v))
+        self.status = self._status(project(system, self._t, self._q, self._v))
         self.restart()
 
     def _advance(self, t: float) -> Code:
@@ -143,13 +143,13 @@ class TreeESDIRKStepper(Stepper):
         at, q, v, work = float(c["t"]), M.q.copy(), M.v.copy(), float(c["work"])
         if code is Code.OK and t < at:
             work = interpolate(t, *self._held, q, v)
-            code = close(self.system, t, q, v)
+            code = project(self.system, t, q, v)
             if code is not Code.OK:
                 return code
             at = t
         if at >= self._t:
             self._t, self._q[:], self._v[:] = at, q, v
-            report(c, work, self._ledger)
+            fill_account_row(c, work, self._energy_account)
         return code
 
     def _prepare(self) -> Code:
@@ -260,7 +260,7 @@ class TreeESDIRKStepper(Stepper):
             system.fill_position(t, s.q, saddle.terms)
             for _ in range(PROJECTION_ITERATIONS):
                 s.v[:] -= saddle.solve(s.zero, saddle.terms.J @ s.v - saddle.terms.nu)[0]
-        return close(system, t, s.q, s.v)
+        return project(system, t, s.q, s.v)
 
     def _solve_stage(self, t: float, rate: float, exact: float, finest: float) -> Code:
         """Solve the stage that has been begun, to ``exact`` tolerances.
@@ -329,7 +329,7 @@ class TreeESDIRKStepper(Stepper):
         """Factor T where it has been placed; False where it is singular."""
         c, M, saddle = self._c, self._memory, self._saddle
         q, v, a, lam = np.split(M.factors, np.cumsum((len(M.q), len(M.v), len(M.v))))
-        saddle.weigh(float(c["at"]), q)
+        saddle.set_penalties(float(c["at"]), q)
         saddle.residual(float(c["at"]), q, v, a, lam)
         good = saddle.factor(float(c["c"]), float(c["c"]) ** 2, symmetric=self.system.tangent.symmetric)
         self._mine = self.system.tangent.factored
@@ -362,10 +362,10 @@ class TreeESDIRKStepper(Stepper):
 
     def _begin(self, ends: int) -> None:
         c, M = self._c, self._memory
-        c["t"], c["start"], c["ends"], c["before"], c["work"] = self._t, 1, ends, 0.0, self._ledger[WORK]
+        c["t"], c["start"], c["ends"], c["before"], c["work"] = self._t, 1, ends, 0.0, self._energy_account[WORK]
         c["wait"] = 0
         self._works = int(self.options.energy_check and self.system.works())
-        look_anew(M.control)
+        reset_check_schedule(M.control)
         M.q[:], M.v[:] = self._q, self._v
 
     def jump(self, dv: Array) -> None:
@@ -392,8 +392,8 @@ class TreeESDIRKStepper(Stepper):
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        seen = contents(self._scales).found
-        return [*self._memory, self.clock, self._q, self._v, self._ledger, seen, self._growth.inertia]
+        seen = contents(self._scales).bound_results
+        return [*self._memory, self.clock, self._q, self._v, self._energy_account, seen, self._growth.inertia]
 
     def restore(self, data: bytes) -> None:
         """Return to the state in which ``data`` was saved; factors are recomputed from their data."""

@@ -24,11 +24,11 @@ from sksundae.ida import IDAJacTimes, IDAPrecond
 
 from solvers.codes import coded
 from solvers.compiled.held import hold
+from solvers.energy_account import WORK, EnergyScales, restart_work
 from solvers.inertia import describe_large_growth, update_growth
-from solvers.ledger import WORK, Scales, begin_work
 from solvers.options import Options
 from solvers.outcome import Code
-from solvers.projection.reported import close_report
+from solvers.projection.reported import project_reported_state
 from solvers.steppers.dense import DenseStepper
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.system import Array, System
@@ -105,7 +105,7 @@ class IDAStepper(IDADriver, DenseStepper):
     def _new_ida(self) -> DirectIDA | BoundIDA:
         o, count = self.options, len(self._atol)
         tighter = self._tight / self._rtol
-        self._scales = hold(Scales.of(self._tight, self._place, self._pace, count, (tighter, tighter)))
+        self._scales = hold(EnergyScales.of(self._tight, self._place, self._pace, count, (tighter, tighter)))
         given = Given(
             self._eqs, self._held, self._work, self._rank, count, self._book, self._scales, self._counts, self._course,
             self._good, np.array([SPEED_LOSS_RATIO * self._rtol]), self._tight, self._atol,
@@ -166,7 +166,7 @@ class IDAStepper(IDADriver, DenseStepper):
         u.columns[:], u.rows[:] = self._scaling()
         self._begin_with(y, yp)
         self._good[:] = y, yp
-        w.course["ratio"] = 0.0  # what is known of the branch holds
+        w.branch_history["pivot_ratio"] = 0.0  # what is known of the branch holds
         if s.m:
             bound = look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work)
             self._c["reach"] = min(self._c["reach"], bound)
@@ -230,7 +230,7 @@ class IDAStepper(IDADriver, DenseStepper):
         here, slopes = self._good.copy()
         tie(self._t, a, slopes, self._held)
         self._unknowns.at[:], self._c["works"] = np.nan, int(self._works())
-        begin_work(self._book, self._ledger[WORK])
+        restart_work(self._book, self._energy_account[WORK])
         first = self.system.nq + self.system.n
         here[first : first + self.system.m] = lam * self._units.row
         self._note(self._t, here, slopes)
@@ -242,9 +242,9 @@ class IDAStepper(IDADriver, DenseStepper):
             return code
         self._tell()
         book = self._book[0]
-        passage = book["lowest"], book["highest"]
+        passage = book["open_passage_energy"], book["kinetic_max_since_passage"]
         code = self._begin()
-        book["lowest"], book["highest"] = passage  # the motion is the same
+        book["open_passage_energy"], book["kinetic_max_since_passage"] = passage  # the motion is the same
         return code
 
     def arrays(self) -> list[NDArray[Any]]:
@@ -259,7 +259,7 @@ class IDAStepper(IDADriver, DenseStepper):
     def _take(self, t: float, y: Array) -> Code:
         u, nq = self._unknowns, self.system.nq
         q, v = y[:nq].copy(), y[nq : nq + self.system.n] + u.lift[0] + (t - u.since[0]) * u.lift[1]
-        code = Code(close_report(self._eqs, t, q, v, self._rank, self._work))
+        code = Code(project_reported_state(self._eqs, t, q, v, self._rank, self._work))
         if code is Code.OK:
             self._t, self._q, self._v = t, q, v
         return code

@@ -9,11 +9,17 @@ from numpy.typing import NDArray
 
 from solvers.compiled.foreign import array_at
 from solvers.compiled.kernel import kernel
+from solvers.energy_account import energy_check_scheduled, record_step, update_energy_bound
 from solvers.inertia import finer_tolerance, update_growth
-from solvers.ledger import add_step, due, look
-from solvers.linalg.dense import ratio, turn_out
+from solvers.linalg.dense import apply_Q, pivot_ratio
 from solvers.outcome import BRANCHES, OK
-from solvers.projection.singular import MISS, SINGULAR, note, passed, step_bound
+from solvers.projection.singular import (
+    IMPERFECT,
+    SINGULAR_PIVOT_RATIO,
+    branch_step_limit,
+    on_same_branch,
+    record_accepted,
+)
 from solvers.projection.workspace import factor, factor_transposed
 from solvers.system import Array
 
@@ -29,22 +35,22 @@ RETRY_STEP_RATIO = 0.25  # of a step that was taken back may be gone at once
 
 @kernel
 def book(eqs: Any, t: float, y: Any, yp: Any, works: bool, u: Any, work: Any, books: Any, scales: Any) -> None:
-    """Book a step of IDA's to (t, y, yp); see :mod:`solvers.ledger`."""
+    """Book a step of IDA's to (t, y, yp); see :mod:`solvers.energy_account`."""
     c, nq, n, power = books[0], u.q.shape[0], u.v.shape[0], 0.0
     u.at[0] = np.nan  # the terms move
     for i in range(nq):
         u.q[i] = y[i]
     for i in range(n):
         u.v[i], u.a[i] = velocity(i, t, y, u), yp[nq + i] + u.lift[1, i]
-    if works or due(c):
+    if works or energy_check_scheduled(c):
         eqs.dynamics(t, u.q, u.v, eqs.data, eqs.terms)
-    if due(c):
-        look(eqs.exposure, eqs.data, c, scales)
+    if energy_check_scheduled(c):
+        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, c, scales)
     if works:
         for row in range(u.lam.shape[0]):
             u.lam[row] = y[nq + n + row] / work.row[row]
         power = eqs.power(t, u.q, u.v, u.a, u.lam, eqs.data)
-    add_step(books, t, power)
+    record_step(books, t, power)
 
 
 @kernel
@@ -58,7 +64,7 @@ def project_redundant(rank: int, u: Any, work: Any) -> None:
     for k in range(rank, m):
         for i in range(m):
             work.x[i] = 1.0 if i == k else 0.0
-        turn_out(work.B, work.tau_B, rank, m, work.x)
+        apply_Q(work.B, work.tau_B, rank, m, work.x)
         for i in range(m):
             for j in range(m):
                 u.P[i, j] += work.x[i] * work.x[j]
@@ -93,21 +99,23 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
     factor(eqs.terms, work)
     for row in range(u.lam.shape[0]):
         u.lam[row] = y[u.q.shape[0] + u.v.shape[0] + row] / work.row[row]
-    if not passed(eqs, t, u.q, u.near[0], rank, work):
+    if not on_same_branch(eqs, t, u.q, u.near[0], rank, work):
         return -1.0
     u.lost[0] += taken_by_filter(taken, eqs.terms, u, work)
-    if ratio(work.pivot, rank) >= SINGULAR:
+    if pivot_ratio(work.pivot, rank) >= SINGULAR_PIVOT_RATIO:
         u.lost[0] = 0.0
-    note(eqs, t, u.q, taken, taken, rank, work)
-    if rank < u.P.shape[0] and (ratio(work.pivot, rank) >= SINGULAR or work.critical[0].kind == MISS):
+    record_accepted(eqs, t, u.q, taken, taken, rank, work)
+    if rank < u.P.shape[0] and (
+        pivot_ratio(work.pivot, rank) >= SINGULAR_PIVOT_RATIO or work.critical[0].kind == IMPERFECT
+    ):
         project_redundant(rank, u, work)
     u.at[0] = np.nan  # the terms have moved
-    bound = step_bound(t, u.q, u.v, taken, eqs.terms, work)
+    bound = branch_step_limit(t, u.q, u.v, taken, eqs.terms, work)
     u.d[0], u.d[1] = u.usual[0], u.usual[1]
-    if work.critical[0].kind == MISS:
+    if work.critical[0].kind == IMPERFECT:
         u.d[0] = NEAR_MISS_REGULARIZATION * u.usual[0] if rank < eqs.terms.J.shape[0] else 0.0
         u.d[1] *= min(1.0, bound * work.rate[0] / MU)
-        if not abs(weak_residual(eqs.terms, work)) <= WEAK_RESIDUAL_RATIO * abs(work.critical[0].gap):
+        if not abs(weak_residual(eqs.terms, work)) <= WEAK_RESIDUAL_RATIO * abs(work.critical[0].bifurcation_gap):
             return -1.0
     return bound
 

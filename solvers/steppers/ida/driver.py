@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.held import contents
 from solvers.compiled.kernel import records
-from solvers.ledger import BOOK, WORK, begin_work, report_at
+from solvers.energy_account import ENERGY_ACCOUNT, WORK, fill_account_row_at, restart_work
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
 from solvers.stepper import Stepper
@@ -32,11 +32,11 @@ class IDADriver(Stepper):
     others: tuple[str, ...] = ("radau", "adams", "hybrid")
 
     _ida: DirectIDA | BoundIDA
-    _scales: Any  # solvers.ledger.Scales, held
+    _scales: Any  # solvers.energy_account.EnergyScales, held
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
-        self._counts, self._book, self._course = np.zeros(N_COUNTERS), records(1, BOOK), records(1, COURSE)
+        self._counts, self._book, self._course = np.zeros(N_COUNTERS), records(1, ENERGY_ACCOUNT), records(1, COURSE)
         self._begun = np.zeros(1)  # how often IDA has been initialized
         self._failed_before = 0.0  # steps of too large an error until then
         self._pending = True  # IDA is to be initialized at the reported state
@@ -84,7 +84,7 @@ class IDADriver(Stepper):
         self._pending, c["passed"], c["begun"], c["taken"] = False, self._t, self._t, 0.0
         c["works"] = int(self._works())
         self._begun[0] += 1.0
-        begin_work(self._book, self._ledger[WORK])
+        restart_work(self._book, self._energy_account[WORK])
 
     @abstractmethod
     def _works(self) -> bool:
@@ -130,8 +130,8 @@ class IDADriver(Stepper):
         return code
 
     def _tell(self) -> None:
-        """Put what is booked at the reported time into the ledger."""
-        report_at(self._book, self._t, self._ledger)
+        """Fill the energy account of the reported time."""
+        fill_account_row_at(self._book, self._t, self._energy_account)
 
     def restart(self) -> None:
         """Reinitialize IDA at the reported state before the next step."""
@@ -140,8 +140,8 @@ class IDADriver(Stepper):
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
         self._count_failures()
-        seen = contents(self._scales).found
-        return [self.clock, self._q, self._v, self._counts, self._begun, self._ledger, self._book, seen]
+        seen = contents(self._scales).bound_results
+        return [self.clock, self._q, self._v, self._counts, self._begun, self._energy_account, self._book, seen]
 
     def restore(self, data: bytes) -> None:
         """Set a reported state; the history restarts."""

@@ -351,8 +351,8 @@ def taken_by_filter(time: float, terms: Any, u: Any, work: Any) -> float:
     """
     power, inertia, looped, speed = 0.0, 0.0, 0.0, loop_speed(u.v, work)
     for i in range(u.v.shape[0]):
-        inertia += work.looped[i] * terms.M[i, i] * work.size[i] ** 2
-        looped += work.looped[i]
+        inertia += work.in_loops[i] * terms.M[i, i] * work.size[i] ** 2
+        looped += work.in_loops[i]
     for row in range(terms.nu.shape[0]):
         left = -terms.nu[row]
         for i in range(u.v.shape[0]):

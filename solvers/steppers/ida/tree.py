@@ -46,12 +46,12 @@ from sksundae.ida import IDAPrecond
 
 from solvers.codes import coded
 from solvers.compiled.held import hold
+from solvers.energy_account import EnergyScales
 from solvers.inertia import Growth, describe_large_growth
-from solvers.ledger import Scales
 from solvers.linalg.blocks import one_thread
 from solvers.options import Options
 from solvers.outcome import Code
-from solvers.projection.saddle import Accelerations, close, count_freedom, inverse_squares, rate_of_motion
+from solvers.projection.saddle import Accelerations, count_freedom, inverse_squares, motion_rate, project
 from solvers.stepper import require_placed, require_resolved
 from solvers.system import LARGEST_DENSE, Array, TreeSystem, energy_callbacks
 
@@ -102,13 +102,13 @@ class TreeIDAStepper(IDADriver):
         z = np.zeros
         self._reduced = Reduced(np.ones(1), z((2, m)), z((m, n)), z((n, m)), z((n, m)), z((2 * m, 2 * m)))
         self._motion = Accelerations(system)
-        self._rate = rate_of_motion(self._motion, self._t, self._q, self._v, self.options.duration)
+        self._rate = motion_rate(self._motion, self._t, self._q, self._v, self.options.duration)
         require_resolved(self._t, self._rate, self.options.rtol)
         require_placed(self._q, system.position_sizes(system.size), self.options.rtol, system.coordinate_names)
         self._c["instant"] = STANDSTILL_RATIO / self._rate
         self._growth_data = Growth.of(system, self._rate)
         self._ida = self._new_ida()
-        self.status = self._status(close(system, self._t, self._q, self._v))
+        self.status = self._status(project(system, self._t, self._q, self._v))
 
     def _new_ida(self) -> DirectIDA | BoundIDA:
         s, o = self.system, self.options
@@ -181,14 +181,14 @@ class TreeIDAStepper(IDADriver):
     def _has_mesh(self) -> bool:
         return self.system.meshed is not None and bool(self.system.meshed.any())
 
-    def _find_scales(self, sizes: Array, rates: Array, count: int) -> Scales:
+    def _find_scales(self, sizes: Array, rates: Array, count: int) -> EnergyScales:
         """Return the scales of the energy error: those of the requested tolerances, independent of those of IDA.
 
         The stiff modes of a mesh are damped on purpose, as far as IDA's own tolerances let them be.
         """
         if self._has_mesh:
-            return Scales.of_mesh(self.options.rtol, sizes, rates, count, MESH_RATE_TOLERANCE_RATIO)
-        return Scales.of(self.options.rtol, sizes, self._rate * sizes)
+            return EnergyScales.of_mesh(self.options.rtol, sizes, rates, count, MESH_RATE_TOLERANCE_RATIO)
+        return EnergyScales.of(self.options.rtol, sizes, self._rate * sizes)
 
     def _imaginary(self, count: int) -> Any:
         """Return what products of Newton's matrix are made with, where forces turn sharply."""
@@ -290,7 +290,7 @@ class TreeIDAStepper(IDADriver):
 
     def _take(self, t: float, y: Array) -> Code:
         q, v = y[: self.system.nq].copy(), y[self._v_at].copy()
-        code = close(self.system, t, q, v)
+        code = project(self.system, t, q, v)
         if code is Code.OK:
             self._t, self._q, self._v = t, q, v
         return code

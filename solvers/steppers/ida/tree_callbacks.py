@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from solvers.compiled.foreign import array_at
 from solvers.compiled.kernel import inlined, kernel
+from solvers.energy_account import energy_check_scheduled, record_step, update_energy_bound
 from solvers.inertia import finer_tolerance, update_tree_growth
-from solvers.ledger import add_step, due, look
 from solvers.outcome import OK
 from solvers.positions import Positions, as_motion, as_slope
 from solvers.system import Array
@@ -65,7 +65,7 @@ class Given(NamedTuple):
     retract: Any
     position: Any
     power: Any
-    exposure: Any
+    evaluate_energy_bound: Any
     data: Any
     terms: Any
     positions: Positions
@@ -211,18 +211,18 @@ def precondition(y: Any, r: Any, z: Any, g: Any) -> None:
 
 @kernel
 def note(t: float, y: Any, slopes: Any, g: Any) -> None:
-    """Book a step of IDA's to (t, y, y'); see :mod:`solvers.ledger`."""
+    """Book a step of IDA's to (t, y, y'); see :mod:`solvers.energy_account`."""
     c, s, done = g.book[0], g.scratch, 0.0
     load(y, slopes, g)
-    if due(c):
+    if energy_check_scheduled(c):
         for row in range(s.lam.shape[0]):
             s.right[row] = 0.0
         g.inverse(t, s.q, s.v, s.zero, s.right, g.data, s.qdot, s.tau)
-        look(g.exposure, g.data, c, g.scales)
+        update_energy_bound(g.evaluate_energy_bound, g.data, c, g.scales)
     if g.course[0].works == 1:
         g.inverse(t, s.q, s.v, s.a, s.lam, g.data, s.qdot, s.tau)
         done = g.power(t, s.q, s.v, s.a, s.lam, g.data)
-    add_step(g.book, t, done)
+    record_step(g.book, t, done)
 
 
 @kernel

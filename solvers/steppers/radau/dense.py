@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import records
-from solvers.ledger import WORK
+from solvers.energy_account import WORK
 from solvers.options import Options, Statistics
 from solvers.stepper import sized
 from solvers.steppers.compiled_loop import CompiledLoopStepper
@@ -46,7 +46,7 @@ class RadauStepper(CompiledLoopStepper):
 
     def _begin(self, ends: int, kept: bool) -> None:
         self._settings["works"] = self.options.energy_check and self.system.works()
-        loop.begin_anew(self._held, self._t, self._q, self._v, float(self._ledger[WORK]), ends, kept)
+        loop.begin_anew(self._held, self._t, self._q, self._v, float(self._energy_account[WORK]), ends, kept)
 
     def jump(self, dv: Array) -> None:
         """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""
@@ -55,8 +55,8 @@ class RadauStepper(CompiledLoopStepper):
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        seen = self._scales.found
-        return [*self._memory, self.clock, self._q, self._v, self._ledger, seen, *self._units.memory()]
+        seen = self._scales.bound_results
+        return [*self._memory, self.clock, self._q, self._v, self._energy_account, seen, *self._units.memory()]
 
     @property
     def statistics(self) -> Statistics:

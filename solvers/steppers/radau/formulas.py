@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
-from solvers.ledger import FIELDS
+from solvers.energy_account import ACCOUNT_FIELDS
 from solvers.linalg.dense import factor_lu, solve_lu
 from solvers.system import Array
 
@@ -58,7 +58,7 @@ CONTROL = np.dtype(
         ("refused", "i8"),  # steps that might have jumped to another branch
         ("coarser", "f8"), ("coarsest", "f8"), ("narrowest", "f8"),  # as in solvers.steppers.adams.formulas
         ("undetermined", "i8"), ("undetermined_at", "f8"),
-        *FIELDS,
+        *ACCOUNT_FIELDS,
     ],
     align=True,
 )  # fmt: skip

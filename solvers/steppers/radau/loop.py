@@ -17,12 +17,20 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
+from solvers.energy_account import (
+    add_energy_error_bound,
+    count_rejected_step,
+    energy_check_scheduled,
+    fill_account_row,
+    reset_check_schedule,
+    set_energy_scales,
+    update_energy_bound,
+)
 from solvers.inertia import clear_growth, finer_tolerance, update_growth
-from solvers.ledger import book_stray, due, look, look_anew, refuse_step, report, set_scales
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
-from solvers.projection.projection import acceleration, close
-from solvers.projection.reported import report_state
-from solvers.projection.singular import CLOSED, MISS, note, passed, step_bound
+from solvers.projection.projection import evaluate_acceleration, project
+from solvers.projection.reported import fill_reported_state
+from solvers.projection.singular import BRANCH_RESOLUTION, IMPERFECT, branch_step_limit, on_same_branch, record_accepted
 from solvers.stepper import smallest_step, sudden
 from solvers.steppers.step_control import (
     FIRST_STEP_RATIO,
@@ -63,8 +71,8 @@ NEWTON_RTOL_RATIO = 0.1  # of rtol: the remainder of Newton's method has one sig
 def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
     """Tolerances at (H.q, H.v), larger near a near miss, where rounding limits the accuracy."""
     c.coarser = 1.0
-    if work.critical[0].kind == MISS:
-        gap = abs(work.critical[0].gap)
+    if work.critical[0].kind == IMPERFECT:
+        gap = abs(work.critical[0].bifurcation_gap)
         c.coarser = max(1.0, MIN_RTOL_TIMES_GAP / (gap * o.asked))
         if c.coarser > c.coarsest:
             c.coarsest, c.narrowest = c.coarser, gap
@@ -80,16 +88,16 @@ def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
 def arrive(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
     """Take q', v' and W' at (work.q, work.v), which is closed with its ``terms`` and factors at hand; book it."""
     c.evaluations += 1
-    code = acceleration(eqs, t, work.q, work.v, c.rank, work, work.slope)
+    code = evaluate_acceleration(eqs, t, work.q, work.v, c.rank, work, work.slope)
     if code == OK:
         for i in range(H.q.shape[0]):
             H.q[i], H.qdot[i] = work.q[i], eqs.terms.qdot[i]
         for i in range(H.v.shape[0]):
             H.v[i], H.a[i] = work.v[i], work.slope[i]
         update_growth(t, eqs.terms.M, work.v, work)
-        if o.energy_check == 1 and due(c):
-            look(eqs.exposure, eqs.data, c, scales)
-            c.exposure *= max(1.0, c.coarser)
+        if o.energy_check == 1 and energy_check_scheduled(c):
+            update_energy_bound(eqs.evaluate_energy_bound, eqs.data, c, scales)
+            c.step_energy_error_bound *= max(1.0, c.coarser)
         H.power[0] = power(eqs, t, c, o, work, work.slope)
     return code
 
@@ -103,7 +111,7 @@ def begin_anew(H: Any, t: float, q: Any, v: Any, done: float, ends: int, kept: b
     c = H.control[0]
     c.placed = c.placed if kept and c.t == t else 0
     c.t, c.start, c.ends, c.before = t, 1, ends, 0.0
-    look_anew(H.control)
+    reset_check_schedule(H.control)
     for i in range(H.q.shape[0]):
         H.q[i] = q[i]
     for i in range(H.v.shape[0]):
@@ -115,12 +123,12 @@ def begin_anew(H: Any, t: float, q: Any, v: Any, done: float, ends: int, kept: b
 def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
     """Close (H.q, H.v) where it is not, look around, and take its derivatives."""
     at_state(H.q, H.v, work)
-    code = close(eqs, c.t, work.q, work.v, c.rank, work)
+    code = project(eqs, c.t, work.q, work.v, c.rank, work)
     if code != OK:
         return code
     if c.placed == 0:
-        work.course[0].ratio = 0.0
-        note(eqs, c.t, work.q, 0.0, 0.0, c.rank, work)
+        work.branch_history[0].pivot_ratio = 0.0
+        record_accepted(eqs, c.t, work.q, 0.0, 0.0, c.rank, work)
     code = arrive(eqs, c.t, c, o, H, work, scales)
     if code == OK:
         c.start, c.placed, c.follows, c.fresh = 0, 1, 0, 0
@@ -166,7 +174,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
         c.h = min(c.h, o.max_step)
         h = stop_at(c, target) if c.ends > 0 else c.h
         code, shorter, corner, exact = COLLAPSED, 0.5, False, True
-        renewable = c.fresh == 0 and (c.rank == 0 or work.course[0].ratio >= MIN_DERIVATIVE_PIVOT_RATIO)
+        renewable = c.fresh == 0 and (c.rank == 0 or work.branch_history[0].pivot_ratio >= MIN_DERIVATIVE_PIVOT_RATIO)
         if renewable and (c.known == 0 or c.rate > MAX_CONTRACTION):
             renewable = False
             take_derivatives(eqs, c, H, work)
@@ -184,8 +192,8 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
                 for i in range(n):
                     work.v[i] = H.v[i] + H.Z[STAGES - 1, i]
                 after = target if c.ends > 0 and abs(target - c.t - h) <= TARGET_TOLERANCE * h else c.t + h
-                code = close(eqs, after, work.q, work.v, c.rank, work)
-                if code == OK and not passed(eqs, after, work.q, CLOSED, c.rank, work):
+                code = project(eqs, after, work.q, work.v, c.rank, work)
+                if code == OK and not on_same_branch(eqs, after, work.q, BRANCH_RESOLUTION, c.rank, work):
                     code = BRANCHES
                     c.refused += 1
                 if code == OK:
@@ -203,7 +211,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
         elif renewable:
             c.known, shorter = 0, 1.0
         c.follows = 0
-        refuse_step(c, corner)
+        count_rejected_step(c, corner)
         if shorter < 1.0:
             c.h = shorter * h
         smallest = smallest_step(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
@@ -231,8 +239,8 @@ def accept(c: Any, H: Any, h: float, after: float, error: float) -> None:
     for s in range(STAGES):
         done += h * A[STAGES - 1, s] * H.P[s]
     H.work[0] += done
-    c.through += abs(done)
-    book_stray(c, error_of_work(h, H), h)
+    c.work_total_variation += abs(done)
+    add_energy_error_bound(c, error_of_work(h, H), h)
     whole = h >= c.h
     c.t, c.hold = after, h
     longer = h * grow(c, h, error)
@@ -254,9 +262,11 @@ def back_to(H: Any, q: Any, v: Any) -> None:
 
 
 @kernel
-def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: float, q: Any, v: Any, ledger: Any) -> int:
+def advance(
+    eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: float, q: Any, v: Any, energy_account: Any
+) -> int:
     """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure, and
-    what is booked into ``ledger`` (ROW,).
+    what is booked into ``energy_account`` (ROW,).
     """
     c, o = H.control[0], settings[0]
     code, taken = OK, 0
@@ -272,18 +282,18 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
         if code != OK:
             break
         taken += 1
-        note(eqs, c.t, H.q, c.hold, c.h, c.rank, work)
-        c.h = min(c.h, step_bound(c.t, H.q, H.v, c.hold, eqs.terms, work))
+        record_accepted(eqs, c.t, H.q, c.hold, c.h, c.rank, work)
+        c.h = min(c.h, branch_step_limit(c.t, H.q, H.v, c.hold, eqs.terms, work))
     back_to(H, q, v)
     done = H.work[0]
     if code == OK:
         if target < c.t:
             done = interpolate(target, H, q, v)
-        code = close(eqs, target, q, v, c.rank, work)
+        code = project(eqs, target, q, v, c.rank, work)
         if code != OK:
             back_to(H, q, v)
             done = H.work[0]
-    report(c, done, ledger)
+    fill_account_row(c, done, energy_account)
     return code
 
 
@@ -301,18 +311,18 @@ def take_options(options: Any, settings: Any) -> None:
 def set_up(g: Any, rank: int, absolute: float) -> None:
     """Take rank, units and paces as they were found at the start; ``absolute`` is the tolerance in those units."""
     g.memory.control[0].rank = rank
-    set_scales(g.scales, absolute, g.work.size, g.work.pace)
+    set_energy_scales(g.scales, absolute, g.work.size, g.work.pace)
     clear_growth(g.work)
 
 
 @kernel
 def advance_reported(g: Any, target: float) -> int:
     """:func:`advance` for the reported state."""
-    return advance(g.eqs, g.settings, g.memory, g.work, g.scales, target, g.q, g.v, g.ledger)
+    return advance(g.eqs, g.settings, g.memory, g.work, g.scales, target, g.q, g.v, g.energy_account)
 
 
 @kernel
-def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, outputs: Any) -> tuple[int, int]:
+def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, energy_account: Any, outputs: Any) -> tuple[int, int]:
     """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, energy account and outputs of
     the system in a row each.
 
@@ -320,9 +330,9 @@ def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, ou
     """
     eqs, H, work, o = g.eqs, g.memory, g.work, g.settings[0]
     for i in range(times.shape[0]):
-        code = advance(eqs, g.settings, H, work, g.scales, times[i], q[i], v[i], ledger[i])
+        code = advance(eqs, g.settings, H, work, g.scales, times[i], q[i], v[i], energy_account[i])
         if code == OK:
-            code = report_state(eqs, times[i], q[i], v[i], o.asked, H.control[0], work, a[i], lam[i], outputs[i])
+            code = fill_reported_state(eqs, times[i], q[i], v[i], o.asked, H.control[0], work, a[i], lam[i], outputs[i])
         if code != OK:
             return code, i
     return OK, times.shape[0]

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.linalg.dense import ratio
+from solvers.linalg.dense import pivot_ratio
 from solvers.outcome import COLLAPSED, NOT_FINITE, OK
-from solvers.projection.projection import acceleration, close, multipliers
-from solvers.projection.workspace import factor_here
+from solvers.projection.projection import evaluate_acceleration, evaluate_multipliers, project
+from solvers.projection.workspace import evaluate_and_factor
 
 from .formulas import NODES, STAGES, A, correct_stages, extrapolate
 
@@ -28,12 +28,12 @@ def differentiate(eqs: Any, t: float, c: Any, work: Any, a: Any) -> int:
     What is off the constraints is in v' by the inverse square of the smallest pivot: where that is small it is closed.
     """
     c.evaluations += 1
-    factor_here(eqs, t, work.q, work.v, work)
-    if c.rank > 0 and ratio(work.pivot, c.rank) < CLOSED_STAGES_PIVOT_RATIO:
-        code = close(eqs, t, work.q, work.v, c.rank, work)
+    evaluate_and_factor(eqs, t, work.q, work.v, work)
+    if c.rank > 0 and pivot_ratio(work.pivot, c.rank) < CLOSED_STAGES_PIVOT_RATIO:
+        code = project(eqs, t, work.q, work.v, c.rank, work)
         if code != OK:
             return code
-    return acceleration(eqs, t, work.q, work.v, c.rank, work, a)
+    return evaluate_acceleration(eqs, t, work.q, work.v, c.rank, work, a)
 
 
 @kernel
@@ -41,7 +41,7 @@ def power(eqs: Any, t: float, c: Any, o: Any, work: Any, a: Any) -> float:
     """W' at the state evaluated last, with v' = a."""
     if o.works == 0:
         return 0.0
-    multipliers(eqs.terms, c.rank, work, a, work.lam)
+    evaluate_multipliers(eqs.terms, c.rank, work, a, work.lam)
     return eqs.power(t, work.q, work.v, a, work.lam, eqs.data)
 
 
