@@ -25,7 +25,7 @@ from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
 from mbfmu.modeling.registry import find, models
 from mbfmu.modeling.scene import load_scene, scenes
-from mbfmu.session.solver_selection import pick
+from mbfmu.session.solver_selection import select_solver
 from solvers.system import LARGEST_DENSE
 
 Array = NDArray[np.float64]
@@ -269,7 +269,7 @@ def taken(case: Case) -> tuple[str, float, Any]:
     times = []
     for _ in range(3):
         begin = time.process_time()
-        found = pick(simulation.plant, [start], settings.options(simulation.stepper.options.duration))
+        found = select_solver(simulation.plant, [start], settings.options(simulation.stepper.options.duration))
         times.append(time.process_time() - begin)
     return found.solver, min(times), simulation.plant
 

@@ -21,7 +21,7 @@ from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.modeling import Model
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 
 END = 10.0
 INTERVALS = 1000

@@ -24,7 +24,7 @@ from mbfmu.mechanics import Wall
 from mbfmu.modeling.scene import load_scene
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.sheets import add_contact
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 
 FREE: dict[str, Any] = {"path": "straight", "nips": 1, "guides": False, "gravity_y": 0.0, "speed": 0.3, "lead": 0.1}
 BOTH = "esdirk", "ida"

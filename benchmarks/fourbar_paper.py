@@ -13,7 +13,7 @@ from mbfmu.modeling.scene import load_scene
 from mbfmu.plotting.figures import COLORS, finish, subplots
 from mbfmu.session.run import Result, communication_points, run
 from mbfmu.session.simulation import Simulation
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 
 METHODS = {"LU": "adams-lu", "projection": "adams", "hybrid": "hybrid"}
 ACCELERATION = ("coupler.acceleration.y", "vertical acceleration of the coupler [m/s$^2$]")

@@ -36,7 +36,7 @@ from overconstrained import OVERCONSTRAINED  # noqa: E402
 
 import mbfmu as mb  # noqa: E402
 from mbfmu.mechanics import Mechanism, Plant  # noqa: E402
-from mbfmu.util.table import power  # noqa: E402
+from mbfmu.util.text_table import power  # noqa: E402
 
 SOLVERS = ("ida", "adams", "hybrid", "radau", "esdirk")
 LOOPS_AT_ONCE = (*range(1, 13), 15, 20, 25, 30, 35, 40)

@@ -22,7 +22,7 @@ from timing import median_times
 from fmus.fourbar import FourBar
 from mbfmu.mechanics import Plant
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 from solvers.steppers.ida import dense
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "loops"))

@@ -27,7 +27,7 @@ from mbfmu.modeling import Model
 from mbfmu.native.runtime import compiler
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 
 STEPS, LENGTH = 10_000, 1e-3  # the second in s
 INSTANCES = 1000

@@ -20,7 +20,7 @@ from mbfmu.mechanics import Plant
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.studies.effects import time_of_evaluation
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 from solvers import Code
 from solvers.projection.saddle import Accelerations
 

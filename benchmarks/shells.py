@@ -20,7 +20,7 @@ from shell_problems import Problem  # noqa: E402
 
 from mbfmu.steady.equilibrium import build_problem, equilibrium  # noqa: E402
 from mbfmu.util.errors import EquilibriumError  # noqa: E402
-from mbfmu.util.table import table  # noqa: E402
+from mbfmu.util.text_table import table  # noqa: E402
 
 Mesh = tuple[int, int]
 THICK, THIN = 0.32, 0.0032

@@ -26,7 +26,7 @@ from mbfmu.mechanics import Body, Drum, Guide, Mechanism, PointForce, Polynomial
 from mbfmu.session.result import Result
 from mbfmu.session.run import simulate
 from mbfmu.sheets import NipHandle, Sheet, Support, add_contact, add_nip, add_sheet
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 
 LENGTH, WIDTH, THICKNESS, RADIUS = 0.297, 0.03, 1e-4, 0.01
 BENDING = 4e9 * THICKNESS**3 / 12.0  # N m

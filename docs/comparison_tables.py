@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mbfmu.util.table import power
+from mbfmu.util.text_table import power
 from solvers.steppers.ida.dense import MIN_RTOL
 
 ROOT = Path(__file__).parents[1]

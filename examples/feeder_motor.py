@@ -43,7 +43,7 @@ from fmus.feeder import Feeder
 from mbfmu.fmi import Fmu, export
 from mbfmu.plotting.figures import finish
 from mbfmu.session.run import communication_points
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 
 Array = NDArray[np.float64]
 Fmus = Mapping[str, Path]  # elements in the order in which Gauss and Seidel step them

@@ -35,7 +35,7 @@ from mbfmu.fmi import Fmu, export
 from mbfmu.plotting.figures import finish
 from mbfmu.session.run import communication_points
 from mbfmu.session.simulation import Settings
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 
 Array = NDArray[np.float64]
 

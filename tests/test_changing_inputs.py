@@ -164,10 +164,10 @@ def test_what_a_load_was_is_part_of_the_state() -> None:
         first.set_input("torque", 1.0 + 5.0 * t)
         first.advance(t + 0.1)
     second.restore(first.save())
-    mark = second.mark()
+    mark = second.checkpoint()
     second.set_input("torque", -7.0)
     second.advance(0.25)
-    second.rewind(mark)
+    second.rollback(mark)
     for simulation in (first, second):
         simulation.set_input("torque", 2.0)
         simulation.advance(0.3)

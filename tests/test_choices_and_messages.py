@@ -15,9 +15,9 @@ import mbfmu as mb
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.ensemble.subject import subject_of
+from mbfmu.ensemble.study_target import subject_of
 from mbfmu.fmi import export
-from mbfmu.fmi.native import SOLVERS, _with_solver, describe_constants
+from mbfmu.fmi.native_fmu import SOLVERS, _with_solver, describe_constants
 from mbfmu.modeling.model import of_user
 from mbfmu.native.data import native_model
 from mbfmu.plotting.steady_states import STABILITY_STYLES

@@ -22,7 +22,7 @@ from mbfmu.__main__ import main as run_module
 from mbfmu.cli import main, models, parser
 from mbfmu.cli.common import scene_of
 from mbfmu.cli.results import results
-from mbfmu.fmi.coupled import own_source
+from mbfmu.fmi.python_fmu import own_source
 from mbfmu.modeling import find
 from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.scene import as_toml, load_scene

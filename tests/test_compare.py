@@ -21,13 +21,13 @@ from mbfmu.modeling.settings import Settings
 from mbfmu.session.run import run
 from mbfmu.studies import work_precision
 from mbfmu.studies.compare import Comparison, Row, compare, solvers_of
+from mbfmu.studies.comparison_report import as_text
 from mbfmu.studies.recommendation import one_digit, read_target, recommend_solver
 from mbfmu.studies.reference import driven
 from mbfmu.studies.resolution import limit, moving_places, resolutions_of
 from mbfmu.studies.timing import Budget, Spent, TooLong, in_turn
-from mbfmu.studies.words import as_text
 from mbfmu.util.errors import UserError
-from mbfmu.util.table import power
+from mbfmu.util.text_table import power
 
 
 def short(model: Any, stop_time: float, interval: float = 0.01) -> Scene:

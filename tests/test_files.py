@@ -236,14 +236,14 @@ def test_a_name_of_the_largest_length_can_be_written(tmp_path: Path) -> None:
 # ---- no writer beside it ---------------------------------------------------------------------------------------------
 
 TEMPORARY = {  # functions that write into a folder of their own, which is removed again
-    "fmi/coupled.py:write_script",
-    "fmi/apart.py:_apart",
+    "fmi/python_fmu.py:write_script",
+    "fmi/subprocess_export.py:_apart",
     "native/runtime.py:ingredients",
     "native/runtime.py:_linked",
     "native/runtime.py:_alone",  # a file that is locked, and empty
     "native/kernels.py:main",
-    "ensemble/work.py:unpacked",
-    "ensemble/work.py:__init__",
+    "ensemble/worker.py:unpacked",
+    "ensemble/worker.py:__init__",
     "__main__.py:prepare_streams",  # the device, as below
     "cli/__init__.py:main",  # the device that swallows what is written to it
     "util/files.py:write_text",

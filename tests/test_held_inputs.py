@@ -10,7 +10,7 @@ import pytest
 
 import mbfmu as mb
 from mbfmu.mechanics import Variable
-from mbfmu.studies.held import describe_held_inputs
+from mbfmu.studies.held_inputs import describe_held_inputs
 
 MODEL = """
 from dataclasses import dataclass

@@ -152,12 +152,12 @@ def test_energy_closes_across_a_jump_of_speed(solver: str) -> None:
 
     simulation = begin(make, solver)
     simulation.set_input(0, speed)
-    assert simulation.work_of_jumps == 0.0
+    assert simulation.discontinuity_work == 0.0
     assert simulation.advance(t).ok
     x, v = simulation.outputs()[:2]
     assert x == pytest.approx(speed * (t - np.sin(w * t) / w), abs=1e-8)
-    assert simulation.work_of_jumps == pytest.approx(0.5 * BASE_MASS * speed**2, rel=1e-12)
-    assert simulation.energy() - speed * v == pytest.approx(simulation.work_of_jumps, rel=1e-7)
+    assert simulation.discontinuity_work == pytest.approx(0.5 * BASE_MASS * speed**2, rel=1e-12)
+    assert simulation.energy() - speed * v == pytest.approx(simulation.discontinuity_work, rel=1e-7)
 
 
 CRANK, ROD, SWING = 0.4, 0.6, 1.1  # m, m, rad between them
@@ -189,7 +189,7 @@ def test_a_rod_on_a_crank_keeps_its_angular_momentum_about_the_pin(solver: str, 
         return float(CRANK**2 / 6.0 * w**2 + copies * (1.5 * v @ v + 0.5 * 3.0 * ROD**2 / 12.0 * spin**2))
 
     work = kinetic(2.0 + jump, 1.5 + absolute) - kinetic(2.0, 1.5)
-    assert simulation.work_of_jumps == pytest.approx(work, rel=1e-9)
+    assert simulation.discontinuity_work == pytest.approx(work, rel=1e-9)
 
 
 BARS = {"crank": (0.5, 1.0, 0.9), "coupler": (1.3, 2.0, 0.3), "rocker": (0.9, 1.5, 1.4)}  # m, kg, rad from the x-axis
@@ -329,7 +329,7 @@ def test_a_saved_run_goes_on_with_the_motion(way: str) -> None:
         for k, value in enumerate(WAYS[way](0.06, 0.07)):
             simulation.set_input(k, value)
         assert simulation.advance(0.07).ok
-        return [*simulation.outputs(), simulation.work_of_jumps]
+        return [*simulation.outputs(), simulation.discontinuity_work]
 
     for k, value in enumerate(WAYS[way](0.05, 0.06)):
         first.set_input(k, value)
@@ -393,9 +393,9 @@ def test_a_jump_of_gravity_lifts_the_energy() -> None:
     start = simulation.energy()
     assert simulation.advance(0.1).ok
     simulation.set_input(0, -4.0)
-    assert simulation.work_of_jumps == pytest.approx(2.0 * (4.0 - 10.0) * (3.0 - 0.5 * 10.0 * 0.01), rel=1e-9)
+    assert simulation.discontinuity_work == pytest.approx(2.0 * (4.0 - 10.0) * (3.0 - 0.5 * 10.0 * 0.01), rel=1e-9)
     assert simulation.advance(0.2).ok
-    assert simulation.energy() - start == pytest.approx(simulation.work_of_jumps, rel=1e-9)
+    assert simulation.energy() - start == pytest.approx(simulation.discontinuity_work, rel=1e-9)
 
 
 @dataclass(frozen=True, kw_only=True)

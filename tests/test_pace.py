@@ -77,7 +77,7 @@ def test_links_that_ida_follows_at_a_small_tolerance_are_reported_and_esdirk_is_
 
 def test_the_check_does_not_change_the_motion() -> None:
     watched = Simulation(links(), Settings(tolerance=1e-8))
-    watched.pace.end = 1.0
+    watched.step_count_check.end = 1.0
     assert watched.advance(5e-3).ok
     assert any("has taken" in text for text in watched.remarks)
     plain = stepper("ida", watched.plant.system, 0.0, *watched.start, Options(rtol=1e-8))

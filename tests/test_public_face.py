@@ -124,8 +124,8 @@ def test_outputs_do_not_depend_on_how_many_are_recorded_at_once(solver: str, mon
     reported: list[list[float]] = []
     values = []
     for rows, brief in ((7, 0.0), (100, np.inf)):
-        monkeypatch.setattr("mbfmu.session.run.ROWS", rows)
-        monkeypatch.setattr("mbfmu.session.run.BRIEF", brief)
+        monkeypatch.setattr("mbfmu.session.run.FIRST_BATCH_SIZE", rows)
+        monkeypatch.setattr("mbfmu.session.run.SHORT_BATCH_TIME", brief)
         reported.append([])
         times = communication_points(2.0, 0.005)
         values.append(run(swing(), mb.Settings(solver=solver), times, progress=reported[-1].append).values)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
 from mbfmu.mechanics import Plant
-from mbfmu.session.failure_diagnosis import why
+from mbfmu.session.failure_diagnosis import explain_failure
 from solvers.outcome import Code, Status
 
 SOLVERS = ("ida", "adams", "hybrid", "radau")
@@ -126,4 +126,4 @@ def test_a_singular_position_that_is_passed_is_not_called_out_of_reach(scale: fl
     t = 1.7 - early
     q = np.array([early - np.pi, np.pi - early, np.pi - early])
     for code in (Code.BRANCHES, Code.NOT_CLOSED):
-        assert "[unreachable-drive]" not in why(Plant(m), Status(code, t), q, 2.0, starts_singular=False)
+        assert "[unreachable-drive]" not in explain_failure(Plant(m), Status(code, t), q, 2.0, starts_singular=False)

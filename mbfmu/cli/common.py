@@ -19,7 +19,7 @@ from mbfmu.modeling.settings import Settings
 from mbfmu.session.run import check_interval
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import check_writable, write_text
-from mbfmu.util.table import power
+from mbfmu.util.text_table import power
 
 from .completion import complete, parameter_names, scene_names
 

@@ -194,9 +194,9 @@ def counting(options: argparse.Namespace, shown: Any) -> Callable[[str, float], 
 def command_table(options: argparse.Namespace, scene: Scene) -> int:
     """Compare, print the table and draw the plots."""
     from mbfmu.studies.compare import TOLERANCES, compare, solvers_of
+    from mbfmu.studies.comparison_report import as_text
     from mbfmu.studies.settling import Settled, settle
     from mbfmu.studies.settling import as_text as settled_as_text
-    from mbfmu.studies.words import as_text
 
     plant = scene.model.plant()
     settling = scene.model.settling if plant.system.has_matrices else {}

@@ -16,7 +16,7 @@ from mbfmu.steady.supports import FOLLOWED
 from mbfmu.steady.sweep import Branch, sweep
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.files import replacing
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 
 from .common import (
     Commands,

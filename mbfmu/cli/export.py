@@ -59,8 +59,8 @@ def add(commands: Commands) -> None:
 def command_export(options: argparse.Namespace) -> int:
     """Write an FMU."""
     from mbfmu.fmi import export
-    from mbfmu.fmi.apart import export_scene
-    from mbfmu.fmi.native import refuse_solver
+    from mbfmu.fmi.native_fmu import refuse_solver
+    from mbfmu.fmi.subprocess_export import export_scene
 
     scene = scene_of(options)
     name, part = file_name(scene.model.name), scene_part(scene)

@@ -9,7 +9,7 @@ from textwrap import wrap
 from mbfmu.modeling.registry import models
 from mbfmu.modeling.scene import load_scene
 from mbfmu.modeling.variables import Role, ScalarVariable, columns, interface, parameters
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 
 from . import scenes
 from .common import Commands

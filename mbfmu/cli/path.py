@@ -7,7 +7,7 @@ import argparse
 from mbfmu.plotting.steady_states import plot_path
 from mbfmu.steady.path import STEPS, EquilibriumPath, equilibrium_path
 from mbfmu.util.errors import UserError, suggest
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 
 from .common import (
     Commands,

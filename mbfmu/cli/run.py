@@ -122,7 +122,7 @@ def command_run(options: argparse.Namespace) -> int:
         if way is not Way.DIRECT and result.wall_time < QUICK:
             recorder = repeated(scene, result, compiles=way is not Way.NATIVE)
         elif way is not Way.DIRECT and scene.settings.solver == AUTO:
-            result.remarks = (str(Simulation(scene.model, scene.settings).pick),)
+            result.remarks = (str(Simulation(scene.model, scene.settings).solver_choice),)
         write(place, scene, result, recorder, options.plot)
         show(options, summary(scene, result, way, total))
         show_more(options, "\n".join([*(f"  {line}" for line in notes if not code_of(line)), statistics(result)]))
@@ -152,8 +152,8 @@ def ran(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> tuple[
             result, way, notes = run(scene.model, scene.settings, times, bar, recorder, warn), Way.DIRECT, None
         else:
             from mbfmu.fmi import export
-            from mbfmu.fmi.apart import make_for_a_run
             from mbfmu.fmi.run import run_fmu
+            from mbfmu.fmi.subprocess_export import make_for_a_run
 
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
                 path = Path(place) / "model.fmu"

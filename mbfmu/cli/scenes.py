@@ -7,7 +7,7 @@ import argparse
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.registry import find, models
 from mbfmu.modeling.scene import load_scene, scenes
-from mbfmu.util.table import power, table
+from mbfmu.util.text_table import power, table
 
 from .common import Commands
 from .completion import complete, model_names

@@ -43,12 +43,12 @@ from mbfmu.modeling.modules import load_module
 from mbfmu.util.errors import UserError, short, suggest
 from mbfmu.util.toml import read_toml
 
-from .aim import Aim, read_aim
 from .design import Point, Sampling, correlations, points
 from .measures import Measure, Own, Steady, read_measure
-from .subject import ModelSubject, Subject, check_point, digest, files_of, subject_of, unknown
+from .objective import Aim, read_aim
+from .study_target import ModelSubject, Subject, check_point, digest, files_of, subject_of, unknown
 from .variation import Drawn, Listed, Variation, read_variation
-from .work import Files, FmuJob, ModelJob, pickled
+from .worker import Files, FmuJob, ModelJob, pickled
 
 SAMPLING = ("count", "sampling", "seed", "together", "correlated")
 KEYS = (

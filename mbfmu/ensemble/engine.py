@@ -24,7 +24,7 @@ from mbfmu.util.errors import UserError
 from mbfmu.util.extras import optional
 
 from .design import Point
-from .work import EXTRA, FAILED, FmuJob, ModelJob, Outcome, batch
+from .worker import EXTRA, FAILED, FmuJob, ModelJob, Outcome, batch
 
 BATCH = 0.5  # s of work
 ENOUGH = 2.0  # s by the clock, after which a batch that takes longer than was thought comes back with what is done
@@ -74,7 +74,7 @@ class Workers:
                 with optional("dask", EXTRA).config.set({"distributed.scheduler.allowed-failures": 1}):
                     self._cluster = distributed.LocalCluster(
                         n_workers=count, threads_per_worker=1, processes=True, dashboard_address=":0", memory_limit=0,
-                        silence_logs=logging.CRITICAL, preload=["mbfmu.ensemble.deaf"],
+                        silence_logs=logging.CRITICAL, preload=["mbfmu.ensemble.worker_preload"],
                     )  # fmt: skip
                 self._client = distributed.Client(self._cluster, set_as_default=False)
             self._client.wait_for_workers(1, timeout=ANSWER)

@@ -15,7 +15,7 @@ from .definition import Definition
 from .sensitivity import sobol_indices, tornado
 from .study import Study
 from .variation import Listed
-from .work import FAILED, SUSPECT
+from .worker import FAILED, SUSPECT
 
 BLUE, RED, ORANGE, GRAY = "#4269d0", "#ff725c", "#efb118", "#9498a0"
 QUANTILES = (0.05, 0.5, 0.95)

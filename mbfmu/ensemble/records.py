@@ -28,7 +28,7 @@ from mbfmu.util.toml import LARGEST
 
 from .definition import COLUMNS, Definition, key_of
 from .design import Point
-from .work import EXTRA, FAILED, Outcome
+from .worker import EXTRA, FAILED, Outcome
 
 FORMAT = 1
 STUDY = b"mbfmu.study"  # in the files of runs: the identity of the study

@@ -14,12 +14,12 @@ import numpy as np
 from mbfmu.util.errors import UserError
 from mbfmu.util.extras import optional
 
-from .aim import Found, look
 from .definition import Definition, define, read_study
 from .design import Point
 from .engine import Workers, check_place, merged
+from .objective import Found, look
 from .records import KEPT, Records, Row, read_histories, read_table, read_told
-from .work import EXTRA, FAILED, OK, SUSPECT, FmuJob, ModelJob, Outcome
+from .worker import EXTRA, FAILED, OK, SUSPECT, FmuJob, ModelJob, Outcome
 
 Progress = Callable[[int, int, int], None]  # arguments: finished runs, all runs, failed runs
 

@@ -12,15 +12,15 @@ from mbfmu.modeling.model import Model, of_user
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import interface, legible
 from mbfmu.session.run import communication_points
-from mbfmu.session.simulation import RestingSimulation
+from mbfmu.session.simulation import UnstartedSimulation
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import replacing
 from solvers.steppers import describe_refusal
 
-from .coupled import coupled
 from .description import Experiment
 from .documentation import licenses, page
-from .native import native as native_files
+from .native_fmu import native as native_files
+from .python_fmu import coupled
 
 
 def export(
@@ -118,7 +118,7 @@ def check_start(model: Model, settings: Settings, plant: Plant, native: bool) ->
     if refused := describe_refusal(settings.solver, plant.system):
         raise UserError(f"model {model.name!r}: {refused}")
     if plant.system.m or settings.start_at_equilibrium:
-        return RestingSimulation(model, settings).start_remarks()
+        return UnstartedSimulation(model, settings).start_remarks()
     plant.check_meetings(0.0, plant.assemble()[0])
     return []
 

@@ -15,7 +15,7 @@ from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.interrupts import interrupts_held
 from mbfmu.session.run import Result
-from mbfmu.session.step_count import OPENING
+from mbfmu.session.step_count import STEP_COUNT_REMARK_START
 from mbfmu.util.errors import UserError
 from solvers.options import Statistics
 
@@ -55,7 +55,7 @@ def run_fmu(
             if not warning and (warning := fmu.message()) and warn is not None:
                 warn(warning)
             for text in fmu.warnings[reported:]:
-                if warn is not None and text.startswith(OPENING):
+                if warn is not None and text.startswith(STEP_COUNT_REMARK_START):
                     warn(text)
             reported = len(fmu.warnings)
             if progress is not None:

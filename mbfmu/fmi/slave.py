@@ -23,7 +23,7 @@ from pythonfmu.enums import Fmi2Status
 
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import Settings
-from mbfmu.session.serialization import frame, unframe
+from mbfmu.session.serialization import decode_state, encode_state
 from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import UserError
 from solvers.compiled.cache import when_compiling
@@ -161,7 +161,7 @@ class ModelSlave(Values):
     def _tell_loops(self) -> None:
         """Log the choice of ``auto`` and trivially satisfied or redundant constraints, unless reported before."""
         assert self.simulation is not None
-        taken = str(self.simulation.pick)
+        taken = str(self.simulation.solver_choice)
         told, self._loops = self._loops, [*([taken] if taken else []), *self.simulation.loops()]
         if told != self._loops:
             for line in self._loops:
@@ -183,13 +183,13 @@ class ModelSlave(Values):
         if step_size == 0.0:
             self.message = simulation.verdict
             return True
-        mark = simulation.mark()
+        checkpoint = simulation.checkpoint()
         try:
             simulation.advance(max(simulation.t, current_time + step_size))  # the host's clock may be a little slow
             if simulation.failure:
                 raise UserError(simulation.failure)
         except Exception:
-            simulation.rewind(mark)
+            simulation.rollback(checkpoint)
             raise
         self._fresh, self.message = False, simulation.verdict
         self._tell()
@@ -270,16 +270,16 @@ class ModelSlave(Values):
             "phase": self._phase.name,
             "message": self.message,
         }
-        return frame(self._owner, head, self.simulation.save() if self.simulation else b"")
+        return encode_state(self._state_key, head, self.simulation.save() if self.simulation else b"")
 
     @property
-    def _owner(self) -> str:
+    def _state_key(self) -> str:
         return f"{self.fmu_guid} {STATE_FORMAT}"
 
     def _set_fmu_state(self, state: bytes) -> None:
         """Take up a state; a bad one changes nothing, and no step is made until a good one is given."""
         try:
-            self._go_back(*unframe(self._owner, state))
+            self._go_back(*decode_state(self._state_key, state))
         except Exception as error:
             self._refuse("FMU state", f"the FMU state cannot be restored: {in_words(error)}")
 

@@ -17,20 +17,20 @@ from mbfmu.modeling.parameters import declared, span
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import ArrayVariable, Role, ScalarVariable, Type, arrays, interface
 from mbfmu.session.failure_diagnosis import advise
-from mbfmu.session.simulation import RestingSimulation, Simulation
+from mbfmu.session.simulation import Simulation, UnstartedSimulation
 from mbfmu.session.tolerances import COARSE_TOLERANCE, describe_coarse
 from solvers.assembly import Outcome
 from solvers.codes import coded
 from solvers.outcome import CODES, KEYS, MESSAGES, Status
 from solvers.steppers import ORDER_LIMITS
 
-from . import layout, starting
+from . import layout, start_checks
 from .entries import Instance, family_of, image_of
 from .families import FAMILIES
 from .image import Image
-from .numbers import Place
+from .model_numbers import Place
+from .parameter_map import LENGTH, Entry, Term
 from .parameters import Live, find_live
-from .table import LENGTH, Entry, Term
 
 BAKED = {  # settings that are decided by the export, and why
     "solver": "it selects the machine code",
@@ -72,7 +72,7 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     UserError
         The model cannot be built, or the runtime cannot run it.
     """
-    simulation = RestingSimulation(model, settings)
+    simulation = UnstartedSimulation(model, settings)
     instance, image = image_of(simulation)
     why = "the FMU is made for one run" if for_one_run else ""
     if settings.start_at_equilibrium:
@@ -143,8 +143,8 @@ class _File:
         rows["places"], rows["kernels"] = list(self._image.places), list(self._image.kernels)
         rows["sentences"] = [self._sentence(code) for code in CODES]
         system = self._simulation.plant.system
-        said = SENTENCES | starting.SENTENCES
-        rows["failures"] = [self._failure(said.get(outcome, "")) for outcome in (*Outcome, *starting.Flaw)]
+        said = SENTENCES | start_checks.SENTENCES
+        rows["failures"] = [self._failure(said.get(outcome, "")) for outcome in (*Outcome, *start_checks.Flaw)]
         rows["rows"] = [(self._say(name),) for name in system.constraint_names]
         rows["coordinates"] = [(self._say(name),) for name in system.coordinate_names]
         rows["cuts"] = [(self._say(handle.name),) for handle in self._simulation.plant.mechanism.cuts]

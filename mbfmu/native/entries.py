@@ -45,10 +45,21 @@ from solvers.positions import Positions
 from solvers.steppers.compiled_loop import Given
 from solvers.system import Array
 
+from .communication_points import (
+    TOLD,
+    arrive,
+    begin_points,
+    energy_at,
+    leave,
+    look,
+    look_at_plates,
+    note_rates,
+    take,
+    tell_balance,
+)
 from .families import FAMILIES, SOLVERS
 from .image import Image
-from .points import TOLD, arrive, begin_points, energy_at, leave, look, look_at_plates, note_rates, take, tell_balance
-from .starting import Frames, judge_start
+from .start_checks import Frames, judge_start
 
 ROLES: dict[ModuleType, type[Kind]] = {
     joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, elements: loads.Load,
@@ -82,7 +93,7 @@ class Instance(NamedTuple):
     told: NDArray[Any]  # (1,) TOLD
     dv: Array  # (n,) jump of the velocities
     cells: NDArray[np.int64]  # (P, 4) bodies at the corners of all plates
-    frames: Any  # mbfmu.native.starting.Frames
+    frames: Any  # mbfmu.native.start_checks.Frames
     positions: Any  # solvers.positions.Positions
 
 
@@ -137,11 +148,11 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
     family, system = family_of(simulation), simulation.plant.system
     if not family:
         raise UserError(
-            f"native FMUs do not support the solver {simulation.pick.solver!r}; allowed: {', '.join(SOLVERS)}",
+            f"native FMUs do not support the solver {simulation.solver_choice.solver!r}; allowed: {', '.join(SOLVERS)}",
             "not-native",
         )
     if family != "tree" and not system.has_matrices:
-        what = f"{simulation.pick.solver!r}" if not system.m else f"{system.m} constraints"
+        what = f"{simulation.solver_choice.solver!r}" if not system.m else f"{system.m} constraints"
         raise UserError(
             f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams' and without "
             f"constraints; this one has {what}. Export it without --native",

@@ -31,7 +31,7 @@ from solvers.steppers.radau.formulas import Memory
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.system import Equations, Terms
 
-from .starting import find_turned
+from .start_checks import find_turned
 
 SMALL = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
 LARGE = {name: getattr(recursions, name) for name in tree_loop.TreeEquations._fields[:-1]}

@@ -25,9 +25,9 @@ from solvers.options import OPTIONS
 from solvers.outcome import Code
 
 from .checksum import crc64
+from .communication_points import TOLD
 from .entries import Entry, kinds
-from .points import TOLD
-from .starting import Flaw
+from .start_checks import Flaw
 
 WORDS = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
 MAGIC = int.from_bytes(b"mbfmu19a", "little")
@@ -68,7 +68,7 @@ TERM = np.dtype([("factors", "i8"), ("count", "i8"), ("coefficient", "f8")])
 FACTOR = np.dtype([("variable", "i8"), ("power", "f8")])  # of variable LENGTH the characteristic length
 LENGTH = -1
 SENTENCE = np.dtype([("what", "i8"), ("remedy", "i8")])  # places in the text, by solvers.outcome.Code
-FAILURE = np.dtype([("before", "i8"), ("between", "i8"), ("after", "i8")])  # by Outcome, then starting.Flaw
+FAILURE = np.dtype([("before", "i8"), ("between", "i8"), ("after", "i8")])  # by Outcome, then start_checks.Flaw
 NAME = np.dtype([("name", "i8")])  # place in the text
 
 SECTIONS = {

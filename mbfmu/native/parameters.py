@@ -17,9 +17,9 @@ import numpy as np
 
 from mbfmu.modeling.model import Model
 
-from .numbers import Place
-from .search import Search
-from .table import LENGTH, Entry, find_entries
+from .model_numbers import Place
+from .parameter_dependence import Search
+from .parameter_map import LENGTH, Entry, find_entries
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ COMPILERS = ("cc", "gcc", "clang")
 HERE = Path(__file__).parent
 PACKED = HERE / "runtimes"  # that a wheel brings along
 # sources of the machine code, in addition to the kernels of other packages
-KERNELS = ("entries.py", "families.py", "kernels.py", "points.py", "starting.py", "targets.py")
+KERNELS = ("entries.py", "families.py", "kernels.py", "communication_points.py", "start_checks.py", "targets.py")
 STRICT = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
 EXPORTED = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
 

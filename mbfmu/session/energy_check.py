@@ -24,7 +24,7 @@ from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
 Array = NDArray[np.float64]
 Place = tuple[float, Array]  # t, q
 
-NEAR = 0.05  # ratio of singular values of J, scaled by the bodies' inertia, that a message calls near
+NEAR_SINGULAR_RATIO = 0.05  # ratio of singular values of J, scaled by the bodies' inertia, that a message calls near
 
 
 class EnergyCheck:
@@ -65,7 +65,7 @@ class EnergyCheck:
     def base(self, base: float) -> None:
         self.balance["reference_energy"] = base
 
-    def look(self, t: float, q: Array, energy: float, energy_account: Array) -> float:
+    def check_state(self, t: float, q: Array, energy: float, energy_account: Array) -> float:
         """Return the energy_error of one state, J; q (nq,), and an energy account (ACCOUNT_SIZE,)."""
         energy_error, kind = check_energy_balance(self.balance, energy, energy_account)
         if kind != BALANCE_OK:
@@ -89,9 +89,9 @@ class EnergyCheck:
     def _note(self, here: Place, energy_error: float, kind: int, energy_account: Array, before: Place | None) -> None:
         """Report once that the energy error is too large here; it was not at ``before``."""
         if not self.verdict:
-            self.verdict = self._tell(energy_error, kind, energy_account, before or here, here)
+            self.verdict = self._describe(energy_error, kind, energy_account, before or here, here)
 
-    def _tell(self, energy_error: float, kind: int, energy_account: Array, before: Place, here: Place) -> str:
+    def _describe(self, energy_error: float, kind: int, energy_account: Array, before: Place, here: Place) -> str:
         more = "more" if energy_error > 0.0 else "less"
         change = f"the energy has changed by {abs(energy_error):.3g} J {more} than the work done on the mechanism"
         if kind == PASSAGE_INACCURATE:
@@ -124,7 +124,7 @@ def nearest(plant: Plant, before: Place, here: Place) -> str:
         for s in np.linspace(0.0, 1.0, 41)
     )
     ratio, rows = min((distance(plant, t, q) for t, q in between), key=lambda found: found[0])
-    if ratio > NEAR:
+    if ratio > NEAR_SINGULAR_RATIO:
         return ""
     loops = " and ".join(map(repr, loops_of(plant, rows)))
     return f"; the loop closed by {loops} is near a singular configuration (ratio of singular values {ratio:.1e})"

@@ -14,26 +14,32 @@ from mbfmu.util.errors import AssemblyError
 from solvers.outcome import Code, Status
 from solvers.system import Array
 
-MARCH = 100  # intervals of the requested time, in which loops are closed one after the other
-EXACT = 1e-9  # of that time, to which the last position they reach is found
-BEYOND = (1e-6, 1e-4, 1e-2)  # of that time: where they are tried after it, as a run may pass a singular configuration
-OPEN = 1e-10  # singular values below this part of the largest are zero
-LIGHT = 1e-3  # mass of a body, relative to the heaviest that it carries, below which the inertia is nearly singular
-PART = 1e-6  # of the largest: what a joint has to do with a motion
+SEARCH_INTERVALS = 100  # intervals of the requested time, in which loops are closed one after the other
+REACHED_TIME_TOLERANCE = 1e-9  # of that time, to which the last position they reach is found
+# of that time: where they are tried after it, as a run may pass a singular configuration
+TIMES_BEYOND_STOP = (1e-6, 1e-4, 1e-2)
+ZERO_SINGULAR_VALUE_RATIO = 1e-10  # singular values below this part of the largest are zero
+# mass of a body, relative to the heaviest that it carries, below which the inertia is nearly singular
+LIGHT_BODY_MASS_RATIO = 1e-3
+MIN_RATE_PARTICIPATION = 1e-6  # of the largest: what a joint has to do with a motion
 
 
-def why(plant: Plant, status: Status, q: Array, end: float, starts_singular: bool) -> str:
+def explain_failure(plant: Plant, status: Status, q: Array, end: float, starts_singular: bool) -> str:
     """Return why a run stopped at q (nq,) on its way to ``end`` (s), and what to do.
 
     ``starts_singular``: whether the loops do not determine all rates at the start.
     """
     stuck = status.code in (Code.BRANCHES, Code.COLLAPSED, Code.NOT_CLOSED)
-    advice = to_choose(plant, status.t, q) if starts_singular else ""
+    advice = describe_free_rates(plant, status.t, q) if starts_singular else ""
     if advice and status.code in (Code.BRANCHES, Code.UNDECIDABLE):
         return status.explain(advice)
     drives = driven_bodies(plant)
     until = 2.0 * end - status.t  # beyond the requested time: it may end right there
-    last = _last(plant, status.t, q, until) if stuck and drives and plant.system.has_matrices else until
+    last = (
+        _find_last_reachable_time(plant, status.t, q, until)
+        if stuck and drives and plant.system.has_matrices
+        else until
+    )
     if last == until:
         return status.explain(advise(plant, status))
     whose = f"the drive of {drives[0]!r} requires" if len(drives) == 1 else "the drives require"
@@ -76,11 +82,11 @@ def _causes(plant: Plant) -> Iterator[tuple[str, str]]:
         yield "a singular configuration nearby", "change the lengths so that the loops stay farther from it"
         if driven_bodies(plant):
             yield "a drive that moves its loop out of reach", "shorten the motion of the drive"
-    if light := light_body(plant):
+    if light := describe_light_body(plant):
         yield light, "give it more mass"
 
 
-def light_body(plant: Plant) -> str:
+def describe_light_body(plant: Plant) -> str:
     """Return the body that is lightest compared with the heaviest body that it carries; empty: none is light."""
     bodies, masses = plant.mechanism.bodies, plant.data.arrays.bodies["mass"]
     carried = np.zeros(len(bodies))
@@ -90,15 +96,15 @@ def light_body(plant: Plant) -> str:
     own = np.array([float(masses[body.index]) for body in bodies])
     ratios = np.divide(own, carried, out=np.full(len(bodies), np.inf), where=(own > 0.0) & (carried > 0.0))
     k = int(np.argmin(ratios))
-    if not ratios[k] < LIGHT:
+    if not ratios[k] < LIGHT_BODY_MASS_RATIO:
         return ""
     return f"body {bodies[k].name!r} of {own[k]:.3g} kg, which carries one of {carried[k]:.3g} kg"
 
 
-def _last(plant: Plant, begin: float, q: Array, end: float) -> float:
+def _find_last_reachable_time(plant: Plant, begin: float, q: Array, end: float) -> float:
     """Return until when loops can be closed, s: ``end`` where nothing ends that."""
     held, whole = np.zeros(plant.system.n, bool), end - begin
-    reached, step = begin, whole / MARCH
+    reached, step = begin, whole / SEARCH_INTERVALS
     way = [(begin, q)]
 
     def closed(t: float, near: Array) -> Array | None:
@@ -113,7 +119,7 @@ def _last(plant: Plant, begin: float, q: Array, end: float) -> float:
         ahead = q + (q - then) * ((t - reached) / (reached - before)) if before < reached else q
         return closed(t, q) is not None or closed(t, ahead) is not None
 
-    while reached < end and step > EXACT * whole:
+    while reached < end and step > REACHED_TIME_TOLERANCE * whole:
         ahead = min(reached + step, end)
         there = closed(ahead, q)
         if there is None:
@@ -121,13 +127,13 @@ def _last(plant: Plant, begin: float, q: Array, end: float) -> float:
         else:
             reached, q = ahead, there
             way.append((reached, q))
-    opens = reached < end and not any(beyond(min(reached + part * whole, end)) for part in BEYOND)
+    opens = reached < end and not any(beyond(min(reached + part * whole, end)) for part in TIMES_BEYOND_STOP)
     return reached if opens else end
 
 
-def to_choose(plant: Plant, t: float, q: Array) -> str:
+def describe_free_rates(plant: Plant, t: float, q: Array) -> str:
     """Return a message on the rates that choose the branch in a singular configuration q (nq,); empty: all given."""
-    names = [repr(name) for name in open_rates(plant, t, q)]
+    names = [repr(name) for name in find_undetermined_rates(plant, t, q)]
     if not names:
         return ""
     joints = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
@@ -146,7 +152,7 @@ def explain_rates(plant: Plant, t: float, q: Array, v: Array, tolerance: float) 
     terms = system.allocate_terms()
     system.fill(t, q, v, terms)
     U, sigma, _ = np.linalg.svd(terms.J * system.size / system.row_size[:, None])
-    left = U[:, int(np.sum(sigma > OPEN * sigma[0])) :]
+    left = U[:, int(np.sum(sigma > ZERO_SINGULAR_VALUE_RATIO * sigma[0])) :]
     off = np.abs(left.T @ (terms.gamma / system.row_size)).max(initial=0.0)
     rates = np.square(v / system.size).sum() + np.square(terms.nu / system.row_size).sum()
     if off <= tolerance * rates:
@@ -157,18 +163,18 @@ def explain_rates(plant: Plant, t: float, q: Array, v: Array, tolerance: float) 
         first += body.joint.nv
     return (
         "the start is a singular configuration, in which several branches of the motion cross, and the given rates are "
-        f"not those of any branch ({', '.join(values)}). {to_choose(plant, t, q) or 'Give other rates'}"
+        f"not those of any branch ({', '.join(values)}). {describe_free_rates(plant, t, q) or 'Give other rates'}"
     )
 
 
-def open_rates(plant: Plant, t: float, q: Array) -> tuple[str, ...]:
+def find_undetermined_rates(plant: Plant, t: float, q: Array) -> tuple[str, ...]:
     """Return the joints whose rates the loops do not determine at q (nq,), and that were not given one."""
     system: Any = plant.system
     terms = system.allocate_terms()
     system.fill_position(t, q, terms)
     _, sigma, V = np.linalg.svd(terms.J * system.size / system.row_size[:, None])
-    null = V[int(np.sum(sigma > OPEN * sigma[0])) :]
-    moved = np.linalg.norm(null, axis=0) > PART
+    null = V[int(np.sum(sigma > ZERO_SINGULAR_VALUE_RATIO * sigma[0])) :]
+    moved = np.linalg.norm(null, axis=0) > MIN_RATE_PARTICIPATION
     first, names = 0, []
     for body in free_bodies(plant.mechanism):
         if body.joint.rate is None and moved[first : first + body.joint.nv].any():

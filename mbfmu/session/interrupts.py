@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from threading import current_thread, main_thread
 from typing import Any
 
-TERMINATED = 143  # exit code of a process that was asked to end, as shells have it
+TERMINATED_EXIT_CODE = 143  # exit code of a process that was asked to end, as shells have it
 
 
 @contextmanager
@@ -21,17 +21,17 @@ def interrupts_held(*, fatal: bool = False) -> Iterator[Callable[[], None]]:
     if current_thread() is not main_thread():  # signals go to the main thread alone
         yield lambda: None
         return
-    asked: list[int] = []
+    received: list[int] = []
     numbers = [n for n in (signal.SIGINT, signal.SIGTERM) if n == signal.SIGINT or callable(signal.getsignal(n))]
 
     def hold(number: int, _frame: object) -> None:
-        asked.append(number)
+        received.append(number)
         signal.signal(number, signal.SIG_DFL if fatal else before[number])
 
     def interrupt() -> None:
-        if signal.SIGTERM in asked:
-            raise SystemExit(TERMINATED)
-        if asked:
+        if signal.SIGTERM in received:
+            raise SystemExit(TERMINATED_EXIT_CODE)
+        if received:
             raise KeyboardInterrupt
 
     before: dict[int, Any] = {number: signal.signal(number, hold) for number in numbers}
@@ -55,7 +55,7 @@ def termination_raised() -> Iterator[None]:
 
     def leave(_number: int, _frame: object) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        raise SystemExit(TERMINATED)
+        raise SystemExit(TERMINATED_EXIT_CODE)
 
     signal.signal(signal.SIGTERM, leave)
     try:

@@ -16,11 +16,11 @@ from mbfmu.modeling.settings import Settings
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.extras import optional
 from mbfmu.util.files import replacing
-from mbfmu.util.table import power
+from mbfmu.util.text_table import power
 from solvers import Statistics
 from solvers.system import Array
 
-FORMAT = 1  # of a saved result
+RESULT_FORMAT = 1  # of a saved result
 
 
 @dataclass
@@ -78,7 +78,7 @@ class Result:
     @property
     def warning(self) -> str:
         """Reason why the result may be wrong although the run has reached its end; empty: there is none."""
-        return together(self.verdict, self.coarse)
+        return join_messages(self.verdict, self.coarse)
 
     @property
     def title(self) -> str:
@@ -227,11 +227,11 @@ class Result:
         UserError
             The file cannot be written.
         """
-        told = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("t", "values")}
-        told |= {"variables": [asdict(v) for v in self.variables], "statistics": asdict(self.statistics)}
-        told["settings"] = asdict(self.settings) if self.settings else None
+        header = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("t", "values")}
+        header |= {"variables": [asdict(v) for v in self.variables], "statistics": asdict(self.statistics)}
+        header["settings"] = asdict(self.settings) if self.settings else None
         with replacing(path) as unfinished, unfinished.open("wb") as file:
-            np.savez_compressed(file, t=self.t, values=self.values, told=json.dumps({"format": FORMAT} | told))
+            np.savez_compressed(file, t=self.t, values=self.values, told=json.dumps({"format": RESULT_FORMAT} | header))
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
@@ -254,24 +254,24 @@ class Result:
         """
         try:
             with np.load(path) as file:
-                told = json.loads(str(file["told"]))
+                header = json.loads(str(file["told"]))
                 t, values = file["t"], file["values"]
-            if told.pop("format") != FORMAT:
+            if header.pop("format") != RESULT_FORMAT:
                 raise ValueError("another format")
-            told["variables"] = tuple(Variable(**v) for v in told["variables"])
-            told["statistics"] = Statistics(**told["statistics"])
-            told["settings"] = Settings(**told["settings"]) if told["settings"] else None
+            header["variables"] = tuple(Variable(**v) for v in header["variables"])
+            header["statistics"] = Statistics(**header["statistics"])
+            header["settings"] = Settings(**header["settings"]) if header["settings"] else None
             if (
                 t.ndim != 1
-                or values.shape != (len(t), len(told["variables"]))
+                or values.shape != (len(t), len(header["variables"]))
                 or t.dtype.kind + values.dtype.kind != "ff"
             ):
                 raise ValueError(f"times {t.shape} and values {values.shape} do not belong together")
-            return cls(t, values, **told | {name: tuple(told.get(name, ())) for name in ("remarks", "inputs")})
+            return cls(t, values, **header | {name: tuple(header.get(name, ())) for name in ("remarks", "inputs")})
         except Exception as error:  # a file of another kind fails in any of these
             raise UserError(f"{str(path)!r} is not a saved result: {error}") from error
 
 
-def together(*warnings: str) -> str:
+def join_messages(*warnings: str) -> str:
     """Return several messages as one text, without the empty ones."""
     return ". ".join(filter(None, warnings))

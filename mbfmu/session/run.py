@@ -24,7 +24,8 @@ from .simulation import Array, Simulation
 
 __all__ = ["Result", "communication_points", "run", "simulate"]
 
-ROWS, BRIEF = 100, 0.05  # outputs recorded before progress is reported first; s: twice as many if that took less
+FIRST_BATCH_SIZE = 100  # outputs recorded before progress is reported first
+SHORT_BATCH_TIME = 0.05  # s; after a batch that took less the next one is twice as large
 
 
 def communication_points(stop_time: float, interval: float) -> Array:
@@ -109,7 +110,7 @@ def simulate(
     if interval is not None:
         check_interval(float(times[-1]), interval)
     own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance}
-    return run(model, Settings(**own | settings), times, watch=watch, inputs=inputs, report=warn_of_pace)
+    return run(model, Settings(**own | settings), times, watch=watch, inputs=inputs, report=warn_about_step_count)
 
 
 def is_course(value: Any) -> bool:
@@ -117,7 +118,7 @@ def is_course(value: Any) -> bool:
     return callable(value) or isinstance(value, str | Signal) or np.ndim(value) > 0 or isinstance(value, tuple | list)
 
 
-def warn_of_pace(text: str) -> None:
+def warn_about_step_count(text: str) -> None:
     """Issue a RuntimeWarning at once: the result, which contains the remark too, may come much later."""
     warnings.warn(text, RuntimeWarning, stacklevel=2)
 
@@ -156,24 +157,24 @@ def run(
     courses = Courses(given, numbers, times, settings.tolerance, set_later=watch is not None)
     start, duration = float(times[0]), float(times[-1] - times[0])
     simulation = Simulation(model, settings, start, numbers, courses=courses, duration=duration or None)
-    simulation.pace.end, simulation.report = float(times[-1]), report or warn
+    simulation.step_count_check.end, simulation.report = float(times[-1]), report or warn
     varying = courses.held
     values = np.zeros((len(times), len(simulation.variables)))
     values[0] = simulation.outputs()
     if watch is not None:
         watch(simulation)
-    begin, done, failure, told, many = time.perf_counter(), 1, "", "", ROWS
+    begin, done, failure, reported, batch_size = time.perf_counter(), 1, "", "", FIRST_BATCH_SIZE
     with interrupts_held() as interrupt:
         while done < len(times) and not failure:
             interrupt()
             for course in varying:
                 simulation.set_input(course.name, course.value(float(times[done - 1])))
-            rows, before = slice(done, done + (1 if watch or varying else many)), time.perf_counter()
+            rows, before = slice(done, done + (1 if watch or varying else batch_size)), time.perf_counter()
             done += simulation.record(times[rows], values[rows])
-            many *= 1 if time.perf_counter() - before > BRIEF else 2
-            if warn is not None and simulation.verdict != told:
-                told = simulation.verdict
-                warn(told)
+            batch_size *= 1 if time.perf_counter() - before > SHORT_BATCH_TIME else 2
+            if warn is not None and simulation.verdict != reported:
+                reported = simulation.verdict
+                warn(reported)
             failure = simulation.failure
             if failure:
                 break
@@ -181,19 +182,19 @@ def run(
                 watch(simulation)
             if progress is not None:
                 progress(float(times[done - 1]))
-    wall = time.perf_counter() - begin
+    wall_time = time.perf_counter() - begin
     coarse = "" if failure else simulation.coarse
     return Result(
         t=times[:done],
         values=values[:done],
         variables=simulation.variables,
         statistics=simulation.statistics,
-        wall_time=wall,
+        wall_time=wall_time,
         name=simulation.model.name,
         settings=settings,
         failure=failure,
         verdict=simulation.verdict,
         coarse=coarse,
-        remarks=tuple(filter(None, (str(simulation.pick), *simulation.remarks, *courses.remarks()))),
+        remarks=tuple(filter(None, (str(simulation.solver_choice), *simulation.remarks, *courses.remarks()))),
         inputs=courses.summary(settings.input_interpolation),
     )

@@ -28,13 +28,13 @@ from solvers.energy_account import EXCHANGED_ENERGY
 from solvers.stepper import Samples, Stepper
 
 from .energy_check import EnergyCheck
-from .failure_diagnosis import explain_rates, to_choose, why
-from .result import together
-from .serialization import frame, unframe
-from .solver_selection import SolverPick, limit_order, pick
-from .step_count import PaceCheck
+from .failure_diagnosis import describe_free_rates, explain_failure, explain_rates
+from .result import join_messages
+from .serialization import decode_state, encode_state
+from .solver_selection import SolverChoice, limit_order, select_solver
+from .step_count import StepCountCheck
 from .tolerances import describe_coarse, describe_loose
-from .warmup import MOST_STEPS, ran
+from .warmup import MAX_WARMUP_STEPS, compile_kernels
 
 __all__ = ["Settings", "Simulation"]
 
@@ -43,12 +43,12 @@ Array = NDArray[np.float64]
 _compiled: set[tuple[type, bool]] = set()  # kinds of runs whose kernels this process has compiled
 
 
-class Mark(NamedTuple):
-    """State that a simulation can be rewound to."""
+class Checkpoint(NamedTuple):
+    """State that a simulation can be rolled back to."""
 
     stepper: bytes  # state of the stepper, with history and counters
     inputs: dict[str, list[Any]] | None  # where they remember anything
-    work_of_jumps: float  # J
+    discontinuity_work: float  # J
     balance: tuple[float, str, float] | None  # state of the energy check
     sharpest: Sharpest
     remarks: int  # how many there were
@@ -78,18 +78,18 @@ class Simulation:
 
     Attributes
     ----------
-    pick
+    select_solver
         Solver in use and the reason: that of the settings, or the one that ``auto`` has chosen.
     start
         Positions (nq,) and velocities (n,) at the start, with closed loops.
     lock
         Reason why nothing can move although nothing is driven; empty: something can move.
-    work_of_jumps
+    discontinuity_work
         Work done on the mechanism by jumps of inputs and of tunable parameters, J: work of impulses of supports, and
         changes of potential energy at constant position.
     remarks
         Warnings and notes that do not stop the run.
-    pace
+    step_count_check
         Check of the number of steps; its ``end`` is the end of the run, s, if that is known.
     report
         Function that receives a message about the computing time at once, while :meth:`advance` continues.
@@ -114,9 +114,9 @@ class Simulation:
         courses: Courses | None = None,
         duration: float | None = None,
     ) -> None:
-        self.model = own = of_user(model)
+        self.model = model_given = of_user(model)
         self.settings, self._courses = settings, courses
-        self.plant = own.plant(courses)
+        self.plant = model_given.plant(courses)
         if settings.input_interpolation == "linear":
             self.plant.inputs.extrapolate()
         known = enumerate(self.plant.inputs.variables)
@@ -125,7 +125,7 @@ class Simulation:
             raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
         given, unstable = self._starts(inputs or {}, t0), ""
         if settings.start_at_equilibrium:  # whose time is zero; the drives are where they are at the start time
-            found = find_state(build_problem(own, self._held_plant(inputs or {}, given)))
+            found = find_state(build_problem(model_given, self._held_plant(inputs or {}, given)))
             unstable = report_unstable(found)
         self.plant.inputs.begin(t0, given)
         q, v = (found.q, found.v) if settings.start_at_equilibrium else self.plant.assemble(t0)
@@ -133,23 +133,25 @@ class Simulation:
         self.start, found_out = (q, v), settings.solver == AUTO
         if duration is not None and finite("duration", duration) < 0.0:
             raise UserError(f"duration is {duration!r}; allowed: at least 0 s (0: the stop time of the model)")
-        options = settings.options(duration or own.stop_time)
-        self.pick = pick(self.plant, [(t0, q, v)], options) if found_out else SolverPick(settings.solver)
-        self._options, limited = limit_order(self.plant, self.pick.solver, (t0, q, v), options)
-        self.pace = PaceCheck(self._copy_plant, self._options, self._report_pace)
+        options = settings.options(duration or model_given.stop_time)
+        self.solver_choice = (
+            select_solver(self.plant, [(t0, q, v)], options) if found_out else SolverChoice(settings.solver)
+        )
+        self._options, limited = limit_order(self.plant, self.solver_choice.solver, (t0, q, v), options)
+        self.step_count_check = StepCountCheck(self._copy_plant, self._options, self._report_step_count)
         self.report: Callable[[str], None] | None = None
         self.stepper = self._stepper(t0, q, v)
         self.variables = (*self.plant.outputs, *ENERGY_OUTPUTS)
         unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
         self._out = np.zeros(len(self.variables))
-        self.work_of_jumps = 0.0
+        self.discontinuity_work = 0.0
         self.remarks: list[str] = []
-        self._told_jumps: set[str] = set()  # names of inputs
+        self._reported_jumps: set[str] = set()  # names of inputs
         self._remark(self.stepper.notice)
         if self.stepper.starts_singular:
             if self.plant.system.has_matrices and (off := explain_rates(self.plant, t0, q, v, settings.tolerance)):
                 raise UserError(f"model {self.model.name!r}: {off}", "singular-start")
-            if advice := to_choose(self.plant, t0, q):
+            if advice := describe_free_rates(self.plant, t0, q):
                 self._remark(
                     coded(
                         "singular-start",
@@ -169,8 +171,8 @@ class Simulation:
         self.energy_check = (
             EnergyCheck(self.plant, settings.tolerance, self.energy(), self.stepper.freedom) if checked else None
         )
-        self._folds, self._told_undetermined, self._end = Folds(self.plant, t0, q), False, t0
-        self._rehearse(t0, q, v)
+        self._folds, self._reported_undetermined, self._end = Folds(self.plant, t0, q), False, t0
+        self._warm_up(t0, q, v)
 
     def _starts(self, inputs: Mapping[Any, Any], t0: float) -> dict[int, float]:
         """Return the values of inputs at the start by their numbers, without those that are signals in this run."""
@@ -195,18 +197,18 @@ class Simulation:
     def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
         """Return the solver that was chosen, at a state."""
         try:
-            made = stepper(self.pick.solver, self.plant.system, t, q, v, self._options)
-            self.pace.attach(made)
-            return made
+            created = stepper(self.solver_choice.solver, self.plant.system, t, q, v, self._options)
+            self.step_count_check.attach(created)
+            return created
         except ValueError as error:
-            told = str(error)
-            if t == 0.0 and told.startswith("t0 is"):  # the clock resolves everything there but what is no number
-                told = coded(
+            reason = str(error)
+            if t == 0.0 and reason.startswith("t0 is"):  # the clock resolves everything there but what is no number
+                reason = coded(
                     "clock-resolution",
                     "rates or accelerations at the start are too large for floating-point numbers; reduce gravity, "
                     "forces, stiffness or velocities, or increase masses and lengths",
                 )
-            raise UserError(f"model {self.model.name!r}: {told}") from error
+            raise UserError(f"model {self.model.name!r}: {reason}") from error
 
     def _copy_plant(self) -> Plant:
         """Return another plant of the same model, whose inputs are what they are now."""
@@ -216,19 +218,19 @@ class Simulation:
         plant.inputs.restore(self.plant.inputs.state())
         return plant
 
-    def _report_pace(self, text: str) -> None:
+    def _report_step_count(self, text: str) -> None:
         self._remark(text)
         if self.report is not None:
             self.report(text)
 
-    def _rehearse(self, t0: float, q: Array, v: Array) -> None:
+    def _warm_up(self, t0: float, q: Array, v: Array) -> None:
         """Have everything compiled that a run calls, once in a process for each kind of run."""
         kind = (type(self.stepper), self.plant.system.m > 0)
         if kind in _compiled or not COMPILED:
             return
-        options = replace(self._options, max_steps=MOST_STEPS)
-        trial = stepper(self.pick.solver, self.plant.system, t0, q, v, options)
-        if ran(trial, self.plant, len(self._out)):
+        options = replace(self._options, max_steps=MAX_WARMUP_STEPS)
+        trial = stepper(self.solver_choice.solver, self.plant.system, t0, q, v, options)
+        if compile_kernels(trial, self.plant, len(self._out)):
             _compiled.add(kind)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
@@ -260,8 +262,10 @@ class Simulation:
     @property
     def failure(self) -> str:
         """Reason why the last :meth:`advance` or :meth:`record` ended early, and advice; empty: it did not."""
-        s = self.stepper
-        return self._folds.folded if s.status.ok else why(self.plant, s.status, s.q, self._end, s.starts_singular)
+        stepper = self.stepper
+        if stepper.status.ok:
+            return self._folds.folded
+        return explain_failure(self.plant, stepper.status, stepper.q, self._end, stepper.starts_singular)
 
     @property
     def verdict(self) -> str:
@@ -276,7 +280,7 @@ class Simulation:
     @property
     def warning(self) -> str:
         """Reason why the result may be wrong; empty: there is none."""
-        return together(self.verdict, self.coarse)
+        return join_messages(self.verdict, self.coarse)
 
     def advance(self, t: float) -> Status:
         """Advance to a communication point.
@@ -304,7 +308,7 @@ class Simulation:
                 "state to go back"
             )
         self._end = t
-        self._set_out(t)
+        self._begin_support_motion(t)
         stepper = self.stepper
         status = stepper.advance(t)
         t, q = stepper.t, stepper.q
@@ -314,7 +318,7 @@ class Simulation:
         self._remark(stepper.notice)
         return status
 
-    def _set_out(self, end: float) -> None:
+    def _begin_support_motion(self, end: float) -> None:
         """Start the prescribed motion of input-driven supports over the communication step that ends at ``end``, s.
 
         Velocity discontinuities of all supports are applied as a single impulse.
@@ -340,10 +344,10 @@ class Simulation:
             self.stepper.renew()
         else:
             self.stepper.jump(dv)
-        self._book_jump(before)
+        self._account_discontinuity(before)
         for name, size in jumped:
-            if name not in self._told_jumps:
-                self._told_jumps.add(name)
+            if name not in self._reported_jumps:
+                self._reported_jumps.add(name)
                 self._remark(
                     coded(
                         "input-jump",
@@ -377,7 +381,7 @@ class Simulation:
             raise UserError(f"model {self.model.name!r}: {error}") from error
         t, q, out = stepper.t, stepper.q, self._out
         self.plant.observe(t, q, stepper.v, a, lam, out)
-        self._tell_undetermined()
+        self._report_undetermined()
         out[-2:] = self._balance(t, q, float(out[-2]), stepper.energy_account)
         return out
 
@@ -390,9 +394,9 @@ class Simulation:
         """Return energy error and throughput of one state, J; NaN without energy check."""
         if self.energy_check is None:
             return nan, nan
-        return self.energy_check.look(t, q, energy, energy_account), float(energy_account[EXCHANGED_ENERGY])
+        return self.energy_check.check_state(t, q, energy, energy_account), float(energy_account[EXCHANGED_ENERGY])
 
-    def _finish(self, times: Array, q: Array, energy_accounts: Array, values: Array) -> None:
+    def _fill_energy_outputs(self, times: Array, q: Array, energy_accounts: Array, values: Array) -> None:
         """Put what the energy check finds in place of the energies that ``values`` (k, outputs) end in."""
         if self.energy_check is None:
             values[:, -2:] = nan
@@ -400,10 +404,10 @@ class Simulation:
         values[:, -2] = self.energy_check.check(times, q, values[:, -2], energy_accounts)
         values[:, -1] = energy_accounts[:, EXCHANGED_ENERGY]
 
-    def _book_jump(self, before: float) -> None:
-        """Book what a change at one state has made of the energy ``before``, J; it is no energy error."""
+    def _account_discontinuity(self, before: float) -> None:
+        """Count the change of the energy from ``before``, J, at one state as work: it is no energy error."""
         work = self.energy() - before
-        self.work_of_jumps += work
+        self.discontinuity_work += work
         if self.energy_check:
             self.energy_check.base += work
 
@@ -433,7 +437,7 @@ class Simulation:
             raise UserError(f"values have the shape {np.shape(values)}; allowed: {wanted} (times, outputs)")
         done, self._end = 0, float(max(times, default=self._end))
         while done < len(times):
-            self._set_out(times[done])
+            self._begin_support_motion(times[done])
             ahead = times[done:] if self.plant.inputs.settled else times[done : done + 1]
             samples = self.stepper.sample(ahead, values[done : done + len(ahead)])
             count = self._folds.unfolded(ahead, samples.q)
@@ -441,21 +445,21 @@ class Simulation:
             if count > 1:
                 self.plant.inputs.pass_by(float(ahead[count - 2]))
             if count:
-                self._finish(times[rows], samples.q, samples.energy_account, values[rows])
+                self._fill_energy_outputs(times[rows], samples.q, samples.energy_account, values[rows])
             done = rows.stop
             if self.failure:
                 break
         if done:
             self._out[:] = values[done - 1]
         self._remark(self.stepper.notice)
-        self._tell_undetermined()
+        self._report_undetermined()
         return done
 
-    def _tell_undetermined(self) -> None:
+    def _report_undetermined(self) -> None:
         """Warn once that forces were read at a time at which they are not determined."""
-        if isnan(self.stepper.undetermined_at) or self._told_undetermined or not self.plant.tells_forces:
+        if isnan(self.stepper.undetermined_at) or self._reported_undetermined or not self.plant.tells_forces:
             return
-        self._told_undetermined = True
+        self._reported_undetermined = True
         self._remark(
             coded(
                 "undetermined-forces",
@@ -504,7 +508,7 @@ class Simulation:
         before = self.energy() if inputs.weighs(index) else None
         inputs.set(index, value, self.stepper.t)
         if before is not None:
-            self._book_jump(before)
+            self._account_discontinuity(before)
         self.stepper.renew()
 
     def retune(self, model: Model) -> None:
@@ -527,39 +531,39 @@ class Simulation:
                 raise UserError(f"parameter {p.name!r} cannot change during a run{why}")
         before = self.energy()
         self.plant.adopt(model.plant(self._courses))
-        self._book_jump(before)
+        self._account_discontinuity(before)
         self.model = model
         self.stepper.restart()
 
-    def mark(self) -> Mark:
-        """Return a mark of the present state for :meth:`rewind`; it costs less than :meth:`save`."""
+    def checkpoint(self) -> Checkpoint:
+        """Return a checkpoint of the present state for :meth:`rollback`; it costs less than :meth:`save`."""
         inputs = self.plant.inputs.state() if self.plant.inputs.remember else None
         balance = self.energy_check.state if self.energy_check else None
         place = self.stepper.save()
-        return Mark(place, inputs, self.work_of_jumps, balance, self._folds.sharpest, len(self.remarks))
+        return Checkpoint(place, inputs, self.discontinuity_work, balance, self._folds.sharpest, len(self.remarks))
 
-    def rewind(self, mark: Mark) -> None:
-        """Return to a mark and discard everything after it, except values of inputs that were set.
+    def rollback(self, checkpoint: Checkpoint) -> None:
+        """Return to a checkpoint and discard everything after it, except values of inputs that were set.
 
         Solvers that keep their history in arrays continue bit for bit as if the discarded advance had not been tried.
-        ``ida``, whose history is inside SUNDIALS, is reinitialized at the state of the mark.
+        ``ida``, whose history is inside SUNDIALS, is reinitialized at the state of the checkpoint.
 
         Parameters
         ----------
-        mark
-            Mark of this simulation.
+        checkpoint
+            Checkpoint of this simulation.
         """
-        if mark.inputs is not None:
-            self.plant.inputs.restore(mark.inputs)
-        self.stepper.restore(mark.stepper)
-        del self.remarks[mark.remarks :]
-        self.work_of_jumps = mark.work_of_jumps
-        self._folds.rewind(mark.sharpest)
-        if self.energy_check and mark.balance:
-            self.energy_check.state = mark.balance
+        if checkpoint.inputs is not None:
+            self.plant.inputs.restore(checkpoint.inputs)
+        self.stepper.restore(checkpoint.stepper)
+        del self.remarks[checkpoint.remarks :]
+        self.discontinuity_work = checkpoint.discontinuity_work
+        self._folds.rewind(checkpoint.sharpest)
+        if self.energy_check and checkpoint.balance:
+            self.energy_check.state = checkpoint.balance
 
     @property
-    def _owner(self) -> str:
+    def _state_key(self) -> str:
         """Model and settings that a simulation must have in common with this one to restore its states."""
         fixed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if not p.tunable}
         how = self.settings
@@ -576,12 +580,12 @@ class Simulation:
             State of solver, inputs and tunable parameters, for :meth:`restore` in this or another process.
         """
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
-        inputs, work = self.plant.inputs.state(), self.work_of_jumps
+        inputs, work = self.plant.inputs.state(), self.discontinuity_work
         balance = list(self.energy_check.state) if self.energy_check else []
         head = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
         head["bent"] = self._folds.state()
-        head["pick"] = self.pick
-        return frame(self._owner, head, self.stepper.save())
+        head["pick"] = self.solver_choice
+        return encode_state(self._state_key, head, self.stepper.save())
 
     def restore(self, state: bytes) -> None:
         """Continue from a state that a simulation of the same model and settings has saved.
@@ -596,15 +600,15 @@ class Simulation:
         UserError
             The state is damaged, or of another model or other settings; nothing has changed then.
         """
-        head, body = unframe(self._owner, state)
+        head, body = decode_state(self._state_key, state)
         model = self.model.with_values(head["parameters"])
         if model != self.model:
             self.plant.adopt(model.plant(self._courses))
             self.model = model
         self.plant.inputs.restore(head["inputs"])
-        self.work_of_jumps = head["work_of_jumps"]
-        before, self.pick = self.pick, SolverPick(*head["pick"])
-        if self.pick.solver != before.solver:  # auto takes another one at other parameters
+        self.discontinuity_work = head["work_of_jumps"]
+        previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])
+        if self.solver_choice.solver != previous.solver:  # auto takes another one at other parameters
             self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(body)
@@ -613,8 +617,8 @@ class Simulation:
         self._folds.restore(head["bent"], self.t, self.stepper.q)
 
 
-class RestingSimulation(Simulation):
+class UnstartedSimulation(Simulation):
     """A simulation that is not to run: nothing is compiled for that, and its arrays are as they are at the start."""
 
-    def _rehearse(self, *_: Any) -> None:
-        """Rest."""
+    def _warm_up(self, *_: Any) -> None:
+        """Do nothing."""

@@ -27,7 +27,7 @@ import numpy as np
 from mbfmu.mechanics import Plant
 from mbfmu.util.codes import coded
 from mbfmu.util.errors import UserError
-from mbfmu.util.table import counted
+from mbfmu.util.text_table import counted
 from solvers import stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.options import Options
@@ -37,23 +37,27 @@ from solvers.system import LARGEST_DENSE, Array
 
 from .stiffness import spectrum
 
-STEPS, IMPLICIT_STEPS = 300, 60  # of a trial, of the explicit solver and of the implicit one
-LONGEST = 1e3  # of a trial, in units of one over the rate of the motion
-FAR = 10.0  # times as far as the explicit one the implicit one may go: decays at the start count less
-WEIGHT = {"radau": 1.5, "esdirk": 2.5, "ida": 1.8}  # of an evaluation, in those of an explicit solver
-RUNGS = 10  # of twice the length each, by which it goes there
-LEAST = 50.0  # evaluations of an implicit solver for every 1/s of gravity and drives
-OWN, SWING = 250.0, 15.0  # per 1/s of the rate of the motion, and of a fast oscillation that is resolved
-GAIN, GAIN_OF_TREES = 1.0 / 6.0, 0.45  # evaluations of radau, and of esdirk or ida on trees, grow as tolerance to this
-WIDE = 10  # constraint equations from which LU on the dependent coordinates pays
-COARSE = 1e-6  # tightest tolerance of esdirk
-RESOLVED = 0.3  # part of the fastest undamped motion's rate that must be followed for orders of BDF above LOW_ORDER
-LOW_ORDER = 2  # of BDF, up to which undamped motions of any speed are stable
+EXPLICIT_TRIAL_STEPS, IMPLICIT_TRIAL_STEPS = 300, 60  # of a trial, of the explicit solver and of the implicit one
+MAX_TRIAL_TIME_FACTOR = 1e3  # of a trial, in units of one over the rate of the motion
+# times as far as the explicit one the implicit one may go: decays at the start count less
+IMPLICIT_TRIAL_TIME_FACTOR = 10.0
+EVALUATION_WEIGHTS = {"radau": 1.5, "esdirk": 2.5, "ida": 1.8}  # of an evaluation, in those of an explicit solver
+TRIAL_TIME_DOUBLINGS = 10  # of twice the length each, by which it goes there
+MIN_EVALUATIONS_PER_RATE = 50.0  # evaluations of an implicit solver for every 1/s of gravity and drives
+EVALUATIONS_PER_MOTION_RATE = 250.0  # of an implicit solver, per 1/s of the rate of the motion
+EVALUATIONS_PER_OSCILLATION_RATE = 15.0  # per 1/s of a fast oscillation that is resolved
+DENSE_TOLERANCE_EXPONENT = 1.0 / 6.0  # evaluations of radau grow as 1 / tolerance to this power
+TREE_TOLERANCE_EXPONENT = 0.45  # the same, of esdirk and ida on trees
+MIN_HYBRID_CONSTRAINTS = 10  # constraint equations from which LU on the dependent coordinates pays
+MIN_ESDIRK_TOLERANCE = 1e-6  # tightest tolerance of esdirk
+# part of the fastest undamped motion's rate that must be followed for orders of BDF above MAX_STABLE_BDF_ORDER
+MIN_RESOLVED_RATE_RATIO = 0.3
+MAX_STABLE_BDF_ORDER = 2  # of BDF, up to which undamped motions of any speed are stable
 
 State = tuple[float, Array, Array]  # t (s), q (nq,), v (n,)
 
 
-class SolverPick(NamedTuple):
+class SolverChoice(NamedTuple):
     """A solver, and the reason why ``auto`` selected it; no reason if it was requested."""
 
     solver: str
@@ -74,26 +78,26 @@ class _Trial(NamedTuple):
     limited: bool  # whether stability set the length of steps
 
 
-def pick(plant: Plant, states: Sequence[State], options: Options) -> SolverPick:
+def select_solver(plant: Plant, states: Sequence[State], options: Options) -> SolverChoice:
     """Return the solver of the cheaper family for motions from these states, which must keep the constraints."""
     if not plant.system.n:
-        return SolverPick("adams", "the drives determine the motion, and nothing is integrated")
+        return SolverChoice("adams", "the drives determine the motion, and nothing is integrated")
     if plant.system.stiff:
-        solver, size = implicit(plant, options.absolute)
-        return SolverPick(solver, f"stiff: {plant.system.stiff}; {size}", True)
-    first, size = explicit(plant)
+        solver, size = select_implicit(plant, options.absolute)
+        return SolverChoice(solver, f"stiff: {plant.system.stiff}; {size}", True)
+    first, size = select_explicit(plant)
     if first == "ida":
-        return SolverPick(first, size)
-    tried = [_explicit(plant, first, state, options) for state in states]
+        return SolverChoice(first, size)
+    tried = [_try_explicit(plant, first, state, options) for state in states]
     if not any(trial.limited for trial in tried):
-        return SolverPick(first, f"not stiff, the step size is limited by accuracy; {size}")
-    other, other_size = implicit(plant, options.absolute)
+        return SolverChoice(first, f"not stiff, the step size is limited by accuracy; {size}")
+    other, other_size = select_implicit(plant, options.absolute)
     costs = [_costs(plant, first, other, *both, options) for both in zip(states, tried, strict=True)]
     cost, least = (sum(family) / len(states) for family in zip(*costs, strict=True))
     numbers = f"per second of motion {cost:.3g} evaluations with {first!r}, and the cost of {least:.3g} with {other!r}"
     if least < cost:
-        return SolverPick(other, f"stiff: {numbers}; {other_size}", True)
-    return SolverPick(first, f"not stiff: {numbers}; {size}")
+        return SolverChoice(other, f"stiff: {numbers}; {other_size}", True)
+    return SolverChoice(first, f"not stiff: {numbers}; {size}")
 
 
 def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tuple[Options, str]:
@@ -102,17 +106,19 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
     Orders from 3 on are unstable on undamped motions that the steps do not resolve. A large tree without a mesh has
     such motions if its fastest undamped one is much faster than what the solver has to follow.
     """
-    s = plant.system
-    asked = options.max_order
+    system = plant.system
+    requested = options.max_order
     if solver != "ida":
         return options, ""
-    meshed = not s.has_matrices and s.meshed is not None and bool(s.meshed.any())
-    if asked and asked <= LOW_ORDER:
-        return options, "" if meshed and asked == LOW_ORDER else low_order(asked)
-    if s.has_matrices or s.meshed is None:
+    meshed = not system.has_matrices and system.meshed is not None and bool(system.meshed.any())
+    if requested and requested <= MAX_STABLE_BDF_ORDER:
+        return options, "" if meshed and requested == MAX_STABLE_BDF_ORDER else describe_low_order(requested)
+    if system.has_matrices or system.meshed is None:
         return options, ""
     if meshed:  # of itself, it uses low orders there
-        return options, asked_order(asked, "the membrane motions of sheets are", "or use 'esdirk'") if asked else ""
+        return options, describe_unstable_order(
+            requested, "the membrane motions of sheets are", "or use 'esdirk'"
+        ) if requested else ""
     if not COMPILED:  # the eigenvalues would take longer than most runs; without a limit the error is as small
         return options, ""
     try:
@@ -120,12 +126,12 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
     except UserError:
         return options, ""
     followed = found.followed(options.absolute)
-    if followed >= RESOLVED * found.undamped or followed <= SLOWEST_RATE / options.duration:
+    if followed >= MIN_RESOLVED_RATE_RATIO * found.undamped or followed <= SLOWEST_RATE / options.duration:
         return options, ""  # in the second case it is at rest, and the motion to be resolved is unknown
-    if asked:
+    if requested:
         what = f"the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate {found.leading!r}) is"
-        return options, asked_order(asked, what, "or use 'adams' if the run is short")
-    return replace(options, max_order=LOW_ORDER), coded(
+        return options, describe_unstable_order(requested, what, "or use 'adams' if the run is short")
+    return replace(options, max_order=MAX_STABLE_BDF_ORDER), coded(
         "limited-order",
         f"'ida' uses orders 1 and 2 only: the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate "
         f"{found.leading!r}) is hardly damped and faster than the resolved motion ({followed:.3g} rad/s), and "
@@ -134,7 +140,7 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
     )
 
 
-def low_order(order: int) -> str:
+def describe_low_order(order: int) -> str:
     """Return the remark on an order that was set, where `ida` would use higher ones."""
     lowest = order == 1
     used, error, factor = ("order 1", "thousand", 10_000) if lowest else ("orders 1 and 2", "hundred", 1000)
@@ -146,7 +152,7 @@ def low_order(order: int) -> str:
     )
 
 
-def asked_order(order: int, what: str, other: str) -> str:
+def describe_unstable_order(order: int, what: str, other: str) -> str:
     """Return the remark on an order that was set, where `ida` would use lower ones."""
     return coded(
         "unstable-order",
@@ -155,9 +161,9 @@ def asked_order(order: int, what: str, other: str) -> str:
     )
 
 
-def _explicit(plant: Plant, solver: str, state: State, options: Options) -> _Trial:
+def _try_explicit(plant: Plant, solver: str, state: State, options: Options) -> _Trial:
     rate = max(_rate(plant, state), SLOWEST_RATE / options.duration)
-    return try_solver(plant, solver, state, options, [LONGEST / rate], STEPS)
+    return try_solver(plant, solver, state, options, [MAX_TRIAL_TIME_FACTOR / rate], EXPLICIT_TRIAL_STEPS)
 
 
 def _costs(plant: Plant, first: str, other: str, state: State, before: _Trial, options: Options) -> tuple[float, float]:
@@ -166,24 +172,29 @@ def _costs(plant: Plant, first: str, other: str, state: State, before: _Trial, o
     ``before`` is the trial of the explicit one. The implicit one is tried last, since that takes longest, and gets on:
     where it ends is the second state, about which the explicit one and the estimate are asked again.
     """
-    weight, whole = WEIGHT[other], FAR * before.took
-    least = weight * LEAST * plant.system.rate
+    weight, whole = EVALUATION_WEIGHTS[other], IMPLICIT_TRIAL_TIME_FACTOR * before.took
+    least = weight * MIN_EVALUATIONS_PER_RATE * plant.system.rate
     if not before.took:
         return 0.0, 0.0
     if not least < before.cost:
         return before.cost, least
-    later = max(least, weight * _later(plant, state, options.absolute, whole))
+    later = max(least, weight * _evaluations_after(plant, state, options.absolute, whole))
     if later < before.cost:
         return before.cost, later
     trial = try_solver(
-        plant, other, state, options, [whole / 2.0**rung for rung in range(RUNGS, -1, -1)], IMPLICIT_STEPS
+        plant,
+        other,
+        state,
+        options,
+        [whole / 2.0**rung for rung in range(TRIAL_TIME_DOUBLINGS, -1, -1)],
+        IMPLICIT_TRIAL_STEPS,
     )
-    again = _explicit(plant, first, trial.end, options)
-    later = weight * _later(plant, trial.end, options.absolute, FAR * again.took)
+    again = _try_explicit(plant, first, trial.end, options)
+    later = weight * _evaluations_after(plant, trial.end, options.absolute, IMPLICIT_TRIAL_TIME_FACTOR * again.took)
     return again.cost if again.took else before.cost, max(least, min(weight * trial.cost, later))
 
 
-def _later(plant: Plant, state: State, tolerance: float, after: float) -> float:
+def _evaluations_after(plant: Plant, state: State, tolerance: float, after: float) -> float:
     """Return the evaluations of an implicit solver for a second of what is left ``after`` so long (s), 1/s.
 
     They are infinite where they are not known.
@@ -192,8 +203,11 @@ def _later(plant: Plant, state: State, tolerance: float, after: float) -> float:
         swinging = spectrum(plant, *state).swinging(tolerance, after)
     except UserError:
         return inf
-    gain = GAIN if plant.system.has_matrices else GAIN_OF_TREES
-    return float(max(OWN * _rate(plant, state), SWING * swinging) * (1e-6 / tolerance) ** gain)
+    gain = DENSE_TOLERANCE_EXPONENT if plant.system.has_matrices else TREE_TOLERANCE_EXPONENT
+    return float(
+        max(EVALUATIONS_PER_MOTION_RATE * _rate(plant, state), EVALUATIONS_PER_OSCILLATION_RATE * swinging)
+        * (1e-6 / tolerance) ** gain
+    )
 
 
 def _rate(plant: Plant, state: State) -> float:
@@ -221,27 +235,28 @@ def try_solver(plant: Plant, solver: str, state: State, options: Options, times:
     return _Trial((trial.t, trial.q, trial.v), took, cost, done.stability_limited > 0)
 
 
-def explicit(plant: Plant) -> tuple[str, str]:
+def select_explicit(plant: Plant) -> tuple[str, str]:
     """Return the solver to take where nothing is stiff, and what its size has to do with it."""
-    s, size = plant.system, counted(plant.system.n, "joint coordinate")
-    if not s.has_matrices and not s.m:
+    system, size = plant.system, counted(plant.system.n, "joint coordinate")
+    if not system.has_matrices and not system.m:
         return "adams", f"a large open-chain model with {size}"
-    if s.n > LARGEST_DENSE:
+    if system.n > LARGEST_DENSE:
         return "ida", f"{size} with loops, too many for the dense matrices of 'adams' and 'hybrid'"
-    if s.m >= WIDE:
-        return "hybrid", f"{size} and {s.m} constraints"
-    return "adams", f"{size} and {counted(s.m, 'constraint')}" if s.m else f"{size} without loops"
+    if system.m >= MIN_HYBRID_CONSTRAINTS:
+        return "hybrid", f"{size} and {system.m} constraints"
+    return "adams", f"{size} and {counted(system.m, 'constraint')}" if system.m else f"{size} without loops"
 
 
-def implicit(plant: Plant, tolerance: float) -> tuple[str, str]:
+def select_implicit(plant: Plant, tolerance: float) -> tuple[str, str]:
     """Return the solver to take where something is stiff, and what its size has to do with it."""
-    s, size = plant.system, counted(plant.system.n, "joint coordinate")
-    if s.has_matrices:
+    system, size = plant.system, counted(plant.system.n, "joint coordinate")
+    if system.has_matrices:
         return "radau", size
-    if s.cornered:
+    if system.cornered:
         return "esdirk", f"a large model with {size} and contact"
-    if s.m:
-        return "ida", f"a large model with {size} and {counted(s.m, 'constraint')}"
-    if tolerance < COARSE:
-        return "ida", f"a large model with {size} and a tolerance below {COARSE:g}, which is too small for esdirk"
+    if system.m:
+        return "ida", f"a large model with {size} and {counted(system.m, 'constraint')}"
+    if tolerance < MIN_ESDIRK_TOLERANCE:
+        limit = f"{MIN_ESDIRK_TOLERANCE:g}"
+        return "ida", f"a large model with {size} and a tolerance below {limit}, which is too small for esdirk"
     return "esdirk", f"a large open-chain model with {size}"

@@ -21,20 +21,21 @@ from solvers.options import Options
 from solvers.stepper import Stepper
 from solvers.steppers.ida.tree import TreeIDAStepper
 
-from .solver_selection import COARSE, IMPLICIT_STEPS, WEIGHT, State, try_solver
+from .solver_selection import EVALUATION_WEIGHTS, IMPLICIT_TRIAL_STEPS, MIN_ESDIRK_TOLERANCE, State, try_solver
 
-FIRST_CHECK = 2000  # steps after which the pace is checked first
-NEXT_CHECK = 4  # steps at the next check, in units of those at the last one
-MANY_STEPS = 20_000  # steps of a whole run, below which no other solver is tried
-UNKNOWN_END = 8000  # steps after which other solvers are tried if the end of the run is not known
-CHEAPER = 4.0  # ratio of the costs from which on another solver is reported
-EXPLICIT_STEPS = 1500  # of a trial of an explicit solver, which must meet its limit of stability
-TRIAL_TIMES = tuple(2.0**k for k in range(-10, 4))  # ends of a trial's parts, in what ``ida`` has done since a check
-OPENING = "'ida' has taken "  # of the remark
-NEVER = np.iinfo(np.int64).max
+FIRST_CHECK_STEPS = 2000  # steps after which the pace is checked first
+NEXT_CHECK_FACTOR = 4  # steps at the next check, in units of those at the last one
+MIN_EXPECTED_STEPS = 20_000  # steps of a whole run, below which no other solver is tried
+MIN_STEPS_UNKNOWN_END = 8000  # steps after which other solvers are tried if the end of the run is not known
+MIN_COST_RATIO = 4.0  # ratio of the costs from which on another solver is reported
+MAX_EXPLICIT_TRIAL_STEPS = 1500  # of a trial of an explicit solver, which must meet its limit of stability
+# ends of a trial's parts, in what ``ida`` has done since a check
+TRIAL_TIME_FACTORS = tuple(2.0**k for k in range(-10, 4))
+STEP_COUNT_REMARK_START = "'ida' has taken "  # of the remark
+NO_FURTHER_CHECK = np.iinfo(np.int64).max
 
 
-class Checkpoint(NamedTuple):
+class LastCheck(NamedTuple):
     """What the run had done at the last check."""
 
     t: float  # s
@@ -42,7 +43,7 @@ class Checkpoint(NamedTuple):
     evaluations: int
 
 
-class PaceCheck:
+class StepCountCheck:
     """Checks of the number of steps of one run.
 
     Parameters
@@ -67,34 +68,34 @@ class PaceCheck:
     def attach(self, stepper: Stepper) -> None:
         """Let ``stepper`` call the check if it is ``ida`` on a large tree."""
         if isinstance(stepper, TreeIDAStepper):
-            self._last = Checkpoint(stepper.t, 0, 0)
-            stepper.check_steps(FIRST_CHECK, lambda: self._check(stepper))
+            self._last = LastCheck(stepper.t, 0, 0)
+            stepper.check_steps(FIRST_CHECK_STEPS, lambda: self._check(stepper))
 
     def _check(self, stepper: TreeIDAStepper) -> int:
         """Return the number of steps at which to check again; report another solver if it is far cheaper."""
         done, state, last = stepper.statistics, stepper.present, self._last
-        self._last, took = Checkpoint(state[0], done.steps, done.rhs_evals), state[0] - last.t
+        self._last, took = LastCheck(state[0], done.steps, done.rhs_evals), state[0] - last.t
         if not took > 0.0 or done.steps <= last.steps:  # restored to an earlier state
-            return done.steps + FIRST_CHECK
-        expected = inf if done.steps >= UNKNOWN_END else 0.0
+            return done.steps + FIRST_CHECK_STEPS
+        expected = inf if done.steps >= MIN_STEPS_UNKNOWN_END else 0.0
         if self.end is not None:
             expected = done.steps + (done.steps - last.steps) / took * (self.end - state[0])
-        if expected < MANY_STEPS:
-            return NEXT_CHECK * done.steps
-        cost = WEIGHT["ida"] * (done.rhs_evals - last.evaluations) / took
-        costs = {name: least for name, least in self._costs(state, took).items() if CHEAPER * least <= cost}
+        if expected < MIN_EXPECTED_STEPS:
+            return NEXT_CHECK_FACTOR * done.steps
+        cost = EVALUATION_WEIGHTS["ida"] * (done.rhs_evals - last.evaluations) / took
+        costs = {name: least for name, least in self._costs(state, took).items() if MIN_COST_RATIO * least <= cost}
         if not costs:
-            return NEXT_CHECK * done.steps
+            return NEXT_CHECK_FACTOR * done.steps
         whole = f" and will take about {expected:.1g} for the whole run" if self.end is not None else ""
         names = sorted(costs, key=costs.__getitem__)
         factors = " and ".join(f"{name!r} needed {cost / costs[name]:.2g} times" for name in names)
         text = (
-            f"{OPENING}{done.steps} steps until t = {state[0]:.4g} s{whole}. In a trial from this time {factors} less "
-            "computation for the same motion: fast undamped oscillations limit the step size of 'ida'. Use the solver "
-            + " or ".join(map(repr, names))
+            f"{STEP_COUNT_REMARK_START}{done.steps} steps until t = {state[0]:.4g} s{whole}. In a trial from this time "
+            f"{factors} less computation for the same motion: fast undamped oscillations limit the step size of 'ida'. "
+            "Use the solver " + " or ".join(map(repr, names))
         )
         self._report(coded("slow-solver", text))
-        return NEVER
+        return NO_FURTHER_CHECK
 
     def _costs(self, state: State, took: float) -> dict[str, float]:
         """Return what other solvers need for a second of motion from ``state``, in weighed evaluations, 1/s.
@@ -107,11 +108,11 @@ class PaceCheck:
             plant = self._copy()
         except UserError:
             return {}
-        names = {} if plant.system.cornered else {"adams": EXPLICIT_STEPS}
-        if self._options.absolute >= COARSE:
-            names["esdirk"] = IMPLICIT_STEPS
-        times = [took * part for part in TRIAL_TIMES]
+        names = {} if plant.system.cornered else {"adams": MAX_EXPLICIT_TRIAL_STEPS}
+        if self._options.absolute >= MIN_ESDIRK_TOLERANCE:
+            names["esdirk"] = IMPLICIT_TRIAL_STEPS
+        times = [took * part for part in TRIAL_TIME_FACTORS]
         return {
-            name: WEIGHT.get(name, 1.0) * try_solver(plant, name, state, self._options, times, steps).cost
+            name: EVALUATION_WEIGHTS.get(name, 1.0) * try_solver(plant, name, state, self._options, times, steps).cost
             for name, steps in names.items()
         }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mbfmu.mechanics import Plant
 from mbfmu.util.codes import coded
 
-FOR_STIFF = 1e-7  # tolerance at which forces in the plane of a sheet in motion are good to some percents
+STIFF_OUTPUT_TOLERANCE = 1e-7  # tolerance at which forces in the plane of a sheet in motion are good to some percents
 COARSE_TOLERANCE = 1e-3  # from which on runs report how large their errors may be
 COARSE_ERROR = 100.0  # tolerances times the growth of errors of the motion: what counts as right in tests
 COARSE_TEXT = (
@@ -18,13 +18,13 @@ COARSE_TEXT = (
 def describe_loose(plant: Plant, tolerance: float) -> str:
     """Return a warning that outputs need a smaller tolerance; empty: none does."""
     names = plant.stiff_outputs
-    if not names or tolerance <= FOR_STIFF:
+    if not names or tolerance <= STIFF_OUTPUT_TOLERANCE:
         return ""
     more = f" and {len(names) - 1} more" if names[1:] else ""
     return coded(
         "loose-tolerance",
         f"output {names[0]!r}{more} depends on the in-plane strains of a sheet, whose stiffness amplifies "
-        f"the position errors that the tolerance of {tolerance:g} allows; use {FOR_STIFF:g} or less",
+        f"the position errors that the tolerance of {tolerance:g} allows; use {STIFF_OUTPUT_TOLERANCE:g} or less",
     )
 
 

@@ -18,8 +18,8 @@ from solvers.compiled.kernel import records
 from solvers.energy_account import ACCOUNT_SIZE
 from solvers.stepper import Stepper, rate_of_start
 
-SHORT = 1e-6  # of the time in which the motion changes
-MOST_STEPS = 30  # between two times of a trial
+WARMUP_TIME_FACTOR = 1e-6  # of the time in which the motion changes
+MAX_WARMUP_STEPS = 30  # between two times of a trial
 
 
 def interval_of(trial: Stepper, plant: Plant) -> float:
@@ -31,10 +31,10 @@ def interval_of(trial: Stepper, plant: Plant) -> float:
         a = np.zeros(n)
     size = np.ascontiguousarray(np.broadcast_to(plant.system.size, n), float)
     rate = float(rate_of_start(plant.system.rate, trial.options.duration, size, trial.v, a))
-    return max(SHORT / rate if np.isfinite(rate) else 0.0, 1e4 * float(np.spacing(abs(trial.t))))
+    return max(WARMUP_TIME_FACTOR / rate if np.isfinite(rate) else 0.0, 1e4 * float(np.spacing(abs(trial.t))))
 
 
-def ran(trial: Stepper, plant: Plant, outputs: int) -> bool:
+def compile_kernels(trial: Stepper, plant: Plant, outputs: int) -> bool:
     """Whether all went well with everything that a run calls: steps of ``trial``, and ``outputs`` of the plant.
 
     Kernels differ with the solver, with dense or large systems, and with constraints.
@@ -50,11 +50,11 @@ def ran(trial: Stepper, plant: Plant, outputs: int) -> bool:
         ends.append(trial.advance(t0 + k * h))
     with suppress(SolverError):
         trial.accelerations()
-    _rehearse()
+    _warm_up_points()
     return len(sampled.q) > 0 and all(status.ok for status in ends)
 
 
-def _rehearse() -> None:
+def _warm_up_points() -> None:
     """Call what communication points call, with inputs and a balance that are nobody's."""
     inputs, balance = hold(points.InputRecords.example()), records(1, BALANCE)
     points.set_input(inputs, 0, 0.0, 0.0)

@@ -25,7 +25,7 @@ from mbfmu.mechanics.arrays.closing import check_inertia
 from mbfmu.util.errors import EquilibriumError, UserError
 from mbfmu.util.extras import optional
 from mbfmu.util.files import replacing
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 from solvers.statics.small import EPSILON
 from solvers.system import Array
 

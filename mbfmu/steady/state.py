@@ -20,7 +20,7 @@ from mbfmu.steady.modes import LOWEST, ModeShapes, find_spectrum, shapes_of
 from mbfmu.steady.periodic import Turned
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
 from mbfmu.util.errors import EquilibriumError
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 from solvers.statics.spectrum import Spectrum, Stability
 from solvers.system import Array
 

@@ -18,14 +18,14 @@ from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model, of_user
 from mbfmu.modeling.scene import Scene, default_scene
 from mbfmu.modeling.settings import Settings
-from mbfmu.session.result import together
+from mbfmu.session.result import join_messages
 from mbfmu.session.simulation import Simulation
-from mbfmu.session.solver_selection import SolverPick, State, pick
+from mbfmu.session.solver_selection import SolverChoice, State, select_solver
 from mbfmu.session.stiffness import Spectrum, spectrum
-from mbfmu.studies.held import describe_held_inputs
+from mbfmu.studies.check_report import in_words, reasons
+from mbfmu.studies.held_inputs import describe_held_inputs
 from mbfmu.studies.loops import Loop, loops, redundant_rows
-from mbfmu.studies.nearest import Nearest, Watch
-from mbfmu.studies.telling import in_words, reasons
+from mbfmu.studies.nearest_singularity import Nearest, Watch
 from mbfmu.util.errors import UserError, require_arguments
 from solvers.options import Statistics
 
@@ -137,7 +137,7 @@ class Findings:
     failure: str = ""
     warning: str = ""
     inaccurate: bool = False
-    suits: SolverPick | None = None
+    suits: SolverChoice | None = None
     unseen: tuple[str, ...] = ()
 
     @property
@@ -240,11 +240,11 @@ class _Look:
         watch = Watch(self.plant, rank, run) if rank else None
         self._go(watch)
         reached, statistics, failure = run.t, run.statistics, run.failure
-        warning = together(run.warning, run.lock)
+        warning = join_messages(run.warning, run.lock)
         options, some = self.scene.settings.options(self.scene.stop_time), self._some()
         return replace(
             found,
-            solver=run.pick.solver,
+            solver=run.solver_choice.solver,
             reached=reached,
             freedom=run.stepper.freedom if s.has_matrices else s.n - rank,
             loops=loops(self.plant, redundant, self.gaps),
@@ -257,7 +257,7 @@ class _Look:
             failure=failure,
             warning=warning,
             inaccurate=bool(run.verdict),
-            suits=pick(self.plant, some, options),
+            suits=select_solver(self.plant, some, options),
             unseen=self._unseen(reached, failure),
         )
 

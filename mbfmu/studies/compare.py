@@ -15,12 +15,12 @@ from mbfmu.modeling.model import Model, of_user
 from mbfmu.modeling.scene import Scene, default_scene
 from mbfmu.session.result import Result
 from mbfmu.session.run import communication_points
-from mbfmu.studies.held import describe_held_inputs
+from mbfmu.studies.held_inputs import describe_held_inputs
 from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, in_words, resolutions_of
 from mbfmu.studies.timing import Budget, Spent, TooLong, check_repeats, in_turn
 from mbfmu.util.errors import UserError
-from mbfmu.util.table import power
+from mbfmu.util.text_table import power
 from solvers.steppers import (
     SOLVERS,
     TREE_SOLVERS,

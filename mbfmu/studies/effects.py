@@ -24,7 +24,7 @@ from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.studies.reference import scales, still
 from mbfmu.studies.timing import Budget, Spent, cpu_time, in_turn
 from mbfmu.util.errors import EquilibriumError, UserError
-from mbfmu.util.table import table
+from mbfmu.util.text_table import table
 from solvers.compiled.kernel import kernel
 from solvers.system import Equations
 

@@ -16,13 +16,13 @@ from mbfmu.modeling.model import Model
 from mbfmu.modeling.scene import Scene
 from mbfmu.session.run import communication_points
 from mbfmu.studies.compare import BUDGET, SHARE, Case, Progress, Row, asked, in_full, judge, of_subject
-from mbfmu.studies.held import describe_held_inputs
+from mbfmu.studies.comparison_report import in_sentence, label, listed
+from mbfmu.studies.held_inputs import describe_held_inputs
 from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, in_words
 from mbfmu.studies.timing import Budget, Spent, TooLong, in_turn
-from mbfmu.studies.words import in_sentence, label, listed
 from mbfmu.util.errors import LONGEST, UserError, short
-from mbfmu.util.table import power
+from mbfmu.util.text_table import power
 from mbfmu.util.units import read_unit
 
 Array = NDArray[np.float64]

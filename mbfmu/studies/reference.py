@@ -24,7 +24,7 @@ from mbfmu.session.result import Result
 from mbfmu.studies.resolution import Resolution, in_words, limit, moving_places, size
 from mbfmu.studies.timing import Budget, TooLong
 from mbfmu.util.errors import UserError, suggest
-from mbfmu.util.table import power
+from mbfmu.util.text_table import power
 from solvers.steppers import describe_refusal
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from mbfmu.modeling.settings import Settings
 from mbfmu.session.simulation import Simulation
 from mbfmu.steady.equilibrium import build_problem, find_state
 from mbfmu.studies.timing import Spent, cpu_time, in_turn
-from mbfmu.util.table import power, table
+from mbfmu.util.text_table import power, table
 from solvers import SOLVERS
 
 LEFT = 1e-10  # of the first deviation, when the slowest mode has settled

@@ -13,9 +13,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from mbfmu.plotting.figures import COLORS, finish, subplots
 from mbfmu.studies.compare import Comparison, Row, known
+from mbfmu.studies.comparison_report import label, listed
 from mbfmu.studies.resolution import in_words
-from mbfmu.studies.words import label, listed
-from mbfmu.util.table import power
+from mbfmu.util.text_table import power
 
 MARKERS = "os^DvP*X"  # by resolution, coarse to fine
 NEAR = 100.0  # times: the uncertainty of the reference is drawn if errors come this near

@@ -12,7 +12,7 @@ import mbfmu as mb
 from mbfmu.ensemble.definition import define, read_study
 from mbfmu.ensemble.records import Records, read_table, storable
 from mbfmu.ensemble.variation import toleranced
-from mbfmu.ensemble.work import FAILED, Outcome
+from mbfmu.ensemble.worker import FAILED, Outcome
 from mbfmu.modeling.scene import load_scene
 from mbfmu.studies.recommendation import read_target
 from mbfmu.util.errors import UserError

@@ -17,7 +17,7 @@ import pytest
 
 import mbfmu as mb
 from mbfmu.ensemble.definition import define
-from mbfmu.ensemble.work import FAILED, OK, SUSPECT, batch, forget
+from mbfmu.ensemble.worker import FAILED, OK, SUSPECT, batch, forget
 from mbfmu.util.errors import UserError
 
 pytestmark = pytest.mark.skipif(
@@ -127,7 +127,7 @@ def test_a_process_ends_where_a_run_hangs(oscillator: Path, tmp_path: Path):
     """The run within its limit is made, the one that hangs ends the process by a signal."""
     script = tmp_path / "script.py"
     script.write_text(
-        "from mbfmu.ensemble.definition import define\nfrom mbfmu.ensemble.work import batch\n"
+        "from mbfmu.ensemble.definition import define\nfrom mbfmu.ensemble.worker import batch\n"
         f"study = define({{'fmu': {str(oscillator)!r}, 'vary': {{'k': [1.0, 321.0]}}, 'measure': {{'end': 'end x'}}, "
         "'time_limit': 1.0})\n"
         "for k, point in enumerate(study.points()):\n"

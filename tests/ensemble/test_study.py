@@ -24,7 +24,7 @@ from mbfmu.cli import main
 from mbfmu.ensemble.definition import define
 from mbfmu.ensemble.engine import Workers
 from mbfmu.ensemble.records import KEPT, PARTS, TABLE, Records
-from mbfmu.ensemble.work import FAILED, OK, Outcome, batch, forget
+from mbfmu.ensemble.worker import FAILED, OK, Outcome, batch, forget
 from mbfmu.util.errors import UserError
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")

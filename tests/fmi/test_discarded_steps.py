@@ -108,11 +108,11 @@ def test_it_leaves_supports_on_their_way() -> None:
             simulation.set_input("sled.v", 0.5)
             assert simulation.advance(0.02 * (k + 1)).ok
     assert not tried.remarks
-    mark = tried.mark()
+    mark = tried.checkpoint()
     tried.set_input("sled.x", 1e3)
     assert not tried.advance(100.0).ok
     assert any("input 'sled.x' at t = " in text for text in tried.remarks)
-    tried.rewind(mark)
+    tried.rollback(mark)
     assert tried.failure == ""
     assert tried.remarks == []
     for k in range(6, 12):

@@ -14,7 +14,7 @@ from fmpy.fmi1 import FMICallException
 from fmus.fourbar import FourBar
 from mbfmu.fmi import Fmu, export
 from mbfmu.session.run import run
-from mbfmu.session.serialization import frame, unframe
+from mbfmu.session.serialization import decode_state, encode_state
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.errors import UserError
 from solvers.compiled import cache
@@ -65,16 +65,16 @@ def test_a_bad_state_changes_nothing_and_stops_the_run(fmu: Fmu, fourbar_fmu: Pa
 def test_no_flipped_bit_is_taken(fmu: Fmu) -> None:
     state = fmu.save()
     owner = "somebody"
-    framed = frame(owner, {"inputs": [1.5]}, state)
-    assert unframe(owner, framed) == ({"inputs": [1.5]}, state)
+    framed = encode_state(owner, {"inputs": [1.5]}, state)
+    assert decode_state(owner, framed) == ({"inputs": [1.5]}, state)
     rng = np.random.default_rng(0)
     for place in {*range(50), *rng.integers(0, len(framed), 200).tolist()}:
         bad = bytearray(framed)
         bad[place] ^= 1 << int(rng.integers(8))
         with pytest.raises(UserError):
-            unframe(owner, bytes(bad))
+            decode_state(owner, bytes(bad))
     with pytest.raises(UserError, match="belongs to another model"):
-        unframe("somebody else", framed)
+        decode_state("somebody else", framed)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

@@ -25,7 +25,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.mechanics.arrays.closing import assemble_positions, assemble_velocities
 from mbfmu.modeling.settings import Settings
-from mbfmu.native.starting import Flaw
+from mbfmu.native.start_checks import Flaw
 from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import AssemblyError
 from solvers.assembly import ASSEMBLED, NO_MASS, OPEN, OPENS

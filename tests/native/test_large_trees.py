@@ -97,7 +97,7 @@ def test_gravity_and_an_edge_that_a_host_moves(inputs: str, energy_check: bool):
             simulation.set_input(name, value)
             assert native.call("set", numbers[name], float(value)) == OK
         follow(simulation, native, 1e-3, k, k + 1)
-    assert simulation.work_of_jumps != 0.0
+    assert simulation.discontinuity_work != 0.0
 
 
 @needs_linker

@@ -23,7 +23,7 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.modeling import Model, parameter
-from mbfmu.native.numbers import STRUCTURE, Place, Reader
+from mbfmu.native.model_numbers import STRUCTURE, Place, Reader
 from mbfmu.native.parameters import Live, find_live
 from mbfmu.util.errors import UserError
 

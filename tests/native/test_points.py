@@ -104,7 +104,7 @@ def test_gravity_and_a_force_with_its_rate(solver: str, inputs: str):
     simulation, native = pair(weighed, Settings(solver=solver, input_interpolation=inputs))
     assert [v.name for v in simulation.plant.inputs.variables] == ["weight", "pull", "pull_rate"]
     follow(simulation, native, given)
-    assert simulation.work_of_jumps != 0.0
+    assert simulation.discontinuity_work != 0.0
 
 
 def lifted() -> Mechanism:
@@ -161,7 +161,7 @@ MOTIONS: dict[str, Given] = {
 def test_a_hub_that_a_host_turns(solver: str, name: str):
     simulation, native = pair(hub, Settings(solver=solver))
     follow(simulation, native, MOTIONS[name])
-    assert simulation.work_of_jumps != 0.0
+    assert simulation.discontinuity_work != 0.0
     assert native.told["jumps"] == any("its position differs by" in text for text in simulation.remarks)
     assert native.told["jumps"] == (name in ("jumps of both", "small jumps", "now and then"))
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from mbfmu.studies.compare import Comparison, Row, outcome
 from mbfmu.studies.reference import Reference
 from mbfmu.studies.resolution import in_words
-from mbfmu.util.table import power, table
+from mbfmu.util.text_table import power, table
 
 SHOWN = 6  # names in a list, before the rest is counted
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from mbfmu.mechanics import Plant
-from mbfmu.session.energy_check import NEAR, distance, loops_of
+from mbfmu.session.energy_check import NEAR_SINGULAR_RATIO, distance, loops_of
 from mbfmu.session.simulation import Simulation
 from solvers.options import Options
 from solvers.steppers import stepper
@@ -107,7 +107,7 @@ class Watch:
             ratio=ratio,
             loops=loops_of(self._plant, distance(self._plant, t, q, self._rank)[1]),
             gap=self._judge.gap(t, q) if isinstance(self._judge, DenseStepper) else nan,
-            passes=sum(ratio <= NEAR for _, ratio in found),
+            passes=sum(ratio <= NEAR_SINGULAR_RATIO for _, ratio in found),
         )
 
     def _go(self, simulation: Simulation, k: int, t: float) -> bool:

@@ -14,7 +14,7 @@ from mbfmu.native.families import SOLVERS
 from mbfmu.native.layout import signed
 from mbfmu.native.runtime import library
 from mbfmu.native.targets import TARGETS, host
-from mbfmu.session.solver_selection import pick
+from mbfmu.session.solver_selection import select_solver
 from mbfmu.util.errors import UserError
 from solvers.steppers import describe_refusal
 
@@ -131,7 +131,7 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[str], None]
     if settings.solver not in (AUTO, model.default_solver):
         refuse_solver(settings.solver)
     plant = model.plant()
-    found = pick(plant, [(0.0, *plant.assemble())], settings.options(model.stop_time))
+    found = select_solver(plant, [(0.0, *plant.assemble())], settings.options(model.stop_time))
     implicit = "radau" if plant.system.has_matrices else "adams"  # which is all that large trees have
     solver = found.solver if found.solver in SOLVERS else implicit
     if refused := describe_refusal(solver, plant.system):

@@ -21,9 +21,9 @@ from solvers.system import Array
 
 from .clipped import Clipped, fit_clipped
 from .guesses import fit_guesses
+from .model_numbers import STRUCTURE, Reader
 from .monomials import CONSTANT, GOOD, MOST, Fit, Powers, fit_sums, joint_exponents, single, sums
-from .numbers import STRUCTURE, Reader
-from .widening import widen
+from .validity_range import widen
 
 NEAR = (0.6, 1.7)  # of its value: where a parameter is probed first
 BETWEEN = (0.2, 0.5, 0.8)  # of its range: more points for sums

@@ -24,7 +24,7 @@ from mbfmu.session.run import check_interval
 from mbfmu.util.errors import UserError, suggest
 
 from .design import Point
-from .work import STOP, Files, FmuJob, Job, ModelJob, pickled
+from .worker import STOP, Files, FmuJob, Job, ModelJob, pickled
 
 RUNS = ("simulation", "fmu", "native")
 NUMBERS: dict[str, type] = {

@@ -1,4 +1,4 @@
-"""``python -m mbfmu.fmi.apart SCENE FMU [FMI PLATFORM ...]``: a scene as a native FMU, without a compiler.
+"""``python -m mbfmu.fmi.subprocess_export SCENE FMU [FMI PLATFORM ...]``: a scene as a native FMU, without a compiler.
 
 Export in a separate process in which kernels are plain Python: assembling the model data calls each kernel a few times
 only, and all of these calls together take less time than compiling one kernel. The result has the same bytes. It is
@@ -26,7 +26,7 @@ from solvers.compiled.cache import NotCompiled, compiling_nothing
 
 from .description import Experiment
 from .export import export, pack
-from .native import native
+from .native_fmu import native
 
 
 def make_for_a_run(scene: Scene, path: Path) -> list[str] | None:
@@ -87,7 +87,7 @@ def _apart(scene: Scene, path: Path, *more: str) -> subprocess.CompletedProcess[
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
         told = Path(folder) / "scene.toml"
         told.write_text(as_toml(scene), encoding="utf-8")
-        command = [sys.executable, "-P", "-m", "mbfmu.fmi.apart", str(told), str(path), *more]
+        command = [sys.executable, "-P", "-m", "mbfmu.fmi.subprocess_export", str(told), str(path), *more]
         return subprocess.run(command, env={**os.environ, **own}, capture_output=True, text=True, check=False)
 
 

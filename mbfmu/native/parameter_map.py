@@ -13,9 +13,9 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
+from .model_numbers import Place
 from .monomials import Fit
-from .numbers import Place
-from .search import Search
+from .parameter_dependence import Search
 
 LENGTH = "characteristic length"  # of the mechanism, m, among the names of parameters; no parameter has this name
 

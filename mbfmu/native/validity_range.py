@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from mbfmu.modeling.parameters import Parameter
 
 if TYPE_CHECKING:
-    from .search import Search
+    from .parameter_dependence import Search
 
 FAR = (1e3, 1e6)  # times the center
 CLOSE = 1e-6  # error of a fit so far out, where sines of large angles and sums are of few digits

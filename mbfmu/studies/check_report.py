@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 from math import isfinite, isinf, pi
 from typing import TYPE_CHECKING
 
-from mbfmu.session.energy_check import NEAR
-from mbfmu.util.table import counted, power
+from mbfmu.session.energy_check import NEAR_SINGULAR_RATIO
+from mbfmu.util.text_table import counted, power
 from solvers.inertia import LARGE_GROWTH
 
 if TYPE_CHECKING:
     from mbfmu.studies.check import Findings, Stiffness
     from mbfmu.studies.loops import Loop
-    from mbfmu.studies.nearest import Nearest
+    from mbfmu.studies.nearest_singularity import Nearest
     from solvers import Statistics
 
 TOLD = 6  # loops that are reported one by one
@@ -27,8 +27,8 @@ def reasons(found: Findings) -> tuple[str, ...]:
         "it does not start": found.freedom is None,
         "it stops early": found.failure and found.freedom is not None,
         "its motion may be wrong": found.warning,
-        "it passes through a singular configuration": near and near.ratio <= NEAR and near.gap == 0.0,
-        "it comes near a singular configuration": near and near.ratio <= NEAR and near.gap != 0.0,
+        "it passes through a singular configuration": near and near.ratio <= NEAR_SINGULAR_RATIO and near.gap == 0.0,
+        "it comes near a singular configuration": near and near.ratio <= NEAR_SINGULAR_RATIO and near.gap != 0.0,
         "its mass matrix is nearly singular at times": found.statistics and found.statistics.rate_growth > LARGE_GROWTH,
         "it is stiff": stiff,
         "its step size is limited by stability": found.limit == "stability" and stiff,
@@ -86,7 +86,7 @@ def of_nearest(near: Nearest) -> str:
         f"smallest singular value of the constraint Jacobian {near.ratio:.1e} (relative to the largest) at "
         f"t = {near.t:.6g} s, loop {names}"
     )
-    if near.ratio > NEAR:
+    if near.ratio > NEAR_SINGULAR_RATIO:
         return f"none; {where}"
     often = f" {near.passes} times" if near.passes > 1 else ""
     if near.gap == 0.0:

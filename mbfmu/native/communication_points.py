@@ -19,7 +19,7 @@ TOLD = np.dtype(
         ("code", np.int64),  # how the last advance ended
         ("unknown", np.int64),  # 1: the rate of a support that departs jumps where its impulse is not known
         ("jumps", np.int64),  # 1: a support has jumped in position, farther than its rate explains
-        ("flaw", np.int64),  # what is wrong with the start, see starting.Flaw; zero: nothing
+        ("flaw", np.int64),  # what is wrong with the start, see start_checks.Flaw; zero: nothing
         ("lost", np.int64),  # result of the check of the energy balance in solvers.balance
         ("lost_at", np.float64),  # s, where that was seen first; by how much, and what was exchanged until then, J
         ("energy_error", np.float64),
