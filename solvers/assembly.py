@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.held import hold
 from solvers.compiled.kernel import kernel, records
+from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.dense import apply_Q, apply_Qt, factor_lq, rank_at, solve_transposed_basic
 from solvers.system import AnySystem, Array
 
@@ -66,8 +66,8 @@ class Loops(NamedTuple):
 
     @staticmethod
     def of(system: AnySystem) -> Any:
-        """Return the loops of a system with separate terms, held."""
-        return hold(Loops(system.position, system.retract, system.held_data, hold(system.allocate_terms())))
+        """Return the loops of a system with separate terms, pinned."""
+        return pin(Loops(system.position, system.retract, system.pinned_data, pin(system.allocate_terms())))
 
 
 class Scratch(NamedTuple):

@@ -23,8 +23,8 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.held import held_type, hold
 from solvers.compiled.kernel import COMPILED, callback, kernel, types
+from solvers.compiled.tuple_pointer import pin, pointer_type
 from solvers.positions import Positions, position_sizes
 
 Array = NDArray[np.float64]
@@ -70,12 +70,12 @@ def energy_callbacks(system: AnySystem) -> tuple[Callable[..., Any], Callable[..
     """Return the callbacks of power and energy bound of a system for kernels."""
     if system.power is not None and system.evaluate_energy_bound is not None:
         return system.power, system.evaluate_energy_bound
-    return _nothing(held_type(system.data))
+    return _nothing(pointer_type(system.data))
 
 
 def outputs_callback(system: System) -> Callable[..., Any]:
     """Return the output function of a system for kernels."""
-    return system.evaluate_outputs if system.evaluate_outputs is not None else _no_outputs(held_type(system.data))
+    return system.evaluate_outputs if system.evaluate_outputs is not None else _no_outputs(pointer_type(system.data))
 
 
 @cache
@@ -144,8 +144,8 @@ class AnySystem(ABC):
     """Interface of a mechanism for solvers, independent of its size.
 
     The callables are compiled callbacks (see :mod:`solvers.compiled.kernel`); ``data`` is whatever named tuple of
-    arrays, or array, they need and is passed through untouched. They get named tuples held (see
-    :mod:`solvers.compiled.held`).
+    arrays, or array, they need and is passed through untouched. They get pointers to pinned tuples (see
+    :mod:`solvers.compiled.tuple_pointer`).
     """
 
     has_matrices: ClassVar[bool]  # M and J as arrays: what state matrices and partitions are made of
@@ -184,7 +184,7 @@ class AnySystem(ABC):
     def observe_all(self, times: Array, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
         """Fill ``out`` (k, outputs) with the outputs at the solutions at k times, if there are any."""
         if self.observe is not None:
-            self.observe(times, q, v, a, lam, self.held_data, out)
+            self.observe(times, q, v, a, lam, self.pinned_data, out)
 
     @cached_property
     def placed(self) -> Positions:
@@ -199,21 +199,21 @@ class AnySystem(ABC):
     def position_sizes(self, sizes: Array) -> Array:
         """Return sizes of positions (nq,) from those of motions (n,)."""
         found = np.zeros(self.nq)
-        position_sizes(hold(self.placed), sizes, found)
+        position_sizes(pin(self.placed), sizes, found)
         return found
 
     @cached_property
-    def held_data(self) -> Any:
+    def pinned_data(self) -> Any:
         """``data`` as the callbacks get it."""
-        return hold(self.data)
+        return pin(self.data)
 
     def fill_position(self, t: float, q: Array, terms: Terms) -> None:
         """Fill Phi, J and nu at (t, q)."""
-        _position(self.position, t, q, self.held_data, hold(terms))
+        _position(self.position, t, q, self.pinned_data, pin(terms))
 
     def apply(self, q: Array, dq: Array) -> None:
         """Change the positions in place by dq (n,): q <- q (+) N dq."""
-        _retract(self.retract, q, dq, self.held_data)
+        _retract(self.retract, q, dq, self.pinned_data)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,7 +239,7 @@ class System(AnySystem):
 
     def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
         """Fill all terms at (t, q, v)."""
-        _dynamics(self.dynamics, t, q, v, self.held_data, hold(terms))
+        _dynamics(self.dynamics, t, q, v, self.pinned_data, pin(terms))
 
 
 class Equations(NamedTuple):
@@ -258,10 +258,10 @@ class Equations(NamedTuple):
 
     @staticmethod
     def of(system: System, terms: Terms) -> Any:
-        """Return the equations of a system and the terms they are to fill, held."""
+        """Return the equations of a system and the terms they are to fill, pinned."""
         s = system
         callbacks = s.dynamics, s.position, s.motion, s.retract, s.energy, *energy_callbacks(s), outputs_callback(s)
-        return hold(Equations(*callbacks, s.held_data, hold(terms)))
+        return pin(Equations(*callbacks, s.pinned_data, pin(terms)))
 
 
 class Tangent(Protocol):
@@ -274,7 +274,7 @@ class Tangent(Protocol):
     symmetric: bool  # so nearly that who corrects what it is off may take it to be
     solve_one: Callable[[Array, Any, Array], None]  # compiled, (r, data, dq): as solve, all (n,)
     inertia_one: Callable[[Array, Any, Array], None]  # (a, data, tau): as inertia
-    data: Any  # held
+    data: Any  # pinned
 
     @property
     def negative(self) -> int:
@@ -340,7 +340,7 @@ class TreeSystem(AnySystem):
     @property
     def parts_callback(self) -> Callable[..., None]:
         """``inertia_parts`` as kernels take it."""
-        return self.inertia_parts if self.inertia_parts is not None else _no_parts(held_type(self.data))
+        return self.inertia_parts if self.inertia_parts is not None else _no_parts(pointer_type(self.data))
 
     def allocate_terms(self, scalar: type = float) -> Terms:
         """Return zeroed terms; those of the constraints are the only ones a tree fills, and M has no entries."""
@@ -349,11 +349,11 @@ class TreeSystem(AnySystem):
 
     def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
         """Fill Phi, J, nu and gamma at (t, q, v)."""
-        _dynamics(self.constraints, t, q, v, self.held_data, hold(terms))
+        _dynamics(self.constraints, t, q, v, self.pinned_data, pin(terms))
 
     def residual(self, t: float, q: Array, v: Array, a: Array, lam: Array | None = None) -> Array:
         """Return M a + h + J^T lambda (n,)."""
         qdot, tau = np.zeros(self.nq), np.zeros(self.n)
         loaded = np.zeros(self.m) if lam is None else lam
-        _inverse(self.inverse, t, q, v, a, loaded, self.held_data, qdot, tau)
+        _inverse(self.inverse, t, q, v, a, loaded, self.pinned_data, qdot, tau)
         return tau

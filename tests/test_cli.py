@@ -356,7 +356,7 @@ def test_the_compiler_is_announced_and_timed(
 def test_the_cache_says_where_it_is(command: Command) -> None:
     code, out, _ = command("cache")
     assert code == 0
-    assert str(cache.home()) in out
+    assert str(cache.cache_root()) in out
     assert "MB of machine code" in out
 
 

@@ -59,7 +59,7 @@ def command_cache(options: argparse.Namespace) -> int:
             raise UserError(f"`mbfmu cache clear` removes the code of all models; leave out {options.scenes[0]!r}")
         clear(keep_current=options.old)
     folders = storage.find_code_folders()
-    print(f"{cache.home()}: {in_megabytes(sum(folder.size for folder in folders))} of machine code")
+    print(f"{cache.cache_root()}: {in_megabytes(sum(folder.size for folder in folders))} of machine code")
     if old := sum(folder.size for folder in folders if not folder.is_current):
         print(
             f"{in_megabytes(old)} of it is from other versions of mbfmu or numba; `mbfmu cache clear --old` removes it"
@@ -78,7 +78,7 @@ def clear(*, keep_current: bool) -> None:
     removed = storage.clear(keep_current=keep_current)
     print(f"removed {removed.files} files of machine code, {in_megabytes(removed.size)}")
     if foreign := storage.find_foreign():
-        print(f"left {len(foreign)} other files in {cache.home()}, such as {foreign[0]}")
+        print(f"left {len(foreign)} other files in {cache.cache_root()}, such as {foreign[0]}")
     if removed.failures:
         path, reason = removed.failures[0]
         raise UserError(f"{len(removed.failures)} files cannot be removed, such as {str(path)!r}: {reason}")

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from tqdm import tqdm
 
-from solvers.compiled.cache import time_of_compiling, when_compiling
+from solvers.compiled.cache import measure_compilation_time, when_compiling
 
 BEFORE = "compiling; this takes one to three minutes, for native FMUs up to six, once per machine"
 
@@ -16,7 +16,7 @@ BEFORE = "compiling; this takes one to three minutes, for native FMUs up to six,
 @contextmanager
 def compilation(*, reported: bool) -> Iterator[None]:
     """Report on standard error, if requested, that this block waits for the compiler, and how long it took."""
-    with time_of_compiling() as taken:
+    with measure_compilation_time() as taken:
         try:
             with when_compiling(lambda: print_if(BEFORE, reported)):
                 yield

@@ -24,7 +24,7 @@ from mbfmu.session.simulation import Simulation
 from mbfmu.util.codes import NOTES, code_of
 from mbfmu.util.files import write_text
 from mbfmu.viewer import Recorder
-from solvers.compiled.cache import NotCompiled, compiling_nothing
+from solvers.compiled.cache import CompilationNeeded, forbid_compilation
 
 from .common import (
     Commands,
@@ -173,9 +173,9 @@ def repeated(scene: Scene, result: Result, *, compiles: bool) -> Recorder:
     """
     recorder = Recorder()
     try:
-        with nullcontext() if compiles else compiling_nothing():
+        with nullcontext() if compiles else forbid_compilation():
             result.remarks = run(scene.model, scene.settings, result.t, watch=recorder).remarks
-    except NotCompiled:
+    except CompilationNeeded:
         return Recorder()
     return recorder
 

@@ -22,7 +22,7 @@ from mbfmu.native.runtime import there
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.session.run import loops
 from mbfmu.util.errors import UserError
-from solvers.compiled.cache import NotCompiled, compiling_nothing
+from solvers.compiled.cache import CompilationNeeded, forbid_compilation
 
 from .description import Experiment
 from .export import export, pack
@@ -38,11 +38,11 @@ def make_for_a_run(scene: Scene, path: Path) -> list[str] | None:
     if not _needs_no_compiler(scene.settings, [host()]):
         return None
     try:
-        with compiling_nothing():
+        with forbid_compilation():
             return _make(scene, path)
     except UserError:
         return None
-    except NotCompiled:
+    except CompilationNeeded:
         done = _apart(scene, path)
         return done.stdout.splitlines() if done.returncode == 0 else None
 
@@ -62,9 +62,9 @@ def export_scene(
         return
     told: list[str] = []
     try:
-        with compiling_nothing():
+        with forbid_compilation():
             _export(scene, path, fmi, platforms, told.append)
-    except NotCompiled:
+    except CompilationNeeded:
         done = _apart(scene, path, str(fmi), *platforms)
         if done.returncode:
             raise UserError(done.stderr.strip()) from None

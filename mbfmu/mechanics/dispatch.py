@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from solvers.compiled.by_address import call, number, three, two
+from solvers.compiled.indirect_call import call_f, call_ff, call_fff, call_void
 from solvers.compiled.kernel import inlined
 
 PLACE, BIAS = 0, 1  # of a joint
@@ -24,7 +24,7 @@ READ = 0  # of a sensor
 @inlined
 def place_child(body: Any, arrays: Any, state: Any) -> None:
     """Let a body's joint write its subspace and placement into State.rel; see :mod:`.joints.base`."""
-    call(arrays.kernels[body.kind + PLACE], arrays.memory, body.at, (body.qi, state))
+    call_void(arrays.kernels[body.kind + PLACE], arrays.memory, body.at, (body.qi, state))
 
 
 @inlined
@@ -36,27 +36,27 @@ def has_bias(body: Any, arrays: Any) -> bool:
 @inlined
 def joint_bias(body: Any, arrays: Any, state: Any) -> None:
     """Let a body's joint write into State.bias what that adds."""
-    call(arrays.kernels[body.kind + BIAS], arrays.memory, body.at, (body.qi, body.vi, state))
+    call_void(arrays.kernels[body.kind + BIAS], arrays.memory, body.at, (body.qi, body.vi, state))
 
 
 @inlined
 def evaluate_cut(cut: Any, arrays: Any, state: Any) -> None:
     """Let a cut joint write its rows; see :mod:`.cuts.base`."""
     A, B = state.bodies[cut.a], state.bodies[cut.b]
-    call(arrays.kernels[cut.kind + EVALUATE], arrays.memory, cut.at, (A, B, cut.row, state))
+    call_void(arrays.kernels[cut.kind + EVALUATE], arrays.memory, cut.at, (A, B, cut.row, state))
 
 
 @inlined
 def evaluate_coupling(coupling: Any, arrays: Any, state: Any) -> tuple[float, float, float]:
     """f, f' and f'' of a coupling where its second coordinate is; see :mod:`.couplings.base`."""
     address = arrays.kernels[coupling.kind + EVALUATE]
-    return three(address, arrays.memory, coupling.at, state.q, (state.q[coupling.qb], arrays))
+    return call_fff(address, arrays.memory, coupling.at, state.q, (state.q[coupling.qb], arrays))
 
 
 @inlined
 def apply_load(load: Any, t: float, arrays: Any, state: Any) -> None:
     """Let a load add its own; see :mod:`.loads.base`."""
-    call(arrays.kernels[load.kind + APPLY], arrays.memory, load.at, (t, arrays, state))
+    call_void(arrays.kernels[load.kind + APPLY], arrays.memory, load.at, (t, arrays, state))
 
 
 @inlined
@@ -65,7 +65,7 @@ def load_potential(load: Any, arrays: Any, state: Any) -> float:
     address = arrays.kernels[load.kind + POTENTIAL]
     if address == 0:
         return 0.0 * state.time[0]
-    return number(address, arrays.memory, load.at, state.time, (arrays, state))
+    return call_f(address, arrays.memory, load.at, state.time, (arrays, state))
 
 
 @inlined
@@ -74,21 +74,21 @@ def load_power(load: Any, t: float, arrays: Any, state: Any) -> float:
     address = arrays.kernels[load.kind + POWER]
     if address == 0:
         return 0.0 * state.time[0]
-    return number(address, arrays.memory, load.at, state.time, (t, arrays, state))
+    return call_f(address, arrays.memory, load.at, state.time, (t, arrays, state))
 
 
 @inlined
 def load_tangent(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
     """Let a load add its tangent to K; return 1.0, or 0.0 where there is none."""
     address = arrays.kernels[load.kind + TANGENT]
-    return number(address, arrays.memory, load.at, state.time, (c1, arrays, state, twin, K))
+    return call_f(address, arrays.memory, load.at, state.time, (c1, arrays, state, twin, K))
 
 
 @inlined
 def signal(k: int, t: float, arrays: Any) -> tuple[float, float, float]:
     """Value and two derivatives of signal k at time t; see :mod:`.signals.base`."""
     item = arrays.signals[k]
-    return three(arrays.kernels[item.kind + EVALUATE], arrays.memory, item.at, arrays.world[0].gravity, (t, arrays))
+    return call_fff(arrays.kernels[item.kind + EVALUATE], arrays.memory, item.at, arrays.world[0].gravity, (t, arrays))
 
 
 @inlined
@@ -104,17 +104,17 @@ def longest_step(k: int, t: float, arrays: Any) -> tuple[float, float]:
     address = arrays.kernels[item.kind + LONGEST_STEP]
     if address == 0:
         return np.inf, np.inf
-    return two(address, arrays.memory, item.at, arrays.world[0].gravity, (t, arrays))
+    return call_ff(address, arrays.memory, item.at, arrays.world[0].gravity, (t, arrays))
 
 
 @inlined
 def surface_gap(k: int, arrays: Any, state: Any) -> float:
     """Distance of State.meeting's point from surface k; see :mod:`.contact.surfaces.base`."""
     item = arrays.surfaces[k]
-    return number(arrays.kernels[item.kind + GAP], arrays.memory, item.at, state.time, (state,))
+    return call_f(arrays.kernels[item.kind + GAP], arrays.memory, item.at, state.time, (state,))
 
 
 @inlined
 def read_sensor(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """Value of a sensor; see :mod:`.sensors.base`."""
-    return number(arrays.kernels[sensor.kind + READ], arrays.memory, sensor.at, state.time, (lam, arrays, state))
+    return call_f(arrays.kernels[sensor.kind + READ], arrays.memory, sensor.at, state.time, (lam, arrays, state))

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Protocol, Self
 import numpy as np
 
 from mbfmu.util.errors import UserError, require_arguments, short
-from solvers.compiled.kernel import COMPILED, is_kernel, raises
+from solvers.compiled.kernel import COMPILED, has_raise, is_kernel
 
 NOTHING = np.dtype([("nothing", np.int64)])  # record of a kind without parameters
 
@@ -99,7 +99,7 @@ def check_kind(what: str, given: Any, role: type[Kind]) -> None:
             raise UserError(f"{said}, which has no kernel {name!r}")
         if COMPILED and function is not None and not is_kernel(function):
             raise UserError(f"{said}, whose {name!r} is not a kernel; decorate it with mbfmu.mechanics.kernel")
-        if function is not None and raises(function):
+        if function is not None and has_raise(function):
             raise UserError(
                 f"{said}, whose kernel {name!r} raises an exception, which compiled code cannot handle; write "
                 "nan instead, which ends the run"

@@ -18,7 +18,7 @@ from numba.core.errors import NumbaError
 from numba.extending import overload
 
 from mbfmu.util.errors import UserError
-from solvers.compiled.kernel import COMPILED, is_kernel, kept_nowhere, raises
+from solvers.compiled.kernel import COMPILED, has_raise, is_kernel, jit_uncached
 
 FUNCTIONS: dict[str, Any] = {
     name: getattr(np, name)
@@ -85,7 +85,7 @@ def law_of(what: str, given: Any, names: tuple[str, ...]) -> Any:
     count = arguments_of(what, law)
     if count != len(names):
         raise UserError(f"{what} takes {count} arguments; allowed: {len(names)} ({', '.join(names)})")
-    if raises(law):
+    if has_raise(law):
         raise UserError(
             f"{what} raises an exception, which compiled code cannot handle; return nan instead, which ends the run"
         )
@@ -104,7 +104,7 @@ def compiled(law: Any, count: int) -> Any:
     """Return a function of real numbers as a kernel."""
     if not COMPILED:
         return law
-    made = law if is_kernel(law) else kept_nowhere(law)
+    made = law if is_kernel(law) else jit_uncached(law)
     made.compile(types.float64(*[types.float64] * count))
     return made
 

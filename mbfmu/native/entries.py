@@ -36,8 +36,8 @@ from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import UserError
 from solvers.assembly import Scratch
 from solvers.balance import BALANCE
-from solvers.compiled.held import contents, hold
-from solvers.compiled.kernel import by_name, kept_nowhere, records, types
+from solvers.compiled.kernel import as_kernel, jit_uncached, records, types
+from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.energy_account import ACCOUNT_SIZE, EnergyScales
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
@@ -114,12 +114,12 @@ def instance_of(simulation: Simulation) -> Instance:
     """Return an instance that is assembled and yet to begin, where a simulation began; with zeros for the functions."""
     stepper: Any = simulation.stepper
     plant, system, family = simulation.plant, simulation.plant.system, FAMILIES[family_of(simulation)]
-    given, (q, v) = contents(stepper.given), (array.copy() for array in simulation.start)
+    given, (q, v) = unpin(stepper.given), (array.copy() for array in simulation.start)
     sizes = system.nq, system.n, system.m
-    eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.held_data, *sizes)
+    eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, *sizes)
     work = family.work(*sizes, system.placed)
     work.size[:] = system.size
-    work.inertia["watched"] = contents(given.work).inertia["watched"]
+    work.inertia["watched"] = unpin(given.work).inertia["watched"]
     assembly = plant.assembly
     scratch = Scratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
     if simulation.settings.start_at_equilibrium:
@@ -193,17 +193,17 @@ def example(name: str) -> Any:
     family, z = FAMILIES[name], np.zeros
     callbacks = {own: _named(function) for own, function in family.callbacks.items()}
     positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64))
-    eqs = family.equations(callbacks, hold(empty_data()), 1, 1, 1)
+    eqs = family.equations(callbacks, pin(empty_data()), 1, 1, 1)
     own = family.memory(1, 1, 1), family.work(1, 1, 1, positions), EnergyScales.of(1e-6, z(1), z(1))
     given = Given(eqs, records(1, family.loop.SETTINGS), *own, z(1), z(1), z(ACCOUNT_SIZE))
     start = Start(z(1), z(1), Scratch.allocate(1, 1))
     settings = records(1, OPTIONS), np.zeros(1, np.int64), InputRecords.example()
     frames = Frames(z(1, np.int64), z(1))
     books: tuple[Any, ...] = records(1, BALANCE), records(1, TOLD), z(1), z((1, 4), np.int64), frames, positions
-    return hold(Instance(given, start, z(1), z(1), z(1), z(1), z(3), *settings, *books))
+    return pin(Instance(given, start, z(1), z(1), z(1), z(1), z(3), *settings, *books))
 
 
-_named = cache(by_name)  # what two families call is compiled once
+_named = cache(as_kernel)  # what two families call is compiled once
 
 
 def entries(name: str) -> dict[str, Entry]:
@@ -213,7 +213,7 @@ def entries(name: str) -> dict[str, Entry]:
     assembled, begun, evaluated = family.assemble, family.begin, family.evaluate
     renewed, counted = family.renew, family.count
 
-    @kept_nowhere
+    @jit_uncached
     def go(s: Any, t: float) -> int:
         """Go to t, s, in pieces in each of which no step may miss a signal, as ``Stepper.advance`` does."""
         g, reached, code = s.given, s.clock[0], OK
@@ -226,7 +226,7 @@ def entries(name: str) -> dict[str, Entry]:
                 break
         return code
 
-    @kept_nowhere
+    @jit_uncached
     def impulse(s: Any) -> int:
         """Put the jump of the velocities into ``s.dv``, see :mod:`mbfmu.mechanics.arrays.points`."""
         code: int = OK

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.held import contents
+from solvers.compiled.tuple_pointer import unpin
 
 ALIGNED = 64  # bytes
 DATA = 4  # word of an array that holds its address
@@ -127,7 +127,7 @@ class Image:
 
     def _field(self, at: int, field: Any) -> bytes:
         """Return the words of a field, and note its address."""
-        own = contents(field)
+        own = unpin(field)
         if isinstance(own, tuple):
             self.places.append(Relocation(at, self._lay(own)))
             return bytes(8)

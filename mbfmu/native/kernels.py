@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from mbfmu.mechanics.arrays.tables import types_of
-from solvers.compiled.by_address import record_type
-from solvers.compiled.emit import closed, machine_code
-from solvers.compiled.held import held_type
-from solvers.compiled.kernel import kept_nowhere, types
+from solvers.compiled.aot import emit_object, link_module
+from solvers.compiled.indirect_call import record_type
+from solvers.compiled.kernel import jit_uncached, types
+from solvers.compiled.tuple_pointer import pointer_type
 
 from .entries import KINDS, entries, example, kinds
 from .families import FAMILIES
@@ -24,9 +24,9 @@ def compiled() -> tuple[dict[str, tuple[Any, Any]], list[str]]:
     """Return kernel and argument types of every entry point by its symbol, and the symbols of the kinds in order."""
     found: dict[str, tuple[Any, Any]] = {}
     for family in FAMILIES:
-        instance = held_type(example(family))
+        instance = pointer_type(example(family))
         for name, entry in entries(family).items():
-            kernel: Any = kept_nowhere(entry.function)
+            kernel: Any = jit_uncached(entry.function)
             arguments = instance, *entry.more
             kernel.compile(types.int64(*arguments))
             found[f"mb_{family}_{name}"] = kernel, arguments
@@ -43,10 +43,10 @@ def compiled() -> tuple[dict[str, tuple[Any, Any]], list[str]]:
 def main(folder: Path, targets: list[str]) -> None:
     """Write the object files."""
     found, numbered = compiled()
-    module = closed(found, {KINDS: numbered})
+    module = link_module(found, {KINDS: numbered})
     for name in targets:
         target = TARGETS[name]
-        (folder / f"{name}.o").write_bytes(machine_code(module, target.triple, target.processor))
+        (folder / f"{name}.o").write_bytes(emit_object(module, target.triple, target.processor))
 
 
 if __name__ == "__main__":

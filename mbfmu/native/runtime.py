@@ -28,7 +28,7 @@ except ImportError:  # on Windows: two processes may build at once
 
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import write_bytes
-from solvers.compiled.cache import folder, tell_listeners
+from solvers.compiled.cache import notify_listeners, shared_cache_dir
 
 from .entries import entries
 from .families import FAMILIES
@@ -50,7 +50,7 @@ def place(*sources: str) -> Path:
     told = sha256()
     for source in sources:
         told.update((HERE / source).read_bytes())
-    return folder() / f"native-{told.hexdigest()[:16]}"
+    return shared_cache_dir() / f"native-{told.hexdigest()[:16]}"
 
 
 def _of_c() -> tuple[str, ...]:
@@ -72,7 +72,7 @@ def objects(names: Sequence[str]) -> dict[str, Path]:
             raise UserError(f"target {name!r} is not known; allowed: {', '.join(TARGETS)}")
     found = {name: place(*KERNELS) / f"{name}.o" for name in names}
     if not all(path.is_file() for path in found.values()):
-        tell_listeners()
+        notify_listeners()
         with _alone(place(*KERNELS)):
             _build([path for path in found.values() if not path.is_file()])
     return found
@@ -107,13 +107,13 @@ def library(name: str) -> Path:
 def there(name: str) -> Path | None:
     """Return the runtime of a target if it has been built for these sources."""
     built = place(*_of_c())
-    paths = (PACKED / f"{folder().name}-{built.name}" / _file(name), built / _file(name))
+    paths = (PACKED / f"{shared_cache_dir().name}-{built.name}" / _file(name), built / _file(name))
     return next((path for path in paths if path.is_file()), None)
 
 
 def pack(name: str) -> Path:
     """Put the runtime of a target into the package, and return its place there."""
-    path = PACKED / f"{folder().name}-{place(*_of_c()).name}" / _file(name)
+    path = PACKED / f"{shared_cache_dir().name}-{place(*_of_c()).name}" / _file(name)
     if not path.is_file():
         _keep(library(name), path)
     return path

@@ -21,7 +21,7 @@ from scipy import linalg
 
 from mbfmu.mechanics import Plant
 from mbfmu.util.errors import UserError
-from solvers.compiled.held import hold
+from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.blocks import one_thread
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations
@@ -112,7 +112,7 @@ class PerturbedDynamics:
         self.system, self.t, self.q, self.v = plant.system, t, q, v
         system = self.system
         self._terms = system.allocate_terms()
-        self._held: Any = hold(self._terms)
+        self._held: Any = pin(self._terms)
         self._tree = None if system.has_matrices else Accelerations(system)
         system.fill(t, q, v, self._held)
         self._scaled = self._terms.J * system.size / system.row_size[:, None]

@@ -13,8 +13,8 @@ from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays import points
 from solvers import SolverError
 from solvers.balance import BALANCE, check_energy_balance, find_violation
-from solvers.compiled.held import hold
 from solvers.compiled.kernel import records
+from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import ACCOUNT_SIZE
 from solvers.stepper import Stepper, rate_of_start
 
@@ -56,7 +56,7 @@ def compile_kernels(trial: Stepper, plant: Plant, outputs: int) -> bool:
 
 def _warm_up_points() -> None:
     """Call what communication points call, with inputs and a balance that are nobody's."""
-    inputs, balance = hold(points.InputRecords.example()), records(1, BALANCE)
+    inputs, balance = pin(points.InputRecords.example()), records(1, BALANCE)
     points.set_input(inputs, 0, 0.0, 0.0)
     points.set_out(inputs, 0.0, 1.0)
     points.perturb(inputs, 0.0, 0.0)

@@ -261,7 +261,7 @@ def evaluations(plant: Plant) -> Callable[[], float]:
         loop = partial(_dynamics, equations, q, v, EVALUATIONS)
     else:
         a, lam, qdot, tau = (np.zeros(size) for size in (system.n, system.m, system.nq, system.n))
-        loop = partial(_inverses, system.inverse, q, v, a, lam, system.held_data, qdot, tau, EVALUATIONS)
+        loop = partial(_inverses, system.inverse, q, v, a, lam, system.pinned_data, qdot, tau, EVALUATIONS)
     loop()  # compiled now
     return lambda: cpu_time(loop) / EVALUATIONS
 

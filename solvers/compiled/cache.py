@@ -25,9 +25,11 @@ from numba.core import sigutils
 from numba.core.caching import FunctionCache, NullCache, _CacheLocator
 from numba.core.event import TimingListener, install_listener
 
-HERE = Path(__file__).resolve().parent.parent
-FOLDERS = (HERE, HERE.parent / "mbfmu" / "mechanics")  # of the kernels
-IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE)
+SOLVERS_DIR = Path(__file__).resolve().parent.parent
+KERNEL_DIRS = (SOLVERS_DIR, SOLVERS_DIR.parent / "mbfmu" / "mechanics")  # of the kernels
+IMPORT_STATEMENT = re.compile(
+    r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE
+)
 
 _listeners: list[Callable[[], None]] = []  # who is to know that compilation begins
 _blocks: list[Callable[[], None]] = []  # that wait, one within the other
@@ -35,7 +37,7 @@ _unwritable: list[str] = []  # what this process has warned of
 
 
 @cache
-def home() -> Path:
+def cache_root() -> Path:
     """Return the folder of all machine code."""
     given = (os.environ.get(name) for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA"))
     place = next(filter(None, given), "")
@@ -43,13 +45,13 @@ def home() -> Path:
 
 
 @cache
-def folder() -> Path:
+def shared_cache_dir() -> Path:
     """Return the folder for what is made of all these sources together."""
-    return home() / fingerprint_of(kernel_sources())
+    return cache_root() / fingerprint_of(kernel_sources())
 
 
 @cache
-def folder_of(module: str) -> Path:
+def module_cache_dir(module: str) -> Path:
     """Return the folder of the machine code of one module; a user's module depends on all sources."""
     sources = kernel_sources()
     found: set[str] = set()
@@ -59,23 +61,23 @@ def folder_of(module: str) -> Path:
         if name not in found:
             found.add(name)
             waiting += imports_of(name)
-    return home() / "kernels" / f"{module}-{fingerprint_of({name: sources[name] for name in found})}"
+    return cache_root() / "kernels" / f"{module}-{fingerprint_of({name: sources[name] for name in found})}"
 
 
 @cache
 def kernel_sources() -> dict[str, str]:
     """Return the source of every module that may hold kernels, by its name."""
     found = {}
-    for source in read_states():
-        parts = source.relative_to(HERE.parent).with_suffix("").parts
+    for source in record_source_states():
+        parts = source.relative_to(SOLVERS_DIR.parent).with_suffix("").parts
         found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = source.read_text("utf-8")
     return found
 
 
 @cache
-def read_states() -> dict[Path, tuple[int, int]]:
+def record_source_states() -> dict[Path, tuple[int, int]]:
     """Return the sources of kernels with their states, as this process has found them first."""
-    return {source: state_of(source) for place in FOLDERS for source in place.rglob("*.py")}
+    return {source: state_of(source) for place in KERNEL_DIRS for source in place.rglob("*.py")}
 
 
 def state_of(source: Path) -> tuple[int, int]:
@@ -89,15 +91,15 @@ def state_of(source: Path) -> tuple[int, int]:
 
 def are_sources_unchanged() -> bool:
     """Whether no source has been edited since this process has read them."""
-    return all(state_of(source) == state for source, state in read_states().items())
+    return all(state_of(source) == state for source, state in record_source_states().items())
 
 
 def fingerprint_of(sources: Mapping[str, str]) -> str:
     """Return a fingerprint of the names and contents of sources (16 hexadecimal digits)."""
-    told = sha256(numba.__version__.encode())
+    digest = sha256(numba.__version__.encode())
     for name in sorted(sources):
-        told.update(f"{name}\n{sources[name]}".encode())
-    return told.hexdigest()[:16]
+        digest.update(f"{name}\n{sources[name]}".encode())
+    return digest.hexdigest()[:16]
 
 
 @cache
@@ -106,7 +108,7 @@ def imports_of(module: str) -> list[str]:
     sources = kernel_sources()
     is_package = any(name.startswith(module + ".") for name in sources)
     found = []
-    for base, names, plain in IMPORT.findall(sources[module]):
+    for base, names, plain in IMPORT_STATEMENT.findall(sources[module]):
         if plain:
             found += re.findall(r"[.\w]+", plain)
             continue
@@ -120,13 +122,13 @@ def imports_of(module: str) -> list[str]:
 
 
 @contextmanager
-def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
-    """Call ``tell`` once in this block before the first compilation, unless the enclosing block, which
+def when_compiling(notify: Callable[[], None]) -> Iterator[None]:
+    """Call ``notify`` once in this block before the first compilation, unless the enclosing block, which
     waits meanwhile, has been notified.
     """
     around = _listeners.copy()
-    _listeners[:] = [tell] if around or not _blocks else []
-    _blocks.append(tell)
+    _listeners[:] = [notify] if around or not _blocks else []
+    _blocks.append(notify)
     try:
         yield
     finally:
@@ -134,18 +136,18 @@ def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
         _listeners[:] = around if _listeners else []
 
 
-class NotCompiled(BaseException):
+class CompilationNeeded(BaseException):
     """Something is needed that was not compiled before; no error, so that nobody on the way takes it for one."""
 
 
 @contextmanager
-def compiling_nothing() -> Iterator[None]:
-    """Have :class:`NotCompiled` raised in this block before anything is compiled. Enclosing blocks are not notified
-    of it, but when something is compiled later.
+def forbid_compilation() -> Iterator[None]:
+    """Have :class:`CompilationNeeded` raised in this block before anything is compiled. Enclosing blocks are not
+    notified of it, but when something is compiled later.
     """
 
     def refuse() -> None:
-        raise NotCompiled
+        raise CompilationNeeded
 
     around = _listeners.copy()
     _listeners[:] = [refuse]
@@ -156,14 +158,14 @@ def compiling_nothing() -> Iterator[None]:
 
 
 @contextmanager
-def time_of_compiling() -> Iterator[Callable[[], float]]:
+def measure_compilation_time() -> Iterator[Callable[[], float]]:
     """Yield a function that returns the compilation time of this block so far, s."""
     timer = TimingListener()
     with install_listener("numba:compile", timer):
         yield lambda: float(timer.duration) if timer.done else 0.0
 
 
-def tell_listeners() -> None:
+def notify_listeners() -> None:
     """Notify the waiting block that compilation begins."""
     while _listeners:
         _listeners.pop()()
@@ -174,10 +176,10 @@ class Locator(_CacheLocator):
 
     def __init__(self, function: Any, source: str) -> None:
         self._line = str(function.__code__.co_firstlineno)
-        self._stamp = stamp(source)
-        ours = any(Path(source).resolve().is_relative_to(place) for place in FOLDERS)
+        self._stamp = source_hash(source)
+        ours = any(Path(source).resolve().is_relative_to(place) for place in KERNEL_DIRS)
         other = "" if ours else "-" + sha256(str(Path(source).resolve()).encode()).hexdigest()[:8]
-        self._path = str(folder_of(function.__module__)) + other
+        self._path = str(module_cache_dir(function.__module__)) + other
 
     def get_cache_path(self) -> str:
         """Return the folder."""
@@ -203,7 +205,7 @@ class Locator(_CacheLocator):
         return place
 
 
-def stamp(source: str) -> str:
+def source_hash(source: str) -> str:
     """Return what identifies the version of a source, independent of its location."""
     status = Path(source).stat()
     return _content(source, status.st_mtime_ns, status.st_size)
@@ -225,7 +227,7 @@ class Cache(FunctionCache):
                 return found
         except Exception:  # what is damaged unpickles to anything
             pass
-        tell_listeners()
+        notify_listeners()
         return None
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
@@ -241,15 +243,15 @@ class Cache(FunctionCache):
                 self.flush()
                 super().save_overload(signature, compiled)
         except OSError as error:
-            tell(error)
+            warn_unwritable(error)
 
 
-class Nowhere(NullCache):
+class UncachedFunction(NullCache):
     """What keeps nothing."""
 
     def load_overload(self, signature: Any, context: Any) -> None:
         """Find nothing."""
-        tell_listeners()
+        notify_listeners()
 
 
 def cache_of(function: Any, kind: type[Cache]) -> Any:
@@ -257,11 +259,11 @@ def cache_of(function: Any, kind: type[Cache]) -> Any:
     try:
         return kind(function)
     except RuntimeError as error:  # no place was found
-        tell(error)
-        return Nowhere()
+        warn_unwritable(error)
+        return UncachedFunction()
 
 
-def tell(error: Exception) -> None:
+def warn_unwritable(error: Exception) -> None:
     """Warn, once in a process, that it keeps nothing."""
     if not _unwritable:
         _unwritable.append(str(error))

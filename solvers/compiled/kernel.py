@@ -21,7 +21,7 @@ from numba import types as types  # noqa: PLC0414  # of signatures, for who make
 from numba.core import sigutils
 from numpy.typing import NDArray
 
-from .linking import Callback, Inlined, Kernel
+from .symbols import Callback, Inlined, Kernel
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -47,23 +47,23 @@ def kernel(function: F) -> F:
     function
         Compiled function; with ``NUMBA_DISABLE_JIT=1`` the function itself.
     """
-    return _made(Kernel, function) if COMPILED else function
+    return _dispatcher(Kernel, function) if COMPILED else function
 
 
 def inlined(function: F) -> F:
     """Compile a small kernel into its callers: handing it many arrays would cost more than its work."""
-    return _made(Inlined, function, forceinline=True) if COMPILED else function
+    return _dispatcher(Inlined, function, forceinline=True) if COMPILED else function
 
 
 def reordered(function: F) -> F:
     """As :func:`inlined`, with sums taken in any order, and so of several terms at once."""
-    return _made(Inlined, function, forceinline=True, fastmath={"reassoc"}) if COMPILED else function
+    return _dispatcher(Inlined, function, forceinline=True, fastmath={"reassoc"}) if COMPILED else function
 
 
-def _made(kind: type[Inlined], function: F, **options: Any) -> F:
-    made = kind(function, targetoptions={"nopython": True, "no_cfunc_wrapper": True, **_OPTIONS, **options})
-    made.enable_caching()
-    return cast(F, made)
+def _dispatcher(kind: type[Inlined], function: F, **options: Any) -> F:
+    dispatcher = kind(function, targetoptions={"nopython": True, "no_cfunc_wrapper": True, **_OPTIONS, **options})
+    dispatcher.enable_caching()
+    return cast(F, dispatcher)
 
 
 def callback(signature: Any) -> Callable[[F], F]:
@@ -72,10 +72,10 @@ def callback(signature: Any) -> Callable[[F], F]:
     def compile_(function: F) -> F:
         if not COMPILED:
             return function
-        made = Callback(function, sigutils.normalize_signature(signature), {}, dict(_OPTIONS))
-        made.enable_caching()
-        made.compile()
-        return cast(F, made)
+        dispatcher = Callback(function, sigutils.normalize_signature(signature), {}, dict(_OPTIONS))
+        dispatcher.enable_caching()
+        dispatcher.compile()
+        return cast(F, dispatcher)
 
     return compile_
 
@@ -86,7 +86,7 @@ def records(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
     return array if COMPILED else array.view(np.recarray)
 
 
-def kept_nowhere(function: F) -> F:
+def jit_uncached(function: F) -> F:
     """Compile a function as a kernel, but for this process alone: one that is made on the way."""
     if not COMPILED:
         return function
@@ -101,9 +101,9 @@ def bounds_checked(function: Any) -> Any:
     return Kernel(getattr(function, "py_func", function), targetoptions=options)
 
 
-def by_name(function: Any) -> Any:
+def as_kernel(function: Any) -> Any:
     """Return a kernel that others call by its name, of one or of a function that is handed on by its address else."""
-    return function if is_kernel(function) or not COMPILED else kept_nowhere(function)
+    return function if is_kernel(function) or not COMPILED else jit_uncached(function)
 
 
 def is_kernel(function: Any) -> bool:
@@ -111,7 +111,7 @@ def is_kernel(function: Any) -> bool:
     return isinstance(function, Inlined)
 
 
-def raises(function: Any) -> bool:
+def has_raise(function: Any) -> bool:
     """Whether a kernel, or a function to be made one, has a ``raise`` or an ``assert`` in it."""
     code = getattr(getattr(function, "py_func", function), "__code__", None)
     return code is not None and _has_raise(code)

@@ -1,8 +1,9 @@
 """The machine code on disk: how much there is, and its removal.
 
 The folder of the cache may hold other files, as the sources of a checkout do if ``NUMBA_CACHE_DIR`` is set to it.
-So a folder counts as machine code only if its name ends in a fingerprint (:func:`solvers.compiled.cache.folder_of`),
-and in it only the kinds of files that the compiler and the linker write. Symbolic links are not followed.
+So a folder counts as machine code only if its name ends in a fingerprint
+(:func:`solvers.compiled.cache.module_cache_dir`), and in it only the kinds of files that the compiler and the linker
+write. Symbolic links are not followed.
 """
 
 from __future__ import annotations
@@ -60,8 +61,8 @@ class Removal(NamedTuple):
 
 def find_code_folders() -> list[CodeFolder]:
     """Return every folder of machine code, those of other versions of the sources and of numba included."""
-    current = {place.name for place in map(cache.folder_of, cache.kernel_sources())}
-    fingerprints = {cache.folder().name} | {name.rpartition("-")[2] for name in current}
+    current = {place.name for place in map(cache.module_cache_dir, cache.kernel_sources())}
+    fingerprints = {cache.shared_cache_dir().name} | {name.rpartition("-")[2] for name in current}
     found = []
     for path, fingerprint, pattern in _candidates():
         files, size = [], 0
@@ -77,10 +78,10 @@ def find_code_folders() -> list[CodeFolder]:
 
 def _candidates() -> Iterator[tuple[Path, str, re.Pattern[str]]]:
     """Yield folders whose names are those of machine code, with their fingerprint and the names of the files."""
-    for path in _entries(cache.home() / "kernels"):
+    for path in _entries(cache.cache_root() / "kernels"):
         if found := KERNEL_FOLDER.fullmatch(path.name):
             yield path, found[1], KERNEL_FILE
-    for shared in _entries(cache.home()):
+    for shared in _entries(cache.cache_root()):
         if SHARED_FOLDER.fullmatch(shared.name):
             for path in _entries(shared):  # up to version 0.2.0 kernels were kept there too
                 yield path, shared.name, RUNTIME_FILE if RUNTIME_FOLDER.fullmatch(path.name) else KERNEL_FILE
@@ -88,7 +89,7 @@ def _candidates() -> Iterator[tuple[Path, str, re.Pattern[str]]]:
 
 def _entries(folder: Path) -> list[Path]:
     """Return what is in a folder; nothing if there is none, or a symbolic link."""
-    if folder != cache.home() and folder.is_symlink():
+    if folder != cache.cache_root() and folder.is_symlink():
         return []
     try:
         return sorted(folder.iterdir())
@@ -118,16 +119,18 @@ def clear(*, keep_current: bool = False) -> Removal:
                 failures.append((file, error.strerror or str(error)))
             else:
                 count, size = count + 1, size + length
-    for empty in (*(path for path, *_ in list(_candidates())), *_entries(cache.home())):
+    for empty in (*(path for path, *_ in list(_candidates())), *_entries(cache.cache_root())):
         if not empty.is_symlink():
             with suppress(OSError):  # it is no folder, or not empty
                 empty.rmdir()
     with suppress(OSError):
-        cache.home().rmdir()
+        cache.cache_root().rmdir()
     return Removal(count, size, tuple(failures))
 
 
 def find_foreign() -> list[Path]:
     """Return what is in the folder of the cache and is no machine code: files and symbolic links at any depth."""
     own = {file for folder in find_code_folders() for file in folder.files}
-    return sorted(path for path in cache.home().rglob("*") if path not in own and (path.is_symlink() or path.is_file()))
+    return sorted(
+        path for path in cache.cache_root().rglob("*") if path not in own and (path.is_symlink() or path.is_file())
+    )

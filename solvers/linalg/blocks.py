@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 from threadpoolctl import ThreadpoolController
 
-from solvers.compiled.held import hold
 from solvers.compiled.kernel import inlined, kernel, reordered
+from solvers.compiled.tuple_pointer import pin
 from solvers.system import Array
 
 PANEL_WIDTH = 4  # columns that are multiplied at once: what they are added to is read and written once
@@ -249,9 +249,9 @@ class BlockTree:
     Attributes
     ----------
     blocks
-        Of every block the arrays to be filled, held.
+        Of every block the arrays to be filled, pinned.
     factors
-        What :func:`solve_blocks` takes, held.
+        What :func:`solve_blocks` takes, pinned.
     positive
         Whether the determinant is, where the matrix is not taken as symmetric.
     negative
@@ -273,7 +273,7 @@ class BlockTree:
             z(len(own), integers), z((panel[-1], 5), integers), z(1, integers),
             z(inverse_start[-1]), z(entry_start[-1]), z(entry_start[-1]), z(largest),
         )  # fmt: skip
-        self.factors = hold(built)
+        self.factors = pin(built)
         space = z((3, largest**2))
         self._blocks = [
             Blocks(
@@ -281,7 +281,7 @@ class BlockTree:
             )
             for a, b in zip(own, other, strict=True)
         ]  # fmt: skip
-        self.blocks = [hold(block) for block in self._blocks]
+        self.blocks = [pin(block) for block in self._blocks]
         self.reset(symmetric=False)
 
     def reset(self, symmetric: bool, averaged: bool = False) -> None:

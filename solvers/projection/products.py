@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from solvers.compiled.held import hold
 from solvers.compiled.kernel import kernel
+from solvers.compiled.tuple_pointer import pin
 from solvers.system import Array, TreeSystem
 
 COMPLEX_STEP = 1e-30  # imaginary step; its square must be negligible
@@ -37,7 +37,7 @@ class Products:
         if system.stepped is None:
             raise ValueError("the system has no residual on complex numbers")
         self._stepped = system.stepped()
-        self._data = hold(self._stepped.data)
+        self._data = pin(self._stepped.data)
         self._rate, self._force = np.zeros(system.nq, complex), np.zeros(system.n, complex)
 
     def set_state(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> None:

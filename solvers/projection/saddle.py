@@ -87,11 +87,11 @@ class Accelerations:
         s, terms = self.system, self.terms
         if s.m:
             s.fill(t, q, v, terms)
-        if _forward(s.forward, t, q, v, s.held_data, self.qdot, self.a) != 0:
+        if _forward(s.forward, t, q, v, s.pinned_data, self.qdot, self.a) != 0:
             return Code.NO_MASS
         if s.m:
             X = np.zeros((s.m, s.n))
-            _mobilities(s.mobility, terms.J, s.held_data, X)
+            _mobilities(s.mobility, terms.J, s.pinned_data, X)
             with one_thread():
                 S = terms.J @ X.T
                 if not np.isfinite(S).all():

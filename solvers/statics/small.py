@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.held import hold
 from solvers.compiled.kernel import kernel
+from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.dense import factor_full_pivot, solve_full_pivot
 from solvers.linalg.svd import decompose, pseudo_inverse_transposed
 from solvers.system import Array, Equations, System
@@ -295,7 +295,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         scaled = self._terms.J.real[self.rows] * system.size / scratch.row[:, np.newaxis]
         scratch.largest[:] = np.linalg.norm(scaled, 2) if scaled.size else 1.0
         self._v, self._lam, self._moved, self._K = scratch.v, scratch.lam_try, scratch.moved, scratch.K
-        self._scratch, self._held_terms = hold(scratch), hold(self._terms)
+        self._scratch, self._held_terms = pin(scratch), pin(self._terms)
 
     def _independent(self, t: float, q: Array) -> NDArray[np.int64]:
         n, m = self.system.n, self.system.m

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.codes import coded
-from solvers.compiled.held import hold
+from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import EnergyScales
 from solvers.outcome import CODES, Code
 from solvers.stepper import Samples
@@ -47,10 +47,10 @@ class CompiledLoopStepper(DenseStepper):
 
     def _set_up(self, memory: Any) -> None:
         """Let the loop have what it remembers, a tuple of arrays, and begin."""
-        self._held, n = hold(memory), self.system.n
+        self._held, n = pin(memory), self.system.n
         self._scales = EnergyScales.of(self.options.rtol, np.zeros(n), np.zeros(n))
-        own = self._eqs, self._settings, self._held, self._work, hold(self._scales)
-        self.given = hold(Given(*own, self._q, self._v, self._energy_account))
+        own = self._eqs, self._settings, self._held, self._work, pin(self._scales)
+        self.given = pin(Given(*own, self._q, self._v, self._energy_account))
         self.loop.set_up(self.given, self._rank, self.options.absolute)
         self.restart()
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from solvers.compiled.held import hold
 from solvers.compiled.kernel import COMPILED, kernel
+from solvers.compiled.tuple_pointer import pin
 from solvers.options import Options
 from solvers.outcome import OK, Code
 from solvers.projection.projection import project
@@ -59,7 +59,7 @@ class DenseStepper(Stepper):
         super().__init__(system, t0, q0, v0, options)
         self.system = system
         sizes = (system.nq, system.n, system.m)
-        self._terms, self._work = Terms.allocate(*sizes), hold(Workspace.allocate(*sizes))
+        self._terms, self._work = Terms.allocate(*sizes), pin(Workspace.allocate(*sizes))
         self._eqs = Equations.of(system, self._terms)
         self._units = self._work.value if COMPILED else self._work
         self._units.size[:] = system.size

@@ -159,12 +159,12 @@ def test_who_waits_for_the_compiler_is_told(
     start = Simulation.__init__
 
     def compile_and_start(*given: Any, **named: Any) -> None:
-        cache.tell_listeners()
-        cache.tell_listeners()
+        cache.notify_listeners()
+        cache.notify_listeners()
         start(*given, **named)
 
     with Fmu(fourbar_fmu):
-        cache.tell_listeners()
+        cache.notify_listeners()
         assert "compiling" not in capfd.readouterr().err
     monkeypatch.setattr(Simulation, "__init__", compile_and_start)
     with Fmu(fourbar_fmu):

@@ -102,7 +102,7 @@ def test_parts_of_the_inertia_are_those_of_the_energy() -> None:
         return plant.energy(0.3, q, x) + plant.energy(0.3, q, -x) - 2.0 * plant.energy(0.3, q, rest)
 
     parts, qdot, tau = np.zeros(1 + system.n), np.zeros(system.nq), np.zeros(system.n)
-    call_parts(system.inverse, system.inertia_parts, q, v, system.held_data, qdot, tau, parts)
+    call_parts(system.inverse, system.inertia_parts, q, v, system.pinned_data, qdot, tau, parts)
     np.testing.assert_allclose(parts[0], quadratic(v), rtol=1e-10)
     np.testing.assert_allclose(parts[1:], [quadratic(row) for row in np.eye(system.n)], rtol=1e-9)
 

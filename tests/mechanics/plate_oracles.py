@@ -72,7 +72,7 @@ def forces_and_tangent(plant: Plant, q: Any) -> tuple[Any, Any]:
         moved, step = q.astype(complex), zero.copy()
         step[k] = 1j * E
         system.apply(moved, step)
-        solved(0.0, moved, zero, zero, np.zeros(system.m, complex), system.held_data)
+        solved(0.0, moved, zero, zero, np.zeros(system.m, complex), system.pinned_data)
         K[:, k] = system.data.state.tau.imag / E
     return system.data.state.tau.real.copy(), K
 

@@ -34,8 +34,8 @@ from mbfmu.mechanics.steps import EPSILON, step
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.sheets import add_contact, add_nip, add_sheet, contact_pressure
 from mbfmu.util.errors import UserError
-from solvers.compiled.held import contents, hold
 from solvers.compiled.kernel import kernel, records
+from solvers.compiled.tuple_pointer import pin, unpin
 
 from . import test_power
 from .random_mechanisms import Case, random_rotation
@@ -266,9 +266,9 @@ def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: st
     case, c1, found = somewhere(plant, np.random.default_rng(8)), 3.0, 0
     _, state = plant.kernel_data
     move(0.0, case.q, case.v, *plant.kernel_data)
-    arrays, twin = hold(plant._compiled.tangent_arrays()), hold(complex_state(plant.data.state))
+    arrays, twin = pin(plant._compiled.tangent_arrays()), pin(complex_state(plant.data.state))
     system = plant.complex_system()
-    others, there = contents(system.held_data)
+    others, there = unpin(system.pinned_data)
     for e, acting in enumerate(plant.mechanism.loads()):
         bodies = [body.index for body in acting.bodies]
         if len(bodies) < 5:
@@ -292,7 +292,7 @@ def test_a_surface_tells_its_distance_and_normal(name: str) -> None:
     surface, rng = SURFACES[name], np.random.default_rng(7)
     record, state = records(1, record_of(surface)), allocate_state(1, 0, 0, 0, 0, 0)
     surface.fill(record[0], None)  # type: ignore[arg-type]
-    held = hold(state)
+    held = pin(state)
 
     def met(p: Any) -> tuple[float, Any]:
         state.meeting["p"][0] = p

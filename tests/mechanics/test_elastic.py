@@ -124,7 +124,7 @@ def twin_energy(plant: Any, q: Any, v: Any) -> complex:
     """Energy of the mechanism on complex numbers."""
     from mbfmu.mechanics.recursions.dynamics import energy
 
-    return complex(energy(0.0, q, v, plant.complex_system().held_data))
+    return complex(energy(0.0, q, v, plant.complex_system().pinned_data))
 
 
 @settings(deadline=None, max_examples=20)

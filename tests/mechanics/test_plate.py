@@ -17,7 +17,7 @@ from mbfmu.mechanics.records import complex_state
 from mbfmu.mechanics.recursions.dynamics import energy, move
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.util.errors import UserError
-from solvers.compiled.held import contents, hold
+from solvers.compiled.tuple_pointer import pin, unpin
 
 A, B, NU = 2.0, 1.5, 0.3
 BENDING = {"a": A, "b": B, "thickness": 0.3, "youngs_modulus": 10.0, "poisson": NU}
@@ -117,19 +117,19 @@ def complex_columns(plant: Plant, q: Any, function: Any) -> Any:
 
 
 def complex_wrenches(q: Any, system: Any) -> Any:
-    move(0.0, q, np.zeros(24, complex), *contents(system.held_data))
+    move(0.0, q, np.zeros(24, complex), *unpin(system.pinned_data))
     return system.data.state.bodies["F"][1:].reshape(-1)
 
 
 def complex_energy(q: Any, system: Any) -> Any:
-    return energy(0.0, q, np.zeros(24, complex), system.held_data)
+    return energy(0.0, q, np.zeros(24, complex), system.pinned_data)
 
 
 def tangent_of(plant: Plant, c1: float, K: Any) -> None:
     """Add to K the tangent of the only load where it is."""
     _, state = plant.kernel_data
-    arrays = hold(plant._compiled.tangent_arrays())
-    twin = hold(complex_state(plant.data.state))
+    arrays = pin(plant._compiled.tangent_arrays())
+    twin = pin(complex_state(plant.data.state))
     load_tangent(plant.data.arrays.loads[0], c1, arrays, state, twin, K)
 
 

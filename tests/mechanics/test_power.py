@@ -40,7 +40,7 @@ def check(case: Case, lam: Any) -> None:
     rate = derivative(case, case.plant.energy)
     terms = system.allocate_terms()
     system.fill(case.t, case.q, case.v, terms)
-    power = call_power(system.power, case.t, case.q, case.v, case.a, lam, system.held_data)
+    power = call_power(system.power, case.t, case.q, case.v, case.a, lam, system.pinned_data)
     effort = terms.M @ case.a + terms.h + terms.J.T @ lam  # zero where a and lam solve the equations of motion
     total = power + effort @ case.v - lam @ (terms.J @ case.v - terms.nu)
     stored = case.plant.energy(case.t, case.q, case.v)
@@ -69,14 +69,14 @@ def test_energy_bound_is_momentum_and_bias_by_tolerance(case: Case) -> None:
     for i, e in enumerate(np.eye(system.n)):
         p = 0.5 * (plant.energy(case.t, case.q, case.v + e) - plant.energy(case.t, case.q, case.v - e))
         system.fill(case.t, case.q, case.v, terms)
-        call_energy_bound(system.evaluate_energy_bound, 0.0, zero, e, system.held_data, out)
+        call_energy_bound(system.evaluate_energy_bound, 0.0, zero, e, system.pinned_data, out)
         assert out[0] == pytest.approx(abs(p), **close)
         system.fill(case.t, case.q, case.v, terms)
-        call_energy_bound(system.evaluate_energy_bound, 0.0, e, zero, system.held_data, out)
+        call_energy_bound(system.evaluate_energy_bound, 0.0, e, zero, system.pinned_data, out)
         assert out[0] == pytest.approx(abs(terms.h[i]), **close)
     assert out[1] == pytest.approx(0.5 * case.v @ terms.M @ case.v, **close)
     system.fill(case.t, case.q, case.v, terms)
-    call_energy_bound(system.evaluate_energy_bound, 1e-3, zero, zero, system.held_data, out)
+    call_energy_bound(system.evaluate_energy_bound, 1e-3, zero, zero, system.pinned_data, out)
     reach = np.array([abs(case.q[k]) if k >= 0 else 2.0 for k in turned])
     expected = np.concatenate((terms.h * reach, (terms.M @ case.v) * case.v))
     assert out[0] == pytest.approx(1e-3 * np.linalg.norm(expected), **close)
@@ -105,10 +105,10 @@ def test_energy_bound_counts_a_drive_by_its_effort_and_momentum(case: Case) -> N
     ]
     close = {"rel": 1e-7, "abs": 1e-9 * max(1.0, abs(energy))}
     system.fill(case.t, case.q, case.v, terms)
-    call_energy_bound(system.evaluate_energy_bound, 0.0, np.ones(n), np.zeros(n), system.held_data, out)
+    call_energy_bound(system.evaluate_energy_bound, 0.0, np.ones(n), np.zeros(n), system.pinned_data, out)
     assert out[0] == pytest.approx(np.linalg.norm([*terms.h, found["b0.effort"]]), **close)
     system.fill(case.t, case.q, case.v, terms)
-    call_energy_bound(system.evaluate_energy_bound, 0.0, np.zeros(n), np.ones(n), system.held_data, out)
+    call_energy_bound(system.evaluate_energy_bound, 0.0, np.zeros(n), np.ones(n), system.pinned_data, out)
     speed = found["b0.drive_rate"]
     assert out[0] * abs(speed) == pytest.approx(np.linalg.norm([*(speed * np.array(p)), action]), **close)
 
@@ -166,13 +166,13 @@ def test_power_of_a_large_tree_is_that_of_the_dense_system(driven: bool, monkeyp
     terms = dense.system.allocate_terms()
     dense.system.fill(0.3, q, v, terms)
     a = np.linalg.solve(terms.M, -terms.h)
-    expected = call_power(dense.system.power, 0.3, q, v, a, none, dense.system.held_data)
+    expected = call_power(dense.system.power, 0.3, q, v, a, none, dense.system.pinned_data)
     s = tree.system
     s.residual(0.3, q, v, a)
-    assert call_power(s.power, 0.3, q, v, a, none, s.held_data) == pytest.approx(expected, rel=1e-9)
+    assert call_power(s.power, 0.3, q, v, a, none, s.pinned_data) == pytest.approx(expected, rel=1e-9)
     found = np.zeros(n)
-    assert call_forward(s.forward, 0.3, q, v, s.held_data, np.zeros(s.nq), found) == 0
-    assert call_power(s.power, 0.3, q, v, found, none, s.held_data) == pytest.approx(expected, rel=1e-8)
+    assert call_forward(s.forward, 0.3, q, v, s.pinned_data, np.zeros(s.nq), found) == 0
+    assert call_power(s.power, 0.3, q, v, found, none, s.pinned_data) == pytest.approx(expected, rel=1e-8)
 
 
 def test_nothing_works_where_all_has_a_potential() -> None:

@@ -18,7 +18,7 @@ from mbfmu.native.entries import family_of, image_of, kinds
 from mbfmu.native.runtime import COMPILERS, objects
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Simulation
-from solvers.compiled.held import contents
+from solvers.compiled.tuple_pointer import unpin
 
 needs_linker = pytest.mark.skipif(
     not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
@@ -74,7 +74,7 @@ class Running:
 def adopt(native: Running, plant: Plant, at_work: bool = False) -> None:
     """Give an instance the numbers of another plant, as a host does that sets parameters."""
     instance, system = native.instance, plant.system
-    mine, theirs = contents(contents(instance.given.eqs.data).arrays), plant.data.arrays
+    mine, theirs = unpin(unpin(instance.given.eqs.data).arrays), plant.data.arrays
     pairs = [(a, b) for a, b in zip(mine, theirs, strict=True) if a is not mine.kernels]
     if not at_work:  # where solvers keep their units
         pairs += [(instance.given.work.size, system.size), (instance.start.scratch.row, system.row_size)]

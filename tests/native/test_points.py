@@ -26,7 +26,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.errors import UserError
-from solvers.compiled.held import contents
+from solvers.compiled.tuple_pointer import unpin
 from solvers.outcome import NOT_FINITE, OK, Code
 
 STEPS, H = 60, 0.01  # s
@@ -244,8 +244,8 @@ def test_an_impulse_that_is_not_known_is_told():
 
 def simulation_memory(native: Running) -> NDArray[np.uint8]:
     """Return the records of signals and the like that an instance was made of."""
-    data = contents(native.instance.given.eqs.data)
-    memory: NDArray[np.uint8] = contents(data.arrays).memory
+    data = unpin(native.instance.given.eqs.data)
+    memory: NDArray[np.uint8] = unpin(data.arrays).memory
     return memory
 
 

@@ -19,7 +19,7 @@ from mbfmu.modeling.scene import load_scene
 from mbfmu.native.runtime import COMPILERS, library
 from mbfmu.native.targets import host
 from mbfmu.util.errors import UserError
-from solvers.compiled.cache import NotCompiled, compiling_nothing, home, tell_listeners, when_compiling
+from solvers.compiled.cache import CompilationNeeded, cache_root, forbid_compilation, notify_listeners, when_compiling
 
 Command = Callable[..., tuple[int, str, str]]
 
@@ -52,7 +52,7 @@ def refused() -> Iterator[None]:
 
     @contextmanager
     def refuse() -> Iterator[None]:
-        raise NotCompiled
+        raise CompilationNeeded
         yield
 
     with pytest.MonkeyPatch.context() as patched:
@@ -123,7 +123,7 @@ def test_a_solver_and_a_model_that_machine_code_has_not_call_python(runtime: Pat
 
 def test_nothing_is_compiled_for_a_native_run(runtime: Path, tmp_path: Path):
     cache = tmp_path / "cache"
-    kept = cache / "mbfmu" / runtime.relative_to(home()).parent
+    kept = cache / "mbfmu" / runtime.relative_to(cache_root()).parent
     kept.mkdir(parents=True)
     shutil.copy(runtime, kept)
     told = [sys.executable, "-m", "mbfmu", "-v", "run", "fourbar", "--solver=adams", "--plot=energy", "-o", "results"]
@@ -141,11 +141,11 @@ def test_who_waits_for_the_compiler_is_told_after_work_was_given_up():
     told: list[str] = []
     with when_compiling(lambda: told.append("compiling")):
         for _ in range(2):
-            with pytest.raises(NotCompiled), compiling_nothing():
-                tell_listeners()
+            with pytest.raises(CompilationNeeded), forbid_compilation():
+                notify_listeners()
         assert not told
-        tell_listeners()
-        tell_listeners()
+        notify_listeners()
+        notify_listeners()
     assert told == ["compiling"]
 
 

@@ -34,7 +34,7 @@ from mbfmu.native.entries import image_of
 from mbfmu.native.parameters import find_live
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.errors import UserError
-from solvers.compiled.held import contents
+from solvers.compiled.tuple_pointer import unpin
 from solvers.outcome import OK
 
 SOLVERS = ("adams", "hybrid", "radau")
@@ -209,7 +209,7 @@ def test_a_host_changes_parameters_of_signals(solver: str):
     assert set(live.parameters) == {"frequency", "height", "begin"}
     changed = {"frequency": 16.0, "height": 1.0, "begin": 8.0}
     simulation.retune(Shaken(**changed))
-    arrays, own = simulation.plant.data.arrays, contents(contents(native.instance.given.eqs.data).arrays)
+    arrays, own = simulation.plant.data.arrays, unpin(unpin(native.instance.given.eqs.data).arrays)
     assert native.call("weigh") == OK
     for (name, offset), value in live.apply(changed).items():
         there = getattr(arrays, name).view(np.uint8)

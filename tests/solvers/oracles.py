@@ -12,8 +12,8 @@ from numba import typeof, types
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from solvers.compiled.held import held_type
 from solvers.compiled.kernel import callback
+from solvers.compiled.tuple_pointer import pointer_type
 from solvers.positions import Positions
 from solvers.system import Array, System, Terms
 
@@ -21,7 +21,7 @@ G = 9.81  # m/s^2
 
 
 DATA = typeof(np.zeros(1))  # a plain array: a type of this module would be pickled into the shared compile cache
-TERMS = held_type(Terms.allocate(1, 1, 1))
+TERMS = pointer_type(Terms.allocate(1, 1, 1))
 VECTOR = types.float64[::1]
 DYNAMICS = types.void(types.float64, VECTOR, VECTOR, DATA, TERMS)
 POSITION = types.void(types.float64, VECTOR, DATA, TERMS)

@@ -24,8 +24,8 @@ import json, warnings
 import numpy as np
 warnings.simplefilter("always")
 with warnings.catch_warnings(record=True) as caught:
-    from solvers.compiled import cache, linking
-    linking.SMALL = 0
+    from solvers.compiled import cache, symbols
+    symbols.MAX_INLINED_BITCODE_SIZE = 0
     began = []
     from solvers.compiled.kernel import inlined, kernel
 
@@ -136,20 +136,20 @@ def test_a_process_whose_sources_are_edited_keeps_nothing(tmp_path: Path) -> Non
         "@kernel\n"
         "def half(x):\n"
         "    return 0.5 * x\n\n"
-        "edited = next(iter(cache.read_states()))\n"
-        "cache.read_states()[edited] = 0, 0\n"
+        "edited = next(iter(cache.record_source_states()))\n"
+        "cache.record_source_states()[edited] = 0, 0\n"
         "print(json.dumps({'found': half(38.0)}))\n"
     )
     ended(start(script, home))
     assert not list(home.rglob("demo.half*"))
-    script.write_text(script.read_text().replace("cache.read_states()[edited] = 0, 0\n", ""))
+    script.write_text(script.read_text().replace("cache.record_source_states()[edited] = 0, 0\n", ""))
     ended(start(script, home))
     assert list(home.rglob("demo.half*.nbc"))
 
 
 def test_a_caller_sees_that_what_it_calls_was_edited(tmp_path: Path) -> None:
     callee, script = tmp_path / "callee.py", tmp_path / "demo.py"
-    body = "from solvers.compiled import linking\nlinking.SMALL = 0\n"
+    body = "from solvers.compiled import symbols\nsymbols.MAX_INLINED_BITCODE_SIZE = 0\n"
     body += "from solvers.compiled.kernel import kernel\n\n@kernel\ndef big(x):\n"
     script.write_text(
         "import json\nfrom callee import big\nfrom solvers.compiled.kernel import kernel\n\n"
@@ -187,8 +187,8 @@ def test_another_environment_with_the_same_sources_uses_the_same_code(tmp_path: 
     )
     hits = []
     for name in ("first", "second"):
-        for place in cache.FOLDERS:
-            shutil.copytree(place, tmp_path / name / place.relative_to(cache.HERE.parent))
+        for place in cache.KERNEL_DIRS:
+            shutil.copytree(place, tmp_path / name / place.relative_to(cache.SOLVERS_DIR.parent))
         hits.append(ended(start(script, tmp_path / "home", PYTHONPATH=str(tmp_path / name)))["hits"])
     assert hits == [0, 1]
 
@@ -232,7 +232,7 @@ def test_no_step_waits_for_the_compiler(tmp_path: Path, solver: str) -> None:
     """All that a run needs is there when it has been started, in a process of its own."""
     script = tmp_path / "late.py"
     script.write_text(LATE.replace("SOLVER", repr(solver)))
-    ended(start(script, cache.home().parent))
+    ended(start(script, cache.cache_root().parent))
 
 
 def test_the_imports_of_every_module_are_those_of_its_syntax_tree() -> None:
@@ -254,10 +254,10 @@ def test_the_imports_of_every_module_are_those_of_its_syntax_tree() -> None:
 
 def test_an_edit_changes_the_folders_of_those_that_import_it_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     caller, callee, other = "solvers.statics.small", "solvers.linalg.svd", "mbfmu.mechanics.spatial"
-    before = {name: cache.folder_of(name) for name in (caller, callee, other)}
+    before = {name: cache.module_cache_dir(name) for name in (caller, callee, other)}
     edited = {**cache.kernel_sources(), callee: cache.kernel_sources()[callee] + "\n# edited"}
     monkeypatch.setattr(cache, "kernel_sources", lambda: edited)
-    after = {name: cache.folder_of.__wrapped__(name) for name in before}
+    after = {name: cache.module_cache_dir.__wrapped__(name) for name in before}
     assert after[callee] != before[callee]
     assert after[caller] != before[caller]
     assert after[other] == before[other]

@@ -22,7 +22,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the folder of the cache: below it the sources of a checkout, as with NUMBA_CACHE_DIR set to one."""
     found = tmp_path / "mbfmu"
     monkeypatch.setattr(cache, "home", lambda: found)
-    for function in (cache.folder, cache.folder_of):
+    for function in (cache.shared_cache_dir, cache.module_cache_dir):
         monkeypatch.setattr(cache, function.__name__, function.__wrapped__)
     return found
 
@@ -70,7 +70,7 @@ def ours(fingerprint: str) -> tuple[str, ...]:
 
 
 def test_clear_removes_machine_code_and_leaves_sources(home: Path) -> None:
-    write(home, *ours(OTHER), *ours(cache.folder().name))
+    write(home, *ours(OTHER), *ours(cache.shared_cache_dir().name))
     kept = write(home, *SOURCES)
     removed = storage.clear()
     assert files(home) == kept
@@ -91,9 +91,9 @@ def test_old_code_is_that_of_other_sources(home: Path) -> None:
     module = "solvers.linalg.dense"
     current = write(
         home,
-        f"kernels/{cache.folder_of(module).name}/a.nbi",
-        f"kernels/{cache.folder_of('a_model_of_users').name}-89abcdef/a.nbi",
-        f"{cache.folder().name}/native-{OTHER}/x86_64-linux.so",
+        f"kernels/{cache.module_cache_dir(module).name}/a.nbi",
+        f"kernels/{cache.module_cache_dir('a_model_of_users').name}-89abcdef/a.nbi",
+        f"{cache.shared_cache_dir().name}/native-{OTHER}/x86_64-linux.so",
     )
     write(home, *ours(OTHER))
     assert {file for folder in storage.find_code_folders() if folder.is_current for file in folder.files} == current
@@ -158,7 +158,7 @@ def test_what_cannot_be_removed_is_reported(
 
 
 def test_the_command_reports_what_it_removed(home: Path, command: Callable[..., Any]) -> None:
-    write(home, *ours(OTHER), *ours(cache.folder().name))
+    write(home, *ours(OTHER), *ours(cache.shared_cache_dir().name))
     kept = write(home, *SOURCES)
     out = command("cache")[1]
     assert f"{home}: 0 MB of machine code" in out

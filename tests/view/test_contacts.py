@@ -23,8 +23,8 @@ from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, html, images
 from mbfmu.viewer.gltf import glb
 from mbfmu.viewer.picture import Part, draw
-from solvers.compiled.held import hold
 from solvers.compiled.kernel import kernel, records
+from solvers.compiled.tuple_pointer import pin
 
 NONE = np.zeros((1, 3))
 GUIDE = Guide(start=(0.1, 0.0, 0.0), end=(0.1, 0.3, 0.4), radius=0.02, width=0.2, across="x")
@@ -53,7 +53,7 @@ def corners(shape: Any) -> Any:
 def test_what_is_drawn_of_a_surface_is_where_it_is_felt(surface: Surface, gap: Any, area: float) -> None:
     record, state = records(1, record_of(surface)), allocate_state(1, 0, 0, 0, 0, 0)
     surface.fill(record[0], SimpleNamespace())  # type: ignore[arg-type]
-    held, panels = hold(state), surface.shapes(NONE)
+    held, panels = pin(state), surface.shapes(NONE)
     for panel in panels:
         assert panel.opacity < 1.0
         for corner in corners(panel):

@@ -11,8 +11,8 @@ import numpy as np
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.records import Arrays, Data, State
 from mbfmu.util.errors import UserError
-from solvers.compiled.held import hold
 from solvers.compiled.kernel import COMPILED, bounds_checked
+from solvers.compiled.tuple_pointer import pin
 
 from .own_joints import check_joints
 from .tables import Called
@@ -71,7 +71,7 @@ def _checked(function: Any) -> Any:
 def _uses(mechanism: Mechanism, arrays: Arrays, state: State) -> Iterator[Use]:
     """Yield every use of a kernel that is called in real numbers."""
     # without a compiler kernels get the tuples themselves
-    a, s, t = hold(arrays), hold(state), 0.0
+    a, s, t = pin(arrays), pin(state), 0.0
     for body, own in zip(mechanism.bodies[1:], arrays.bodies[1:], strict=True):
         what, at, q, v = f"joint of body {body.name!r}", int(own["at"]), int(own["qi"]), int(own["vi"])
         yield Use(what, int(own["kind"]), at, (q, s))

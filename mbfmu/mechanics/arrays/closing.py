@@ -16,7 +16,7 @@ from mbfmu.util.codes import coded
 from mbfmu.util.errors import AssemblyError
 from solvers.assembly import ASSEMBLED, Loops, Outcome, Scratch, close_positions, close_velocities, move_mass
 from solvers.assembly import least_change as find_least_change
-from solvers.compiled.held import hold
+from solvers.compiled.tuple_pointer import pin
 from solvers.system import AnySystem, Array
 
 SENTENCES = {  # with the name of a constraint and its violation in SI units, or the names of coordinates
@@ -54,7 +54,7 @@ def assemble_positions(
     if system.m == 0:
         return q
     scratch = Scratch.of(system, held, given)
-    code = close_positions(Loops.of(system), t, start, q, hold(scratch))
+    code = close_positions(Loops.of(system), t, start, q, pin(scratch))
     if code == ASSEMBLED:
         return q
     raise AssemblyError(_said(system, scratch, code))
@@ -64,7 +64,7 @@ def least_change(system: AnySystem, J: Array, gaps: Array, held: NDArray[np.bool
     """Return the shortest step (n,) of those that close the gaps (m,) best, all in their units; ``held`` ones stay."""
     scratch = Scratch.of(system, held)
     scratch.gaps[:] = gaps
-    find_least_change(J, 0.0, hold(scratch))
+    find_least_change(J, 0.0, pin(scratch))
     return scratch.step
 
 
@@ -84,7 +84,7 @@ def assemble_velocities(
     if system.m == 0:
         return v
     scratch = Scratch.of(system, held, given)
-    code = close_velocities(Loops.of(system), t, q, start, system.rate, v, hold(scratch))
+    code = close_velocities(Loops.of(system), t, q, start, system.rate, v, pin(scratch))
     if code != ASSEMBLED:
         raise AssemblyError(_said(system, scratch, code))
     return v
@@ -138,6 +138,6 @@ def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
         return
     terms, scratch = system.allocate_terms(), Scratch.of(system)
     system.fill(t, q, v, terms)
-    if move_mass(hold(terms), np.zeros((system.n, system.n)), hold(scratch)) != ASSEMBLED:
+    if move_mass(pin(terms), np.zeros((system.n, system.n)), pin(scratch)) != ASSEMBLED:
         names = ", ".join(repr(system.coordinate_names[i]) for i in np.flatnonzero(scratch.massless))
         raise AssemblyError(SENTENCES[Outcome.NO_MASS].format(names=names))

@@ -12,7 +12,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.sensors import Follows
 from mbfmu.mechanics.signals import InUse, SpeedInput, Step
-from solvers.compiled.held import hold
+from solvers.compiled.tuple_pointer import pin
 from solvers.system import Array
 
 from .compile import GRAVITY, Numbering
@@ -147,7 +147,7 @@ class Inputs:
             elif role == GOES_ON:
                 record["number"], own.loads[loads]["course"] = loads, course
                 loads += 1
-        self.own, self._held = own, hold(own)
+        self.own, self._held = own, pin(own)
         begin_inputs(self._held)
 
     def extrapolate(self) -> None:

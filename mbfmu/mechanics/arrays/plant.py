@@ -19,7 +19,7 @@ from mbfmu.mechanics.signals import Input, InUse
 from mbfmu.mechanics.tangent import Groups, Tangent
 from mbfmu.util.errors import AssemblyError, UserError
 from mbfmu.util.units import read_unit
-from solvers.compiled.held import contents
+from solvers.compiled.tuple_pointer import unpin
 from solvers.system import Array, System
 
 from .assembly import Assembly, start_positions
@@ -210,8 +210,8 @@ class Plant:
 
     @property
     def kernel_data(self) -> Any:
-        """Arrays and state for kernels; see :mod:`solvers.compiled.held`."""
-        return contents(self.system.held_data)
+        """Arrays and state for kernels; see :mod:`solvers.compiled.tuple_pointer`."""
+        return unpin(self.system.pinned_data)
 
     def called(self) -> list[Called | None]:
         """Return the kernels of element types whose addresses are in the arrays of this plant."""
@@ -277,7 +277,7 @@ class Plant:
     def observe_complex(self, system: System, t: float, q: Any, v: Any, a: Any, lam: Any) -> NDArray[np.complex128]:
         """Return the outputs at a state of :meth:`complex_system`."""
         out = np.zeros(len(self.outputs), complex)
-        observe(t, q, v, a, lam, system.held_data, out)
+        observe(t, q, v, a, lam, system.pinned_data, out)
         return out
 
     def observe(self, t: float, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
@@ -285,7 +285,7 @@ class Plant:
 
         With two entries more its last are the energy and the kinetic energy, J.
         """
-        observe(t, q, v, a, lam, self.system.held_data, out)
+        observe(t, q, v, a, lam, self.system.pinned_data, out)
 
     def observe_all(self, times: Array, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
         """Fill ``out`` (k, len(outputs)), or two columns more, from the solution at k times as :meth:`observe` does."""
@@ -293,7 +293,7 @@ class Plant:
 
     def energy(self, t: float, q: Array, v: Array) -> float:
         """Kinetic and potential energy, J."""
-        return float(energy(t, q, v, self.system.held_data))
+        return float(energy(t, q, v, self.system.pinned_data))
 
     def coincident(self, t: float, q: Array) -> list[str]:
         """Return a message for every force between points that has no direction at free positions q (nq,)."""

@@ -27,7 +27,7 @@ from mbfmu.mechanics.recursions.dynamics import (
 )
 from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
 from mbfmu.util.errors import UserError
-from solvers.compiled.held import hold
+from solvers.compiled.tuple_pointer import pin
 from solvers.positions import Positions
 from solvers.system import AnySystem, Array, Stepped, System, TreeSystem
 
@@ -227,7 +227,7 @@ class Systems:
     @cached_property
     def _held(self) -> Any:
         """The data as kernels take them."""
-        return hold(self._compiled.data)
+        return pin(self._compiled.data)
 
     def _rate(self, bodies: Iterable[int] | None = None) -> float:
         """Return how fast gravity and drives, or the drives of these bodies, move them, 1/s; zero: neither does."""

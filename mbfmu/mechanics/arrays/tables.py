@@ -20,9 +20,9 @@ from mbfmu.mechanics.records import (
     empty_data,
 )
 from mbfmu.util.errors import UserError
-from solvers.compiled.by_address import address_of, record_type, side_by_side
-from solvers.compiled.held import held_type
+from solvers.compiled.indirect_call import address_of, pack_records, record_type
 from solvers.compiled.kernel import COMPILED, records, types
+from solvers.compiled.tuple_pointer import pointer_type
 
 
 class Numbers(NamedTuple):
@@ -80,7 +80,7 @@ class Tables:
         self.kinds = [number[kind] for kind in used]
         counts = np.bincount(np.array(self.kinds, np.int64), minlength=len(self._used))
         empty = [records(n, kind.record) for n, kind in zip(counts, self._used, strict=True)]
-        self.memory, self.tables, starts = side_by_side(empty)
+        self.memory, self.tables, starts = pack_records(empty)
         self.places = self._laid(self.tables, starts)
         for place, record in zip(self.places, filled, strict=True):
             self.memory[place : place + record.nbytes] = record.view(np.uint8)
@@ -120,7 +120,7 @@ class Tables:
 
     def complex_memory(self) -> tuple[NDArray[np.uint8], list[int]]:
         """Return the records as they are now with complex numbers for real ones, and where each is."""
-        memory, tables, starts = side_by_side([complex_copy(table) for table in self.tables])
+        memory, tables, starts = pack_records([complex_copy(table) for table in self.tables])
         return memory, self._laid(tables, starts)
 
 
@@ -167,9 +167,9 @@ def word_types(arrays: type, state: type) -> dict[str, Any]:
         "time": types.float64,
         "coordinate": number,
         "index": types.int64,
-        "arrays": held_type((complex_twin(real) if arrays is complex else real).arrays),
-        "state": held_type(complex_state(real.state) if state is complex else real.state),
-        "twin": held_type(complex_state(real.state)),
+        "arrays": pointer_type((complex_twin(real) if arrays is complex else real).arrays),
+        "state": pointer_type(complex_state(real.state) if state is complex else real.state),
+        "twin": pointer_type(complex_state(real.state)),
         "motion": record_type(complex_dtype(MOTION) if state is complex else MOTION),
         "lam": number[::1],
         "matrix": types.float64[:, ::1],

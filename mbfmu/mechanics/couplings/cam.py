@@ -14,7 +14,7 @@ from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.signals import Signal, Table
 from mbfmu.util.errors import UserError
-from solvers.compiled.kernel import kept_nowhere, kernel
+from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import Coupling
 
@@ -36,7 +36,7 @@ def kernel_of(f: Any) -> Any:
     def evaluate(cam: Any, x: Any, arrays: Any) -> Any:
         return derivatives(f, x, cam.width.real)
 
-    return kept_nowhere(evaluate)
+    return jit_uncached(evaluate)
 
 
 @dataclass(frozen=True)

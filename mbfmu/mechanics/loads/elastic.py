@@ -15,7 +15,7 @@ from mbfmu.mechanics.curve import curve
 from mbfmu.mechanics.kind import Site, kernel_of
 from mbfmu.mechanics.numbers import finite, not_negative
 from mbfmu.mechanics.signals import Table
-from solvers.compiled.kernel import kept_nowhere, kernel
+from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import Force
 
@@ -42,7 +42,7 @@ def as_law(f: Any) -> Any:
     def of_stretch(t: float, x: float, rate: float) -> Any:
         return f(x)
 
-    return kept_nowhere(of_stretch)
+    return jit_uncached(of_stretch)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ import numpy as np
 from mbfmu.mechanics import law
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Site
-from solvers.compiled.kernel import kept_nowhere, kernel
+from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import Force
 
@@ -39,7 +39,7 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
     def power(force: Any, t: float, arrays: Any, state: Any) -> Any:
         return at(f, t, state.q[force.q], state.v[force.v]) * state.v[force.v]
 
-    return kept_nowhere(apply), kept_nowhere(power)
+    return jit_uncached(apply), jit_uncached(power)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Site
-from solvers.compiled.kernel import kept_nowhere, kernel
+from solvers.compiled.kernel import jit_uncached, kernel
 
 from .elastic import ElasticForce, table_energy, table_force
 
@@ -61,7 +61,7 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
         rate = state.v[force.v]
         return -(at(f, t, state.q[force.q] - force.free, rate) + force.damping * rate) * rate
 
-    return kept_nowhere(apply), kept_nowhere(power)
+    return jit_uncached(apply), jit_uncached(power)
 
 
 @dataclass(frozen=True, kw_only=True)

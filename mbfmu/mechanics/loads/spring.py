@@ -16,7 +16,7 @@ import numpy as np
 from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import add_force, arm
-from solvers.compiled.kernel import kept_nowhere, kernel
+from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import Points, fill_points
 from .elastic import ElasticForce, table_energy, table_force
@@ -110,7 +110,7 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
             f_x += at(f, t, length - force.free, rate)
         return -f_x * rate
 
-    return kept_nowhere(apply), kept_nowhere(power)
+    return jit_uncached(apply), jit_uncached(power)
 
 
 @dataclass(frozen=True, kw_only=True)

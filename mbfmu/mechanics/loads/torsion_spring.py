@@ -21,7 +21,7 @@ from mbfmu.mechanics.axes import along, unit_axis
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import angle_of, arm
-from solvers.compiled.kernel import kept_nowhere, kernel
+from solvers.compiled.kernel import jit_uncached, kernel
 
 from .elastic import ElasticForce, table_energy, table_force
 
@@ -108,7 +108,7 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
         phi, rate, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
         return -(at(f, t, phi - force.free, rate) + force.damping * rate) * rate
 
-    return kept_nowhere(apply), kept_nowhere(power)
+    return jit_uncached(apply), jit_uncached(power)
 
 
 @dataclass(frozen=True, kw_only=True)

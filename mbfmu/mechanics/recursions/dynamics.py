@@ -14,8 +14,8 @@ import numpy as np
 from mbfmu.mechanics.dispatch import longest_step, read_sensor, signal
 from mbfmu.mechanics.records import Data, complex_state, complex_twin, empty_data
 from mbfmu.mechanics.spatial import quaternion_rate
-from solvers.compiled.held import held_type
 from solvers.compiled.kernel import COMPILED, callback, inlined, kernel, types
+from solvers.compiled.tuple_pointer import pointer_type
 from solvers.system import Terms
 
 from .aba import drive_efforts, forward_dynamics, unforced
@@ -292,7 +292,7 @@ def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
     if not COMPILED:
         return dynamics, position, motion, retract, energy
     example = empty_data() if scalar is float else complex_twin(empty_data())
-    data, terms = held_type(example), held_type(Terms.allocate(1, 1, 1, scalar))
+    data, terms = pointer_type(example), pointer_type(Terms.allocate(1, 1, 1, scalar))
     real, number = types.float64, types.float64 if scalar is float else types.complex128
     vector = number[::1]
     return (
@@ -310,7 +310,9 @@ def outputs_callback() -> Callable[..., Any]:
     if not COMPILED:
         return evaluate_outputs
     vector = types.float64[::1]
-    return callback(types.void(vector, vector, held_type(empty_data()), vector))(cast("Any", evaluate_outputs).py_func)
+    return callback(types.void(vector, vector, pointer_type(empty_data()), vector))(
+        cast("Any", evaluate_outputs).py_func
+    )
 
 
 @cache
@@ -320,7 +322,7 @@ def tree_callbacks() -> tuple[Callable[..., Any], ...]:
     """
     if not COMPILED:
         return inverse, forward, mobility, position, constraints, retract
-    data, terms = held_type(empty_data()), held_type(Terms.allocate(1, 1, 1))
+    data, terms = pointer_type(empty_data()), pointer_type(Terms.allocate(1, 1, 1))
     real, vector = types.float64, types.float64[::1]
     return (
         callback(types.void(real, vector, vector, vector, vector, data, vector, vector))(inverse),
@@ -338,8 +340,8 @@ def stepped_callbacks() -> tuple[Callable[..., Any], ...]:
     if not COMPILED:
         return inverse, position, retract
     example = empty_data()
-    data = held_type(Data(example.arrays, complex_state(example.state)))
-    terms = held_type(Terms.allocate(1, 1, 1, complex))
+    data = pointer_type(Data(example.arrays, complex_state(example.state)))
+    terms = pointer_type(Terms.allocate(1, 1, 1, complex))
     real, vector = types.float64, types.complex128[::1]
     return (
         callback(types.void(real, vector, vector, vector, vector, data, vector, vector))(inverse),
@@ -353,7 +355,7 @@ def work_callbacks(tree: bool) -> tuple[Callable[..., Any], ...]:
     """Return the callbacks of power and energy bound of a solver; compiled on first use."""
     if not COMPILED:
         return solved_power if tree else power, evaluate_energy_bound
-    data, real, vector = held_type(empty_data()), types.float64, types.float64[::1]
+    data, real, vector = pointer_type(empty_data()), types.float64, types.float64[::1]
     work = callback(types.float64(real, vector, vector, vector, vector, data))
     return work(solved_power if tree else power), callback(types.void(real, vector, vector, data, vector))(
         evaluate_energy_bound
@@ -365,4 +367,4 @@ def inertia_callback() -> Callable[..., Any]:
     """Return :func:`inertia_parts` as a solver takes it; compiled on first use."""
     if not COMPILED:
         return inertia_parts
-    return callback(types.void(held_type(empty_data()), types.float64[::1]))(inertia_parts)
+    return callback(types.void(pointer_type(empty_data()), types.float64[::1]))(inertia_parts)

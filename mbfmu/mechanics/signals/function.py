@@ -12,7 +12,7 @@ from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import positive
 from mbfmu.util.errors import UserError
-from solvers.compiled.kernel import kept_nowhere, kernel
+from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import InUse, Signal
 
@@ -33,7 +33,7 @@ def kernel_of_value(function: Any) -> Any:
         x = function(signal.clock.real * t)
         return x, 0.0 * x, 0.0 * x
 
-    return kept_nowhere(evaluate)
+    return jit_uncached(evaluate)
 
 
 @cache
@@ -45,7 +45,7 @@ def kernel_of_motion(function: Any) -> Any:
         x, dx, ddx = derivatives(function, signal.clock.real * t, signal.pace.real)
         return x, signal.clock * dx, signal.clock * ddx
 
-    return kept_nowhere(evaluate)
+    return jit_uncached(evaluate)
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.records import Arrays, State, complex_state
-from solvers.compiled.held import contents, held_type, hold
 from solvers.compiled.kernel import COMPILED, callback, kernel, types
+from solvers.compiled.tuple_pointer import pin, pointer_type, unpin
 from solvers.linalg.blocks import BlockTree, one_thread, solve_blocks
 from solvers.system import Array
 
@@ -229,20 +229,20 @@ class Tangent:
         nv = int((arrays.bodies["nv"]).sum())
         self._dual = z((nv, 6))
         self._tree = BlockTree([len(own) for own in kept], inward.tolist())
-        self._panels = [hold(panels) for panels in self._share_panels(kept)]
-        self._unknowns = hold(
+        self._panels = [pin(panels) for panels in self._share_panels(kept)]
+        self._unknowns = pin(
             Unknowns(base, rows, z(len(rows)), z(base[-1] + 6), self._dual, z((len(arrays.bodies), 6)))
         )
         free = int(arrays.bodies["nv"][arrays.bodies["vf"] >= 0].sum())
         self._border = Border.of(self.layout, free)
         self._state = State(*(array.copy() for array in state))
-        self._held = tuple(map(hold, (arrays, self._state, self.layout, self._scratch)))
+        self._held = tuple(map(pin, (arrays, self._state, self.layout, self._scratch)))
         arrays_, state_, L, _ = self._held
-        self.data = hold(Solving(L, arrays_, state_, self._tree.factors, self._unknowns, hold(self._border)))
-        self.solve_one, self.inertia_one = tangent_callbacks(held_type(self.data) if COMPILED else None)
+        self.data = pin(Solving(L, arrays_, state_, self._tree.factors, self._unknowns, pin(self._border)))
+        self.solve_one, self.inertia_one = tangent_callbacks(pointer_type(self.data) if COMPILED else None)
         own = state._replace(S=state.S[:0], U=state.U[:0], D=state.D[:0])
         self._steps = complex_state(own)
-        self._twin = hold(self._steps)
+        self._twin = pin(self._steps)
 
     def _share_panels(self, kept: list[NDArray[np.int64]]) -> list[Panels]:
         """Return the panels of every group."""
@@ -310,7 +310,7 @@ class Tangent:
         wrench = np.zeros(self._scratch.apart.shape[2:])
         for i, motion, line in zip(border.bodies, border.motions, e, strict=True):
             if motion < 0:
-                line[contents(arrays).bodies["vf"][i]] = 1.0
+                line[unpin(arrays).bodies["vf"][i]] = 1.0
             else:
                 wrench[:] = 0.0
                 wrench[i, motion] = 1.0

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.held import hold
 from solvers.compiled.kernel import records
+from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import EnergyScales
 from solvers.options import Options, Statistics
 from solvers.outcome import CODES, Code
@@ -39,16 +39,16 @@ class TreeAdamsStepper(ExplicitStepper):
         self.system, o = system, self.options
         self._history, self._settings = History.allocate(system.nq, system.n, 0), records(1, tree_loop.SETTINGS)
         take_options(o.record(), self._settings)
-        self._control, self._held = self._history.control[0], hold(self._history)
+        self._control, self._held = self._history.control[0], pin(self._history)
         work = tree_loop.Scratch.allocate(system.nq, system.n, system.positions)
         work.size[:] = system.size
         self._inertia = work.inertia
         self._inertia["watched"] = system.watches_inertia
         callbacks = system.forward, system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
-        eqs = hold(tree_loop.TreeEquations(*callbacks, system.held_data))
+        eqs = pin(tree_loop.TreeEquations(*callbacks, system.pinned_data))
         self._scales = EnergyScales.of(o.rtol, np.zeros(system.n), np.zeros(system.n))
-        own = eqs, self._settings, self._held, hold(work), hold(self._scales)
-        self.given = hold(Given(*own, self._q, self._v, self._energy_account))
+        own = eqs, self._settings, self._held, pin(work), pin(self._scales)
+        self.given = pin(Given(*own, self._q, self._v, self._energy_account))
         tree_loop.set_up(self.given, self._t, system.rate, o.duration)
         require_resolved(self._t, float(self._settings["rate"][0]), o.rtol)
         require_placed(self._q, work.size_q, o.rtol, system.coordinate_names)

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.codes import coded
-from solvers.compiled.held import contents, hold
+from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.energy_account import WORK, EnergyScales, fill_account_row, reset_check_schedule
 from solvers.inertia import Growth, describe_large_growth, finer_tolerance
 from solvers.linalg.blocks import one_thread
@@ -109,17 +109,17 @@ class TreeESDIRKStepper(Stepper):
         self._motion, self._saddle = Accelerations(system), Saddle(system)
         self._memory, self._stage = Memory.allocate(system.nq, system.n, system.m), Stage.of(system)
         self._c = self._memory.control[0]
-        self._held = hold(self._memory), hold(self._stage)
+        self._held = pin(self._memory), pin(self._stage)
         callbacks = system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
-        self._eqs = hold(Callbacks(*callbacks, system.held_data))
+        self._eqs = pin(Callbacks(*callbacks, system.pinned_data))
         self._rate = motion_rate(self._motion, self._t, self._q, self._v, o.duration)
         require_resolved(self._t, self._rate, o.rtol)
         require_placed(self._q, system.position_sizes(system.size), o.rtol, system.coordinate_names)
         self._absolute = o.absolute * system.size
         self._growth = Growth.of(system, self._rate)
-        self._held_growth = hold(self._growth)
+        self._held_growth = pin(self._growth)
         rates = RATE_TOLERANCE_RATIO * self._rate * self._absolute
-        self._scales = hold(EnergyScales.of_mesh(o.rtol, self._absolute, rates, system.n, RATE_TOLERANCE_RATIO))
+        self._scales = pin(EnergyScales.of_mesh(o.rtol, self._absolute, rates, system.n, RATE_TOLERANCE_RATIO))
         self._works, self._longest = 0, np.inf
         self._mine = -1  # how often the tangent had been factored when these factors were made
         self.status = self._status(project(system, self._t, self._q, self._v))
@@ -392,7 +392,7 @@ class TreeESDIRKStepper(Stepper):
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        seen = contents(self._scales).bound_results
+        seen = unpin(self._scales).bound_results
         return [*self._memory, self.clock, self._q, self._v, self._energy_account, seen, self._growth.inertia]
 
     def restore(self, data: bytes) -> None:

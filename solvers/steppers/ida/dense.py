@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sksundae.ida import IDAJacTimes, IDAPrecond
 
 from solvers.codes import coded
-from solvers.compiled.held import hold
+from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import WORK, EnergyScales, restart_work
 from solvers.inertia import describe_large_growth, update_growth
 from solvers.options import Options
@@ -83,7 +83,7 @@ class IDAStepper(IDADriver, DenseStepper):
         super().__init__(system, t0, q0, v0, options)
         self._rtol = max(MIN_RTOL, self.options.rtol) if system.m else self.options.rtol
         self._unknowns = Unknowns.allocate(system.nq, system.n, system.m)
-        self._held = hold(self._unknowns)
+        self._held = pin(self._unknowns)
         self._counts = self._unknowns.counts
         self._good, self._atol = np.zeros((2, len(self._unknowns.y))), np.zeros(len(self._unknowns.y))
         self._place, self._pace = np.zeros(system.n), np.zeros(system.n)  # absolute tolerances, to the books
@@ -105,7 +105,7 @@ class IDAStepper(IDADriver, DenseStepper):
     def _new_ida(self) -> DirectIDA | BoundIDA:
         o, count = self.options, len(self._atol)
         tighter = self._tight / self._rtol
-        self._scales = hold(EnergyScales.of(self._tight, self._place, self._pace, count, (tighter, tighter)))
+        self._scales = pin(EnergyScales.of(self._tight, self._place, self._pace, count, (tighter, tighter)))
         given = Given(
             self._eqs, self._held, self._work, self._rank, count, self._book, self._scales, self._counts, self._course,
             self._good, np.array([SPEED_LOSS_RATIO * self._rtol]), self._tight, self._atol,
@@ -114,8 +114,8 @@ class IDAStepper(IDADriver, DenseStepper):
         options: dict[str, Any] = {"rtol": self._tight, "atol": self._atol, "max_order": order}
         if serves():
             callbacks = ITERATIVE_CALLBACKS if self.system.m else DENSE_CALLBACKS
-            return DirectIDA(callbacks, call_accept, hold(given), max_step=o.max_step, **options)
-        return self._bound_ida(hold(given), options)
+            return DirectIDA(callbacks, call_accept, pin(given), max_step=o.max_step, **options)
+        return self._bound_ida(pin(given), options)
 
     def _bound_ida(self, given: Any, options: dict[str, Any]) -> BoundIDA:
         """Return IDA with the same kernels for callbacks, by way of Python."""

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.foreign import array_at
+from solvers.compiled.ffi import array_at
 from solvers.compiled.kernel import kernel
 from solvers.energy_account import energy_check_scheduled, record_step, update_energy_bound
 from solvers.inertia import finer_tolerance, update_growth

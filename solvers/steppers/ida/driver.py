@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.held import contents
 from solvers.compiled.kernel import records
+from solvers.compiled.tuple_pointer import unpin
 from solvers.energy_account import ENERGY_ACCOUNT, WORK, fill_account_row_at, restart_work
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
@@ -140,7 +140,7 @@ class IDADriver(Stepper):
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
         self._count_failures()
-        seen = contents(self._scales).bound_results
+        seen = unpin(self._scales).bound_results
         return [self.clock, self._q, self._v, self._counts, self._begun, self._energy_account, self._book, seen]
 
     def restore(self, data: bytes) -> None:

@@ -5,8 +5,8 @@ interface of SUNDIALS 7 as its headers declare it, in double precision. With ano
 :mod:`.binding` serves.
 
 A callback of IDA's is a kernel of one signature. It gets vectors as IDA has them, whose entries are the
-:func:`~solvers.compiled.foreign.array_at` their :func:`data_of`, and as the user's data a named tuple that is held
-(:mod:`solvers.compiled.held`).
+:func:`~solvers.compiled.ffi.array_at` their :func:`data_of`, and as the user's data a named tuple that is held
+(:mod:`solvers.compiled.tuple_pointer`).
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from sksundae import _cy_common, _cy_ida
 
-from solvers.compiled.foreign import Library, by_symbol, called_back
-from solvers.compiled.held import hold
+from solvers.compiled.ffi import Library, compile_c_callback, external_function
 from solvers.compiled.kernel import COMPILED, callback, types
+from solvers.compiled.tuple_pointer import pin
 from solvers.options import Statistics
 from solvers.system import Array
 
@@ -36,7 +36,7 @@ SUN_PREC_LEFT = 1
 # a loaded spring of 1e8 N/m had 97 % of its steps rejected.
 MAX_CJ_CHANGE = 0.05
 
-SIGNATURES = {  # in the letters of solvers.compiled.foreign
+SIGNATURES = {  # in the letters of solvers.compiled.ffi
     "SUNContext_Create": "i ip",
     "SUNContext_ClearErrHandlers": "i p",
     "SUNContext_Free": "i p",
@@ -90,8 +90,8 @@ def call(name: str, *arguments: Any) -> Any:
     return library().call(name, *arguments)
 
 
-data_of: Any = by_symbol("N_VGetArrayPointer")
-data_of_matrix: Any = by_symbol("SUNDenseMatrix_Data")
+data_of: Any = external_function("N_VGetArrayPointer")
+data_of_matrix: Any = external_function("SUNDenseMatrix_Data")
 
 
 SETUP_FUNCTION = ctypes.CFUNCTYPE(
@@ -195,7 +195,7 @@ class DirectIDA:
         self._data, self._atol = data, atol
         count = len(atol)
         made = (
-            called_back(given, letters, kind) if given and not isinstance(given, InPython) else given
+            compile_c_callback(given, letters, kind) if given and not isinstance(given, InPython) else given
             for given, letters in zip(callbacks, CALLBACK_SIGNATURES, strict=True)
         )
         self._callbacks: Any = Callbacks._make(made)
@@ -213,7 +213,7 @@ class DirectIDA:
         solve, stop_at, stop_nowhere = map(library().value, ("IDASolve", "IDASetStopTime", "IDAClearStopTime"))
         told = int(reached.ctypes.data)
         called = solve, stop_at, stop_nowhere, _compiled_accept(accept, kind)
-        self._calls = hold(Calls(*called, self._memory, yy, yp, told, reached, self.y, self.slopes))
+        self._calls = pin(Calls(*called, self._memory, yy, yp, told, reached, self.y, self.slopes))
         self._vectors = yy, yp
         self._free = weakref.finalize(self, _free, self._memory, (yy, yp, tol), solver, matrix, context)
 

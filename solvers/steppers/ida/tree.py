@@ -45,7 +45,7 @@ from numpy.typing import NDArray
 from sksundae.ida import IDAPrecond
 
 from solvers.codes import coded
-from solvers.compiled.held import hold
+from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import EnergyScales
 from solvers.inertia import Growth, describe_large_growth
 from solvers.linalg.blocks import one_thread
@@ -118,14 +118,14 @@ class TreeIDAStepper(IDADriver):
         sizes = o.absolute * s.size
         rates = (RATE_TOLERANCE_RATIO if order > MAX_MESH_ORDER else MESH_RATE_TOLERANCE_RATIO) * self._rate * sizes
         atol = np.concatenate((part * s.position_sizes(sizes), part * rates, np.full(2 * s.m, MULTIPLIER_TOLERANCE)))
-        self._scales = hold(self._find_scales(sizes, rates, len(atol)))
-        given = self._given = hold(
+        self._scales = pin(self._find_scales(sizes, rates, len(atol)))
+        given = self._given = pin(
             Given(
-                s.inverse, s.retract, s.position, *energy_callbacks(s), s.held_data, self._terms, s.positions,
+                s.inverse, s.retract, s.position, *energy_callbacks(s), s.pinned_data, self._terms, s.positions,
                 s.tangent.solve_one, s.tangent.inertia_one, s.tangent.data, self._scratch, self._reduced,
                 LENGTH_RATE * self._rate, len(atol), self._book, self._scales,
                 self._counts, self._course, self._tolerances(atol, part * o.rtol),
-                self._imaginary(len(atol)), s.parts_callback, hold(self._growth_data),
+                self._imaginary(len(atol)), s.parts_callback, pin(self._growth_data),
             )
         )  # fmt: skip
         options: dict[str, Any] = {"rtol": part * o.rtol, "atol": atol, "max_order": order}

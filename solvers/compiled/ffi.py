@@ -18,8 +18,8 @@ from numba.np.arrayobj import populate_array
 
 from .kernel import callback
 
-IN_C = {"p": ctypes.c_void_p, "i": ctypes.c_int, "d": ctypes.c_double}
-IN_KERNELS: dict[str, Any] = {"p": types.int64, "i": types.int32, "d": types.float64}
+C_TYPES = {"p": ctypes.c_void_p, "i": ctypes.c_int, "d": ctypes.c_double}
+KERNEL_TYPES: dict[str, Any] = {"p": types.int64, "i": types.int32, "d": types.float64}
 
 
 class Library:
@@ -32,7 +32,7 @@ class Library:
     functions
         By name, in letters.
     symbols
-        Names that kernels call by :func:`by_symbol`.
+        Names that kernels call by :func:`external_function`.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Library:
         for name, letters in functions.items():
             function = getattr(library, name, None)
             if function is not None:
-                function.restype, *function.argtypes = (IN_C[letter] for letter in letters.replace(" ", ""))
+                function.restype, *function.argtypes = (C_TYPES[letter] for letter in letters.replace(" ", ""))
                 self._functions[name] = function
         self.complete = len(self._functions) == len(functions)
         for name in symbols:
@@ -64,16 +64,16 @@ class Library:
             raise MemoryError(f"{name} returned nothing")
         return result
 
-    def value(self, name: str) -> Foreign:
+    def value(self, name: str) -> ForeignFunction:
         """Return a function as it is handed to kernels."""
-        return Foreign(self.address(name), self._letters[name])
+        return ForeignFunction(self.address(name), self._letters[name])
 
 
-class Foreign(types.WrapperAddressProtocol):
+class ForeignFunction(types.WrapperAddressProtocol):
     """A C function that kernels are given as an argument; pointers are whole numbers to them."""
 
     def __init__(self, address: int, letters: str) -> None:
-        result, *arguments = (IN_KERNELS[letter] for letter in letters.replace(" ", ""))
+        result, *arguments = (KERNEL_TYPES[letter] for letter in letters.replace(" ", ""))
         self._address, self._signature = address, result(*arguments)
 
     def __wrapper_address__(self) -> int:
@@ -85,14 +85,14 @@ class Foreign(types.WrapperAddressProtocol):
         return self._signature
 
 
-def by_symbol(name: str) -> Any:
+def external_function(name: str) -> Any:
     """Return what kernels call for a C function that takes one pointer and returns another."""
     return types.ExternalFunction(name, types.voidptr(types.voidptr))
 
 
 @cache
-def called_back(function: Callable[..., int], letters: str, data: Any) -> Any:
-    """Compile a function that C calls: ``*`` is a held tuple of the type ``data``; it returns an int."""
+def compile_c_callback(function: Callable[..., int], letters: str, data: Any) -> Any:
+    """Compile a function that C calls: ``*`` is a pinned tuple of the type ``data``; it returns an int."""
     known = {"d": types.float64, "p": types.voidptr, "*": data}
     return callback(types.int32(*(known[letter] for letter in letters)))(function)
 

@@ -24,23 +24,24 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps, loads
 
-from .cache import Cache, Locator, cache_of, stamp
+from .cache import Cache, Locator, cache_of, source_hash
 
 code_of = attrgetter("library")  # of what numba has compiled
-PREFIX = "mbfmu_"
-SMALL = 20_000  # bytes of bitcode, a quarter of them names, up to which a kernel goes into its callers
+SYMBOL_PREFIX = "mbfmu_"
+# bytes of bitcode, a quarter of them names, up to which a kernel goes into its callers
+MAX_INLINED_BITCODE_SIZE = 20_000
 
 _kernels: dict[tuple[str, str], Kernel] = {}  # by module and name
 _symbols: dict[str, tuple[tuple[str, str], Any]] = {}  # whose they are, and for which arguments
 
 
-def kernel_named(symbol: str) -> Any:
+def compiled_kernel_of(symbol: str) -> Any:
     """Return what numba has compiled under a symbol."""
     key, arguments = _symbols[symbol]
     return _kernels[key].overloads[arguments]
 
 
-class Entry(CompileResultCacheImpl):
+class CacheEntry(CompileResultCacheImpl):
     """How a compiled function is written: with a checksum, and with what it calls."""
 
     _locator_classes: Any = (Locator,)
@@ -50,7 +51,7 @@ class Entry(CompileResultCacheImpl):
         code = code_of(compiled)
         code._ensure_finalized()
         functions = code._final_module.functions
-        called = [f.name for f in functions if f.is_declaration and f.name.startswith(PREFIX)]
+        called = [f.name for f in functions if f.is_declaration and f.name.startswith(SYMBOL_PREFIX)]
         data = dumps(super().reduce(compiled))
         return [(name, *_symbols[name]) for name in called], zlib.crc32(data), data
 
@@ -69,7 +70,7 @@ class Entry(CompileResultCacheImpl):
 class LinkedCache(Cache):
     """A cache of such entries."""
 
-    _impl_class: Any = Entry
+    _impl_class: Any = CacheEntry
 
 
 class Inlined(CPUDispatcher):
@@ -108,13 +109,13 @@ class Kernel(Inlined):
     def _name(self, arguments: Any) -> None:
         compiled: Any = self.overloads[arguments]
         source = self.py_func.__code__.co_filename
-        version = stamp(source) if Path(source).is_file() else ""
-        told = repr((self._key, version, str(compiled.signature.return_type), [str(a) for a in arguments]))
-        name = f"{PREFIX}{self.py_func.__name__}_{sha256(told.encode()).hexdigest()[:16]}"
+        version = source_hash(source) if Path(source).is_file() else ""
+        key_text = repr((self._key, version, str(compiled.signature.return_type), [str(a) for a in arguments]))
+        name = f"{SYMBOL_PREFIX}{self.py_func.__name__}_{sha256(key_text.encode()).hexdigest()[:16]}"
         code = code_of(compiled)
         binding.add_symbol(name, code.get_pointer_to_function(compiled.fndesc.llvm_func_name))
         _symbols[name] = self._key, arguments
-        if len(code._get_module_for_linking().as_bitcode()) > SMALL:
+        if len(code._get_module_for_linking().as_bitcode()) > MAX_INLINED_BITCODE_SIZE:
             called = copy.copy(compiled.fndesc)
             called.mangled_name = name
             self.targetctx.remove_user_function(compiled.entry_point)

@@ -14,14 +14,14 @@ from typing import Any
 
 from llvmlite import binding as llvm
 
-from .linking import PREFIX, code_of, kernel_named
+from .symbols import SYMBOL_PREFIX, code_of, compiled_kernel_of
 
-SPEED = 3  # level of optimization of what is emitted
+OPTIMIZATION_LEVEL = 3  # level of optimization of what is emitted
 
 Module = Any  # of llvmlite
 
 
-def closed(entries: Mapping[str, tuple[Any, Any]], tables: Mapping[str, Iterable[str]]) -> Module:
+def link_module(entries: Mapping[str, tuple[Any, Any]], tables: Mapping[str, Iterable[str]]) -> Module:
     """Return a module of kernels and all they call.
 
     Parameters
@@ -41,8 +41,8 @@ def closed(entries: Mapping[str, tuple[Any, Any]], tables: Mapping[str, Iterable
         own.name, own.linkage = symbol, "external"  # what nothing calls yet would not be linked in
         for function in part.functions:
             name = function.name
-            if function.is_declaration and name.startswith(PREFIX) and name not in done and name not in wanted:
-                wanted[name] = kernel_named(name)
+            if function.is_declaration and name.startswith(SYMBOL_PREFIX) and name not in done and name not in wanted:
+                wanted[name] = compiled_kernel_of(name)
         whole.link_in(part)
     kept = {*entries, *tables}
     known = [s for symbols in (whole.functions, whole.global_variables) for s in symbols if not s.is_declaration]
@@ -65,12 +65,12 @@ def _tables(tables: Mapping[str, Iterable[str]]) -> Module:
     return llvm.parse_assembly("\n".join(lines))
 
 
-def machine_code(module: Module, triple: str, cpu: str) -> bytes:
+def emit_object(module: Module, triple: str, cpu: str) -> bytes:
     """Return an object file of a module for a machine, in LLVM's words."""
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple(triple).create_target_machine(
-        cpu=cpu, features="", opt=SPEED, reloc="pic", codemodel="default"
+        cpu=cpu, features="", opt=OPTIMIZATION_LEVEL, reloc="pic", codemodel="default"
     )
     own = llvm.parse_bitcode(module.as_bitcode())
     own.triple, own.data_layout = machine.triple, str(machine.target_data)

@@ -1,11 +1,11 @@
-"""Kernels called by their address, with a record of parameters: how a recursion meets a kind that it does not know.
+"""Kernels called by their address, with a record of parameters: the recursions call kernels of any element type so.
 
 A joint, a load or a signal is a number of a row in a table of addresses and a place among the bytes of all records. The
 caller is compiled once for all element types; an element type is compiled for its record when it is first used.
 
-    call(address, memory, place, (argument, ...))
+    call_void(address, memory, place, (argument, ...))
 
-calls a kernel ``f(record, argument, ...)`` that returns nothing; ``number``, ``two`` and ``three`` call one that
+calls a kernel ``f(record, argument, ...)`` that returns nothing; ``call_f``, ``call_ff`` and ``call_fff`` call one that
 returns as many numbers, of the kind of those in the array ``like``: real, or complex where derivatives are taken. With
 ``NUMBA_DISABLE_JIT=1`` an address is a number in a list.
 """
@@ -24,11 +24,12 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from .kernel import COMPILED
-from .linking import code_of
+from .symbols import code_of
 
-ALIGNED = 16  # bytes, of every record: two real numbers, or one complex
+RECORD_ALIGNMENT = 16  # bytes, of every record: two real numbers, or one complex
 
-_met: dict[tuple[int, int, int], tuple[Any, Any, Any]] = {}  # function, record and memory of calls without a compiler
+# function, record and memory of calls without a compiler
+_record_cache: dict[tuple[int, int, int], tuple[Any, Any, Any]] = {}
 _functions: list[tuple[Any, Any]] = [(None, None)]  # without a compiler: what an address stands for; zero is none
 
 
@@ -48,13 +49,13 @@ def record_type(dtype: np.dtype[Any]) -> Any:
     return from_dtype(dtype)
 
 
-def side_by_side(tables: Sequence[NDArray[Any]]) -> tuple[NDArray[np.uint8], list[NDArray[Any]], list[int]]:
+def pack_records(tables: Sequence[NDArray[Any]]) -> tuple[NDArray[np.uint8], list[NDArray[Any]], list[int]]:
     """Return the bytes of record arrays one behind the other, the arrays as they lie there, and where each begins."""
     starts, size = [], 0
     for table in tables:
         starts.append(size)
-        size += -(-table.nbytes // ALIGNED) * ALIGNED
-    memory = np.zeros(size // ALIGNED + 1, np.complex128).view(np.uint8)  # aligned
+        size += -(-table.nbytes // RECORD_ALIGNMENT) * RECORD_ALIGNMENT
+    memory = np.zeros(size // RECORD_ALIGNMENT + 1, np.complex128).view(np.uint8)  # aligned
     found = []
     for table, start in zip(tables, starts, strict=True):
         there = memory[start : start + table.nbytes].view(table.dtype)
@@ -64,18 +65,20 @@ def side_by_side(tables: Sequence[NDArray[Any]]) -> tuple[NDArray[np.uint8], lis
 
 
 def _interpreted(address: int, memory: Any, place: int, arguments: Any) -> Any:
-    met = _met.get((address, id(memory), place))
-    if met is None:
+    cached = _record_cache.get((address, id(memory), place))
+    if cached is None:
         function, dtype = _functions[address]
         record = memory[place : place + dtype.itemsize].view(dtype).view(np.recarray)[0]
-        met = _met[address, id(memory), place] = function, record, memory
-    return met[0](met[1], *arguments)
+        cached = _record_cache[address, id(memory), place] = function, record, memory
+    return cached[0](cached[1], *arguments)
 
 
 def _called(result: Any, memory: Any, arguments: Any) -> Any:
     """Return the code that calls what returns ``result``."""
     if any(isinstance(argument, types.BaseNamedTuple) for argument in arguments.types):
-        raise TypingError("kernels that are called by address take named tuples held, see solvers.compiled.held")
+        raise TypingError(
+            "kernels that are called by address take named tuples by a pointer, see solvers.compiled.tuple_pointer"
+        )
     kinds = [types.voidptr, *arguments.types]  # a record is handed on as a pointer to its bytes
 
     def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
@@ -93,30 +96,30 @@ def _called(result: Any, memory: Any, arguments: Any) -> Any:
     return generate
 
 
-def _call(_: Any, address: Any, memory: Any, place: Any, arguments: Any) -> Any:
+def _call_void(_: Any, address: Any, memory: Any, place: Any, arguments: Any) -> Any:
     return types.none(types.int64, memory, types.int64, arguments), _called(types.none, memory, arguments)
 
 
-def _number(_: Any, address: Any, memory: Any, place: Any, like: Any, arguments: Any) -> Any:
+def _call_f(_: Any, address: Any, memory: Any, place: Any, like: Any, arguments: Any) -> Any:
     result = like.dtype
     return result(types.int64, memory, types.int64, like, arguments), _called(result, memory, arguments)
 
 
-def _two(_: Any, address: Any, memory: Any, place: Any, like: Any, arguments: Any) -> Any:
+def _call_ff(_: Any, address: Any, memory: Any, place: Any, like: Any, arguments: Any) -> Any:
     result: Any = types.UniTuple(like.dtype, 2)  # type: ignore[no-untyped-call]
     return result(types.int64, memory, types.int64, like, arguments), _called(result, memory, arguments)
 
 
-def _three(_: Any, address: Any, memory: Any, place: Any, like: Any, arguments: Any) -> Any:
+def _call_fff(_: Any, address: Any, memory: Any, place: Any, like: Any, arguments: Any) -> Any:
     result: Any = types.UniTuple(like.dtype, 3)  # type: ignore[no-untyped-call]
     return result(types.int64, memory, types.int64, like, arguments), _called(result, memory, arguments)
 
 
-def _number_interpreted(address: int, memory: Any, place: int, like: Any, arguments: Any) -> Any:
+def _call_f_interpreted(address: int, memory: Any, place: int, like: Any, arguments: Any) -> Any:
     return _interpreted(address, memory, place, arguments)
 
 
-call: Any = intrinsic(_call) if COMPILED else _interpreted
-number: Any = intrinsic(_number) if COMPILED else _number_interpreted
-two: Any = intrinsic(_two) if COMPILED else _number_interpreted
-three: Any = intrinsic(_three) if COMPILED else _number_interpreted
+call_void: Any = intrinsic(_call_void) if COMPILED else _interpreted
+call_f: Any = intrinsic(_call_f) if COMPILED else _call_f_interpreted
+call_ff: Any = intrinsic(_call_ff) if COMPILED else _call_f_interpreted
+call_fff: Any = intrinsic(_call_fff) if COMPILED else _call_f_interpreted
