@@ -10,7 +10,7 @@ with :func:`solvers.linalg.dense.factor_lq` once for Q and once, of the transpos
 are no trouble: z has as many entries as there are independent ones, and all rows take part in it.
 
 Three sets of coordinates may change, one after the other until the loops close: those without a given value; all that
-are not held, given ones by ``GIVEN`` of what the others change by; and all that are not held, alike.
+are not held, given ones by ``GIVEN_WEIGHT`` of what the others change by; and all that are not held, alike.
 
 The inertia of the allowed motions is checked in the same way: Q_2, the last columns of Q, spans them.
 """
@@ -28,17 +28,17 @@ from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.dense import apply_Q, apply_Qt, factor_lq, rank_at, solve_transposed_basic
 from solvers.system import AnySystem, Array
 
-CLOSED = 1e-11  # in units of the row; a loop is closed
-LARGEST_STEP = 0.5  # in units of the coordinate, of one coordinate in one iteration
-STAGES = 3  # sets of coordinates that are tried
-ITERATIONS, PATIENCE = 200, 30  # in all, and without half of the gap
-OPENING = 1e-8  # of a row's rate relative to the velocities: the loop opens
-ROUNDING = 1e-12  # ... or of the pace of the drives, whose motion may cancel in a row
-RANK = 1e-9  # pivots below this part of the largest count as zero
-MASSLESS = 1e-12  # ... the same for the mass matrix
-ROUNDED = 1e-28  # square of rounding: what moves by so little of the largest mass moves none
-GIVEN = 1e-2  # weight of the change of a coordinate whose value is given, when it must change
-MOVED = 0.1  # part of the largest change that names a coordinate
+GAP_TOLERANCE = 1e-11  # in units of the row; a loop is closed
+MAX_COORDINATE_STEP = 0.5  # in units of the coordinate, of one coordinate in one iteration
+MAX_STAGES = 3  # sets of coordinates that are tried
+MAX_ITERATIONS, MAX_STALLED_ITERATIONS = 200, 30  # in all, and without half of the gap
+VELOCITY_RESIDUAL_TOLERANCE = 1e-8  # of a row's rate relative to the velocities: the loop opens
+DRIVE_RATE_TOLERANCE = 1e-12  # ... or of the pace of the drives, whose motion may cancel in a row
+ZERO_PIVOT_RATIO = 1e-9  # pivots below this part of the largest count as zero
+MASSLESS_PIVOT_RATIO = 1e-12  # ... the same for the mass matrix
+MASS_ROUNDING_RATIO = 1e-28  # square of rounding: what moves by so little of the largest mass moves none
+GIVEN_WEIGHT = 1e-2  # weight of the change of a coordinate whose value is given, when it must change
+MOVED_FRACTION = 0.1  # part of the largest change that names a coordinate
 
 
 class Outcome(IntEnum):
@@ -77,7 +77,7 @@ class Scratch(NamedTuple):
     row: Array  # (m,) units of the constraints
     free: Array  # (n,) 1 for coordinates that may be changed, 0 for those that are held
     given: Array  # (2, n) 1 where the position, and the velocity, is given and not only a default; else 0
-    share: Array  # (n,) weight of the change of each coordinate now
+    weight: Array  # (n,) weight of the change of each coordinate now
     gaps: Array  # (m,) what is to be closed, in units of the rows
     step: Array  # (n,) the change that closes it, in units of the coordinates
     A: Array  # (m, n) L, and the reflectors of Q, of J~[pivots] = L Q^T
@@ -113,14 +113,14 @@ class Scratch(NamedTuple):
         scratch.size[:], scratch.row[:] = system.size, system.row_size
         if held is not None:
             scratch.free[held] = 0.0
-        scratch.share[:] = scratch.free
+        scratch.weight[:] = scratch.free
         if given is not None:
             scratch.given[:] = given
         return scratch
 
 
 @kernel
-def close_positions(eqs: Any, t: float, start: Any, q: Any, work: Any) -> int:
+def find_closed_positions(eqs: Any, t: float, start: Any, q: Any, work: Any) -> int:
     """q (nq,) = closed positions near ``start`` (nq,). Where there are none: the last that was tried.
 
     First by damped steps (Levenberg and Marquardt, the damping falling as the square of the gap), which stay near where
@@ -128,18 +128,18 @@ def close_positions(eqs: Any, t: float, start: Any, q: Any, work: Any) -> int:
     configurations.
     """
     code = OPEN
-    for stage in range(STAGES):
-        if set_shares(stage, work.given[0], work):
-            code = approach(eqs, t, start, True, q, work)
+    for stage in range(MAX_STAGES):
+        if set_weights(stage, work.given[0], work):
+            code = iterate_to_closed(eqs, t, start, True, q, work)
             if code == OPEN:
-                code = approach(eqs, t, start, False, q, work)
+                code = iterate_to_closed(eqs, t, start, False, q, work)
             if code == ASSEMBLED:
                 break
     return code
 
 
 @kernel
-def set_shares(stage: int, given: Any, work: Any) -> bool:
+def set_weights(stage: int, given: Any, work: Any) -> bool:
     """Fill work.share for a stage of the module docstring; False if the stage does not differ from the last one."""
     some, others = False, False
     for j in range(given.shape[0]):
@@ -147,35 +147,35 @@ def set_shares(stage: int, given: Any, work: Any) -> bool:
             some, others = some or given[j] > 0.0, others or not given[j] > 0.0
         weight = 1.0
         if given[j] > 0.0:
-            weight = 0.0 if stage == 0 else GIVEN if stage == 1 else 1.0
-        work.share[j] = work.free[j] * weight
-    return stage == STAGES - 1 or (some and others)
+            weight = 0.0 if stage == 0 else GIVEN_WEIGHT if stage == 1 else 1.0
+        work.weight[j] = work.free[j] * weight
+    return stage == MAX_STAGES - 1 or (some and others)
 
 
 @kernel
-def approach(eqs: Any, t: float, start: Any, damped: bool, q: Any, work: Any) -> int:
-    """One of the two ways of :func:`close_positions`."""
+def iterate_to_closed(eqs: Any, t: float, start: Any, damped: bool, q: Any, work: Any) -> int:
+    """One of the two ways of :func:`find_closed_positions`."""
     for i in range(q.shape[0]):
         q[i] = start[i]
     best, since = np.inf, 0
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         eqs.position(t, q, eqs.data, eqs.terms)
-        if is_odd(eqs.terms, work):
+        if has_nonfinite(eqs.terms, work):
             return NOT_FINITE
-        error = find_gaps(eqs.terms, work)
-        if error < CLOSED:
+        error = fill_scaled_gaps(eqs.terms, work)
+        if error < GAP_TOLERANCE:
             return ASSEMBLED
         since = 0 if error < 0.5 * best else since + 1
         best = min(best, error)
-        if since > PATIENCE:
+        if since > MAX_STALLED_ITERATIONS:
             break
-        least_change(eqs.terms.J, error if damped else 0.0, work)
-        take_step(eqs, q, work)
+        solve_least_change(eqs.terms.J, error if damped else 0.0, work)
+        apply_limited_step(eqs, q, work)
     return OPEN
 
 
 @kernel
-def is_odd(terms: Any, work: Any) -> bool:
+def has_nonfinite(terms: Any, work: Any) -> bool:
     """Whether some row or its slope is not finite; the first that is not is the worst."""
     for i in range(terms.Phi.shape[0]):
         total = terms.Phi[i]
@@ -189,7 +189,7 @@ def is_odd(terms: Any, work: Any) -> bool:
 
 
 @kernel
-def find_gaps(terms: Any, work: Any) -> float:
+def fill_scaled_gaps(terms: Any, work: Any) -> float:
     """work.gaps = Phi in units of the rows; return the largest."""
     worst, largest = work.worst[0], 0.0
     for i in range(terms.Phi.shape[0]):
@@ -201,36 +201,36 @@ def find_gaps(terms: Any, work: Any) -> float:
 
 
 @kernel
-def take_step(eqs: Any, q: Any, work: Any) -> None:
+def apply_limited_step(eqs: Any, q: Any, work: Any) -> None:
     """q <- q (+) -S step, as much of it as no coordinate moves too far by; ``work.step`` becomes that."""
     largest = 0.0
     for j in range(work.step.shape[0]):
         largest = max(largest, abs(work.step[j]))
-    part = min(1.0, LARGEST_STEP / max(largest, 1e-300))
+    part = min(1.0, MAX_COORDINATE_STEP / max(largest, 1e-300))
     for j in range(work.step.shape[0]):
         work.step[j] *= -work.size[j] * part
     eqs.retract(q, work.step, eqs.data)
 
 
 @kernel
-def factor(J: Any, whole: bool, work: Any) -> int:
+def factor_scaled_jacobian(J: Any, whole: bool, work: Any) -> int:
     """Factor J (m, n) in units of rows and coordinates, the ``whole`` or weighted by shares; return its rank."""
     m, n = J.shape
     for i in range(m):
         for j in range(n):
-            part = 1.0 if whole else work.share[j]
+            part = 1.0 if whole else work.weight[j]
             work.A[i, j] = part * J[i, j] * (work.size[j] / work.row[i])
     factor_lq(work.A, m, n, work.tau, work.pivots, work.pivot)
     for i in range(min(m, n)):
         work.pivot[i] = abs(work.A[i, i])
-    return rank_at(work.pivot, min(m, n), RANK)
+    return rank_at(work.pivot, min(m, n), ZERO_PIVOT_RATIO)
 
 
 @kernel
-def least_change(J: Any, damping: float, work: Any) -> None:
+def solve_least_change(J: Any, damping: float, work: Any) -> None:
     """work.step = the shortest s of least |J~ s - work.gaps|^2 + damping^2 |s|^2; held coordinates stay."""
     m, n = J.shape
-    rank = factor(J, False, work)
+    rank = factor_scaled_jacobian(J, False, work)
     width = m + rank if damping > 0.0 else m
     for k in range(rank):
         for i in range(width):
@@ -245,43 +245,43 @@ def least_change(J: Any, damping: float, work: Any) -> None:
     solve_transposed_basic(work.b, rank, width, rank, work.B, work.tau_B, work.pivots_B, work.step)
     apply_Q(work.A, work.tau, rank, n, work.step)
     for j in range(n):
-        work.step[j] *= work.share[j]
+        work.step[j] *= work.weight[j]
 
 
 @kernel
-def close_velocities(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, work: Any) -> int:
+def find_consistent_velocities(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, work: Any) -> int:
     """v (n,) = velocities with J v = nu, the least change from ``start`` (n,); ``rate`` (1/s) as that of the system."""
     code = OPENS
-    for stage in range(STAGES):
-        if code != ASSEMBLED and set_shares(stage, work.given[1], work):
-            code = close_velocities_once(eqs, t, q, start, rate, v, work)
+    for stage in range(MAX_STAGES):
+        if code != ASSEMBLED and set_weights(stage, work.given[1], work):
+            code = find_consistent_velocities_once(eqs, t, q, start, rate, v, work)
     return code
 
 
 @kernel
-def close_velocities_once(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, work: Any) -> int:
-    """One stage of :func:`close_velocities`."""
+def find_consistent_velocities_once(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, work: Any) -> int:
+    """One stage of :func:`find_consistent_velocities`."""
     m, n = eqs.terms.J.shape
     eqs.position(t, q, eqs.data, eqs.terms)
-    opening(eqs.terms, start, work)
-    least_change(eqs.terms.J, 0.0, work)
+    fill_velocity_residual(eqs.terms, start, work)
+    solve_least_change(eqs.terms.J, 0.0, work)
     fast = 0.0
     for j in range(n):
         v[j] = start[j] - work.size[j] * work.step[j]
         fast = max(fast, abs(v[j] / work.size[j]))
     for i in range(m):
         fast = max(fast, abs(eqs.terms.nu[i] / work.row[i]))
-    opening(eqs.terms, v, work)
+    fill_velocity_residual(eqs.terms, v, work)
     worst, largest = work.worst[0], 0.0
     for i in range(m):
         if abs(work.gaps[i]) > largest:
             largest = abs(work.gaps[i])
             worst.row, worst.gap = i, largest * work.row[i]
-    return OPENS if largest > OPENING * fast + ROUNDING * rate else ASSEMBLED
+    return OPENS if largest > VELOCITY_RESIDUAL_TOLERANCE * fast + DRIVE_RATE_TOLERANCE * rate else ASSEMBLED
 
 
 @kernel
-def opening(terms: Any, v: Any, work: Any) -> None:
+def fill_velocity_residual(terms: Any, v: Any, work: Any) -> None:
     """work.gaps = J v - nu, in units of the rows."""
     for i in range(work.gaps.shape[0]):
         total = -terms.nu[i]
@@ -291,32 +291,32 @@ def opening(terms: Any, v: Any, work: Any) -> None:
 
 
 @kernel
-def move_mass(terms: Any, mass: Any, work: Any) -> int:
+def check_mobile_mass(terms: Any, mass: Any, work: Any) -> int:
     """Whether all that the constraints allow moves mass, held or not; ``mass`` (n, n) is scratch.
 
     Every motion is scaled by itself: a light body may move together with a heavy one.
     """
     n = terms.M.shape[0]
-    rank = factor(terms.J, True, work)
-    reduce(terms.M, rank, mass, work)
+    rank = factor_scaled_jacobian(terms.J, True, work)
+    reduce_mass_matrix(terms.M, rank, mass, work)
     freedom, most = n - rank, 0.0
     for k in range(freedom):
         most = max(most, mass[k, k])
     most = most if most > 0.0 else 1.0
     for k in range(freedom):
-        work.own[k] = np.sqrt(mass[k, k] if mass[k, k] > ROUNDED * most else most)
+        work.own[k] = np.sqrt(mass[k, k] if mass[k, k] > MASS_ROUNDING_RATIO * most else most)
     for k in range(freedom):
         for i in range(freedom):
             mass[k, i] /= work.own[k] * work.own[i]
     factor_lq(mass, freedom, freedom, work.tau_B, work.pivots_B, work.left_B)
-    if freedom == 0 or not abs(mass[freedom - 1, freedom - 1]) <= MASSLESS * max(abs(mass[0, 0]), 1e-300):
+    if freedom == 0 or not abs(mass[freedom - 1, freedom - 1]) <= MASSLESS_PIVOT_RATIO * max(abs(mass[0, 0]), 1e-300):
         return ASSEMBLED
-    find_massless(freedom, rank, mass, work)
+    mark_massless_coordinates(freedom, rank, mass, work)
     return NO_MASS
 
 
 @kernel
-def reduce(M: Any, rank: int, mass: Any, work: Any) -> None:
+def reduce_mass_matrix(M: Any, rank: int, mass: Any, work: Any) -> None:
     """First n - rank rows and columns of ``mass`` = Q_2^T S M S Q_2."""
     n = M.shape[0]
     for i in range(n):
@@ -333,10 +333,10 @@ def reduce(M: Any, rank: int, mass: Any, work: Any) -> None:
 
 
 @kernel
-def find_massless(freedom: int, rank: int, mass: Any, work: Any) -> None:
+def mark_massless_coordinates(freedom: int, rank: int, mass: Any, work: Any) -> None:
     """work.massless from the factors of a singular ``mass``: coordinates of one motion that it has nothing for."""
     n, x, y, solid = work.step.shape[0], work.left_B, work.step, freedom
-    while solid > 0 and not abs(mass[solid - 1, solid - 1]) > MASSLESS * abs(mass[0, 0]):
+    while solid > 0 and not abs(mass[solid - 1, solid - 1]) > MASSLESS_PIVOT_RATIO * abs(mass[0, 0]):
         solid -= 1
     for k in range(freedom):
         x[k] = 1.0 if k == freedom - 1 else 0.0
@@ -348,4 +348,4 @@ def find_massless(freedom: int, rank: int, mass: Any, work: Any) -> None:
     for j in range(n):
         most = max(most, abs(y[j]))
     for j in range(n):
-        work.massless[j] = 1.0 if abs(y[j]) > MOVED * most else 0.0
+        work.massless[j] = 1.0 if abs(y[j]) > MOVED_FRACTION * most else 0.0

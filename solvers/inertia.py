@@ -33,14 +33,14 @@ INERTIA = np.dtype(
         ("growth", "f8"),  # rate growth where the last step ended; 0 before the first
         ("largest", "f8"),  # rate growth so far
         ("at", "f8"),  # s, time of the largest
-        ("since", "f8"),  # s, when it was above LARGE_GROWTH first; meaningless where the largest is not
+        ("large_since", "f8"),  # s, when it was above LARGE_GROWTH first; meaningless where the largest is not
     ],
     align=True,
 )
-HARMLESS_GROWTH = 2.0  # rate growth up to which the tolerance is not changed
+MAX_HARMLESS_GROWTH = 2.0  # rate growth up to which the tolerance is not changed
 LARGE_GROWTH = 10.0  # rate growth from which on the mass matrix is called nearly singular
-FINEST_TOLERANCE = 3e-13  # relative tolerance that rounding allows
-ROUNDING = 1e-16  # the same in units of the square of the rate growth
+MIN_TOLERANCE = 3e-13  # relative tolerance that rounding allows
+GROWTH_ROUNDING = 1e-16  # the same in units of the square of the rate growth
 
 
 class Growth(NamedTuple):
@@ -55,7 +55,7 @@ class Growth(NamedTuple):
     def of(system: TreeSystem, rate: float) -> Growth:
         """Return the growth of a tree that moves at this rate, 1/s."""
         growth = Growth(system.size, np.full(system.n, rate), np.zeros(1 + system.n), records(1, INERTIA))
-        growth.inertia["watched"] = system.watches_inertia
+        growth.inertia["watched"] = system.can_compute_rate_growth
         return growth
 
 
@@ -75,11 +75,11 @@ def growth_of_rate(inertia: float, v: float, unit: float, energy: float) -> floa
 
 
 @inlined
-def note_growth(t: float, growth: float, c: Any) -> None:
+def record_growth(t: float, growth: float, c: Any) -> None:
     """Note the rate growth at time t (s)."""
     c.growth = growth
     if growth > LARGE_GROWTH and not c.largest > LARGE_GROWTH:
-        c.since = t
+        c.large_since = t
     if growth > c.largest:
         c.largest, c.at = growth, t
 
@@ -95,7 +95,7 @@ def update_growth(t: float, M: Any, v: Any, work: Any) -> None:
     for i in range(v.shape[0]):
         if not (has_loops and work.in_loops[i] == 1.0):
             growth = max(growth, growth_of_rate(M[i, i], v[i], work.pace[i] * work.size[i], c.energy))
-    note_growth(t, growth, c)
+    record_growth(t, growth, c)
 
 
 @kernel
@@ -105,20 +105,20 @@ def update_tree_growth(t: float, parts: Any, v: Any, work: Any) -> None:
     c.energy = max(c.energy, parts[0])
     for i in range(v.shape[0]):
         growth = max(growth, growth_of_rate(parts[1 + i], v[i], work.pace[i] * work.size[i], c.energy))
-    note_growth(t, growth, c)
+    record_growth(t, growth, c)
 
 
 @inlined
-def finer_tolerance(rtol: float, power: float, work: Any) -> float:
+def tolerance_factor(rtol: float, power: float, work: Any) -> float:
     """Return by how much tolerances must be multiplied in the next step, at most one.
 
     ``rtol`` is the relative tolerance of a step, as the tolerance of the motion to the ``power``.
     """
     growth = work.inertia[0].growth
-    if not growth > HARMLESS_GROWTH:
+    if not growth > MAX_HARMLESS_GROWTH:
         return 1.0
-    finer = max(1.0 / growth, (HARMLESS_GROWTH / growth) ** 2) ** power
-    return min(1.0, max(finer, max(FINEST_TOLERANCE, ROUNDING * growth * growth) / rtol))
+    finer = max(1.0 / growth, (MAX_HARMLESS_GROWTH / growth) ** 2) ** power
+    return min(1.0, max(finer, max(MIN_TOLERANCE, GROWTH_ROUNDING * growth * growth) / rtol))
 
 
 def describe_large_growth(inertia: NDArray[Any]) -> str:
@@ -127,6 +127,6 @@ def describe_large_growth(inertia: NDArray[Any]) -> str:
     if not c["largest"] > LARGE_GROWTH:
         return ""
     return (
-        f"the mass matrix is nearly singular at times from t = {c['since']:.6g} s on, as if a light body carries a "
-        f"heavy one; errors of velocities are amplified by a factor above {LARGE_GROWTH:g}"
+        f"the mass matrix is nearly singular at times from t = {c['large_since']:.6g} s on, as if a light body carries "
+        f"a heavy one; errors of velocities are amplified by a factor above {LARGE_GROWTH:g}"
     )

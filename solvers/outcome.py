@@ -29,7 +29,7 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     Code.NOT_CLOSED: (
         "no position or velocity near the present one satisfies the constraints",
         "At the start: give positions nearer to a closed loop, or other rates. Later: check whether a drive requires a "
-        "position that its loop cannot reach, or reverses in a singular configuration{others}.",
+        "position that its loop cannot reach, or reverses in a singular configuration{alternatives}.",
     ),
     Code.NO_MASS: (
         "a coordinate can move without moving mass",
@@ -52,13 +52,13 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     Code.COLLAPSED: (
         "the step has become so small that the time no longer changes",
         "A force may jump here, or the constraints or the inertia may be nearly singular. Smooth the force, or change "
-        "the mechanism{others}.",
+        "the mechanism{alternatives}.",
     ),
     Code.BRANCHES: (
         "two branches of the motion are so close that no step is short enough to tell them apart",
         "A loop is in a singular configuration, or very near one. If the position is meant to be passed exactly, give "
         "lengths with all their digits; otherwise change them so that the loop stays farther from it. A finer "
-        "tolerance may help{others}.",
+        "tolerance may help{alternatives}.",
     ),
 }
 
@@ -78,7 +78,7 @@ class Status(NamedTuple):
 
     code: Code
     t: float  # s, where the stepper stands now
-    others: tuple[str, ...] = ()  # solvers to try where this one does not go on
+    fallback_solvers: tuple[str, ...] = ()  # solvers to try where this one does not go on
 
     @property
     def ok(self) -> bool:
@@ -93,12 +93,12 @@ class Status(NamedTuple):
     @property
     def remedy(self) -> str:
         """Advice; empty if nothing is wrong."""
-        return MESSAGES[self.code][1].format(others=self.alternatives)
+        return MESSAGES[self.code][1].format(alternatives=self.alternatives)
 
     @property
     def alternatives(self) -> str:
         """Other solvers to try, as the end of a sentence; empty if there are none."""
-        names = " or ".join(repr(name) for name in self.others)
+        names = " or ".join(repr(name) for name in self.fallback_solvers)
         return f", or try {names}" if names else ""
 
     def explain(self, advice: str = "") -> str:

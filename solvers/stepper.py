@@ -16,12 +16,12 @@ from .options import Options, Statistics
 from .outcome import Code, SolverError, Status
 from .system import AnySystem, Array
 
-COARSEST = 0.1  # tolerances that numbers may be apart where a position starts
-SUDDEN = 1e-8  # of the time: signals shorten steps so much only at jumps
-SLOWEST_RATE = 0.1  # least rate of a motion, in units of one over the duration of the run
+MAX_SPACING_IN_TOLERANCES = 0.1  # tolerances that numbers may be apart where a position starts
+DISCONTINUITY_STEP_RATIO = 1e-8  # of the time: signals shorten steps so much only at jumps
+MIN_RATE_PER_DURATION = 0.1  # least rate of a motion, in units of one over the duration of the run
 
 
-def require_resolved(t0: float, rate: float, rtol: float) -> None:
+def require_resolved_time(t0: float, rate: float, rtol: float) -> None:
     """Raise where times about ``t0`` (s) are too far apart for a motion of ``rate`` (1/s)."""
     apart = float(np.spacing(abs(t0)))
     if not apart * rate <= rtol:
@@ -34,11 +34,11 @@ def require_resolved(t0: float, rate: float, rtol: float) -> None:
         )
 
 
-def require_placed(q: Array, size: Array, rtol: float, names: tuple[str, ...] = ()) -> None:
+def require_resolved_position(q: Array, size: Array, rtol: float, names: tuple[str, ...] = ()) -> None:
     """Raise if a position of q (nq,) is too large to be resolved to the tolerance, in units of ``size``."""
     apart = np.spacing(np.abs(q)) / size
     k = int(np.argmax(apart)) if len(q) else 0
-    if len(q) and not apart[k] <= COARSEST * rtol:
+    if len(q) and not apart[k] <= MAX_SPACING_IN_TOLERANCES * rtol:
         name = f"coordinate {names[k]!r}" if len(names) == len(q) else f"position {k}"
         raise ValueError(
             coded(
@@ -51,27 +51,27 @@ def require_placed(q: Array, size: Array, rtol: float, names: tuple[str, ...] = 
 
 
 @inlined
-def own_rate(size: float, v: float, a: float) -> float:
+def coordinate_rate(size: float, v: float, a: float) -> float:
     """How fast a coordinate of this size moves at rate v and acceleration a, 1/s."""
     return max(abs(v / size), np.sqrt(abs(a / size)))
 
 
 @kernel
-def rate_of_start(known: float, duration: float, size: Array, v: Array, a: Array) -> float:
+def start_rate(known: float, duration: float, size: Array, v: Array, a: Array) -> float:
     """Rate of a motion that starts with rates v and accelerations a (n,), in units ``size``, 1/s.
 
     It is the largest of ``known`` (1/s, of gravity and drives), the rates of all coordinates, and SLOWEST_RATE over the
     ``duration`` of the run (s). The last bounds it: of a start at rest, accelerations are rounding errors, and a motion
     that is slower than that moves by less than its own unit in the whole run.
     """
-    rate = max(known, SLOWEST_RATE / duration)
+    rate = max(known, MIN_RATE_PER_DURATION / duration)
     for k in range(v.shape[0]):
-        rate = max(rate, own_rate(size[k], v[k], a[k]))
+        rate = max(rate, coordinate_rate(size[k], v[k], a[k]))
     return rate
 
 
 @inlined
-def smallest_step(part: float, rate: float, max_step: float, t: float) -> float:
+def min_step_length(part: float, rate: float, max_step: float, t: float) -> float:
     """Length of a step that is too short at time t, s: ``part`` of t, or of the time in which the motion of ``rate``
     (1/s) or what varies with time (``max_step``, s) changes.
     """
@@ -79,11 +79,11 @@ def smallest_step(part: float, rate: float, max_step: float, t: float) -> float:
 
 
 @inlined
-def sudden(longest: float, t: float) -> bool:
+def is_discontinuity(longest: float, t: float) -> bool:
     """Whether no signal allows a longer step at time t, s, because of a jump: steps that end beyond it are accepted
-    with any error if they are as short as :func:`smallest_step`.
+    with any error if they are as short as :func:`min_step_length`.
     """
-    return longest <= SUDDEN * abs(t)
+    return longest <= DISCONTINUITY_STEP_RATIO * abs(t)
 
 
 class Samples(NamedTuple):
@@ -112,8 +112,8 @@ class Stepper(ABC):
     5. After a discontinuity of the equations (an input, a parameter) call ``restart()``: everything that has
        been computed beyond the reported time is discarded and the next step begins at the reported state. If
        the change is one of many and small, as of an input that is set at every communication point, call
-       ``renew()``: the solver keeps the valid part of its history. If the velocities are discontinuous as well (an
-       impulse) call ``jump(dv)`` instead, with dv that keeps J v = nu.
+       ``continue_after_event()``: the solver keeps the valid part of its history. If the velocities are discontinuous
+       as well (an impulse) call ``jump(dv)`` instead, with dv that keeps J v = nu.
     6. ``accelerations()`` are those of the reported state and the present equations, with the minimum-norm
        multipliers; in a singular configuration their limit along the motion. Raises :class:`SolverError` where
        there is none.
@@ -140,19 +140,19 @@ class Stepper(ABC):
         The reported time in an array (1,), s, as saved last.
     """
 
-    others: tuple[str, ...]
+    fallback_solvers: tuple[str, ...]
     starts_singular: bool = False
     undetermined_at: float = math.nan
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         self.options = options or Options()
         self._t = float(t0)
-        self._q = sized("q0", q0, system.nq)
-        self._v = sized("v0", v0, system.n)
+        self._q = validated_vector("q0", q0, system.nq)
+        self._v = validated_vector("v0", v0, system.n)
         self.clock = np.array([self._t])
         self._energy_account = np.zeros(ACCOUNT_SIZE)
         self._sizes = (system.nq, system.n, system.n, system.m, ACCOUNT_SIZE)
-        self._resolves, self._observe = system.resolves, system.observe_all
+        self._input_step_limit, self._observe = system.input_step_limit, system.observe_all
         self.status = self._status(Code.OK)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
@@ -160,7 +160,7 @@ class Stepper(ABC):
         raise TypeError("a stepper cannot be copied or pickled: make another of the same system, and restore(save())")
 
     def _status(self, code: Code) -> Status:
-        return Status(code, self._t, self.others)
+        return Status(code, self._t, self.fallback_solvers)
 
     @property
     def t(self) -> float:
@@ -183,7 +183,7 @@ class Stepper(ABC):
         return len(self._v)
 
     @property
-    def notice(self) -> str:
+    def warning(self) -> str:
         """Message on deviations from the given options; empty: none."""
         return ""
 
@@ -207,7 +207,7 @@ class Stepper(ABC):
 
     def _limit_steps(self) -> float:
         """Apply the step-size limit of time-dependent inputs at the reported time; return when it expires, s."""
-        longest, until = self._resolves(self._t)
+        longest, until = self._input_step_limit(self._t)
         self._limit(min(longest, self.options.max_step))
         return until
 
@@ -290,13 +290,13 @@ class Stepper(ABC):
     def restart(self) -> None:
         """Discard the history; the equations have changed."""
 
-    def renew(self) -> None:
+    def continue_after_event(self) -> None:
         """Continue with equations that have changed slightly."""
         self.restart()
 
     def jump(self, dv: Array) -> None:
         """Add dv (n,) to the reported velocities, and restart."""
-        self._v += sized("dv", dv, len(self._v))
+        self._v += validated_vector("dv", dv, len(self._v))
         self.restart()
 
     @abstractmethod
@@ -320,7 +320,7 @@ class Stepper(ABC):
         """Counters of the run so far."""
 
 
-def sized(name: str, values: Array, size: int) -> Array:
+def validated_vector(name: str, values: Array, size: int) -> Array:
     """Return a contiguous copy of ``values`` (size,); raise for another size or what is not finite."""
     array = np.array(values, dtype=np.float64, ndmin=1)
     if array.shape != (size,):

@@ -29,7 +29,7 @@ from solvers.positions import Positions, position_sizes
 
 Array = NDArray[np.float64]
 
-LARGEST_DENSE = 1000  # coordinates of a large tree with constraints whose matrices the partitions factor
+MAX_DENSE_COORDINATES = 1000  # coordinates of a large tree with constraints whose matrices the partitions factor
 
 
 class Terms(NamedTuple):
@@ -104,7 +104,7 @@ def _no_parts(data: Any) -> Callable[..., Any]:
     return callback(types.void(data, types.float64[::1]))(no_parts) if COMPILED else no_parts
 
 
-def nothing_works() -> bool:
+def is_never_true() -> bool:
     """Default of a system without work of forces."""
     return False
 
@@ -134,7 +134,7 @@ def _inverse(
     function(t, q, v, a, lam, data, qdot, tau)
 
 
-def nothing_varies(t: float) -> tuple[float, float]:
+def no_step_limit(t: float) -> tuple[float, float]:
     """Default of a system that does not depend on time: any step is short enough, at any time."""
     return inf, inf
 
@@ -161,15 +161,16 @@ class AnySystem(ABC):
         None  # (rtol, place, rate, data, out): see solvers.energy_account
     )
     observe: Callable[..., None] | None = None  # (times, q, v, a, lam, data, out): outputs at solutions, a row each
-    works: Callable[[], bool] = nothing_works  # (): whether power can differ from zero, as things are now
-    resolves: Callable[[float], tuple[float, float]] = nothing_varies  # (t) -> (h_max, t_valid): largest step that
-    # resolves the explicitly time-dependent inputs from t on, valid up to t_valid, s
+    works: Callable[[], bool] = is_never_true  # (): whether power can differ from zero, as things are now
+    # (t) -> (h_max, t_valid): largest step that resolves the explicitly time-dependent inputs from t on, valid up to
+    # t_valid, s
+    input_step_limit: Callable[[float], tuple[float, float]] = no_step_limit
     size: Array  # (n,) unit of each coordinate: 1 rad, or a length of the mechanism in m; of v per second
     row_size: Array  # (m,) unit of each constraint residual, see size
     positions: Positions | None = None  # which positions are quaternions; None: none is
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
-    cornered: str = ""  # what forces turn sharply with, within what a tolerance allows; empty: with nothing
-    stiff: str = ""  # why explicit steps would be too short for any motion of interest; empty: they may do
+    nonsmooth_reason: str = ""  # what forces turn sharply with, within what a tolerance allows; empty: with nothing
+    stiffness_reason: str = ""  # why explicit steps would be too short for any motion of interest; empty: they may do
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
 
@@ -222,7 +223,7 @@ class System(AnySystem):
 
     ``motion`` may rely on ``position`` having been called last, for the same t and q. If there is nothing to
     gain from that it is ``dynamics``. ``power`` may rely on ``dynamics`` or ``motion`` having been called last for the
-    same (t, q, v), ``tell`` and ``evaluate_energy_bound`` too, which leaves nothing ``power`` needs undone.
+    same (t, q, v), ``evaluate_outputs`` and ``evaluate_energy_bound`` too, which leaves nothing ``power`` needs undone.
     """
 
     has_matrices: ClassVar[bool] = True
@@ -326,16 +327,16 @@ class TreeSystem(AnySystem):
     positions: Positions
     dense: Callable[[], System] | None = None  # (): the same mechanism with its matrices
     stepped: Callable[[], Stepped] | None = None  # (): the same on complex numbers
-    meshed: NDArray[np.bool_] | None = None  # (n,) coordinates of which a mesh has many like them; None: all
-    slip: Array | None = None  # (n,) rates at which friction of contact turns over; infinite: at none
+    mesh_mask: NDArray[np.bool_] | None = None  # (n,) coordinates of which a mesh has many like them; None: all
+    friction_velocity: Array | None = None  # (n,) rates at which friction of contact turns over; infinite: at none
     inertia_parts: Callable[..., None] | None = None  # (data, out): v . M v and the diagonal of M where inverse or
     # forward was called for last; it may lose what those found
-    moves: Callable[[], bool] = nothing_works  # (): whether drives move: then inertia forces change with the positions
+    moves: Callable[[], bool] = is_never_true  # (): whether drives move: then inertia forces change with the positions
 
     @property
-    def watches_inertia(self) -> bool:
+    def can_compute_rate_growth(self) -> bool:
         """Whether the rate growth can be computed, see :mod:`solvers.inertia`: not with loops, and not in meshes."""
-        return self.inertia_parts is not None and not self.m and not (self.meshed is None or self.meshed.any())
+        return self.inertia_parts is not None and not self.m and not (self.mesh_mask is None or self.mesh_mask.any())
 
     @property
     def parts_callback(self) -> Callable[..., None]:

@@ -129,7 +129,7 @@ def test_steps_are_halved_on_the_way_to_what_begins():
     found = Simulation(pushed(Step(height=1.0, begin=8.0, duration=0.5)), Settings()).plant
     t, ends = 0.0, []
     while t < 8.0:
-        longest, until = found.system.resolves(t)
+        longest, until = found.system.input_step_limit(t)
         ends.append(until + longest)
         assert until > t
         t = until

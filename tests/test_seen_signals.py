@@ -125,12 +125,12 @@ def test_a_short_run_up_sets_a_hanging_mass_swinging(duration: float, solver: st
 
 def test_the_longest_step_sees_every_signal() -> None:
     plant = Made(make=lambda: shaken_slider(5.0)).plant()
-    assert plant.system.resolves(0.7) == (pytest.approx(0.06), np.inf)
+    assert plant.system.input_step_limit(0.7) == (pytest.approx(0.06), np.inf)
     plant = Plant(pushed_by(RunUp(speed=2.0, duration=0.5)))
-    assert plant.system.resolves(-1.0) == (0.5, -0.5)
-    assert plant.system.resolves(-0.1) == (pytest.approx(0.15), 0.5)
-    assert plant.system.resolves(0.2) == (pytest.approx(0.15), 0.5)
-    assert plant.system.resolves(0.5) == (np.inf, np.inf)
+    assert plant.system.input_step_limit(-1.0) == (0.5, -0.5)
+    assert plant.system.input_step_limit(-0.1) == (pytest.approx(0.15), 0.5)
+    assert plant.system.input_step_limit(0.2) == (pytest.approx(0.15), 0.5)
+    assert plant.system.input_step_limit(0.5) == (np.inf, np.inf)
 
 
 POINTS = (2.0, 2.4, 2.5)
@@ -155,7 +155,7 @@ def test_steps_are_short_from_where_a_signal_varies(name: str) -> None:
     """Two seconds before, close before, in the middle, and after it."""
     signal, *expected = LATER[name]
     system = Plant(pushed_by(signal)).system
-    assert [system.resolves(t) for t in (0.0, 1.9, 2.2, 3.0)] == [pytest.approx(one) for one in expected]
+    assert [system.input_step_limit(t) for t in (0.0, 1.9, 2.2, 3.0)] == [pytest.approx(one) for one in expected]
 
 
 RATE = np.dtype([("rate", np.float64)])
@@ -188,10 +188,10 @@ def own_signal(**said: Any) -> Signal:
 
 
 def test_a_signal_of_a_user_s_own_may_say_how_short_steps_must_be() -> None:
-    assert Plant(pushed_by(own_signal())).system.resolves(2.5) == (np.inf, np.inf)
+    assert Plant(pushed_by(own_signal())).system.input_step_limit(2.5) == (np.inf, np.inf)
     told = own_signal(longest_step=chirp_seen)
-    assert Plant(pushed_by(told)).system.resolves(2.5) == (pytest.approx(1.0 / 15.0), 3.0)
-    assert Plant(pushed_by(Sum(told, 1.0))).system.resolves(2.5) == (pytest.approx(1.0 / 15.0), 3.0)
+    assert Plant(pushed_by(told)).system.input_step_limit(2.5) == (pytest.approx(1.0 / 15.0), 3.0)
+    assert Plant(pushed_by(Sum(told, 1.0))).system.input_step_limit(2.5) == (pytest.approx(1.0 / 15.0), 3.0)
 
 
 @pytest.mark.skipif(not COMPILED, reason="plain Python is a kernel where nothing is compiled")

@@ -45,7 +45,7 @@ def test_an_error_of_a_hundred_tolerances_on_a_sheet_is_reported(motion: tuple[A
     run = stepper("ida", system, 0.0, *plant.assemble(), Options(rtol=tolerance))
     assert run.advance(END).ok
     error = float(np.max(np.abs(run.q - exact) / system.position_sizes(system.size))) / tolerance
-    assert error <= SILENT or "orders 1 and 2" in run.notice, error
+    assert error <= SILENT or "orders 1 and 2" in run.warning, error
 
 
 def test_the_remark_grows_with_the_sheet_and_names_what_to_use() -> None:

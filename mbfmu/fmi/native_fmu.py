@@ -135,7 +135,7 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[str], None]
     implicit = "radau" if plant.system.has_matrices else "adams"  # which is all that large trees have
     solver = found.solver if found.solver in SOLVERS else implicit
     if refused := describe_refusal(solver, plant.system):
-        why = f", since {plant.system.stiff}" if plant.system.stiff else f" ({refused})"
+        why = f", since {plant.system.stiffness_reason}" if plant.system.stiffness_reason else f" ({refused})"
         raise UserError(
             f"model {model.name!r} needs the solver 'ida' or 'esdirk'{why}, but native FMUs support {_solvers()} only; "
             "export it without --native",

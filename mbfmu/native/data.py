@@ -226,7 +226,7 @@ class _File:
         return self._image.at(array) + place.offset
 
     def _sentence(self, code: Any) -> tuple[int, int]:
-        others = tuple(name for name in self._simulation.stepper.others if name != "ida")
+        others = tuple(name for name in self._simulation.stepper.fallback_solvers if name != "ida")
         status = Status(code, 0.0, others)
         advice = advise(self._simulation.plant, status) or status.remedy
         remedy = coded(KEYS[code], advice) if code in KEYS else ""

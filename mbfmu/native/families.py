@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from mbfmu.mechanics.recursions import dynamics as recursions
-from solvers.assembly import ASSEMBLED, close_positions, close_velocities, move_mass
+from solvers.assembly import ASSEMBLED, check_mobile_mass, find_closed_positions, find_consistent_velocities
 from solvers.compiled.kernel import kernel
 from solvers.energy_account import WORK
 from solvers.outcome import OK
@@ -58,14 +58,14 @@ class Family(NamedTuple):
 def assemble_small(s: Any, t: float) -> int:
     """If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state."""
     g, start, work = s.given, s.start, s.start.scratch
-    code: int = close_positions(g.eqs, t, start.q, g.q, work)
+    code: int = find_closed_positions(g.eqs, t, start.q, g.q, work)
     if code == ASSEMBLED:
         code = find_turned(s.frames, g.eqs.data, work.worst[0])
     if code == ASSEMBLED:
-        code = close_velocities(g.eqs, t, g.q, start.v, s.known[0], g.v, work)
+        code = find_consistent_velocities(g.eqs, t, g.q, start.v, s.known[0], g.v, work)
     if code == ASSEMBLED:
         g.eqs.dynamics(t, g.q, g.v, g.eqs.data, g.eqs.terms)
-        code = move_mass(g.eqs.terms, g.work.mass, work)
+        code = check_mobile_mass(g.eqs.terms, g.work.mass, work)
     return code
 
 
@@ -134,7 +134,9 @@ def evaluate_tree(s: Any) -> int:
 
 @kernel
 def renew_history(s: Any, fresh: bool, watched: bool) -> None:
-    """As ``ExplicitStepper.renew`` does; ``fresh``: as its ``restart``; ``watched``: work is to be booked."""
+    """As ``ExplicitStepper.continue_after_event`` does; ``fresh``: as its ``restart``; ``watched``: work is to be
+    booked.
+    """
     g, kept, singles = s.given, not fresh and s.told[0].code == OK, 0 if fresh else TRUNCATED_STEPS
     g.settings[0].works = 1 if watched and g.eqs.data.arrays.world[0].works == 1 else 0
     begin_history(g.memory, s.clock[0], g.q, g.v, g.energy_account[WORK], singles, 0 if fresh else 1, kept)
@@ -155,7 +157,7 @@ def renew_tree(s: Any, fresh: bool) -> None:
 
 @kernel
 def renew_radau(s: Any, fresh: bool) -> None:
-    """As ``RadauStepper.renew`` does; ``fresh``: as its ``restart``."""
+    """As ``RadauStepper.continue_after_event`` does; ``fresh``: as its ``restart``."""
     g, kept = s.given, not fresh and s.told[0].code == OK
     o = g.settings[0]
     o.works = 1 if o.energy_check == 1 and g.eqs.data.arrays.world[0].works == 1 else 0

@@ -16,7 +16,7 @@ from mbfmu.mechanics.cuts.base import CUT
 from mbfmu.util.codes import coded
 from solvers.assembly import ASSEMBLED, Outcome
 from solvers.compiled.kernel import inlined, kernel
-from solvers.stepper import COARSEST
+from solvers.stepper import MAX_SPACING_IN_TOLERANCES
 from solvers.system import Array
 
 WAYS = ("", "z", "xyz")  # what of two frames is parallel, see Cut.parallel
@@ -107,7 +107,7 @@ def spacing(x: float) -> float:
 @kernel
 def judge_start(t: float, rate: float, q: Any, size_q: Any, rtol: float, worst: Any) -> int:
     """Whether numbers resolve t (s) and q (nq,), in units ``size_q``, to the tolerance; ``rate`` in 1/s."""
-    code, most = ASSEMBLED, COARSEST * rtol
+    code, most = ASSEMBLED, MAX_SPACING_IN_TOLERANCES * rtol
     for k in range(q.shape[0]):
         apart = spacing(q[k]) / size_q[k]
         if not apart <= most:

@@ -147,7 +147,7 @@ class Simulation:
         self.discontinuity_work = 0.0
         self.remarks: list[str] = []
         self._reported_jumps: set[str] = set()  # names of inputs
-        self._remark(self.stepper.notice)
+        self._remark(self.stepper.warning)
         if self.stepper.starts_singular:
             if self.plant.system.has_matrices and (off := explain_rates(self.plant, t0, q, v, settings.tolerance)):
                 raise UserError(f"model {self.model.name!r}: {off}", "singular-start")
@@ -315,7 +315,7 @@ class Simulation:
         if self.energy_check:
             self._balance(t, q, self.plant.energy(t, q, stepper.v), stepper.energy_account)
         self._folds.look(t, q)
-        self._remark(stepper.notice)
+        self._remark(stepper.warning)
         return status
 
     def _begin_support_motion(self, end: float) -> None:
@@ -328,7 +328,7 @@ class Simulation:
             return
         found = inputs.set_out(t, float(end))
         if found & CHANGED:
-            self.stepper.renew()
+            self.stepper.continue_after_event()
         if not found & DEPARTS:
             return
         before = self.energy()
@@ -341,7 +341,7 @@ class Simulation:
             ) from error
         jumped = inputs.depart(self.settings.tolerance)
         if dv is None:
-            self.stepper.renew()
+            self.stepper.continue_after_event()
         else:
             self.stepper.jump(dv)
         self._account_discontinuity(before)
@@ -451,7 +451,7 @@ class Simulation:
                 break
         if done:
             self._out[:] = values[done - 1]
-        self._remark(self.stepper.notice)
+        self._remark(self.stepper.warning)
         self._report_undetermined()
         return done
 
@@ -509,7 +509,7 @@ class Simulation:
         inputs.set(index, value, self.stepper.t)
         if before is not None:
             self._account_discontinuity(before)
-        self.stepper.renew()
+        self.stepper.continue_after_event()
 
     def retune(self, model: Model) -> None:
         """Change tunable parameters at the time reached.

@@ -31,9 +31,9 @@ from mbfmu.util.text_table import counted
 from solvers import stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.options import Options
-from solvers.stepper import SLOWEST_RATE
+from solvers.stepper import MIN_RATE_PER_DURATION
 from solvers.steppers import describe_order_refusal
-from solvers.system import LARGEST_DENSE, Array
+from solvers.system import MAX_DENSE_COORDINATES, Array
 
 from .stiffness import spectrum
 
@@ -82,9 +82,9 @@ def select_solver(plant: Plant, states: Sequence[State], options: Options) -> So
     """Return the solver of the cheaper family for motions from these states, which must keep the constraints."""
     if not plant.system.n:
         return SolverChoice("adams", "the drives determine the motion, and nothing is integrated")
-    if plant.system.stiff:
+    if plant.system.stiffness_reason:
         solver, size = select_implicit(plant, options.absolute)
-        return SolverChoice(solver, f"stiff: {plant.system.stiff}; {size}", True)
+        return SolverChoice(solver, f"stiff: {plant.system.stiffness_reason}; {size}", True)
     first, size = select_explicit(plant)
     if first == "ida":
         return SolverChoice(first, size)
@@ -110,10 +110,10 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
     requested = options.max_order
     if solver != "ida":
         return options, ""
-    meshed = not system.has_matrices and system.meshed is not None and bool(system.meshed.any())
+    meshed = not system.has_matrices and system.mesh_mask is not None and bool(system.mesh_mask.any())
     if requested and requested <= MAX_STABLE_BDF_ORDER:
         return options, "" if meshed and requested == MAX_STABLE_BDF_ORDER else describe_low_order(requested)
-    if system.has_matrices or system.meshed is None:
+    if system.has_matrices or system.mesh_mask is None:
         return options, ""
     if meshed:  # of itself, it uses low orders there
         return options, describe_unstable_order(
@@ -126,7 +126,7 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
     except UserError:
         return options, ""
     followed = found.followed(options.absolute)
-    if followed >= MIN_RESOLVED_RATE_RATIO * found.undamped or followed <= SLOWEST_RATE / options.duration:
+    if followed >= MIN_RESOLVED_RATE_RATIO * found.undamped or followed <= MIN_RATE_PER_DURATION / options.duration:
         return options, ""  # in the second case it is at rest, and the motion to be resolved is unknown
     if requested:
         what = f"the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate {found.leading!r}) is"
@@ -162,7 +162,7 @@ def describe_unstable_order(order: int, what: str, other: str) -> str:
 
 
 def _try_explicit(plant: Plant, solver: str, state: State, options: Options) -> _Trial:
-    rate = max(_rate(plant, state), SLOWEST_RATE / options.duration)
+    rate = max(_rate(plant, state), MIN_RATE_PER_DURATION / options.duration)
     return try_solver(plant, solver, state, options, [MAX_TRIAL_TIME_FACTOR / rate], EXPLICIT_TRIAL_STEPS)
 
 
@@ -240,7 +240,7 @@ def select_explicit(plant: Plant) -> tuple[str, str]:
     system, size = plant.system, counted(plant.system.n, "joint coordinate")
     if not system.has_matrices and not system.m:
         return "adams", f"a large open-chain model with {size}"
-    if system.n > LARGEST_DENSE:
+    if system.n > MAX_DENSE_COORDINATES:
         return "ida", f"{size} with loops, too many for the dense matrices of 'adams' and 'hybrid'"
     if system.m >= MIN_HYBRID_CONSTRAINTS:
         return "hybrid", f"{size} and {system.m} constraints"
@@ -252,7 +252,7 @@ def select_implicit(plant: Plant, tolerance: float) -> tuple[str, str]:
     system, size = plant.system, counted(plant.system.n, "joint coordinate")
     if system.has_matrices:
         return "radau", size
-    if system.cornered:
+    if system.nonsmooth_reason:
         return "esdirk", f"a large model with {size} and contact"
     if system.m:
         return "ida", f"a large model with {size} and {counted(system.m, 'constraint')}"

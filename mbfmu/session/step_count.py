@@ -108,7 +108,7 @@ class StepCountCheck:
             plant = self._copy()
         except UserError:
             return {}
-        names = {} if plant.system.cornered else {"adams": MAX_EXPLICIT_TRIAL_STEPS}
+        names = {} if plant.system.nonsmooth_reason else {"adams": MAX_EXPLICIT_TRIAL_STEPS}
         if self._options.absolute >= MIN_ESDIRK_TOLERANCE:
             names["esdirk"] = IMPLICIT_TRIAL_STEPS
         times = [took * part for part in TRIAL_TIME_FACTORS]

@@ -16,7 +16,7 @@ from solvers.balance import BALANCE, check_energy_balance, find_violation
 from solvers.compiled.kernel import records
 from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import ACCOUNT_SIZE
-from solvers.stepper import Stepper, rate_of_start
+from solvers.stepper import Stepper, start_rate
 
 WARMUP_TIME_FACTOR = 1e-6  # of the time in which the motion changes
 MAX_WARMUP_STEPS = 30  # between two times of a trial
@@ -30,7 +30,7 @@ def interval_of(trial: Stepper, plant: Plant) -> float:
     except SolverError:
         a = np.zeros(n)
     size = np.ascontiguousarray(np.broadcast_to(plant.system.size, n), float)
-    rate = float(rate_of_start(plant.system.rate, trial.options.duration, size, trial.v, a))
+    rate = float(start_rate(plant.system.rate, trial.options.duration, size, trial.v, a))
     return max(WARMUP_TIME_FACTOR / rate if np.isfinite(rate) else 0.0, 1e4 * float(np.spacing(abs(trial.t))))
 
 
@@ -46,7 +46,7 @@ def compile_kernels(trial: Stepper, plant: Plant, outputs: int) -> bool:
     plant.energy(t0, q, v)
     ends = [trial.status, trial.advance(t0 + 2.0 * h)]
     for k in (3, 4):  # as where loads change, the second time with what is kept across
-        trial.renew()
+        trial.continue_after_event()
         ends.append(trial.advance(t0 + k * h))
     with suppress(SolverError):
         trial.accelerations()

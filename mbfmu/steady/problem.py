@@ -316,7 +316,7 @@ class EquilibriumProblem:
                 f"{what} for {self.model.name!r}: at the start nothing resists {pushed}, on which the loads act; "
                 "add a support, or try another start (--from)"
             )
-        advice = SLIDES if self.plant.system.cornered else "try another start (--from)"
+        advice = SLIDES if self.plant.system.nonsmooth_reason else "try another start (--from)"
         return (
             f"{what} for {self.model.name!r}: {REASONS[solution.outcome]}; residual {abs(solution.forces[worst]):.3g} "
             f"N or N m at {self.plant.system.coordinate_names[worst]!r}, loops open by {gap:.3g} m; "

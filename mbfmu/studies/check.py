@@ -229,7 +229,7 @@ class _Look:
         self.scene, self.plant, self.simulation, self.patience = scene, plant, simulation, patience
         self.unseen: list[str] = []
         self.gaps = np.zeros(plant.system.m)
-        self.longest = plant.system.resolves(0.0)[0]
+        self.longest = plant.system.input_step_limit(0.0)[0]
         self.states: list[State] = []
 
     def findings(self, found: Findings) -> Findings:
@@ -275,7 +275,7 @@ class _Look:
         run = self.simulation
         q, v = run.stepper.q, run.stepper.v
         self.states.append((run.t, q, v))
-        self.longest = min(self.longest, self.plant.system.resolves(run.t)[0])
+        self.longest = min(self.longest, self.plant.system.input_step_limit(run.t)[0])
         if self.plant.system.m:
             terms = self.plant.system.allocate_terms()
             self.plant.system.fill_position(run.t, q, terms)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from solvers.compiled.kernel import kernel
 from solvers.linalg.blocks import one_thread
 from solvers.outcome import Code
-from solvers.stepper import rate_of_start
+from solvers.stepper import start_rate
 from solvers.system import Array, TreeSystem
 
 from .products import Products
@@ -125,7 +125,7 @@ def motion_rate(motion: Accelerations, t: float, q: Array, v: Array, duration: f
         v = a = np.zeros(0)
     else:
         a = motion.a if motion.solve(t, q, v) is Code.OK else np.zeros(s.n)
-    return float(rate_of_start(s.rate, duration, s.size, v, a))
+    return float(start_rate(s.rate, duration, s.size, v, a))
 
 
 class Saddle:

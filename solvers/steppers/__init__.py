@@ -8,7 +8,7 @@ from typing import Any
 from solvers.codes import coded
 from solvers.options import Options
 from solvers.stepper import Stepper
-from solvers.system import LARGEST_DENSE, AnySystem, Array, TreeSystem
+from solvers.system import MAX_DENSE_COORDINATES, AnySystem, Array, TreeSystem
 
 from .adams.dense import AdamsLUStepper, AdamsStepper, HybridStepper
 from .adams.tree import TreeAdamsStepper
@@ -60,7 +60,7 @@ MAX_RADAU_COORDINATES = 200
 
 def size_limit(name: str) -> int:
     """Return how many coordinates of a large tree a solver that factors dense matrices may be given."""
-    return min(MAX_RADAU_COORDINATES, LARGEST_DENSE) if name == "radau" else LARGEST_DENSE
+    return min(MAX_RADAU_COORDINATES, MAX_DENSE_COORDINATES) if name == "radau" else MAX_DENSE_COORDINATES
 
 
 def describe_refusal(name: str, system: AnySystem) -> str:
@@ -72,9 +72,9 @@ def describe_refusal(name: str, system: AnySystem) -> str:
     if name not in SOLVER_NAMES:
         return ""
     large = isinstance(system, TreeSystem)
-    if system.stiff and name in UNCONSTRAINED_SOLVERS:
+    if system.stiffness_reason and name in UNCONSTRAINED_SOLVERS:
         implicit = "'ida' or 'esdirk'" if large else "'radau' or 'ida'"
-        return coded("unsuitable-solver", f"solver {name!r} is explicit, but {system.stiff}; use {implicit}")
+        return coded("unsuitable-solver", f"solver {name!r} is explicit, but {system.stiffness_reason}; use {implicit}")
     if not isinstance(system, TreeSystem):
         if system.n and name not in SOLVERS:
             return coded(

@@ -71,7 +71,7 @@ class CompiledLoopStepper(DenseStepper):
         return int(done)
 
     @property
-    def notice(self) -> str:
+    def warning(self) -> str:
         """Whether the tolerance was larger than requested near a near miss."""
         c = self._control
         if not c["coarsest"] > 1.0:

@@ -16,7 +16,7 @@ from solvers.projection.rank import find_normal_rank
 from solvers.projection.reported import evaluate_state, has_unresolved_forces
 from solvers.projection.singular import BIFURCATION, IMPERFECT, NO_CRITICAL_POINT, classify_singularity
 from solvers.projection.workspace import Workspace, factor
-from solvers.stepper import Stepper, own_rate, rate_of_start, require_placed, require_resolved
+from solvers.stepper import Stepper, coordinate_rate, require_resolved_position, require_resolved_time, start_rate
 from solvers.system import Array, Equations, System, Terms
 
 # The pace of a coordinate: of its rate at the start, which is above that of a small oscillation by the root of its
@@ -37,15 +37,15 @@ def classify_nearest_singularity(eqs: Any, t: float, q: Any, rank: int, work: An
 def estimate_rates(
     eqs: Any, t: float, q: Any, v: Any, rank: int, known: float, loop_rate: float, duration: float, work: Any
 ) -> None:
-    """Note the rate of the motion (1/s, see :func:`solvers.stepper.rate_of_start`), and of every coordinate's own part
+    """Note the rate of the motion (1/s, see :func:`solvers.stepper.start_rate`), and of every coordinate's own part
     in it: a stiff spring at one of them is not to make the others' tolerances coarse.
     """
     if evaluate_state(eqs, t, q, v, rank, work, work.slope, work.lam) != OK:
         for k in range(v.shape[0]):
             work.slope[k] = 0.0
-    rate = rate_of_start(known, duration, work.size, v, work.slope)
+    rate = start_rate(known, duration, work.size, v, work.slope)
     for k in range(v.shape[0]):
-        work.pace[k] = own_rate(work.size[k], v[k], work.slope[k])
+        work.pace[k] = coordinate_rate(work.size[k], v[k], work.slope[k])
         loop_rate = max(loop_rate, work.pace[k] * work.in_loops[k])
     work.rate[0], work.rate[1] = rate, loop_rate if loop_rate != 0.0 else rate
     for k in range(v.shape[0]):
@@ -64,14 +64,14 @@ class DenseStepper(Stepper):
         self._units = self._work.value if COMPILED else self._work
         self._units.size[:] = system.size
         self._units.size_q[:] = system.position_sizes(system.size)
-        require_placed(self._q, self._units.size_q, self.options.rtol, system.coordinate_names)
+        require_resolved_position(self._q, self._units.size_q, self.options.rtol, system.coordinate_names)
         self._rank = find_normal_rank(self._eqs, self._t, self._q, self._v, self._work)
         code = project(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.starts_singular = self._loses_rank()
         self.status = self._status(Code(code))
         known = system.rate, system.loop_rate, self.options.duration
         estimate_rates(self._eqs, self._t, self._q, self._v, self._rank, *known, self._work)
-        require_resolved(self._t, float(self._units.rate[0]), self.options.rtol)
+        require_resolved_time(self._t, float(self._units.rate[0]), self.options.rtol)
 
     def _loses_rank(self) -> bool:
         """Whether rates there are that constraints determine elsewhere, and not at the reported position."""

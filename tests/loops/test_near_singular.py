@@ -44,11 +44,11 @@ def test_where_rounding_sets_the_accuracy_the_tolerance_follows_and_it_is_said(m
     plant = Plant(mechanism)
     q, v = plant.assemble()
     run = stepper(solver, plant.system, 0.0, q, v, Options(rtol=1e-10))
-    assert run.notice == ""
+    assert run.warning == ""
     assert run.advance(2.0).ok
     assert 1.0 < run.statistics.coarser < 1e3
-    assert "misses by" in run.notice
-    assert "rounding errors" in run.notice
+    assert "misses by" in run.warning
+    assert "rounding errors" in run.warning
 
 
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "radau"])

@@ -56,7 +56,7 @@ def refused() -> Iterator[None]:
         yield
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(subprocess_export, "compiling_nothing", refuse)
+        patched.setattr(subprocess_export, "forbid_compilation", refuse)
         yield
 
 

@@ -21,7 +21,7 @@ OTHER = "0123456789abcdef"  # fingerprint of other sources
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the folder of the cache: below it the sources of a checkout, as with NUMBA_CACHE_DIR set to one."""
     found = tmp_path / "mbfmu"
-    monkeypatch.setattr(cache, "home", lambda: found)
+    monkeypatch.setattr(cache, "cache_root", lambda: found)
     for function in (cache.shared_cache_dir, cache.module_cache_dir):
         monkeypatch.setattr(cache, function.__name__, function.__wrapped__)
     return found

@@ -14,8 +14,16 @@ from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.records import State
 from mbfmu.util.codes import coded
 from mbfmu.util.errors import AssemblyError
-from solvers.assembly import ASSEMBLED, Loops, Outcome, Scratch, close_positions, close_velocities, move_mass
-from solvers.assembly import least_change as find_least_change
+from solvers.assembly import (
+    ASSEMBLED,
+    Loops,
+    Outcome,
+    Scratch,
+    check_mobile_mass,
+    find_closed_positions,
+    find_consistent_velocities,
+)
+from solvers.assembly import solve_least_change as find_least_change
 from solvers.compiled.tuple_pointer import pin
 from solvers.system import AnySystem, Array
 
@@ -54,7 +62,7 @@ def assemble_positions(
     if system.m == 0:
         return q
     scratch = Scratch.of(system, held, given)
-    code = close_positions(Loops.of(system), t, start, q, pin(scratch))
+    code = find_closed_positions(Loops.of(system), t, start, q, pin(scratch))
     if code == ASSEMBLED:
         return q
     raise AssemblyError(_said(system, scratch, code))
@@ -84,7 +92,7 @@ def assemble_velocities(
     if system.m == 0:
         return v
     scratch = Scratch.of(system, held, given)
-    code = close_velocities(Loops.of(system), t, q, start, system.rate, v, pin(scratch))
+    code = find_consistent_velocities(Loops.of(system), t, q, start, system.rate, v, pin(scratch))
     if code != ASSEMBLED:
         raise AssemblyError(_said(system, scratch, code))
     return v
@@ -138,6 +146,6 @@ def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
         return
     terms, scratch = system.allocate_terms(), Scratch.of(system)
     system.fill(t, q, v, terms)
-    if move_mass(pin(terms), np.zeros((system.n, system.n)), pin(scratch)) != ASSEMBLED:
+    if check_mobile_mass(pin(terms), np.zeros((system.n, system.n)), pin(scratch)) != ASSEMBLED:
         names = ", ".join(repr(system.coordinate_names[i]) for i in np.flatnonzero(scratch.massless))
         raise AssemblyError(SENTENCES[Outcome.NO_MASS].format(names=names))

@@ -20,7 +20,7 @@ from .hybrid import HYBRID, LU, PROJECTION
 class AdamsStepper(ExplicitStepper, CompiledLoopStepper):
     """Adams PECE with the projection partition; see :mod:`.loop`."""
 
-    others: tuple[str, ...] = ("radau", "ida", "hybrid")
+    fallback_solvers: tuple[str, ...] = ("radau", "ida", "hybrid")
     partition = PROJECTION
     loop: ClassVar = loop
 
@@ -78,12 +78,12 @@ class AdamsLUStepper(AdamsStepper):
     See :mod:`solvers.projection.lu_partition`.
     """
 
-    others = ("radau", "adams", "hybrid")
+    fallback_solvers = ("radau", "adams", "hybrid")
     partition = LU
 
 
 class HybridStepper(AdamsStepper):
     """Adams PECE with LU partition away from singular configurations and projection near them."""
 
-    others = ("radau", "ida", "adams")
+    fallback_solvers = ("radau", "ida", "adams")
     partition = HYBRID

@@ -8,7 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from solvers.energy_account import WORK
-from solvers.stepper import Stepper, sized
+from solvers.stepper import Stepper, validated_vector
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.system import Array
 
@@ -36,7 +36,7 @@ class ExplicitStepper(Stepper):
         """Begin a new history at the reported state with the next step."""
         self._begin(0, 0, False)
 
-    def renew(self) -> None:
+    def continue_after_event(self) -> None:
         """Continue in steps that need no history and end at the requested time, at which the next change may occur."""
         self._begin(TRUNCATED_STEPS, 1, self.status.ok)
 
@@ -46,5 +46,5 @@ class ExplicitStepper(Stepper):
 
     def jump(self, dv: Array) -> None:
         """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""
-        self._v += sized("dv", dv, self.system.n)
-        self.renew()
+        self._v += validated_vector("dv", dv, self.system.n)
+        self.continue_after_event()

@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import Any
 
 from solvers.compiled.kernel import kernel
-from solvers.stepper import sudden
+from solvers.stepper import is_discontinuity
 
 from .formulas import begin_anew
 
@@ -30,8 +30,8 @@ def limit_steps(H: Any, settings: Any, t: float, q: Any, v: Any, work: float, lo
         return
     o.max_step = longest
     if c.start == 0:
-        if longest >= ENDED_LIMIT_RATIO * before and sudden(before, t):
+        if longest >= ENDED_LIMIT_RATIO * before and is_discontinuity(before, t):
             begin_anew(H, t, q, v, work, 0, 0, False)
-        elif longest < c.h and sudden(longest, t):
+        elif longest < c.h and is_discontinuity(longest, t):
             c.phase1, c.k = 0, 1
     c.h = min(c.h, longest)

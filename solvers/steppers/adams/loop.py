@@ -24,7 +24,7 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.energy_account import count_rejected_step, energy_check_scheduled, fill_account_row, update_energy_bound
-from solvers.inertia import clear_growth, finer_tolerance, update_growth
+from solvers.inertia import clear_growth, tolerance_factor, update_growth
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_CLOSED, OK
 from solvers.projection.lu_partition import (
     choose_partition,
@@ -51,7 +51,7 @@ from solvers.projection.singular import (
     record_accepted,
 )
 from solvers.projection.workspace import factor
-from solvers.stepper import smallest_step, sudden
+from solvers.stepper import is_discontinuity, min_step_length
 from solvers.steppers.step_control import FIRST_STEP_RATIO, MIN_RTOL_TIMES_GAP, MIN_STEP_RATIO
 
 from .formulas import (
@@ -100,7 +100,7 @@ def weigh(c: Any, o: Any, H: Any, nq: int, n: int, work: Any) -> None:
         c.coarser = max(1.0, MIN_RTOL_TIMES_GAP / (gap * o.rtol))
         if c.coarser > c.coarsest:
             c.coarsest, c.narrowest = c.coarser, gap
-    scale = c.coarser * finer_tolerance(o.rtol, 1.0, work)
+    scale = c.coarser * tolerance_factor(o.rtol, 1.0, work)
     for i in range(nq + n):
         H.weight[i] = 1.0 / (scale * (o.rtol * abs(H.y[i]) + o.atol * H.unit[i]))
     if o.partition == LU:
@@ -260,9 +260,9 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target
                 code, error = BRANCHES, np.inf
         count_rejected_step(c, code == OK)
         change_step(c, error)
-        smallest = smallest_step(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
+        smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
         if not c.h > smallest:
-            if shortest or code != OK or not sudden(o.max_step, c.t):
+            if shortest or code != OK or not is_discontinuity(o.max_step, c.t):
                 c.single = 0.0
                 return COLLAPSED if code == OK else code
             c.h, shortest = smallest, True
@@ -301,9 +301,9 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
         if o.partition == HYBRID and c.regime == LU and cuts >= o.collapse_cuts:
             give_up_lu(eqs, c, H, work)
             c.by_collapse += 1
-        smallest = smallest_step(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
+        smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
         if not c.h > smallest:
-            if shortest or code != OK or not sudden(o.max_step, c.t):
+            if shortest or code != OK or not is_discontinuity(o.max_step, c.t):
                 return COLLAPSED if code == OK else code
             c.h, c.k, shortest = smallest, 1, True
 

@@ -12,7 +12,7 @@ from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import EnergyScales
 from solvers.options import Options, Statistics
 from solvers.outcome import CODES, Code
-from solvers.stepper import require_placed, require_resolved
+from solvers.stepper import require_resolved_position, require_resolved_time
 from solvers.steppers.compiled_loop import Given
 from solvers.system import Array, TreeSystem, energy_callbacks
 
@@ -31,7 +31,7 @@ class TreeAdamsStepper(ExplicitStepper):
         What its kernels take, held.
     """
 
-    others = ("ida",)
+    fallback_solvers = ("ida",)
     loop: ClassVar = tree_loop
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
@@ -43,15 +43,15 @@ class TreeAdamsStepper(ExplicitStepper):
         work = tree_loop.Scratch.allocate(system.nq, system.n, system.positions)
         work.size[:] = system.size
         self._inertia = work.inertia
-        self._inertia["watched"] = system.watches_inertia
+        self._inertia["watched"] = system.can_compute_rate_growth
         callbacks = system.forward, system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
         eqs = pin(tree_loop.TreeEquations(*callbacks, system.pinned_data))
         self._scales = EnergyScales.of(o.rtol, np.zeros(system.n), np.zeros(system.n))
         own = eqs, self._settings, self._held, pin(work), pin(self._scales)
         self.given = pin(Given(*own, self._q, self._v, self._energy_account))
         tree_loop.set_up(self.given, self._t, system.rate, o.duration)
-        require_resolved(self._t, float(self._settings["rate"][0]), o.rtol)
-        require_placed(self._q, work.size_q, o.rtol, system.coordinate_names)
+        require_resolved_time(self._t, float(self._settings["rate"][0]), o.rtol)
+        require_resolved_position(self._q, work.size_q, o.rtol, system.coordinate_names)
         self.restart()
 
     def _advance(self, t: float) -> Code:

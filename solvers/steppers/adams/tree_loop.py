@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
 from solvers.energy_account import count_rejected_step, energy_check_scheduled, fill_account_row, update_energy_bound
-from solvers.inertia import INERTIA, clear_growth, finer_tolerance, update_tree_growth
+from solvers.inertia import INERTIA, clear_growth, tolerance_factor, update_tree_growth
 from solvers.outcome import COLLAPSED, MAX_STEPS, NO_MASS, NOT_FINITE, OK
 from solvers.positions import Positions, position_sizes
-from solvers.stepper import rate_of_start, smallest_step, sudden
+from solvers.stepper import is_discontinuity, min_step_length, start_rate
 from solvers.steppers.step_control import FIRST_STEP_RATIO, MIN_STEP_RATIO
 from solvers.system import Array
 
@@ -120,7 +120,7 @@ def differentiate(eqs: Any, t: float, c: Any, H: Any, s: Any) -> int:
 def weigh(o: Any, H: Any, s: Any) -> None:
     """Error weights at y, such that in meshes the norm is a root mean square: they have many coordinates of a kind."""
     size = H.y.shape[0] - 1
-    scale = finer_tolerance(o.rtol, 1.0, s) if s.inertia[0].watched == 1 else np.sqrt(1.0 * size)
+    scale = tolerance_factor(o.rtol, 1.0, s) if s.inertia[0].watched == 1 else np.sqrt(1.0 * size)
     for i in range(size):
         H.weight[i] = 1.0 / (scale * (o.rtol * abs(H.y[i]) + o.atol * H.unit[i]))
 
@@ -187,9 +187,9 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any, target: f
                 return OK
         count_rejected_step(c, code == OK)
         change_step(c, error)
-        smallest = smallest_step(MIN_STEP_RATIO, o.rate, o.max_step, c.t)
+        smallest = min_step_length(MIN_STEP_RATIO, o.rate, o.max_step, c.t)
         if not c.h > smallest:
-            if shortest or code != OK or not sudden(o.max_step, c.t):
+            if shortest or code != OK or not is_discontinuity(o.max_step, c.t):
                 c.single = 0.0
                 return COLLAPSED if code == OK else code
             c.h, shortest = smallest, True
@@ -220,9 +220,9 @@ def step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
         cuts += 1
         count_rejected_step(c, code == OK)
         cut(cuts, c, H)
-        smallest = smallest_step(MIN_STEP_RATIO, o.rate, o.max_step, c.t)
+        smallest = min_step_length(MIN_STEP_RATIO, o.rate, o.max_step, c.t)
         if not c.h > smallest:
-            if shortest or code != OK or not sudden(o.max_step, c.t):
+            if shortest or code != OK or not is_discontinuity(o.max_step, c.t):
                 return COLLAPSED if code == OK else code
             c.h, c.k, shortest = smallest, 1, True
 
@@ -273,12 +273,12 @@ def set_up(g: Any, t: float, known: float, duration: float) -> None:
     """
     o, H, s = g.settings[0], g.memory, g.work
     if known > 0.0:
-        o.rate = rate_of_start(known, duration, s.size, g.v[:0], s.a[:0])
+        o.rate = start_rate(known, duration, s.size, g.v[:0], s.a[:0])
     else:
         if evaluate(g, t, s.a) != OK:
             for k in range(s.a.shape[0]):
                 s.a[k] = 0.0
-        o.rate = rate_of_start(known, duration, s.size, g.v, s.a)
+        o.rate = start_rate(known, duration, s.size, g.v, s.a)
     position_sizes(s.positions, s.size, s.size_q)
     for k in range(s.pace.shape[0]):
         s.pace[k] = RATE_TOLERANCE_RATIO * o.rate

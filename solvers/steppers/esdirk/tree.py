@@ -26,12 +26,19 @@ from numpy.typing import NDArray
 from solvers.codes import coded
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.energy_account import WORK, EnergyScales, fill_account_row, reset_check_schedule
-from solvers.inertia import Growth, describe_large_growth, finer_tolerance
+from solvers.inertia import Growth, describe_large_growth, tolerance_factor
 from solvers.linalg.blocks import one_thread
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, Saddle, count_freedom, motion_rate, project
-from solvers.stepper import Stepper, rate_of_start, require_placed, require_resolved, sized, smallest_step
+from solvers.stepper import (
+    Stepper,
+    min_step_length,
+    require_resolved_position,
+    require_resolved_time,
+    start_rate,
+    validated_vector,
+)
 from solvers.steppers.step_control import (
     FIRST_STEP_RATIO,
     MIN_CONTROLLED_ERROR,
@@ -41,7 +48,7 @@ from solvers.steppers.step_control import (
     TARGET_TOLERANCE,
     TRUNCATED_STEPS,
 )
-from solvers.system import LARGEST_DENSE, Array, TreeSystem, energy_callbacks
+from solvers.system import MAX_DENSE_COORDINATES, Array, TreeSystem, energy_callbacks
 
 from .formulas import (
     GAMMA,
@@ -99,8 +106,8 @@ class TreeESDIRKStepper(Stepper):
     """ESDIRK3(2) on a large tree."""
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
-        dense = ("adams", "hybrid") if system.n <= LARGEST_DENSE else ()
-        self.others = (*dense, "ida") if system.m else ("adams", "ida")
+        dense = ("adams", "hybrid") if system.n <= MAX_DENSE_COORDINATES else ()
+        self.fallback_solvers = (*dense, "ida") if system.m else ("adams", "ida")
         super().__init__(system, t0, q0, v0, options)
         self._requested = self.options.rtol
         if self._requested < MIN_RTOL:
@@ -113,8 +120,8 @@ class TreeESDIRKStepper(Stepper):
         callbacks = system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
         self._eqs = pin(Callbacks(*callbacks, system.pinned_data))
         self._rate = motion_rate(self._motion, self._t, self._q, self._v, o.duration)
-        require_resolved(self._t, self._rate, o.rtol)
-        require_placed(self._q, system.position_sizes(system.size), o.rtol, system.coordinate_names)
+        require_resolved_time(self._t, self._rate, o.rtol)
+        require_resolved_position(self._q, system.position_sizes(system.size), o.rtol, system.coordinate_names)
         self._absolute = o.absolute * system.size
         self._growth = Growth.of(system, self._rate)
         self._held_growth = pin(self._growth)
@@ -159,13 +166,13 @@ class TreeESDIRKStepper(Stepper):
         if code is Code.OK:
             M.A[0], M.lam[:] = self._motion.a, self._motion.lam
             begin_motion(self._eqs, float(c["t"]), self._works, *self._held)
-            if self.system.watches_inertia:
+            if self.system.can_compute_rate_growth:
                 watch_inertia(self._eqs, *self._held, self._held_growth)
             self._look()
             c["start"] = 0
             c["starts"] += 1
             if not c["h"] > 0.0:
-                c["h"] = FIRST_STEP_RATIO / rate_of_start(self._rate, np.inf, self.system.size, M.v, M.A[0])
+                c["h"] = FIRST_STEP_RATIO / start_rate(self._rate, np.inf, self.system.size, M.v, M.A[0])
         return code
 
     def _look(self) -> None:
@@ -177,7 +184,7 @@ class TreeESDIRKStepper(Stepper):
         c, M, s = self._c, self._memory, self._stage
         s.tol[:] = ERROR_TOLERANCE_RATIO * self._absolute
         s.tol[s.in_v] += ERROR_TOLERANCE_RATIO * self.options.rtol * np.abs(M.q[s.in_q])
-        s.tol[:] *= finer_tolerance(self.options.rtol, 1.3, self._held_growth)
+        s.tol[:] *= tolerance_factor(self.options.rtol, 1.3, self._held_growth)
         while True:
             c["h"] = min(c["h"], self._longest)
             h = self._stop_at(target) if c["ends"] else float(c["h"])
@@ -191,12 +198,12 @@ class TreeESDIRKStepper(Stepper):
                 c["h"] = h * max(MIN_STEP_CHANGE, STEP_SAFETY_FACTOR * error ** (-1.0 / 3.0))
             else:
                 c["h"], c["hard"], c["wait"] = 0.5 * h, h, RETRY_STEPS
-            if not c["h"] > smallest_step(MIN_STEP_RATIO, self._rate, self._longest, float(c["t"])):
+            if not c["h"] > min_step_length(MIN_STEP_RATIO, self._rate, self._longest, float(c["t"])):
                 return Code.COLLAPSED if code is Code.OK else code
         whole, longer = h >= c["h"], self._longer(h, max(error, MIN_CONTROLLED_ERROR))
         c["error"], c["before"] = max(error, 1e-2), h
         accept(h, after, *self._held)
-        if self.system.watches_inertia:
+        if self.system.can_compute_rate_growth:
             watch_inertia(self._eqs, *self._held, self._held_growth)
         self._look()
         c["h"] = longer if whole else max(c["h"], longer)
@@ -233,7 +240,7 @@ class TreeESDIRKStepper(Stepper):
         for i in range(1, STAGES):
             at = t + C[i] * h if i < STAGES - 1 else after
             begin_stage(self._eqs, i, h, *held)
-            if i == 1 and self.system.cornered and not self.system.m:
+            if i == 1 and self.system.nonsmooth_reason and not self.system.m:
                 self._c["evaluations"] += 2
                 foresee(self._eqs, at, rate, *held)
                 self.system.apply(s.q, -self._saddle.solve(s.tau, s.none)[0])
@@ -354,9 +361,10 @@ class TreeESDIRKStepper(Stepper):
         self._c["h"], self._c["c"] = 0.0, 0.0
         self._begin(0)
 
-    def renew(self) -> None:
+    def continue_after_event(self) -> None:
         """Continue in steps that end at the requested time, at which the next change may occur."""
-        if self.system.cornered:  # friction in T goes with what is given; a restored run would have other factors
+        # friction in T goes with what is given; a restored run would have other factors
+        if self.system.nonsmooth_reason:
             self._c["c"] = 0.0
         self._begin(TRUNCATED_STEPS)
 
@@ -370,11 +378,11 @@ class TreeESDIRKStepper(Stepper):
 
     def jump(self, dv: Array) -> None:
         """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""
-        self._v += sized("dv", dv, self.system.n)
-        self.renew()
+        self._v += validated_vector("dv", dv, self.system.n)
+        self.continue_after_event()
 
     @property
-    def notice(self) -> str:
+    def warning(self) -> str:
         """Whether the tolerance is larger than requested, or errors may be far above it: the order is low for a nearly
         singular mass matrix.
         """

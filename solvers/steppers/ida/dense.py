@@ -204,7 +204,7 @@ class IDAStepper(IDADriver, DenseStepper):
     def _works(self) -> bool:
         return self.system.works()
 
-    def renew(self) -> None:
+    def continue_after_event(self) -> None:
         """Go on with IDA's history where its last step ends at the reported time; let the next ones end where asked."""
         keeps = not self._pending and self._c["passed"] == self._t and self.status.ok
         if not (keeps and self._ramp_is_low(self._t) and self._tied()):
@@ -268,7 +268,7 @@ class IDAStepper(IDADriver, DenseStepper):
         return DenseStepper._growth(self)
 
     @property
-    def notice(self) -> str:
+    def warning(self) -> str:
         """Whether the tolerance is larger than requested, or than the mass matrix requires."""
         large = describe_large_growth(self._units.inertia) if isinstance(self._ida, BoundIDA) else ""
         if large:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from solvers.compiled.ffi import array_at
 from solvers.compiled.kernel import kernel
 from solvers.energy_account import energy_check_scheduled, record_step, update_energy_bound
-from solvers.inertia import finer_tolerance, update_growth
+from solvers.inertia import tolerance_factor, update_growth
 from solvers.linalg.dense import apply_Q, pivot_ratio
 from solvers.outcome import BRANCHES, OK
 from solvers.projection.singular import (
@@ -123,7 +123,7 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
 @kernel
 def weigh(y: Any, out: Any, g: Any) -> None:
     """out (N,) <- one over the tolerances of the unknowns."""
-    finer = finer_tolerance(g.rtol, RTOL_EXPONENT, g.work)
+    finer = tolerance_factor(g.rtol, RTOL_EXPONENT, g.work)
     for i in range(out.shape[0]):
         out[i] = 1.0 / (finer * (g.rtol * abs(y[i]) + g.atol[i]))
 

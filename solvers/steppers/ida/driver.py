@@ -29,7 +29,7 @@ class IDADriver(Stepper):
     finite in ``_counts``; what looks over IDA's steps notes in ``_course`` that they are passed, and books them.
     """
 
-    others: tuple[str, ...] = ("radau", "adams", "hybrid")
+    fallback_solvers: tuple[str, ...] = ("radau", "adams", "hybrid")
 
     _ida: DirectIDA | BoundIDA
     _scales: Any  # solvers.energy_account.EnergyScales, held

@@ -52,8 +52,8 @@ from solvers.linalg.blocks import one_thread
 from solvers.options import Options
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, count_freedom, inverse_squares, motion_rate, project
-from solvers.stepper import require_placed, require_resolved
-from solvers.system import LARGEST_DENSE, Array, TreeSystem, energy_callbacks
+from solvers.stepper import require_resolved_position, require_resolved_time
+from solvers.system import MAX_DENSE_COORDINATES, Array, TreeSystem, energy_callbacks
 
 from .binding import BoundIDA
 from .driver import IDADriver
@@ -92,8 +92,8 @@ class TreeIDAStepper(IDADriver):
     """IDA on a large tree."""
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
-        dense = ("adams", "hybrid") if system.n <= LARGEST_DENSE else ()
-        self.others = dense if system.m else ("adams",)
+        dense = ("adams", "hybrid") if system.n <= MAX_DENSE_COORDINATES else ()
+        self.fallback_solvers = dense if system.m else ("adams",)
         super().__init__(system, t0, q0, v0, options)
         self.system = system
         nq, n, m = system.nq, system.n, system.m
@@ -103,8 +103,10 @@ class TreeIDAStepper(IDADriver):
         self._reduced = Reduced(np.ones(1), z((2, m)), z((m, n)), z((n, m)), z((n, m)), z((2 * m, 2 * m)))
         self._motion = Accelerations(system)
         self._rate = motion_rate(self._motion, self._t, self._q, self._v, self.options.duration)
-        require_resolved(self._t, self._rate, self.options.rtol)
-        require_placed(self._q, system.position_sizes(system.size), self.options.rtol, system.coordinate_names)
+        require_resolved_time(self._t, self._rate, self.options.rtol)
+        require_resolved_position(
+            self._q, system.position_sizes(system.size), self.options.rtol, system.coordinate_names
+        )
         self._c["instant"] = STANDSTILL_RATIO / self._rate
         self._growth_data = Growth.of(system, self._rate)
         self._ida = self._new_ida()
@@ -129,17 +131,17 @@ class TreeIDAStepper(IDADriver):
             )
         )  # fmt: skip
         options: dict[str, Any] = {"rtol": part * o.rtol, "atol": atol, "max_order": order}
-        if s.cornered and not serves():
+        if s.nonsmooth_reason and not serves():
             raise ValueError(
                 coded(
                     "unsuitable-solver",
                     "solver 'ida' needs the C functions of SUNDIALS 7 for this model, which are not installed "
-                    f"({s.cornered}); use 'esdirk'",
+                    f"({s.nonsmooth_reason}); use 'esdirk'",
                 )
             )
         if serves():
-            exact: dict[str, Any] = {"weigh": call_weigh} if s.cornered or s.watches_inertia else {}
-            if s.cornered:
+            exact: dict[str, Any] = {"weigh": call_weigh} if s.nonsmooth_reason or s.can_compute_rate_growth else {}
+            if s.nonsmooth_reason:
                 exact["times"] = call_times
             callbacks = Callbacks(call_residual, InPython(self._set_up, len(atol)), call_precondition, **exact)
             return DirectIDA(callbacks, call_accept, given, max_step=o.max_step, krylov=KRYLOV_DIMENSION, **options)
@@ -162,7 +164,7 @@ class TreeIDAStepper(IDADriver):
         The error of a coordinate grows with the square root of their number and falls as the tolerance to the power
         2/3; the factor was measured on sheets of 35 to 165 nodes, damped and undamped.
         """
-        meshed = self.system.meshed
+        meshed = self.system.mesh_mask
         if meshed is None or not meshed.any() or self._order > MAX_MESH_ORDER:
             return ""
         rtol, factor = self.options.rtol, MESH_ERROR_FACTOR * float(np.sum(meshed)) ** 0.5
@@ -179,7 +181,7 @@ class TreeIDAStepper(IDADriver):
 
     @property
     def _has_mesh(self) -> bool:
-        return self.system.meshed is not None and bool(self.system.meshed.any())
+        return self.system.mesh_mask is not None and bool(self.system.mesh_mask.any())
 
     def _find_scales(self, sizes: Array, rates: Array, count: int) -> EnergyScales:
         """Return the scales of the energy error: those of the requested tolerances, independent of those of IDA.
@@ -193,7 +195,7 @@ class TreeIDAStepper(IDADriver):
     def _imaginary(self, count: int) -> Any:
         """Return what products of Newton's matrix are made with, where forces turn sharply."""
         s = self.system
-        if not s.cornered or s.stepped is None:
+        if not s.nonsmooth_reason or s.stepped is None:
             return None
         (inverse, position, retract, data), z = s.stepped(), np.zeros((3, count), complex)
         return Imaginary(
@@ -210,13 +212,13 @@ class TreeIDAStepper(IDADriver):
         the slip at which friction turns over too: where it reverses within a step, that is what is left of it.
         """
         s, N = self.system, len(atol)
-        relative = self.options.rtol if s.cornered else rtol
+        relative = self.options.rtol if s.nonsmooth_reason else rtol
         found = np.vstack((np.full(N, relative), atol, np.full(N, np.inf)))
-        if s.cornered and s.meshed is not None and s.slip is not None:
-            parts = np.where(s.meshed, 1.0, N**-0.5)
+        if s.nonsmooth_reason and s.mesh_mask is not None and s.friction_velocity is not None:
+            parts = np.where(s.mesh_mask, 1.0, N**-0.5)
             found[:2, : s.nq] *= s.position_sizes(parts) / s.position_sizes(np.ones(s.n))
             found[:2, self._v_at] *= parts
-            found[2, self._v_at] = SLIP_TOLERANCE_RATIO * parts * s.slip
+            found[2, self._v_at] = SLIP_TOLERANCE_RATIO * parts * s.friction_velocity
         return found
 
     def _set_up(self, t: float, y: Array, yp: Array, res: Array, cj: float) -> int:
@@ -242,7 +244,7 @@ class TreeIDAStepper(IDADriver):
         self._reduced.inverse[:] = np.linalg.inv(np.block([[J @ J.T + cj * d1, -d0], [-J @ X - d1, -J @ A]]))
 
     @property
-    def notice(self) -> str:
+    def warning(self) -> str:
         """Whether the mass matrix requires a finer tolerance, and how large the errors of a sheet may be."""
         large = describe_large_growth(self._growth_data.inertia) if isinstance(self._ida, BoundIDA) else ""
         if large:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from solvers.compiled.ffi import array_at
 from solvers.compiled.kernel import inlined, kernel
 from solvers.energy_account import energy_check_scheduled, record_step, update_energy_bound
-from solvers.inertia import finer_tolerance, update_tree_growth
+from solvers.inertia import tolerance_factor, update_tree_growth
 from solvers.outcome import OK
 from solvers.positions import Positions, as_motion, as_slope
 from solvers.system import Array
@@ -169,7 +169,7 @@ def times(t: float, y: Any, slopes: Any, x: Any, c: float, out: Any, g: Any) -> 
 @kernel
 def weigh(y: Any, out: Any, g: Any) -> None:
     """out (N,) <- one over the tolerances of the unknowns."""
-    finer = finer_tolerance(g.tolerances[0, 0], RTOL_EXPONENT, g.growth)
+    finer = tolerance_factor(g.tolerances[0, 0], RTOL_EXPONENT, g.growth)
     for i in range(out.shape[0]):
         out[i] = 1.0 / (finer * min(g.tolerances[0, i] * abs(y[i]) + g.tolerances[1, i], g.tolerances[2, i]))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from solvers.compiled.kernel import records
 from solvers.energy_account import WORK
 from solvers.options import Options, Statistics
-from solvers.stepper import sized
+from solvers.stepper import validated_vector
 from solvers.steppers.compiled_loop import CompiledLoopStepper
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.system import Array, System
@@ -21,7 +21,7 @@ from .formulas import Memory
 class RadauStepper(CompiledLoopStepper):
     """Radau IIA of order 5; see :mod:`.loop`. For stiff models, and for loads that change at every requested time."""
 
-    others: tuple[str, ...] = ("adams", "ida")
+    fallback_solvers: tuple[str, ...] = ("adams", "ida")
     loop: ClassVar = loop
 
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
@@ -40,7 +40,7 @@ class RadauStepper(CompiledLoopStepper):
         self._begin(0, False)
         self._control["known"] = 0
 
-    def renew(self) -> None:
+    def continue_after_event(self) -> None:
         """Continue in steps that end at the requested time, at which the next change may occur."""
         self._begin(TRUNCATED_STEPS, self.status.ok)
 
@@ -50,8 +50,8 @@ class RadauStepper(CompiledLoopStepper):
 
     def jump(self, dv: Array) -> None:
         """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""
-        self._v += sized("dv", dv, self.system.n)
-        self.renew()
+        self._v += validated_vector("dv", dv, self.system.n)
+        self.continue_after_event()
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""

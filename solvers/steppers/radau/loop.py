@@ -26,12 +26,12 @@ from solvers.energy_account import (
     set_energy_scales,
     update_energy_bound,
 )
-from solvers.inertia import clear_growth, finer_tolerance, update_growth
+from solvers.inertia import clear_growth, tolerance_factor, update_growth
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
 from solvers.projection.projection import evaluate_acceleration, project
 from solvers.projection.reported import fill_reported_state
 from solvers.projection.singular import BRANCH_RESOLUTION, IMPERFECT, branch_step_limit, on_same_branch, record_accepted
-from solvers.stepper import smallest_step, sudden
+from solvers.stepper import is_discontinuity, min_step_length
 from solvers.steppers.step_control import (
     FIRST_STEP_RATIO,
     MIN_CONTROLLED_ERROR,
@@ -76,7 +76,7 @@ def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
         c.coarser = max(1.0, MIN_RTOL_TIMES_GAP / (gap * o.asked))
         if c.coarser > c.coarsest:
             c.coarsest, c.narrowest = c.coarser, gap
-    c.finer = finer_tolerance(o.rtol, RTOL_EXPONENT, work)
+    c.finer = tolerance_factor(o.rtol, RTOL_EXPONENT, work)
     scale = c.coarser * c.finer
     for i in range(H.q.shape[0]):
         H.tol_q[i] = scale * (o.rtol * abs(H.q[i]) + o.atol * work.size_q[i])
@@ -214,9 +214,9 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
         count_rejected_step(c, corner)
         if shorter < 1.0:
             c.h = shorter * h
-        smallest = smallest_step(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
+        smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
         if not c.h > smallest:
-            if shortest or exact or not sudden(o.max_step, c.t):
+            if shortest or exact or not is_discontinuity(o.max_step, c.t):
                 return code
             c.h, shortest = smallest, True
 
