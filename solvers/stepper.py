@@ -60,9 +60,9 @@ def coordinate_rate(size: float, v: float, a: float) -> float:
 def start_rate(known: float, duration: float, size: Array, v: Array, a: Array) -> float:
     """Rate of a motion that starts with rates v and accelerations a (n,), in units ``size``, 1/s.
 
-    It is the largest of ``known`` (1/s, of gravity and drives), the rates of all coordinates, and SLOWEST_RATE over the
-    ``duration`` of the run (s). The last bounds it: of a start at rest, accelerations are rounding errors, and a motion
-    that is slower than that moves by less than its own unit in the whole run.
+    It is the largest of ``known`` (1/s, of gravity and drives), the rates of all coordinates, and MIN_RATE_PER_DURATION
+    over the ``duration`` of the run (s). The last bounds it: of a start at rest, accelerations are rounding errors, and
+    a motion that is slower than that moves by less than its own unit in the whole run.
     """
     rate = max(known, MIN_RATE_PER_DURATION / duration)
     for k in range(v.shape[0]):
