@@ -25,7 +25,7 @@ from timing import median_times
 from fmus.fourbar import FourBar
 from mbfmu.plotting.figures import finish
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 
 START, END, AMPLITUDE = 0.4, 1.0, 5.0  # rad, s, N m
 STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4)  # s
@@ -154,7 +154,7 @@ def main() -> None:
         "evaluations",
         "steps",
     )
-    print(table(header, lines))
+    print(format_table(header, lines))
     picture(rows, folder / "cosimulation.png")
 
 

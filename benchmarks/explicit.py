@@ -21,7 +21,7 @@ from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.modeling import Model
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 
 END = 10.0
 INTERVALS = 1000
@@ -122,7 +122,7 @@ def main() -> None:
                 )
             )
     header = ("model", "error", "rtol", "adams", "floor", "steps", "run [ms]", "with outputs [ms]", "floor [ms]")
-    print(table((*header, "ratio", "ratio with outputs", "required"), lines))
+    print(format_table((*header, "ratio", "ratio with outputs", "required"), lines))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from mbfmu.mechanics import Wall
 from mbfmu.modeling.scene import load_scene
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.sheets import add_contact
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 
 FREE: dict[str, Any] = {"path": "straight", "nips": 1, "guides": False, "gravity_y": 0.0, "speed": 0.3, "lead": 0.1}
 BOTH = "esdirk", "ida"
@@ -128,7 +128,7 @@ def main() -> None:
     }
     for name in sys.argv[1:] or tables:
         head, rows = tables[name]
-        print(table(head, list(rows())), "\n", flush=True)
+        print(format_table(head, list(rows())), "\n", flush=True)
 
 
 if __name__ == "__main__":

@@ -10,10 +10,10 @@ import time
 from pathlib import Path
 
 from mbfmu.modeling.scene import load_scene
-from mbfmu.plotting.figures import COLORS, finish, subplots
+from mbfmu.plotting.figures import SOLVER_COLORS, finish, subplots
 from mbfmu.session.run import Result, communication_points, run
 from mbfmu.session.simulation import Simulation
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 
 METHODS = {"LU": "adams-lu", "projection": "adams", "hybrid": "hybrid"}
 ACCELERATION = ("coupler.acceleration.y", "vertical acceleration of the coupler [m/s$^2$]")
@@ -66,7 +66,7 @@ def study(name: str) -> None:
             )
         )
     header = ("method", "time [ms]", "steps", "evals", "us a step", "switches", "gap [rad]", "outcome")
-    print(f"{name}\n{table(header, lines)}\n")
+    print(f"{name}\n{format_table(header, lines)}\n")
     draw(name, results)
 
 
@@ -85,7 +85,7 @@ def draw(scene: str, results: dict[str, Result]) -> None:
         figure, ax = subplots(size=(8.0, 3.6))
         for method, style in (("LU", "-"), ("projection", "-"), ("hybrid", "--")):
             result = results[method]
-            ax.plot(result.t, result[output], style, lw=1.2, color=COLORS[METHODS[method]], label=method)
+            ax.plot(result.t, result[output], style, lw=1.2, color=SOLVER_COLORS[METHODS[method]], label=method)
         exact_span = results["projection"][output]
         margin = 0.6 * (exact_span.max() - exact_span.min())
         ax.set_ylim(exact_span.min() - margin, exact_span.max() + margin) if margin > 1e-3 else None

@@ -36,7 +36,7 @@ from overconstrained import OVERCONSTRAINED  # noqa: E402
 
 import mbfmu as mb  # noqa: E402
 from mbfmu.mechanics import Mechanism, Plant  # noqa: E402
-from mbfmu.util.text_table import power  # noqa: E402
+from mbfmu.util.text_table import format_tolerance  # noqa: E402
 
 SOLVERS = ("ida", "adams", "hybrid", "radau", "esdirk")
 LOOPS_AT_ONCE = (*range(1, 13), 15, 20, 25, 30, 35, 40)
@@ -170,7 +170,7 @@ class Run(NamedTuple):
 def cases() -> Iterator[Hard]:
     """Every named mechanism, and both four-bars at every gap."""
     misses = {
-        f"{name} {'+' if gap > 0.0 else '-'} {power(abs(gap))}": (partial(make, gap), gap)
+        f"{name} {'+' if gap > 0.0 else '-'} {format_tolerance(abs(gap))}": (partial(make, gap), gap)
         for gap in GAPS
         for name, make in (("parallelogram", parallelogram), ("grashof", grashof))
     }
@@ -225,7 +225,7 @@ def warning_of(mechanism: Mechanism, stop_time: float, solver: str, rtol: float)
 def table(rows: list[Run]) -> str:
     """The runs as Markdown, one line a case and solver; messages below."""
     lines = [
-        "| case | solver | " + " | ".join(power(rtol) for rtol in TOLERANCES) + " |",
+        "| case | solver | " + " | ".join(format_tolerance(rtol) for rtol in TOLERANCES) + " |",
         "|---|---|" + "---|" * len(TOLERANCES),
     ]
     messages: list[str] = []
@@ -238,7 +238,7 @@ def table(rows: list[Run]) -> str:
 def families(rows: list[Run]) -> str:
     """The runs of families as Markdown: one line a family and solver, whose members are the part before the comma."""
     lines = [
-        "| tree | solver | " + " | ".join(power(rtol) for rtol in TOLERANCES) + " |",
+        "| tree | solver | " + " | ".join(format_tolerance(rtol) for rtol in TOLERANCES) + " |",
         "|---|---|" + "---|" * len(TOLERANCES),
     ]
     messages: list[str] = []
@@ -248,10 +248,10 @@ def families(rows: list[Run]) -> str:
             members = [r for r in rows if (r.name.split(",")[0], r.solver, r.rtol) == (family, solver, rtol)]
             counts = Counter(r.verdict.word for r in members)
             worst = max((r.verdict.error for r in members if r.verdict.word == "right"), default=None)
-            told = "" if worst is None else f"; {power(float(f'{worst:.0e}'))}"
+            told = "" if worst is None else f"; {format_tolerance(float(f'{worst:.0e}'))}"
             cells.append(", ".join(f"{n} {word}" for word, n in counts.items()) + told)
             messages += [
-                f"- {r.name}, {r.solver} at {power(r.rtol)}, {r.verdict.word}: {r.verdict.why}."
+                f"- {r.name}, {r.solver} at {format_tolerance(r.rtol)}, {r.verdict.word}: {r.verdict.why}."
                 for r in members
                 if r.verdict.word != "right"
             ]
@@ -264,10 +264,10 @@ def cell(row: Run, messages: list[str]) -> str:
     v = row.verdict
     if v.word == "right":
         until = f" until {v.until:.2g} s" if v.until < (1.0 - 1e-9) * row.stop_time else ""
-        coarser = f" at {power(float(f'{v.rtol:.0e}'))}" if v.rtol > 1.01 * row.rtol else ""
-        return f"{power(float(f'{v.error:.0e}'))}{coarser}{until}, {1e3 * v.seconds:.0f} ms"
+        coarser = f" at {format_tolerance(float(f'{v.rtol:.0e}'))}" if v.rtol > 1.01 * row.rtol else ""
+        return f"{format_tolerance(float(f'{v.error:.0e}'))}{coarser}{until}, {1e3 * v.seconds:.0f} ms"
     size = f"; the largest error is {v.ratio:.0f} rtol A" if v.word != "refused" else ""
-    messages.append(f"{row.name}, {row.solver} at {power(row.rtol)}: {v.why}{size}.")
+    messages.append(f"{row.name}, {row.solver} at {format_tolerance(row.rtol)}: {v.why}{size}.")
     return f"**{v.word}** ({len(messages)})"
 
 
@@ -327,7 +327,12 @@ def draw(rows: list[Run]) -> None:
                 gaps = [abs(r.gap or np.nan) for r in alike]
                 errors = [r.verdict.error for r in alike]
                 axis.loglog(
-                    gaps, errors, mark, ms=4, color=f"C{k}", label=f"tolerance {power(rtol)}" if mark == "o" else None
+                    gaps,
+                    errors,
+                    mark,
+                    ms=4,
+                    color=f"C{k}",
+                    label=f"tolerance {format_tolerance(rtol)}" if mark == "o" else None,
                 )
         axis.set_title(solver)
         axis.set_xlabel("gap [m]")

@@ -22,7 +22,7 @@ from timing import median_times
 from fmus.fourbar import FourBar
 from mbfmu.mechanics import Plant
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 from solvers.steppers.ida import dense
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "loops"))
@@ -88,7 +88,7 @@ def on_the_squeezer() -> None:
         (solver, f"{tolerance:.0e}", f"{1e3 * t:.2f}", f"{np.abs(run() - np.array(SQUEEZER_END)).max():.1e}")
         for (solver, tolerance, run), t in zip(runs, times, strict=True)
     ]
-    print(table(("solver", "rtol", "time [ms]", "error at the end [rad]"), lines))
+    print(format_table(("solver", "rtol", "time [ms]", "error at the end [rad]"), lines))
 
 
 def _ours(solver: str, tolerance: float) -> Callable[[], Any]:

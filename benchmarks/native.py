@@ -27,7 +27,7 @@ from mbfmu.modeling import Model
 from mbfmu.native.runtime import compiler
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 
 STEPS, LENGTH = 10_000, 1e-3  # the second in s
 INSTANCES = 1000
@@ -154,7 +154,7 @@ def main() -> None:
                 kept = Path(folder, "kept.fmu")
                 own.rename(kept)
         print(f"us of CPU a step of {1e3 * LENGTH:g} ms with all outputs read, adams at 1e-6, medians of {repeats}")
-        print(table(["model", "native FMU", "Python FMU", "Simulation", "Python / native"], rows))
+        print(format_table(["model", "native FMU", "Python FMU", "Simulation", "Python / native"], rows))
         calls(kept)
 
 

@@ -20,7 +20,7 @@ from mbfmu.mechanics import Plant
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.studies.effects import time_of_evaluation
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 from solvers import Code
 from solvers.projection.saddle import Accelerations
 
@@ -40,7 +40,7 @@ def evaluations() -> None:
         own.append(1e6 * time_of_forward_dynamics(plants[0]) / (nx * nz))
         costs.append(own)
         lines.append((f"{nx} x {nz}", *(f"{cost:.3f}" for cost in own)))
-    print(table(("grid", "inverse, bending [us a node]", "with membrane", "articulated body, bending"), lines))
+    print(format_table(("grid", "inverse, bending [us a node]", "with membrane", "articulated body, bending"), lines))
     nodes = np.log([nx * nz for nx, nz in GRIDS])
     exponents = [1.0 + np.polyfit(nodes, np.log([own[k] for own in costs]), 1)[0] for k in range(3)]
     print(f"growth with the nodes: exponents {', '.join(f'{x:.2f}' for x in exponents)} (at most 1.1)\n")
@@ -68,7 +68,7 @@ def statics() -> None:
         lines.append(
             (f"{nx} x {nz}", f"{found.solve_time:.3g}", str(found.iterations), f"{tip:.3f}", f"{tip + 108.22:+.3f}")
         )
-    print(table(("statics", "time [s]", "factorizations", "tip [mm]", "off by"), lines), "\n")
+    print(format_table(("statics", "time [s]", "factorizations", "tip [mm]", "off by"), lines), "\n")
 
 
 def releases() -> None:
@@ -86,7 +86,7 @@ def releases() -> None:
         cpu = time.process_time() - begin
         error = np.abs(heights - data["y_shell_m"]).max() / np.ptp(data["y_shell_m"])
         lines.append((f"{nx} x {nz}", solver, f"{tolerance:.0e}", f"{cpu:.2f}", f"{100.0 * error:.2f} %"))
-    print(table(("release", "solver", "rtol", "CPU [s]", "largest error of the swing"), lines))
+    print(format_table(("release", "solver", "rtol", "CPU [s]", "largest error of the swing"), lines))
 
 
 def main() -> None:

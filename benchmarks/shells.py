@@ -20,7 +20,7 @@ from shell_problems import Problem  # noqa: E402
 
 from mbfmu.steady.equilibrium import build_problem, equilibrium  # noqa: E402
 from mbfmu.util.errors import EquilibriumError  # noqa: E402
-from mbfmu.util.text_table import table  # noqa: E402
+from mbfmu.util.text_table import format_table  # noqa: E402
 
 Mesh = tuple[int, int]
 THICK, THIN = 0.32, 0.0032
@@ -41,7 +41,7 @@ def converge(what: str, build: Callable[[Mesh], Problem], meshes: tuple[Mesh, ..
             cells += [f"{moved:.5g}", f"{100.0 * (moved / problem.published[output] - 1.0):+.2f} %"]
         lines.append((name, *cells, str(found.iterations), f"{found.solve_time:.2f}"))
     names = [cell for name, value in problem.published.items() for cell in (f"{name}, published {value:.5g}", "off by")]
-    print(table((what, *names, "factorizations", "time [s]"), lines), "\n", flush=True)
+    print(format_table((what, *names, "factorizations", "time [s]"), lines), "\n", flush=True)
 
 
 def squares(*sizes: int) -> tuple[Mesh, ...]:
@@ -98,7 +98,11 @@ def buckling() -> None:
             for way in problems.WAYS:
                 load = problems.buckling_load(edges, cells, way)
                 lines.append((str(cells), way, f"{load:.4f}", f"{100.0 * (load / exact - 1.0):+.2f} %"))
-        print(table((f"{edges} plate, cells", "tree", f"load, by Ritz {exact:.4f}", "off by"), lines), "\n", flush=True)
+        print(
+            format_table((f"{edges} plate, cells", "tree", f"load, by Ritz {exact:.4f}", "off by"), lines),
+            "\n",
+            flush=True,
+        )
 
 
 def held() -> None:
@@ -108,7 +112,9 @@ def held() -> None:
         found = equilibrium(problems.held_sheet(cells))
         heights = (f"{1e3 * found.outputs[name]:.3f}" for name in ("corner", "middle", "other"))
         lines.append((f"{cells[0] + 1} x {cells[1] + 1}", *heights, str(found.iterations), f"{found.solve_time:.2f}"))
-    print(table(("held third, nodes", "corner [mm]", "middle", "other", "factorizations", "time [s]"), lines), "\n")
+    print(
+        format_table(("held third, nodes", "corner [mm]", "middle", "other", "factorizations", "time [s]"), lines), "\n"
+    )
 
 
 CASES = {f.__name__: f for f in (cook, strip, annulus, twisted, hemisphere, cylinder, buckling, held)}

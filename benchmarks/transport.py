@@ -26,7 +26,7 @@ from mbfmu.mechanics import Body, Drum, Guide, Mechanism, PointForce, Polynomial
 from mbfmu.session.result import Result
 from mbfmu.session.run import simulate
 from mbfmu.sheets import NipHandle, Sheet, Support, add_contact, add_nip, add_sheet
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 
 LENGTH, WIDTH, THICKNESS, RADIUS = 0.297, 0.03, 1e-4, 0.01
 BENDING = 4e9 * THICKNESS**3 / 12.0  # N m
@@ -232,7 +232,10 @@ def main() -> None:
     parser.add_argument("--nodes", nargs="+", type=int, default=[], metavar="N", help="along the strip, 3 across")
     given = parser.parse_args()
     for name in given.cases or CASES:
-        print(table((name, "reference", "found", "difference", "CPU [s]"), list(CASES[name](given.nodes))), flush=True)
+        print(
+            format_table((name, "reference", "found", "difference", "CPU [s]"), list(CASES[name](given.nodes))),
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mbfmu.util.text_table import power
+from mbfmu.util.text_table import format_tolerance
 from solvers.steppers.ida.dense import MIN_RTOL
 
 ROOT = Path(__file__).parents[1]
@@ -51,7 +51,7 @@ def used(name: str, row: dict[str, Any]) -> float:
 def tolerance(name: str, row: dict[str, Any]) -> str:
     """Return the tolerance of a row, and the one that was used if it is another."""
     own = used(name, row)
-    return power(row["rtol"]) + (f" ({power(own)} used)" if own != row["rtol"] else "")
+    return format_tolerance(row["rtol"]) + (f" ({format_tolerance(own)} used)" if own != row["rtol"] else "")
 
 
 def number(value: float | None) -> str:

@@ -43,7 +43,7 @@ from fmus.feeder import Feeder
 from mbfmu.fmi import Fmu, export
 from mbfmu.plotting.figures import finish
 from mbfmu.session.run import communication_points
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 
 Array = NDArray[np.float64]
 Fmus = Mapping[str, Path]  # elements in the order in which Gauss and Seidel step them
@@ -192,7 +192,7 @@ def study(methods: Mapping[str, Callable[[float], Run]]) -> None:
             told = [f"{1e3 * value:.3f}" for value in (run["controller.skew"][-1], run[SKEW][-1], off)]
             lines.append((label, f"{1e3 * step:g}", *told))
     header = ("coupling", "step [ms]", "found [mrad]", f"skew at {STOP_TIME:g} s [mrad]", "largest difference [mrad]")
-    print(table(header, lines))
+    print(format_table(header, lines))
 
 
 def draw(runs: Mapping[str, Run], path: Path) -> None:

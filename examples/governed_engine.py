@@ -35,7 +35,7 @@ from mbfmu.fmi import Fmu, export
 from mbfmu.plotting.figures import finish
 from mbfmu.session.run import communication_points
 from mbfmu.session.simulation import Settings
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 
 Array = NDArray[np.float64]
 
@@ -214,7 +214,7 @@ def study(methods: dict[str, Callable[[float], Run]]) -> dict[str, list[float]]:
             last = run["engine.speed"][-1]
             lines.append((label, f"{1e3 * step:g}", f"{own[-1]:.1e}", order, f"{last:.7f}", f"{last - goal:+.0e}"))
     header = ("coupling", "step [ms]", "error [rad/s]", "order", f"speed at {STOP_TIME:g} s", "less derived")
-    print(table(header, lines))
+    print(format_table(header, lines))
     return errors
 
 

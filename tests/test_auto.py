@@ -16,7 +16,7 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.sheet import Sheet
 from mbfmu.fmi import Fmu
-from mbfmu.modeling.model import of_user
+from mbfmu.modeling.model import as_model
 from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.scene import load_scene
 from mbfmu.session.stiffness import spectrum
@@ -165,7 +165,7 @@ def test_differences_find_the_eigenvalues_of_exact_state_matrices(model: mb.Mode
 
 
 def test_arnoldi_finds_the_fastest_of_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    plant = of_user(chain(30)).plant()
+    plant = as_model(chain(30)).plant()
     q, v = plant.assemble()
     whole = spectrum(plant, 0.0, q, v)
     monkeypatch.setattr("mbfmu.session.stiffness.MAX_DENSE_FREEDOM", 3)
@@ -240,6 +240,6 @@ def test_the_command_tells_what_was_taken(
     assert code == 0
     assert "note: auto selected 'adams': not stiff" in out
     assert "default-auto-1e-6" in out
-    monkeypatch.setattr("mbfmu.cli.run.QUICK", -1.0)  # an FMU that is slow is not repeated directly
+    monkeypatch.setattr("mbfmu.cli.run.MAX_REPEATED_RUN_TIME", -1.0)  # an FMU that is slow is not repeated directly
     _, out, _ = command("run", "governor", "--solver", "auto", "--stop-time", "0.1")
     assert "note: auto selected 'adams': not stiff" in out

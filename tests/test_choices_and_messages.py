@@ -15,10 +15,10 @@ import mbfmu as mb
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.ensemble.study_target import subject_of
+from mbfmu.ensemble.study_target import make_target
 from mbfmu.fmi import export
 from mbfmu.fmi.native_fmu import SOLVERS, _with_solver, describe_constants
-from mbfmu.modeling.model import of_user
+from mbfmu.modeling.model import as_model
 from mbfmu.native.data import native_model
 from mbfmu.plotting.steady_states import STABILITY_STYLES
 from mbfmu.session.failure_diagnosis import advise
@@ -57,13 +57,13 @@ def by_simulate(_: Callable[..., Any], folder: Path) -> None:
 
 
 def by_study(_: Callable[..., Any], folder: Path) -> None:
-    subject_of("pendulum", "simulation", 0.1, 1.0)
+    make_target("pendulum", "simulation", 0.1, 1.0)
 
 
 def by_study_of_an_fmu(_: Callable[..., Any], folder: Path) -> None:
     path = export(SwingPendulum(), folder / "pendulum.fmu")
     try:
-        subject_of(path, "simulation", 0.1, 1.0)
+        make_target(path, "simulation", 0.1, 1.0)
     finally:
         path.unlink()
 
@@ -150,7 +150,7 @@ WORDS = {"load": "force", "drive": "drive", "loop": "singular", "light": "kg"}
 def test_causes_are_those_that_a_model_can_have(load: bool, drive: bool, loop: bool, light: bool) -> None:
     masses = (1e-6 if light else 1.0, 1.0, 1.0)
     m = chain(*masses, load=load, drive=drive, loop=loop)
-    text = advise(of_user(m).plant(), Status(Code.COLLAPSED, 0.0, ("ida",)))
+    text = advise(as_model(m).plant(), Status(Code.COLLAPSED, 0.0, ("ida",)))
     expected = {"load": load, "drive": drive and loop, "loop": loop, "light": light}
     assert {key: word in text for key, word in WORDS.items()} == expected, text
     assert ("'link0' of 1e-06 kg, which carries one of 1 kg" in text) == light
@@ -163,7 +163,7 @@ def test_near_branches_name_drives_and_several_loops_if_there_are_any(drive: boo
         m = chain(1.0, 1.0, 1.0, 1.0, drive=drive, loop=True)
         if loops == 2:
             m.cut("other", mb.DistanceCut(length=2.0**0.5, at_a=(3.0, 1.0, 0.0)), m.ground, m.bodies[3])
-        text = advise(of_user(m).plant(), Status(Code.BRANCHES, 0.0))
+        text = advise(as_model(m).plant(), Status(Code.BRANCHES, 0.0))
         assert ("drive" in text, "several" in text) == (drive, loops == 2)
 
 

@@ -27,7 +27,7 @@ from mbfmu.modeling import find
 from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.scene import as_toml, load_scene
 from mbfmu.modeling.settings import Settings
-from mbfmu.modeling.variables import Role, interface
+from mbfmu.modeling.variables import Role, list_variables
 from mbfmu.plotting import time_series
 from mbfmu.session import run as session_run
 from mbfmu.session.result import Result
@@ -90,7 +90,7 @@ def test_a_run_that_is_not_to_be_trusted_says_so_everywhere(
     assert command(*told)[0] == 0
     drawn: list[str] = []
     monkeypatch.setattr(
-        "mbfmu.plotting.time_series.entitle", lambda figure, result: drawn.append(time_series.trouble(result))
+        "mbfmu.plotting.time_series.set_title", lambda figure, result: drawn.append(time_series.status_label(result))
     )
     monkeypatch.setattr("mbfmu.cli.run.run", lambda *a, **k: replace(session_run.run(*a, **k), **{field: "it stopped"}))
     code, out, _ = command(*told)
@@ -426,7 +426,7 @@ def test_every_setting_reaches_a_scene_the_command_and_what_is_saved(tmp_path: P
 
 
 def test_every_setting_is_a_variable_of_the_fmu() -> None:
-    told = interface(load_scene("fourbar").model, Settings())
+    told = list_variables(load_scene("fourbar").model, Settings())
     settings = {v.name for v in told if v.role is Role.SETTING}
     assert settings == {p.name for p in declared(Settings)}
 

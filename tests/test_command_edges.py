@@ -21,7 +21,7 @@ from mbfmu.cli.study import place
 from mbfmu.mechanics import Variable
 from mbfmu.modeling.scene import load_scene
 from mbfmu.session.result import Result
-from mbfmu.util.errors import LONGEST_MESSAGE, UserError, shorten
+from mbfmu.util.errors import MAX_MESSAGE_LENGTH, UserError, shorten
 from solvers import Statistics
 
 MBFMU = (sys.executable, "-m", "mbfmu")
@@ -97,7 +97,7 @@ def test_messages_do_not_repeat_long_input(command: Callable[..., Any]) -> None:
     for given in (("run", long), ("run", "fourbar", "--set", long), ("run", "fourbar", "--solver", long)):
         code, _, err = command(*given)
         assert code == 2
-        assert len(err) < LONGEST_MESSAGE + 300
+        assert len(err) < MAX_MESSAGE_LENGTH + 300
         assert "characters left out" in err
     with pytest.raises(SystemExit):
         command("run", "fourbar", "--tolerance", long)

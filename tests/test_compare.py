@@ -27,7 +27,7 @@ from mbfmu.studies.reference import driven
 from mbfmu.studies.resolution import limit, moving_places, resolutions_of
 from mbfmu.studies.timing import Budget, Spent, TooLong, in_turn
 from mbfmu.util.errors import UserError
-from mbfmu.util.text_table import power
+from mbfmu.util.text_table import format_tolerance
 
 
 def short(model: Any, stop_time: float, interval: float = 0.01) -> Scene:
@@ -72,7 +72,7 @@ def test_a_run_that_ends_early_has_no_error_and_is_not_drawn(swings: Comparison,
     points = np.concatenate([line.get_xydata() for line in figure.axes[0].lines])
     for r in failed:
         assert not np.any(points[:, 0] == r.cpu_s)
-        assert f"adams-lu {power(r.rtol)}" in figure.axes[0].get_xlabel()
+        assert f"adams-lu {format_tolerance(r.rtol)}" in figure.axes[0].get_xlabel()
 
 
 def drawn(monkeypatch: Any, plot: Any, found: Comparison) -> Any:
@@ -301,7 +301,7 @@ def test_what_is_chosen_keeps_the_target(target: Any, output: str) -> None:
     error = np.abs(own - right).max()
     assert error <= (1e-5 if target == "0.01 mm" else 1e-5 * np.ptp(right))
     assert found.row.errors[output] == pytest.approx(error, rel=1e-3)
-    assert found.sentence.startswith(f"recommended: solver adams, tolerance {power(found.row.rtol)} ")
+    assert found.sentence.startswith(f"recommended: solver adams, tolerance {format_tolerance(found.row.rtol)} ")
     assert f"in {output}, target" in found.sentence
     assert len(found.rows) >= 2
 

@@ -34,7 +34,7 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
-from mbfmu.modeling.model import of_user
+from mbfmu.modeling.model import as_model
 from mbfmu.modeling.settings import Settings
 from mbfmu.util.errors import AssemblyError, EquilibriumError, UserError
 
@@ -273,7 +273,7 @@ def test_a_loop_with_a_gear_is_the_loop_with_more_inertia(solver: str) -> None:
     found, true = (simulate(slider_crank(geared), 1.0, solver=solver, tolerance=1e-8) for geared in (True, False))
     assert not found.failure
     np.testing.assert_allclose(found["crank"], true["crank"], atol=1e-5)
-    sentences = Simulation(of_user(slider_crank(True)), Settings()).loops()
+    sentences = Simulation(as_model(slider_crank(True)), Settings()).loops()
     assert sentences == ["loop 'pin': 1 of its 3 constraints is trivially satisfied (z) and removed"]
 
 

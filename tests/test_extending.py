@@ -27,7 +27,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.mechanics.contact import surfaces
 from mbfmu.mechanics.kind import kinds_of
-from mbfmu.modeling.variables import arrays, interface
+from mbfmu.modeling.variables import arrays, list_variables
 from mbfmu.studies.resolution import resolutions_of
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -69,7 +69,7 @@ def test_examples_run(
         assert resolutions_of(flap(), None)[0] == {"nx": 5, "nz": 3}
         assert not flap(nx=5, nz=3).plant().system.m
         piston = mbfmu.find("piston.py:Piston")()
-        (joints,) = arrays(piston, interface(piston, mbfmu.Settings()))
+        (joints,) = arrays(piston, list_variables(piston, mbfmu.Settings()))
         assert joints.shape == (2, 2)
 
 

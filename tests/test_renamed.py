@@ -10,7 +10,7 @@ import pytest
 import mbfmu as mb
 from mbfmu import mechanics
 from mbfmu.cli import main
-from mbfmu.modeling.scene import KEYS, read_scene
+from mbfmu.modeling.scene import SCENE_KEYS, read_scene
 from mbfmu.util.errors import RENAMED, UserError
 
 ATTRIBUTES: dict[str, Callable[[], object]] = {
@@ -42,7 +42,7 @@ def test_an_argument_that_was_renamed(name: str) -> None:
 
 @pytest.mark.parametrize("old", sorted(RENAMED.keys() & {"audit", "inputs"}))
 def test_a_key_of_a_scene_file_that_was_renamed(tmp_path: Path, old: str) -> None:
-    assert RENAMED[old] in KEYS
+    assert RENAMED[old] in SCENE_KEYS
     (tmp_path / "old.toml").write_text(f'model = "pendulum"\n{old} = true\n')
     with pytest.raises(UserError, match=f"unknown key '{old}'; it is now called '{RENAMED[old]}'"):
         read_scene(tmp_path / "old.toml")

@@ -33,8 +33,8 @@ from . import (
     study,
     view,
 )
-from .compiling import compilation
-from .completion import HOW
+from .compiling import report_compilation
+from .completion import COMPLETION_COMMAND
 
 COMMANDS = (
     run,
@@ -54,7 +54,7 @@ COMMANDS = (
     cache,
 )
 
-EXAMPLES = f"""examples:
+COMMAND_EXAMPLES = f"""examples:
   mbfmu run fourbar                        simulate a model through its FMU; write CSV and pictures
   mbfmu run fourbar --solver adams --direct
   mbfmu run fourbar/paper                  a scene that is part of a model
@@ -83,7 +83,7 @@ The exit code is 0 for success, 1 for a run (`run`, `check`) that ended early or
 an invalid argument, and 130 after Ctrl-C.
 
 For completion of commands, models, scenes, parameters and solvers in the shell, add this line to ~/.bashrc or ~/.zshrc:
-  {HOW}
+  {COMPLETION_COMMAND}
 """
 
 
@@ -111,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     argcomplete.autocomplete(described)
     options = described.parse_args(arguments)
     try:
-        with termination_raised(), compilation(reported=options.verbose or not options.quiet):
+        with termination_raised(), report_compilation(reported=options.verbose or not options.quiet):
             return int(options.command(options))
     except UserError as error:
         print(f"mbfmu: {shorten(str(error))}", file=sys.stderr)
@@ -133,22 +133,22 @@ def parser() -> argparse.ArgumentParser:
     top = Parser(
         prog="mbfmu",
         description="Simulation of multibody mechanisms, and their export as FMUs.",
-        epilog=EXAMPLES,
+        epilog=COMMAND_EXAMPLES,
         formatter_class=Formatter,
     )
     top.add_argument("--version", action="version", version=f"mbfmu {mbfmu.__version__}")
     top.set_defaults(quiet=False, verbose=False)
-    add_loudness(top)
+    add_verbosity(top)
     commands = top.add_subparsers(required=True, metavar="COMMAND")
     for module in COMMANDS:
         module.add(commands)
     for command in commands.choices.values():
         command.formatter_class = Formatter
-        add_loudness(command)
+        add_verbosity(command)
     return top
 
 
-def add_loudness(p: argparse.ArgumentParser) -> None:
+def add_verbosity(p: argparse.ArgumentParser) -> None:
     """Add ``-q`` and ``-v``, which may stand before or after the subcommand."""
     either = p.add_mutually_exclusive_group()
     for letter, name, about in (

@@ -13,7 +13,7 @@ from mbfmu.util.errors import UserError
 from solvers.compiled import cache, storage
 from solvers.steppers import SOLVER_NAMES
 
-from .common import Commands, bar, show_more
+from .common import Commands, bar, print_if_verbose
 from .completion import complete, scene_names
 
 
@@ -101,7 +101,7 @@ def warm(references: list[str], options: argparse.Namespace) -> None:
         for model, solver in runs:
             shown.set_description(f"{model.name} {solver}")
             shown.update()
-            show_more(options, f"{model.name} {solver}")
+            print_if_verbose(options, f"{model.name} {solver}")
             try:
                 if solver == "equilibrium":
                     equilibrium(model).shapes(1)

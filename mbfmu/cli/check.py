@@ -5,7 +5,18 @@ from __future__ import annotations
 import argparse
 import sys
 
-from .common import Commands, add_json, add_scene, add_set, add_solver, reader, scene_of, show, writable, write_json
+from .common import (
+    Commands,
+    add_json,
+    add_scene,
+    add_set,
+    add_solver,
+    print_unless_quiet,
+    reader,
+    scene_of,
+    writable,
+    write_json,
+)
 
 
 def add(commands: Commands) -> None:
@@ -53,7 +64,7 @@ def command_check(options: argparse.Namespace) -> int:
     if options.json:
         write_json(found.as_dict(), options.json)
     if not options.json or str(options.json) != "-":
-        show(options, found.as_text())
+        print_unless_quiet(options, found.as_text())
     if options.quiet and found.failure:
         print(f"mbfmu: {found.failure}", file=sys.stderr)
     return 1 if found.failure or found.inaccurate else 0

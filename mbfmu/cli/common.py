@@ -19,20 +19,20 @@ from mbfmu.modeling.settings import Settings
 from mbfmu.session.run import check_interval
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import check_writable, write_text
-from mbfmu.util.text_table import power
+from mbfmu.util.text_table import format_tolerance
 
 from .completion import complete, parameter_names, scene_names
 
 Commands = Any  # argparse's collection of subparsers, whose class is private
-AGAIN = "An existing folder is kept; the new one gets the suffix -2, -3, ..."
-RESULTS = Path("results")  # where results go that are sent nowhere else
-LONGEST = 80  # characters of a model's or a scene's name in that of a folder
+EXISTING_FOLDER_TEXT = "An existing folder is kept; the new one gets the suffix -2, -3, ..."
+RESULTS_FOLDER = Path("results")  # where results go that are sent nowhere else
+MAX_NAME_LENGTH = 80  # characters of a model's or a scene's name in that of a folder
 METAVARS = {"s": "S"}  # what stands for a value, by its unit
 
 
-def add_set(p: argparse.ArgumentParser) -> None:
+def add_set(parser: argparse.ArgumentParser) -> None:
     """Add ``--set``."""
-    given = p.add_argument(
+    given = parser.add_argument(
         "--set",
         action="append",
         default=[],
@@ -42,15 +42,15 @@ def add_set(p: argparse.ArgumentParser) -> None:
     complete(given, parameter_names)
 
 
-def add_solver(p: argparse.ArgumentParser) -> None:
+def add_solver(parser: argparse.ArgumentParser) -> None:
     """Add every setting: what is not given stays as the scene has it."""
-    group = p.add_argument_group(
+    group = parser.add_argument_group(
         "settings",
         "Settings not given here are those of the scene or the model; the defaults shown apply to most models.",
     )
     for setting in declared(Settings):
         option = f"--{setting.name.replace('_', '-')}"
-        about = f"{setting.doc} (default {default_in_words(setting)})".replace("%", "%%")
+        about = f"{setting.doc} (default {default_text(setting)})".replace("%", "%%")
         if isinstance(setting.default, bool):
             group.add_argument(option, action=argparse.BooleanOptionalAction, help=about)
         elif setting.choices:
@@ -61,13 +61,13 @@ def add_solver(p: argparse.ArgumentParser) -> None:
             group.add_argument(option, type=reader(kind), metavar=metavar, help=about)
 
 
-def default_in_words(setting: Parameter) -> str:
+def default_text(setting: Parameter) -> str:
     """Return the default of a setting for people."""
     default = setting.default
     if isinstance(default, bool):
         return "yes" if default else "no"
     if isinstance(default, float):
-        return power(default) if 0.0 < default < 1e-3 else f"{default:g}"
+        return format_tolerance(default) if 0.0 < default < 1e-3 else f"{default:g}"
     return str(default)
 
 
@@ -84,35 +84,35 @@ def reader(kind: type[float]) -> Callable[[str], float]:
     return read
 
 
-def add_times(p: argparse.ArgumentParser, stop: str, interval: str) -> None:
+def add_times(parser: argparse.ArgumentParser, stop: str, interval: str) -> None:
     """Add the end of a run and the time between its outputs, with what each is."""
-    p.add_argument("--stop-time", type=reader(float), metavar="S", help=f"{stop}, s")
-    p.add_argument("--interval", type=reader(float), metavar="S", help=f"{interval}, s")
+    parser.add_argument("--stop-time", type=reader(float), metavar="S", help=f"{stop}, s")
+    parser.add_argument("--interval", type=reader(float), metavar="S", help=f"{interval}, s")
 
 
-def add_scene(p: argparse.ArgumentParser) -> None:
+def add_scene(parser: argparse.ArgumentParser) -> None:
     """Add the scene that a command works on."""
-    given = p.add_argument(
+    given = parser.add_argument(
         "scene", help="a model (fourbar), one of its scenes (fourbar/paper), a scene file, or my_model.py:MyModel"
     )
     complete(given, scene_names)
 
 
-def add_output(p: argparse.ArgumentParser, what: str) -> None:
+def add_output(parser: argparse.ArgumentParser, what: str) -> None:
     """Add ``-o`` for the folder of all results."""
-    p.add_argument(
+    parser.add_argument(
         "-o",
         "--output",
         type=Path,
-        default=RESULTS,
+        default=RESULTS_FOLDER,
         metavar="DIR",
-        help=f"write the folder DIR/{what} (DIR: {RESULTS}). {AGAIN}",
+        help=f"write the folder DIR/{what} (DIR: {RESULTS_FOLDER}). {EXISTING_FOLDER_TEXT}",
     )
 
 
-def add_json(p: argparse.ArgumentParser) -> None:
+def add_json(parser: argparse.ArgumentParser) -> None:
     """Take a file for all that is found."""
-    p.add_argument(
+    parser.add_argument(
         "--json",
         type=Path,
         nargs="?",
@@ -122,11 +122,11 @@ def add_json(p: argparse.ArgumentParser) -> None:
     )
 
 
-def add_steady(p: argparse.ArgumentParser) -> None:
+def add_steady(parser: argparse.ArgumentParser) -> None:
     """Add the model whose steady state is computed, and the start of the search."""
-    add_scene(p)
-    add_set(p)
-    p.add_argument(
+    add_scene(parser)
+    add_set(parser)
+    parser.add_argument(
         "--from",
         dest="start",
         action="append",
@@ -188,19 +188,19 @@ def scene_part(scene: Scene) -> str:
 
 def run_part(scene: Scene, given: Sequence[str] = ()) -> str:
     """Return the name of the folder of a run: its scene, solver and tolerance, and the values of ``--set``."""
-    name = f"{scene_part(scene)}-{scene.settings.solver}-{power(scene.settings.tolerance)}"
+    name = f"{scene_part(scene)}-{scene.settings.solver}-{format_tolerance(scene.settings.tolerance)}"
     changes = file_name(",".join(f"{key}={value}" for key, value in assignments("--set", list(given)).items()))
     return f"{name}-{changes}" if given else name
 
 
-def stem_of(scene: Scene, given: Sequence[str] = ()) -> str:
+def file_stem(scene: Scene, given: Sequence[str] = ()) -> str:
     """Return the name of the files of a run, so that no run replaces what one of other settings found."""
     return f"{file_name(scene.model.name)}/{run_part(scene, given)}"
 
 
 def file_name(text: str) -> str:
     """Return text as a name that every file system takes."""
-    return re.sub(r"[^\w .,+=-]", "_", text)[:LONGEST].strip(" .") or "unnamed"
+    return re.sub(r"[^\w .,+=-]", "_", text)[:MAX_NAME_LENGTH].strip(" .") or "unnamed"
 
 
 @contextmanager
@@ -215,19 +215,19 @@ def bar(total: float, what: str, quiet: bool, unit: str = "it") -> Any:
     return tqdm(total=total, unit=unit, desc=what, leave=False, disable=quiet or not sys.stderr.isatty())
 
 
-def show(options: argparse.Namespace, text: str) -> None:
+def print_unless_quiet(options: argparse.Namespace, text: str) -> None:
     """Print what ``-q`` leaves out."""
     if not options.quiet:
         print(text)
 
 
-def show_more(options: argparse.Namespace, text: str) -> None:
+def print_if_verbose(options: argparse.Namespace, text: str) -> None:
     """Print what ``-v`` asks for."""
     if options.verbose:
         print(text)
 
 
-def wrote(options: argparse.Namespace, *paths: Path) -> None:
+def print_paths(options: argparse.Namespace, *paths: Path) -> None:
     """Print where results are: with ``-q`` the paths alone, which a script can read."""
     print("\n".join(map(str, paths)) if options.quiet else f"wrote {' and '.join(map(str, paths))}")
 

@@ -14,29 +14,29 @@ from mbfmu.util.errors import UserError
 from mbfmu.util.files import write_text
 
 from .common import (
-    AGAIN,
-    RESULTS,
+    EXISTING_FOLDER_TEXT,
+    RESULTS_FOLDER,
     Commands,
     add_scene,
     add_set,
     add_times,
     assignments,
     bar,
+    print_if_verbose,
+    print_paths,
+    print_unless_quiet,
     reader,
     scene_of,
     scene_part,
-    show,
-    show_more,
     writable,
     write_json,
-    wrote,
 )
 from .completion import complete, output_names
 from .results import Results, results
 
-OWN = "own"  # resolution: the scene's
+OWN_RESOLUTION = "own"  # resolution: the scene's
 
-EXAMPLES = """examples:
+COMPARE_EXAMPLES = """examples:
   mbfmu compare fourbar
   mbfmu compare governor/damped --repeats 1
   mbfmu compare fourbar --solver adams --solver hybrid --tolerance 1e-5 --tolerance 1e-7
@@ -68,7 +68,7 @@ The results are in a folder such as results/fourbar/default-compare:
 
 With --target no folder is written. One line recommends a solver, a tolerance and a discretisation, with the CPU time
 and the expected error; --save writes the recommendation as a scene.""",
-        epilog=EXAMPLES,
+        epilog=COMPARE_EXAMPLES,
     )
     add_scene(p)
     add_set(p)
@@ -94,7 +94,7 @@ and the expected error; --save writes the recommendation as a scene.""",
         action="append",
         metavar="NAME=N[,NAME=N]",
         help="values of the discretisation parameters; may be repeated, three or more give the order of convergence "
-        f"(default: those that the model declares; {OWN}: those of the scene)",
+        f"(default: those that the model declares; {OWN_RESOLUTION}: those of the scene)",
     )
     judged = p.add_argument(
         "--output",
@@ -136,9 +136,9 @@ and the expected error; --save writes the recommendation as a scene.""",
         "-o",
         dest="output",
         type=Path,
-        default=RESULTS,
+        default=RESULTS_FOLDER,
         metavar="DIR",
-        help=f"write the folder DIR/MODEL/SCENE-compare (DIR: {RESULTS}). {AGAIN}",
+        help=f"write the folder DIR/MODEL/SCENE-compare (DIR: {RESULTS_FOLDER}). {EXISTING_FOLDER_TEXT}",
     )
     p.set_defaults(command=command_compare)
 
@@ -160,7 +160,7 @@ def scene_of_compare(options: argparse.Namespace) -> Scene:
     return scene_of(argparse.Namespace(**vars(options) | {"solver": None, "tolerance": None}))
 
 
-def asked(options: argparse.Namespace) -> dict[str, Any]:
+def common_arguments(options: argparse.Namespace) -> dict[str, Any]:
     """Return the arguments that both ways to compare have in common."""
     return {
         "solvers": options.solver,
@@ -175,7 +175,9 @@ def resolutions(texts: list[str] | None) -> list[dict[str, str]] | None:
     """Return the values of repeated ``NAME=N,NAME=N``; of ``own`` there are none."""
     if texts is None:
         return None
-    return [{} if text == OWN else assignments("--resolution", text.replace(",", " ").split()) for text in texts]
+    return [
+        {} if text == OWN_RESOLUTION else assignments("--resolution", text.replace(",", " ").split()) for text in texts
+    ]
 
 
 def counting(options: argparse.Namespace, shown: Any) -> Callable[[str, float], None]:
@@ -184,7 +186,7 @@ def counting(options: argparse.Namespace, shown: Any) -> Callable[[str, float], 
 
     def done(what: str, share: float) -> None:
         nonlocal reached
-        show_more(options, f"done: {what}")
+        print_if_verbose(options, f"done: {what}")
         reached += share
         shown.update(int(100.0 * reached) - shown.n)
 
@@ -203,7 +205,9 @@ def command_table(options: argparse.Namespace, scene: Scene) -> int:
     settled: list[Settled] = []
     with results(options.output, scene, f"{scene_part(scene)}-compare") as place:
         with bar(100, "compare", options.quiet, "%") as shown:
-            found = compare(scene, **asked(options), repeats=options.repeats, progress=counting(options, shown))
+            found = compare(
+                scene, **common_arguments(options), repeats=options.repeats, progress=counting(options, shown)
+            )
         if settling:
             tolerances, solvers = options.tolerance or TOLERANCES, options.solver or solvers_of(plant)
             total = options.repeats * (1 + len(tolerances) * len(solvers))
@@ -224,12 +228,12 @@ def command_table(options: argparse.Namespace, scene: Scene) -> int:
         write_json(content, place.file("rows.json"))
         write_text(place.file("table.txt"), text + "\n")
         if str(options.json) != "-":
-            show(options, text)
+            print_unless_quiet(options, text)
         if options.json:
             write_json(content, options.json)
         kept = place.keep()
     if str(options.json) != "-":
-        wrote(options, kept)
+        print_paths(options, kept)
     return 0
 
 
@@ -246,7 +250,7 @@ def command_target(options: argparse.Namespace, scene: Scene) -> int:
     from mbfmu.studies.recommendation import recommend_solver
 
     with bar(100, "compare", options.quiet, "%") as shown:
-        found = recommend_solver(scene, options.target, **asked(options), progress=counting(options, shown))
+        found = recommend_solver(scene, options.target, **common_arguments(options), progress=counting(options, shown))
     if options.save:
         write_text(options.save, as_toml(found.scene))
     if options.json:
@@ -254,8 +258,8 @@ def command_target(options: argparse.Namespace, scene: Scene) -> int:
     if str(options.json) != "-":
         print(found.sentence)
         if found.held_inputs:
-            show(options, f"not examined: {found.held_inputs}")
-        show_more(options, "\n".join(found.notes))
+            print_unless_quiet(options, f"not examined: {found.held_inputs}")
+        print_if_verbose(options, "\n".join(found.notes))
         if options.save:
-            wrote(options, options.save)
+            print_paths(options, options.save)
     return 0

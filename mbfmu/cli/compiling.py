@@ -10,15 +10,15 @@ from tqdm import tqdm
 
 from solvers.compiled.cache import measure_compilation_time, when_compiling
 
-BEFORE = "compiling; this takes one to three minutes, for native FMUs up to six, once per machine"
+COMPILING_TEXT = "compiling; this takes one to three minutes, for native FMUs up to six, once per machine"
 
 
 @contextmanager
-def compilation(*, reported: bool) -> Iterator[None]:
+def report_compilation(*, reported: bool) -> Iterator[None]:
     """Report on standard error, if requested, that this block waits for the compiler, and how long it took."""
     with measure_compilation_time() as taken:
         try:
-            with when_compiling(lambda: print_if(BEFORE, reported)):
+            with when_compiling(lambda: print_if(COMPILING_TEXT, reported)):
                 yield
         finally:
             if taken():

@@ -12,7 +12,7 @@ from mbfmu.modeling.registry import models
 from mbfmu.modeling.scene import load_scene, scenes
 from mbfmu.util.errors import UserError
 
-HOW = 'eval "$(register-python-argcomplete mbfmu)"'  # in ~/.bashrc or ~/.zshrc
+COMPLETION_COMMAND = 'eval "$(register-python-argcomplete mbfmu)"'  # in ~/.bashrc or ~/.zshrc
 
 Words = Sequence[str] | Callable[..., Iterable[str]]
 

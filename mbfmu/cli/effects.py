@@ -6,7 +6,7 @@ import argparse
 
 from mbfmu.util.errors import UserError, suggest
 
-from .common import Commands, add_solver, add_steady, bar, reader, scene_of, show, start_of
+from .common import Commands, add_solver, add_steady, bar, print_unless_quiet, reader, scene_of, start_of
 from .completion import complete, output_names
 
 
@@ -52,5 +52,5 @@ def command_effects(options: argparse.Namespace) -> int:
         entries = costs(
             scene.model, scene.settings, scene.stop_time, start_of(options), lambda _: seen.update(), options.show
         )
-    show(options, as_text(entries, shown))
+    print_unless_quiet(options, as_text(entries, shown))
     return 0

@@ -16,7 +16,7 @@ from mbfmu.steady.supports import FOLLOWED
 from mbfmu.steady.sweep import Branch, sweep
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.files import replacing
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 
 from .common import (
     Commands,
@@ -26,14 +26,14 @@ from .common import (
     assignments,
     bar,
     number,
+    print_if_verbose,
+    print_paths,
+    print_unless_quiet,
     reader,
     scene_of,
     scene_part,
-    show,
-    show_more,
     start_of,
     write_json,
-    wrote,
 )
 from .completion import complete, output_names
 from .results import Results, results
@@ -87,7 +87,7 @@ def command_equilibrium(options: argparse.Namespace) -> int:
         write_json({**found.as_dict(), "others": [other.as_dict() for other in others]}, options.json)
     if not options.json or str(options.json) != "-":
         print(as_text(found, others))
-        show_more(options, f"{1 + len(others)} steady states; the first took {found.effort}")
+        print_if_verbose(options, f"{1 + len(others)} steady states; the first took {found.effort}")
     return 0
 
 
@@ -96,7 +96,7 @@ def as_text(found: Equilibrium, others: Sequence[Equilibrium]) -> str:
     if not others:
         return str(found)
     rows = [[f"{x:.9g}" for x in other.positions().values()] + [other.stability] for other in others]
-    return "\n".join((str(found), "", "other steady states:", table([*found.positions(), "stability"], rows)))
+    return "\n".join((str(found), "", "other steady states:", format_table([*found.positions(), "stability"], rows)))
 
 
 def swept(scene: Scene, options: argparse.Namespace) -> int:
@@ -121,8 +121,8 @@ def swept(scene: Scene, options: argparse.Namespace) -> int:
             write_json(content, options.json)
         kept = place.keep()
     if str(options.json) != "-":
-        show(options, branches_as_text(branches, *axes, shown))
-        wrote(options, kept)
+        print_unless_quiet(options, branches_as_text(branches, *axes, shown))
+        print_paths(options, kept)
     return 0
 
 
@@ -145,7 +145,7 @@ def branches_as_text(branches: Sequence[Branch], parameter: str, output: str, sh
     for k, branch in enumerate(branches, 1):
         heights = [state.outputs[shown] for state in branch.states]
         rows.append((str(k), str(len(heights)), span(branch.values), span(heights), stability_of(branch)))
-    return table(("branch", "states", parameter, output, "stability"), rows)
+    return format_table(("branch", "states", parameter, output, "stability"), rows)
 
 
 def span(values: Sequence[float]) -> str:

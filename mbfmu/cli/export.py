@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from mbfmu.modeling.scene import DEFAULT
+from mbfmu.modeling.scene import DEFAULT_SCENE
 
 from .common import (
     Commands,
@@ -15,11 +15,11 @@ from .common import (
     add_solver,
     add_times,
     file_name,
+    print_if_verbose,
+    print_paths,
+    print_unless_quiet,
     scene_of,
     scene_part,
-    show,
-    show_more,
-    wrote,
 )
 from .runtime import add_platforms
 
@@ -64,9 +64,9 @@ def command_export(options: argparse.Namespace) -> int:
 
     scene = scene_of(options)
     name, part = file_name(scene.model.name), scene_part(scene)
-    path = options.output or Path(f"{name}.fmu" if part == DEFAULT else f"{name}_{part}.fmu")
+    path = options.output or Path(f"{name}.fmu" if part == DEFAULT_SCENE else f"{name}_{part}.fmu")
     asked: dict[str, Any] = {"fmi": options.fmi, "platforms": options.platforms}
-    asked["report"] = lambda text: show(options, text)
+    asked["report"] = lambda text: print_unless_quiet(options, text)
     if options.native:
         if options.solver is not None:
             refuse_solver(options.solver)
@@ -74,6 +74,6 @@ def command_export(options: argparse.Namespace) -> int:
     else:
         asked |= {"stop_time": scene.stop_time, "output_interval": scene.output_interval}
         export(scene.model, path, scene.settings, **asked)
-    wrote(options, path)
-    show_more(options, f"{path.stat().st_size / 1e3:.0f} kB; `mbfmu models {options.scene}` lists its variables")
+    print_paths(options, path)
+    print_if_verbose(options, f"{path.stat().st_size / 1e3:.0f} kB; `mbfmu models {options.scene}` lists its variables")
     return 0

@@ -8,10 +8,21 @@ from pathlib import Path
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.linear import modes_as_text
 
-from .common import AGAIN, RESULTS, Commands, add_steady, scene_of, scene_part, show, show_more, start_of, wrote
+from .common import (
+    EXISTING_FOLDER_TEXT,
+    RESULTS_FOLDER,
+    Commands,
+    add_steady,
+    print_if_verbose,
+    print_paths,
+    print_unless_quiet,
+    scene_of,
+    scene_part,
+    start_of,
+)
 from .results import results
 
-NAME = "state_space.npz"
+STATE_SPACE_FILE = "state_space.npz"
 
 
 def add(commands: Commands) -> None:
@@ -32,8 +43,9 @@ def add(commands: Commands) -> None:
         "--output",
         type=Path,
         metavar="FILE",
-        help=f"file, .npz or .mat (default: {RESULTS}/MODEL/SCENE-linear/{NAME}); an existing file is overwritten. "
-        f"{AGAIN}",
+        help=f"file, .npz or .mat (default: {RESULTS_FOLDER}/MODEL/SCENE-linear/{STATE_SPACE_FILE}); "
+        "an existing file is overwritten. "
+        f"{EXISTING_FOLDER_TEXT}",
     )
     p.set_defaults(command=command_linearize)
 
@@ -47,20 +59,22 @@ def command_linearize(options: argparse.Namespace) -> int:
         space.write(options.output)
         path = options.output
     else:
-        with results(RESULTS, scene, f"{scene_part(scene)}-linear") as place:
-            space.write(place.file(NAME))
-            path = place.keep() / NAME
-    show(options, f"{scene.name}: linearized about the steady state found from {found.found_from} ({found.stability})")
-    show_more(options, found.effort)
+        with results(RESULTS_FOLDER, scene, f"{scene_part(scene)}-linear") as place:
+            space.write(place.file(STATE_SPACE_FILE))
+            path = place.keep() / STATE_SPACE_FILE
+    print_unless_quiet(
+        options, f"{scene.name}: linearized about the steady state found from {found.found_from} ({found.stability})"
+    )
+    print_if_verbose(options, found.effort)
     for note in (*found.notes, *space.notes):
-        show(options, f"note: {note}")
+        print_unless_quiet(options, f"note: {note}")
     if space.periodic:
-        show(
+        print_unless_quiet(
             options,
             f"note: periodic coefficients: {', '.join(space.periodic)} hold at the drives' positions at time 0 only",
         )
     inputs = ", ".join(space.inputs) or "none"
-    show(options, f"states {', '.join(space.states)}; inputs {inputs}; {len(space.outputs)} outputs")
-    show(options, modes_as_text(space.modes()))
-    wrote(options, path)
+    print_unless_quiet(options, f"states {', '.join(space.states)}; inputs {inputs}; {len(space.outputs)} outputs")
+    print_unless_quiet(options, modes_as_text(space.modes()))
+    print_paths(options, path)
     return 0

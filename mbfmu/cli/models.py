@@ -8,8 +8,8 @@ from textwrap import wrap
 
 from mbfmu.modeling.registry import models
 from mbfmu.modeling.scene import load_scene
-from mbfmu.modeling.variables import Role, ScalarVariable, columns, interface, parameters
-from mbfmu.util.text_table import table
+from mbfmu.modeling.variables import Role, ScalarVariable, columns, list_variables, parameters
+from mbfmu.util.text_table import format_table
 
 from . import scenes
 from .common import Commands
@@ -41,7 +41,7 @@ def command_models(options: argparse.Namespace) -> int:
     for reference in options.scenes:
         scene = load_scene(reference)
         print(f"{scene.model.name}: {scene.model.title()}")
-        variables = interface(scene.model, scene.settings)
+        variables = list_variables(scene.model, scene.settings)
         for role in Role:
             if chosen := [v for v in variables if v.role is role]:
                 print(f"\n{role.plural}\n{as_table(chosen)}")
@@ -58,4 +58,4 @@ def as_table(variables: Sequence[ScalarVariable]) -> str:
     """Return the variables as a table."""
     cells = columns(variables)
     rows = zip(*cells.values(), strict=True)
-    return table(list(cells), [["\n".join(wrap(cell, MAX_CELL_WIDTH)) for cell in row] for row in rows])
+    return format_table(list(cells), [["\n".join(wrap(cell, MAX_CELL_WIDTH)) for cell in row] for row in rows])

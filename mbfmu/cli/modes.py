@@ -13,13 +13,13 @@ from .common import (
     Commands,
     add_output,
     add_steady,
+    print_if_verbose,
+    print_paths,
+    print_unless_quiet,
     reader,
     scene_of,
     scene_part,
-    show,
-    show_more,
     start_of,
-    wrote,
 )
 from .results import results
 
@@ -68,12 +68,12 @@ def command_modes(options: argparse.Namespace) -> int:
         if modes and (mechanism.surfaces or mechanism.flexible_bodies):
             plot = plot_shapes if mechanism.surfaces else plot_bars
             plot(found.plant, found.q, modes, f"{scene.name}: natural modes", place.file("shapes.png"))
-        show(options, text)
-        show_more(options, found.effort)
+        print_unless_quiet(options, text)
+        print_if_verbose(options, found.effort)
         if found.stability is Stability.UNSTABLE:
-            show(
+            print_unless_quiet(
                 options,
                 "`mbfmu equilibrium` lists the steady states it finds; --from COORDINATE=VALUE starts next to another",
             )
-        wrote(options, place.keep())
+        print_paths(options, place.keep())
     return 0

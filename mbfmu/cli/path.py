@@ -7,7 +7,7 @@ import argparse
 from mbfmu.plotting.steady_states import plot_path
 from mbfmu.steady.path import STEPS, EquilibriumPath, equilibrium_path
 from mbfmu.util.errors import UserError, suggest
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 
 from .common import (
     Commands,
@@ -17,13 +17,13 @@ from .common import (
     assignments,
     bar,
     number,
+    print_paths,
+    print_unless_quiet,
     reader,
     scene_of,
     scene_part,
-    show,
     start_of,
     write_json,
-    wrote,
 )
 from .completion import complete, output_names
 from .results import results
@@ -93,8 +93,8 @@ def command_path(options: argparse.Namespace) -> int:
             write_json(found.as_dict(), options.json)
         kept = place.keep()
     if str(options.json) != "-":
-        show(options, as_text(found, shown))
-        wrote(options, kept)
+        print_unless_quiet(options, as_text(found, shown))
+        print_paths(options, kept)
     return 0
 
 
@@ -110,7 +110,7 @@ def as_text(found: EquilibriumPath, shown: str) -> str:
         if branch.ended:
             notes.append(f"branch {k} ended early: {branch.ended}")
     axes = f"{found.input} [{found.unit}]", f"{shown} [{found.units[shown]}]"
-    return "\n".join([table(("branch", "", *axes, "stability", "unstable motions"), rows), *notes])
+    return "\n".join([format_table(("branch", "", *axes, "stability", "unstable motions"), rows), *notes])
 
 
 def read_range(text: str) -> tuple[str, tuple[float, float]]:

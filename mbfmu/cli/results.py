@@ -11,7 +11,7 @@ from itertools import count
 from pathlib import Path
 
 from mbfmu.modeling.scene import Scene
-from mbfmu.util.errors import writing
+from mbfmu.util.errors import report_write_errors
 
 from .common import file_name, folder
 
@@ -58,10 +58,10 @@ def results(root: Path, scene: Scene, what: str) -> Iterator[Results]:
         A folder cannot be made, or a file cannot be written.
     """
     place = Results(root, scene, what)
-    with writing(place.place.parent):
+    with report_write_errors(place.place.parent):
         place.hidden.mkdir(parents=True)
     try:
-        with writing(place.place):
+        with report_write_errors(place.place):
             yield place
     finally:
         shutil.rmtree(place.hidden, ignore_errors=True)

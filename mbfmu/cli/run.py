@@ -33,21 +33,27 @@ from .common import (
     add_set,
     add_solver,
     add_times,
+    print_if_verbose,
+    print_paths,
+    print_unless_quiet,
     progress,
     run_part,
     scene_of,
     scene_part,
-    show,
-    show_more,
-    wrote,
 )
 from .completion import complete, output_names
 from .results import Results, results
 
-QUICK = 5.0  # s; an FMU's run that took less is repeated for its poses
-CSV, PICTURE, ERRORS, SAVED, POSES = "outputs.csv", "outputs.png", "residuals.png", "result.npz", "motion.npz"
+MAX_REPEATED_RUN_TIME = 5.0  # s; an FMU's run that took less is repeated for its poses
+CSV_FILE, PICTURE_FILE, ERROR_PICTURE_FILE, RESULT_FILE, MOTION_FILE = (
+    "outputs.csv",
+    "outputs.png",
+    "residuals.png",
+    "result.npz",
+    "motion.npz",
+)
 
-EXAMPLES = """examples:
+RUN_EXAMPLES = """examples:
   mbfmu run fourbar                                                      the model with its default values
   mbfmu run fourbar/paper --direct                                       a scene of the model, without an FMU
   mbfmu run fourbar --solver adams --tolerance 1e-8 --set crank_mass=2   other settings, and another parameter value
@@ -76,19 +82,19 @@ A native FMU (machine code) is used if its runtime is installed (`mbfmu runtime`
 otherwise the FMU calls Python. The summary names which of them was used.
 
 The results are in a folder such as results/fourbar/paper-hybrid-1e-4:
-  {CSV}    all outputs over time
-  {PICTURE}    curves of the outputs
-  {ERRORS}  residuals of the constraints and the energy error over time
-  {SAVED}     outputs, statistics and messages, for mbfmu.Result.load
-  {POSES}     positions of the bodies, for `mbfmu view`
+  {CSV_FILE}    all outputs over time
+  {PICTURE_FILE}    curves of the outputs
+  {ERROR_PICTURE_FILE}  residuals of the constraints and the energy error over time
+  {RESULT_FILE}     outputs, statistics and messages, for mbfmu.Result.load
+  {MOTION_FILE}     positions of the bodies, for `mbfmu view`
   paper.toml     the scene with all parameters and settings, for `mbfmu run`
 
 The name of the folder ends in -failed if the run ended early, and in -inaccurate if the energy error is too large. The
 exit code is 1 in both cases, 2 for an invalid argument, and 130 for an interrupted run. The last two write no files.
 
 An FMU does not provide the positions of bodies. They are computed by a direct repeat of the run. It is omitted if the
-FMU took more than {QUICK:g} s, or if the repeat would need compilation that the FMU did not.""",
-        epilog=EXAMPLES,
+FMU took more than {MAX_REPEATED_RUN_TIME:g} s, or if the repeat would need compilation that the FMU did not.""",
+        epilog=RUN_EXAMPLES,
     )
     add_scene(p)
     p.add_argument("--direct", action="store_true", help="simulate without an FMU: faster, with the same numbers")
@@ -117,26 +123,28 @@ def command_run(options: argparse.Namespace) -> int:
     matching([*outputs, *(v.name for v in ENERGY_OUTPUTS)], options.plot)  # raises before the run
     with results(options.output, scene, run_part(scene, options.set)) as place:
         recorder = Recorder()
-        result, way, notes = ran(scene, options, recorder)
+        result, method, notes = run_scene(scene, options, recorder)
         total = time.perf_counter() - begin
-        if way is not Way.DIRECT and result.wall_time < QUICK:
-            recorder = repeated(scene, result, compiles=way is not Way.NATIVE)
-        elif way is not Way.DIRECT and scene.settings.solver == AUTO:
+        if method is not RunMethod.DIRECT and result.wall_time < MAX_REPEATED_RUN_TIME:
+            recorder = repeat_directly(scene, result, compiles=method is not RunMethod.NATIVE)
+        elif method is not RunMethod.DIRECT and scene.settings.solver == AUTO:
             result.remarks = (str(Simulation(scene.model, scene.settings).solver_choice),)
         write(place, scene, result, recorder, options.plot)
-        show(options, summary(scene, result, way, total))
-        show_more(options, "\n".join([*(f"  {line}" for line in notes if not code_of(line)), statistics(result)]))
+        print_unless_quiet(options, summary(scene, result, method, total))
+        print_if_verbose(
+            options, "\n".join([*(f"  {line}" for line in notes if not code_of(line)), statistics(result)])
+        )
         for line in (*filter(code_of, notes), *result.remarks):
-            show(options, f"  {'warning' if code_of(line) not in {'', *NOTES} else 'note'}: {line}")
-        wrote(options, place.keep(mark(result)))
+            print_unless_quiet(options, f"  {'warning' if code_of(line) not in {'', *NOTES} else 'note'}: {line}")
+        print_paths(options, place.keep(mark(result)))
     if not recorder.used:
-        show(options, f"no motion was recorded: use `mbfmu view {options.scene}`, or run with --direct")
+        print_unless_quiet(options, f"no motion was recorded: use `mbfmu view {options.scene}`, or run with --direct")
     for text in filter(None, (result.coarse and f"warning: {result.coarse}", result.failure)):
         print(f"mbfmu: {text}", file=sys.stderr)
     return 1 if mark(result) else 0
 
 
-class Way(Enum):
+class RunMethod(Enum):
     """Description of how a scene was run."""
 
     DIRECT = "direct run"
@@ -144,29 +152,29 @@ class Way(Enum):
     COUPLED = "FMU that calls Python"
 
 
-def ran(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> tuple[Result, Way, list[str]]:
+def run_scene(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> tuple[Result, RunMethod, list[str]]:
     """Return the result of a scene, through its FMU or directly, and messages about its loops."""
     times = communication_points(scene.stop_time, scene.output_interval)
     with progress(scene, options.quiet) as bar:
         if options.direct:
-            result, way, notes = run(scene.model, scene.settings, times, bar, recorder, warn), Way.DIRECT, None
+            result, method, notes = run(scene.model, scene.settings, times, bar, recorder, warn), RunMethod.DIRECT, None
         else:
             from mbfmu.fmi import export
             from mbfmu.fmi.run import run_fmu
-            from mbfmu.fmi.subprocess_export import make_for_a_run
+            from mbfmu.fmi.subprocess_export import export_for_run
 
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
                 path = Path(place) / "model.fmu"
-                notes = make_for_a_run(scene, path)
-                way = Way.COUPLED if notes is None else Way.NATIVE
-                if way is Way.COUPLED:
+                notes = export_for_run(scene, path)
+                method = RunMethod.COUPLED if notes is None else RunMethod.NATIVE
+                if method is RunMethod.COUPLED:
                     export(scene.model, path, scene.settings)
                 result = run_fmu(path, scene.model, scene.settings, times, bar, warn)
     result.name = scene.name
-    return result, way, loops(scene.model) if notes is None else notes
+    return result, method, loops(scene.model) if notes is None else notes
 
 
-def repeated(scene: Scene, result: Result, *, compiles: bool) -> Recorder:
+def repeat_directly(scene: Scene, result: Result, *, compiles: bool) -> Recorder:
     """Repeat a run directly for its poses and messages, which an FMU does not return; return the recorder.
 
     It is omitted if it would have to compile and may not.
@@ -189,14 +197,14 @@ def write(place: Results, scene: Scene, result: Result, recorder: Recorder, show
     """Write the files of a run."""
     from mbfmu.plotting.time_series import plot_result
 
-    result.write_csv(place.file(CSV))
-    result.save(place.file(SAVED))
-    plot_result(result, place.file(PICTURE), shown)
+    result.write_csv(place.file(CSV_FILE))
+    result.save(place.file(RESULT_FILE))
+    plot_result(result, place.file(PICTURE_FILE), shown)
     if errors := errors_of(result):
-        plot_result(result, place.file(ERRORS), errors)
+        plot_result(result, place.file(ERROR_PICTURE_FILE), errors)
     write_text(place.file(f"{scene_part(scene)}.toml"), as_toml(scene))
     if recorder.used:
-        recorder.motion(scene.name).save(place.file(POSES))
+        recorder.motion(scene.name).save(place.file(MOTION_FILE))
 
 
 def warn(text: str) -> None:
@@ -204,15 +212,15 @@ def warn(text: str) -> None:
     tqdm.write(f"mbfmu: {text}", file=sys.stderr)
 
 
-def summary(scene: Scene, result: Result, way: Way, total: float) -> str:
+def summary(scene: Scene, result: Result, method: RunMethod, total: float) -> str:
     """Return how a scene was run, what that cost and how large the errors of its invariants are: six lines at most."""
     outputs, s = result.as_dict(), result.statistics
     steps = f"{s.steps} steps ({s.rejected} rejected), {s.rhs_evals} evaluations of the equations of motion"
     switches = f", {s.partition_switches} partition switches" if s.partition_switches else ""
-    made = "including compilation" if way is Way.DIRECT else "including compilation and export"
+    made = "including compilation" if method is RunMethod.DIRECT else "including compilation and export"
     lines = [
         f"{result.title}: {result.t[-1]:g} s simulated",
-        f"  {way.value}: {result.wall_time:.3g} s; total {total:.3g} s {made}",
+        f"  {method.value}: {result.wall_time:.3g} s; total {total:.3g} s {made}",
         f"  {steps}{switches}",
     ]
     if 2 * s.stability_limited > s.steps:

@@ -6,7 +6,7 @@ import argparse
 
 from mbfmu.util.errors import UserError
 
-from .common import Commands, show, show_more
+from .common import Commands, print_if_verbose, print_unless_quiet
 
 
 def add(commands: Commands) -> None:
@@ -34,12 +34,12 @@ def add(commands: Commands) -> None:
     p.set_defaults(command=command_runtime)
 
 
-def add_platforms(p: argparse.ArgumentParser, about: str) -> None:
+def add_platforms(parser: argparse.ArgumentParser, about: str) -> None:
     """Add ``--platforms``."""
     from mbfmu.native.targets import TARGETS
 
     names = tuple(TARGETS)
-    p.add_argument(
+    parser.add_argument(
         "--platforms", nargs="+", choices=names, default=[], metavar="NAME", help=f"{about}: {', '.join(names)}"
     )
 
@@ -62,6 +62,6 @@ def command_runtime(options: argparse.Namespace) -> int:
                 f"no runtime can be built for this machine; use --platforms with one of {', '.join(TARGETS)}"
             )
         path = pack(name) if options.pack else library(name)
-        show(options, f"{name}: {path}")
-        show_more(options, f"{path.stat().st_size / 1e3:.0f} kB")
+        print_unless_quiet(options, f"{name}: {path}")
+        print_if_verbose(options, f"{path.stat().st_size / 1e3:.0f} kB")
     return 0

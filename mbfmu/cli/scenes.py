@@ -7,7 +7,7 @@ import argparse
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.registry import find, models
 from mbfmu.modeling.scene import load_scene, scenes
-from mbfmu.util.text_table import power, table
+from mbfmu.util.text_table import format_table, format_tolerance
 
 from .common import Commands
 from .completion import complete, model_names
@@ -42,6 +42,6 @@ def as_text(chosen: dict[str, type[Model]]) -> str:
             scene = load_scene(f"{model}/{case}")
             first = path.read_text("utf-8").partition("\n")[0] if path else ""
             about = first.removeprefix("#").strip() if first.startswith("#") else "" if path else "default values"
-            how = (scene.settings.solver, power(scene.settings.tolerance), f"{scene.stop_time:g} s")
+            how = (scene.settings.solver, format_tolerance(scene.settings.tolerance), f"{scene.stop_time:g} s")
             rows.append((f"{model}/{case}", *how, about))
-    return table(("scene", "solver", "tolerance", "stop time", "purpose"), rows)
+    return format_table(("scene", "solver", "tolerance", "stop time", "purpose"), rows)

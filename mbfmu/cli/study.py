@@ -13,9 +13,9 @@ from tqdm import tqdm
 
 from mbfmu.util.errors import UserError
 
-from .common import RESULTS, Commands, file_name, show, show_more, wrote
+from .common import RESULTS_FOLDER, Commands, file_name, print_if_verbose, print_paths, print_unless_quiet
 
-EXAMPLE = """scene = "fourbar"
+STUDY_EXAMPLE = """scene = "fourbar"
 count = 200
 
 [vary]
@@ -35,7 +35,7 @@ def add(commands: Commands) -> None:
         description=f"""Simulate a scene or an FMU many times with varied parameters, on all processors of this
 machine or on a Dask cluster, and evaluate each run. A TOML file defines the study:
 
-{EXAMPLE}
+{STUDY_EXAMPLE}
 All combinations of lists are run; tolerances and distributions are sampled `count` times. Measures are end, largest,
 least, range, mean, rms, crossing and settling of an output, equilibrium, frequency and damping of the steady state, or
 "file.py:function". See the page "Studies" of the documentation.
@@ -90,25 +90,25 @@ def command_study(options: argparse.Namespace) -> int:
         print(f"mbfmu: interrupted; finished runs are in {folder}. Continue with: {again}", file=sys.stderr)
         return 130
     draw(study, definition, folder)
-    show(options, summary(study, definition.aim))
-    show_more(options, failures(study))
-    wrote(options, folder)
+    print_unless_quiet(options, summary(study, definition.aim))
+    print_if_verbose(options, failures(study))
+    print_paths(options, folder)
     return 1 if study.count("failed") == len(study.rows) else 0
 
 
 def place(options: argparse.Namespace) -> Path:
     """Return the folder for the results: the one given, or a new one of the study's name, or the last to go on with."""
-    from mbfmu.ensemble.records import TOLD
+    from mbfmu.ensemble.records import DEFINITION_FILE
 
     if options.output:
         return Path(options.output)
-    root = RESULTS / f"{file_name(options.study.stem)}-study"  # models have folders of their names there
+    root = RESULTS_FOLDER / f"{file_name(options.study.stem)}-study"  # models have folders of their names there
     named = (root if n == 1 else root.with_name(f"{root.name}-{n}") for n in count(1))
     taken = []
     for folder in named:
         if not folder.exists():
             break
-        if (folder / TOLD).exists():  # other folders there are results of other commands
+        if (folder / DEFINITION_FILE).exists():  # other folders there are results of other commands
             taken.append(folder)
     if not options.resume:
         return folder

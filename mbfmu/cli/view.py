@@ -23,23 +23,23 @@ from mbfmu.viewer.html import write_html
 from mbfmu.viewer.show import changes, side_by_side
 
 from .common import (
-    RESULTS,
+    RESULTS_FOLDER,
     Commands,
     add_set,
     add_solver,
     assignments,
+    file_stem,
     folder,
     number,
+    print_paths,
     progress,
     scene_of,
-    stem_of,
-    wrote,
 )
 
-OF_SCENES = ("set", *(setting.name for setting in declared(Settings)), "stop_time", "interval")
+SCENE_OPTIONS = ("set", *(setting.name for setting in declared(Settings)), "stop_time", "interval")
 
 
-EXAMPLES = """examples:
+VIEW_EXAMPLES = """examples:
   mbfmu view governor/damped
   mbfmu view fourbar --against ida:1e-4 --open
   mbfmu view pendulum --png pendulum.png --time 0.4
@@ -54,7 +54,7 @@ def add(commands: Commands) -> None:
         help="3-D animation of a run: an HTML file for any browser, glTF, PNG, GIF or MP4",
         description="Write an animation of a run as one HTML file, which needs no network. The argument is a "
         "pose file motion.npz of `mbfmu run`, or a scene or model, which is then simulated directly.",
-        epilog=EXAMPLES,
+        epilog=VIEW_EXAMPLES,
     )
     p.add_argument(
         "scene", metavar="result", help="pose file .npz, scene file, model name, model/scene, or my_model.py:MyModel"
@@ -109,7 +109,7 @@ def command_view(options: argparse.Namespace) -> int:
     written = write_pictures(motion, options)
     if options.output or options.open or not written:
         written.append(write_page(motion, against, options, options.output or page))
-    wrote(options, *written)
+    print_paths(options, *written)
     for result in results:
         for text in filter(None, (result.coarse and f"warning: {result.coarse}", result.failure or result.verdict)):
             print(f"mbfmu: {text}", file=sys.stderr)
@@ -143,7 +143,7 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[Resul
     """Return the motion, the second motion, the results of the runs, and the path of the page."""
     source, against = Path(options.scene), options.against
     if source.suffix == ".npz":
-        given = [name for name in OF_SCENES if getattr(options, name) not in (None, [])]
+        given = [name for name in SCENE_OPTIONS if getattr(options, name) not in (None, [])]
         if given:
             raise UserError(
                 f"--{given[0].replace('_', '-')} changes a run, but {options.scene!r} is a recorded one; give a "
@@ -154,8 +154,8 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[Resul
             raise UserError(f"--against {against!r}: {options.scene!r} is a recorded run; give another pose file, .npz")
         beside = Motion.load(Path(against)) if against is not None else None
         return Motion.load(source), beside, [], source.with_suffix(".html")
-    scene = seen(scene_of(options), options)
-    page = RESULTS / f"{stem_of(scene, options.set)}.html"
+    scene = with_view_settings(scene_of(options), options)
+    page = RESULTS_FOLDER / f"{file_stem(scene, options.set)}.html"
     recorded = Motion.load(Path(against)) if against is not None and against.endswith(".npz") else None
     other = against_of(scene, against) if against is not None and recorded is None else None
     motion, result = recorded_run(scene)
@@ -166,7 +166,7 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[Resul
     return motion, beside, [result, second], page
 
 
-def seen(scene: Scene, options: argparse.Namespace) -> Scene:
+def with_view_settings(scene: Scene, options: argparse.Namespace) -> Scene:
     """Return the scene with what its model sets for viewing, but for what the scene or the command line has set."""
     given, model = assignments("--set", options.set), scene.model
     free = {p.name for p in model.parameters() if p.name not in given and getattr(model, p.name) == p.default}

@@ -45,31 +45,31 @@ from mbfmu.util.toml import read_toml
 
 from .design import Point, Sampling, correlations, points
 from .measures import Measure, Own, Steady, read_measure
-from .objective import Aim, read_aim
-from .study_target import ModelSubject, Subject, check_point, digest, files_of, subject_of, unknown
+from .objective import Objective, read_objective
+from .study_target import ModelTarget, StudyTarget, check_point, content_digest, files_of, make_target, unknown_name
 from .variation import Drawn, Listed, Variation, read_variation
-from .worker import Files, FmuJob, ModelJob, pickled
+from .worker import Files, FmuJob, ModelJob, dump
 
-SAMPLING = ("count", "sampling", "seed", "together", "correlated")
-KEYS = (
+SAMPLING_KEYS = ("count", "sampling", "seed", "together", "correlated")
+STUDY_KEYS = (
     "scene",
     "fmu",
     "with",
     "stop_time",
     "output_interval",
     "time_limit",
-    *SAMPLING,
+    *SAMPLING_KEYS,
     "keep",
     "fixed",
     "vary",
     "measure",
     "aim",
 )
-LONGEST_LIMIT = 1e6  # s
-SOME = np.array([0.313, 0.5017, 0.7729])  # probabilities at which a distribution is tried
-NAME = re.compile(r"\w[\w .+-]{0,59}")  # of a measure, and so of files
-COLUMNS = ("run", "key", "status", "message", "energy_error", "seconds")  # of a table of runs, before the study's
-INDEX = ("run", "key", "time")  # of a table of histories, without outputs
+MAX_TIME_LIMIT = 1e6  # s
+TRIED_PROBABILITIES = np.array([0.313, 0.5017, 0.7729])  # probabilities at which a distribution is tried
+MEASURE_NAME_PATTERN = re.compile(r"\w[\w .+-]{0,59}")  # of a measure, and so of files
+RUN_COLUMNS = ("run", "key", "status", "message", "energy_error", "seconds")  # of a table of runs, before the study's
+HISTORY_COLUMNS = ("run", "key", "time")  # of a table of histories, without outputs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,29 +90,29 @@ class Definition:
         Longest time of a run by the clock, s; 0: there is none.
     """
 
-    subject: Subject
+    target: StudyTarget
     fixed: dict[str, Any]
     vary: dict[str, Variation]
     sampling: Sampling
     measures: tuple[Measure, ...]
     measure_files: tuple[Files, ...]
     keep: tuple[str, ...]
-    aim: Aim | None
+    aim: Objective | None
     content: dict[str, Any]
     time_limit: float = 0.0
 
     def job(self) -> ModelJob | FmuJob:
         """Return what all its runs share."""
-        found = self.subject.job(
-            measures=pickled(self.measures), measure_files=self.measure_files, keep=self.keep, fixed=self.fixed
+        found = self.target.job(
+            measures=dump(self.measures), measure_files=self.measure_files, keep=self.keep, fixed=self.fixed
         )
         return replace(found, time_limit=self.time_limit)
 
     def identity(self) -> str:
         """Return the identity of the runs of a study, independent of what is varied."""
-        told = [(m.name, getattr(m, "told", None) or repr(m)) for m in self.measures]
-        bare = self.subject.job(measures=b"", measure_files=(), keep=self.keep, fixed=self.fixed)
-        return digest(bare.identity, bare.version, told)
+        told = [(m.name, getattr(m, "source", None) or repr(m)) for m in self.measures]
+        bare = self.target.job(measures=b"", measure_files=(), keep=self.keep, fixed=self.fixed)
+        return content_digest(bare.identity, bare.version, told)
 
     def points(self) -> list[Point]:
         """Return the points of its runs, in order."""
@@ -120,8 +120,8 @@ class Definition:
 
     def units(self) -> dict[str, str]:
         """Return the units of what varies and of what is measured."""
-        varied = {name: self.subject.units[name] for name in self.vary}
-        return varied | {m.name: m.unit(self.subject.outputs) for m in self.measures}
+        varied = {name: self.target.units[name] for name in self.vary}
+        return varied | {m.name: m.unit(self.target.outputs) for m in self.measures}
 
 
 def key_of(identity: str, point: Point) -> str:
@@ -166,8 +166,8 @@ def define(content: Mapping[str, Any]) -> Definition:
         A key, a name, a range, a measure or a distribution is wrong: which, its value, and what is allowed.
     """
     for key in content:
-        if key not in KEYS:
-            raise UserError(f"a study has no key {key!r}{suggest(str(key), KEYS)}")
+        if key not in STUDY_KEYS:
+            raise UserError(f"a study has no key {key!r}{suggest(str(key), STUDY_KEYS)}")
     given = content.get("fmu") or content.get("scene")
     if given is None or ("fmu" in content and "scene" in content):
         raise UserError("a study contains both scene and fmu, or neither; give one of them")
@@ -175,12 +175,12 @@ def define(content: Mapping[str, Any]) -> Definition:
         raise UserError(f"fmu is {given!r}; allowed: the path of a file whose name ends in .fmu")
     if "fmu" in content and content.get("with", "fmu") != "fmu":
         raise UserError(f"with = {content['with']!r} and an fmu are given; leave out one of the two")
-    subject = subject_of(
+    subject = make_target(
         given, content.get("with", "simulation"), content.get("stop_time"), content.get("output_interval")
     )
     vary = _vary(subject, content.get("vary"))
     fixed = _fixed(subject, content.get("fixed", {}), vary)
-    aim = read_aim(content.get("aim"), vary, content.get("measure") or {})
+    aim = read_objective(content.get("aim"), vary, content.get("measure") or {})
     for key in ("sampling", "correlated"):
         if aim and key in content:
             raise UserError(
@@ -188,11 +188,11 @@ def define(content: Mapping[str, Any]) -> Definition:
             )
     measures, files = _measures(subject, content.get("measure") or {}, vary)
     _refuse_inputs(subject, measures, (*vary, *fixed))
-    given_sampling = {("method" if k == "sampling" else k): content[k] for k in SAMPLING if k in content}
+    given_sampling = {("method" if k == "sampling" else k): content[k] for k in SAMPLING_KEYS if k in content}
     if "correlated" in given_sampling:
         given_sampling["correlated"] = correlations(given_sampling["correlated"], vary)
     return Definition(
-        subject=subject,
+        target=subject,
         fixed=fixed,
         vary=vary,
         sampling=Sampling(**given_sampling),
@@ -201,7 +201,7 @@ def define(content: Mapping[str, Any]) -> Definition:
         keep=_kept(subject, content.get("keep", ())),
         aim=aim,
         time_limit=_time_limit(content.get("time_limit")),
-        content={k: v if k not in ("scene", "vary", "measure") else _legible(v) for k, v in content.items()},
+        content={k: v if k not in ("scene", "vary", "measure") else _as_json(v) for k, v in content.items()},
     )
 
 
@@ -209,59 +209,59 @@ def _time_limit(given: Any) -> float:
     """Return the time limit of a run in s; 0 if none is given."""
     if given is None:
         return 0.0
-    if isinstance(given, bool) or not isinstance(given, int | float) or not 0.0 < given <= LONGEST_LIMIT:
+    if isinstance(given, bool) or not isinstance(given, int | float) or not 0.0 < given <= MAX_TIME_LIMIT:
         raise UserError(
-            f"time_limit is {short(given)}; allowed: a number of seconds above 0, at most {LONGEST_LIMIT:g}"
+            f"time_limit is {short(given)}; allowed: a number of seconds above 0, at most {MAX_TIME_LIMIT:g}"
         )
     return float(given)
 
 
-def _legible(value: Any) -> Any:
+def _as_json(value: Any) -> Any:
     """Return a part of a study as JSON can say it."""
     if isinstance(value, Mapping):
-        return {name: _legible(own) for name, own in value.items()}
+        return {name: _as_json(own) for name, own in value.items()}
     if isinstance(value, list | tuple):
-        return [_legible(own) for own in value]
+        return [_as_json(own) for own in value]
     return value if isinstance(value, str | int | float | bool) else repr(value)
 
 
-def _vary(subject: Subject, given: Any) -> dict[str, Variation]:
+def _vary(target: StudyTarget, given: Any) -> dict[str, Variation]:
     if not isinstance(given, Mapping) or not given:
         raise UserError(f"vary is {given!r}; allowed: a table with at least one parameter or input")
     found: dict[str, Variation] = {}
     for name, value in given.items():
-        if name not in subject.units:
-            raise unknown(subject, str(name))
-        if name in COLUMNS:
+        if name not in target.units:
+            raise unknown_name(target, str(name))
+        if name in RUN_COLUMNS:
             raise UserError(
                 f"{name!r} cannot vary, because every table of results has a column of this name; allowed: one "
                 "value, in fixed"
             )
-        own = read_variation(name, value, subject.units[name])
+        own = read_variation(name, value, target.units[name])
         if isinstance(own, Listed):
-            own = Listed(tuple(check_point(subject, {name: x})[name] for x in own.values))
+            own = Listed(tuple(check_point(target, {name: x})[name] for x in own.values))
         else:
-            _check_some(subject, name, own)
+            _check_samples(target, name, own)
         found[name] = own
     return found
 
 
-def _check_some(subject: Subject, name: str, own: Drawn) -> None:
+def _check_samples(target: StudyTarget, name: str, own: Drawn) -> None:
     """Refuse what draws nothing that may be; some of what it draws may be beyond the limits of a parameter."""
     errors = []
-    for value in (some := own.values(SOME)):
+    for value in (some := own.values(TRIED_PROBABILITIES)):
         try:
-            check_point(subject, {name: value})
+            check_point(target, {name: value})
         except UserError as error:
             errors.append(error)
     if len(errors) == len(some):
         raise errors[0]
 
 
-def _refuse_inputs(subject: Subject, measures: Sequence[Measure], names: Sequence[str]) -> None:
+def _refuse_inputs(target: StudyTarget, measures: Sequence[Measure], names: Sequence[str]) -> None:
     """Refuse inputs together with measures of the steady state, which uses their start values."""
     steady = next((measure.name for measure in measures if isinstance(measure, Steady)), None)
-    given = next((name for name in names if isinstance(subject, ModelSubject) and name in subject.inputs), None)
+    given = next((name for name in names if isinstance(target, ModelTarget) and name in target.inputs), None)
     if steady is not None and given is not None:
         raise UserError(
             f"measure {steady!r} is evaluated at the steady state, at which the input {given!r} has its start "
@@ -269,35 +269,35 @@ def _refuse_inputs(subject: Subject, measures: Sequence[Measure], names: Sequenc
         )
 
 
-def _fixed(subject: Subject, given: Any, vary: Mapping[str, Variation]) -> dict[str, Any]:
+def _fixed(target: StudyTarget, given: Any, vary: Mapping[str, Variation]) -> dict[str, Any]:
     if not isinstance(given, Mapping):
         raise UserError(f"fixed is {given!r}; allowed: a table of values by their names")
     for name in given:
-        if name not in subject.units:
-            raise unknown(subject, str(name))
+        if name not in target.units:
+            raise unknown_name(target, str(name))
         if name in vary:
             raise UserError(f"{name!r} is fixed and varies; allowed: one of the two")
-    return check_point(subject, dict(given))
+    return check_point(target, dict(given))
 
 
 def _measures(
-    subject: Subject, given: Any, vary: Mapping[str, Variation]
+    target: StudyTarget, given: Any, vary: Mapping[str, Variation]
 ) -> tuple[tuple[Measure, ...], tuple[Files, ...]]:
     if not isinstance(given, Mapping):
         raise UserError(f"measure is {given!r}; allowed: a table of measures by their names")
     found: list[Measure] = []
     files: dict[str, Files] = {}
     for name, value in given.items():
-        if name in vary or name in COLUMNS:
+        if name in vary or name in RUN_COLUMNS:
             what = "varies" if name in vary else "every table of results has"
             raise UserError(f"measure {name!r} has a name that {what}; give it another name")
-        if not NAME.fullmatch(str(name)):
+        if not MEASURE_NAME_PATTERN.fullmatch(str(name)):
             raise UserError(
                 f"measure {name!r} has a name that is not a valid file name; allowed: at most 60 letters, "
                 "digits, . + - _"
             )
         if callable(value):
-            found.append(Own(name, value, digest(pickled(value))))
+            found.append(Own(name, value, content_digest(dump(value))))
         elif isinstance(value, str) and ".py:" in value:
             path, _, function = value.rpartition(":")
             files[path] = files.get(path) or _loaded(name, Path(path))
@@ -306,9 +306,9 @@ def _measures(
                 raise UserError(
                     f"measure {name!r}: {path!r} has no function {function!r}; name one that the file defines"
                 )
-            found.append(Own(name, own, digest(value.rpartition("/")[2], files[path].contents)))
+            found.append(Own(name, own, content_digest(value.rpartition("/")[2], files[path].contents)))
         else:
-            found.append(read_measure(name, value, tuple(subject.outputs), subject.steady))
+            found.append(read_measure(name, value, tuple(target.outputs), target.steady))
     return tuple(found), tuple(files.values())
 
 
@@ -320,14 +320,14 @@ def _loaded(name: str, path: Path) -> Files:
     return files_of(path)
 
 
-def _kept(subject: Subject, given: Any) -> tuple[str, ...]:
+def _kept(target: StudyTarget, given: Any) -> tuple[str, ...]:
     if not isinstance(given, list | tuple) or not all(isinstance(name, str) for name in given):
         raise UserError(f"keep is {given!r}; allowed: a list of outputs, or ['*'] for all")
-    names = tuple(subject.outputs) if tuple(given) == ("*",) else tuple(given)
+    names = tuple(target.outputs) if tuple(given) == ("*",) else tuple(given)
     for name in names:
-        if name not in subject.outputs:
-            raise UserError(f"keep: there is no output {name!r}{suggest(name, subject.outputs)}")
-        if name in INDEX:
+        if name not in target.outputs:
+            raise UserError(f"keep: there is no output {name!r}{suggest(name, target.outputs)}")
+        if name in HISTORY_COLUMNS:
             raise UserError(
                 f"keep: output {name!r} cannot be kept, because every table of histories has a column of this name"
             )

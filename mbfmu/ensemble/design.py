@@ -23,16 +23,16 @@ from .variation import Drawn, Listed, Variation
 
 Point = dict[str, Any]  # values by the names of what varies
 
-METHODS = {
+SAMPLING_METHODS = {
     "random": "independent samples",
     "latin": "a Latin hypercube",
     "sobol": "Sobol's sequence, scrambled",
     "sensitivity": "samples for Sobol's indices: count * (number of parameters + 2) runs",
     "tornado": "one parameter at a time at its limits, all others in the middle",
 }
-MOST = 10_000_000  # runs of a study
-LOW, HIGH = 0.05, 0.95  # probabilities of the ends in a tornado
-INSIDE = 1e-12  # probabilities of samples are no nearer to 0 and 1, where there may be no finite value
+MAX_RUNS = 10_000_000  # runs of a study
+TORNADO_LOW_PROBABILITY, TORNADO_HIGH_PROBABILITY = 0.05, 0.95  # probabilities of the ends in a tornado
+MIN_PROBABILITY = 1e-12  # probabilities of samples are no nearer to 0 and 1, where there may be no finite value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,11 +62,11 @@ class Sampling:
 
     def __post_init__(self) -> None:
         """Check; raises UserError."""
-        if not isinstance(self.method, str) or self.method not in METHODS:
-            raise UserError(f"sampling is {self.method!r}{suggest(str(self.method), METHODS)}")
+        if not isinstance(self.method, str) or self.method not in SAMPLING_METHODS:
+            raise UserError(f"sampling is {self.method!r}{suggest(str(self.method), SAMPLING_METHODS)}")
         for name, value, least in (("count", self.count, 1), ("seed", self.seed, 0)):
-            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= MOST:
-                raise UserError(f"{name} is {value!r}; allowed: whole numbers from {least} to {MOST}")
+            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= MAX_RUNS:
+                raise UserError(f"{name} is {value!r}; allowed: whole numbers from {least} to {MAX_RUNS}")
         if self.method == "sensitivity" and (self.count < 2 or self.count & (self.count - 1)):
             raise UserError(f"count is {self.count!r}; allowed for sensitivity: powers of two, such as 256")
         if not isinstance(self.together, bool):
@@ -100,8 +100,8 @@ def points(vary: Mapping[str, Variation], sampling: Sampling) -> list[Point]:
         told = ", ".join(f"{name!r} has {count}" for name, count in lengths.items())
         raise UserError(f"lists that are combined by together must have equal lengths; {told}")
     size = max(lengths.values(), default=1) if sampling.together else prod(lengths.values())
-    if size * (sampling.count if drawn else 1) > MOST:
-        raise UserError(f"the study has more than {MOST} runs; vary less, or sample it: {{from, to}} without count")
+    if size * (sampling.count if drawn else 1) > MAX_RUNS:
+        raise UserError(f"the study has more than {MAX_RUNS} runs; vary less, or sample it: {{from, to}} without count")
     grid = zip(*listed.values(), strict=True) if sampling.together and listed else product(*listed.values())
     samples = _samples(drawn, sampling)
     names = (*listed, *drawn)
@@ -111,7 +111,7 @@ def points(vary: Mapping[str, Variation], sampling: Sampling) -> list[Point]:
 def _samples(drawn: Mapping[str, Drawn], sampling: Sampling) -> list[list[float]]:
     if not drawn:
         return [[]]
-    u = np.clip(_probabilities(list(drawn), sampling), INSIDE, 1.0 - INSIDE)
+    u = np.clip(_probabilities(list(drawn), sampling), MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
     columns = [own.values(u[:, i]) for i, own in enumerate(drawn.values())]
     return [list(row) for row in zip(*columns, strict=True)]
 
@@ -148,7 +148,7 @@ def _correlate(u: Array, names: Sequence[str], sampling: Sampling) -> Array:
             "values, or fewer of "
             "them"
         ) from error
-    found: Array = stats.norm.cdf(stats.norm.ppf(np.clip(u, INSIDE, 1.0 - INSIDE)) @ factor.T)
+    found: Array = stats.norm.cdf(stats.norm.ppf(np.clip(u, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)) @ factor.T)
     return found
 
 
@@ -157,7 +157,11 @@ def _one_at_a_time(vary: Mapping[str, Variation]) -> list[Point]:
     middle = {name: float(own.at(np.array(0.5))) for name, own in vary.items() if isinstance(own, Drawn)}
     found: list[Point] = [middle]
     for name, own in vary.items():
-        ends = own.ends() if isinstance(own, Listed) else own.at(np.array([LOW, HIGH])).tolist()
+        ends = (
+            own.ends()
+            if isinstance(own, Listed)
+            else own.at(np.array([TORNADO_LOW_PROBABILITY, TORNADO_HIGH_PROBABILITY])).tolist()
+        )
         found += [{**middle, name: end} for end in ends]
     return found
 

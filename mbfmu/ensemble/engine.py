@@ -21,23 +21,24 @@ from typing import Any, Self
 
 import mbfmu
 from mbfmu.util.errors import UserError
-from mbfmu.util.extras import optional
+from mbfmu.util.extras import import_optional
 
 from .design import Point
-from .worker import EXTRA, FAILED, FmuJob, ModelJob, Outcome, batch
+from .worker import STATUS_FAILED, STUDY_EXTRA, FmuJob, ModelJob, Outcome, run_batch
 
-BATCH = 0.5  # s of work
-ENOUGH = 2.0  # s by the clock, after which a batch that takes longer than was thought comes back with what is done
-LARGEST = 1000  # runs of a batch
-AHEAD = 3  # batches under way for each worker
-ANSWER = 15.0  # s to wait for a scheduler, and for a first worker
-LOOK = 5.0  # s between two looks at whether there is a worker, while no batch comes
-OFTEN = 60.0  # s between two sentences that say there is none
-BRIEFLY = 0.02  # s
-KILLED = "the process of this run ended unexpectedly in all attempts"
+BATCH_TIME = 0.5  # s of work
+# s by the clock, after which a batch that takes longer than was thought comes back with what is done
+MAX_BATCH_TIME = 2.0
+MAX_BATCH_RUNS = 1000  # runs of a batch
+BATCHES_PER_WORKER = 3  # batches under way for each worker
+SCHEDULER_TIMEOUT = 15.0  # s to wait for a scheduler, and for a first worker
+WORKER_CHECK_INTERVAL = 5.0  # s between two looks at whether there is a worker, while no batch comes
+WORKER_WARNING_INTERVAL = 60.0  # s between two sentences that say there is none
+POLL_INTERVAL = 0.02  # s
+KILLED_MESSAGE = "the process of this run ended unexpectedly in all attempts"
 
 log = logging.getLogger(__name__)  # written to stderr by default
-ADDRESS = re.compile(r"((tcp|tls|ws|wss|ucx)://)?[^\s/]+:\d+")
+ADDRESS_PATTERN = re.compile(r"((tcp|tls|ws|wss|ucx)://)?[^\s/]+:\d+")
 
 
 class Workers:
@@ -57,10 +58,10 @@ class Workers:
     """
 
     def __init__(self, scheduler: str = "", count: int = 0) -> None:
-        distributed = optional("distributed", EXTRA)
+        distributed = import_optional("distributed", STUDY_EXTRA)
         if isinstance(count, bool) or not isinstance(count, int) or count < 0:
             raise UserError(f"workers is {count!r}; allowed: a number of processes, or 0 for one per processor")
-        if scheduler and not ADDRESS.fullmatch(scheduler):
+        if scheduler and not ADDRESS_PATTERN.fullmatch(scheduler):
             raise UserError(f"scheduler is {scheduler!r}; allowed: an address such as 'tcp://host:8786'")
         self._cluster: Any = None
         self._where = f"scheduler {scheduler!r}" if scheduler else "the pool of workers"
@@ -68,19 +69,19 @@ class Workers:
         self._quiet.enter_context(distributed.utils.silence_logging_cmgr(logging.CRITICAL))
         try:
             if scheduler:
-                self._client = distributed.Client(scheduler, timeout=ANSWER, set_as_default=False)
+                self._client = distributed.Client(scheduler, timeout=SCHEDULER_TIMEOUT, set_as_default=False)
             else:
                 count = count or processors()
-                with optional("dask", EXTRA).config.set({"distributed.scheduler.allowed-failures": 1}):
+                with import_optional("dask", STUDY_EXTRA).config.set({"distributed.scheduler.allowed-failures": 1}):
                     self._cluster = distributed.LocalCluster(
                         n_workers=count, threads_per_worker=1, processes=True, dashboard_address=":0", memory_limit=0,
                         silence_logs=logging.CRITICAL, preload=["mbfmu.ensemble.worker_preload"],
                     )  # fmt: skip
                 self._client = distributed.Client(self._cluster, set_as_default=False)
-            self._client.wait_for_workers(1, timeout=ANSWER)
+            self._client.wait_for_workers(1, timeout=SCHEDULER_TIMEOUT)
         except Exception as error:  # an address may be wrong in many ways
             self.close()
-            told = f"{self._where} does not answer within {ANSWER:g} s, or has no worker"
+            told = f"{self._where} does not answer within {SCHEDULER_TIMEOUT:g} s, or has no worker"
             raise UserError(f"{told}: {error or type(error).__name__}") from error
         self._check_versions()
 
@@ -111,21 +112,21 @@ class Workers:
         UserError
             A worker cannot make such runs at all, or the scheduler has gone.
         """
-        distributed = optional("distributed", EXTRA)
+        distributed = import_optional("distributed", STUDY_EXTRA)
         waiting, under_way = iter(points), distributed.as_completed(loop=self._client.loop)
         batches: dict[str, list[tuple[int, Point]]] = {}
         suspects: list[tuple[int, Point]] = []  # runs that were with a worker that died: each is tried alone in the end
         alone: set[int] = set()
-        shared = self._client.submit(_given, job, key=f"study-{job.identity}")
+        shared = self._client.submit(_job_of_task, job, key=f"study-{job.identity}")
 
         def send(runs: list[tuple[int, Point]]) -> None:
-            future = self._client.submit(batch, shared, runs, ENOUGH, pure=False)
+            future = self._client.submit(run_batch, shared, runs, MAX_BATCH_TIME, pure=False)
             batches[future.key] = runs
             under_way.add(future)
 
         def send_more() -> None:
-            size = min(max(round(BATCH / seconds), 1), LARGEST)
-            while len(batches) < AHEAD * self.count() and (runs := list(islice(waiting, size))):
+            size = min(max(round(BATCH_TIME / seconds), 1), MAX_BATCH_RUNS)
+            while len(batches) < BATCHES_PER_WORKER * self.count() and (runs := list(islice(waiting, size))):
                 send(runs)
             if not batches and suspects:
                 alone.add(suspects[0][0])
@@ -144,18 +145,18 @@ class Workers:
                     send_more()
                     continue
                 why = (
-                    f"{KILLED}, or it took longer than the time_limit, {job.time_limit:g} s"
+                    f"{KILLED_MESSAGE}, or it took longer than the time_limit, {job.time_limit:g} s"
                     if job.time_limit
-                    else KILLED
+                    else KILLED_MESSAGE
                 )
-                outcomes = [Outcome(runs[0][0], (), FAILED, why, nan, 0.0, None)]
+                outcomes = [Outcome(runs[0][0], (), STATUS_FAILED, why, nan, 0.0, None)]
             except UserError:
                 raise
             except (CancelledError, Exception) as error:
                 if future.status == "error":
                     told = f"{type(error).__name__}: {error}"
                     raise UserError(f"a worker cannot run this study: {told}") from error
-                raise self._gone(error) from error
+                raise self._worker_error(error) from error
             finally:
                 future.release()
             spent = sum(outcome.seconds for outcome in outcomes) / len(outcomes)
@@ -167,16 +168,16 @@ class Workers:
 
     def _wait(self, under_way: Any, batches: Mapping[str, Sequence[Any]]) -> None:
         """Wait for a batch; say meanwhile where there is no worker that could make it."""
-        look, told = time.monotonic() + LOOK, -inf
+        look, told = time.monotonic() + WORKER_CHECK_INTERVAL, -inf
         while not under_way.has_ready():
-            time.sleep(BRIEFLY)
+            time.sleep(POLL_INTERVAL)
             now = time.monotonic()
             if now < look:
                 continue
-            look = now + LOOK
+            look = now + WORKER_CHECK_INTERVAL
             if self._workers() or under_way.has_ready():
                 told = -inf
-            elif now - told > OFTEN:
+            elif now - told > WORKER_WARNING_INTERVAL:
                 told = now
                 runs = sum(map(len, batches.values()))
                 log.warning(
@@ -188,9 +189,9 @@ class Workers:
         try:
             return len(self._client.scheduler_info(n_workers=-1)["workers"])
         except (CancelledError, Exception) as error:  # a connection is lost in many ways
-            raise self._gone(error) from error
+            raise self._worker_error(error) from error
 
-    def _gone(self, error: BaseException) -> UserError:
+    def _worker_error(self, error: BaseException) -> UserError:
         told = str(error).splitlines() or [type(error).__name__]
         return UserError(f"{self._where} has stopped: {told[0]}; start another scheduler and continue with --resume")
 
@@ -228,11 +229,11 @@ def processors() -> int:
     return os.cpu_count() or 1
 
 
-def _given(job: ModelJob | FmuJob) -> ModelJob | FmuJob:
+def _job_of_task(job: ModelJob | FmuJob) -> ModelJob | FmuJob:
     """Return a job: a separate task, so that it is sent to a worker once, and again if it was lost."""
     return job
 
 
-def merged(outcomes: Sequence[Outcome], measures: int) -> list[Outcome]:
+def pad_outcomes(outcomes: Sequence[Outcome], measures: int) -> list[Outcome]:
     """Return outcomes with as many measures each."""
     return [o if len(o.measures) == measures else o._replace(measures=(nan,) * measures) for o in outcomes]

@@ -38,7 +38,7 @@ def least(t: Array, y: Array) -> float:
     return float(y.min())
 
 
-def reach(t: Array, y: Array) -> float:
+def peak_to_peak(t: Array, y: Array) -> float:
     """Return the distance of the largest from the least value."""
     return float(np.ptp(y))
 
@@ -78,16 +78,16 @@ def settling(t: Array, y: Array, within: float = 0.0) -> float:
     return float(t[far[-1] + 1]) if len(far) else float(t[0])
 
 
-TAKES: dict[str, Take] = {
-    "end": end, "largest": largest, "least": least, "range": reach, "mean": mean, "rms": rms, "crossing": crossing,
-    "settling": settling,
+MEASURE_FUNCTIONS: dict[str, Take] = {
+    "end": end, "largest": largest, "least": least, "range": peak_to_peak, "mean": mean, "rms": rms,
+    "crossing": crossing, "settling": settling,
 }  # fmt: skip
-STEADY = ("equilibrium", "frequency", "damping")
-OPTIONS: dict[str, dict[str, type]] = {
+STEADY_MEASURES = ("equilibrium", "frequency", "damping")
+MEASURE_OPTIONS: dict[str, dict[str, type]] = {
     "crossing": {"threshold": float, "direction": str, "number": int},
     "settling": {"within": float},
 }
-IN_SECONDS = ("crossing", "settling")
+TIME_MEASURES = ("crossing", "settling")
 
 
 @dataclass(frozen=True)
@@ -101,11 +101,11 @@ class History:
 
     def of(self, result: Result) -> float:
         """Return it."""
-        return TAKES[self.take](result.t, result[self.output], **dict(self.options))
+        return MEASURE_FUNCTIONS[self.take](result.t, result[self.output], **dict(self.options))
 
     def unit(self, units: Mapping[str, str]) -> str:
         """Return its unit, where those of outputs are known."""
-        return "s" if self.take in IN_SECONDS else units.get(self.output, "1")
+        return "s" if self.take in TIME_MEASURES else units.get(self.output, "1")
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class Own:
 
     name: str
     function: Callable[[Result], float]
-    told: str  # where it is from, with a digest of it
+    source: str  # where it is from, with a digest of it
 
     def of(self, result: Result) -> float:
         """Return it.
@@ -179,21 +179,31 @@ def read_measure(name: str, given: Any, outputs: Sequence[str], steady: bool) ->
     what = f"measure {name!r}"
     if isinstance(given, str):
         take, _, rest = given.strip().partition(" ")
-        given = {"take": take} | ({"mode" if take in STEADY[1:] else "output": rest.strip()} if rest.strip() else {})
+        given = {"take": take} | (
+            {"mode" if take in STEADY_MEASURES[1:] else "output": rest.strip()} if rest.strip() else {}
+        )
     if not isinstance(given, Mapping):
         raise UserError(f'{what} is {given!r}; allowed: such as "largest tip.y", or a table {{take, output, ...}}')
     options = dict(given)
     take = options.pop("take", None)
-    known = (*TAKES, *(STEADY if steady else ()))
+    known = (*MEASURE_FUNCTIONS, *(STEADY_MEASURES if steady else ()))
     if take not in known:
-        no = f"; an FMU provides no steady states: {', '.join(TAKES)}" if take in STEADY else suggest(str(take), known)
+        no = (
+            f"; an FMU provides no steady states: {', '.join(MEASURE_FUNCTIONS)}"
+            if take in STEADY_MEASURES
+            else suggest(str(take), known)
+        )
         raise UserError(f"{what} takes {take!r}{no}")
-    if take in STEADY[1:]:
+    if take in STEADY_MEASURES[1:]:
         return Steady(name, take, mode=_mode(what, options))
     output = options.pop("output", None)
     if output not in outputs:
         raise UserError(f"{what}: there is no output {output!r}{suggest(str(output), outputs)}")
-    return Steady(name, take, output) if take in STEADY else History(name, take, output, _options(what, take, options))
+    return (
+        Steady(name, take, output)
+        if take in STEADY_MEASURES
+        else History(name, take, output, _options(what, take, options))
+    )
 
 
 def _mode(what: str, options: dict[str, Any]) -> int:
@@ -206,7 +216,7 @@ def _mode(what: str, options: dict[str, Any]) -> int:
 
 
 def _options(what: str, take: str, given: dict[str, Any]) -> tuple[tuple[str, Any], ...]:
-    known = OPTIONS.get(take, {})
+    known = MEASURE_OPTIONS.get(take, {})
     for key, value in given.items():
         if key not in known:
             raise UserError(f"{what}: {take!r} has no {key!r}{suggest(key, known) if known else ''}")

@@ -15,12 +15,12 @@ from .definition import Definition
 from .sensitivity import sobol_indices, tornado
 from .study import Study
 from .variation import Listed
-from .worker import FAILED, SUSPECT
+from .worker import STATUS_FAILED, STATUS_SUSPECT
 
 BLUE, RED, ORANGE, GRAY = "#4269d0", "#ff725c", "#efb118", "#9498a0"
 QUANTILES = (0.05, 0.5, 0.95)
-MOST = 12  # panels of a picture
-CROWD = 2000  # runs above which dots are thin
+MAX_STUDY_PANELS = 12  # panels of a picture
+MANY_DOTS_RUNS = 2000  # runs above which dots are thin
 
 
 def draw(study: Study, definition: Definition, folder: Path) -> list[Path]:
@@ -47,7 +47,7 @@ def _figures(study: Study, definition: Definition, measure: str) -> Iterator[tup
     if len(grids) == 2 == len(study.varied) and not definition.sampling.together:
         yield "contour", _contour(study, measure, grids)
     elif names:
-        yield "over", _scatter(study, measure, names[:MOST])
+        yield "over", _scatter(study, measure, names[:MAX_STUDY_PANELS])
     if any(not isinstance(own, Listed) for own in definition.vary.values()) and not definition.aim:
         yield "distribution", _histogram(study, measure)
     if method == "sensitivity" and not definition.aim and finite.all():
@@ -74,9 +74,9 @@ def _scatter(study: Study, measure: str, names: list[str]) -> Figure:
     figure = Figure(figsize=(1.2 + 3.6 * columns, 0.6 + 3.0 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
     y, status = _numbers(study, measure), np.array([row["status"] for row in study.rows])
-    size = 14.0 if len(y) < CROWD else 3.0
+    size = 14.0 if len(y) < MANY_DOTS_RUNS else 3.0
     for ax, name in zip(panels.flat, names, strict=False):
-        x, failed, suspect = _numbers(study, name), status == FAILED, status == SUSPECT
+        x, failed, suspect = _numbers(study, name), status == STATUS_FAILED, status == STATUS_SUSPECT
         ax.scatter(x, y, s=size, color=BLUE, alpha=0.6, linewidths=0, rasterized=True)
         ax.scatter(x[suspect], y[suspect], s=2.0 * size, color=ORANGE, linewidths=0, label=f"{suspect.sum()} suspect")
         ax.plot(x[failed], np.full(failed.sum(), 0.02), "|", color=RED, transform=ax.get_xaxis_transform(),
@@ -89,7 +89,7 @@ def _scatter(study: Study, measure: str, names: list[str]) -> Figure:
     for ax in panels[:, 0]:
         ax.set_ylabel(_label(study, measure))
     if np.any(status != "ok"):
-        shown = [h for h, n in ((0, np.sum(status == SUSPECT)), (1, np.sum(status == FAILED))) if n]
+        shown = [h for h, n in ((0, np.sum(status == STATUS_SUSPECT)), (1, np.sum(status == STATUS_FAILED))) if n]
         handles, labels = panels[0, 0].get_legend_handles_labels()
         panels[0, 0].legend([handles[k] for k in shown], [labels[k] for k in shown], fontsize=8)
     figure.suptitle(f"{study.name}: {len(study.rows)} runs", fontsize=10)
@@ -110,7 +110,7 @@ def _contour(study: Study, measure: str, names: list[str]) -> Figure:
     else:
         filled = ax.pcolormesh(x, y, z, cmap="viridis")
     ax.plot(*np.meshgrid(x, y), ".", color="black", ms=1.5, alpha=0.4)
-    failed = np.array([row["status"] == FAILED for row in study.rows])
+    failed = np.array([row["status"] == STATUS_FAILED for row in study.rows])
     if failed.any():
         ax.plot(x[i[failed]], y[j[failed]], "x", color=RED, ms=5.0, label=f"{failed.sum()} failed")
         ax.legend(fontsize=8)
@@ -130,7 +130,7 @@ def _histogram(study: Study, measure: str) -> Figure:
     for part, at in zip(QUANTILES, np.quantile(y, QUANTILES), strict=True):
         ax.axvline(at, color=RED if part == 0.5 else GRAY, lw=1.2)
         ax.text(at, 1.0, f" {100 * part:g} %\n {at:.4g}", transform=ax.get_xaxis_transform(), va="top", fontsize=8)
-    failed = study.count(FAILED)
+    failed = study.count(STATUS_FAILED)
     ax.set(xlabel=_label(study, measure), ylabel="runs")
     ax.set_title(f"{study.name}: {len(y)} runs" + (f", {failed} failed" if failed else ""), fontsize=10)
     return figure

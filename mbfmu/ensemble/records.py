@@ -21,22 +21,22 @@ from typing import Any
 import numpy as np
 
 import mbfmu
-from mbfmu.util.errors import UserError, writing
-from mbfmu.util.extras import optional
+from mbfmu.util.errors import UserError, report_write_errors
+from mbfmu.util.extras import import_optional
 from mbfmu.util.files import replacing, write_text
-from mbfmu.util.toml import LARGEST
+from mbfmu.util.toml import INTEGER_LIMIT
 
-from .definition import COLUMNS, Definition, key_of
+from .definition import RUN_COLUMNS, Definition, key_of
 from .design import Point
-from .worker import EXTRA, FAILED, Outcome
+from .worker import STATUS_FAILED, STUDY_EXTRA, Outcome
 
-FORMAT = 1
-STUDY = b"mbfmu.study"  # in the files of runs: the identity of the study
-SAID = {"identity", "name", "mbfmu", "units", "study"}
-TOLD, TABLE, PARTS, KEPT = "study.json", "runs.parquet", "parts", "trajectories"
-OTHERS = "others.parquet"  # runs that were made, and that the study does not ask for now
-WRITTEN = "[!.]*.parquet"  # none that a killed process left unfinished
-OFTEN, MANY = 5.0, 5000  # s between two parts, and rows of one
+STUDY_FORMAT = 1
+STUDY_METADATA_KEY = b"mbfmu.study"  # in the files of runs: the identity of the study
+DEFINITION_KEYS = {"identity", "name", "mbfmu", "units", "study"}
+DEFINITION_FILE, TABLE_FILE, PARTS_FOLDER, HISTORIES_FOLDER = "study.json", "runs.parquet", "parts", "trajectories"
+OTHERS_FILE = "others.parquet"  # runs that were made, and that the study does not ask for now
+FINISHED_FILES = "[!.]*.parquet"  # none that a killed process left unfinished
+WRITE_INTERVAL, MAX_PART_ROWS = 5.0, 5000  # s between two parts, and rows of one
 Row = dict[str, Any]
 
 
@@ -58,8 +58,8 @@ class Records:
         self._new: list[Row] = []
         self._kept: list[tuple[str, Any]] = []
         self._last = time.monotonic()
-        self._held: int | None = None  # the folder, open and locked
-        self._is_new, self._made = False, list[Path]()  # what this process has made of it
+        self._lock_file: int | None = None  # the folder, open and locked
+        self._is_new, self._created = False, list[Path]()  # what this process has made of it
 
     # ---- beginning ---------------------------------------------------------------------------------------------------
 
@@ -71,21 +71,22 @@ class Records:
         UserError
             There is something else in it, another process makes its runs, or it cannot be written.
         """
-        optional("pyarrow", EXTRA)
-        told = self.folder / TOLD
-        with writing(self.folder):
+        import_optional("pyarrow", STUDY_EXTRA)
+        told = self.folder / DEFINITION_FILE
+        with report_write_errors(self.folder):
             if resume:
                 self._compare()
-            self._made = [path for path in (self.folder, *self.folder.parents) if not path.exists()]  # innermost first
+            # innermost first
+            self._created = [path for path in (self.folder, *self.folder.parents) if not path.exists()]
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._hold()
+            self._lock()
             if resume:
-                self._take_up()
+                self._resume()
             elif any(self.folder.iterdir()):
                 more = "it contains a study; continue it with --resume, or choose" if told.exists() else "name"
                 raise UserError(f"folder {str(self.folder)!r} is not empty; {more} another")
-            content = {"format": FORMAT, "mbfmu": mbfmu.__version__, "identity": self.identity}
-            content |= {"name": self.definition.subject.name, "units": self.definition.units()}
+            content = {"format": STUDY_FORMAT, "mbfmu": mbfmu.__version__, "identity": self.identity}
+            content |= {"name": self.definition.target.name, "units": self.definition.units()}
             content |= {"study": self.definition.content}
             self._is_new = not told.exists()
             write_text(told, json.dumps(content, indent=1, default=repr))
@@ -94,15 +95,15 @@ class Records:
         """Remove what :meth:`begin` made if there is no run yet, so that the folder can be used again."""
         if self._is_new and not self._new and not files_of(self.folder, others=True):
             with suppress(OSError):  # others have put something there
-                (self.folder / TOLD).unlink(missing_ok=True)
-                for path in self._made:
+                (self.folder / DEFINITION_FILE).unlink(missing_ok=True)
+                for path in self._created:
                     path.rmdir()
 
-    def _hold(self) -> None:
+    def _lock(self) -> None:
         """Lock the folder as long as this process lasts, where its file system has locks."""
-        self._held = os.open(self.folder, os.O_RDONLY)
+        self._lock_file = os.open(self.folder, os.O_RDONLY)
         try:
-            fcntl.flock(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(self._lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise UserError(
                 f"folder {str(self.folder)!r} belongs to a study that is running in another process; wait until it has "
@@ -111,11 +112,14 @@ class Records:
         except OSError:
             return  # no locks there
 
-    def _take_up(self) -> None:
+    def _resume(self) -> None:
         if not files_of(self.folder, others=True):
             return
         before = read_table(self.folder, others=True)
-        keys, failed = before.column("key").to_pylist(), [x == FAILED for x in before.column("status").to_pylist()]
+        keys, failed = (
+            before.column("key").to_pylist(),
+            [x == STATUS_FAILED for x in before.column("status").to_pylist()],
+        )
         columns = [before.column(name).to_pylist() for name in self._names]
         measures = zip(*columns, strict=True) if columns else [()] * len(before)
         kept = read_histories(self.folder, ["key"]) if self.definition.keep else before
@@ -124,7 +128,7 @@ class Records:
         self.failed = sum(failed)
 
     def _compare(self) -> None:
-        before = read_told(self.folder)
+        before = read_definition(self.folder)
         if before["identity"] != self.identity:
             raise UserError(
                 f"folder {str(self.folder)!r} contains another study, of {before['name']!r} by mbfmu "
@@ -147,10 +151,10 @@ class Records:
             row |= {"energy_error": outcome.energy_error, "seconds": outcome.seconds}
             self._new.append(row)
             self.done[row["key"]] = outcome.measures
-            self.failed += outcome.status == FAILED
+            self.failed += outcome.status == STATUS_FAILED
             if outcome.kept is not None:
                 self._kept.append((row["key"], outcome.kept))
-        if time.monotonic() - self._last > OFTEN or len(self._new) >= MANY:
+        if time.monotonic() - self._last > WRITE_INTERVAL or len(self._new) >= MAX_PART_ROWS:
             self.write()
 
     def write(self) -> None:
@@ -159,10 +163,10 @@ class Records:
         if not self._new:
             return
         name = f"{self._new[0]['run']:08d}-{secrets.token_hex(4)}.parquet"
-        with writing(self.folder):
+        with report_write_errors(self.folder):
             if self._kept:
-                write_table(self._histories(), self.folder / KEPT / name, self.identity)
-            write_table(self._columns(self._new), self.folder / PARTS / name, self.identity)
+                write_table(self._histories(), self.folder / HISTORIES_FOLDER / name, self.identity)
+            write_table(self._columns(self._new), self.folder / PARTS_FOLDER / name, self.identity)
         self._new, self._kept = [], []
 
     def close(self) -> None:
@@ -170,13 +174,13 @@ class Records:
         try:
             self.write()
         finally:
-            if self._held is not None:
-                os.close(self._held)
-                self._held = None
+            if self._lock_file is not None:
+                os.close(self._lock_file)
+                self._lock_file = None
 
     def _columns(self, rows: Sequence[Row]) -> dict[str, list[Any]]:
         varied = list(self.definition.vary)
-        names = ("run", "key", *varied, *self._names, *COLUMNS[2:])
+        names = ("run", "key", *varied, *self._names, *RUN_COLUMNS[2:])
         return {name: storable([row.get(name) for row in rows]) for name in names}
 
     def _histories(self) -> dict[str, Any]:
@@ -194,13 +198,13 @@ class Records:
         rows = table.take([at[key] for key in keys])
         rows = rows.set_column(0, "run", [list(range(len(keys)))])
         others = sorted(at[key] for key in at.keys() - set(keys))
-        with writing(self.folder):
+        with report_write_errors(self.folder):
             if others:
-                write_table(table.take(others), self.folder / OTHERS, self.identity)
-            write_table(rows, self.folder / TABLE, self.identity)
+                write_table(table.take(others), self.folder / OTHERS_FILE, self.identity)
+            write_table(rows, self.folder / TABLE_FILE, self.identity)
             if not others:
-                (self.folder / OTHERS).unlink(missing_ok=True)
-            shutil.rmtree(self.folder / PARTS, ignore_errors=True)
+                (self.folder / OTHERS_FILE).unlink(missing_ok=True)
+            shutil.rmtree(self.folder / PARTS_FOLDER, ignore_errors=True)
 
 
 def storable(values: Sequence[Any]) -> list[Any]:
@@ -210,7 +214,7 @@ def storable(values: Sequence[Any]) -> list[Any]:
     """
     found = [v.encode("utf-8", "backslashreplace").decode("utf-8") if isinstance(v, str) else v for v in values]
     numbers = [v for v in found if isinstance(v, int | float) and not isinstance(v, bool)]
-    if all(isinstance(v, int) and -LARGEST <= v < LARGEST for v in numbers):
+    if all(isinstance(v, int) and -INTEGER_LIMIT <= v < INTEGER_LIMIT for v in numbers):
         return found
     return [_real(v) if isinstance(v, int) and not isinstance(v, bool) else v for v in found]
 
@@ -224,31 +228,31 @@ def _real(value: int) -> float:
 
 def write_table(columns: Any, path: Path, identity: str) -> None:
     """Write a table, or columns by their names, as a Parquet file of the study with this identity."""
-    arrow, parquet = optional("pyarrow", EXTRA), optional("pyarrow.parquet", EXTRA)
+    arrow, parquet = import_optional("pyarrow", STUDY_EXTRA), import_optional("pyarrow.parquet", STUDY_EXTRA)
     table = arrow.table(columns) if isinstance(columns, dict) else columns
-    table = table.replace_schema_metadata({STUDY: identity})
+    table = table.replace_schema_metadata({STUDY_METADATA_KEY: identity})
     path.parent.mkdir(exist_ok=True)
     with replacing(path) as unfinished:
         parquet.write_table(table, unfinished)
 
 
-def read_told(folder: Path) -> dict[str, Any]:
+def read_definition(folder: Path) -> dict[str, Any]:
     """Return the definition of the study in a folder; raises UserError if there is none."""
     try:
-        told = json.loads((folder / TOLD).read_text("utf-8"))
+        told = json.loads((folder / DEFINITION_FILE).read_text("utf-8"))
     except OSError as error:
         raise UserError(f"folder {str(folder)!r} contains no study: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
-        raise UserError(f"{str(folder / TOLD)!r} is damaged: {error}") from error
-    if not isinstance(told, dict) or told.get("format") != FORMAT or not told.keys() >= SAID:
+        raise UserError(f"{str(folder / DEFINITION_FILE)!r} is damaged: {error}") from error
+    if not isinstance(told, dict) or told.get("format") != STUDY_FORMAT or not told.keys() >= DEFINITION_KEYS:
         raise UserError(f"folder {str(folder)!r} contains a study of another version of mbfmu; make the study again")
     return told
 
 
 def files_of(folder: Path, *, others: bool = False) -> list[Path]:
     """Return the files that rows are in; those that the study does not ask for too."""
-    more = [folder / OTHERS] if others else []
-    return [*filter(Path.exists, [folder / TABLE, *more]), *sorted((folder / PARTS).glob(WRITTEN))]
+    more = [folder / OTHERS_FILE] if others else []
+    return [*filter(Path.exists, [folder / TABLE_FILE, *more]), *sorted((folder / PARTS_FOLDER).glob(FINISHED_FILES))]
 
 
 def read_table(folder: Path, *, others: bool = False) -> Any:
@@ -259,7 +263,7 @@ def read_table(folder: Path, *, others: bool = False) -> Any:
     UserError
         A file was not written by mbfmu, or no file exists yet.
     """
-    identity = read_told(folder)["identity"]
+    identity = read_definition(folder)["identity"]
     tables = [_read(file, identity) for file in files_of(folder, others=others)]
     if not tables:
         raise UserError(f"folder {str(folder)!r} contains no runs yet; start the study with --resume")
@@ -276,23 +280,23 @@ def read_histories(folder: Path, columns: list[str] | None = None) -> Any:
     UserError
         A file was not written by mbfmu.
     """
-    arrow, identity = optional("pyarrow", EXTRA), read_told(folder)["identity"]
-    tables = [_read(file, identity, columns) for file in sorted((folder / KEPT).glob(WRITTEN))]
+    arrow, identity = import_optional("pyarrow", STUDY_EXTRA), read_definition(folder)["identity"]
+    tables = [_read(file, identity, columns) for file in sorted((folder / HISTORIES_FOLDER).glob(FINISHED_FILES))]
     return _joined(tables) if tables else arrow.table({"key": []})
 
 
 def _read(file: Path, identity: str, columns: list[str] | None = None) -> Any:
-    parquet = optional("pyarrow.parquet", EXTRA)
+    parquet = import_optional("pyarrow.parquet", STUDY_EXTRA)
     try:
         table = parquet.read_table(file, columns=columns)
         table.column("key")
     except Exception as error:  # a file of another kind fails in many ways
         again = "move it to another folder; --resume repeats its runs"
         raise UserError(f"{str(file)!r} is not a table of runs: {error}; {again}") from error
-    if (table.schema.metadata or {}).get(STUDY, identity.encode()) != identity.encode():
+    if (table.schema.metadata or {}).get(STUDY_METADATA_KEY, identity.encode()) != identity.encode():
         raise UserError(f"{str(file)!r} belongs to another study; move it to another folder")
     return table
 
 
 def _joined(tables: Sequence[Any]) -> Any:
-    return optional("pyarrow", EXTRA).concat_tables(tables, promote_options="permissive")
+    return import_optional("pyarrow", STUDY_EXTRA).concat_tables(tables, promote_options="permissive")

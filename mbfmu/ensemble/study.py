@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from mbfmu.util.errors import UserError
-from mbfmu.util.extras import optional
+from mbfmu.util.extras import import_optional
 
 from .definition import Definition, define, read_study
 from .design import Point
-from .engine import Workers, check_place, merged
-from .objective import Found, look
-from .records import KEPT, Records, Row, read_histories, read_table, read_told
-from .worker import EXTRA, FAILED, OK, SUSPECT, FmuJob, ModelJob, Outcome
+from .engine import Workers, check_place, pad_outcomes
+from .objective import Optimum, optimize_objective
+from .records import HISTORIES_FOLDER, Records, Row, read_definition, read_histories, read_table
+from .worker import STATUS_FAILED, STATUS_OK, STATUS_SUSPECT, STUDY_EXTRA, FmuJob, ModelJob, Outcome
 
 Progress = Callable[[int, int, int], None]  # arguments: finished runs, all runs, failed runs
 
@@ -53,7 +53,7 @@ class Study:
     varied: tuple[str, ...]
     measures: tuple[str, ...]
     folder: Path
-    found: Found | None = None
+    found: Optimum | None = None
     wall_time: float = 0.0
 
     @property
@@ -93,7 +93,7 @@ class Study:
 
     def to_dataframe(self) -> Any:
         """Return a pandas DataFrame with one row per run; units in ``attrs["units"]``."""
-        pandas = optional("pandas", EXTRA)
+        pandas = import_optional("pandas", STUDY_EXTRA)
         frame = pandas.DataFrame(list(self.rows)).set_index("run")
         frame.attrs["units"] = dict(self.units)
         return frame
@@ -107,8 +107,8 @@ class Study:
 
     def trajectories(self) -> Any:
         """Return a pandas DataFrame of the stored outputs, by run and time in s."""
-        optional("pandas", EXTRA)
-        if not (self.folder / KEPT).exists():
+        import_optional("pandas", STUDY_EXTRA)
+        if not (self.folder / HISTORIES_FOLDER).exists():
             raise UserError("the study contains no trajectories; list outputs in keep")
         frame = read_histories(self.folder).to_pandas()
         runs = {row["key"]: row["run"] for row in self.rows}
@@ -119,7 +119,7 @@ class Study:
 
     def __repr__(self) -> str:
         """Return it in one line."""
-        told = ", ".join(f"{self.count(s)} {s}" for s in (OK, SUSPECT, FAILED) if self.count(s))
+        told = ", ".join(f"{self.count(s)} {s}" for s in (STATUS_OK, STATUS_SUSPECT, STATUS_FAILED) if self.count(s))
         return f"<Study of {self.name}: {len(self.rows)} runs, {told}>"
 
 
@@ -205,13 +205,13 @@ def run_study(
     check_place()
     job, records = definition.job(), Records(folder, definition)
     wanted = [] if definition.aim else definition.points()
-    campaign = Campaign(job, records, scheduler, workers, progress)
+    campaign = RunScheduler(job, records, scheduler, workers, progress)
     found = None
     with closing(campaign), closing(records):
         records.begin(resume)
         try:
             if definition.aim:
-                found = look(definition.aim, definition.vary, campaign.measured, definition.sampling.seed)
+                found = optimize_objective(definition.aim, definition.vary, campaign.measured, definition.sampling.seed)
             else:
                 campaign.evaluate(wanted)
         except Exception:  # such as no scheduler; an interrupted study is resumed
@@ -221,7 +221,7 @@ def run_study(
     return replace(load_study(folder), found=found, wall_time=time.perf_counter() - begin)
 
 
-class Campaign:
+class RunScheduler:
     """Requested runs, made by workers unless a record exists; workers are started when they are needed.
 
     Attributes
@@ -249,23 +249,23 @@ class Campaign:
                 missing.setdefault(key, (k, point))
         waiting = list(missing.values())
         self._done += len(keys) - len(waiting)
-        self._tell()
+        self._report_progress()
         if not waiting:
             return
         self._workers = self._workers or Workers(*self._where)
         asked = dict(waiting)
         for some in [waiting] if self._seconds else [waiting[:1], waiting[1:]]:  # the first compiles what all need
             for outcomes in self._workers.run(self._job, some, self._seconds or 1.0):
-                self._take(outcomes, asked)
+                self._add_outcomes(outcomes, asked)
                 self._seconds = outcomes[0].seconds or 1.0  # nothing is known of one that killed its process
 
-    def _take(self, outcomes: Sequence[Outcome], asked: Mapping[int, Point]) -> None:
-        whole = merged(outcomes, len(self._records.definition.measures))
-        self._records.add(whole, [asked[outcome.number] for outcome in whole])
+    def _add_outcomes(self, outcomes: Sequence[Outcome], requested: Mapping[int, Point]) -> None:
+        whole = pad_outcomes(outcomes, len(self._records.definition.measures))
+        self._records.add(whole, [requested[outcome.number] for outcome in whole])
         self._done += len(whole)
-        self._tell()
+        self._report_progress()
 
-    def _tell(self) -> None:
+    def _report_progress(self) -> None:
         if self._progress is not None:
             self._progress(self._done, len(self.keys), self._records.failed)
 
@@ -300,7 +300,7 @@ def load_study(folder: Path | str) -> Study:
         The folder contains no study.
     """
     folder = Path(folder)
-    told = read_told(folder)
+    told = read_definition(folder)
     written = told["study"]
     varied, measures = tuple(written["vary"]), tuple(written.get("measure", {}))
     return Study(told["name"], tuple(read_table(folder).to_pylist()), told["units"], varied, measures, folder)

@@ -15,7 +15,7 @@ import numpy as np
 
 import mbfmu
 from mbfmu.mechanics import Mechanism
-from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.parameters import check, declared
 from mbfmu.modeling.scene import Scene, check_times, default_scene, load_scene
 from mbfmu.modeling.settings import Settings
@@ -24,10 +24,10 @@ from mbfmu.session.run import check_interval
 from mbfmu.util.errors import UserError, suggest
 
 from .design import Point
-from .worker import STOP, Files, FmuJob, Job, ModelJob, pickled
+from .worker import STOP_TIME_KEY, Files, FmuJob, Job, ModelJob, dump
 
-RUNS = ("simulation", "fmu", "native")
-NUMBERS: dict[str, type] = {
+RUN_METHODS = ("simulation", "fmu", "native")
+NUMBER_TYPES: dict[str, type] = {
     "Real": float, "Integer": int, "Boolean": bool, "Float64": float, "Float32": float,
     **{f"{sign}Int{bits}": int for sign in ("", "U") for bits in (8, 16, 32, 64)},
 }  # fmt: skip
@@ -44,7 +44,7 @@ def files_of(path: Path) -> Files:
     return Files(path.name, tuple((file.name, file.read_bytes()) for file in found))
 
 
-def digest(*content: Any) -> str:
+def content_digest(*content: Any) -> str:
     """Return what tells contents apart: hexadecimal digits."""
     told = json.dumps(content, sort_keys=True, default=lambda x: x.hex() if isinstance(x, bytes) else repr(x))
     return sha256(told.encode()).hexdigest()[:24]
@@ -63,7 +63,7 @@ def number(what: str, value: Any, kind: type) -> Any:
 
 
 @dataclass(frozen=True)
-class ModelSubject:
+class ModelTarget:
     """A scene of a model, run without an FMU.
 
     Attributes
@@ -85,7 +85,7 @@ class ModelSubject:
     def __post_init__(self) -> None:
         """Build the model once; raises UserError where it cannot be built."""
         plant, model = self.scene.model.plant(), self.scene.model
-        units = {p.name: p.unit for p in declared(Settings)} | {STOP: "s"}
+        units = {p.name: p.unit for p in declared(Settings)} | {STOP_TIME_KEY: "s"}
         units |= {v.name: v.unit for v in plant.inputs.variables} | {p.name: p.unit for p in model.parameters()}
         object.__setattr__(self, "units", units)
         object.__setattr__(self, "inputs", frozenset(v.name for v in plant.inputs.variables))
@@ -103,7 +103,7 @@ class ModelSubject:
         parameter = next((p for p in model.parameters() if p.name == name), None)
         if parameter is not None:
             return check(model.name, parameter, value)
-        if name == STOP:
+        if name == STOP_TIME_KEY:
             return self.scene.changed(stop_time=value).stop_time
         if name in asdict(self.scene.settings):
             return getattr(self.scene.changed(**{name: value}).settings, name)
@@ -120,15 +120,15 @@ class ModelSubject:
         elif scene.reference and "." not in scene.reference:
             source = {"reference": scene.reference}
         else:
-            source = {"pickled": pickled(model)}
+            source = {"pickled": dump(model)}
         about: dict[str, Any] = {"values": values, "settings": scene.settings, "stop_time": scene.stop_time}
         about |= source | {"interval": scene.output_interval}
         told = {k: asdict(v) if isinstance(v, Settings) else v for k, v in about.items()}
-        return ModelJob(identity=digest(model.name, told, shared), version=mbfmu.__version__, **about, **shared)
+        return ModelJob(identity=content_digest(model.name, told, shared), version=mbfmu.__version__, **about, **shared)
 
 
 @dataclass(frozen=True)
-class FmuSubject:
+class FmuTarget:
     """An FMU for co-simulation.
 
     Attributes
@@ -151,7 +151,7 @@ class FmuSubject:
 
     def check(self, name: str, value: Any) -> Any:
         """Return a value as what varies takes it; raises UserError where it does not."""
-        if name == STOP:
+        if name == STOP_TIME_KEY:
             check_times(value, self.interval)
         return number(f"variable {name!r} of {self.name!r}", value, self.kinds[name])
 
@@ -159,14 +159,14 @@ class FmuSubject:
         """Return what workers are given."""
         about: dict[str, Any] = {"values": dict(self.values), "stop_time": self.stop_time, "interval": self.interval}
         about |= {"outputs": tuple(self.outputs.items())}
-        identity = digest(sha256(self.content).hexdigest(), about, shared)
+        identity = content_digest(sha256(self.content).hexdigest(), about, shared)
         return FmuJob(identity=identity, version=mbfmu.__version__, content=self.content, **about, **shared)
 
 
-Subject = ModelSubject | FmuSubject
+StudyTarget = ModelTarget | FmuTarget
 
 
-def subject_of(given: Any, runs: str, stop_time: float | None, interval: float | None) -> Subject:
+def make_target(given: Any, runs: str, stop_time: float | None, interval: float | None) -> StudyTarget:
     """Return what is to be run: a scene or its name, a model, a mechanism, or the path of an FMU.
 
     Raises
@@ -174,25 +174,25 @@ def subject_of(given: Any, runs: str, stop_time: float | None, interval: float |
     UserError
         It is none of these, it cannot be built or read, or the interval that is given is longer than the run.
     """
-    if runs not in RUNS:
-        raise UserError(f"with is {runs!r}{suggest(str(runs), RUNS)}")
+    if runs not in RUN_METHODS:
+        raise UserError(f"with is {runs!r}{suggest(str(runs), RUN_METHODS)}")
     if isinstance(given, str | Path) and str(given).endswith(".fmu"):
         fmu = read_fmu(Path(given), stop_time, interval)
         if interval is not None:
             check_interval(fmu.stop_time, interval)
         return fmu
     if isinstance(given, Model | Mechanism):
-        given = default_scene(of_user(given))
+        given = default_scene(as_model(given))
     scene = load_scene(str(given)) if isinstance(given, str | Path) else given
     if not isinstance(scene, Scene):
         raise UserError(f"scene is {given!r}; allowed: a scene or its name, a model, a mechanism, or an FMU's path")
     scene = scene.changed(stop_time=stop_time, output_interval=interval)
     if interval is not None:
         check_interval(scene.stop_time, interval)
-    return ModelSubject(scene) if runs == "simulation" else exported(scene, runs == "native")
+    return ModelTarget(scene) if runs == "simulation" else exported(scene, runs == "native")
 
 
-def exported(scene: Scene, native: bool) -> FmuSubject:
+def exported(scene: Scene, native: bool) -> FmuTarget:
     """Return the FMU of a scene."""
     from mbfmu.fmi import export
 
@@ -202,10 +202,10 @@ def exported(scene: Scene, native: bool) -> FmuSubject:
             stop_time=scene.stop_time, output_interval=scene.output_interval,
         )  # fmt: skip
         found = read_fmu(path, scene.stop_time, scene.output_interval)
-    return FmuSubject(**{**vars(found), "name": scene.name})
+    return FmuTarget(**{**vars(found), "name": scene.name})
 
 
-def read_fmu(path: Path, stop_time: float | None, interval: float | None) -> FmuSubject:
+def read_fmu(path: Path, stop_time: float | None, interval: float | None) -> FmuTarget:
     """Return an FMU; raises UserError where the file is none for co-simulation."""
     from fmpy import read_model_description
 
@@ -217,7 +217,7 @@ def read_fmu(path: Path, stop_time: float | None, interval: float | None) -> Fmu
         raise UserError(f"{str(path)!r} is not an FMU: {error}") from error
     if described.coSimulation is None:
         raise UserError(f"{str(path)!r} is not an FMU for co-simulation; a study requires one")
-    single = [v for v in described.modelVariables if v.type in NUMBERS and not getattr(v, "dimensions", None)]
+    single = [v for v in described.modelVariables if v.type in NUMBER_TYPES and not getattr(v, "dimensions", None)]
     settable = [v for v in single if v.causality in ("parameter", "input") and v.variability != "constant"]
     outputs = {v.name: v.unit or "1" for v in single if v.causality == "output"}
     if not outputs:
@@ -228,19 +228,19 @@ def read_fmu(path: Path, stop_time: float | None, interval: float | None) -> Fmu
         raise UserError(f"FMU {str(path)!r} has no stop time; give stop_time")
     check_times(stop, stop if interval is None else interval)
     step = float(getattr(usual, "stepSize", None) or stop / 500.0) if interval is None else interval
-    units = {v.name: v.unit or "1" for v in settable} | {STOP: "s"}
-    kinds = {v.name: NUMBERS[v.type] for v in settable} | {STOP: float}
-    return FmuSubject(path.stem, content, kinds, units, outputs, {}, stop, step)
+    units = {v.name: v.unit or "1" for v in settable} | {STOP_TIME_KEY: "s"}
+    kinds = {v.name: NUMBER_TYPES[v.type] for v in settable} | {STOP_TIME_KEY: float}
+    return FmuTarget(path.stem, content, kinds, units, outputs, {}, stop, step)
 
 
-def check_point(subject: Subject, point: Point) -> Point:
+def check_point(target: StudyTarget, point: Point) -> Point:
     """Return a point as the subject takes it."""
-    return {name: subject.check(name, value) for name, value in point.items()}
+    return {name: target.check(name, value) for name, value in point.items()}
 
 
-def unknown(subject: Subject, name: str) -> UserError:
+def unknown_name(target: StudyTarget, name: str) -> UserError:
     """Return the complaint that nothing of this name may vary."""
-    return UserError(f"{subject.name!r} has no parameter or input {name!r} that can vary{suggest(name, subject.units)}")
+    return UserError(f"{target.name!r} has no parameter or input {name!r} that can vary{suggest(name, target.units)}")
 
 
-__all__ = ["FmuSubject", "Job", "ModelSubject", "Subject", "subject_of"]
+__all__ = ["FmuTarget", "Job", "ModelTarget", "StudyTarget", "make_target"]

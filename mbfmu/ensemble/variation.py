@@ -21,16 +21,16 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from mbfmu.util.errors import LONGEST, UserError, short, suggest
+from mbfmu.util.errors import MAX_VALUE_LENGTH, UserError, short, suggest
 from mbfmu.util.units import read_unit
 from solvers.system import Array
 
-NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+(?:[eE][-+]?\d+)?"
-TOLERANCE = re.compile(rf"\s*({NUMBER})\s*(\S*?)\s*(?:\+-|\+/-|±)\s*({NUMBER})\s*(\S*)\s*")
-SIGMAS = 3.0  # standard deviations in a tolerance
-LARGEST = sys.float_info.max
-MANY = 10_000_000  # values of one list
-OTHERWISE = 'a list, {from, to, count}, {from, to}, {distribution, ...} or a text such as "1 m +- 0.01 mm"'
+NUMBER_PATTERN = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+(?:[eE][-+]?\d+)?"
+TOLERANCE_PATTERN = re.compile(rf"\s*({NUMBER_PATTERN})\s*(\S*?)\s*(?:\+-|\+/-|±)\s*({NUMBER_PATTERN})\s*(\S*)\s*")
+SIGMAS_PER_TOLERANCE = 3.0  # standard deviations in a tolerance
+MAX_FLOAT = sys.float_info.max
+MAX_LISTED_VALUES = 10_000_000  # values of one list
+ALLOWED_VARIATIONS = 'a list, {from, to, count}, {from, to}, {distribution, ...} or a text such as "1 m +- 0.01 mm"'
 
 
 @dataclass(frozen=True)
@@ -86,12 +86,13 @@ def read_variation(name: str, given: Any, unit: str) -> Variation:
         return _listed(what, list(given))
     if hasattr(given, "ppf"):  # frozen already, from Python
         return Drawn(given)
-    raise UserError(f"{what} is {given!r}; allowed: {OTHERWISE}")
+    raise UserError(f"{what} is {given!r}; allowed: {ALLOWED_VARIATIONS}")
 
 
 def toleranced(what: str, text: str, unit: str) -> Drawn:
     """Return the distribution of a size that is written with its tolerance."""
-    found = TOLERANCE.fullmatch(text) if len(text) <= LONGEST else None  # it takes the square of the length
+    # it takes the square of the length
+    found = TOLERANCE_PATTERN.fullmatch(text) if len(text) <= MAX_VALUE_LENGTH else None
     if not found:
         raise UserError(
             f'{what} is {short(text)}; allowed for a text: a size and its tolerance, such as "1 m +- 0.01 mm"'
@@ -104,7 +105,9 @@ def toleranced(what: str, text: str, unit: str) -> Drawn:
         far = float(width) * _factor(what, width_unit or size_unit, unit)
     if not (isfinite(center) and 0.0 < far < np.inf):
         raise UserError(f"{what} is {text!r}; allowed: a tolerance greater than zero")
-    return Drawn(stats.truncnorm(-SIGMAS, SIGMAS, loc=center, scale=far / SIGMAS))
+    return Drawn(
+        stats.truncnorm(-SIGMAS_PER_TOLERANCE, SIGMAS_PER_TOLERANCE, loc=center, scale=far / SIGMAS_PER_TOLERANCE)
+    )
 
 
 def _factor(what: str, given: str, unit: str) -> float:
@@ -128,22 +131,22 @@ def _of_table(what: str, given: dict[str, Any]) -> Variation:
     known = {"from", "to", "count", "log"}
     odd = sorted(set(given) - known)
     if odd or not {"from", "to"} <= set(given):
-        told = f" has {odd[0]!r}{suggest(odd[0], known)}" if odd else f" is {given!r}; allowed: {OTHERWISE}"
+        told = f" has {odd[0]!r}{suggest(odd[0], known)}" if odd else f" is {given!r}; allowed: {ALLOWED_VARIATIONS}"
         raise UserError(f"{what}{told}")
     low, high, by_ratio = (given["from"], given["to"], given.get("log", False))
     if not isinstance(by_ratio, bool):
         raise UserError(f"{what}: log is {by_ratio!r}; allowed: true or false")
     for end in (low, high):
-        if isinstance(end, bool) or not isinstance(end, int | float) or not abs(end) <= LARGEST:
+        if isinstance(end, bool) or not isinstance(end, int | float) or not abs(end) <= MAX_FLOAT:
             raise UserError(f"{what}: {end!r} is not allowed as a limit; allowed: finite numbers")
-    if not low < high or (by_ratio and low <= 0.0) or not high - low <= LARGEST:
+    if not low < high or (by_ratio and low <= 0.0) or not high - low <= MAX_FLOAT:
         positive = " greater than zero" if by_ratio else ""
         raise UserError(f"{what} is from {low!r} to {high!r}; allowed: from a number{positive} to a larger number")
     if "count" not in given:
         return Drawn(stats.loguniform(low, high) if by_ratio else stats.uniform(low, high - low))
     count = given["count"]
-    if isinstance(count, bool) or not isinstance(count, int) or not 2 <= count <= MANY:
-        raise UserError(f"{what}: count is {count!r}; allowed: whole numbers from 2 to {MANY}")
+    if isinstance(count, bool) or not isinstance(count, int) or not 2 <= count <= MAX_LISTED_VALUES:
+        raise UserError(f"{what}: count is {count!r}; allowed: whole numbers from 2 to {MAX_LISTED_VALUES}")
     spaced = np.geomspace(low, high, count) if by_ratio else np.linspace(low, high, count)
     return Listed(tuple(spaced.tolist()))
 
@@ -155,7 +158,7 @@ def _listed(what: str, values: Any) -> Listed:
         raise UserError(f"{what}: values are {values!r}; allowed: a list with at least one value")
     for value in values:
         plain: Any = value.item() if isinstance(value, np.generic) else value
-        endless = isinstance(plain, int | float) and not abs(plain) <= LARGEST
+        endless = isinstance(plain, int | float) and not abs(plain) <= MAX_FLOAT
         if not isinstance(value, kinds) or endless:
             raise UserError(f"{what} has the value {value!r}; allowed: finite numbers, words, true and false")
     return Listed(tuple(v.item() if isinstance(v, np.generic) else v for v in values))

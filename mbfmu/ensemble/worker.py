@@ -32,28 +32,28 @@ from mbfmu.session.run import communication_points, run
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.state import Equilibrium
 from mbfmu.util.errors import UserError
-from mbfmu.util.extras import optional
+from mbfmu.util.extras import import_optional
 from solvers import Statistics
 from solvers.system import Array
 
 from .design import Point
 from .measures import Measure, Steady
 
-OK, SUSPECT, FAILED = "ok", "suspect", "failed"
-STOP = "stop_time"
-AUDITED = tuple(v.name for v in ENERGY_OUTPUTS)
-WARNING = 1  # the status of FMI; larger ones are worse
-EXTRA = "study"  # of mbfmu: the packages that studies need
+STATUS_OK, STATUS_SUSPECT, STATUS_FAILED = "ok", "suspect", "failed"
+STOP_TIME_KEY = "stop_time"
+ENERGY_OUTPUT_NAMES = tuple(v.name for v in ENERGY_OUTPUTS)
+FMI_WARNING_STATUS = 1  # the status of FMI; larger ones are worse
+STUDY_EXTRA = "study"  # of mbfmu: the packages that studies need
 
 
-def pickled(content: Any) -> bytes:
+def dump(content: Any) -> bytes:
     """Return as bytes what workers are to have, functions and classes that they cannot import included."""
-    return bytes(optional("cloudpickle", EXTRA).dumps(content))
+    return bytes(import_optional("cloudpickle", STUDY_EXTRA).dumps(content))
 
 
-def loaded(content: bytes) -> Any:
+def load(content: bytes) -> Any:
     """Return what was pickled."""
-    return optional("cloudpickle", EXTRA).loads(content)
+    return import_optional("cloudpickle", STUDY_EXTRA).loads(content)
 
 
 class Outcome(NamedTuple):
@@ -116,7 +116,7 @@ class ModelJob(Job):
         Name of a registered model; empty: it travels.
     files, class_name
         Where the class of the model is.
-    pickled
+    dump
         A model that is in no file.
     """
 
@@ -129,10 +129,10 @@ class ModelJob(Job):
     stop_time: float
     interval: float
 
-    def ready(self, folder: Path) -> Runner:
+    def make_runner(self, folder: Path) -> Runner:
         """Return it ready."""
         if self.pickled:
-            return ModelRunner(self, loaded(self.pickled))
+            return ModelRunner(self, load(self.pickled))
         if self.files:
             cls: type[Model] = getattr(load_module(self.files.unpacked(folder)), self.class_name)
         else:
@@ -154,8 +154,8 @@ class ModelRunner:
     def result(self, point: Point) -> Result:
         """Return a run."""
         settings = replace(self.job.settings, **{k: v for k, v in point.items() if k in self._settings})
-        inputs = {k: v for k, v in point.items() if k not in self._parameters | self._settings | {STOP}}
-        times = communication_points(point.get(STOP, self.job.stop_time), self.job.interval)
+        inputs = {k: v for k, v in point.items() if k not in self._parameters | self._settings | {STOP_TIME_KEY}}
+        times = communication_points(point.get(STOP_TIME_KEY, self.job.stop_time), self.job.interval)
         return run(self._model_at(point), settings, times, inputs=inputs)
 
     def steady(self, point: Point) -> Equilibrium:
@@ -173,7 +173,7 @@ class FmuJob(Job):
     stop_time: float
     interval: float
 
-    def ready(self, folder: Path) -> Runner:
+    def make_runner(self, folder: Path) -> Runner:
         """Return it ready."""
         return FmuRunner(self, folder)
 
@@ -194,32 +194,33 @@ class FmuRunner:
         """Return a run; what the FMU warns of is its verdict."""
         from fmpy import simulate_fmu
 
-        job, told = self.job, []
-        stop, reached = float(point.get(STOP, job.stop_time)), [-inf]
+        job, messages = self.job, []
+        stop, reached = float(point.get(STOP_TIME_KEY, job.stop_time)), [-inf]
 
-        def went_on(t: float, _: Any) -> bool:  # FMPy repeats a discarded step without limit
+        def step_finished(t: float, _: Any) -> bool:  # FMPy repeats a discarded step without limit
             stuck = t <= reached[0]
             reached[0] = t
             return not stuck
 
-        def note(*given: Any) -> None:  # what an FMU logs of its course may be long
-            if given[-3] >= WARNING:
-                told.append((given[-3], _text(given[-1])))
+        def log_message(*given: Any) -> None:  # what an FMU logs of its course may be long
+            if given[-3] >= FMI_WARNING_STATUS:
+                messages.append((given[-3], _text(given[-1])))
 
         names = [name for name, _ in job.outputs]
         failure, rows = "", None
         try:
             rows = simulate_fmu(
                 str(self._folder), stop_time=stop, output_interval=job.interval, output=names,
-                start_values={**job.values, **{k: v for k, v in point.items() if k != STOP}},
-                model_description=self._description, step_finished=went_on, logger=note, debug_logging=True,
+                start_values={**job.values, **{k: v for k, v in point.items() if k != STOP_TIME_KEY}},
+                model_description=self._description, step_finished=step_finished, logger=log_message,
+                debug_logging=True,
             )  # fmt: skip
         except Exception as error:  # FMPy raises what it likes
-            failure = _last(told) or f"{type(error).__name__}: {error}"
+            failure = _last_error(messages) or f"{type(error).__name__}: {error}"
         if rows is None:
             raise UserError(failure)
         if rows["time"][-1] < stop * (1.0 - 1e-9):
-            failure = _last(told) or f"the FMU ended at {rows['time'][-1]:g} s, before {stop:g} s"
+            failure = _last_error(messages) or f"the FMU ended at {rows['time'][-1]:g} s, before {stop:g} s"
         return Result(
             t=rows["time"],
             values=np.column_stack([rows[name] for name in names]).astype(float),
@@ -227,7 +228,8 @@ class FmuRunner:
             statistics=Statistics(),
             wall_time=0.0,
             failure=failure,
-            verdict=next((text for status, text in told if status == WARNING), "") or _lost(rows, names),
+            verdict=next((text for status, text in messages if status == FMI_WARNING_STATUS), "")
+            or _find_nonfinite(rows, names),
         )
 
     def steady(self, point: Point) -> Equilibrium:
@@ -237,11 +239,11 @@ class FmuRunner:
         )
 
 
-def _lost(rows: Any, names: Sequence[str]) -> str:
+def _find_nonfinite(rows: Any, names: Sequence[str]) -> str:
     """Return which output is no finite number first, and when; empty if all are."""
     for name in names:
         odd = ~np.isfinite(rows[name].astype(float))
-        if odd.any() and name not in AUDITED:
+        if odd.any() and name not in ENERGY_OUTPUT_NAMES:
             return (
                 f"output {name!r} is {rows[name][odd][0]} at t = {rows['time'][odd][0]:g} s, which is not a "
                 "finite number"
@@ -253,12 +255,12 @@ def _text(given: Any) -> str:
     return given.decode(errors="replace") if isinstance(given, bytes) else str(given)
 
 
-def _last(told: Sequence[tuple[int, str]]) -> str:
+def _last_error(messages: Sequence[tuple[int, str]]) -> str:
     """Return the last that is more than a warning."""
-    return next((text for status, text in reversed(told) if status > WARNING), "")
+    return next((text for status, text in reversed(messages) if status > FMI_WARNING_STATUS), "")
 
 
-class Ready(NamedTuple):
+class PreparedJob(NamedTuple):
     """A job on this worker."""
 
     runner: Runner
@@ -268,10 +270,10 @@ class Ready(NamedTuple):
     time_limit: float = 0.0
 
 
-_ready: dict[str, Ready] = {}  # by identity: as long as this process lasts
+_prepared: dict[str, PreparedJob] = {}  # by identity: as long as this process lasts
 
 
-def ready(job: ModelJob | FmuJob) -> Ready:
+def prepare(job: ModelJob | FmuJob) -> PreparedJob:
     """Return a job that is ready, made so where this process has not seen it.
 
     Raises
@@ -282,54 +284,56 @@ def ready(job: ModelJob | FmuJob) -> Ready:
     if mbfmu.__version__ != job.version:
         there = mbfmu.__version__
         raise UserError(f"a worker has mbfmu {there}, but the study needs {job.version}; install that version there")
-    if job.identity not in _ready:
-        folder = Path(tempfile.mkdtemp(prefix="study-", dir=_room()))
+    if job.identity not in _prepared:
+        folder = Path(tempfile.mkdtemp(prefix="study-", dir=_scratch_dir()))
         for k, files in enumerate(job.measure_files):
             (folder / f"measures{k}").mkdir()
             load_module(files.unpacked(folder / f"measures{k}"))
-        _ready[job.identity] = Ready(job.ready(folder), loaded(job.measures), job.keep, job.fixed, job.time_limit)
-    return _ready[job.identity]
+        _prepared[job.identity] = PreparedJob(
+            job.make_runner(folder), load(job.measures), job.keep, job.fixed, job.time_limit
+        )
+    return _prepared[job.identity]
 
 
-def _room() -> str | None:
+def _scratch_dir() -> str | None:
     """Return the folder of this worker, which goes when it ends; None: the system's for temporary files."""
     try:
-        return str(optional("distributed", EXTRA).get_worker().local_directory)
+        return str(import_optional("distributed", STUDY_EXTRA).get_worker().local_directory)
     except ValueError:  # none
         return None
 
 
-def forget(job: ModelJob | FmuJob) -> None:
+def forget_job(job: ModelJob | FmuJob) -> None:
     """Forget a job in this process, with its folder."""
-    known = _ready.pop(job.identity, None)
+    known = _prepared.pop(job.identity, None)
     if known is not None and isinstance(known.runner, FmuRunner):
         shutil.rmtree(known.runner._folder.parent, ignore_errors=True)
 
 
-def batch(job: ModelJob | FmuJob, points: Sequence[tuple[int, Point]], enough: float = inf) -> list[Outcome]:
+def run_batch(job: ModelJob | FmuJob, points: Sequence[tuple[int, Point]], enough: float = inf) -> list[Outcome]:
     """Make runs and measure them; the outcome of a run contains its error message.
 
     No run is begun after ``enough`` seconds, but the first: outcomes may be fewer than points.
     """
-    known, found = ready(job), list[Outcome]()
+    known, found = prepare(job), list[Outcome]()
     end = time.monotonic() + enough
     for number, point in points:
-        found.append(_one(known, number, point))
+        found.append(_run_one(known, number, point))
         if time.monotonic() > end:
             break
     return found
 
 
-def _one(known: Ready, number: int, point: Point) -> Outcome:
+def _run_one(known: PreparedJob, number: int, point: Point) -> Outcome:
     begin = time.thread_time()
     nothing = (nan,) * len(known.measures)
     try:
         with _limited(known.time_limit):
             outcome = _measured(known, number, {**known.fixed, **point})
     except UserError as error:
-        outcome = Outcome(number, nothing, FAILED, str(error), nan, 0.0, None)
+        outcome = Outcome(number, nothing, STATUS_FAILED, str(error), nan, 0.0, None)
     except BaseException as error:  # what a model of the user's does; a worker would end at some of these
-        outcome = Outcome(number, nothing, FAILED, f"{type(error).__name__}: {error}", nan, 0.0, None)
+        outcome = Outcome(number, nothing, STATUS_FAILED, f"{type(error).__name__}: {error}", nan, 0.0, None)
     return outcome._replace(seconds=time.thread_time() - begin)
 
 
@@ -348,21 +352,21 @@ def _limited(seconds: float) -> Iterator[None]:
         timer.cancel()
 
 
-def _measured(known: Ready, number: int, point: Point) -> Outcome:
+def _measured(known: PreparedJob, number: int, point: Point) -> Outcome:
     found, of_runs = [nan] * len(known.measures), [not isinstance(m, Steady) for m in known.measures]
-    status, message, energy_error, kept = OK, "", nan, None
+    status, message, energy_error, kept = STATUS_OK, "", nan, None
     if any(of_runs) or known.keep or not of_runs:
         result = known.runner.result(point)
-        status = FAILED if result.failure else SUSPECT if result.warning else OK
+        status = STATUS_FAILED if result.failure else STATUS_SUSPECT if result.warning else STATUS_OK
         message = result.failure or result.warning
         if "energy_error" in result.names:
             energy_error = float(np.abs(result["energy_error"]).max())
         if known.keep:
             kept = result.t, np.column_stack([result[name] for name in known.keep])
         for k, measure in enumerate(known.measures):
-            if not isinstance(measure, Steady) and status != FAILED:
+            if not isinstance(measure, Steady) and status != STATUS_FAILED:
                 found[k] = measure.of(result)
-    if not all(of_runs) and status != FAILED:
+    if not all(of_runs) and status != STATUS_FAILED:
         state = known.runner.steady(point)
         for k, measure in enumerate(known.measures):
             if isinstance(measure, Steady):

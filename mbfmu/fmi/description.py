@@ -11,9 +11,9 @@ import mbfmu
 from mbfmu.modeling.variables import ScalarVariable, Type
 from mbfmu.util.units import read_unit
 
-EPOCH = "2000-01-01T00:00:00+00:00"  # the date of every build: equal content gives equal bytes
+BUILD_DATE = "2000-01-01T00:00:00+00:00"  # the date of every build: equal content gives equal bytes
 
-CAPABILITIES = {
+FMI2_CAPABILITIES = {
     "canHandleVariableCommunicationStepSize": "true",
     "canInterpolateInputs": "false",
     "canBeInstantiatedOnlyOncePerProcess": "false",
@@ -72,11 +72,11 @@ def model_description(
         version=mbfmu.__version__,
         license="see documentation/licenses",
         generationTool=identity.made_by,
-        generationDateAndTime=EPOCH,
+        generationDateAndTime=BUILD_DATE,
         variableNamingConvention="structured",
     )
     needs = "true" if identity.tool else "false"
-    told = {"modelIdentifier": identity.identifier, "needsExecutionTool": needs, **CAPABILITIES}
+    told = {"modelIdentifier": identity.identifier, "needsExecutionTool": needs, **FMI2_CAPABILITIES}
     SubElement(root, "CoSimulation", told)
     root.extend([*units(variables), *_enumerations(variables), *default_run(experiment, log_categories)])
     described = SubElement(root, "ModelVariables")

@@ -9,23 +9,23 @@ from xml.etree.ElementTree import Element, SubElement
 import mbfmu
 from mbfmu.modeling.variables import ArrayVariable, ScalarVariable, Type
 
-from .description import EPOCH, Experiment, Identity, default_run, number, type_name, units
+from .description import BUILD_DATE, Experiment, Identity, default_run, number, type_name, units
 
-TYPES = {
+FMI3_TYPES = {
     Type.REAL: "Float64",
     Type.INTEGER: "Int64",
     Type.BOOLEAN: "Boolean",
     Type.STRING: "String",
     Type.ENUMERATION: "Enumeration",
 }
-CAPABILITIES = {
+FMI3_CAPABILITIES = {
     "needsExecutionTool": "false",
     "canBeInstantiatedOnlyOncePerProcess": "false",
     "canGetAndSetFMUState": "true",
     "canSerializeFMUState": "true",
     "canHandleVariableCommunicationStepSize": "true",
 }
-TIME = "time"  # the independent variable, whose value reference comes after all others
+TIME_NAME = "time"  # the independent variable, whose value reference comes after all others
 
 
 def listed(
@@ -63,10 +63,10 @@ def model_description(
         version=mbfmu.__version__,
         license="see documentation/licenses",
         generationTool=identity.made_by,
-        generationDateAndTime=EPOCH,
+        generationDateAndTime=BUILD_DATE,
         variableNamingConvention="structured",
     )
-    SubElement(root, "CoSimulation", {"modelIdentifier": identity.identifier, **CAPABILITIES})
+    SubElement(root, "CoSimulation", {"modelIdentifier": identity.identifier, **FMI3_CAPABILITIES})
     root.extend([*units(variables), *_enumerations(variables), *default_run(experiment, log_categories)])
     described = SubElement(root, "ModelVariables")
     told = list(listed(variables, arrays))
@@ -75,7 +75,7 @@ def model_description(
     SubElement(
         described,
         "Float64",
-        name=TIME,
+        name=TIME_NAME,
         valueReference=str(len(variables)),
         causality="independent",
         variability="continuous",
@@ -117,7 +117,7 @@ def _variable(parent: Element, reference: int, v: ScalarVariable) -> None:
         told["nominal"] = number(v.nominal)
     if v.start is not None:
         told["start"] = str(v.start).lower() if isinstance(v.start, bool) else as_text(v.start)
-    element = SubElement(parent, TYPES[v.type], told)
+    element = SubElement(parent, FMI3_TYPES[v.type], told)
     for count in v.shape if isinstance(v, ArrayVariable) else ():
         SubElement(element, "Dimension", start=str(count))
 

@@ -16,7 +16,7 @@ from mbfmu.modeling.model import Model
 from mbfmu.modeling.variables import Role, ScalarVariable, columns
 from mbfmu.util.errors import UserError
 
-STYLE = (
+PAGE_STYLE = (
     "body{font:15px/1.5 sans-serif;margin:2em auto;max-width:70em;padding:0 1em}"
     "table{border-collapse:collapse}td,th{padding:.2em .8em;border-bottom:1px solid #ccc;text-align:left}"
     "td:first-child{font-family:monospace;white-space:nowrap}"
@@ -29,7 +29,7 @@ def page(model: Model, variables: Sequence[ScalarVariable], *, needs_python: boo
     tables = "".join(_table(role, [v for v in variables if v.role is role]) for role in Role)
     return (
         f"<!DOCTYPE html><html lang='en'><head><meta charset='utf-8'><title>{escape(model.name)}</title>"
-        f"<style>{STYLE}</style></head><body><h1>{escape(model.name)}</h1><p>{escape(model.title())}</p>{tables}"
+        f"<style>{PAGE_STYLE}</style></head><body><h1>{escape(model.name)}</h1><p>{escape(model.title())}</p>{tables}"
         f"<p>Made by mbfmu {mbfmu.__version__}{needs}.</p></body></html>"
     )
 

@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from mbfmu.mechanics import Mechanism, Plant
-from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import Settings
-from mbfmu.modeling.variables import interface, legible
+from mbfmu.modeling.variables import list_variables, require_xml_text
 from mbfmu.session.run import communication_points
 from mbfmu.session.simulation import UnstartedSimulation
 from mbfmu.util.errors import UserError
@@ -19,8 +19,8 @@ from solvers.steppers import describe_refusal
 
 from .description import Experiment
 from .documentation import licenses, page
-from .native_fmu import native as native_files
-from .python_fmu import coupled
+from .native_fmu import build_native_fmu as native_files
+from .python_fmu import build_python_fmu
 
 
 def export(
@@ -70,13 +70,13 @@ def export(
     """
     if isinstance(model, Mechanism):
         raise UserError("a mechanism cannot be exported as it is: write a Model whose build() returns it")
-    model = of_user(model)
+    model = as_model(model)
     settings = settings or Settings(solver=model.default_solver, tolerance=model.tolerance)
     plant = model.plant()
     for text in check_start(model, settings, plant, native):
         report(text)
-    variables = interface(model, settings, plant)
-    legible(f"the first line of the docstring of model {model.name!r}", model.title())
+    variables = list_variables(model, settings, plant)
+    require_xml_text(f"the first line of the docstring of model {model.name!r}", model.title())
     experiment = Experiment(
         stop_time=float(model.stop_time if stop_time is None else stop_time),
         step_size=float(model.output_interval if output_interval is None else output_interval),
@@ -93,7 +93,7 @@ def export(
     else:
         if fmi != 2 or platforms:
             raise UserError("versions of FMI and platforms can be chosen for machine code alone: native=True")
-        content = coupled(model, settings, experiment)
+        content = build_python_fmu(model, settings, experiment)
         content["documentation/index.html"] = page(model, variables, needs_python=True).encode()
     content |= {f"documentation/licenses/{name}": text for name, text in licenses(native=native).items()}
     picture = Path(inspect.getsourcefile(type(model)) or ".").parent / "model.png"

@@ -24,10 +24,10 @@ from .documentation import page
 from .identity import identify
 from .terminals import terminals_and_icons
 
-VERSIONS = (2, 3)
+FMI_VERSIONS = (2, 3)
 
 
-def native(
+def build_native_fmu(
     model: Model,
     settings: Settings,
     experiment: Experiment,
@@ -91,7 +91,7 @@ def _text(root: Element) -> bytes:
 
 def _targets(fmi: int, platforms: Sequence[str]) -> list[str]:
     """Return the names of the requested targets; this machine if there are none."""
-    if fmi not in VERSIONS:
+    if fmi not in FMI_VERSIONS:
         raise UserError(f"fmi is {fmi!r}; allowed: 2 or 3")
     names = list(dict.fromkeys(platforms)) or [host()]
     if names == [""]:

@@ -30,13 +30,13 @@ from solvers.compiled.cache import when_compiling
 
 from .description import LOG_CATEGORIES, Experiment, Identity, model_description
 from .guards import finalize_at_exit, import_once
-from .values import Phase, Values, guarded, in_words
+from .values import Phase, Values, error_text, guarded
 
 Array = NDArray[np.float64]
 
-STATE_FORMAT = 6
-TOLD = 5  # errors that are reported one by one
-AGREED = 1e-9  # s, or part of the time: so much may a host's clock differ from ours
+FMU_STATE_FORMAT = 6
+MAX_REPORTED_ERRORS = 5  # errors that are reported one by one
+CLOCK_TOLERANCE = 1e-9  # s, or part of the time: so much may a host's clock differ from ours
 
 
 class ModelSlave(Values):
@@ -51,15 +51,16 @@ class ModelSlave(Values):
         super().__init__(**kwargs)
         self.modelName = self.identifier  # by which PythonFMU names files
         self._t0 = 0.0
-        self._remarked = 0  # how many of the simulation's remarks are in the log
+        self._logged_remarks = 0  # how many of the simulation's remarks are in the log
         self._loops: list[str] = []  # what is in the log of them
-        self._lost, self._coarse = "", False  # what is in the log of the balance; that a grid is too coarse is
-        with when_compiling(self._tell_compiling):
+        # what is in the log of the balance; that a grid is too coarse is
+        self._logged_verdict, self._logged_coarse = "", False
+        with when_compiling(self._log_compiling):
             self.declare(self.model.plant())
         finalize_at_exit(self.resources, self.identifier)
         import_once(self.resources)
 
-    def _tell_compiling(self) -> None:
+    def _log_compiling(self) -> None:
         text = "compiling; this takes one to three minutes, once per machine"
         self._print(text)
         self.log(text, Fmi2Status.ok, "logAll")
@@ -77,23 +78,23 @@ class ModelSlave(Values):
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
         """Note the start time, and the host's tolerance unless the parameter was set."""
         if self._phase is not Phase.INSTANTIATED:
-            self._mistake("fmi2SetupExperiment was called after the initialization; allowed: before it")
+            self._report_protocol_error("fmi2SetupExperiment was called after the initialization; allowed: before it")
             return
         if not isfinite(start_time):
-            self._refuse("experiment", f"the start time is {start_time!r}; allowed: a finite number")
+            self._reject_value("experiment", f"the start time is {start_time!r}; allowed: a finite number")
             return
         if stop_time is not None and not stop_time >= start_time:
-            self._refuse(
+            self._reject_value(
                 "experiment",
                 f"the stop time is {stop_time!r} s; allowed: not before the start time of {start_time!r} s",
             )
             return
-        self._refused.pop("experiment", None)
+        self._rejected.pop("experiment", None)
         self._t0 = start_time
         reference = self._settings["tolerance"]
-        if tolerance and reference not in self._changed:
-            if wrong := self._wrong(self.variables[reference], tolerance):
-                self._refuse("experiment", wrong)
+        if tolerance and reference not in self._changed_references:
+            if wrong := self._describe_invalid(self.variables[reference], tolerance):
+                self._reject_value("experiment", wrong)
                 return
             self._buffer[reference] = tolerance
 
@@ -101,69 +102,73 @@ class ModelSlave(Values):
     def _refresh(self) -> None:
         self._buffer[self._outputs] = nan
         if self._phase is Phase.INITIALIZING:
-            self._start_anew()
+            self._start_simulation()
         elif self._phase is Phase.RUNNING:  # an input changes accelerations and forces at once
             self._apply_changes()
         if self.simulation is not None:
             self._buffer[self._outputs] = self.simulation.outputs()
-            self._fresh = True
+            self._outputs_valid = True
 
     @guarded
     def enter_initialization_mode(self) -> None:
         """Outputs may be read from now on: the model is started whenever one is."""
         if self._phase is not Phase.INSTANTIATED:
-            self._mistake(f"fmi2EnterInitializationMode is not allowed while the FMU is {self._phase.name.lower()}")
+            self._report_protocol_error(
+                f"fmi2EnterInitializationMode is not allowed while the FMU is {self._phase.name.lower()}"
+            )
             return
-        self._phase, self._fresh = Phase.INITIALIZING, False
+        self._phase, self._outputs_valid = Phase.INITIALIZING, False
 
     def exit_initialization_mode(self) -> None:
         """Build, assemble and start the model from the parameters as they are now."""
         if self._phase is not Phase.INITIALIZING:
-            self._mistake(f"fmi2ExitInitializationMode is not allowed while the FMU is {self._phase.name.lower()}")
+            self._report_protocol_error(
+                f"fmi2ExitInitializationMode is not allowed while the FMU is {self._phase.name.lower()}"
+            )
             return
         try:
-            if self._refused:  # other errors of the importing tool are reported by its first step
-                raise UserError("; ".join(self._refused.values()))
-            if not self._fresh:
-                self._start_anew()
+            if self._rejected:  # other errors of the importing tool are reported by its first step
+                raise UserError("; ".join(self._rejected.values()))
+            if not self._outputs_valid:
+                self._start_simulation()
                 assert self.simulation is not None
                 self._buffer[self._outputs] = self.simulation.outputs()
-            self._tell_loops()
+            self._log_loops()
         except Exception as error:
             self._phase, self.simulation = Phase.FAILED, None
-            self.fail(in_words(error))
+            self.fail(error_text(error))
             self._keep_alive()
             raise
-        self._phase, self._fresh = Phase.RUNNING, True
-        self._changed.clear()
+        self._phase, self._outputs_valid = Phase.RUNNING, True
+        self._changed_references.clear()
 
     def _keep_alive(self) -> None:
         """Have references for those that the wrapper drops when an exception leaves, and drops again in the end."""
         for dropped in (self, type(self), self.log_queue):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(dropped))
 
-    def _start_anew(self) -> None:
+    def _start_simulation(self) -> None:
         """Start a simulation from the values as they are."""
-        self.simulation, self._remarked = None, 0
-        given = {k: float(self._buffer[r]) for k, r in enumerate(self._inputs) if r in self._changed}
+        self.simulation, self._logged_remarks = None, 0
+        given = {k: float(self._buffer[r]) for k, r in enumerate(self._inputs) if r in self._changed_references}
         settings = self._settings_of(self._buffer)
-        self.simulation = self._started(self._model_of(self._buffer), settings, self._t0, given)
+        self.simulation = self._new_simulation(self._model_of(self._buffer), settings, self._t0, given)
         for reference, variable in zip(self._inputs, self.simulation.plant.inputs.variables, strict=True):
-            if reference not in self._changed:  # it starts where the parameters put it
+            if reference not in self._changed_references:  # it starts where the parameters put it
                 self._buffer[reference] = variable.start
 
-    def _started(
+    def _new_simulation(
         self, model: Model, settings: Settings, t0: float, inputs: dict[int, float], *, begins: bool = True
     ) -> Simulation:
-        with when_compiling(self._tell_compiling):
+        with when_compiling(self._log_compiling):
             return Simulation(model, settings, t0, inputs, begins=begins)
 
-    def _tell_loops(self) -> None:
+    def _log_loops(self) -> None:
         """Log the choice of ``auto`` and trivially satisfied or redundant constraints, unless reported before."""
         assert self.simulation is not None
-        taken = str(self.simulation.solver_choice)
-        told, self._loops = self._loops, [*([taken] if taken else []), *self.simulation.loops()]
-        if told != self._loops:
+        choice = str(self.simulation.solver_choice)
+        reported, self._loops = self._loops, [*([choice] if choice else []), *self.simulation.loops()]
+        if reported != self._loops:
             for line in self._loops:
                 self.log(line, Fmi2Status.ok, "logAll")
 
@@ -177,8 +182,8 @@ class ModelSlave(Values):
     @guarded
     def do_step(self, current_time: float, step_size: float) -> bool:
         """Advance by a communication step; False (fmi2Discard) on failure, with the reason in the log."""
-        self._raise_refused()
-        simulation = self._ready(current_time, step_size)
+        self._raise_rejected()
+        simulation = self._simulation_for_step(current_time, step_size)
         self._apply_changes()
         if step_size == 0.0:
             self.message = simulation.verdict
@@ -191,11 +196,11 @@ class ModelSlave(Values):
         except Exception:
             simulation.rollback(checkpoint)
             raise
-        self._fresh, self.message = False, simulation.verdict
-        self._tell()
+        self._outputs_valid, self.message = False, simulation.verdict
+        self._log_new()
         return True
 
-    def _ready(self, t: float, step: float) -> Simulation:
+    def _simulation_for_step(self, t: float, step: float) -> Simulation:
         """Return the simulation where a step from t may be made; else say why not."""
         if self._phase is not Phase.RUNNING or self.simulation is None:
             reason = self.message if self._phase is Phase.FAILED else ""
@@ -207,7 +212,7 @@ class ModelSlave(Values):
                 "fmi-call",
             )
         here = self.simulation.t
-        if not abs(t - here) <= AGREED * max(1.0, abs(here)):
+        if not abs(t - here) <= CLOCK_TOLERANCE * max(1.0, abs(here)):
             raise UserError(
                 f"a step from {t!r} s was requested, but the FMU has reached {here!r} s; continue from this time, or "
                 "restore an FMU state saved at the other time",
@@ -215,40 +220,40 @@ class ModelSlave(Values):
             )
         return self.simulation
 
-    def _tell(self) -> None:
+    def _log_new(self) -> None:
         """Log what is new: remarks, a lost energy balance, a grid too coarse."""
         assert self.simulation is not None
-        for text in self.simulation.remarks[self._remarked :]:
+        for text in self.simulation.remarks[self._logged_remarks :]:
             self._warn(text)
-        self._remarked = len(self.simulation.remarks)
+        self._logged_remarks = len(self.simulation.remarks)
         verdict = self.simulation.verdict
-        if verdict != self._lost:
-            self._lost = verdict
+        if verdict != self._logged_verdict:
+            self._logged_verdict = verdict
             if verdict:
                 self._print(verdict)
                 self._warn(verdict)
-        if self.simulation.coarse and not self._coarse:
-            self._coarse = True
+        if self.simulation.coarse and not self._logged_coarse:
+            self._logged_coarse = True
             self._warn(self.simulation.coarse)
 
     def _apply_changes(self) -> None:
         simulation = self.simulation
         assert simulation is not None
-        if not self._changed:
+        if not self._changed_references:
             return
-        if any(reference in self._parameters for reference in self._changed):
+        if any(reference in self._parameters for reference in self._changed_references):
             simulation.retune(self._model_of(self._buffer))
         for index, reference in enumerate(self._inputs):
-            if reference in self._changed:
+            if reference in self._changed_references:
                 simulation.set_input(index, float(self._buffer[reference]))
-        self._changed.clear()
-        self._fresh = False
+        self._changed_references.clear()
+        self._outputs_valid = False
 
-    def _raise_refused(self) -> None:
-        made = [f"{text} ({n} times)" if n > 1 else text for text, n in self._mistakes.items()]
-        left = f"{len(made) - TOLD} other errors" if len(made) > TOLD else ""
-        reasons = [*self._refused.values(), *made[:TOLD], *filter(None, [left])]
-        self._mistakes.clear()
+    def _raise_rejected(self) -> None:
+        made = [f"{text} ({n} times)" if n > 1 else text for text, n in self._protocol_errors.items()]
+        left = f"{len(made) - MAX_REPORTED_ERRORS} other errors" if len(made) > MAX_REPORTED_ERRORS else ""
+        reasons = [*self._rejected.values(), *made[:MAX_REPORTED_ERRORS], *filter(None, [left])]
+        self._protocol_errors.clear()
         if reasons:
             raise UserError("; ".join(reasons))
 
@@ -262,44 +267,50 @@ class ModelSlave(Values):
     # ---- FMU state ----------------------------------------------------------------------------------------------
 
     def _get_fmu_state(self) -> bytes:
-        head = {
-            "format": STATE_FORMAT,
+        header = {
+            "format": FMU_STATE_FORMAT,
             "values": self._buffer.tolist(),
-            "changed": sorted(self._changed),
+            "changed": sorted(self._changed_references),
             "t0": self._t0,
             "phase": self._phase.name,
             "message": self.message,
         }
-        return encode_state(self._state_key, head, self.simulation.save() if self.simulation else b"")
+        return encode_state(self._state_key, header, self.simulation.save() if self.simulation else b"")
 
     @property
     def _state_key(self) -> str:
-        return f"{self.fmu_guid} {STATE_FORMAT}"
+        return f"{self.fmu_guid} {FMU_STATE_FORMAT}"
 
     def _set_fmu_state(self, state: bytes) -> None:
         """Take up a state; a bad one changes nothing, and no step is made until a good one is given."""
         try:
-            self._go_back(*decode_state(self._state_key, state))
+            self._restore_instance(*decode_state(self._state_key, state))
         except Exception as error:
-            self._refuse("FMU state", f"the FMU state cannot be restored: {in_words(error)}")
+            self._reject_value("FMU state", f"the FMU state cannot be restored: {error_text(error)}")
 
-    def _go_back(self, head: dict[str, Any], body: bytes) -> None:
+    def _restore_instance(self, head: dict[str, Any], body: bytes) -> None:
         """Restore an instance; a simulation that differs in fixed parameters is rebuilt, without a steady state."""
         values, t0, simulation = np.array(head["values"]), head["t0"], None
         if body:
             model, settings = self._model_of(values), self._settings_of(values)
-            simulation = self.simulation if self._runs(model, settings) else None
+            simulation = self.simulation if self._is_same_model(model, settings) else None
             if simulation is None:
-                simulation = self._started(model, replace(settings, start_at_equilibrium=False), t0, {}, begins=False)
-                self._remarked = len(simulation.remarks)  # the instance that was saved has reported them
+                simulation = self._new_simulation(
+                    model, replace(settings, start_at_equilibrium=False), t0, {}, begins=False
+                )
+                self._logged_remarks = len(simulation.remarks)  # the instance that was saved has reported them
             simulation.restore(body)
         self.simulation, self._t0, self._buffer[:] = simulation, t0, values
-        self._changed, self._phase, self.message = set(head["changed"]), Phase[head["phase"]], head["message"]
-        self._refused.clear()
-        self._mistakes.clear()
-        self._fresh = False
+        self._changed_references, self._phase, self.message = (
+            set(head["changed"]),
+            Phase[head["phase"]],
+            head["message"],
+        )
+        self._rejected.clear()
+        self._protocol_errors.clear()
+        self._outputs_valid = False
 
-    def _runs(self, model: Model, settings: Settings) -> bool:
+    def _is_same_model(self, model: Model, settings: Settings) -> bool:
         """Whether the simulation is of such a model, but for what is tunable, and settings."""
         here = self.simulation
         if here is None:

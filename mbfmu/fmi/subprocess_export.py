@@ -26,10 +26,10 @@ from solvers.compiled.cache import CompilationNeeded, forbid_compilation
 
 from .description import Experiment
 from .export import export, pack
-from .native_fmu import native
+from .native_fmu import build_native_fmu
 
 
-def make_for_a_run(scene: Scene, path: Path) -> list[str] | None:
+def export_for_run(scene: Scene, path: Path) -> list[str] | None:
     """Write the native FMU of a scene, and return what is redundant in its loops, in sentences; None: there is none.
 
     There is one where this machine has the runtime and that has the solver, if the model goes into it. No parameter of
@@ -43,7 +43,7 @@ def make_for_a_run(scene: Scene, path: Path) -> list[str] | None:
     except UserError:
         return None
     except CompilationNeeded:
-        done = _apart(scene, path)
+        done = _run_subprocess(scene, path)
         return done.stdout.splitlines() if done.returncode == 0 else None
 
 
@@ -65,7 +65,7 @@ def export_scene(
         with forbid_compilation():
             _export(scene, path, fmi, platforms, told.append)
     except CompilationNeeded:
-        done = _apart(scene, path, str(fmi), *platforms)
+        done = _run_subprocess(scene, path, str(fmi), *platforms)
         if done.returncode:
             raise UserError(done.stderr.strip()) from None
         told = done.stdout.splitlines()
@@ -81,7 +81,7 @@ def _needs_no_compiler(settings: Settings, platforms: Sequence[str]) -> bool:
     return known and all(name in TARGETS and there(name) is not None for name in platforms)
 
 
-def _apart(scene: Scene, path: Path, *more: str) -> subprocess.CompletedProcess[str]:
+def _run_subprocess(scene: Scene, path: Path, *more: str) -> subprocess.CompletedProcess[str]:
     """Return how the process has ended."""
     own = {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
@@ -95,7 +95,7 @@ def _make(scene: Scene, path: Path) -> list[str]:
     experiment = Experiment(
         stop_time=scene.stop_time, step_size=scene.output_interval, tolerance=scene.settings.tolerance
     )
-    pack(path, native(scene.model, scene.settings, experiment, fmi=2, platforms=(), for_one_run=True))
+    pack(path, build_native_fmu(scene.model, scene.settings, experiment, fmi=2, platforms=(), for_one_run=True))
     return loops(scene.model)
 
 
@@ -113,11 +113,11 @@ def _export(scene: Scene, path: Path, fmi: int, platforms: Sequence[str], report
     )
 
 
-def main(told: str, path: str, fmi: str = "", *platforms: str) -> int:
+def main(scene_text: str, path: str, fmi: str = "", *platforms: str) -> int:
     """Write the FMU; return the exit code: 2 where the model is wrong, or does not go into machine code."""
     say: Callable[[str], None] = print
     try:
-        scene = read_scene(Path(told))
+        scene = read_scene(Path(scene_text))
         if fmi:
             _export(scene, Path(path), int(fmi), platforms, say)
         else:

@@ -9,7 +9,8 @@ from mbfmu.modeling.model import Model
 from mbfmu.modeling.variables import Role, ScalarVariable
 from mbfmu.util.errors import UserError
 
-FLANGES = (  # name and kind of a member by its unit: turning, and sliding. Torques and forces flow into the mechanism
+# name and kind of a member by its unit: turning, and sliding. Torques and forces flow into the mechanism
+FLANGE_MEMBERS = (
     {"rad": ("phi", "signal"), "rad/s": ("w", "signal"), "N.m": ("tau", "inflow")},
     {"m": ("s", "signal"), "m/s": ("v", "signal"), "N": ("f", "inflow")},
 )
@@ -48,7 +49,7 @@ def _flange(name: str, members: Iterable[str], known: dict[str, ScalarVariable])
                 "outputs"
             )
     units = [known[member].unit for member in members]
-    for flange in FLANGES:
+    for flange in FLANGE_MEMBERS:
         if len(set(units)) == len(units) > 0 and set(units) <= set(flange):
             return [flange[unit] for unit in units]
     raise UserError(

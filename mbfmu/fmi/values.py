@@ -17,14 +17,14 @@ from pythonfmu.enums import Fmi2Status
 from mbfmu.mechanics import Plant
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import Settings, check_setting
-from mbfmu.modeling.variables import Role, ScalarVariable, Type, interface
+from mbfmu.modeling.variables import Role, ScalarVariable, Type, list_variables
 from mbfmu.session.simulation import Simulation
 from mbfmu.util.codes import coded
 from mbfmu.util.errors import UserError
 
 Phase = Enum("Phase", ["INSTANTIATED", "INITIALIZING", "RUNNING", "FAILED", "TERMINATED"])
 
-WHOLE = (Type.INTEGER, Type.ENUMERATION)  # what is read and set as a whole number
+INTEGER_TYPES = (Type.INTEGER, Type.ENUMERATION)  # what is read and set as a whole number
 
 
 def guarded(callback: Callable[..., Any]) -> Callable[..., Any]:
@@ -35,13 +35,13 @@ def guarded(callback: Callable[..., Any]) -> Callable[..., Any]:
         try:
             return callback(self, *args)
         except Exception as error:
-            self.fail(in_words(error))
+            self.fail(error_text(error))
             return False
 
     return safe
 
 
-def in_words(error: Exception) -> str:
+def error_text(error: Exception) -> str:
     """Return the sentence of an error of the user's, else its kind too."""
     return str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
 
@@ -62,14 +62,14 @@ class Values(Fmi2Slave):  # type: ignore[misc]
         self.simulation: Simulation | None = None
         self.message = ""
         self._phase = Phase.INSTANTIATED
-        self._refused: dict[str, str] = {}  # what was given last and not taken -> why
-        self._mistakes: Counter[str] = Counter()  # of the host, since the last step
-        self._changed: set[int] = set()  # value references of inputs and parameters set since the last step
-        self._fresh = False  # outputs are those of the present state
+        self._rejected: dict[str, str] = {}  # what was given last and not taken -> why
+        self._protocol_errors: Counter[str] = Counter()  # of the host, since the last step
+        self._changed_references: set[int] = set()  # value references of inputs and parameters set since the last step
+        self._outputs_valid = False  # outputs are those of the present state
 
     def declare(self, plant: Plant) -> None:
         """Make the list of variables and give each its start value."""
-        self.variables = interface(self.model, self.settings, plant)
+        self.variables = list_variables(self.model, self.settings, plant)
         self._buffer = np.array([nan if v.start is None else float(v.start) for v in self.variables])
         self._are_real = np.array([v.type is Type.REAL for v in self.variables])
         self._are_outputs = np.array([v.role is Role.OUTPUT for v in self.variables])
@@ -89,14 +89,14 @@ class Values(Fmi2Slave):  # type: ignore[misc]
         """Return real values; outputs are evaluated once per step, at the first request."""
         if not vrs or min(vrs) < 0 or max(vrs) >= len(self._buffer) or not self._are_real[vrs].all():
             return [self.get_real([r])[0] if self._known(r, Type.REAL) else nan for r in vrs]
-        if not self._fresh and self._are_outputs[vrs].any():
+        if not self._outputs_valid and self._are_outputs[vrs].any():
             self._refresh()
         values: list[float] = self._buffer[vrs].tolist()
         return values
 
     def get_integer(self, vrs: list[int]) -> list[int]:
         """Return whole numbers, those of choices among them."""
-        return [self._whole(r) if self._known(r, *WHOLE) else 0 for r in vrs]
+        return [self._whole(r) if self._known(r, *INTEGER_TYPES) else 0 for r in vrs]
 
     def _whole(self, reference: int) -> int:
         v = self.variables[reference]
@@ -119,7 +119,9 @@ class Values(Fmi2Slave):  # type: ignore[misc]
             return True
         v = self.variables[reference] if there else None
         what = f"{v.name!r} of type {v.type.value}" if v else "not a variable of this FMU"
-        self._mistake(f"value reference {reference} is {what}, but it was accessed as type {kinds[0].value}")
+        self._report_protocol_error(
+            f"value reference {reference} is {what}, but it was accessed as type {kinds[0].value}"
+        )
         return False
 
     def _refresh(self) -> None:
@@ -134,7 +136,7 @@ class Values(Fmi2Slave):  # type: ignore[misc]
 
     def set_integer(self, vrs: list[int], values: list[int]) -> None:
         """Set integer values, see :meth:`set_real`."""
-        self._set(WHOLE, vrs, values)
+        self._set(INTEGER_TYPES, vrs, values)
 
     def set_boolean(self, vrs: list[int], values: list[bool]) -> None:
         """Set Boolean values, see :meth:`set_real`."""
@@ -150,15 +152,15 @@ class Values(Fmi2Slave):  # type: ignore[misc]
             if not self._known(reference, *kinds):
                 continue
             v = self.variables[reference]
-            if locked := self._locked(v):
-                self._mistake(f"{v.name!r} was set to {value!r}, but {locked}")
-            elif wrong := self._wrong(v, value):
-                self._refuse(v.name, wrong)
+            if locked := self._describe_locked(v):
+                self._report_protocol_error(f"{v.name!r} was set to {value!r}, but {locked}")
+            elif wrong := self._describe_invalid(v, value):
+                self._reject_value(v.name, wrong)
             else:
-                self._refused.pop(v.name, None)
-                self._take(reference, value)
+                self._rejected.pop(v.name, None)
+                self._store_value(reference, value)
 
-    def _locked(self, v: ScalarVariable) -> str:
+    def _describe_locked(self, v: ScalarVariable) -> str:
         """Why a variable cannot be set now; empty: it can."""
         if v.role is Role.OUTPUT:
             return "it is an output"
@@ -172,7 +174,7 @@ class Values(Fmi2Slave):  # type: ignore[misc]
             return "it can be changed only before the end of the initialization"
         return ""
 
-    def _wrong(self, v: ScalarVariable, value: float) -> str:
+    def _describe_invalid(self, v: ScalarVariable, value: float) -> str:
         """What is wrong with a value; empty: nothing."""
         if not isfinite(value):
             return f"{v.name!r} was set to {value!r}; allowed: a finite number"
@@ -189,24 +191,24 @@ class Values(Fmi2Slave):  # type: ignore[misc]
             return str(error)
         return ""
 
-    def _take(self, reference: int, value: float) -> None:
+    def _store_value(self, reference: int, value: float) -> None:
         same = self._buffer[reference] == value and reference not in self._motions  # a support may have moved since
         if not same or self._phase is not Phase.RUNNING:
             self._buffer[reference] = value
-            self._changed.add(reference)
-            self._fresh = False
+            self._changed_references.add(reference)
+            self._outputs_valid = False
 
-    def _refuse(self, what: str, why: str) -> None:
+    def _reject_value(self, what: str, why: str) -> None:
         """Note a value that is not allowed: no step is made until an allowed one is set."""
         why = coded("fmi-call", why)
-        self._refused[what] = why
+        self._rejected[what] = why
         self._report(why)
 
-    def _mistake(self, text: str) -> None:
+    def _report_protocol_error(self, text: str) -> None:
         """Note a wrong call of the importing tool: the next step is discarded for it."""
         text = coded("fmi-call", text)
-        self._mistakes[text] += 1
-        if self._mistakes[text] == 1:
+        self._protocol_errors[text] += 1
+        if self._protocol_errors[text] == 1:
             self._report(text)
 
     # ---- telling ------------------------------------------------------------------------------------------------

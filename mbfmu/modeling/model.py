@@ -243,7 +243,7 @@ class Model:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bare(Model):
+class MechanismModel(Model):
     """A mechanism without parameters, as it is."""
 
     name = "mechanism"
@@ -254,12 +254,12 @@ class Bare(Model):
         return self.mechanism
 
 
-def of_user(model: Any) -> Model:
+def as_model(model: Any) -> Model:
     """Return what was given for a model, if it is one."""
     if isinstance(model, Model):
         return model
     if isinstance(model, Mechanism):
-        return Bare(mechanism=model)
+        return MechanismModel(mechanism=model)
     if isinstance(model, type) and issubclass(model, Model):
         raise UserError(f"model is the class {model.__name__}; give an instance of it: {model.__name__}()")
     raise UserError(f"model is {model!r}; allowed: a Mechanism, or an instance of a subclass of mbfmu.Model")

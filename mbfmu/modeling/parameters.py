@@ -12,7 +12,7 @@ import numpy as np
 
 from mbfmu.util.errors import UserError
 
-LARGEST = 2**31 - 1  # of a whole number in an FMU
+MAX_INTEGER = 2**31 - 1  # of a whole number in an FMU
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,8 +129,8 @@ def check_declaration(model: str, p: Parameter) -> None:
         )
     if isinstance(p.default, int) and not isinstance(p.default, bool):
         for name, value in (("default", p.default), ("min", p.min), ("max", p.max)):
-            if isfinite(value) and not (value == int(value) and abs(value) <= LARGEST):
-                raise UserError(f"{what}: {name} is {value!r}; allowed: a whole number, at most {LARGEST}")
+            if isfinite(value) and not (value == int(value) and abs(value) <= MAX_INTEGER):
+                raise UserError(f"{what}: {name} is {value!r}; allowed: a whole number, at most {MAX_INTEGER}")
 
 
 def check(model: str, declared: Parameter, value: Any) -> Any:

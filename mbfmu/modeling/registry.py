@@ -12,7 +12,7 @@ from .model import Model
 from .modules import load_module
 from .parameters import declared
 
-GROUP = "mbfmu.models"
+ENTRY_POINT_GROUP = "mbfmu.models"
 
 
 def models() -> dict[str, type[Model]]:
@@ -24,7 +24,7 @@ def models() -> dict[str, type[Model]]:
         Classes of the models, by name.
     """
     found = {}
-    for point in entry_points(group=GROUP):
+    for point in entry_points(group=ENTRY_POINT_GROUP):
         found[point.name] = _model_class(point.load(), f"entry point {point.name!r}")
     return found
 
@@ -51,7 +51,7 @@ def find(reference: str) -> type[Model]:
     if ".py" in reference:
         path, _, name = reference.rpartition(":") if ".py:" in reference else (reference, "", "")
         return load(Path(path), name)
-    points = {point.name: point for point in entry_points(group=GROUP)}
+    points = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
     if reference not in points:
         raise UserError(
             f"unknown model {reference!r}{suggest(reference, points)} (or name a file: my_model.py:MyModel)"

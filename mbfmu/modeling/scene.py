@@ -38,9 +38,9 @@ from .registry import at_defaults, find
 from .settings import Settings
 
 SETTINGS = tuple(p.name for p in declared(Settings))
-KEYS = ("model", *SETTINGS, "stop_time", "output_interval", "parameters")
+SCENE_KEYS = ("model", *SETTINGS, "stop_time", "output_interval", "parameters")
 MAX_OUTPUTS = 1e7  # of a run
-DEFAULT = "default"  # the scene of a model as it is
+DEFAULT_SCENE = "default"  # the scene of a model as it is
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +122,7 @@ def check_text(path: str) -> None:
 def default_scene(model: Model, reference: str = "") -> Scene:
     """Return a model's own scene."""
     return Scene(
-        name=f"{model.name}/{DEFAULT}",
+        name=f"{model.name}/{DEFAULT_SCENE}",
         model=model,
         settings=Settings(solver=model.default_solver, tolerance=model.tolerance),
         stop_time=model.stop_time,
@@ -134,7 +134,7 @@ def default_scene(model: Model, reference: str = "") -> Scene:
 def scenes(model: type[Model]) -> dict[str, Path | None]:
     """Return the scenes of a model by name with their files: its own, which has none, then those that ship with it."""
     folder = Path(inspect.getfile(model)).parent / "scenes"
-    return {DEFAULT: None} | {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return {DEFAULT_SCENE: None} | {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def absolute(reference: str) -> str:
@@ -146,8 +146,8 @@ def read_scene(path: Path) -> Scene:
     """Read a scene file."""
     content = read_toml(path, "scene file")
     for key in content:
-        if key not in KEYS:
-            raise UserError(f"scene file {str(path)!r} has an unknown key {key!r}{suggest(key, KEYS)}")
+        if key not in SCENE_KEYS:
+            raise UserError(f"scene file {str(path)!r} has an unknown key {key!r}{suggest(key, SCENE_KEYS)}")
     try:
         return from_content(path, content)
     except UserError as error:

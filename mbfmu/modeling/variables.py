@@ -39,8 +39,8 @@ ENERGY_OUTPUTS = (
     Variable("energy_throughput", "J", "Energy throughput: range of the kinetic energy plus work in either direction"),
 )  # of the energy check of a run
 
-ILLEGIBLE = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-NAME = re.compile(r"[A-Za-z_]\w*(\[\d+(,\d+)*\])?(\.[A-Za-z_]\w*(\[\d+(,\d+)*\])?)*", re.ASCII)
+NOT_XML_CHARACTER = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+VARIABLE_NAME_PATTERN = re.compile(r"[A-Za-z_]\w*(\[\d+(,\d+)*\])?(\.[A-Za-z_]\w*(\[\d+(,\d+)*\])?)*", re.ASCII)
 
 
 class Type(Enum):
@@ -113,7 +113,7 @@ class ScalarVariable:
         return self.causality in ("parameter", "input")
 
     @property
-    def start_in_words(self) -> str:
+    def start_text(self) -> str:
         """Its start for people."""
         if self.start is None:
             return ""
@@ -150,7 +150,7 @@ class ArrayVariable(ScalarVariable):
 
 
 VARIABILITY = {"fixed": "fixed", "tunable": "tunable", "constant": "fixed at export"}  # of parameters
-EFFECT = "Optional effect: "  # begins the description of a parameter that switches an effect
+EFFECT_PREFIX = "Optional effect: "  # begins the description of a parameter that switches an effect
 
 
 def columns(variables: Sequence[ScalarVariable]) -> dict[str, list[str]]:
@@ -158,13 +158,13 @@ def columns(variables: Sequence[ScalarVariable]) -> dict[str, list[str]]:
     found = {
         "name": [v.name for v in variables],
         "size": [v.size for v in variables],
-        "start value": [v.start_in_words for v in variables],
+        "start value": [v.start_text for v in variables],
         "unit": ["" if v.unit == "1" else v.unit for v in variables],
         "range": [v.allowed for v in variables],
         "variability": [VARIABILITY.get(v.variability, "") for v in variables],
         "depends directly on": [", ".join(v.depends_on) for v in variables],
-        "effect": ["optional" if v.description.startswith(EFFECT) else "" for v in variables],
-        "description": [_capitalize(v.description.removeprefix(EFFECT)) for v in variables],
+        "effect": ["optional" if v.description.startswith(EFFECT_PREFIX) else "" for v in variables],
+        "description": [_capitalize(v.description.removeprefix(EFFECT_PREFIX)) for v in variables],
     }
     return {title: cells for title, cells in found.items() if any(cells)}
 
@@ -174,7 +174,7 @@ def _capitalize(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def interface(model: Model, settings: Settings, plant: Plant | None = None) -> tuple[ScalarVariable, ...]:
+def list_variables(model: Model, settings: Settings, plant: Plant | None = None) -> tuple[ScalarVariable, ...]:
     """Return every variable of a model under these settings; ``plant`` saves building it again.
 
     Raises
@@ -184,7 +184,7 @@ def interface(model: Model, settings: Settings, plant: Plant | None = None) -> t
     """
     plant = plant or model.plant()
     found = (*parameters(model), *solver_settings(settings), *inputs(plant), *outputs(plant), *solver_outputs())
-    check(found)
+    check_variables(found)
     return tuple(
         replace(v, nominal=v.nominal or plant.nominal(v.unit)) if v.role in (Role.INPUT, Role.OUTPUT) else v
         for v in found
@@ -201,7 +201,7 @@ def arrays(model: Model, variables: Sequence[ScalarVariable]) -> tuple[ArrayVari
     """
     known = {v.name: v for v in variables if v.role is Role.OUTPUT}
     found = [_array(name, nested, known) for name, nested in model.arrays().items()]
-    check((*variables, *found))
+    check_variables((*variables, *found))
     return tuple(found)
 
 
@@ -282,7 +282,7 @@ def parameter(p: Parameter, role: Role, value: Any, variability: str) -> ScalarV
 def inputs(plant: Plant) -> Iterator[ScalarVariable]:
     """Yield the inputs."""
     for v in plant.inputs.variables:
-        yield moving(v, Role.INPUT, start=v.start, allowed="any finite number")
+        yield describe_signal(v, Role.INPUT, start=v.start, allowed="any finite number")
 
 
 def outputs(plant: Plant) -> Iterator[ScalarVariable]:
@@ -290,10 +290,10 @@ def outputs(plant: Plant) -> Iterator[ScalarVariable]:
     names = [v.name for v in plant.inputs.variables]
     reached = [*plant.feedthrough(), *(() for _ in ENERGY_OUTPUTS)]
     for v, at_once in zip((*plant.outputs, *ENERGY_OUTPUTS), reached, strict=True):
-        yield moving(v, Role.OUTPUT, depends_on=tuple(names[i] for i in at_once))
+        yield describe_signal(v, Role.OUTPUT, depends_on=tuple(names[i] for i in at_once))
 
 
-def moving(v: mechanics.Variable, role: Role, **told: Any) -> ScalarVariable:
+def describe_signal(v: mechanics.Variable, role: Role, **attributes: Any) -> ScalarVariable:
     """Return an input or output of a plant with its attributes."""
     return ScalarVariable(
         name=v.name,
@@ -304,15 +304,15 @@ def moving(v: mechanics.Variable, role: Role, **told: Any) -> ScalarVariable:
         description=v.description,
         unit=v.unit,
         nominal=v.nominal,
-        **told,
+        **attributes,
     )
 
 
 def solver_outputs() -> Iterator[ScalarVariable]:
     """Yield what the solver reports of itself: local variables, which importers do not connect to others."""
-    said = "Last error or warning and what to do; empty if there is none"
-    told = [(name, Role.COUNTER, Type.INTEGER, text) for name, text in COUNTERS.items()]
-    for name, role, kind, text in [*told, ("message", Role.MESSAGE, Type.STRING, said)]:
+    message_text = "Last error or warning and what to do; empty if there is none"
+    counters = [(name, Role.COUNTER, Type.INTEGER, text) for name, text in COUNTERS.items()]
+    for name, role, kind, text in [*counters, ("message", Role.MESSAGE, Type.STRING, message_text)]:
         yield ScalarVariable(
             name=f"solver.{name}",
             role=role,
@@ -323,12 +323,12 @@ def solver_outputs() -> Iterator[ScalarVariable]:
         )
 
 
-def check(variables: Iterable[ScalarVariable]) -> None:
+def check_variables(variables: Iterable[ScalarVariable]) -> None:
     """Refuse names that FMI does not allow, duplicate names, and unknown units."""
     seen: dict[str, ScalarVariable] = {}
     for v in variables:
         what = f"the {v.role.value} {v.name!r}"
-        if not NAME.fullmatch(v.name):
+        if not VARIABLE_NAME_PATTERN.fullmatch(v.name):
             raise UserError(
                 f"{what} has a name that is not allowed in an FMU; allowed: letters, digits and _, with dots "
                 "between parts and "
@@ -338,7 +338,7 @@ def check(variables: Iterable[ScalarVariable]) -> None:
             other = "the time" if v.name == "time" else f"the {seen[v.name].role.value}"
             raise UserError(f"{what} has the same name as {other}; choose another name")
         seen[v.name] = v
-        legible(f"the description of {what}", v.description)
+        require_xml_text(f"the description of {what}", v.description)
         if v.nominal is not None and not (isinstance(v.nominal, int | float) and 0.0 < v.nominal < inf):
             raise UserError(f"the nominal value of {what} is {v.nominal!r}; allowed: a finite number above zero")
         try:
@@ -347,13 +347,13 @@ def check(variables: Iterable[ScalarVariable]) -> None:
             raise UserError(f"{what}: {error}") from error
 
 
-def legible(what: str, text: Any) -> None:
+def require_xml_text(what: str, text: Any) -> None:
     """Refuse what cannot be written in XML."""
-    if not isinstance(text, str) or ILLEGIBLE.search(text):
+    if not isinstance(text, str) or NOT_XML_CHARACTER.search(text):
         raise UserError(f"{what} is {text!r}; allowed: text without control characters")
 
 
-def unique(names: Iterable[str]) -> None:
+def require_unique(names: Iterable[str]) -> None:
     """Refuse a name that two variables have."""
     name, count = Counter(names).most_common(1)[0]
     if count > 1:

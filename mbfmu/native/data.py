@@ -15,7 +15,7 @@ from mbfmu.mechanics.arrays.closing import SENTENCES
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.parameters import declared, span
 from mbfmu.modeling.settings import Settings
-from mbfmu.modeling.variables import ArrayVariable, Role, ScalarVariable, Type, arrays, interface
+from mbfmu.modeling.variables import ArrayVariable, Role, ScalarVariable, Type, arrays, list_variables
 from mbfmu.session.failure_diagnosis import advise
 from mbfmu.session.simulation import Simulation, UnstartedSimulation
 from mbfmu.session.tolerances import COARSE_TOLERANCE, describe_coarse
@@ -79,7 +79,9 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
         why = "the initial steady state, which is computed at export, depends on it"
     live = _nothing_live(model, why) if why else find_live(model)
     frozen = {name: why for name, why in live.frozen.items() if not _structural(model, name)}
-    variables = tuple(_native(v, model, live, settings.solver) for v in interface(model, settings, simulation.plant))
+    variables = tuple(
+        _native(v, model, live, settings.solver) for v in list_variables(model, settings, simulation.plant)
+    )
     several = arrays(model, variables)
     file = _File(simulation, instance, image, live, variables, several)
     return NativeModel(variables, several, frozen, simulation.start_remarks(), file.write())

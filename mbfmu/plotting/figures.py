@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from mbfmu.util.files import replacing
 from solvers.steppers import SOLVER_NAMES
 
-CYCLE = ("#4269d0", "#3ca951", "#efb118", "#ff725c", "#a463f2", "#38b2c4", "#ff8ab7", "#9c6b4e")
-COLORS = dict(zip(SOLVER_NAMES, cycle(CYCLE), strict=False))  # by solver
+COLOR_CYCLE = ("#4269d0", "#3ca951", "#efb118", "#ff725c", "#a463f2", "#38b2c4", "#ff8ab7", "#9c6b4e")
+SOLVER_COLORS = dict(zip(SOLVER_NAMES, cycle(COLOR_CYCLE), strict=False))  # by solver
 
 
 def new_figure(size: tuple[float, float]) -> Figure:

@@ -30,19 +30,20 @@ QUANTITIES = {
     "W": "power",
     "1": "number",
 }
-ENERGY_ERROR = "energy_error"
-RESIDUALS = ("residual", ENERGY_ERROR)  # endings of the names of errors, whose exact value is zero
-CHECKS = (*RESIDUALS, "energy_throughput")  # endings of the names that are left out unless they are requested
+ENERGY_ERROR_NAME = "energy_error"
+RESIDUAL_NAME_ENDINGS = ("residual", ENERGY_ERROR_NAME)  # endings of the names of errors, whose exact value is zero
+# endings of the names that are left out unless they are requested
+CHECK_NAME_ENDINGS = (*RESIDUAL_NAME_ENDINGS, "energy_throughput")
 MAX_CURVES = 12  # in a panel
 PANEL_HEIGHT = 1.55  # inches
 MAX_PANELS = 6  # in a figure for which no names are given
-ALIKE = 0.01  # of the height of a panel: curves nearer than this hide each other
+OVERLAP_FRACTION = 0.01  # of the height of a panel: curves nearer than this hide each other
 DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (8, 2, 2, 2)))
-COLORS = 10  # before they are repeated with other dashes
-WIDTHS = (1.0, 3.0)  # points; of a curve, and of one under others that are dashed
-FLAT = 1e-6  # of the size of its values: a panel is not lower, or it would show their rounding
-DEEP = 1e-9  # of its largest value: how far down a logarithmic panel goes
-FAILED = "#c62828"
+COLOR_COUNT = 10  # before they are repeated with other dashes
+LINE_WIDTHS = (1.0, 3.0)  # points; of a curve, and of one under others that are dashed
+MIN_RELATIVE_SPAN = 1e-6  # of the size of its values: a panel is not lower, or it would show their rounding
+LOG_AXIS_RATIO = 1e-9  # of its largest value: how far down a logarithmic panel goes
+FAILURE_COLOR = "#c62828"
 
 
 def matching(known: Sequence[str], asked: Sequence[str]) -> list[str]:
@@ -65,7 +66,7 @@ def matching(known: Sequence[str], asked: Sequence[str]) -> list[str]:
 
 def errors_of(result: Result) -> list[str]:
     """Return the names of the outputs that are errors: residuals of the constraints, and the energy error if known."""
-    names = [name for name in reversed(result.names) if name.endswith(RESIDUALS)]
+    names = [name for name in reversed(result.names) if name.endswith(RESIDUAL_NAME_ENDINGS)]
     return [name for name in names if np.isfinite(result[name]).any()]
 
 
@@ -74,14 +75,14 @@ def panels(result: Result, names: Sequence[str]) -> dict[tuple[str, str], list[i
 
     If the model has no other outputs the checks are drawn.
     """
-    shown = matching(result.names, names) or [name for name in result.names if not name.endswith(CHECKS)]
+    shown = matching(result.names, names) or [name for name in result.names if not name.endswith(CHECK_NAME_ENDINGS)]
     found: dict[tuple[str, str], list[int]] = {}
     for i in map(result.column, shown or result.names):
         variable = result.variables[i]
         if not np.isfinite(result.values[:, i]).any():
             continue  # it is not known in this run
-        quantity = "residual" if variable.name.endswith(RESIDUALS) else QUANTITIES.get(variable.unit, "")
-        quantity = "energy error" if variable.name == ENERGY_ERROR else quantity
+        quantity = "residual" if variable.name.endswith(RESIDUAL_NAME_ENDINGS) else QUANTITIES.get(variable.unit, "")
+        quantity = "energy error" if variable.name == ENERGY_ERROR_NAME else quantity
         found.setdefault((quantity, variable.unit), []).append(i)
     return found
 
@@ -89,7 +90,9 @@ def panels(result: Result, names: Sequence[str]) -> dict[tuple[str, str], list[i
 def size(result: Result, names: Sequence[str]) -> tuple[float, float]:
     """Return width and height of the figure, inches."""
     count = len(panels(result, names))
-    return 9.0, 1.0 + 0.5 * bool(trouble(result)) + PANEL_HEIGHT * max(1, count if names else min(count, MAX_PANELS))
+    return 9.0, 1.0 + 0.5 * bool(status_label(result)) + PANEL_HEIGHT * max(
+        1, count if names else min(count, MAX_PANELS)
+    )
 
 
 def draw(figure: Any, result: Result, names: Sequence[str] = ()) -> None:
@@ -120,27 +123,27 @@ def draw(figure: Any, result: Result, names: Sequence[str] = ()) -> None:
         )  # fmt: skip
     if result.failure:
         for ax in axes:
-            ax.axvline(result.t[-1], color=FAILED, lw=1.5)
+            ax.axvline(result.t[-1], color=FAILURE_COLOR, lw=1.5)
     units = [key[1] for key in every if key not in groups]
     axes[-1].set_xlabel(f"time [s]\nnot shown: outputs in {', '.join(units)}" if units else "time [s]")
-    entitle(figure, result)
+    set_title(figure, result)
 
 
-def trouble(result: Result) -> str:
+def status_label(result: Result) -> str:
     """Return in capitals how a run failed; empty: it did not."""
     if result.failure:
         return f"FAILED at {result.t[-1]:.6g} s"
     return "INACCURATE: the energy error is larger than the tolerance explains" if result.verdict else ""
 
 
-def entitle(figure: Any, result: Result) -> None:
+def set_title(figure: Any, result: Result) -> None:
     """Write the title; in red with the first sentence of the reason if the run failed or is inaccurate."""
-    wrong = trouble(result)
+    wrong = status_label(result)
     if not wrong:
         figure.suptitle(result.title)
         return
     reason = (result.failure or result.verdict).partition(". ")[0]
-    figure.suptitle(f"{result.title}\n{wrong}\n{fill(reason, 110)}", color=FAILED, fontsize=10)
+    figure.suptitle(f"{result.title}\n{wrong}\n{fill(reason, 110)}", color=FAILURE_COLOR, fontsize=10)
 
 
 def logarithmic(ax: Any, curves: Any) -> None:
@@ -149,7 +152,7 @@ def logarithmic(ax: Any, curves: Any) -> None:
     largest = float(np.nanmax(np.abs(curves)))
     if 0.0 < largest < np.inf:
         smallest = float(np.nanmin(np.abs(curves)[curves != 0.0]))
-        ax.set_ylim(max(0.5 * smallest, DEEP * largest), 2.0 * largest)
+        ax.set_ylim(max(0.5 * smallest, LOG_AXIS_RATIO * largest), 2.0 * largest)
 
 
 def extent(curves: Any) -> tuple[float, float]:
@@ -159,7 +162,7 @@ def extent(curves: Any) -> tuple[float, float]:
         return 0.0, 0.0
     low, high = float(known.min()), float(known.max())
     largest = max(abs(low), abs(high))
-    margin = 0.05 * largest if high - low < FLAT * largest else 0.0
+    margin = 0.05 * largest if high - low < MIN_RELATIVE_SPAN * largest else 0.0
     return low - margin, high + margin
 
 
@@ -169,13 +172,20 @@ def styles(curves: Any) -> list[dict[str, Any]]:
     found: list[int] = []
     beneath: set[int] = set()
     for i in range(curves.shape[1]):
-        hidden = [j for j in range(i) if np.nanmax(np.abs(curves[:, i] - curves[:, j])) <= ALIKE * (high - low)]
+        hidden = [
+            j for j in range(i) if np.nanmax(np.abs(curves[:, i] - curves[:, j])) <= OVERLAP_FRACTION * (high - low)
+        ]
         taken = [found[j] for j in hidden]
-        dashes = range(1, len(DASHES)) if hidden else [i // COLORS % len(DASHES)]
+        dashes = range(1, len(DASHES)) if hidden else [i // COLOR_COUNT % len(DASHES)]
         found.append(min(dashes, key=taken.count))
         beneath.update(j for j in hidden if found[j] == 0)
     return [
-        {"color": f"C{i % COLORS}", "ls": DASHES[k], "lw": WIDTHS[i in beneath], "alpha": 0.5 if i in beneath else 1.0}
+        {
+            "color": f"C{i % COLOR_COUNT}",
+            "ls": DASHES[k],
+            "lw": LINE_WIDTHS[i in beneath],
+            "alpha": 0.5 if i in beneath else 1.0,
+        }
         for i, k in enumerate(found)
     ]
 

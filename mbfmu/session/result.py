@@ -14,9 +14,9 @@ import numpy as np
 from mbfmu.mechanics import Variable
 from mbfmu.modeling.settings import Settings
 from mbfmu.util.errors import UserError, suggest
-from mbfmu.util.extras import optional
+from mbfmu.util.extras import import_optional
 from mbfmu.util.files import replacing
-from mbfmu.util.text_table import power
+from mbfmu.util.text_table import format_tolerance
 from solvers import Statistics
 from solvers.system import Array
 
@@ -83,7 +83,7 @@ class Result:
     @property
     def title(self) -> str:
         """Model or scene, solver and tolerance in one line."""
-        how = f"{self.settings.solver}, tolerance {power(self.settings.tolerance)}" if self.settings else ""
+        how = f"{self.settings.solver}, tolerance {format_tolerance(self.settings.tolerance)}" if self.settings else ""
         return ", ".join(filter(None, (self.name, how)))
 
     def __getitem__(self, name: str) -> Array:
@@ -135,14 +135,14 @@ class Result:
 
     def to_dataframe(self) -> Any:
         """Return a pandas DataFrame with one column per output; index: time in s; units in ``attrs["units"]``."""
-        pandas = optional("pandas")
+        pandas = import_optional("pandas")
         frame = pandas.DataFrame(self.values, index=pandas.Index(self.t, name="time"), columns=list(self.names))
         frame.attrs["units"] = {v.name: v.unit for v in self.variables}
         return frame
 
     def to_xarray(self) -> Any:
         """Return an xarray Dataset with one variable per output over ``time`` in s, with unit and description."""
-        xarray = optional("xarray")
+        xarray = import_optional("xarray")
         outputs = {
             v.name: ("time", self.values[:, i], {"units": v.unit, "long_name": v.description})
             for i, v in enumerate(self.variables)

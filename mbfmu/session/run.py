@@ -13,7 +13,7 @@ from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.arrays.given import Courses, Given
 from mbfmu.mechanics.numbers import array_of, positive
 from mbfmu.mechanics.signals import Signal
-from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.scene import MAX_OUTPUTS
 from mbfmu.modeling.settings import Settings
 from mbfmu.util.errors import UserError
@@ -103,7 +103,7 @@ def simulate(
     RuntimeWarning
         During the run, if `ida` takes very many steps and a trial shows that another solver is far faster.
     """
-    model = of_user(model)
+    model = as_model(model)
     times = communication_points(
         model.stop_time if stop_time is None else stop_time, model.output_interval if interval is None else interval
     )

@@ -15,9 +15,9 @@ from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.arrays.given import Courses
 from mbfmu.mechanics.arrays.points import CHANGED, DEPARTS, JUMPS
 from mbfmu.mechanics.numbers import finite
-from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
-from mbfmu.modeling.variables import ENERGY_OUTPUTS, unique
+from mbfmu.modeling.variables import ENERGY_OUTPUTS, require_unique
 from mbfmu.sheets.bending_monitor import Folds, Sharpest
 from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
 from mbfmu.util.codes import code_of, coded
@@ -114,7 +114,7 @@ class Simulation:
         courses: Courses | None = None,
         duration: float | None = None,
     ) -> None:
-        self.model = model_given = of_user(model)
+        self.model = model_given = as_model(model)
         self.settings, self._courses = settings, courses
         self.plant = model_given.plant(courses)
         if settings.input_interpolation == "linear":
@@ -142,7 +142,7 @@ class Simulation:
         self.report: Callable[[str], None] | None = None
         self.stepper = self._stepper(t0, q, v)
         self.variables = (*self.plant.outputs, *ENERGY_OUTPUTS)
-        unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
+        require_unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
         self._out = np.zeros(len(self.variables))
         self.discontinuity_work = 0.0
         self.remarks: list[str] = []

@@ -27,7 +27,7 @@ import numpy as np
 from mbfmu.mechanics import Plant
 from mbfmu.util.codes import coded
 from mbfmu.util.errors import UserError
-from mbfmu.util.text_table import counted
+from mbfmu.util.text_table import format_count
 from solvers import stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.options import Options
@@ -237,25 +237,25 @@ def try_solver(plant: Plant, solver: str, state: State, options: Options, times:
 
 def select_explicit(plant: Plant) -> tuple[str, str]:
     """Return the solver to take where nothing is stiff, and what its size has to do with it."""
-    system, size = plant.system, counted(plant.system.n, "joint coordinate")
+    system, size = plant.system, format_count(plant.system.n, "joint coordinate")
     if not system.has_matrices and not system.m:
         return "adams", f"a large open-chain model with {size}"
     if system.n > MAX_DENSE_COORDINATES:
         return "ida", f"{size} with loops, too many for the dense matrices of 'adams' and 'hybrid'"
     if system.m >= MIN_HYBRID_CONSTRAINTS:
         return "hybrid", f"{size} and {system.m} constraints"
-    return "adams", f"{size} and {counted(system.m, 'constraint')}" if system.m else f"{size} without loops"
+    return "adams", f"{size} and {format_count(system.m, 'constraint')}" if system.m else f"{size} without loops"
 
 
 def select_implicit(plant: Plant, tolerance: float) -> tuple[str, str]:
     """Return the solver to take where something is stiff, and what its size has to do with it."""
-    system, size = plant.system, counted(plant.system.n, "joint coordinate")
+    system, size = plant.system, format_count(plant.system.n, "joint coordinate")
     if system.has_matrices:
         return "radau", size
     if system.nonsmooth_reason:
         return "esdirk", f"a large model with {size} and contact"
     if system.m:
-        return "ida", f"a large model with {size} and {counted(system.m, 'constraint')}"
+        return "ida", f"a large model with {size} and {format_count(system.m, 'constraint')}"
     if tolerance < MIN_ESDIRK_TOLERANCE:
         limit = f"{MIN_ESDIRK_TOLERANCE:g}"
         return "ida", f"a large model with {size} and a tolerance below {limit}, which is too small for esdirk"

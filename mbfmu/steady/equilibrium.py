@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 from mbfmu.mechanics import Mechanism, Plant
-from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.model import Model, as_model
 from mbfmu.steady.linear import StateSpace
 from mbfmu.steady.modes import ModeShapes
 from mbfmu.steady.problem import EquilibriumProblem
@@ -31,7 +31,7 @@ def build_problem(model: Model | Mechanism, plant: Plant | None = None) -> Equil
         The model cannot be assembled, has no free coordinate, a drive is not at constant speed, or a load never
         becomes constant.
     """
-    model = of_user(model)
+    model = as_model(model)
     made = plant or model.plant()
     if made.system.n == 0:
         raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")

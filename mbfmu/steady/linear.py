@@ -23,9 +23,9 @@ from scipy.io import savemat
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.closing import check_inertia
 from mbfmu.util.errors import EquilibriumError, UserError
-from mbfmu.util.extras import optional
+from mbfmu.util.extras import import_optional
 from mbfmu.util.files import replacing
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 from solvers.statics.small import EPSILON
 from solvers.system import Array
 
@@ -91,7 +91,7 @@ class StateSpace:
 
     def to_control(self) -> Any:
         """Return a ``StateSpace`` of python-control with names; requires the package ``control``."""
-        control = optional("control")
+        control = import_optional("control")
         named = {"states": list(self.states), "inputs": list(self.inputs), "outputs": list(self.outputs)}
         return control.ss(self.A, self.B, self.C, self.D, **named)
 
@@ -167,7 +167,7 @@ def modes_as_text(modes: list[Mode]) -> str:
         for m in (without_rounding(mode, floor) for mode in modes)
     ]
     titles = ("eigenvalue s [1/s]", "damped frequency |Im s| [rad/s]", "[Hz]", "natural frequency |s| [rad/s]")
-    return table((*titles, "damping ratio -Re s/|s|"), rows)
+    return format_table((*titles, "damping ratio -Re s/|s|"), rows)
 
 
 def without_rounding(mode: Mode, floor: float) -> Mode:

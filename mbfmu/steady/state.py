@@ -20,7 +20,7 @@ from mbfmu.steady.modes import LOWEST, ModeShapes, find_spectrum, shapes_of
 from mbfmu.steady.periodic import Turned
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
 from mbfmu.util.errors import EquilibriumError
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 from solvers.statics.spectrum import Spectrum, Stability
 from solvers.system import Array
 
@@ -146,7 +146,7 @@ class Equilibrium:
         lines = [
             f"{self.model.name}: steady state found from {self.found_from} in {self.effort}",
             *(f"note: {note}" for note in self.notes),
-            table(("output", "value", "unit"), rows),
+            format_table(("output", "value", "unit"), rows),
             "",
             self.stability.text + (f"; no force resists {self.free}" if self.free else ""),
         ]

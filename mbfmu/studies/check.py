@@ -15,7 +15,7 @@ import numpy as np
 
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.numbers import finite
-from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.scene import Scene, default_scene
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.result import join_messages
@@ -194,7 +194,7 @@ def check(
     UserError
         The arguments are invalid. A scene that cannot start, or fails, does not raise: ``failure`` contains the reason.
     """
-    scene = subject if isinstance(subject, Scene) else default_scene(of_user(subject))
+    scene = subject if isinstance(subject, Scene) else default_scene(as_model(subject))
     require_arguments(Settings, settings)
     scene = scene.changed(**settings, stop_time=stop_time)
     if not finite("patience", patience) > 0.0:

@@ -7,7 +7,7 @@ from math import isfinite, isinf, pi
 from typing import TYPE_CHECKING
 
 from mbfmu.session.energy_check import NEAR_SINGULAR_RATIO
-from mbfmu.util.text_table import counted, power
+from mbfmu.util.text_table import format_count, format_tolerance
 from solvers.inertia import LARGE_GROWTH
 
 if TYPE_CHECKING:
@@ -50,8 +50,8 @@ def lines(found: Findings) -> Iterator[str]:
     how = "large model, recursive solver" if found.tree else "dense matrices"
     if found.coordinates:
         free = "" if found.freedom is None else f", {degrees(found.freedom)} of freedom"
-        rows = counted(found.rows, "constraint")
-        yield f"size: {counted(found.coordinates, 'joint coordinate')}, {rows}{free}; {how}"
+        rows = format_count(found.rows, "constraint")
+        yield f"size: {format_count(found.coordinates, 'joint coordinate')}, {rows}{free}; {how}"
     if found.failure:
         yield f"{'does not start' if found.freedom is None else f'stopped at {found.reached:.6g} s'}: {found.failure}"
     if found.warning:
@@ -112,7 +112,7 @@ def describe_growth(s: Statistics) -> str:
 def of_rows(found: Findings) -> str:
     """Report redundant constraint equations."""
     if not found.rows:
-        return f"none ({counted(len(found.vanishing), 'constraint')} always satisfied and removed)"
+        return f"none ({format_count(len(found.vanishing), 'constraint')} always satisfied and removed)"
     which = f" ({some(found.redundant)})" if found.redundant else ""
     more = f"; {len(found.vanishing)} further always satisfied and removed" if found.vanishing else ""
     return f"{len(found.redundant) or 'none'} of {found.rows}{which}{more}"
@@ -122,14 +122,15 @@ def of_stiffness(s: Stiffness) -> str:
     """Report the fastest motion relative to the motion that is resolved."""
     value = s.eigenvalue
     imaginary = f" ± {abs(value.imag):.4g}i" if value.imag else ""
-    examined = f"{counted(s.states, 'state')} examined"
+    examined = f"{format_count(s.states, 'state')} examined"
     if not value:
         return f"none: all eigenvalues are zero; the motion changes at {s.own:.3g} 1/s ({examined})"
     swing = f", {abs(value.imag) / (2.0 * pi):.3g} Hz" if value.imag else ""
     ratio = f"ratio {s.ratio:.3g}" if s.ratio > 1.0 else "none"
     return (
         f"{ratio}; largest eigenvalue {value.real:.4g}{imaginary} 1/s (mainly {s.coordinate!r}{swing}, "
-        f"t = {s.t:.4g} s), the motion with amplitudes above {power(s.tolerance)} changes at {s.followed:.3g} 1/s "
+        f"t = {s.t:.4g} s), the motion with amplitudes above {format_tolerance(s.tolerance)} changes "
+        f"at {s.followed:.3g} 1/s "
         f"({examined})"
     )
 
@@ -144,7 +145,8 @@ def of_steps(found: Findings, s: Statistics) -> str:
         "drives": "step size limited by time-dependent drives and loads, so that no change is missed",
     }[found.limit]
     run = (
-        f"{s.steps} ({s.rejected} rejected) with {found.solver!r} at tolerance {power(found.tolerance)} until "
+        f"{s.steps} ({s.rejected} rejected) with {found.solver!r} at tolerance "
+        f"{format_tolerance(found.tolerance)} until "
         f"t = {found.reached:.4g} s"
     )
     parts = [run, why]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import Mechanism, Plant
-from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.scene import Scene, default_scene
 from mbfmu.session.result import Result
 from mbfmu.session.run import communication_points
@@ -20,7 +20,7 @@ from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, in_words, resolutions_of
 from mbfmu.studies.timing import Budget, Spent, TooLong, check_repeats, in_turn
 from mbfmu.util.errors import UserError
-from mbfmu.util.text_table import power
+from mbfmu.util.text_table import format_tolerance
 from solvers.steppers import (
     SOLVERS,
     TREE_SOLVERS,
@@ -170,7 +170,7 @@ def solvers_of(plant: Plant) -> tuple[str, ...]:
 
 def of_subject(subject: Scene | Model | Mechanism) -> Scene:
     """Return a scene: itself, or that of a model or a mechanism."""
-    return subject if isinstance(subject, Scene) else default_scene(of_user(subject))
+    return subject if isinstance(subject, Scene) else default_scene(as_model(subject))
 
 
 def compare(
@@ -309,7 +309,7 @@ class Case:
 
 def in_full(scene: Scene, resolution: Resolution) -> str:
     """Return solver, tolerance and resolution for people."""
-    return f"{scene.settings.solver} {power(scene.settings.tolerance)} {in_words(resolution)}".strip()
+    return f"{scene.settings.solver} {format_tolerance(scene.settings.tolerance)} {in_words(resolution)}".strip()
 
 
 def _first_runs(

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from mbfmu.studies.compare import Comparison, Row, outcome
 from mbfmu.studies.reference import Reference
 from mbfmu.studies.resolution import in_words
-from mbfmu.util.text_table import power, table
+from mbfmu.util.text_table import format_table, format_tolerance
 
 SHOWN = 6  # names in a list, before the rest is counted
 
@@ -21,7 +21,7 @@ def as_text(found: Comparison) -> str:
         (
             "*" if row in best else "",
             row.solver,
-            power(row.rtol),
+            format_tolerance(row.rtol),
             *([in_words(row.resolution)] if resolved else []),
             f"{1e3 * row.cpu_s:.3g}",
             f"{100.0 * row.spread:.0f} %" if row.runs > 1 else "-",
@@ -43,7 +43,7 @@ def as_text(found: Comparison) -> str:
         *(["in time", "in space"] if split else []),
         *("worst output", "energy error [J]", "switches", "outcome"),
     )
-    return "\n".join([table(header, lines), "", *told(found)])
+    return "\n".join([format_table(header, lines), "", *told(found)])
 
 
 def _number(value: float | None) -> str:
@@ -94,4 +94,4 @@ def listed(names: Iterable[str]) -> str:
 
 def label(row: Row) -> str:
     """Return tolerance and resolution of a row, for its point in a picture."""
-    return f"{power(row.rtol)} {in_words(row.resolution)}".strip()
+    return f"{format_tolerance(row.rtol)} {in_words(row.resolution)}".strip()

@@ -24,7 +24,7 @@ from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.studies.reference import scales, still
 from mbfmu.studies.timing import Budget, Spent, cpu_time, in_turn
 from mbfmu.util.errors import EquilibriumError, UserError
-from mbfmu.util.text_table import table
+from mbfmu.util.text_table import format_table
 from solvers.compiled.kernel import kernel
 from solvers.system import Equations
 
@@ -299,7 +299,7 @@ def as_text(entries: Sequence[Entry], shown: Sequence[str]) -> str:
         "changes: largest difference from the first line over the whole run, relative to the range of the output; in "
         "the first line the integration error"
     )
-    return "\n".join([table(header, rows), "", told, *(e.advice for e in entries if e.advice)])
+    return "\n".join([format_table(header, rows), "", told, *(e.advice for e in entries if e.advice)])
 
 
 def more(own: Spent, bare: Spent) -> str:

@@ -21,8 +21,8 @@ from mbfmu.studies.held_inputs import describe_held_inputs
 from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, in_words
 from mbfmu.studies.timing import Budget, Spent, TooLong, in_turn
-from mbfmu.util.errors import LONGEST, UserError, short
-from mbfmu.util.text_table import power
+from mbfmu.util.errors import MAX_VALUE_LENGTH, UserError, short
+from mbfmu.util.text_table import format_tolerance
 from mbfmu.util.units import read_unit
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ class Target:
 
     def __str__(self) -> str:
         """Return it for people."""
-        return f"{self.value:.3g} {self.unit}" if self.unit else f"{power(self.value)} of the range"
+        return f"{self.value:.3g} {self.unit}" if self.unit else f"{format_tolerance(self.value)} of the range"
 
     def suits(self, unit: str) -> bool:
         """Whether outputs of a unit can be held to it."""
@@ -103,7 +103,7 @@ def read_target(target: float | str | Target) -> Target:
     if isinstance(target, Target):
         return target
     text = str(target)
-    known = len(text) <= LONGEST  # matching takes the square of the length
+    known = len(text) <= MAX_VALUE_LENGTH  # matching takes the square of the length
     found = re.fullmatch(r"\s*([-+.\d]+(?:[eE][-+]?\d+)?)\s*(\S*)\s*", text) if known else None
     try:
         value = float(found.group(1)) if found else inf
@@ -290,7 +290,7 @@ class Search:
             if track.taken > MARGIN * cheapest and not track.loosening:
                 continue
             found = self._try(track, min(SHARE * self.budget.seconds, MARGIN * max(cheapest, QUICK)))
-            what = f"{track.solver} {power(track.tolerance)} {in_words(track.resolution)}".strip()
+            what = f"{track.solver} {format_tolerance(track.tolerance)} {in_words(track.resolution)}".strip()
             if found is not None:
                 case, row = found
                 ratio = self._ratio(self._errors(row)) if row.trusted else FAILED
@@ -359,7 +359,7 @@ class Search:
         doubt = self.right.motion.doubt[self._worst(row)]
         known = f"Uncertainty of the reference {self._amount(self._worst(row), doubt)}" if doubt else "Exact reference"
         return (
-            f"recommended: solver {row.solver}, tolerance {power(row.rtol)}{resolution} "
+            f"recommended: solver {row.solver}, tolerance {format_tolerance(row.rtol)}{resolution} "
             f"({time_in_words(row.cpu_s)} CPU "
             f"time). Expected error {self._error(row)}, target {self.wanted}. {known}. {len(self.rows)} runs tried"
         )

@@ -19,12 +19,12 @@ from mbfmu.modeling.model import Model
 from mbfmu.modeling.scene import Scene
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import ENERGY_OUTPUTS
-from mbfmu.plotting.time_series import RESIDUALS
+from mbfmu.plotting.time_series import RESIDUAL_NAME_ENDINGS
 from mbfmu.session.result import Result
 from mbfmu.studies.resolution import Resolution, in_words, limit, moving_places, size
 from mbfmu.studies.timing import Budget, TooLong
 from mbfmu.util.errors import UserError, suggest
-from mbfmu.util.text_table import power
+from mbfmu.util.text_table import format_tolerance
 from solvers.steppers import describe_refusal
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ class Reference:
 def scales(result: Result) -> dict[str, float]:
     """Return the range of every output that is no residual; of an energy at least what was exchanged."""
     exchanged = float(np.nan_to_num(result["energy_throughput"][-1]))
-    own = [v for v in result.variables if not v.name.endswith(RESIDUALS) and v not in ENERGY_OUTPUTS]
+    own = [v for v in result.variables if not v.name.endswith(RESIDUAL_NAME_ENDINGS) and v not in ENERGY_OUTPUTS]
     ranges = {v.name: float(np.ptp(result[v.name])) for v in own}
     return {v.name: max(ranges[v.name], exchanged) if v.unit == "J" else ranges[v.name] for v in own}
 
@@ -152,15 +152,15 @@ def tight(
         try:
             own, other = (budget.run(scene.model, _tight(scene, *one), times, most)[0] for one in pair)
         except TooLong:
-            hopeless[pair] = f"{solver} at {power(tolerance)} takes more than {min(most, budget.left):.3g} s"
+            hopeless[pair] = f"{solver} at {format_tolerance(tolerance)} takes more than {min(most, budget.left):.3g} s"
             continue
         wrong = next(filter(None, (own.failure, other.failure, own.verdict, other.verdict)), "")
         if wrong:
-            hopeless[pair] = f"{solver} at {power(tolerance)}: {wrong.partition('. ')[0]}"
+            hopeless[pair] = f"{solver} at {format_tolerance(tolerance)}: {wrong.partition('. ')[0]}"
             continue
         values = {name: own[name] for name in scales(own)}
         doubt = {name: float(np.abs(own[name] - other[name]).max()) for name in values}
-        source = f"{solver} at {power(tolerance)}"
+        source = f"{solver} at {format_tolerance(tolerance)}"
         return Motion(values=values, doubt=doubt, scale=scales(own), source=source), own
     return None
 

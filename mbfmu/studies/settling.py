@@ -17,7 +17,7 @@ from mbfmu.modeling.settings import Settings
 from mbfmu.session.simulation import Simulation
 from mbfmu.steady.equilibrium import build_problem, find_state
 from mbfmu.studies.timing import Spent, cpu_time, in_turn
-from mbfmu.util.text_table import power, table
+from mbfmu.util.text_table import format_table, format_tolerance
 from solvers import SOLVERS
 
 LEFT = 1e-10  # of the first deviation, when the slowest mode has settled
@@ -131,7 +131,7 @@ def as_text(rows: Sequence[Settled]) -> str:
     lines = [
         (
             row.solver,
-            "-" if row.rtol is None else power(row.rtol),
+            "-" if row.rtol is None else format_tolerance(row.rtol),
             f"{1e3 * row.cpu_s:.3g}",
             f"{100.0 * row.spread:.0f} %",
             f"{row.cpu_s / newton:.0f}",
@@ -153,4 +153,4 @@ def as_text(rows: Sequence[Settled]) -> str:
         "error [rad, m]",
         "outcome",
     )
-    return table(header, lines)
+    return format_table(header, lines)

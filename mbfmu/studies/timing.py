@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import Mechanism
 from mbfmu.modeling.model import Model
-from mbfmu.modeling.parameters import LARGEST
+from mbfmu.modeling.parameters import MAX_INTEGER
 from mbfmu.modeling.scene import Scene
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.result import Result
@@ -96,7 +96,7 @@ class Budget:
     def time(self, scene: Scene) -> float:
         """Return the CPU time of a scene's integration alone, s: no outputs on the way, all started before."""
         intervals = int(np.ceil(scene.stop_time / scene.output_interval))
-        most = min(LARGEST, scene.settings.max_steps * intervals)
+        most = min(MAX_INTEGER, scene.settings.max_steps * intervals)
         simulation = Simulation(scene.model, replace(scene.settings, max_steps=most))
         taken = cpu_time(lambda: simulation.advance(scene.stop_time))
         self.spent += taken

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from mbfmu.plotting.figures import COLORS, finish, subplots
+from mbfmu.plotting.figures import SOLVER_COLORS, finish, subplots
 from mbfmu.studies.compare import Comparison, Row, known
 from mbfmu.studies.comparison_report import label, listed
 from mbfmu.studies.resolution import in_words
-from mbfmu.util.text_table import power
+from mbfmu.util.text_table import format_tolerance
 
 MARKERS = "os^DvP*X"  # by resolution, coarse to fine
 NEAR = 100.0  # times: the uncertainty of the reference is drawn if errors come this near
@@ -42,7 +42,7 @@ def plot_work_precision(found: Comparison, title: str, path: Path) -> None:
             own = [row for row in ended if row.solver == solver and in_words(row.resolution) == step]
             _line(ax, [row for row in own if row.trusted], marker, k)
             _crosses(ax, [row for row in own if not row.trusted])
-        ax.plot([], [], "-", color=COLORS.get(solver, OTHER), label=solver)
+        ax.plot([], [], "-", color=SOLVER_COLORS.get(solver, OTHER), label=solver)
     if len(steps) > 1:
         for step, marker in zip(steps, MARKERS * len(steps), strict=False):
             ax.plot([], [], marker, color=OTHER, label=step)
@@ -100,13 +100,13 @@ def _line(ax: Any, rows: Sequence[Row], marker: str, k: int) -> None:
     """Draw the rows of one solver at one resolution; the k-th solver is thinner than those it may hide."""
     ordered = sorted(rows, key=lambda row: -row.rtol)
     at, errors = [row.cpu_s for row in ordered], [height(row) for row in ordered]
-    style = {"color": COLORS.get(ordered[0].solver, OTHER) if ordered else OTHER, "zorder": 3.0 + k}
+    style = {"color": SOLVER_COLORS.get(ordered[0].solver, OTHER) if ordered else OTHER, "zorder": 3.0 + k}
     ax.plot(at, errors, "-", marker=marker, ms=8.0 * 0.85**k, lw=2.2 * 0.8**k, **style)
 
 
 def _crosses(ax: Any, rows: Sequence[Row]) -> None:
     for row in rows:
-        style = {"color": COLORS.get(row.solver, OTHER), "alpha": 0.5, "zorder": 9.0}
+        style = {"color": SOLVER_COLORS.get(row.solver, OTHER), "alpha": 0.5, "zorder": 9.0}
         ax.plot(row.cpu_s, height(row), "x", ms=8.0, mew=1.5, **style)
 
 
@@ -115,7 +115,7 @@ def _name(ax: Any, row: Row, *, above: bool) -> None:
     side = 1 if above else -1
     place = {"ha": "left" if above else "right", "va": "bottom" if above else "top"}
     at = {"xytext": (5 * side, 4 * side), "textcoords": "offset points"}
-    ax.annotate(power(row.rtol), (row.cpu_s, height(row)), fontsize=7, zorder=10.0, **at, **place)
+    ax.annotate(format_tolerance(row.rtol), (row.cpu_s, height(row)), fontsize=7, zorder=10.0, **at, **place)
 
 
 def _doubt(ax: Any, found: Comparison, ended: Sequence[Row]) -> None:
@@ -147,13 +147,13 @@ def plot_energy(found: Comparison, title: str, path: Path) -> None:
     for solver, (times, energy_error) in found.energies.items():
         if np.isfinite(energy_error).any():
             shown = np.maximum(np.abs(energy_error[1:]), 1e-14)
-            ax.semilogy(times[1:], shown, lw=1.0, color=COLORS.get(solver, OTHER), label=solver)
+            ax.semilogy(times[1:], shown, lw=1.0, color=SOLVER_COLORS.get(solver, OTHER), label=solver)
     if not ax.lines:
         ax.text(0.5, 0.5, "the energy balance was not checked", transform=ax.transAxes, ha="center")
     else:
         ax.legend()
     ax.set_xlabel("time [s]")
     ax.set_ylabel("|energy - energy at the start - work| [J]")
-    ax.set_title(f"{title}, tolerance {power(found.tolerance)}")
+    ax.set_title(f"{title}, tolerance {format_tolerance(found.tolerance)}")
     ax.grid(alpha=0.3)
     finish(figure, path)

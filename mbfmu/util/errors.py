@@ -26,8 +26,8 @@ RENAMED = {  # names of earlier versions, and what each is called now
     "turning_damping": "rotational_damping",
     "turning_stiffness": "rotational_stiffness",
 }
-LONGEST_MESSAGE = 3000  # characters that the command prints of an error
-LONGEST = 200  # characters of a value in a message
+MAX_MESSAGE_LENGTH = 3000  # characters that the command prints of an error
+MAX_VALUE_LENGTH = 200  # characters of a value in a message
 
 
 class UserError(ValueError):
@@ -62,7 +62,7 @@ class EquilibriumError(UserError):
 
 
 @contextmanager
-def writing(path: Path) -> Iterator[None]:
+def report_write_errors(path: Path) -> Iterator[None]:
     """Raise UserError if a file, or one in a folder, cannot be written."""
     try:
         yield
@@ -77,14 +77,14 @@ def writing(path: Path) -> Iterator[None]:
 def short(value: object) -> str:
     """Return a value as Python writes it, or its class if that is long."""
     text = repr(value)
-    return text if len(text) <= LONGEST and "\n" not in text else f"a {type(value).__name__}"
+    return text if len(text) <= MAX_VALUE_LENGTH and "\n" not in text else f"a {type(value).__name__}"
 
 
 def shorten(text: str) -> str:
     """Return a message without its middle if it is long, as one that repeats what was given is."""
-    if len(text) <= LONGEST_MESSAGE:
+    if len(text) <= MAX_MESSAGE_LENGTH:
         return text
-    head, tail = 2 * LONGEST_MESSAGE // 3, LONGEST_MESSAGE // 3
+    head, tail = 2 * MAX_MESSAGE_LENGTH // 3, MAX_MESSAGE_LENGTH // 3
     return f"{text[:head]} [... {len(text) - head - tail} characters left out ...] {text[-tail:]}"
 
 

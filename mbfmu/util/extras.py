@@ -8,7 +8,7 @@ from typing import Any
 from .errors import UserError
 
 
-def optional(name: str, extra: str = "") -> Any:
+def import_optional(name: str, extra: str = "") -> Any:
     """Import a package that only this needs, one of an extra of mbfmu's; raises UserError where it is not installed."""
     try:
         return import_module(name)

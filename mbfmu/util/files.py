@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from .errors import writing
+from .errors import report_write_errors
 
-LONGEST_SUFFIX = 12  # characters of a file's ending that the temporary file keeps; writers choose formats by it
+MAX_SUFFIX_LENGTH = 12  # characters of a file's ending that the temporary file keeps; writers choose formats by it
 
 
 @contextmanager
@@ -37,7 +37,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
         The file cannot be written.
     """
     path = Path(path)
-    with writing(path):
+    with report_write_errors(path):
         target = Path(os.path.realpath(path))
         exists = os.path.lexists(target)
         if exists and not target.is_file():
@@ -45,7 +45,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
             return
         if exists and not os.access(target, os.W_OK):  # renaming would not ask for it
             raise PermissionError(13, "it is write-protected", str(path))
-        suffix = path.suffix if len(path.suffix) <= LONGEST_SUFFIX else ""
+        suffix = path.suffix if len(path.suffix) <= MAX_SUFFIX_LENGTH else ""
         unfinished = target.with_name(f".unfinished-{secrets.token_hex(4)}{suffix}")
         try:
             yield unfinished
@@ -87,7 +87,7 @@ def write_bytes(path: Path | str, content: bytes) -> None:
 
 def check_writable(path: Path) -> None:
     """Find out whether a file can be written, and leave it as it is; raises UserError where it cannot."""
-    with writing(path):
+    with report_write_errors(path):
         target = Path(os.path.realpath(path))
         if target.is_dir():
             raise IsADirectoryError(21, os.strerror(21), str(path))

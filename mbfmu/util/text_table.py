@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import zip_longest
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return rows as aligned text; a cell of several lines makes its row as high."""
     cells = [[cell.split("\n") for cell in line] for line in [header, *rows]]
     widths = [max(len(part) for line in cells for part in line[i]) for i in range(len(header))]
@@ -18,12 +18,12 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([lines[0], "  ".join("-" * w for w in widths), *lines[1:]])
 
 
-def power(number: float) -> str:
+def format_tolerance(number: float) -> str:
     """Return a tolerance as people write it: ``1e-6``."""
     digits, exponent = f"{number:.6e}".split("e")
     return f"{float(digits):g}e{int(exponent)}"
 
 
-def counted(number: int, what: str) -> str:
+def format_count(number: int, what: str) -> str:
     """Return how many there are of a thing: ``1 state``, ``2 states``."""
     return f"{number} {what}" if number == 1 else f"{number} {what}s"

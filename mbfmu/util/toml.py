@@ -8,7 +8,7 @@ from typing import Any
 
 from .errors import UserError
 
-LARGEST = 2**63  # of whole numbers; TOML asks for no larger ones, and tables of results hold none
+INTEGER_LIMIT = 2**63  # of whole numbers; TOML asks for no larger ones, and tables of results hold none
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
@@ -47,5 +47,5 @@ def _check_numbers(content: Any, where: str) -> None:
             waiting += [(own, f"{name}.{key}" if name else key) for key, own in value.items()]
         elif isinstance(value, list):
             waiting += [(own, name) for own in value]
-        elif isinstance(value, int) and not -LARGEST <= value < LARGEST:
+        elif isinstance(value, int) and not -INTEGER_LIMIT <= value < INTEGER_LIMIT:
             raise UserError(f"{where}: {name} has a whole number of more than 64 bits; write it with an exponent")

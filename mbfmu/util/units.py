@@ -37,7 +37,7 @@ SYMBOLS = {
     "MPa": Unit({"kg": 1, "m": -1, "s": -2}, 1e6),
 }
 
-PART = re.compile(r"(^|[./])(1|[A-Za-z]+)(-?\d{1,2})?(?=[./]|$)")
+UNIT_FACTOR_PATTERN = re.compile(r"(^|[./])(1|[A-Za-z]+)(-?\d{1,2})?(?=[./]|$)")
 
 
 def read_unit(text: str) -> Unit:
@@ -48,7 +48,7 @@ def read_unit(text: str) -> Unit:
     UserError
         It is written in another way, or a symbol of it is unknown.
     """
-    parts = list(PART.finditer(text)) if isinstance(text, str) and text[:1] not in ("/", ".") else []
+    parts = list(UNIT_FACTOR_PATTERN.finditer(text)) if isinstance(text, str) and text[:1] not in ("/", ".") else []
     if not parts or "".join(part.group() for part in parts) != text or any(p.group(2) not in SYMBOLS for p in parts):
         raise UserError(f"unit is {text!r}; allowed: such as 'N.m' or 'rad/s2', of {', '.join(SYMBOLS)}")
     total: Counter[str] = Counter()

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import is_finite
-from mbfmu.modeling.model import Model, of_user
+from mbfmu.modeling.model import Model, as_model
 from mbfmu.session.result import Result
 from mbfmu.session.run import simulate
 from mbfmu.util.errors import UserError
@@ -69,7 +69,7 @@ def view(
             raise UserError(f"against is {against!r}, but {model.title!r} is the record of a run; give another motion")
         motion, beside = model, against
     else:
-        motion, beside = _runs(of_user(model), stop_time, against, how)
+        motion, beside = _runs(as_model(model), stop_time, against, how)
     if path.suffix in IMAGES:
         _write_image(motion, path, time, camera)
     elif path.suffix == ".glb":

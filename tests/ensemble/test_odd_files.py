@@ -12,7 +12,7 @@ import mbfmu as mb
 from mbfmu.ensemble.definition import define, read_study
 from mbfmu.ensemble.records import Records, read_table, storable
 from mbfmu.ensemble.variation import toleranced
-from mbfmu.ensemble.worker import FAILED, Outcome
+from mbfmu.ensemble.worker import STATUS_FAILED, Outcome
 from mbfmu.modeling.scene import load_scene
 from mbfmu.studies.recommendation import read_target
 from mbfmu.util.errors import UserError
@@ -85,7 +85,7 @@ def test_a_row_that_a_table_cannot_hold_does_not_end_a_study(value: int, tmp_pat
     records = Records(tmp_path / "a", study)
     records.begin(resume=False)
     points: list[dict[str, Any]] = [{"gravity": 1.0}, {"gravity": value}, {"gravity": 3}]
-    outcomes = [Outcome(k, (1.0,), FAILED, f"half of a pair: \udc80 {k}", 0.0, 0.0, None) for k in range(3)]
+    outcomes = [Outcome(k, (1.0,), STATUS_FAILED, f"half of a pair: \udc80 {k}", 0.0, 0.0, None) for k in range(3)]
     records.add(outcomes[:2], points[:2])
     records.write()
     records.add(outcomes[2:], points[2:])
@@ -107,7 +107,7 @@ def test_columns_that_a_table_holds_are_left_as_they_are() -> None:
 
 
 def test_a_study_without_its_scheduler_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mbfmu.ensemble.engine.ANSWER", 0.5)
+    monkeypatch.setattr("mbfmu.ensemble.engine.SCHEDULER_TIMEOUT", 0.5)
     told: dict[str, Any] = {"stop_time": 0.1, "scheduler": "tcp://127.0.0.1:9"}
     for _ in range(2):  # the second time nothing is in its way
         with pytest.raises(UserError, match="does not answer"):

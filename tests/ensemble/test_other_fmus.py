@@ -17,7 +17,7 @@ import pytest
 
 import mbfmu as mb
 from mbfmu.ensemble.definition import define
-from mbfmu.ensemble.worker import FAILED, OK, SUSPECT, batch, forget
+from mbfmu.ensemble.worker import STATUS_FAILED, STATUS_OK, STATUS_SUSPECT, forget_job, run_batch
 from mbfmu.util.errors import UserError
 
 pytestmark = pytest.mark.skipif(
@@ -69,7 +69,7 @@ def test_a_thousand_runs_leave_nothing_behind(oscillator: Path, tmp_path: Path, 
     job, points = study.job(), list(enumerate(study.points()))
     process, found, sizes = psutil.Process(), [], []
     for k in range(0, 1000, 100):
-        found += batch(job, points[k : k + 100])
+        found += run_batch(job, points[k : k + 100])
         sizes.append((process.memory_info().rss, process.num_fds(), len(list(tmp_path.iterdir()))))
     k = np.array([point["k"] for _, point in points])
     assert np.array([o.measures[0] for o in found]) == pytest.approx(np.cos(np.sqrt(k)), abs=1e-6)
@@ -77,20 +77,20 @@ def test_a_thousand_runs_leave_nothing_behind(oscillator: Path, tmp_path: Path, 
     assert memory[-1] - memory[2] < 4e6
     assert handles[-1] == handles[1]
     assert files[-1] == 1
-    forget(job)
+    forget_job(job)
     assert not list(tmp_path.iterdir())
 
 
 def test_what_fails_is_told(oscillator: Path):
     study = define({"fmu": str(oscillator), "vary": {"k": [1.0, -1.0, 1e7]}, "measure": {"end": "end x"}})
     job = study.job()
-    good, bad, discarded = batch(job, list(enumerate(study.points())))
-    assert discarded.status == FAILED
+    good, bad, discarded = run_batch(job, list(enumerate(study.points())))
+    assert discarded.status == STATUS_FAILED
     assert "ended at 0 s, before 1 s" in discarded.message
     assert good.measures == pytest.approx((np.cos(1.0),), abs=1e-6)
-    assert bad.status == FAILED
+    assert bad.status == STATUS_FAILED
     assert "fmi2ExitInitializationMode" in bad.message
-    forget(job)
+    forget_job(job)
 
 
 def test_what_is_asked_wrongly_is_told(oscillator: Path, tmp_path: Path):
@@ -114,13 +114,13 @@ def test_what_is_asked_wrongly_is_told(oscillator: Path, tmp_path: Path):
 def test_an_output_that_is_no_number_makes_its_run_suspect(oscillator: Path):
     study = define({"fmu": str(oscillator), "vary": {"k": [1.0, 123.0]}, "measure": {"end": "end x"}})
     job = study.job()
-    good, lost = batch(job, list(enumerate(study.points())))
-    assert (good.status, good.message) == (OK, "")
-    assert lost.status == SUSPECT
+    good, lost = run_batch(job, list(enumerate(study.points())))
+    assert (good.status, good.message) == (STATUS_OK, "")
+    assert lost.status == STATUS_SUSPECT
     assert lost.message.startswith("output ")
     assert "is nan at t = 0.5" in lost.message
     assert "not a finite number" in lost.message
-    forget(job)
+    forget_job(job)
 
 
 def test_a_process_ends_where_a_run_hangs(oscillator: Path, tmp_path: Path):
@@ -143,7 +143,7 @@ def test_a_run_that_hangs_fails_after_its_time_limit(oscillator: Path, tmp_path:
     study = mb.study(
         str(oscillator), {"k": [1.0, 321.0, 4.0]}, {"end": "end x"}, time_limit=1.0, folder=tmp_path / "a", workers=1
     )
-    assert [row["status"] for row in study.rows] == [OK, FAILED, OK]
+    assert [row["status"] for row in study.rows] == [STATUS_OK, STATUS_FAILED, STATUS_OK]
     assert "longer than the time_limit, 1 s" in study.rows[1]["message"]
     assert study.column("end")[[0, 2]] == pytest.approx(np.cos([1.0, 2.0]), abs=1e-5)
 

@@ -23,8 +23,8 @@ import mbfmu as mb
 from mbfmu.cli import main
 from mbfmu.ensemble.definition import define
 from mbfmu.ensemble.engine import Workers
-from mbfmu.ensemble.records import KEPT, PARTS, TABLE, Records
-from mbfmu.ensemble.worker import FAILED, OK, Outcome, batch, forget
+from mbfmu.ensemble.records import HISTORIES_FOLDER, PARTS_FOLDER, TABLE_FILE, Records
+from mbfmu.ensemble.worker import STATUS_FAILED, STATUS_OK, Outcome, forget_job, run_batch
 from mbfmu.util.errors import UserError
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
@@ -82,7 +82,7 @@ def test_rows_are_the_runs_that_are_made_by_hand(cluster: Cluster, tmp_path: Pat
     for row in study.rows:
         model = mb.find("fourbar")(crank_length=row["crank_length"], gravity=row["gravity"])
         result = mb.simulate(model, 0.5)
-        assert row["status"] == OK
+        assert row["status"] == STATUS_OK
         assert row["fastest"] == result["crank.rate"].max()
         assert row["energy_error"] == np.abs(result["energy_error"]).max()
         assert np.array_equal(histories.loc[row["run"]]["crank.angle"], result["crank.angle"])
@@ -138,7 +138,7 @@ def test_a_user_s_file_travels_with_what_it_imports(cluster: Cluster, tmp_path: 
     out = tmp_path / "out"
     assert main(["-q", "study", str(tmp_path / "study.toml"), "-o", str(out), "--scheduler", cluster.address]) == 0
     study = mb.load_study(out)
-    assert [row["status"] for row in study.rows] == [OK, OK]
+    assert [row["status"] for row in study.rows] == [STATUS_OK, STATUS_OK]
     assert study.column("own").tolist() == study.column("shipped").tolist()
     assert (out / "own-over.png").stat().st_size > 5000
 
@@ -151,7 +151,7 @@ def test_a_run_that_fails_is_a_row_with_its_reason(cluster: Cluster, tmp_path: P
         "fourbar", {"crank_length": [1.0, 4.0], "gravity": {"from": -1.0, "to": 1.0, "count": 2}},
         FASTEST | {"own": build_fails_late}, stop_time=0.1, scheduler=cluster.address, folder=tmp_path / "a",
     )  # fmt: skip
-    assert study.count(FAILED) == 4
+    assert study.count(STATUS_FAILED) == 4
     told = [row["message"] for row in study.rows]
     assert all("'own' fails with RuntimeError: no" in text for text in told[:2])
     assert all("cannot close" in text for text in told[2:])
@@ -186,7 +186,7 @@ def test_an_fmu_is_run_as_the_model_is(cluster: Cluster, tmp_path: Path):
     for name, given, how in (("b", "fourbar", {"runs": "fmu"}), ("c", path, {})):
         fmu = mb.study(given, vary, fast, folder=tmp_path / name, **told, **how)
         assert fmu.column("end").tolist() == pytest.approx(direct.column("end").tolist(), rel=1e-9)
-        assert [row["status"] for row in fmu.rows] == [OK, OK]
+        assert [row["status"] for row in fmu.rows] == [STATUS_OK, STATUS_OK]
 
 
 def test_what_is_aimed_at_is_found(cluster: Cluster, tmp_path: Path):
@@ -228,7 +228,7 @@ def undisturbed(cluster: Cluster, tmp_path_factory: pytest.TempPathFactory) -> t
 
 def written(folder: Path) -> int:
     """How many parts of a study are there."""
-    return len(list((folder / PARTS).glob("*.parquet")))
+    return len(list((folder / PARTS_FOLDER).glob("*.parquet")))
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
@@ -273,7 +273,7 @@ def test_a_worker_that_is_killed_loses_nothing(cluster: Cluster, tmp_path: Path)
         folder=tmp_path / "a", progress=watch,
     )  # fmt: skip
     assert killed
-    assert study.count(OK) == 400
+    assert study.count(STATUS_OK) == 400
     assert done[-1] == 400
 
 
@@ -291,7 +291,7 @@ def test_two_studies_at_once(cluster: Cluster, tmp_path: Path):
         thread.start()
     for thread in threads:
         thread.join()
-    assert [found[name].count(OK) for name in "ab"] == [20, 20]
+    assert [found[name].count(STATUS_OK) for name in "ab"] == [20, 20]
     assert set(found["a"].column("gravity")) == {1.62}
     assert found["a"].column("fastest").tolist() != found["b"].column("fastest").tolist()
 
@@ -305,7 +305,7 @@ def test_a_pool_of_its_own(tmp_path: Path):
     )
     told = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True, timeout=300.0)
     assert told.stdout.strip() == "<Study of fourbar/default: 3 runs, 3 ok>"
-    assert (tmp_path / "out" / TABLE).exists()
+    assert (tmp_path / "out" / TABLE_FILE).exists()
 
 
 @pytest.mark.parametrize(
@@ -363,14 +363,14 @@ def test_folders_are_never_written_over(tmp_path: Path, monkeypatch: pytest.Monk
     known: dict[str, Any] = {"stop_time": 0.1, "scheduler": cluster.address}
     out = tmp_path / "out"
     mb.study("fourbar", {"gravity": [1.0]}, FASTEST, folder=out, **known)
-    before = (out / TABLE).read_bytes()
+    before = (out / TABLE_FILE).read_bytes()
     with pytest.raises(UserError, match="--resume"):
         mb.study("fourbar", {"gravity": [1.0]}, FASTEST, folder=out, **known)
     with pytest.raises(UserError, match="another study"):
         mb.study("fourbar", {"gravity": [1.0]}, {"other": "end crank.rate"}, folder=out, resume=True, **known)
     with pytest.raises(UserError, match="contains no study"):
         mb.study("fourbar", {"gravity": [1.0]}, FASTEST, folder=tmp_path / "none", resume=True, **known)
-    assert (out / TABLE).read_bytes() == before
+    assert (out / TABLE_FILE).read_bytes() == before
     more = mb.study("fourbar", {"gravity": [1.0, 2.0]}, FASTEST, folder=out, resume=True, **known)  # grows
     assert len(more.rows) == 2
     fewer = mb.study("fourbar", {"gravity": [2.0]}, FASTEST, folder=out, resume=True, **known)
@@ -404,7 +404,7 @@ def kept(folder: Path, measure: str) -> Records:
     records = Records(folder, define({"scene": "fourbar", **FOURBAR, "measure": {measure: "end crank.rate"},
                                       "keep": ["crank.rate"]}))  # fmt: skip
     records.begin(resume=False)
-    records.add([Outcome(0, (1.0,), OK, "", 0.0, 0.1, (np.zeros(2), np.zeros((2, 1))))], [{"gravity": 1.0}])
+    records.add([Outcome(0, (1.0,), STATUS_OK, "", 0.0, 0.1, (np.zeros(2), np.zeros((2, 1))))], [{"gravity": 1.0}])
     records.close()
     return records
 
@@ -412,10 +412,10 @@ def kept(folder: Path, measure: str) -> Records:
 def test_files_that_are_not_of_the_study_are_told(tmp_path: Path):
     own = kept(tmp_path / "a", "end")
     kept(tmp_path / "b", "other")
-    (part,) = (tmp_path / "a" / PARTS).iterdir()
+    (part,) = (tmp_path / "a" / PARTS_FOLDER).iterdir()
     part.with_name("twice.parquet").write_bytes(part.read_bytes())
     assert len(mb.load_study(tmp_path / "a").rows) == 1
-    (odd,) = (tmp_path / "b" / PARTS).iterdir()
+    (odd,) = (tmp_path / "b" / PARTS_FOLDER).iterdir()
     part.with_name("odd.parquet").write_bytes(odd.read_bytes())
     with pytest.raises(UserError, match="belongs to another study"):
         mb.load_study(tmp_path / "a")
@@ -429,7 +429,7 @@ def test_a_run_whose_history_is_lost_is_made_again(tmp_path: Path):
     records = kept(tmp_path, "end")
     for lost in (False, True):
         if lost:
-            for file in (tmp_path / KEPT).iterdir():
+            for file in (tmp_path / HISTORIES_FOLDER).iterdir():
                 file.unlink()
         again = Records(tmp_path, records.definition)
         again.begin(resume=True)
@@ -445,7 +445,7 @@ def test_where_no_worker_is_there_that_is_said(caplog: pytest.LogCaptureFixture,
             self.looks += 1
             return self.looks > 5
 
-    monkeypatch.setattr("mbfmu.ensemble.engine.LOOK", 0.0)
+    monkeypatch.setattr("mbfmu.ensemble.engine.WORKER_CHECK_INTERVAL", 0.0)
     monkeypatch.setattr(Workers, "_workers", lambda _: 0)
     workers = Workers.__new__(Workers)
     workers._where = "scheduler 'tcp://here:1'"
@@ -458,9 +458,9 @@ def test_where_no_worker_is_there_that_is_said(caplog: pytest.LogCaptureFixture,
 def test_a_batch_that_takes_longer_comes_back(monkeypatch: pytest.MonkeyPatch):
     job = define({"scene": "fourbar", **FOURBAR, "measure": FASTEST, "stop_time": 0.01}).job()
     points = [(k, {"gravity": 1.0}) for k in range(3)]
-    assert len(batch(job, points, enough=0.0)) == 1
-    assert len(batch(job, points)) == 3
-    forget(job)
+    assert len(run_batch(job, points, enough=0.0)) == 1
+    assert len(run_batch(job, points)) == 3
+    forget_job(job)
 
 
 def test_an_address_that_is_none_is_told():
@@ -470,7 +470,7 @@ def test_an_address_that_is_none_is_told():
 
 
 def test_a_scheduler_that_is_not_there_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("mbfmu.ensemble.engine.ANSWER", 0.5)
+    monkeypatch.setattr("mbfmu.ensemble.engine.SCHEDULER_TIMEOUT", 0.5)
     with pytest.raises(UserError, match=r"'tcp://127.0.0.1:9' does not answer"):
         mb.study(
             "fourbar", {"gravity": [1.0, 2.0]}, FASTEST, stop_time=0.1, scheduler="tcp://127.0.0.1:9",
@@ -482,8 +482,8 @@ def test_a_worker_of_another_version_says_so(monkeypatch: pytest.MonkeyPatch):
     job = define({"scene": "fourbar", **FOURBAR, "measure": FASTEST}).job()
     monkeypatch.setattr(mb, "__version__", "0.0.1")
     with pytest.raises(UserError, match=r"a worker has mbfmu 0\.0\.1"):
-        batch(job, [(0, {"gravity": 1.0})])
-    forget(job)
+        run_batch(job, [(0, {"gravity": 1.0})])
+    forget_job(job)
 
 
 def test_without_dask_one_sentence_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -18,7 +18,7 @@ from mbfmu.fmi.description3 import model_description
 from mbfmu.mechanics import Input, JointForce, Mechanism, PointForce, Product, Revolute, Spring, Translational, rod
 from mbfmu.modeling import Model
 from mbfmu.modeling.settings import Settings
-from mbfmu.modeling.variables import Role, interface
+from mbfmu.modeling.variables import Role, list_variables
 from mbfmu.session.simulation import Simulation
 
 ADAMS = Settings(solver="adams", tolerance=1e-6, energy_check=False)
@@ -114,7 +114,7 @@ def test_what_the_solver_reports_is_local(fourbar_fmu: Path) -> None:
 
 def test_descriptions_of_fmi_3_have_what_older_importers_read() -> None:
     """FMPy 0.3.10 to 0.3.22 pass every attribute of a type to a class that knows a name and a unit alone."""
-    variables = interface(FourBar(), ADAMS)
+    variables = list_variables(FourBar(), ADAMS)
     identity = Identity(name="m", identifier="m", description="m", guid="m")
     experiment = Experiment(stop_time=1.0, step_size=0.1, tolerance=1e-6)
     root = model_description(identity, experiment, variables, LOG_CATEGORIES, ())

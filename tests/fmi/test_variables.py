@@ -21,7 +21,7 @@ from fmus.sheet import Sheet
 from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import Input, JointForce, Mechanism, Revolute, SpeedInput, SphericalCut, Translational, rod
 from mbfmu.modeling import Model, parameter
-from mbfmu.modeling.variables import Role, Type, interface
+from mbfmu.modeling.variables import Role, Type, list_variables
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.errors import UserError
 
@@ -68,7 +68,7 @@ class Moved(Model):
 def test_dependencies_are_true(model: Model) -> None:
     """What an input changes at the moment it is set is declared."""
     settings = Settings(solver="adams", tolerance=1e-6, energy_check=False)
-    variables = interface(model, settings)
+    variables = list_variables(model, settings)
     simulation = Simulation(model, settings)
     simulation.advance(1e-4)
     outputs = [v for v in variables if v.role is Role.OUTPUT and not v.name.startswith("energy_")]
@@ -91,7 +91,7 @@ def test_every_real_variable_has_a_magnitude_and_what_is_an_angle_reads_in_degre
     path = export(model, tmp_path / "m.fmu", Settings(solver="adams"))
     assert validate_fmu(str(path)) == []
     described = {v.name: v for v in read_model_description(str(path)).modelVariables}
-    for v in interface(model, Settings(solver="adams")):
+    for v in list_variables(model, Settings(solver="adams")):
         told = described[v.name]
         assert (told.type, told.causality, told.variability) == (v.type.value, v.causality, v.variability)
         assert (told.description or "") == v.description
@@ -105,7 +105,7 @@ def test_every_real_variable_has_a_magnitude_and_what_is_an_angle_reads_in_degre
 
 def test_nominals_follow_the_size_of_the_mechanism() -> None:
     def nominals(model: Model) -> dict[str, float | None]:
-        return {v.name: v.nominal for v in interface(model, Settings()) if v.role is Role.OUTPUT}
+        return {v.name: v.nominal for v in list_variables(model, Settings()) if v.role is Role.OUTPUT}
 
     small, large = FourBar(), replace(FourBar(), **{f"{bar}_length": 1e3 for bar in ("crank", "rocker")})
     large = replace(large, ground_length=3e3, coupler_length=3e3)
@@ -114,7 +114,9 @@ def test_nominals_follow_the_size_of_the_mechanism() -> None:
 
 
 def test_what_is_not_there_at_the_start_is_not_called_tunable() -> None:
-    told = [{v.name: v for v in interface(Sheet(nx=4, nz=3, pressure=p), Settings())}["pressure"] for p in (0.0, 0.5)]
+    told = [
+        {v.name: v for v in list_variables(Sheet(nx=4, nz=3, pressure=p), Settings())}["pressure"] for p in (0.0, 0.5)
+    ]
     assert [v.variability for v in told] == ["fixed", "tunable"]
     run = Simulation(Sheet(nx=4, nz=3), Settings(solver="adams"))
     with pytest.raises(UserError, match=r"'pressure' cannot change during a run, from 0\.0 to 0\.5"):

@@ -25,7 +25,7 @@ from mbfmu.fmi import export
 from mbfmu.mechanics import Mechanism, Revolute, rod
 from mbfmu.modeling import Model
 from mbfmu.modeling.settings import Settings
-from mbfmu.modeling.variables import arrays, interface
+from mbfmu.modeling.variables import arrays, list_variables
 from mbfmu.native.runtime import COMPILERS
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Simulation
@@ -79,18 +79,18 @@ class Swing(Model):
 def test_what_is_no_array_is_refused(names: Any, told: str):
     model = Swing(several={"all": names}.items())
     with pytest.raises(UserError, match=told):
-        arrays(model, interface(model, ADAMS))
+        arrays(model, list_variables(model, ADAMS))
 
 
 def test_the_name_of_an_array_is_no_other_variable_s():
     model = Swing(several={"angle": ["tip.x", "tip.y"]}.items())
     with pytest.raises(UserError, match="'angle' has the same name as the output"):
-        arrays(model, interface(model, ADAMS))
+        arrays(model, list_variables(model, ADAMS))
 
 
 def test_a_field_of_a_sheet_is_an_array_over_its_cells():
     model = Sheet(nx=5, nz=4, field="moment.xz")
-    (found,) = (a for a in arrays(model, interface(model, ADAMS)) if a.name == "moment.xz")
+    (found,) = (a for a in arrays(model, list_variables(model, ADAMS)) if a.name == "moment.xz")
     assert (found.shape, found.unit, found.elements[4]) == ((4, 3), "N.m/m", "moment.xz[1,1]")
 
 
@@ -170,7 +170,7 @@ def test_what_an_array_follows_is_what_its_elements_follow(sheet_fmu: Path):
     outputs = {unknown.variable.name for unknown in described.outputs}
     assert {"node.position", "free_edge.y", "tip.x"} <= outputs
     elastic = FourBar(coupler_modes=2)
-    found = {a.name: a for a in arrays(elastic, interface(elastic, ADAMS))}
+    found = {a.name: a for a in arrays(elastic, list_variables(elastic, ADAMS))}
     assert found["coupler.mode.acceleration"].depends_on == ("crank.torque",)
     assert found["coupler.mode.rate"].depends_on == ()
     assert found["coupler.mode.rate"].shape == (2,)

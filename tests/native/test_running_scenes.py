@@ -95,7 +95,7 @@ def test_what_a_native_fmu_logs_is_a_note_and_not_among_the_paths(runtime: Path,
     free = ("--set=nx=4", "--set=nz=3", "--set=support=free", "--set=start_spin=600", "--solver=adams")
     told = ("run", "sheet", *free, "--stop-time=0.01", "--interval=1e-3", "-o", str(tmp_path))
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("mbfmu.cli.run.QUICK", 0.0)  # a repeat has notes of its own
+        patched.setattr("mbfmu.cli.run.MAX_REPEATED_RUN_TIME", 0.0)  # a repeat has notes of its own
         _, out, _ = command(*told)
         _, quiet, _ = command("-q", *told)
     assert NATIVE in out
@@ -152,9 +152,9 @@ def test_who_waits_for_the_compiler_is_told_after_work_was_given_up():
 def test_interpreted_kernels_make_the_bytes_of_compiled_ones(runtime: Path, tmp_path: Path):
     scene = load_scene("fourbar/paper").changed(model=FourBar(coupler_modes=2, start_angle=0.3))
     paths = tmp_path / "compiled.fmu", tmp_path / "interpreted.fmu"
-    loops = [subprocess_export.make_for_a_run(scene, paths[0])]
+    loops = [subprocess_export.export_for_run(scene, paths[0])]
     with refused():
-        loops.append(subprocess_export.make_for_a_run(scene, paths[1]))
+        loops.append(subprocess_export.export_for_run(scene, paths[1]))
     assert (
         loops[0] == loops[1] == ["loop 'pivot': 3 of its 5 constraints are trivially satisfied (z, zx, zy) and removed"]
     )
@@ -183,4 +183,4 @@ def test_what_is_wrong_with_a_model_is_told_without_a_compiler_too(runtime: Path
     with refused(), pytest.raises(UserError, match=r"^loop cannot close: constraint 'pivot.x' is violated by [^\n]*$"):
         subprocess_export.export_scene(scene, tmp_path / "model.fmu", fmi=2, platforms=[], report=print)
     with refused():
-        assert subprocess_export.make_for_a_run(scene, tmp_path / "model.fmu") is None
+        assert subprocess_export.export_for_run(scene, tmp_path / "model.fmu") is None

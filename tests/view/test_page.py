@@ -25,7 +25,7 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from mbfmu.cli import parser
 from mbfmu.cli.common import scene_of
-from mbfmu.cli.view import seen
+from mbfmu.cli.view import with_view_settings
 from mbfmu.mechanics import Floating, Mechanism, PointForce, Revolute, rod
 from mbfmu.modeling import Model
 from mbfmu.session.run import simulate
@@ -156,7 +156,7 @@ def test_view_in_one_call_takes_a_second_run(tmp_path: Path) -> None:
 
 
 def test_long_run_of_an_fmu_is_not_repeated(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mbfmu.cli.run.QUICK", 0.0)
+    monkeypatch.setattr("mbfmu.cli.run.MAX_REPEATED_RUN_TIME", 0.0)
     code, out, _ = command("run", "pendulum", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
     assert code == 0
     assert "`mbfmu view pendulum`" in out
@@ -372,7 +372,7 @@ def test_readouts_are_read_out_in_pictures_and_kept_in_pose_files(tmp_path: Path
 def test_view_sets_what_its_model_shows_unless_it_is_told_otherwise() -> None:
     def found(*arguments: str) -> str:
         options = parser().parse_args(["view", *arguments])
-        return str(seen(scene_of(options), options).model.field)  # type: ignore[attr-defined]
+        return str(with_view_settings(scene_of(options), options).model.field)  # type: ignore[attr-defined]
 
     assert found("feeder") == found("feeder/skew") == "pressure"
     assert found("feeder", "--set", "field=none") == "none"
