@@ -10,7 +10,7 @@ from mbfmu.mechanics import JointForce, JointSpring, Mechanism, Revolute, Signal
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.run import simulate
 from mbfmu.session.simulation import Simulation
-from solvers.balance import bound
+from solvers.balance import energy_error_limit
 from solvers.energy_account import ACCOUNT_SIZE
 from solvers.steppers import SOLVERS
 
@@ -122,7 +122,7 @@ def test_a_drive_of_one_short_jerk_does_not_blind_the_energy_check():
     m.body("load", m.ground, Translational(axis="x"), mass=1.0)
     energy_check = Simulation(m, Settings(solver="adams", tolerance=TOLERANCE)).energy_check
     assert energy_check is not None
-    assert bound(energy_check.balance[0], 0.0, np.zeros(ACCOUNT_SIZE)) < 1e-11  # J
+    assert energy_error_limit(energy_check.balance[0], 0.0, np.zeros(ACCOUNT_SIZE)) < 1e-11  # J
 
 
 def test_steps_are_halved_on_the_way_to_what_begins():
