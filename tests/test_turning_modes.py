@@ -115,7 +115,7 @@ def test_carts_on_a_turntable(count: int, damping: float, speed: float) -> None:
 def test_carts_too_many_for_matrices(damping: float, speed: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """By Arnoldi with an inner iteration, as for more coordinates than matrices are assembled for."""
     expected = cart_eigenvalues(40, speed, damping)
-    monkeypatch.setattr(steady_modes, "LARGEST_ASSEMBLED", 10)
+    monkeypatch.setattr(steady_modes, "MAX_ASSEMBLED_COORDINATES", 10)
     state = mb.equilibrium(carts(40, speed, damping))
     for mode in state.modes:
         assert min(abs(mode.eigenvalue - s) for s in expected) < 1e-7

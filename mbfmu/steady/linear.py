@@ -5,7 +5,7 @@
 x are the changes of the independent coordinates and of their rates, u those of the inputs, y those of the outputs. The
 position of a joint that is driven at a speed which is an input is a state too, where anything depends on it: its
 derivative is that input.
-Every column is one solution of the equations of motion on complex numbers (see :mod:`solvers.statics.small`), so no
+Every column is one solution of the equations of motion on complex numbers (see :mod:`solvers.statics.dense`), so no
 difference quotient is involved and the constraints hold to first order.
 """
 
@@ -26,7 +26,7 @@ from mbfmu.util.errors import EquilibriumError, UserError
 from mbfmu.util.extras import import_optional
 from mbfmu.util.files import replacing
 from mbfmu.util.text_table import format_table
-from solvers.statics.small import EPSILON
+from solvers.projection.products import COMPLEX_STEP
 from solvers.system import Array
 
 ROUNDING = 1e-12  # of the largest eigenvalue
@@ -282,23 +282,25 @@ class _Line:
         s, T = self.system, self.terms
         if place:
             vector, k, scale = place
-            vector[k] += EPSILON * 1j * scale
+            vector[k] += COMPLEX_STEP * 1j * scale
         s.fill(self.t, self.q, self.v, T)
         q = self.q.copy()
-        s.apply(q, self._spread(x, -T.Phi.imag[self.rows] / EPSILON))
+        s.apply(q, self._spread(x, -T.Phi.imag[self.rows] / COMPLEX_STEP))
         s.fill(self.t, q, self.v, T)
-        v = self.v + self._spread(rate, (T.nu - T.J @ self.v).imag[self.rows] / EPSILON)
+        v = self.v + self._spread(rate, (T.nu - T.J @ self.v).imag[self.rows] / COMPLEX_STEP)
         s.fill(self.t, q, v, T)
         a, lam = self._solve()
         out = self.plant.observe_complex(s, self.t, q, v, a, lam)
         if place:
             vector[k] = vector[k].real
-        change = np.concatenate((v[self.independent], a[self.independent])).imag / EPSILON
-        return change, out.imag / EPSILON
+        change = np.concatenate((v[self.independent], a[self.independent])).imag / COMPLEX_STEP
+        return change, out.imag / COMPLEX_STEP
 
     def coordinates(self) -> Array:
         """Return the change of all coordinates (n, f) with each of the independent ones, loops closed."""
-        rows = [self._spread(row, np.zeros(len(self.rows))).imag / EPSILON for row in np.eye(len(self.independent))]
+        rows = [
+            self._spread(row, np.zeros(len(self.rows))).imag / COMPLEX_STEP for row in np.eye(len(self.independent))
+        ]
         return np.array(rows).reshape(len(rows), self.system.n).T
 
     def _spread(self, independent: Array, residual: Array) -> Any:
@@ -307,7 +309,7 @@ class _Line:
         change[self.independent] = independent
         if len(self.rows):
             change[self.dependent] = np.linalg.solve(self.J_dependent, residual - self.J_independent @ independent)
-        return EPSILON * 1j * change
+        return COMPLEX_STEP * 1j * change
 
     def _solve(self) -> tuple[Any, Any]:
         """Return accelerations (n,) and multipliers (m,) of the complex equations of motion, solved in units."""

@@ -12,7 +12,7 @@ from mbfmu.mechanics.arrays.closing import check_inertia
 from mbfmu.steady.linear import Mode, modes_as_text
 from mbfmu.util.errors import EquilibriumError
 from solvers.linalg.blocks import one_thread
-from solvers.statics.matrices import LARGEST_ASSEMBLED, linearized_matrices
+from solvers.statics.matrices import MAX_ASSEMBLED_COORDINATES, linearized_matrices
 from solvers.statics.modes import lowest_modes
 from solvers.statics.spectrum import Spectrum, spectrum_of
 from solvers.system import Array
@@ -58,7 +58,7 @@ def find_spectrum(plant: Plant, q: Array, v: Array, lam: Array, count: int = LOW
         if system.has_matrices:
             check_inertia(system, 0.0, q, v)
             return spectrum_of(linearized_matrices(plant.complex_system(), 0.0, q, v, lam))
-        if system.n <= LARGEST_ASSEMBLED:
+        if system.n <= MAX_ASSEMBLED_COORDINATES:
             with one_thread():
                 return spectrum_of(linearized_matrices(system, 0.0, q, v, lam))
         return lowest_modes(system, q, v, lam, min(count, system.n - system.m - 1))

@@ -20,7 +20,7 @@ from mbfmu.steady.equilibrium import build_problem, find_state
 from mbfmu.util.errors import EquilibriumError, UserError, suggest
 from mbfmu.util.files import replacing
 from solvers.linalg.blocks import one_thread
-from solvers.statics.matrices import LARGEST_ASSEMBLED
+from solvers.statics.matrices import MAX_ASSEMBLED_COORDINATES
 from solvers.statics.path import Follower, Load, State
 from solvers.statics.spectrum import Stability
 
@@ -182,7 +182,7 @@ class PathProblem:
         """Return what is known of a state; EquilibriumError where it is no steady one."""
         self.apply(at.p)
         found = self.problem.state(at.q, at.lam, "the path")
-        known = self.plant.system.has_matrices or self.plant.system.n <= LARGEST_ASSEMBLED
+        known = self.plant.system.has_matrices or self.plant.system.n <= MAX_ASSEMBLED_COORDINATES
         return PathState(
             value=at.p,
             outputs=found.outputs,
@@ -252,7 +252,7 @@ def equilibrium_path(
         branches = [first]
         for crossing in crossings if second else ():
             for side in (1.0, -1.0):
-                branch, _ = follow(problem, follower, follower.second(crossing, side), stop, steps, progress)
+                branch, _ = follow(problem, follower, follower.branch_start(crossing, side), stop, steps, progress)
                 branches.append(branch)
     return EquilibriumPath(
         input=over,

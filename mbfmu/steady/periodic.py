@@ -18,8 +18,8 @@ from mbfmu.steady.linear import StateSpace, linearize
 from mbfmu.util.errors import EquilibriumError
 from solvers.linalg.blocks import one_thread
 from solvers.projection.products import Products
-from solvers.statics.floquet import exponents
-from solvers.statics.matrices import LARGEST_ASSEMBLED, Matrices, linearized_matrices
+from solvers.statics.floquet import characteristic_exponents
+from solvers.statics.matrices import MAX_ASSEMBLED_COORDINATES, Matrices, linearized_matrices
 from solvers.statics.spectrum import Spectrum
 from solvers.system import Array
 
@@ -70,7 +70,7 @@ class Turned:
         if not fastest:
             return False
         times = [turn / fastest for turn in TURNS]
-        if not self.plant.system.has_matrices and self.plant.system.n > LARGEST_ASSEMBLED:
+        if not self.plant.system.has_matrices and self.plant.system.n > MAX_ASSEMBLED_COORDINATES:
             return self._products_change(times)
         first = self.matrices(0.0)
         stiff = np.sqrt(np.abs(np.diag(first.K)) + first.rate**2 * np.diag(first.M))
@@ -119,17 +119,18 @@ class Turned:
         """Return the characteristic exponents; EquilibriumError where they are not found."""
         period, system = common_period(self.plant), self.plant.system
         cycles = period * sum(abs(speed) for _, speed, _ in self.plant.drives.speeds()) / (2.0 * pi)
-        if not system.has_matrices and system.n > LARGEST_ASSEMBLED:
+        if not system.has_matrices and system.n > MAX_ASSEMBLED_COORDINATES:
             raise EquilibriumError(
                 UNKNOWN.format(
-                    reason=f"they are computed for up to {LARGEST_ASSEMBLED} coordinates, but the model has {system.n}"
+                    reason=f"they are computed for up to {MAX_ASSEMBLED_COORDINATES} coordinates, but the model has "
+                    f"{system.n}"
                 )
             )
         with one_thread():
             try:
                 if len(self.rows):
                     return self._constrained(period, cycles)
-                return exponents(self._state_matrix, period, cycles, np.diag(system.size))
+                return characteristic_exponents(self._state_matrix, period, cycles, np.diag(system.size))
             except np.linalg.LinAlgError as reason:
                 raise EquilibriumError(UNKNOWN.format(reason=f"its exponents were not found: {reason}")) from reason
 
@@ -143,7 +144,7 @@ class Turned:
     def _constrained(self, period: float, cycles: float) -> Spectrum:
         """Return the characteristic exponents by the independent coordinates."""
         first = linearize(self.plant, 0.0, self.q, self.v, self.rows)
-        return exponents(lambda t: self._linearized(t, first).free, period, cycles, first.coordinates)
+        return characteristic_exponents(lambda t: self._linearized(t, first).free, period, cycles, first.coordinates)
 
     def _linearized(self, t: float, first: StateSpace) -> StateSpace:
         """Return the state matrices at time t, of the states of the first ones."""

@@ -32,11 +32,12 @@ from mbfmu.steady.rigid_body_modes import describe_pushed
 from mbfmu.steady.state import Equilibrium, position_names
 from mbfmu.steady.supports import Supports
 from mbfmu.util.errors import AssemblyError, EquilibriumError, UserError, suggest
-from solvers.statics.large import TreeEquilibriumSolver
+from solvers.projection.products import COMPLEX_STEP
+from solvers.statics.dense import DenseEquilibriumSolver
 from solvers.statics.linearized import DenseLinearized, Linearized, TreeLinearized
 from solvers.statics.newton import EquilibriumSolver, Outcome, Solution
-from solvers.statics.small import EPSILON, DenseEquilibriumSolver
 from solvers.statics.spectrum import Stability
+from solvers.statics.tree import TreeEquilibriumSolver
 from solvers.system import Array
 
 SMALLEST_STEP = 1e-3  # of the continuation, relative to the full speed
@@ -167,11 +168,11 @@ class EquilibriumProblem:
         cyclic = np.zeros(n, bool)
         for k in range(n):
             changed = q.astype(complex)
-            system.apply(changed, EPSILON * 1j * np.eye(n)[k])
+            system.apply(changed, COMPLEX_STEP * 1j * np.eye(n)[k])
             system.fill(0.0, changed, v, terms)
             parts = (terms.M, terms.h, terms.J, terms.nu, terms.gamma)
             change = [np.abs(x.imag).max(initial=0.0) / (1.0 + np.abs(x.real).max(initial=0.0)) for x in parts]
-            cyclic[k] = max(change) <= CYCLIC * EPSILON
+            cyclic[k] = max(change) <= CYCLIC * COMPLEX_STEP
         return cyclic
 
     def _steady_velocities(self) -> Array:
@@ -201,7 +202,7 @@ class EquilibriumProblem:
             None is found, or what is found is none; with the residual.
         """
         q = self._start if q is None else q
-        if self._solver.singular(0.0, q):
+        if self._solver.is_singular(0.0, q):
             forces, _ = self._solver.residual(0.0, q, np.zeros(self.plant.system.m))
             raise EquilibriumError(
                 f"the start of {self.model.name!r} is a singular configuration: the constraints lose rank, so "

@@ -135,7 +135,7 @@ def find_end(follower: Follower) -> State | None:
         crossing = next((state for state in states if state.kind == "bifurcation"), None)
         if crossing is None or (end is not None and not end.unstable):
             break
-        start = follower.second(crossing, 1.0)
+        start = follower.branch_start(crossing, 1.0)
     return end
 
 

@@ -53,13 +53,11 @@ from .critical import is_rheonomic
 from .singular import BIFURCATION, SINGULAR_PIVOT_RATIO, classify_singularity
 from .workspace import distance, evaluate_and_factor, factor, factor_transposed, loop_speed
 
-MIN_TANGENT_SPEED = (
-    1e-9  # speed, in units of size and rate, below which there is no tangent; see UNRESOLVED_PIVOT_RATIO
-)
+# speed, in units of size and rate, below which there is no tangent; see UNRESOLVED_PIVOT_RATIO
+MIN_TANGENT_SPEED = 1e-9
 UNRESOLVED_PIVOT_RATIO = 1e-7  # ratio below which the smallest pivot has no accurate digits after squaring
-PIVOT_CLUSTER_FACTOR = (
-    10.0  # a pivot up to this multiple of SINGULAR_PIVOT_RATIO is zero at a crossing together with a smaller one
-)
+# a pivot up to this multiple of SINGULAR_PIVOT_RATIO is zero at a crossing together with a smaller one
+PIVOT_CLUSTER_FACTOR = 10.0
 LIMIT_NODE_DISTANCE = 1e-2  # d of the limit, in units of size
 MAX_CORRECTIONS = 12  # Gauss-Newton corrections of a position
 CORRECTION_TOLERANCE = 1e-7  # a correction this small is the last: the next one would be its square

@@ -17,15 +17,17 @@ from scipy import linalg
 
 from solvers.system import Array
 
-from .matrices import MACHINE
-from .spectrum import Spectrum, ordered
+from .matrices import MACHINE_EPSILON
+from .spectrum import Spectrum, order_spectrum
 
-FIRST_SAMPLES, MOST_SAMPLES = 16, 4096  # of A in a period
-CHECKED, GOLDEN = 8, 0.5 * (sqrt(5.0) - 1.0)  # times off the samples, at which A is compared: multiples of this part
-SMOOTH, NOISE = 1e-10, 1e-13  # of the coefficients of A: those at the highest frequencies, and those that are rounding
-FIRST_STEPS, MOST_STEPS = 16, 16384
-STEPS_A_CYCLE = 4  # at least, of the highest harmonic of A
-CONVERGED = 1e-10  # change of the monodromy matrix, relative, at which there are steps enough
+MIN_SAMPLES, MAX_SAMPLES = 16, 4096  # of A in a period
+# times off the samples, at which A is compared: multiples of this part
+CHECK_TIMES, GOLDEN_RATIO = 8, 0.5 * (sqrt(5.0) - 1.0)
+# of the coefficients of A: those at the highest frequencies, and those that are rounding
+SMOOTHNESS_TOLERANCE, COEFFICIENT_NOISE_RATIO = 1e-10, 1e-13
+MIN_STEPS, MAX_STEPS = 16, 16384
+MIN_STEPS_PER_CYCLE = 4  # at least, of the highest harmonic of A
+MONODROMY_TOLERANCE = 1e-10  # change of the monodromy matrix, relative, at which there are steps enough
 
 
 def interpolate(A: Callable[[float], Array], period: float, cycles: float) -> tuple[Callable[[float], Array], int]:
@@ -39,25 +41,27 @@ def interpolate(A: Callable[[float], Array], period: float, cycles: float) -> tu
     LinAlgError
         It is not smooth.
     """
-    count = FIRST_SAMPLES
-    while count < STEPS_A_CYCLE * cycles:
+    count = MIN_SAMPLES
+    while count < MIN_STEPS_PER_CYCLE * cycles:
         count *= 2
-    while count <= MOST_SAMPLES:
+    while count <= MAX_SAMPLES:
         samples = np.array([A(period * k / count) for k in range(count)])
         parts = np.fft.rfft(samples, axis=0) / count
         size = np.abs(parts).max(axis=(1, 2), initial=0.0)
-        kept = np.flatnonzero(size > NOISE * size.max())
+        kept = np.flatnonzero(size > COEFFICIENT_NOISE_RATIO * size.max())
         weights = np.where(kept == 0, 1.0, 2.0)[:, np.newaxis, np.newaxis] * parts[kept]
-        if size[count // 4 :].max() <= SMOOTH * size.max():
-            found = _Series(kept, weights, period)
-            times = [period * (k * GOLDEN % 1.0) for k in range(1, CHECKED + 1)]
-            if all(np.abs(A(t) - found(t)).max(initial=0.0) <= count * SMOOTH * size.max() for t in times):
+        if size[count // 4 :].max() <= SMOOTHNESS_TOLERANCE * size.max():
+            found = _TrigonometricPolynomial(kept, weights, period)
+            times = [period * (k * GOLDEN_RATIO % 1.0) for k in range(1, CHECK_TIMES + 1)]
+            if all(
+                np.abs(A(t) - found(t)).max(initial=0.0) <= count * SMOOTHNESS_TOLERANCE * size.max() for t in times
+            ):
                 return found, int(kept.max(initial=0))
         count *= 2
     raise np.linalg.LinAlgError("the linearized motion changes too sharply within a period of the drives")
 
 
-class _Series:
+class _TrigonometricPolynomial:
     """A trigonometric polynomial with these harmonics (j,) and coefficients (j, k, k)."""
 
     def __init__(self, harmonics: NDArray[Any], weights: NDArray[np.complex128], period: float) -> None:
@@ -70,9 +74,9 @@ class _Series:
 def monodromy_matrix(A: Callable[[float], Array], period: float, cycles: float) -> tuple[Array, float]:
     """Return the state after a period by that before, (k, k), and its error; LinAlgError where it does not converge."""
     smooth, harmonic = interpolate(A, period, cycles)
-    steps = max(FIRST_STEPS, STEPS_A_CYCLE * harmonic)
+    steps = max(MIN_STEPS, MIN_STEPS_PER_CYCLE * harmonic)
     rough, before = _product(smooth, period, steps), None
-    while steps < MOST_STEPS:
+    while steps < MAX_STEPS:
         steps *= 2
         fine = _product(smooth, period, steps)
         better = fine + (fine - rough) / 15.0
@@ -81,8 +85,8 @@ def monodromy_matrix(A: Callable[[float], Array], period: float, cycles: float) 
             break
         if before is not None:
             error = float(np.linalg.norm(better - before, 2))
-            if error <= CONVERGED * size:
-                return better, error + MACHINE * steps * size
+            if error <= MONODROMY_TOLERANCE * size:
+                return better, error + MACHINE_EPSILON * steps * size
         rough, before = fine, better
     raise np.linalg.LinAlgError("the motion over a period of the drives is too fast to be followed")
 
@@ -97,7 +101,7 @@ def _product(A: Callable[[float], Array], period: float, steps: int) -> Array:
     return np.asarray(found)
 
 
-def exponents(A: Callable[[float], Array], period: float, cycles: float, basis: Array) -> Spectrum:
+def characteristic_exponents(A: Callable[[float], Array], period: float, cycles: float, basis: Array) -> Spectrum:
     """Return the characteristic exponents; those of their motions when the period begins.
 
     Parameters
@@ -122,4 +126,4 @@ def exponents(A: Callable[[float], Array], period: float, cycles: float, basis: 
     values[np.abs(values) <= doubts] = 0.0
     upper = values.imag >= 0.0
     motions: NDArray[np.complex128] = basis @ right[: len(Phi) // 2, upper]
-    return ordered(values[upper], motions, doubts[upper])
+    return order_spectrum(values[upper], motions, doubts[upper])

@@ -16,12 +16,12 @@ from scipy import linalg
 from solvers.projection.saddle import Saddle
 from solvers.system import Array, TreeSystem
 
-from .matrices import LARGEST_ASSEMBLED, allowed_motions
-from .small import PIVOT, DenseEquilibriumSolver
+from .dense import ZERO_PIVOT_RATIO, DenseEquilibriumSolver
+from .matrices import MAX_ASSEMBLED_COORDINATES, allowed_motions
 
-KRYLOV = 40  # dimension of the space in which a large tree's negative eigenvalues are looked for first
-SYMMETRIC = 1e-8  # of the largest entry: what is less is rounding
-VANISHING = 1e-12  # of the largest eigenvalue of the inverse
+KRYLOV_DIMENSION = 40  # dimension of the space in which a large tree's negative eigenvalues are looked for first
+SYMMETRY_TOLERANCE = 1e-8  # of the largest entry: what is less is rounding
+ZERO_EIGENVALUE_RATIO = 1e-12  # of the largest eigenvalue of the inverse
 
 
 class Linearized(ABC):
@@ -56,12 +56,12 @@ class Linearized(ABC):
         """Return positions changed by x (n,)."""
 
 
-def negative_eigenvalues(A: Array, floor: float) -> int:
+def count_negative_eigenvalues(A: Array, floor: float) -> int:
     """Return how many real eigenvalues of A (n, n) are below minus this part of the largest.
 
     Where A is symmetric, as without follower loads, they must be found so: of two that are alike rounding makes a pair.
     """
-    symmetric = np.abs(A - A.T).max(initial=0.0) <= SYMMETRIC * np.abs(A).max(initial=0.0)
+    symmetric = np.abs(A - A.T).max(initial=0.0) <= SYMMETRY_TOLERANCE * np.abs(A).max(initial=0.0)
     values = np.linalg.eigvalsh(0.5 * (A + A.T)) if symmetric else np.linalg.eigvals(A)
     return int(np.sum((values.real < -floor * np.abs(values).max(initial=0.0)) & (values.imag == 0.0)))
 
@@ -88,7 +88,7 @@ class DenseLinearized(Linearized):
         self._scale = float(np.abs(K[:n, :n]).max()) or 1.0
         K[:n, :n] /= self._scale
         self._K = K
-        self._inverse = np.linalg.pinv(K, rcond=PIVOT)
+        self._inverse = np.linalg.pinv(K, rcond=ZERO_PIVOT_RATIO)
         return True
 
     def inspect(self, q: Array, lam: Array) -> int:
@@ -96,7 +96,7 @@ class DenseLinearized(Linearized):
         self.factor(q, lam)
         n = len(self.size)
         free = linalg.null_space(self._K[n:, :n]) if len(self._row) else np.eye(n)
-        return negative_eigenvalues(free.T @ self._K[:n, :n] @ free, PIVOT)
+        return count_negative_eigenvalues(free.T @ self._K[:n, :n] @ free, ZERO_PIVOT_RATIO)
 
     def solve(self, f: Array, g: Array) -> tuple[Array, Array]:
         """See the base."""
@@ -146,7 +146,7 @@ class TreeLinearized(Linearized):
             return negative
         if not self.factor(q, lam):
             return 0
-        if self._system.n <= LARGEST_ASSEMBLED and self._system.stepped is not None:
+        if self._system.n <= MAX_ASSEMBLED_COORDINATES and self._system.stepped is not None:
             return self._count_assembled()
         return self._count_in_krylov_space(moving)
 
@@ -157,17 +157,17 @@ class TreeLinearized(Linearized):
             products.set_state(*self._saddle.state)
         K = products.matrix(1.0, 0.0, 0.0)
         basis = allowed_motions(self._saddle.terms.J, units, self._system.row_size)
-        return negative_eigenvalues(basis.T @ K @ basis, PIVOT)
+        return count_negative_eigenvalues(basis.T @ K @ basis, ZERO_PIVOT_RATIO)
 
     def _count_in_krylov_space(self, moving: bool) -> int:
         """Return the negative eigenvalues of the inverse in a space that grows."""
         even, negative = None if moving else self.even(), 0
         start = np.random.default_rng(1).normal(size=len(self.size))
         basis, H = [start / np.linalg.norm(start)], np.zeros((1, 0))
-        for dimension in (KRYLOV, 2 * KRYLOV, 4 * KRYLOV):
+        for dimension in (KRYLOV_DIMENSION, 2 * KRYLOV_DIMENSION, 4 * KRYLOV_DIMENSION):
             while len(basis) <= dimension:
                 H = self._expand(basis, H)
-            negative = negative_eigenvalues(H[:-1], VANISHING)
+            negative = count_negative_eigenvalues(H[:-1], ZERO_EIGENVALUE_RATIO)
             if even is None or (negative % 2 == 0) == even:
                 break
         return negative
@@ -191,7 +191,7 @@ class TreeLinearized(Linearized):
                 H[i, k] += part
                 w = w - part * vector
         length = np.linalg.norm(w)
-        complete = length <= VANISHING * whole
+        complete = length <= ZERO_EIGENVALUE_RATIO * whole
         H[k + 1, k] = 0.0 if complete else length
         basis.append(0.0 * w if complete else w / length)
         return H

@@ -17,11 +17,14 @@ from scipy import linalg
 from solvers.projection.products import COMPLEX_STEP, Products
 from solvers.system import Array, System, TreeSystem
 
-LARGEST_ASSEMBLED = 300  # coordinates of a large tree up to which its matrices are assembled
-MACHINE = float(np.finfo(float).eps)
-LAST_DIGITS = 8.0 * MACHINE  # change of the state by which rounding is measured, in units of the coordinates
-SAMPLES, SAFETY = 2, 16.0  # times that rounding is measured, and its bound relative to the largest found
-REDUNDANT = 1e-9  # singular values of J, relative to the largest, below which a row depends on the others
+MAX_ASSEMBLED_COORDINATES = 300  # coordinates of a large tree up to which its matrices are assembled
+MACHINE_EPSILON = float(np.finfo(float).eps)
+# change of the state by which rounding is measured, in units of the coordinates
+ROUNDING_PERTURBATION = 8.0 * MACHINE_EPSILON
+# times that rounding is measured, and its bound relative to the largest found
+ROUNDING_SAMPLES, ROUNDING_SAFETY = 2, 16.0
+# singular values of J, relative to the largest, below which a row depends on the others
+REDUNDANT_SINGULAR_RATIO = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +56,7 @@ def allowed_motions(J: Array, size: Array, row_size: Array) -> Array:
         return np.diag(size)
     scaled = J * size / row_size[:, np.newaxis]
     _, sigma, Vt = linalg.svd(scaled)
-    rank = int(np.sum(sigma > REDUNDANT * sigma.max(initial=0.0)))
+    rank = int(np.sum(sigma > REDUNDANT_SINGULAR_RATIO * sigma.max(initial=0.0)))
     return np.asarray(size[:, np.newaxis] * Vt[rank:n].T)
 
 
@@ -76,19 +79,21 @@ def linearized_matrices(
     random, size, rate = np.random.default_rng(7), system.size, system.rate
     kind = float if isinstance(system, TreeSystem) else complex
     spreads = [np.zeros_like(K), np.zeros_like(C)]
-    for _ in range(SAMPLES if measured else 0):
-        beside = q.astype(kind)
-        system.apply(beside, (LAST_DIGITS * random.uniform(-1.0, 1.0, len(size)) * size).astype(kind))
-        others = [x * (1.0 + LAST_DIGITS * random.uniform(-1.0, 1.0, len(x))) for x in (v, lam)]
-        _, C_beside, K_beside, _ = take(system, t, beside.real.copy(), *others)  # type: ignore[arg-type]
+    for _ in range(ROUNDING_SAMPLES if measured else 0):
+        perturbed = q.astype(kind)
+        system.apply(perturbed, (ROUNDING_PERTURBATION * random.uniform(-1.0, 1.0, len(size)) * size).astype(kind))
+        others = [x * (1.0 + ROUNDING_PERTURBATION * random.uniform(-1.0, 1.0, len(x))) for x in (v, lam)]
+        _, C_perturbed, K_perturbed, _ = take(system, t, perturbed.real.copy(), *others)  # type: ignore[arg-type]
         spreads = [np.maximum(spread, np.abs(A - B)) for spread, A, B in
-                   zip(spreads, (K, C), (K_beside, C_beside), strict=True)]  # fmt: skip
+                   zip(spreads, (K, C), (K_perturbed, C_perturbed), strict=True)]  # fmt: skip
     if basis is None:
         basis = allowed_motions(J, size, system.row_size)
     parts, stiff = np.abs(basis), np.sqrt(np.abs(np.diag(K)))
-    floor = MACHINE * (16.0 + len(size))
-    known = np.abs(K) + np.outer(stiff, stiff) + rate**2 * np.abs(M), np.abs(C) + rate * np.abs(M)
-    doubts = [parts.T @ (SAFETY * spread + floor * A) @ parts for spread, A in zip(spreads, known, strict=True)]
+    floor = MACHINE_EPSILON * (16.0 + len(size))
+    magnitudes = np.abs(K) + np.outer(stiff, stiff) + rate**2 * np.abs(M), np.abs(C) + rate * np.abs(M)
+    doubts = [
+        parts.T @ (ROUNDING_SAFETY * spread + floor * A) @ parts for spread, A in zip(spreads, magnitudes, strict=True)
+    ]
     M, C, K = (basis.T @ A @ basis for A in (0.5 * (M + M.T), C, K))
     return Matrices(M=M, C=C, K=K, basis=basis, rounding=(doubts[0], doubts[1]), rate=rate)
 
@@ -126,5 +131,5 @@ def is_symmetric(matrices: Matrices) -> bool:
     """Whether K is, but for the rounding of the forces along the stiffer of two coordinates."""
     K, rounding = matrices.K, matrices.rounding[0]
     stiff = np.abs(np.diag(K))
-    allowed = rounding + rounding.T + MACHINE * (16.0 + len(K)) * np.maximum.outer(stiff, stiff)
+    allowed = rounding + rounding.T + MACHINE_EPSILON * (16.0 + len(K)) * np.maximum.outer(stiff, stiff)
     return bool((np.abs(K - K.T) <= allowed).all())

@@ -37,20 +37,24 @@ from numpy.typing import NDArray
 
 from solvers.system import AnySystem, Array
 
-CONVERGED = 1e-10  # the last correction, in units of the coordinates; what it leaves is of the order of its square
-ITERATIONS = 60
-FARTHEST = 1.0  # length of the first step
-ASTRAY = 3.2  # units of size, half a turn: a state farther from the start is not the one next to it
-LEAST_DAMPING = 1e-4
+# the last correction, in units of the coordinates; what it leaves is of the order of its square
+CORRECTION_TOLERANCE = 1e-10
+MAX_NEWTON_ITERATIONS = 60
+MAX_FIRST_STEP = 1.0  # length of the first step
+MAX_STATE_DISTANCE = 3.2  # units of size, half a turn: a state farther from the start is not the one next to it
+MIN_DAMPING = 1e-4
 
 # In the time that gravity or the drives move the mechanism in, if they do, and units of the coordinates:
-FIRST, SHORTEST, LONGEST = 0.03, 3e-6, 3e3  # pseudo-time of the first and of any step
-RESTING, NEAR = 3.0, 1e-3  # a step this long that moves no coordinate further leaves the rest to Newton
-RUNAWAY = 100.0  # way of a step: nothing holds it
-EASY = 6  # factorizations of a step after which the next one may be much longer
-FASTER, LONGER, SHORTER = 4.0, 1.5, 0.3  # changes of the duration: after an easy, a difficult and a failed step; two
-MOST = 2000  # factorizations in the continuation
-SOFT = 1e-4  # mass matrix in the Jacobian of a family of states, in units of that time; others converge by this factor
+FIRST_DURATION, MIN_DURATION, MAX_DURATION = 0.03, 3e-6, 3e3  # pseudo-time of the first and of any step
+# a step this long that moves no coordinate further leaves the rest to Newton
+RESTING_DURATION, RESTING_DISTANCE = 3.0, 1e-3
+MAX_STEP_DISTANCE = 100.0  # way of a step: nothing holds it
+EASY_STEP_FACTORIZATIONS = 6  # factorizations of a step after which the next one may be much longer
+# changes of the duration: after an easy, a difficult and a failed step; two
+EASY_STEP_FACTOR, DIFFICULT_STEP_FACTOR, FAILED_STEP_FACTOR = 4.0, 1.5, 0.3
+MAX_FACTORIZATIONS = 2000  # factorizations in the continuation
+# mass matrix in the Jacobian of a family of states, in units of that time; others converge by this factor
+REGULARIZATION_MASS = 1e-4
 
 
 class Outcome(IntEnum):
@@ -129,7 +133,7 @@ class EquilibriumSolver(ABC):
 
         ``pseudo_transient``: continuation goes first.
         """
-        at, factored = Unknowns(q.copy(), self._balancing(t, q) if lam is None else lam[self.rows]), 0
+        at, factored = Unknowns(q.copy(), self._initial_multipliers(t, q) if lam is None else lam[self.rows]), 0
         if not self._known_rate:
             self._rate = self._measure_rate(t, q)
         if pseudo_transient:
@@ -137,12 +141,12 @@ class EquilibriumSolver(ABC):
         outcome, found, moved, count = self._newton(t, at, 0.0, 0.0)
         if pseudo_transient and outcome in (Outcome.NO_PROGRESS, Outcome.SINGULAR):
             factored += count
-            again = self._newton(t, at, 0.0, SOFT * self._rate**2)
+            again = self._newton(t, at, 0.0, REGULARIZATION_MASS * self._rate**2)
             outcome, found, moved, count = again if again[0] is Outcome.FOUND else (outcome, found, moved, again[-1])
         at = found
-        if outcome is Outcome.FOUND and lam is None and not pseudo_transient and self._strayed(moved):
+        if outcome is Outcome.FOUND and lam is None and not pseudo_transient and self._is_far_from_start(moved):
             outcome = Outcome.NO_PROGRESS
-        full = self._all(at.lam)
+        full = self._all_multipliers(at.lam)
         forces, gaps = self.residual(t, at.q, full)
         return Solution(
             outcome=outcome,
@@ -155,29 +159,35 @@ class EquilibriumSolver(ABC):
 
     def _continue(self, t: float, at: Unknowns) -> tuple[Unknowns, int]:
         """Return a state near rest by pseudo-transient continuation, and how many Jacobians were factored."""
-        duration, growth, factored, pull = FIRST, FASTER, 0, self._pull(t, at.q)
-        while factored < MOST and SHORTEST < duration < LONGEST:
+        duration, growth, factored, applied = FIRST_DURATION, EASY_STEP_FACTOR, 0, self._applied_forces(t, at.q)
+        while factored < MAX_FACTORIZATIONS and MIN_DURATION < duration < MAX_DURATION:
             step = self._relax(t, at, (self._rate / duration) ** 2)
             factored += step.factored
-            there = self._pull(t, step.at.q)
-            uphill = float((pull + there) @ step.moved) > 0.0
+            there = self._applied_forces(t, step.at.q)
+            uphill = float((applied + there) @ step.moved) > 0.0
             if step.outcome not in (Outcome.FOUND, Outcome.UNDETERMINED) or uphill:
-                duration, growth = SHORTER * duration, LONGER
+                duration, growth = FAILED_STEP_FACTOR * duration, DIFFICULT_STEP_FACTOR
                 continue
             farthest = float(np.abs(step.moved / self._size).max())
-            at, pull = step.at, there
-            if farthest > RUNAWAY or (duration >= RESTING and farthest < NEAR):
+            at, applied = step.at, there
+            if farthest > MAX_STEP_DISTANCE or (duration >= RESTING_DURATION and farthest < RESTING_DISTANCE):
                 break
             duration *= min(growth, step.longer)
-            growth = min(FASTER, LONGER * growth)
+            growth = min(EASY_STEP_FACTOR, DIFFICULT_STEP_FACTOR * growth)
         return at, factored
 
     def _relax(self, t: float, at: Unknowns, c2: float) -> Relaxed:
         """Take a pseudo-transient step; c2 as in :meth:`_newton`."""
         outcome, found, moved, count = self._newton(t, at, c2, c2)
-        return Relaxed(outcome, found, moved, count, FASTER if count < EASY else LONGER)
+        return Relaxed(
+            outcome,
+            found,
+            moved,
+            count,
+            EASY_STEP_FACTOR if count < EASY_STEP_FACTORIZATIONS else DIFFICULT_STEP_FACTOR,
+        )
 
-    def _strayed(self, moved: Array) -> bool:
+    def _is_far_from_start(self, moved: Array) -> bool:
         """Whether Newton alone went so far (n,) that the state it found is not the one next to the start."""
         return False
 
@@ -186,9 +196,9 @@ class EquilibriumSolver(ABC):
         accelerations = np.abs(self._accelerate(t, q)) / self._size
         return float(np.sqrt(accelerations.max(initial=0.0))) or 1.0
 
-    def _pull(self, t: float, q: Array) -> Array:
+    def _applied_forces(self, t: float, q: Array) -> Array:
         """Return h (n,), the forces without those of the cut joints, which do no work."""
-        return self.residual(t, q, self._all(np.zeros(len(self.rows))))[0]
+        return self.residual(t, q, self._all_multipliers(np.zeros(len(self.rows))))[0]
 
     @abstractmethod
     def run_trial(self, q: Array) -> None:
@@ -199,11 +209,11 @@ class EquilibriumSolver(ABC):
         """Return h + J^T lambda (n,) and Phi (m,)."""
 
     @abstractmethod
-    def singular(self, t: float, q: Array) -> bool:
+    def is_singular(self, t: float, q: Array) -> bool:
         """Whether the independent constraints lose rank at q, so that no multipliers are determined."""
 
     @abstractmethod
-    def _balancing(self, t: float, q: Array) -> Array:
+    def _initial_multipliers(self, t: float, q: Array) -> Array:
         """Return the multipliers of the independent constraints to start from."""
 
     @abstractmethod
@@ -220,5 +230,5 @@ class EquilibriumSolver(ABC):
         """
 
     @abstractmethod
-    def _all(self, lam: Array) -> Array:
+    def _all_multipliers(self, lam: Array) -> Array:
         """Return the multipliers (m,) of all constraints."""

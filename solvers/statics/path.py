@@ -33,22 +33,23 @@ from scipy.optimize import brentq
 from solvers.system import Array
 
 from .linearized import Linearized
-from .newton import CONVERGED
+from .newton import CORRECTION_TOLERANCE
 
-ITERATIONS = 9  # of the corrector; more means that the step was too long
-EASY = 4  # after as many the next step may be longer
-ROUNDING = 1e-6  # a correction shorter than this, in units, that no longer shrinks is rounding
-FIRST, SHORTEST = 0.02, 1e-7  # steps, in the length of the path
-SIDEWAYS = 0.05  # of the longest, the first step off a path: near it the other is only as accurate as the crossing
-SEPARATE = 1e-4  # singular points nearer than this are taken for one
-LONGER, SHORTER = 1.6, 0.5  # changes of the step
-TURN = 0.35  # rad, of the tangent in one step
-REACH = 0.2  # change of a coordinate in one step, in its unit
-SHARE = 0.05  # of the range of the load in one step
-DIFFERENCE = 1e-4  # of that range, for f_p
-MOTIONLESS = 1e-9  # length of the displacements by the whole load, in units, that are none
-POWERS = 8  # inverse iterations for the eigenvalue nearest to zero
-PLACED = 1e-7  # of a step: how well special points are placed in it
+MAX_CORRECTOR_ITERATIONS = 9  # of the corrector; more means that the step was too long
+EASY_ITERATIONS = 4  # after as many the next step may be longer
+CORRECTION_ROUNDING = 1e-6  # a correction shorter than this, in units, that no longer shrinks is rounding
+FIRST_STEP, MIN_STEP = 0.02, 1e-7  # steps, in the length of the path
+# of the longest, the first step off a path: near it the other is only as accurate as the crossing
+BRANCH_STEP_FRACTION = 0.05
+MIN_POINT_DISTANCE = 1e-4  # singular points nearer than this are taken for one
+STEP_GROWTH_FACTOR, STEP_REDUCTION_FACTOR = 1.6, 0.5  # changes of the step
+MAX_TANGENT_ROTATION = 0.35  # rad, of the tangent in one step
+MAX_COORDINATE_CHANGE = 0.2  # change of a coordinate in one step, in its unit
+MAX_LOAD_FRACTION = 0.05  # of the range of the load in one step
+LOAD_DIFFERENCE_FRACTION = 1e-4  # of that range, for f_p
+MIN_DISPLACEMENT = 1e-9  # length of the displacements by the whole load, in units, that are none
+INVERSE_ITERATIONS = 8  # inverse iterations for the eigenvalue nearest to zero
+POINT_TOLERANCE = 1e-7  # of a step: how well special points are placed in it
 
 
 class Load(NamedTuple):
@@ -86,13 +87,13 @@ class State:
     x: Array
     y: Array
     dp: float
-    way: float = 0.0
+    arclength: float = 0.0
     unstable: int = 0
     kind: str = ""
     critical: Array | None = None
 
 
-class LostError(Exception):
+class CorrectorFailedError(Exception):
     """The corrector found nothing."""
 
 
@@ -120,9 +121,9 @@ class Follower:
         load.apply(load.begin)
         equations.inspect(q, lam)
         moved = float(np.linalg.norm(self._response(q, lam, load.begin)[0]))
-        self._unit = min(moved, np.sqrt(len(equations.size))) if moved > MOTIONLESS else 1.0
+        self._unit = min(moved, np.sqrt(len(equations.size))) if moved > MIN_DISPLACEMENT else 1.0
         at = State(q=q, lam=lam, p=load.begin, x=np.zeros(len(equations.size)), y=0.0 * lam, dp=1.0)
-        self.start = self._arrive(at, at)
+        self.start = self._complete_state(at, at)
 
     def follow(self, start: State, stop: Callable[[State], float] | None = None) -> Iterator[State]:
         """Yield the states after ``start`` along its tangent, with limit points and bifurcations between them.
@@ -130,32 +131,42 @@ class Follower:
         The last one is at the load's end, or as far behind its begin, or where ``stop`` changes its sign.
         """
         here, first, self.ended = start, start.kind == "bifurcation", ""
-        step = SIDEWAYS * self._longest(start) if first else FIRST
+        step = BRANCH_STEP_FRACTION * self._longest(start) if first else FIRST_STEP
         while True:
             step = min(step, self._longest(here))
             found, count = self._step(here, step)
             turn = np.pi if found is None else float(np.arccos(min(1.0, self._inner(found.x, found.dp, here))))
-            if found is None or turn > TURN or (not first and step > SEPARATE and hides(here, found)):
-                step *= SHORTER
-                if step < SHORTEST:
+            if (
+                found is None
+                or turn > MAX_TANGENT_ROTATION
+                or (not first and step > MIN_POINT_DISTANCE and has_hidden_points(here, found))
+            ):
+                step *= STEP_REDUCTION_FACTOR
+                if step < MIN_STEP:
                     self.ended = f"no state was found beyond {here.p:.6g}"
                     return
                 continue
-            over = self._beyond(found.p)
+            over = self._passed_bound(found.p)
             if over is not None:
                 found = self._at_load(here, over, found)
             if not first:
                 yield from self._special(here, found)
             if stop is not None and stop(here) * stop(found) < 0.0:
-                yield self._place(here, found, stop)
+                yield self._locate_zero(here, found, stop)
                 return
             yield found
             if over is not None:
                 return
-            longer = LONGER if count <= EASY and turn < 0.5 * TURN else 1.0 if turn < 0.75 * TURN else SHORTER
+            longer = (
+                STEP_GROWTH_FACTOR
+                if count <= EASY_ITERATIONS and turn < 0.5 * MAX_TANGENT_ROTATION
+                else 1.0
+                if turn < 0.75 * MAX_TANGENT_ROTATION
+                else STEP_REDUCTION_FACTOR
+            )
             here, first, step = found, False, longer * step
 
-    def second(self, at: State, sign: float) -> State:
+    def branch_start(self, at: State, sign: float) -> State:
         """Return a bifurcation as the start of the path that crosses there, towards one side (1 or -1)."""
         if at.critical is None:
             raise ValueError("no critical vector is known of this state")
@@ -173,9 +184,9 @@ class Follower:
     def _longest(self, at: State) -> float:
         """Return the step that moves a coordinate or the load as far as a step may."""
         farthest = float(np.abs(at.x).max(initial=0.0))
-        return 1.0 / max(farthest / REACH, abs(at.dp) / SHARE)
+        return 1.0 / max(farthest / MAX_COORDINATE_CHANGE, abs(at.dp) / MAX_LOAD_FRACTION)
 
-    def _beyond(self, p: float) -> float | None:
+    def _passed_bound(self, p: float) -> float | None:
         """Return the bound of the load that p is beyond, if it is: its end, or as far on the other side."""
         low, high = sorted((2.0 * self._load.begin - self._load.end, self._load.end))
         return low if p < low else high if p > high else None
@@ -183,15 +194,17 @@ class Follower:
     def _response(self, q: Array, lam: Array, p: float) -> tuple[Array, Array]:
         """Return what the factored equations move by for the range of the load: coordinates in units, multipliers."""
         sides, equations = [], self._equations
-        for side in (-DIFFERENCE, DIFFERENCE):
+        for side in (-LOAD_DIFFERENCE_FRACTION, LOAD_DIFFERENCE_FRACTION):
             self._load.apply(p + side * self._range)
             sides.append(equations.residual(q, lam))
         self._load.apply(p)
         (f, g), (f_ahead, g_ahead) = sides
-        x, y = equations.solve((f - f_ahead) / (2.0 * DIFFERENCE), (g - g_ahead) / (2.0 * DIFFERENCE))
+        x, y = equations.solve(
+            (f - f_ahead) / (2.0 * LOAD_DIFFERENCE_FRACTION), (g - g_ahead) / (2.0 * LOAD_DIFFERENCE_FRACTION)
+        )
         return x / equations.size, y
 
-    def _arrive(self, at: State, before: State) -> State:
+    def _complete_state(self, at: State, before: State) -> State:
         """Return a state with its tangent, in the direction of the previous one, and how unstable it is."""
         self._load.apply(at.p)
         unstable = self._equations.inspect(at.q, at.lam)
@@ -205,7 +218,7 @@ class Follower:
 
     def _at_load(self, here: State, p: float, beyond: State) -> State:
         """Return the state at a load between two neighbors; the one beyond where there is none."""
-        step = beyond.way * (p - here.p) / (beyond.p - here.p)
+        step = beyond.arclength * (p - here.p) / (beyond.p - here.p)
         found, _ = self._correct(here, step, 0.0 * here.x, 1.0, (p - here.p) / self._range)
         return beyond if found is None else replace(found, p=p)
 
@@ -214,7 +227,7 @@ class Follower:
         equations, size = self._equations, self._equations.size
         moved, load, lam = step * here.x, step * here.dp, here.lam + step * here.y
         q, many, before = equations.moved(here.q, size * moved), np.sqrt(len(size)), np.inf
-        for count in range(1, ITERATIONS + 1):
+        for count in range(1, MAX_CORRECTOR_ITERATIONS + 1):
             p = here.p + load * self._range
             self._load.apply(p)
             f, g = equations.residual(q, lam)
@@ -227,24 +240,26 @@ class Follower:
             change = (value - float(x @ (moved + a)) - dp * load) / slope if slope else np.inf
             a, y = a + change * b, y + change * z
             length = float(np.linalg.norm(a)) + abs(change)
-            rounded = before < ROUNDING * many
+            rounded = before < CORRECTION_ROUNDING * many
             if not np.isfinite(length) or (count > 2 and length > before and not rounded):
                 break
             moved, load, lam, q = moved + a, load + change, lam + y, equations.moved(q, size * a)
-            if length <= CONVERGED * many or (rounded and length > 0.5 * before):
-                way = self._inner(moved, load, here)
-                at = replace(here, q=q, lam=lam, p=here.p + load * self._range, way=way, kind="", critical=None)
-                return self._arrive(at, here), count
+            if length <= CORRECTION_TOLERANCE * many or (rounded and length > 0.5 * before):
+                arclength = self._inner(moved, load, here)
+                at = replace(
+                    here, q=q, lam=lam, p=here.p + load * self._range, arclength=arclength, kind="", critical=None
+                )
+                return self._complete_state(at, here), count
             before = length
         self._load.apply(here.p)
-        return None, ITERATIONS
+        return None, MAX_CORRECTOR_ITERATIONS
 
     def _special(self, here: State, there: State) -> Iterator[State]:
         """Yield the limit point and the bifurcation between two neighbors, as far as there are."""
         limit, changes = here.dp * there.dp < 0.0, abs(there.unstable - here.unstable)
         before = min(here.unstable, there.unstable)  # at the point itself rounding decides
         if limit:
-            yield replace(self._place(here, there, lambda at: at.dp), kind="limit point", unstable=before)
+            yield replace(self._locate_zero(here, there, lambda at: at.dp), kind="limit point", unstable=before)
         if changes > limit:
             seed = np.random.default_rng(5).uniform(-1.0, 1.0, len(here.x))
 
@@ -253,7 +268,7 @@ class Follower:
                 value = self._critical(at, seed)[1]
                 return value if at.unstable == here.unstable else -value
 
-            at = self._place(here, there, nearest)
+            at = self._locate_zero(here, there, nearest)
             yield replace(at, kind="bifurcation", unstable=before, critical=self._critical(at, seed)[0])
 
     def _critical(self, at: State, x: Array) -> tuple[Array, float]:
@@ -261,7 +276,7 @@ class Follower:
         self._load.apply(at.p)
         self._equations.inspect(at.q, at.lam)
         none, size = 0.0 * at.lam, self._equations.size
-        for _ in range(POWERS):
+        for _ in range(INVERSE_ITERATIONS):
             x = x / np.linalg.norm(x)
             before, x = x, self._equations.solve(x / size, none)[0] / size
             if not np.linalg.norm(x) > 0.0:  # exactly singular, and nothing else moves
@@ -270,23 +285,23 @@ class Follower:
         x = x / np.linalg.norm(x)
         return x * np.sign(x[np.argmax(np.abs(x))]), value
 
-    def _place(self, here: State, there: State, value: Callable[[State], float]) -> State:
+    def _locate_zero(self, here: State, there: State, value: Callable[[State], float]) -> State:
         """Return the state between two neighbors where a value that changes its sign is zero."""
-        seen = {0.0: (here, value(here)), there.way: (there, value(there))}
+        seen = {0.0: (here, value(here)), there.arclength: (there, value(there))}
 
-        def at(way: float) -> float:
-            if way not in seen:
-                found, _ = self._step(here, way)
+        def at(arclength: float) -> float:
+            if arclength not in seen:
+                found, _ = self._step(here, arclength)
                 if found is None:
-                    raise LostError
-                seen[way] = found, value(found)
-            return seen[way][1]
+                    raise CorrectorFailedError
+                seen[arclength] = found, value(found)
+            return seen[arclength][1]
 
-        with suppress(LostError):
-            brentq(at, 0.0, there.way, xtol=PLACED * there.way)
+        with suppress(CorrectorFailedError):
+            brentq(at, 0.0, there.arclength, xtol=POINT_TOLERANCE * there.arclength)
         return min(seen.values(), key=lambda one: abs(one[1]))[0]
 
 
-def hides(here: State, there: State) -> bool:
+def has_hidden_points(here: State, there: State) -> bool:
     """Whether there is more than one singular point between two states."""
     return abs(there.unstable - here.unstable) > 1 or (here.dp * there.dp < 0.0 and here.unstable == there.unstable)

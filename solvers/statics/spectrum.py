@@ -23,12 +23,11 @@ from scipy import linalg
 
 from solvers.system import Array
 
-from .matrices import MACHINE, Matrices, is_symmetric, is_undamped
+from .matrices import MACHINE_EPSILON, Matrices, is_symmetric, is_undamped
 
-ALIKE = (
-    1e-6  # what is left of a motion, relative, when those before it are taken away, below which it is not independent
-)
-IMPROVED = 1e-3  # longest step that improves an eigenvalue, relative to the fastest one
+# what is left of a motion, relative, when those before it are taken away, below which it is not independent
+MIN_INDEPENDENT_PART = 1e-6
+MAX_IMPROVEMENT_RATIO = 1e-3  # longest step that improves an eigenvalue, relative to the fastest one
 
 
 class Stability(StrEnum):
@@ -101,11 +100,11 @@ def spectrum_of(matrices: Matrices) -> Spectrum:
     if not len(matrices.K):
         return Spectrum(values=np.zeros(0, complex), motions=np.zeros((len(matrices.basis), 0)), doubts=np.zeros(0))
     if is_undamped(matrices) and is_symmetric(matrices):
-        return conservative(matrices)
-    return general(matrices)
+        return solve_conservative(matrices)
+    return solve_general(matrices)
 
 
-def conservative(matrices: Matrices) -> Spectrum:
+def solve_conservative(matrices: Matrices) -> Spectrum:
     """Return those of s^2 M + K, both symmetric."""
     K, M = 0.5 * (matrices.K + matrices.K.T), matrices.M
     unit = 1.0 / np.sqrt(np.diag(M))
@@ -128,10 +127,10 @@ def conservative(matrices: Matrices) -> Spectrum:
             values.append(s)
             doubts.append(np.sqrt(doubt) if s == 0.0 else doubt / abs(s))
             motions.append(motion)
-    return ordered(np.array(values, complex), matrices.basis @ np.array(motions).T, np.array(doubts))
+    return order_spectrum(np.array(values, complex), matrices.basis @ np.array(motions).T, np.array(doubts))
 
 
-def general(matrices: Matrices) -> Spectrum:
+def solve_general(matrices: Matrices) -> Spectrum:
     """Return those of s^2 M + s C + K."""
     L = linalg.cholesky(matrices.M, lower=True)
     K, C = (linalg.solve_triangular(L, linalg.solve_triangular(L, A, lower=True).T, lower=True).T
@@ -141,26 +140,26 @@ def general(matrices: Matrices) -> Spectrum:
     state = np.block([[np.zeros((f, f)), unit * np.eye(f)], [-K / unit, -C]])
     values, left, right = linalg.eig(state, left=True)
     x, y = (linalg.solve_triangular(L, part, lower=True, trans="T") for part in (right[:f], left[f:]))
-    values, doubts = improved(matrices, values, x, y, float(np.abs(values).max()))
+    values, doubts = improve_eigenvalues(matrices, values, x, y, float(np.abs(values).max()))
     upper = values.imag >= 0.0
-    return ordered(values[upper], matrices.basis @ x[:, upper], doubts[upper])
+    return order_spectrum(values[upper], matrices.basis @ x[:, upper], doubts[upper])
 
 
-def improved(
+def improve_eigenvalues(
     matrices: Matrices, values: NDArray[np.complex128], x: Array, y: Array, fastest: float
 ) -> tuple[NDArray[np.complex128], Array]:
     """Return eigenvalues by the quadratics of right and left eigenvectors x, y (f, k), and their doubts."""
     M, C, K = matrices.M, matrices.C, matrices.K
     x, y = (part / np.linalg.norm(part, axis=0) for part in (x, y))
     a, b, c = (np.einsum("ik,ij,jk->k", y.conj(), A, x, optimize=True) for A in (M, C, K))
-    sizes = [np.einsum("ik,ij,jk->k", np.abs(y), A, np.abs(x), optimize=True)
-             for A in (MACHINE * (16.0 + len(K)) * np.abs(M), matrices.rounding[1], matrices.rounding[0])]  # fmt: skip
+    bounds = MACHINE_EPSILON * (16.0 + len(K)) * np.abs(M), matrices.rounding[1], matrices.rounding[0]
+    sizes = [np.einsum("ik,ij,jk->k", np.abs(y), A, np.abs(x), optimize=True) for A in bounds]
     found, doubts = values.copy(), np.zeros(len(values))
     for k in range(len(values)):
         s = values[k]
         slope = 2.0 * a[k] * s + b[k]
         step = ((a[k] * s + b[k]) * s + c[k]) / slope if slope else np.inf  # Newton's
-        if abs(step) <= IMPROVED * fastest:
+        if abs(step) <= MAX_IMPROVEMENT_RATIO * fastest:
             found[k] -= step
         s, size = found[k], abs(found[k])
         error = sizes[0][k] * size**2 + sizes[1][k] * size + sizes[2][k]
@@ -173,7 +172,7 @@ def improved(
     return found, doubts
 
 
-def ordered(values: NDArray[np.complex128], motions: NDArray[Any], doubts: Array) -> Spectrum:
+def order_spectrum(values: NDArray[np.complex128], motions: NDArray[Any], doubts: Array) -> Spectrum:
     """Return a spectrum, slowest first, with one zero for each independent motion that nothing resists."""
     order = np.argsort(np.abs(values), kind="stable")
     values, motions, doubts = values[order], motions[:, order], doubts[order]
@@ -181,7 +180,7 @@ def ordered(values: NDArray[np.complex128], motions: NDArray[Any], doubts: Array
     for k in np.flatnonzero(values == 0.0):
         motion = motions[:, k] / np.linalg.norm(motions[:, k])
         rest = motion - basis @ (basis.conj().T @ motion)
-        kept[k] = np.linalg.norm(rest) > ALIKE
+        kept[k] = np.linalg.norm(rest) > MIN_INDEPENDENT_PART
         if kept[k]:
             basis = np.column_stack((basis, rest / np.linalg.norm(rest)))
     return Spectrum(values=values[kept], motions=motions[:, kept], doubts=doubts[kept])

@@ -253,7 +253,7 @@ def test_the_imports_of_every_module_are_those_of_its_syntax_tree() -> None:
 
 
 def test_an_edit_changes_the_folders_of_those_that_import_it_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    caller, callee, other = "solvers.statics.small", "solvers.linalg.svd", "mbfmu.mechanics.spatial"
+    caller, callee, other = "solvers.statics.dense", "solvers.linalg.svd", "mbfmu.mechanics.spatial"
     before = {name: cache.module_cache_dir(name) for name in (caller, callee, other)}
     edited = {**cache.kernel_sources(), callee: cache.kernel_sources()[callee] + "\n# edited"}
     monkeypatch.setattr(cache, "kernel_sources", lambda: edited)

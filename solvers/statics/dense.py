@@ -21,15 +21,16 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.dense import factor_full_pivot, solve_full_pivot
 from solvers.linalg.svd import decompose, pseudo_inverse_transposed
+from solvers.projection.products import COMPLEX_STEP
 from solvers.system import Array, Equations, System
 
 from .newton import (
-    ASTRAY,
-    CONVERGED,
-    FARTHEST,
+    CORRECTION_TOLERANCE,
     FOUND,
-    ITERATIONS,
-    LEAST_DAMPING,
+    MAX_FIRST_STEP,
+    MAX_NEWTON_ITERATIONS,
+    MAX_STATE_DISTANCE,
+    MIN_DAMPING,
     NO_PROGRESS,
     NOT_FINITE,
     SINGULAR,
@@ -39,13 +40,13 @@ from .newton import (
     Unknowns,
 )
 
-EPSILON = 1e-30  # of the complex step; its square must be negligible
-PIVOT = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
-BALANCED, FLOOR = 1e-9, 1e-13  # residual left by the last correction: of what acts in its row, and of the stiffest
-SINGULAR_POSITION = 1e-7  # a singular value of J~ below which cut-joint forces are not determined, relative to the
+ZERO_PIVOT_RATIO = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
+# residual left by the last correction: of what acts in its row, and of the stiffest
+BALANCE_TOLERANCE, BALANCE_FLOOR = 1e-9, 1e-13
+SINGULAR_VALUE_RATIO = 1e-7  # a singular value of J~ below which cut-joint forces are not determined, relative to the
 # largest in a generic position: in a singular one they may all be zero
-NULL = 1e-10  # singular value of K relative to the largest, below which its direction is null
-INDEPENDENT = 1e-8  # relative pivot of an independent constraint
+NULL_SINGULAR_RATIO = 1e-10  # singular value of K relative to the largest, below which its direction is null
+INDEPENDENT_PIVOT_RATIO = 1e-8  # relative pivot of an independent constraint
 
 
 class Scratch(NamedTuple):
@@ -90,117 +91,117 @@ class Scratch(NamedTuple):
 
 @kernel
 def linearize(
-    eqs: Any, t: float, q: Any, lam: Any, moved: Any, rows: Any, c2: float, mass: float, scale: float, s: Any
+    eqs: Any, t: float, q: Any, lam: Any, moved: Any, rows: Any, c2: float, mass: float, scale: float, scratch: Any
 ) -> None:
     """s.f and s.K at (q, lam), c2 M moved among the forces; one evaluation a coordinate. ``scale`` is an energy.
 
     In K the mass matrix is taken ``mass`` times.
     """
-    n, rank, terms = s.v.shape[0], rows.shape[0], eqs.terms
+    n, rank, terms = scratch.v.shape[0], rows.shape[0], eqs.terms
     for k in range(n):
         for i in range(q.shape[0]):
-            s.q[i] = q[i]
+            scratch.q[i] = q[i]
         for i in range(n):
-            s.dq[i] = 0.0
-        s.dq[k] = EPSILON * 1j
-        eqs.retract(s.q, s.dq, eqs.data)
-        eqs.dynamics(t, s.q, s.v, eqs.data, terms)
+            scratch.dq[i] = 0.0
+        scratch.dq[k] = COMPLEX_STEP * 1j
+        eqs.retract(scratch.q, scratch.dq, eqs.data)
+        eqs.dynamics(t, scratch.q, scratch.v, eqs.data, terms)
         for i in range(n):
             balance = terms.h[i]
             for r in range(rank):
                 balance += terms.J[rows[r], i] * lam[r]
             if mass != 0.0:
                 for j in range(n):
-                    balance += terms.M[i, j] * (c2 * moved[j] + mass * s.dq[j])
-            s.f[i] = balance.real * s.size[i] / scale
-            s.K[i, k] = balance.imag / EPSILON * s.size[i] * s.size[k] / scale
+                    balance += terms.M[i, j] * (c2 * moved[j] + mass * scratch.dq[j])
+            scratch.f[i] = balance.real * scratch.size[i] / scale
+            scratch.K[i, k] = balance.imag / COMPLEX_STEP * scratch.size[i] * scratch.size[k] / scale
         for r in range(rank):
-            s.f[n + r] = terms.Phi[rows[r]].real / s.row[r]
-            s.K[n + r, k] = terms.Phi[rows[r]].imag / EPSILON * s.size[k] / s.row[r]
+            scratch.f[n + r] = terms.Phi[rows[r]].real / scratch.row[r]
+            scratch.K[n + r, k] = terms.Phi[rows[r]].imag / COMPLEX_STEP * scratch.size[k] / scratch.row[r]
     for r in range(rank):
         for i in range(n):
-            s.K[i, n + r] = terms.J[rows[r], i].real * s.size[i] / s.row[r]
+            scratch.K[i, n + r] = terms.J[rows[r], i].real * scratch.size[i] / scratch.row[r]
         for other in range(rank):
-            s.K[n + other, n + r] = 0.0
+            scratch.K[n + other, n + r] = 0.0
 
 
 @kernel
-def correction(s: Any, z: Any) -> float:
+def solve_correction(scratch: Any, z: Any) -> float:
     """z with K z = -f by the factors at hand; return the length of its coordinates, which multipliers follow."""
     N, square = z.shape[0], 0.0
-    solve_full_pivot(s.LU, N, s.rank[0], s.order, s.columns, s.f, z)
+    solve_full_pivot(scratch.LU, N, scratch.rank[0], scratch.order, scratch.columns, scratch.f, z)
     for i in range(N):
         z[i] = -z[i]
-    for i in range(s.v.shape[0]):
+    for i in range(scratch.v.shape[0]):
         square += z[i] * z[i]
     return np.sqrt(square)
 
 
 @kernel
-def balanced(lam: Any, scale: float, s: Any) -> bool:
+def is_balanced(lam: Any, scale: float, scratch: Any) -> bool:
     """Whether s.f is small against what s.K and the multipliers do in each row; where they do nothing, zero."""
-    n, N = s.v.shape[0], s.f.shape[0]
+    n, N = scratch.v.shape[0], scratch.f.shape[0]
     for i in range(N):
         acts = 0.0 if i < n else 1.0
         for k in range(N):
             if i < n and k < n:
-                acts += abs(s.K[i, k])
+                acts += abs(scratch.K[i, k])
             elif i < n:
-                acts += abs(s.K[i, k] * lam[k - n] * s.row[k - n] / scale)
-        if abs(s.f[i]) > BALANCED * acts + FLOOR:
+                acts += abs(scratch.K[i, k] * lam[k - n] * scratch.row[k - n] / scale)
+        if abs(scratch.f[i]) > BALANCE_TOLERANCE * acts + BALANCE_FLOOR:
             return False
     return True
 
 
 @kernel
-def stiffness(s: Any) -> float:
+def max_stiffness(scratch: Any) -> float:
     """Largest entry of the force rows of K, or 1."""
-    n, largest = s.v.shape[0], 0.0
+    n, largest = scratch.v.shape[0], 0.0
     for i in range(n):
         for k in range(n):
-            largest = max(largest, abs(s.K[i, k]))
+            largest = max(largest, abs(scratch.K[i, k]))
     return largest if largest > 0.0 and np.isfinite(largest) else 1.0
 
 
 @kernel
-def move(eqs: Any, q: Any, lam: Any, damping: float, scale: float, s: Any) -> None:
+def apply_correction(eqs: Any, q: Any, lam: Any, damping: float, scale: float, scratch: Any) -> None:
     """s.q_try, s.lam_try, s.moved_try = (q, lam) and s.moved, changed by ``damping`` times the correction s.z."""
-    n = s.v.shape[0]
+    n = scratch.v.shape[0]
     for i in range(q.shape[0]):
-        s.q[i] = q[i]
+        scratch.q[i] = q[i]
     for i in range(n):
-        step = damping * s.size[i] * s.z[i]
-        s.dq[i], s.moved_try[i] = step, s.moved[i] + step
-    eqs.retract(s.q, s.dq, eqs.data)
+        step = damping * scratch.size[i] * scratch.z[i]
+        scratch.dq[i], scratch.moved_try[i] = step, scratch.moved[i] + step
+    eqs.retract(scratch.q, scratch.dq, eqs.data)
     for i in range(q.shape[0]):
-        s.q_try[i] = s.q[i].real
+        scratch.q_try[i] = scratch.q[i].real
     for r in range(lam.shape[0]):
-        s.lam_try[r] = lam[r] + damping * scale / s.row[r] * s.z[n + r]
+        scratch.lam_try[r] = lam[r] + damping * scale / scratch.row[r] * scratch.z[n + r]
 
 
 @kernel
-def take(q: Any, lam: Any, s: Any) -> None:
+def accept_trial(q: Any, lam: Any, scratch: Any) -> None:
     """Accept the trial state."""
     for i in range(q.shape[0]):
-        q[i] = s.q_try[i]
+        q[i] = scratch.q_try[i]
     for r in range(lam.shape[0]):
-        lam[r] = s.lam_try[r]
-    for i in range(s.moved.shape[0]):
-        s.moved[i] = s.moved_try[i]
+        lam[r] = scratch.lam_try[r]
+    for i in range(scratch.moved.shape[0]):
+        scratch.moved[i] = scratch.moved_try[i]
 
 
 @kernel
-def factor(s: Any) -> bool:
+def factor_jacobian(scratch: Any) -> bool:
     """Eliminate K; False where it or f is not finite."""
-    N = s.z.shape[0]
+    N = scratch.z.shape[0]
     for i in range(N):
-        if not np.isfinite(s.f[i]):
+        if not np.isfinite(scratch.f[i]):
             return False
         for j in range(N):
-            if not np.isfinite(s.K[i, j]):
+            if not np.isfinite(scratch.K[i, j]):
                 return False
-            s.LU[i, j] = s.K[i, j]
-    s.rank[0] = factor_full_pivot(s.LU, N, N, PIVOT, s.order, s.columns)
+            scratch.LU[i, j] = scratch.K[i, j]
+    scratch.rank[0] = factor_full_pivot(scratch.LU, N, N, ZERO_PIVOT_RATIO, scratch.order, scratch.columns)
     return True
 
 
@@ -211,61 +212,61 @@ def evaluate(eqs: Any, t: float, q: Any, v: Any) -> None:
 
 
 @kernel
-def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> bool:
+def find_constraint_forces(rows: Any, terms: Any, scratch: Any, lam: Any) -> bool:
     """lam (rank,): multipliers of least residual with the ``terms`` at hand; return whether J~ has its full rank."""
-    n, rank = s.v.shape[0], rows.shape[0]
+    n, rank = scratch.v.shape[0], rows.shape[0]
     for r in range(rank):
         for i in range(n):
-            s.J[r, i] = terms.J[rows[r], i].real * s.size[i] / s.row[r]
-    decompose(s.J, rank, n, s.A, s.pivots, s.U, s.sigma, s.W)
+            scratch.J[r, i] = terms.J[rows[r], i].real * scratch.size[i] / scratch.row[r]
+    decompose(scratch.J, rank, n, scratch.A, scratch.pivots, scratch.U, scratch.sigma, scratch.W)
     for i in range(n):
-        s.f[i] = -terms.h[i].real * s.size[i]
+        scratch.f[i] = -terms.h[i].real * scratch.size[i]
     count = 0
-    while count < rank and s.sigma[count] > SINGULAR_POSITION * s.largest[0]:
+    while count < rank and scratch.sigma[count] > SINGULAR_VALUE_RATIO * scratch.largest[0]:
         count += 1
-    pseudo_inverse_transposed(s.f, rank, n, count, s.U, s.sigma, s.W, lam)
+    pseudo_inverse_transposed(scratch.f, rank, n, count, scratch.U, scratch.sigma, scratch.W, lam)
     for r in range(rank):
-        lam[r] /= s.row[r]
+        lam[r] /= scratch.row[r]
     return count == rank
 
 
 @kernel
-def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, mass: float, s: Any, report: Any) -> int:
+def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, mass: float, scratch: Any, report: Any) -> int:
     """Solve f = 0 from (q, lam), in place, or a pseudo-transient step; report: Jacobians factored."""
-    n = s.v.shape[0]
+    n = scratch.v.shape[0]
     for i in range(n):
-        s.moved[i] = 0.0
-    linearize(eqs, t, q, lam, s.moved, rows, c2, mass, 1.0, s)
-    scale = stiffness(s)
+        scratch.moved[i] = 0.0
+    linearize(eqs, t, q, lam, scratch.moved, rows, c2, mass, 1.0, scratch)
+    scale = max_stiffness(scratch)
     for i in range(n):
-        s.f[i] /= scale
+        scratch.f[i] /= scale
         for k in range(n):
-            s.K[i, k] /= scale
+            scratch.K[i, k] /= scale
     damping, first = 1.0, True
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_NEWTON_ITERATIONS):
         report[0] += 1.0
-        if not factor(s):
+        if not factor_jacobian(scratch):
             return NOT_FINITE
-        size = correction(s, s.z)
-        if size <= CONVERGED:
-            move(eqs, q, lam, 1.0, scale, s)
-            take(q, lam, s)
-            linearize(eqs, t, q, lam, s.moved, rows, c2, mass, scale, s)
-            if not balanced(lam, scale, s):
+        size = solve_correction(scratch, scratch.z)
+        if size <= CORRECTION_TOLERANCE:
+            apply_correction(eqs, q, lam, 1.0, scale, scratch)
+            accept_trial(q, lam, scratch)
+            linearize(eqs, t, q, lam, scratch.moved, rows, c2, mass, scale, scratch)
+            if not is_balanced(lam, scale, scratch):
                 return SINGULAR
-            return FOUND if constraint_forces(rows, eqs.terms, s, s.lam_try) else UNDETERMINED
+            return FOUND if find_constraint_forces(rows, eqs.terms, scratch, scratch.lam_try) else UNDETERMINED
         if first:  # what is farther may be another state
-            damping, first = min(1.0, FARTHEST / size), False
+            damping, first = min(1.0, MAX_FIRST_STEP / size), False
         while True:
-            move(eqs, q, lam, damping, scale, s)
-            linearize(eqs, t, s.q_try, s.lam_try, s.moved_try, rows, c2, mass, scale, s)
-            after = correction(s, s.z_next)
+            apply_correction(eqs, q, lam, damping, scale, scratch)
+            linearize(eqs, t, scratch.q_try, scratch.lam_try, scratch.moved_try, rows, c2, mass, scale, scratch)
+            after = solve_correction(scratch, scratch.z_next)
             if after <= (1.0 - 0.25 * damping) * size:
                 break
             damping *= 0.5
-            if damping < LEAST_DAMPING:
+            if damping < MIN_DAMPING:
                 return NO_PROGRESS
-        take(q, lam, s)
+        accept_trial(q, lam, scratch)
         damping = min(1.0, 2.0 * damping)
     return NO_PROGRESS
 
@@ -289,7 +290,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         self.system = system
         self._terms = system.allocate_terms(complex)
         self._eqs = Equations.of(system, self._terms)
-        self.rows = self._independent(t, q)
+        self.rows = self._independent_rows(t, q)
         scratch = Scratch.allocate(system.nq, system.size, system.row_size[self.rows])
         scratch.v[:] = v
         scaled = self._terms.J.real[self.rows] * system.size / scratch.row[:, np.newaxis]
@@ -297,13 +298,13 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         self._v, self._lam, self._moved, self._K = scratch.v, scratch.lam_try, scratch.moved, scratch.K
         self._scratch, self._held_terms = pin(scratch), pin(self._terms)
 
-    def _independent(self, t: float, q: Array) -> NDArray[np.int64]:
+    def _independent_rows(self, t: float, q: Array) -> NDArray[np.int64]:
         n, m = self.system.n, self.system.m
         self.system.fill(t, q.astype(complex), np.zeros(n, complex), self._terms)
         rows, columns = np.zeros(m, np.int64), np.zeros(n, np.int64)
         scaled = self._terms.J.real * self.system.size / self.system.row_size[:, np.newaxis]
-        self._stuck = bool((np.abs(scaled).max(axis=1, initial=0.0) < SINGULAR_POSITION).any())
-        rank = factor_full_pivot(scaled, m, n, INDEPENDENT, rows, columns)
+        self._stuck = bool((np.abs(scaled).max(axis=1, initial=0.0) < SINGULAR_VALUE_RATIO).any())
+        rank = factor_full_pivot(scaled, m, n, INDEPENDENT_PIVOT_RATIO, rows, columns)
         return np.sort(rows[:rank])
 
     def run_trial(self, q: Array) -> None:
@@ -329,19 +330,19 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         if not np.isfinite(K).all():
             return 0
         sigma, Vt = np.linalg.svd(K)[1:]
-        null = Vt[sigma <= NULL * sigma.max(initial=0.0)][:, coordinates]
-        return int(np.linalg.matrix_rank(null, tol=np.sqrt(NULL))) if null.size else 0
+        null = Vt[sigma <= NULL_SINGULAR_RATIO * sigma.max(initial=0.0)][:, coordinates]
+        return int(np.linalg.matrix_rank(null, tol=np.sqrt(NULL_SINGULAR_RATIO))) if null.size else 0
 
-    def singular(self, t: float, q: Array) -> bool:
+    def is_singular(self, t: float, q: Array) -> bool:
         """See the base."""
         evaluate(self._eqs, t, q.astype(complex), self._v)
-        return self._stuck or not constraint_forces(self.rows, self._held_terms, self._scratch, self._lam)
+        return self._stuck or not find_constraint_forces(self.rows, self._held_terms, self._scratch, self._lam)
 
-    def _balancing(self, t: float, q: Array) -> Array:
+    def _initial_multipliers(self, t: float, q: Array) -> Array:
         """Return those that leave the least residual force."""
         evaluate(self._eqs, t, q.astype(complex), self._v)
         lam = np.zeros(len(self.rows))
-        constraint_forces(self.rows, self._held_terms, self._scratch, lam)
+        find_constraint_forces(self.rows, self._held_terms, self._scratch, lam)
         return lam
 
     def _accelerate(self, t: float, q: Array) -> Array:
@@ -353,10 +354,10 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         outcome = Outcome(newton(self._eqs, t, *found, self.rows, c2, mass, self._scratch, report))
         return outcome, found, self._moved.copy(), int(report[0])
 
-    def _strayed(self, moved: Array) -> bool:
-        return bool(np.abs(moved / self._size).max(initial=0.0) > ASTRAY)
+    def _is_far_from_start(self, moved: Array) -> bool:
+        return bool(np.abs(moved / self._size).max(initial=0.0) > MAX_STATE_DISTANCE)
 
-    def _all(self, lam: Array) -> Array:
+    def _all_multipliers(self, lam: Array) -> Array:
         full = np.zeros(self.system.m)
         full[self.rows] = lam
         return full

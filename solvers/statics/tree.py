@@ -7,14 +7,25 @@ import numpy as np
 from solvers.projection.saddle import Saddle
 from solvers.system import Array, TreeSystem
 
-from .newton import ASTRAY, CONVERGED, FARTHEST, FASTER, ITERATIONS, SOFT, EquilibriumSolver, Outcome, Relaxed, Unknowns
+from .newton import (
+    CORRECTION_TOLERANCE,
+    EASY_STEP_FACTOR,
+    MAX_FIRST_STEP,
+    MAX_NEWTON_ITERATIONS,
+    MAX_STATE_DISTANCE,
+    REGULARIZATION_MASS,
+    EquilibriumSolver,
+    Outcome,
+    Relaxed,
+    Unknowns,
+)
 
-ROUGH = 0.2  # a pseudo-transient step ends with a correction this small against its first
+STEP_TOLERANCE_RATIO = 0.2  # a pseudo-transient step ends with a correction this small against its first
 # Where a correction is this part of the one before, the next step is as long as this one; how fast corrections shrink
 # goes with some third power of the duration. Measured on shells held by a third of an edge, which crease where the
 # clamp ends: half the factorizations of steps that are converged.
-CONTRACTION = 0.1
-LEAST = 0.01  # damping of Newton alone, below which the continuation is cheaper
+TARGET_CONTRACTION = 0.1
+MIN_CONTINUATION_DAMPING = 0.01  # damping of Newton alone, below which the continuation is cheaper
 
 
 class TreeEquilibriumSolver(EquilibriumSolver):
@@ -49,19 +60,19 @@ class TreeEquilibriumSolver(EquilibriumSolver):
         """See the base."""
         return self._saddle.residual(t, q, self._v, self._still, lam)
 
-    def singular(self, t: float, q: Array) -> bool:
+    def is_singular(self, t: float, q: Array) -> bool:
         """Never: the multipliers are the shortest."""
         return False
 
-    def _balancing(self, t: float, q: Array) -> Array:
+    def _initial_multipliers(self, t: float, q: Array) -> Array:
         """Return none; Newton finds them in its first step."""
         self._saddle.set_penalties(t, q)
         return np.zeros(self.system.m)
 
-    def _strayed(self, moved: Array) -> bool:
-        return self._has_cyclic and bool(np.abs(moved / self._size).max(initial=0.0) > ASTRAY)
+    def _is_far_from_start(self, moved: Array) -> bool:
+        return self._has_cyclic and bool(np.abs(moved / self._size).max(initial=0.0) > MAX_STATE_DISTANCE)
 
-    def _all(self, lam: Array) -> Array:
+    def _all_multipliers(self, lam: Array) -> Array:
         return lam
 
     def _moved(self, q: Array, step: Array) -> Array:
@@ -81,8 +92,8 @@ class TreeEquilibriumSolver(EquilibriumSolver):
     def _newton(self, t: float, at: Unknowns, c2: float, mass: float) -> tuple[Outcome, Unknowns, Array, int]:
         saddle, damping, moved = self._saddle, 1.0, self._still
         if self._has_cyclic:
-            mass = max(mass, SOFT * self._rate**2)
-        for iteration in range(1, ITERATIONS + 1):
+            mass = max(mass, REGULARIZATION_MASS * self._rate**2)
+        for iteration in range(1, MAX_NEWTON_ITERATIONS + 1):
             forces, gaps = saddle.residual(t, at.q, self._v, c2 * moved, at.lam)
             if not np.isfinite(forces).all():
                 return Outcome.NOT_FINITE, at, moved, iteration
@@ -93,10 +104,10 @@ class TreeEquilibriumSolver(EquilibriumSolver):
             if not np.isfinite(size):
                 return Outcome.SINGULAR, at, moved, iteration
             if (
-                iteration == 1 and self._has_cyclic and c2 == 0.0 and size > FARTHEST
+                iteration == 1 and self._has_cyclic and c2 == 0.0 and size > MAX_FIRST_STEP
             ):  # what is farther may be another state
-                damping = FARTHEST / size
-            if size <= CONVERGED * np.sqrt(len(step)):
+                damping = MAX_FIRST_STEP / size
+            if size <= CORRECTION_TOLERANCE * np.sqrt(len(step)):
                 return Outcome.FOUND, self._stepped(at, 1.0, step, reaction), moved + step, iteration
             while True:
                 trial, further = self._stepped(at, damping, step, reaction), moved + damping * step
@@ -105,15 +116,15 @@ class TreeEquilibriumSolver(EquilibriumSolver):
                 if after <= (1.0 - 0.25 * damping) * size:
                     break
                 damping *= 0.5
-                if damping < LEAST:
+                if damping < MIN_CONTINUATION_DAMPING:
                     return Outcome.NO_PROGRESS, at, moved, iteration
             at, moved, damping = trial, further, min(1.0, 2.0 * damping)
-        return Outcome.NO_PROGRESS, at, moved, ITERATIONS
+        return Outcome.NO_PROGRESS, at, moved, MAX_NEWTON_ITERATIONS
 
     def _relax(self, t: float, at: Unknowns, c2: float) -> Relaxed:
         """Take a step by Newton without damping, until the rest is small against it."""
         saddle, moved, first, before, worst = self._saddle, self._still, 0.0, np.inf, 0.0
-        for count in range(1, ITERATIONS + 1):
+        for count in range(1, MAX_NEWTON_ITERATIONS + 1):
             forces, gaps = saddle.residual(t, at.q, self._v, c2 * moved, at.lam)
             if not np.isfinite(forces).all():
                 return Relaxed(Outcome.NOT_FINITE, at, moved, count)
@@ -128,8 +139,8 @@ class TreeEquilibriumSolver(EquilibriumSolver):
             else:
                 worst = max(worst, size / before)
             at, moved, before = self._stepped(at, 1.0, step, reaction), moved + step, size
-            converged = size <= CONVERGED * np.sqrt(len(step))
-            if converged or (count > 1 and size <= ROUGH * first):
-                longer = (CONTRACTION / worst) ** (1.0 / 3.0) if worst else FASTER
-                return Relaxed(Outcome.FOUND, at, moved, count, min(longer, FASTER))
+            converged = size <= CORRECTION_TOLERANCE * np.sqrt(len(step))
+            if converged or (count > 1 and size <= STEP_TOLERANCE_RATIO * first):
+                longer = (TARGET_CONTRACTION / worst) ** (1.0 / 3.0) if worst else EASY_STEP_FACTOR
+                return Relaxed(Outcome.FOUND, at, moved, count, min(longer, EASY_STEP_FACTOR))
         return Relaxed(Outcome.NO_PROGRESS, at, moved, count)
