@@ -23,21 +23,21 @@ TITLES = {
     "unsuitable-solver": "The solver cannot be used with this model",
     "invalid-value": "An argument, a name or a file is not valid",
 }
-FORM = re.compile(r" \[([a-z]+(?:-[a-z]+)+)\]")
+CODE_PATTERN = re.compile(r" \[([a-z]+(?:-[a-z]+)+)\]")
 
 
 def coded(code: str, text: str) -> str:
     """Return a message that ends in its code; one that quotes another message takes over the code of that."""
-    quoted: list[str] = FORM.findall(text)
+    quoted: list[str] = CODE_PATTERN.findall(text)
     return f"{without_code(text)} [{quoted[-1] if quoted else code}]"
 
 
 def without_code(text: str) -> str:
     """Return a message without codes, as part of another one."""
-    return FORM.sub("", text)
+    return CODE_PATTERN.sub("", text)
 
 
 def code_of(text: str) -> str:
     """Return the code that a message ends in; empty: it has none, and is no warning and no error."""
-    found = FORM.search(text, text.rfind(" ["))
+    found = CODE_PATTERN.search(text, text.rfind(" ["))
     return found[1] if text.endswith("]") and found else ""

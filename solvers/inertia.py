@@ -75,13 +75,13 @@ def growth_of_rate(inertia: float, v: float, unit: float, energy: float) -> floa
 
 
 @inlined
-def record_growth(t: float, growth: float, c: Any) -> None:
-    """Note the rate growth at time t (s)."""
-    c.growth = growth
-    if growth > LARGE_GROWTH and not c.largest > LARGE_GROWTH:
-        c.large_since = t
-    if growth > c.largest:
-        c.largest, c.at = growth, t
+def record_growth(t: float, growth: float, inertia: Any) -> None:
+    """Record the rate growth at time t (s)."""
+    inertia.growth = growth
+    if growth > LARGE_GROWTH and not inertia.largest > LARGE_GROWTH:
+        inertia.large_since = t
+    if growth > inertia.largest:
+        inertia.largest, inertia.at = growth, t
 
 
 @kernel

@@ -25,7 +25,7 @@ class Switching:
     """Criteria of 'hybrid' for switching between LU and projection."""
 
     flicker_steps: int = 20  # changes of the independents within fewer steps count as flicker
-    flicker_count: int = 3  # that many leave LU
+    flicker_count: int = 3  # number of such changes after which LU is left
     energy_jump: float = 0.01  # of the largest kinetic energy so far, in one step
     collapse_cuts: int = 6  # cuts of one step that leave LU
     calm_steps: int = 5  # consecutive steps not shrinking and with one choice of independents to return to LU
@@ -45,7 +45,7 @@ class Options:
     max_step: float = math.inf  # s
     max_order: int | None = None  # None: the solver's own, see solvers.steppers.ORDER_LIMITS
     max_steps: int = 100_000  # in one call of advance
-    energy_check: bool = True  # book work and what the tolerance explains
+    energy_check: bool = True  # account work and the bound of the energy error
     duration: float = 10.0  # s, for which the run is to go on: the scale of time of a start at rest
     switching: Switching = field(default_factory=Switching)
 

@@ -1,4 +1,4 @@
-"""How an advance ends: a code, a message and what to try next."""
+"""Result of an advance: code, message and advice."""
 
 from __future__ import annotations
 
@@ -77,8 +77,8 @@ class Status(NamedTuple):
     """Result of :meth:`Stepper.advance`."""
 
     code: Code
-    t: float  # s, where the stepper stands now
-    fallback_solvers: tuple[str, ...] = ()  # solvers to try where this one does not go on
+    t: float  # s, reported time
+    fallback_solvers: tuple[str, ...] = ()  # solvers to try if this one cannot continue
 
     @property
     def ok(self) -> bool:
@@ -97,7 +97,7 @@ class Status(NamedTuple):
 
     @property
     def alternatives(self) -> str:
-        """Other solvers to try, as the end of a sentence; empty if there are none."""
+        """Other solvers to try, as the last clause of an advice; empty if there are none."""
         names = " or ".join(repr(name) for name in self.fallback_solvers)
         return f", or try {names}" if names else ""
 

@@ -1,4 +1,4 @@
-"""What of the positions are quaternions, and how their slopes q' = N(q) v and motions v belong together."""
+"""Layout of positions and velocities with quaternions, and the map q' = N(q) v between slopes and velocities."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from solvers.compiled.kernel import inlined, kernel
 
 
 class Positions(NamedTuple):
-    """Where positions and velocities stand."""
+    """Layout of positions and velocities in q and v."""
 
-    in_q: NDArray[np.int64]  # (k,) where positions are no quaternions, in q and in v
+    in_q: NDArray[np.int64]  # (k,) places of positions that are no quaternions, in q and in v
     in_v: NDArray[np.int64]
     turning: NDArray[np.int64]  # (k, 2) first place of each quaternion in q, of its angular velocity in v
 
@@ -40,29 +40,29 @@ def angular_velocity(q: Any, i: int, slope: Any, scale: float, v: Any, j: int) -
 
 
 @kernel
-def as_motion(q: Any, slope: Any, p: Any, v: Any) -> None:
+def as_motion(q: Any, slope: Any, layout: Any, v: Any) -> None:
     """v (n,) with N v = slope, as far as there is one."""
-    for k in range(p.in_q.shape[0]):
-        v[p.in_v[k]] = slope[p.in_q[k]]
-    for k in range(p.turning.shape[0]):
-        angular_velocity(q, p.turning[k, 0], slope, 1.0, v, p.turning[k, 1])
+    for k in range(layout.in_q.shape[0]):
+        v[layout.in_v[k]] = slope[layout.in_q[k]]
+    for k in range(layout.turning.shape[0]):
+        angular_velocity(q, layout.turning[k, 0], slope, 1.0, v, layout.turning[k, 1])
 
 
 @kernel
-def as_slope(q: Any, v: Any, p: Any, slope: Any) -> None:
+def as_slope(q: Any, v: Any, layout: Any, slope: Any) -> None:
     """slope (nq,) = N v."""
-    for k in range(p.in_q.shape[0]):
-        slope[p.in_q[k]] = v[p.in_v[k]]
-    for k in range(p.turning.shape[0]):
-        quaternion_slope(q, p.turning[k, 0], v, p.turning[k, 1], slope)
+    for k in range(layout.in_q.shape[0]):
+        slope[layout.in_q[k]] = v[layout.in_v[k]]
+    for k in range(layout.turning.shape[0]):
+        quaternion_slope(q, layout.turning[k, 0], v, layout.turning[k, 1], slope)
 
 
 @kernel
-def position_sizes(p: Any, sizes: Any, out: Any) -> None:
+def position_sizes(layout: Any, sizes: Any, out: Any) -> None:
     """out (nq,) = sizes of positions, from those of motions (n,)."""
-    for k in range(p.in_q.shape[0]):
-        out[p.in_q[k]] = sizes[p.in_v[k]]
-    for k in range(p.turning.shape[0]):
-        i, j = p.turning[k, 0], p.turning[k, 1]
+    for k in range(layout.in_q.shape[0]):
+        out[layout.in_q[k]] = sizes[layout.in_v[k]]
+    for k in range(layout.turning.shape[0]):
+        i, j = layout.turning[k, 0], layout.turning[k, 1]
         for part in range(4):
             out[i + part] = 0.5 * min(sizes[j], sizes[j + 1], sizes[j + 2])

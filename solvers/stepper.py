@@ -16,19 +16,19 @@ from .options import Options, Statistics
 from .outcome import Code, SolverError, Status
 from .system import AnySystem, Array
 
-MAX_SPACING_IN_TOLERANCES = 0.1  # tolerances that numbers may be apart where a position starts
+MAX_SPACING_IN_TOLERANCES = 0.1  # largest spacing of floating-point numbers at an initial position
 DISCONTINUITY_STEP_RATIO = 1e-8  # of the time: signals shorten steps so much only at jumps
 MIN_RATE_PER_DURATION = 0.1  # least rate of a motion, in units of one over the duration of the run
 
 
 def require_resolved_time(t0: float, rate: float, rtol: float) -> None:
-    """Raise where times about ``t0`` (s) are too far apart for a motion of ``rate`` (1/s)."""
-    apart = float(np.spacing(abs(t0)))
-    if not apart * rate <= rtol:
+    """Raise if the floating-point numbers near ``t0`` (s) are too far apart for a motion of ``rate`` (1/s)."""
+    spacing = float(np.spacing(abs(t0)))
+    if not spacing * rate <= rtol:
         raise ValueError(
             coded(
                 "clock-resolution",
-                f"t0 is {t0:g} s, where the spacing of floating-point numbers is {apart:.1e} s; in that time the "
+                f"t0 is {t0:g} s, where the spacing of floating-point numbers is {spacing:.1e} s; in that time the "
                 f"motion changes by more than the tolerance of {rtol:g}. Use a start time nearer to zero",
             )
         )
@@ -36,23 +36,23 @@ def require_resolved_time(t0: float, rate: float, rtol: float) -> None:
 
 def require_resolved_position(q: Array, size: Array, rtol: float, names: tuple[str, ...] = ()) -> None:
     """Raise if a position of q (nq,) is too large to be resolved to the tolerance, in units of ``size``."""
-    apart = np.spacing(np.abs(q)) / size
-    k = int(np.argmax(apart)) if len(q) else 0
-    if len(q) and not apart[k] <= MAX_SPACING_IN_TOLERANCES * rtol:
+    spacing = np.spacing(np.abs(q)) / size
+    k = int(np.argmax(spacing)) if len(q) else 0
+    if len(q) and not spacing[k] <= MAX_SPACING_IN_TOLERANCES * rtol:
         name = f"coordinate {names[k]!r}" if len(names) == len(q) else f"position {k}"
         raise ValueError(
             coded(
                 "clock-resolution",
-                f"{name} starts at {q[k]:g}, where the spacing of floating-point numbers is {apart[k] * size[k]:.1e}; "
-                f"this is too coarse for a tolerance of {rtol:g}. Start nearer to zero (an angle minus a multiple of "
-                "2 pi is the same position)",
+                f"{name} starts at {q[k]:g}, where the spacing of floating-point numbers is "
+                f"{spacing[k] * size[k]:.1e}; this is too coarse for a tolerance of {rtol:g}. Start "
+                "nearer to zero (an angle minus a multiple of 2 pi is the same position)",
             )
         )
 
 
 @inlined
 def coordinate_rate(size: float, v: float, a: float) -> float:
-    """How fast a coordinate of this size moves at rate v and acceleration a, 1/s."""
+    """Characteristic rate of a coordinate of this size at velocity v and acceleration a, 1/s."""
     return max(abs(v / size), np.sqrt(abs(a / size)))
 
 
@@ -99,9 +99,9 @@ class Samples(NamedTuple):
 class Stepper(ABC):
     """Advances one motion of a :class:`System` in time.
 
-    A solver is a subclass; what a caller may rely on:
+    A solver is a subclass; its contract:
 
-    1. Construction closes (q0, v0) onto the constraints and evaluates nothing else; wrong sizes raise
+    1. Construction projects (q0, v0) onto the constraints and evaluates nothing else; wrong sizes raise
        ValueError.
     2. ``t``, ``q``, ``v`` are the reported state: always the last good one, always on the constraints. The
        arrays are copies.
@@ -115,7 +115,7 @@ class Stepper(ABC):
        ``continue_after_event()``: the solver keeps the valid part of its history. If the velocities are discontinuous
        as well (an impulse) call ``jump(dv)`` instead, with dv that keeps J v = nu.
     6. ``accelerations()`` are those of the reported state and the present equations, with the minimum-norm
-       multipliers; in a singular configuration their limit along the motion. Raises :class:`SolverError` where
+       multipliers; in a singular configuration their limit along the motion. Raises :class:`SolverError` if
        there is none.
     7. ``sample(times)`` is 3 and 6 at each of the times; a state without accelerations ends it, and ``status``
        contains the reason.
@@ -156,7 +156,7 @@ class Stepper(ABC):
         self.status = self._status(Code.OK)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """Refuse to be copied or pickled: a history that two share is nobody's."""
+        """Raise: two copies would share one history."""
         raise TypeError("a stepper cannot be copied or pickled: make another of the same system, and restore(save())")
 
     def _status(self, code: Code) -> Status:
@@ -213,11 +213,11 @@ class Stepper(ABC):
 
     @abstractmethod
     def _limit(self, longest: float) -> None:
-        """Take no longer steps from now on, s."""
+        """Limit the length of all later steps, s."""
 
     @abstractmethod
     def _advance(self, t: float) -> Code:
-        """Go to ``t``, set the reported state, return how that ended."""
+        """Go to ``t``, set the reported state, return the result code."""
 
     def accelerations(self) -> tuple[Array, Array]:
         """Return v' (n,) and lambda (m,) of the reported state."""
@@ -229,7 +229,7 @@ class Stepper(ABC):
         return a, lam
 
     def _undetermined(self) -> bool:
-        """Whether forces that were just evaluated are not resolved."""
+        """Whether the forces evaluated last are not resolved."""
         return False
 
     @abstractmethod
@@ -237,13 +237,13 @@ class Stepper(ABC):
         """Return code, v' and lambda of the reported state."""
 
     def sample(self, times: Array, outputs: Array | None = None) -> Samples:
-        """:meth:`advance` to each of ``times`` (k,), ascending, and take state and accelerations there.
+        """:meth:`advance` to each of ``times`` (k,), ascending, and return state and accelerations there.
 
         The outputs of the system at each state are written into a row of ``outputs`` (k, outputs).
 
         Ends early if one of the two fails; ``status`` contains the reason.
         """
-        times = np.ascontiguousarray(times)  # a column of a table would be another type to the kernels
+        times = np.ascontiguousarray(times)  # a column of a table would have another type in the kernels
         if not np.all(np.diff(times, prepend=-np.inf) > 0.0) or np.any(times < self._t):
             raise ValueError(f"times must ascend from {self._t}, where the stepper stands; use restore() to go back")
         out = Samples(*(np.zeros((len(times), size)) for size in self._sizes))

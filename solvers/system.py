@@ -53,7 +53,7 @@ class Terms(NamedTuple):
 
 
 def no_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
-    """Of a system on which nothing does work."""
+    """Default of a system without work of forces."""
     return 0.0
 
 
@@ -96,7 +96,7 @@ def _nothing(data: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
 
 
 def no_parts(data: Any, out: Any) -> None:
-    """Of a system that does not compute its inertia."""
+    """Default of a system that does not compute its inertia."""
 
 
 @cache
@@ -109,7 +109,7 @@ def is_never_true() -> bool:
     return False
 
 
-# A compiled callback can be called from a kernel only; these let Python in.
+# A compiled callback can be called from a kernel only; these kernels call one for Python.
 
 
 @kernel
@@ -135,7 +135,7 @@ def _inverse(
 
 
 def no_step_limit(t: float) -> tuple[float, float]:
-    """Default of a system that does not depend on time: any step is short enough, at any time."""
+    """Default of a system that does not depend on time: no step is too long, at any time."""
     return inf, inf
 
 
@@ -169,8 +169,8 @@ class AnySystem(ABC):
     row_size: Array  # (m,) unit of each constraint residual, see size
     positions: Positions | None = None  # which positions are quaternions; None: none is
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
-    nonsmooth_reason: str = ""  # what forces turn sharply with, within what a tolerance allows; empty: with nothing
-    stiffness_reason: str = ""  # why explicit steps would be too short for any motion of interest; empty: they may do
+    nonsmooth_reason: str = ""  # why forces change sharply within the tolerance, as those of contact; empty: smooth
+    stiffness_reason: str = ""  # why explicit solvers are unsuitable; empty: they are suitable
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
 
@@ -271,8 +271,8 @@ class Tangent(Protocol):
     K is the derivative of h + J^T lambda.
     """
 
-    factored: int  # how often: who keeps factors must see whether they are still his
-    symmetric: bool  # so nearly that who corrects what it is off may take it to be
+    factored: int  # number of factorizations, by which a user of the factors detects that they have changed
+    symmetric: bool  # whether T is symmetric up to terms that an outer iteration corrects
     solve_one: Callable[[Array, Any, Array], None]  # compiled, (r, data, dq): as solve, all (n,)
     inertia_one: Callable[[Array, Any, Array], None]  # (a, data, tau): as inertia
     data: Any  # pinned
@@ -286,8 +286,8 @@ class Tangent(Protocol):
     ) -> bool:
         """Assemble and factor T, or T + J^T weight J, at the last :attr:`TreeSystem.inverse`; False where singular.
 
-        ``symmetric``: as if it were, which costs less and is enough for who corrects what it is off. ``averaged``: the
-        mean of it and its transpose.
+        ``symmetric``: T is taken as symmetric, which costs less; an outer iteration must correct the difference.
+        ``averaged``: the mean of T and its transpose is factored.
         """
 
     def solve(self, r: Array) -> Array:
@@ -330,7 +330,7 @@ class TreeSystem(AnySystem):
     mesh_mask: NDArray[np.bool_] | None = None  # (n,) coordinates of which a mesh has many like them; None: all
     friction_velocity: Array | None = None  # (n,) rates at which friction of contact turns over; infinite: at none
     inertia_parts: Callable[..., None] | None = None  # (data, out): v . M v and the diagonal of M where inverse or
-    # forward was called for last; it may lose what those found
+    # forward was called for last; it may overwrite their results
     moves: Callable[[], bool] = is_never_true  # (): whether drives move: then inertia forces change with the positions
 
     @property

@@ -107,10 +107,10 @@ def _read(context: Any, builder: Any, pointer: Any, address: Any, name: str) -> 
 
 
 @unbox(TuplePointerType)  # type: ignore[no-untyped-call, untyped-decorator]
-def _unbox(_: Any, pointer: Any, c: Any) -> Any:
-    number = c.pyapi.object_getattr_string(pointer, "address")
-    address = c.pyapi.long_as_voidptr(number)
-    c.pyapi.decref(number)
+def _unbox(_: Any, pointer: Any, context: Any) -> Any:
+    number = context.pyapi.object_getattr_string(pointer, "address")
+    address = context.pyapi.long_as_voidptr(number)
+    context.pyapi.decref(number)
     return NativeValue(address)  # type: ignore[no-untyped-call]
 
 

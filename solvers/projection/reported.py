@@ -66,20 +66,20 @@ def evaluate_state(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: 
 
 @inlined
 def fill_reported_state(
-    eqs: Any, t: float, q: Any, v: Any, rtol: float, c: Any, work: Any, a: Any, lam: Any, outputs: Any
+    eqs: Any, t: float, q: Any, v: Any, rtol: float, control: Any, work: Any, a: Any, lam: Any, outputs: Any
 ) -> int:
     """Accelerations, multipliers and outputs of the system at the last projected state, whose factors exist.
 
-    The record ``c`` has the rank, and takes note of where forces are not known.
+    The record ``control`` has the rank; a state in which forces are not resolved is recorded in it.
     """
-    code = evaluate_acceleration(eqs, t, q, v, c.rank, work, a)
+    code = evaluate_acceleration(eqs, t, q, v, control.rank, work, a)
     if code != OK:
         return code
-    if rank_at(work.pivot, c.rank, SINGULAR_PIVOT_RATIO) < c.rank:  # neighbors have been looked at
+    if rank_at(work.pivot, control.rank, SINGULAR_PIVOT_RATIO) < control.rank:  # the terms are those of a neighbor
         evaluate_and_factor(eqs, t, q, v, work)
-    evaluate_multipliers(eqs.terms, c.rank, work, a, lam)
-    if has_unresolved_forces(rtol, c.rank, work):
-        c.undetermined, c.undetermined_at = 1, t
+    evaluate_multipliers(eqs.terms, control.rank, work, a, lam)
+    if has_unresolved_forces(rtol, control.rank, work):
+        control.undetermined, control.undetermined_at = 1, t
     if outputs.shape[0] > 0:
         eqs.evaluate_outputs(a, lam, eqs.data, outputs)
     return OK
