@@ -142,7 +142,7 @@ class EnergyScales(NamedTuple):
 
 @kernel
 def set_energy_scales(scales: Any, absolute: float, size: Any, rates: Any) -> None:
-    """Take the absolute tolerance, in units ``size`` of the coordinates, whose own rates are ``rates`` (n,), 1/s."""
+    """Set the absolute tolerance, in units ``size`` of the coordinates, whose own rates are ``rates`` (n,), 1/s."""
     for k in range(size.shape[0]):
         scales.position_tolerance[k] = absolute * size[k]
         scales.rate_tolerance[k] = rates[k] * scales.position_tolerance[k]

@@ -61,7 +61,7 @@ class Growth(NamedTuple):
 
 @kernel
 def clear_growth(work: Any) -> None:
-    """Forget the motion so far."""
+    """Discard the rate growth of the motion so far."""
     c = work.inertia[0]
     c.energy, c.growth, c.largest, c.at = 0.0, 0.0, 0.0, 0.0
 

@@ -217,7 +217,7 @@ class Stepper(ABC):
 
     @abstractmethod
     def _advance(self, t: float) -> Code:
-        """Go to ``t``, set the reported state, return the result code."""
+        """Advance to ``t``, set the reported state, return the result code."""
 
     def accelerations(self) -> tuple[Array, Array]:
         """Return v' (n,) and lambda (m,) of the reported state."""

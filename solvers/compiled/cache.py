@@ -1,4 +1,4 @@
-"""Where machine code is kept between processes.
+"""Cache of machine code between processes.
 
 Numba alone would go on using a cached caller after its callee was edited. So the folder of a module is named by a
 fingerprint of its source and of all sources that it imports, directly or through others:
@@ -31,9 +31,9 @@ IMPORT_STATEMENT = re.compile(
     r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE
 )
 
-_listeners: list[Callable[[], None]] = []  # who is to know that compilation begins
-_blocks: list[Callable[[], None]] = []  # that wait, one within the other
-_unwritable: list[str] = []  # what this process has warned of
+_listeners: list[Callable[[], None]] = []  # functions to call before compilation begins
+_blocks: list[Callable[[], None]] = []  # of enclosing blocks, the innermost last
+_unwritable: list[str] = []  # warnings of this process
 
 
 @cache
@@ -137,7 +137,7 @@ def when_compiling(notify: Callable[[], None]) -> Iterator[None]:
 
 
 class CompilationNeeded(BaseException):
-    """Something is needed that was not compiled before; no error, so that nobody on the way takes it for one."""
+    """Raised where code must be compiled; not an Exception, so that no handler of errors catches it."""
 
 
 @contextmanager
@@ -220,7 +220,7 @@ class Cache(FunctionCache):
     """The machine code of one function, for every signature."""
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return what is kept for a signature; None where nothing is, or it is damaged or another signature's."""
+        """Return the stored code of a signature; None if there is none, or it is damaged or of another signature."""
         try:
             found = super().load_overload(signature, context)
             if found is not None and tuple(found.signature.args) == tuple(sigutils.normalize_signature(signature)[0]):
@@ -231,7 +231,7 @@ class Cache(FunctionCache):
         return None
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
-        """Keep what was compiled, where that can be written and the sources are those of the fingerprint."""
+        """Store compiled code if the folder can be written and the sources are those of the fingerprint."""
         if not are_sources_unchanged():
             return
         try:
@@ -247,7 +247,7 @@ class Cache(FunctionCache):
 
 
 class UncachedFunction(NullCache):
-    """What keeps nothing."""
+    """Cache of a function whose code cannot be stored."""
 
     def load_overload(self, signature: Any, context: Any) -> None:
         """Find nothing."""
@@ -255,7 +255,7 @@ class UncachedFunction(NullCache):
 
 
 def cache_of(function: Any, kind: type[Cache]) -> Any:
-    """Return where the machine code of a function is kept, if anywhere."""
+    """Return the cache of a function; one that stores nothing if no folder can be written."""
     try:
         return kind(function)
     except RuntimeError as error:  # no place was found
@@ -264,7 +264,7 @@ def cache_of(function: Any, kind: type[Cache]) -> Any:
 
 
 def warn_unwritable(error: Exception) -> None:
-    """Warn, once in a process, that it keeps nothing."""
+    """Warn once in a process that machine code cannot be stored."""
     if not _unwritable:
         _unwritable.append(str(error))
         warnings.warn(

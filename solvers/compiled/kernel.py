@@ -17,7 +17,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
-from numba import types as types  # noqa: PLC0414  # of signatures, for who makes callbacks
+from numba import types as types  # noqa: PLC0414  # of signatures of callbacks
 from numba.core import sigutils
 from numpy.typing import NDArray
 
@@ -87,7 +87,7 @@ def records(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
 
 
 def jit_uncached(function: F) -> F:
-    """Compile a function as a kernel, but for this process alone: one that is made on the way."""
+    """Compile a function as a kernel without storing the code: one that is defined at run time."""
     if not COMPILED:
         return function
     return cast(F, Kernel(function, targetoptions={"nopython": True, "no_cfunc_wrapper": True, **_OPTIONS}))
@@ -102,7 +102,7 @@ def bounds_checked(function: Any) -> Any:
 
 
 def as_kernel(function: Any) -> Any:
-    """Return a kernel that others call by its name, of one or of a function that is handed on by its address else."""
+    """Return a function as a kernel that other kernels call by its symbol."""
     return function if is_kernel(function) or not COMPILED else jit_uncached(function)
 
 
@@ -112,7 +112,7 @@ def is_kernel(function: Any) -> bool:
 
 
 def has_raise(function: Any) -> bool:
-    """Whether a kernel, or a function to be made one, has a ``raise`` or an ``assert`` in it."""
+    """Whether a kernel, or a function to be compiled, contains a ``raise`` or an ``assert``."""
     code = getattr(getattr(function, "py_func", function), "__code__", None)
     return code is not None and _has_raise(code)
 

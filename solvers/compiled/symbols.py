@@ -1,4 +1,4 @@
-"""How compiled kernels call each other.
+"""Symbols by which compiled kernels call each other.
 
 Numba compiles a function together with all that it calls, at every level again: of a chain of calls ten deep the last
 is compiled ten times. A :class:`Kernel` is compiled once for a signature and called by the name of a symbol, which is
@@ -32,11 +32,11 @@ SYMBOL_PREFIX = "mbfmu_"
 MAX_INLINED_BITCODE_SIZE = 20_000
 
 _kernels: dict[tuple[str, str], Kernel] = {}  # by module and name
-_symbols: dict[str, tuple[tuple[str, str], Any]] = {}  # whose they are, and for which arguments
+_symbols: dict[str, tuple[tuple[str, str], Any]] = {}  # kernel and argument types of a symbol
 
 
 def compiled_kernel_of(symbol: str) -> Any:
-    """Return what numba has compiled under a symbol."""
+    """Return the compiled kernel of a symbol."""
     key, arguments = _symbols[symbol]
     return _kernels[key].overloads[arguments]
 
@@ -77,7 +77,7 @@ class Inlined(CPUDispatcher):
     """A function that is compiled into its callers."""
 
     def enable_caching(self) -> None:
-        """Keep machine code on disk."""
+        """Store machine code on disk."""
         self._cache = cache_of(self.py_func, LinkedCache)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
@@ -126,5 +126,5 @@ class Callback(CFunc):
     """A kernel of one signature that is handed on by its address."""
 
     def enable_caching(self) -> None:
-        """Keep machine code on disk."""
+        """Store machine code on disk."""
         self._cache = cache_of(self.__wrapped__, LinkedCache)

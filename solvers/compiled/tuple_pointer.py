@@ -1,4 +1,4 @@
-"""Named tuples of arrays and callbacks by their address.
+"""Pointers to named tuples of arrays and callbacks.
 
 Python passes each array of a named tuple to a kernel at every call, 0.3 us each, and a kernel passes all their sizes
 and strides, which costs more than small kernels do. What :func:`pin` makes is one address to both; kernels read the
@@ -59,7 +59,7 @@ _tuple_types: dict[tuple[Any, ...], TuplePointerType] = {}
 
 
 def pointer_type(example: Any) -> Any:
-    """Return numba's type of what :func:`pin` makes of a value of this kind."""
+    """Return numba's type of the result of :func:`pin` for a value of this type."""
     if isinstance(example, np.ndarray):
         flags = example.flags
         array_kind = (type(example), example.dtype, example.dtype.isalignedstruct, example.ndim)
@@ -79,7 +79,7 @@ def pointer_type(example: Any) -> Any:
 
 
 def pin(value: Any) -> Any:
-    """Return what kernels are given in place of a named tuple; anything else is given as it is."""
+    """Return a pointer to a named tuple for kernels; any other value is returned unchanged."""
     return TuplePointer(value) if COMPILED and isinstance(value, tuple) else value
 
 

@@ -105,7 +105,7 @@ def dot_four_columns(columns: Any, at: int, stride: int, count: int, x: Any, fir
 
 @kernel
 def store_inverse(k: int, block: Any, factors: Any) -> None:
-    """Keep D_k^-1, by columns; of a symmetric one, the part below the diagonal is given."""
+    """Store D_k^-1, by columns; of a symmetric one, the part below the diagonal is given."""
     D, at = block.D, factors.inverse_start[k]
     n = D.shape[0]
     whole = n - n % PANEL_WIDTH
@@ -121,7 +121,7 @@ def store_inverse(k: int, block: Any, factors: Any) -> None:
 
 @kernel
 def store_panels(k: int, block: Any, factors: Any) -> None:
-    """Keep the panels of U_k, given by columns, and of L_k."""
+    """Store the panels of U_k, given by columns, and of L_k."""
     U, L, panel, at = block.U, block.L, factors.first_panel[k], factors.panel_entry_start[k]
     n = U.shape[1]
     for column in range(0, U.shape[0], PANEL_WIDTH):

@@ -371,7 +371,7 @@ def assemble_step(regular: int, work: Any) -> float:
 
 @kernel
 def apply_block_step(eqs: Any, largest: float, work: Any) -> bool:
-    """Go Newton's step, or a part of it; False where it has no number."""
+    """Apply Newton's step, or a part of it; False if it is not finite."""
     n = work.size.shape[0]
     if not largest < np.inf:
         return False
@@ -394,7 +394,7 @@ def max_coordinate_distance(q: Any, t: float, work: Any) -> float:
 
 @kernel
 def record_block_point(eqs: Any, spread: int, work: Any) -> None:
-    """Note gap, forces and dimension of the point found, where ``terms`` are at hand."""
+    """Record gap, left null vector and dimension of the point found, with its ``terms``."""
     c = work.critical[0]
     c.set_dimension = spread
     for i in range(work.row.shape[0]):

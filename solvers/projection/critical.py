@@ -215,7 +215,7 @@ def fill_critical_jacobian(eqs: Any, timed: bool, work: Any) -> None:
 
 @inlined
 def apply_newton_step(eqs: Any, part: float, work: Any) -> None:
-    """Go a ``part`` of Newton's step."""
+    """Apply a ``part`` of Newton's step."""
     m, n = eqs.terms.J.shape
     c = work.critical[0]
     for j in range(n):

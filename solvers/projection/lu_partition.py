@@ -96,7 +96,7 @@ def solve_dependent(rank: int, rows: Any, columns: Any, work: Any) -> None:
 
 @kernel
 def restore_dependents(rank: int, columns: Any, last: Any, q: Any, v: Any) -> None:
-    """Let the dependents of q be those of ``last`` once more, where coordinates of q and of v correspond."""
+    """Set the dependents of q to those of ``last`` if the coordinates of q and v correspond."""
     if q.shape[0] == v.shape[0]:
         for j in range(rank):
             q[columns[j]] = last[columns[j]]

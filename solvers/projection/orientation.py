@@ -92,7 +92,7 @@ def orientation_from_null_space(terms: Any, rank: int, work: Any) -> tuple[bool,
 
 @inlined
 def frame_determinants_agree(rank: int, work: Any) -> bool:
-    """Whether the rows that are the frame's, in L as it is now and as it was, have determinants of one sign."""
+    """Whether the rows of the frame have determinants of the same sign in the present L and in that of the frame."""
     positive, same = True, True
     for i in range(work.pivots.shape[0]):
         work.rows[work.pivots[i]] = i  # the place of a row in L

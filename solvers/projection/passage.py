@@ -40,7 +40,7 @@ POWER_ITERATIONS = 20  # of the power iteration for the largest singular value
 
 @kernel
 def store_critical_factors(eqs: Any, rank: int, work: Any) -> int:
-    """Keep the factors of J~ at the critical point just found; return the number of equations that lose their rank."""
+    """Store the factors of J~ at the critical point just found; return the number of equations that lose their rank."""
     eqs.position(work.critical[0].t, work.q_c, eqs.data, eqs.terms)
     m, n = eqs.terms.J.shape
     fill_scaled_jacobian(eqs.terms, work, work.C)

@@ -41,7 +41,7 @@ class Products:
         self._rate, self._force = np.zeros(system.nq, complex), np.zeros(system.n, complex)
 
     def set_state(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> None:
-        """Take products from now on at (t, q (nq,), v (n,), a (n,), lambda (m,))."""
+        """Set the state of all later products: (t, q (nq,), v (n,), a (n,), lambda (m,))."""
         self._t = t
         self._q, self._v, self._a, self._lam = (np.array(x, complex) for x in (q, v, a, lam))
 

@@ -117,7 +117,7 @@ def violates_constraints(terms: Any, work: Any) -> bool:
 
 @kernel
 def project_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
-    """Bring q onto Phi(t, q) = 0 along the constraint normals, in place; False if it does not get there.
+    """Project q onto Phi(t, q) = 0 along the constraint normals, in place; False if it does not converge.
 
     Leaves Phi, J and nu at the result, and the factors of a J nearby.
     """
@@ -144,7 +144,7 @@ def correct_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> float:
 
 @kernel
 def project_velocity(v: Any, terms: Any, rank: int, work: Any) -> None:
-    """Take from v what violates J v = nu in the first ``rank`` pivot rows of the factored J, in place."""
+    """Subtract from v its violation of J v = nu in the first ``rank`` pivot rows of the factored J, in place."""
     m, n = terms.J.shape
     for i in range(m):
         work.b[i] = -terms.nu[i]
@@ -158,7 +158,7 @@ def project_velocity(v: Any, terms: Any, rank: int, work: Any) -> None:
 
 @kernel
 def project(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
-    """Bring (q, v) onto the constraints, in place; leave ``terms`` and the factors of J at the result."""
+    """Project (q, v) onto the constraints, in place; leave ``terms`` and the factors of J at the result."""
     if not project_position(eqs, t, q, rank, work):
         return NOT_CLOSED
     factor(eqs.terms, work)
@@ -328,7 +328,7 @@ def project_neighbor(eqs: Any, t: float, q: Any, v: Any, along: float, timed: bo
 
 @inlined
 def freeze_loads(eqs: Any, t: float, work: Any) -> None:
-    """Give ``terms`` of a neighbor inertia and loads as they are at t, and leave it what constraints ask for."""
+    """Evaluate inertia and loads of a neighbor at time t; its gamma remains that of its own time."""
     for i in range(work.x.shape[0]):
         work.x[i] = eqs.terms.gamma[i]
     eqs.dynamics(t, work.q_near, work.v_near, eqs.data, eqs.terms)
@@ -371,7 +371,7 @@ def lagrange_polynomial(node: int, x: float) -> float:
 @kernel
 def evaluate_multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
     """Shortest lambda, in units of the rows, with J^T lambda = -(M a + h) in the directions of ``rank`` pivot rows, as
-    far as there are digits; ``terms`` and factors belong together.
+    far as they are resolved; ``terms`` and factors belong together.
 
     Near a crossing no row is left out, as for v': forces may be unbounded there, and their effect on
     a drive is their product with a lever arm that goes to zero.

@@ -1,4 +1,4 @@
-"""What is found out once, at the start: the rank of the constraints where the mechanism moves, and their units."""
+"""Properties found once at the start: the rank of the constraints along the motion, and their units."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def find_normal_rank(eqs: Any, t: float, q: Any, v: Any, work: Any) -> int:
 
 @kernel
 def set_row_units(eqs: Any, t: float, q: Any, work: Any) -> None:
-    """Let the unit of every row be its largest length at q and at a few positions far from q, closed or not: where it
-    is short at q it may be singular there. Note which coordinates they know.
+    """Set the unit of every row to its largest length at q and at a few positions far from q, closed or not: if it is
+    short at q, q may be singular. Record which coordinates occur in constraints (``in_loops``).
     """
     m, n = eqs.terms.J.shape
     for i in range(m):
@@ -74,7 +74,7 @@ def set_row_units(eqs: Any, t: float, q: Any, work: Any) -> None:
 
 @kernel
 def rank_at_neighbor(eqs: Any, t: float, q: Any, e: Any, work: Any) -> int:
-    """Rank of J after a small closed move from q along e; zero where there is none."""
+    """Rank of J after a small projected move from q along e; zero if the projection fails."""
     m, n = eqs.terms.J.shape
     size = scaled_norm(e, work)
     if not size > 0.0:

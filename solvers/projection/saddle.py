@@ -1,4 +1,4 @@
-"""A large tree with cut joints: its saddle system, its accelerations, its way back onto the constraints.
+"""A large tree with cut joints: its saddle system, its accelerations, its projection onto the constraints.
 
     T x + J^T y = f,      J x = g,      T the structured tangent of the tree (n), J (m, n) with few rows
 
@@ -279,7 +279,7 @@ def solve_gmres(operator: Callable[[Array], Array], b: Array) -> Array:
 
 
 def project(system: TreeSystem, t: float, q: Array, v: Array) -> Code:
-    """Bring (q, v) onto the constraints, in place: least change of the coordinates (Gauss-Newton, then J v = nu)."""
+    """Project (q, v) onto the constraints, in place: least change of the coordinates (Gauss-Newton, then J v = nu)."""
     if system.m == 0:
         return Code.OK
     terms = system.allocate_terms()

@@ -193,7 +193,7 @@ def record_accepted(eqs: Any, t: float, q: Any, taken: float, next_: float, rank
 
 @kernel
 def store_reference_frame(q: Any, terms: Any, work: Any) -> None:
-    """Keep q, whose ``terms`` and factors are at hand, as the position that later ones are compared with."""
+    """Store q, with its ``terms`` and factors, as the position with which later ones are compared."""
     work.branch_history[0].is_frame_known = 1
     for i in range(q.shape[0]):
         work.q_last[i] = q[i]

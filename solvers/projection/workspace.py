@@ -24,9 +24,9 @@ CRITICAL = np.dtype(
         ("slope", "f8"),  # of the ratio of the pivots by the distance, where it was found; 1 for one row
         ("bifurcation_gap", "f8"),  # distance of the loop from one that crosses, in units of the rows
         ("t", "f8"),  # when the drives get there, s
-        ("rate", "f8"),  # 1/s, unit of time in which it was looked for
+        ("rate", "f8"),  # 1/s, unit of time of the search
         ("is_passed", "i8"),  # 1: a step has gone through it
-        ("failed_search_ratio", "f8"),  # ratio of the pivots where it was looked for last and not found
+        ("failed_search_ratio", "f8"),  # ratio of the pivots at the last search that failed
     ],
     align=True,
 )
@@ -45,7 +45,7 @@ BRANCH_HISTORY = np.dtype(
 
 
 class Workspace(NamedTuple):
-    """Units, scratch, and what is known of the way so far; allocated once.
+    """Units, scratch, and history of the branch; allocated once.
 
     But for :meth:`memory` nothing in it outlives a call except the factors of the last J.
     """
@@ -53,7 +53,7 @@ class Workspace(NamedTuple):
     size: Array  # (n,)    units of the coordinates
     size_q: Array  # (nq,)   units of the positions
     row: Array  # (m,)    units of the constraints
-    in_loops: Array  # (n,)    1 for coordinates that constraints know, 0 for others
+    in_loops: Array  # (n,)    1 for coordinates that occur in constraints, 0 for others
     rate: Array  # (2,)    1/s, of the motion, and of the loops' part in it: unit of size a second
     pace: Array  # (n,)    1/s, of every coordinate's own part in it
     A: Array  # (m, n)  L, and the reflectors of Q, of J~[pivots] = L Q^T
@@ -87,7 +87,7 @@ class Workspace(NamedTuple):
     critical: NDArray[Any]  # (1,)    record of CRITICAL
     q_c: Array  # (nq,)   critical point
     q_try: Array  # (nq,)   perturbed position
-    u: Array  # (m,)    forces that balance there
+    u: Array  # (m,)    left null vector there
     K: Array  # (N, N)  matrix of its equations, N = n + m + 2
     K_work: Array  # (N, N)  its factors, or those of its square
     K_tau: Array  # (N,)
@@ -176,7 +176,7 @@ def scaled_norm(x: Any, work: Any) -> float:
 
 @inlined
 def loop_speed(v: Any, work: Any) -> float:
-    """|v| of the coordinates that constraints know, in units of their size a second."""
+    """|v| of the coordinates that occur in constraints, in units of their size a second."""
     square = 0.0
     for i in range(v.shape[0]):
         square += (work.in_loops[i] * v[i] / work.size[i]) ** 2

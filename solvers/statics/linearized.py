@@ -19,7 +19,7 @@ from solvers.system import Array, TreeSystem
 from .dense import ZERO_PIVOT_RATIO, DenseEquilibriumSolver
 from .matrices import MAX_ASSEMBLED_COORDINATES, allowed_motions
 
-KRYLOV_DIMENSION = 40  # dimension of the space in which a large tree's negative eigenvalues are looked for first
+KRYLOV_DIMENSION = 40  # dimension of the space in which a large tree's negative eigenvalues are searched first
 SYMMETRY_TOLERANCE = 1e-8  # of the largest entry: what is less is rounding
 ZERO_EIGENVALUE_RATIO = 1e-12  # of the largest eigenvalue of the inverse
 

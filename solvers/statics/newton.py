@@ -71,7 +71,7 @@ FOUND, NO_PROGRESS, SINGULAR, NOT_FINITE, UNDETERMINED = map(int, Outcome)  # fo
 
 
 class Unknowns(NamedTuple):
-    """What is looked for."""
+    """Unknowns of a steady state."""
 
     q: Array  # (nq,)
     lam: Array  # of the independent constraints
@@ -125,7 +125,7 @@ class EquilibriumSolver(ABC):
         self._size, self._rate, self._known_rate = system.size, system.rate or 1.0, system.rate > 0.0
 
     def set_velocities(self, v: Array) -> None:
-        """Let the steady motion have other velocities (n,)."""
+        """Set the velocities (n,) of the steady motion."""
         self._v[:] = v
 
     def solve(self, t: float, q: Array, lam: Array | None = None, *, pseudo_transient: bool = False) -> Solution:

@@ -94,7 +94,7 @@ class State:
 
 
 class CorrectorFailedError(Exception):
-    """The corrector found nothing."""
+    """The corrector did not converge."""
 
 
 class Follower:
@@ -217,7 +217,7 @@ class Follower:
         return self._correct(here, step, here.x / self._unit**2, here.dp, step)
 
     def _at_load(self, here: State, p: float, beyond: State) -> State:
-        """Return the state at a load between two neighbors; the one beyond where there is none."""
+        """Return the state at a load between two neighbors; the one beyond if there is none."""
         step = beyond.arclength * (p - here.p) / (beyond.p - here.p)
         found, _ = self._correct(here, step, 0.0 * here.x, 1.0, (p - here.p) / self._range)
         return beyond if found is None else replace(found, p=p)
