@@ -7,7 +7,7 @@ import numpy as np
 from mbfmu.mechanics import Mechanism, Plant
 from solvers import Options, stepper
 from solvers.compiled.kernel import kernel
-from solvers.projection import singular
+from solvers.projection import branch, singular
 from solvers.projection.workspace import factor
 
 
@@ -28,7 +28,7 @@ def passes(eqs, q, rank, work):
     """Whether a step from the last good position to q is accepted."""
     eqs.position(0.0, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
-    return singular.on_same_branch(eqs, 0.0, q, singular.BRANCH_RESOLUTION, rank, work)
+    return branch.on_same_branch(eqs, 0.0, q, branch.BRANCH_RESOLUTION, rank, work)
 
 
 class Watch:

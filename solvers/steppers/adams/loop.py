@@ -26,6 +26,7 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.energy_account import count_rejected_step, energy_check_scheduled, fill_account_row, update_energy_bound
 from solvers.inertia import clear_growth, tolerance_factor, update_growth
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_CLOSED, OK
+from solvers.projection.branch import BRANCH_RESOLUTION, on_same_branch
 from solvers.projection.lu_partition import (
     choose_partition,
     evaluate_dependent_acceleration,
@@ -42,14 +43,7 @@ from solvers.projection.projection import (
     project_with_frozen_jacobian,
 )
 from solvers.projection.reported import fill_reported_state
-from solvers.projection.singular import (
-    BRANCH_RESOLUTION,
-    IMPERFECT,
-    SINGULAR_PIVOT_RATIO,
-    branch_step_limit,
-    on_same_branch,
-    record_accepted,
-)
+from solvers.projection.singular import IMPERFECT, SINGULAR_PIVOT_RATIO, branch_step_limit, record_accepted
 from solvers.projection.workspace import factor
 from solvers.stepper import is_discontinuity, min_step_length
 from solvers.steppers.step_control import FIRST_STEP_RATIO, MIN_RTOL_TIMES_GAP, MIN_STEP_RATIO

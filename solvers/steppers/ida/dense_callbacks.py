@@ -13,13 +13,8 @@ from solvers.energy_account import energy_check_scheduled, record_step, update_e
 from solvers.inertia import tolerance_factor, update_growth
 from solvers.linalg.dense import apply_Q, pivot_ratio
 from solvers.outcome import BRANCHES, OK
-from solvers.projection.singular import (
-    IMPERFECT,
-    SINGULAR_PIVOT_RATIO,
-    branch_step_limit,
-    on_same_branch,
-    record_accepted,
-)
+from solvers.projection.branch import on_same_branch
+from solvers.projection.singular import IMPERFECT, SINGULAR_PIVOT_RATIO, branch_step_limit, record_accepted
 from solvers.projection.workspace import factor, factor_transposed
 from solvers.system import Array
 

@@ -28,9 +28,10 @@ from solvers.energy_account import (
 )
 from solvers.inertia import clear_growth, tolerance_factor, update_growth
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
+from solvers.projection.branch import BRANCH_RESOLUTION, on_same_branch
 from solvers.projection.projection import evaluate_acceleration, project
 from solvers.projection.reported import fill_reported_state
-from solvers.projection.singular import BRANCH_RESOLUTION, IMPERFECT, branch_step_limit, on_same_branch, record_accepted
+from solvers.projection.singular import IMPERFECT, branch_step_limit, record_accepted
 from solvers.stepper import is_discontinuity, min_step_length
 from solvers.steppers.step_control import (
     FIRST_STEP_RATIO,
