@@ -189,7 +189,7 @@ class Stepper(ABC):
 
     @property
     def energy_account(self) -> Array:
-        """Energy account of the reported state (ACCOUNT_SIZE,), see :func:`solvers.energy_account.report`."""
+        """Energy account of the reported state (ACCOUNT_SIZE,), see :func:`solvers.energy_account.fill_account_row`."""
         return self._energy_account.copy()
 
     def advance(self, t: float) -> Status:

@@ -45,6 +45,6 @@ class ExplicitStepper(Stepper):
         begin_anew(self._held, self._t, self._q, self._v, float(self._energy_account[WORK]), singles, renew, kept)
 
     def jump(self, dv: Array) -> None:
-        """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""
+        """Add dv (n,) to the reported velocities, and go on as after :meth:`continue_after_event`."""
         self._v += validated_vector("dv", dv, self.system.n)
         self.continue_after_event()

@@ -377,7 +377,7 @@ class TreeESDIRKStepper(Stepper):
         M.q[:], M.v[:] = self._q, self._v
 
     def jump(self, dv: Array) -> None:
-        """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""
+        """Add dv (n,) to the reported velocities, and go on as after :meth:`continue_after_event`."""
         self._v += validated_vector("dv", dv, self.system.n)
         self.continue_after_event()
 
