@@ -62,8 +62,8 @@ class Growth(NamedTuple):
 @kernel
 def clear_growth(work: Any) -> None:
     """Discard the rate growth of the motion so far."""
-    c = work.inertia[0]
-    c.energy, c.growth, c.largest, c.at = 0.0, 0.0, 0.0, 0.0
+    record = work.inertia[0]
+    record.energy, record.growth, record.largest, record.at = 0.0, 0.0, 0.0, 0.0
 
 
 @inlined
@@ -87,25 +87,25 @@ def record_growth(t: float, growth: float, inertia: Any) -> None:
 @kernel
 def update_growth(t: float, M: Any, v: Any, work: Any) -> None:
     """Update the rate growth at time t (s) with mass matrix M (n, n) and rates v (n,); ``work`` is a workspace."""
-    c, energy, growth, has_loops = work.inertia[0], 0.0, 0.0, work.row.shape[0] > 0
+    record, energy, growth, has_loops = work.inertia[0], 0.0, 0.0, work.row.shape[0] > 0
     for i in range(v.shape[0]):
         for j in range(v.shape[0]):
             energy += v[i] * M[i, j] * v[j]
-    c.energy = max(c.energy, energy)
+    record.energy = max(record.energy, energy)
     for i in range(v.shape[0]):
         if not (has_loops and work.in_loops[i] == 1.0):
-            growth = max(growth, growth_of_rate(M[i, i], v[i], work.pace[i] * work.size[i], c.energy))
-    record_growth(t, growth, c)
+            growth = max(growth, growth_of_rate(M[i, i], v[i], work.pace[i] * work.size[i], record.energy))
+    record_growth(t, growth, record)
 
 
 @kernel
 def update_tree_growth(t: float, parts: Any, v: Any, work: Any) -> None:
     """As :func:`update_growth`, from v . M v and the diagonal of M in ``parts`` (1 + n,)."""
-    c, growth = work.inertia[0], 0.0
-    c.energy = max(c.energy, parts[0])
+    record, growth = work.inertia[0], 0.0
+    record.energy = max(record.energy, parts[0])
     for i in range(v.shape[0]):
-        growth = max(growth, growth_of_rate(parts[1 + i], v[i], work.pace[i] * work.size[i], c.energy))
-    record_growth(t, growth, c)
+        growth = max(growth, growth_of_rate(parts[1 + i], v[i], work.pace[i] * work.size[i], record.energy))
+    record_growth(t, growth, record)
 
 
 @inlined
@@ -123,10 +123,10 @@ def tolerance_factor(rtol: float, power: float, work: Any) -> float:
 
 def describe_large_growth(inertia: NDArray[Any]) -> str:
     """Return the message of a record of INERTIA on a nearly singular mass matrix; empty: none."""
-    c = inertia[0]
-    if not c["largest"] > LARGE_GROWTH:
+    record = inertia[0]
+    if not record["largest"] > LARGE_GROWTH:
         return ""
     return (
-        f"the mass matrix is nearly singular at times from t = {c['large_since']:.6g} s on, as if a light body carries "
-        f"a heavy one; errors of velocities are amplified by a factor above {LARGE_GROWTH:g}"
+        f"the mass matrix is nearly singular at times from t = {record['large_since']:.6g} s on, as if a light body "
+        f"carries a heavy one; errors of velocities are amplified by a factor above {LARGE_GROWTH:g}"
     )

@@ -64,9 +64,9 @@ def find_block_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Any) 
     The gap is |Phi~| there, and u its direction if it is not rounding. Return the number of rows that keep their
     rank; 0: no point was found.
     """
-    c, p, before = work.critical[0], work.size.shape[0] + 1, np.inf
+    critical, p, before = work.critical[0], work.size.shape[0] + 1, np.inf
     for _ in range(MAX_NEWTON_STEPS):
-        eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
+        eqs.position(critical.t, work.q_c, eqs.data, eqs.terms)
         regular = factor_block(eqs.terms, rank, work)
         if regular in (0, rank):
             return 0
@@ -90,9 +90,9 @@ def find_critical_point_of_rank(eqs: Any, t: float, q: Any, regular: int, rank: 
     """As :func:`find_block_critical_point` for a point in which ``regular`` rows keep their rank, independent of its
     neighborhood.
     """
-    c, p, before = work.critical[0], work.size.shape[0] + 1 - regular, np.inf
+    critical, p, before = work.critical[0], work.size.shape[0] + 1 - regular, np.inf
     for _ in range(MAX_NEWTON_STEPS):
-        eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
+        eqs.position(critical.t, work.q_c, eqs.data, eqs.terms)
         factor_block(eqs.terms, rank, work)
         if not abs(work.E[regular - 1, regular - 1]) > 0.0:
             return 0
@@ -162,8 +162,8 @@ def start_block_search(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 
     ``terms`` and factors belong to (t, q); terms move.
     """
-    c, widest, best = work.critical[0], 0.0, 0
-    c.t, c.rate = t, drive_rate(eqs.terms, work)
+    critical, widest, best = work.critical[0], 0.0, 0
+    critical.t, critical.rate = t, drive_rate(eqs.terms, work)
     known, now, last = work.branch_history[0].is_frame_known == 1, pivot_ratio(work.pivot, rank), 0.0
     if known:
         last = abs(work.frame[rank - 1, rank - 1] / work.frame[0, 0])
@@ -273,7 +273,7 @@ def fill_block_residual(terms: Any, regular: int, work: Any) -> float:
 def fill_block_hessian(eqs: Any, work: Any) -> bool:
     """work.K (n + 1, n + 1) = Q^T H Q, H the derivative of [J~, -nu~]^T u by q and t with u fixed, by differences."""
     m, n = eqs.terms.J.shape
-    c, timed = work.critical[0], is_rheonomic(eqs.terms)
+    critical, timed = work.critical[0], is_rheonomic(eqs.terms)
     fill_transposed_product(eqs.terms, work, work.change)
     for k in range(n + 1):
         if k == n and not timed:
@@ -285,7 +285,7 @@ def fill_block_hessian(eqs: Any, work: Any) -> bool:
         for i in range(n):
             work.dq[i] = DIFFERENCE_STEP * work.size[i] if i == k else 0.0
         eqs.retract(work.q_try, work.dq, eqs.data)
-        eqs.position(c.t + (DIFFERENCE_STEP / c.rate if k == n else 0.0), work.q_try, eqs.data, eqs.terms)
+        eqs.position(critical.t + (DIFFERENCE_STEP / critical.rate if k == n else 0.0), work.q_try, eqs.data, eqs.terms)
         fill_transposed_product(eqs.terms, work, work.g_try)
         for i in range(n + 1):
             work.K[k, i] = (work.g_try[i] - work.change[i]) / DIFFERENCE_STEP
@@ -299,7 +299,7 @@ def fill_block_hessian(eqs: Any, work: Any) -> bool:
         apply_Qt(work.E, work.E_tau, min(m, n + 1), n + 1, work.g_try)
         for k in range(n + 1):
             work.K[k, i] = work.g_try[k]
-    eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
+    eqs.position(critical.t, work.q_c, eqs.data, eqs.terms)
     return True
 
 
@@ -395,11 +395,11 @@ def max_coordinate_distance(q: Any, t: float, work: Any) -> float:
 @kernel
 def record_block_point(eqs: Any, spread: int, work: Any) -> None:
     """Record gap, left null vector and dimension of the point found, with its ``terms``."""
-    c = work.critical[0]
-    c.set_dimension = spread
+    critical = work.critical[0]
+    critical.set_dimension = spread
     for i in range(work.row.shape[0]):
         work.b[i] = eqs.terms.Phi[i] / work.row[i]
-    c.bifurcation_gap = length(work.b)
-    if c.bifurcation_gap > CRITICAL_POINT_TOLERANCE:
+    critical.bifurcation_gap = length(work.b)
+    if critical.bifurcation_gap > CRITICAL_POINT_TOLERANCE:
         for i in range(work.row.shape[0]):
-            work.u[i] = work.b[i] / c.bifurcation_gap
+            work.u[i] = work.b[i] / critical.bifurcation_gap

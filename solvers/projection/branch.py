@@ -61,8 +61,8 @@ def orientation_preserved(eqs: Any, t: float, q: Any, exact: float, rank: int, w
     An unchanged orientation is no proof if more than one equation may have lost its rank on the way. Then a crossing
     must explain it, and all other equations must have kept their rank.
     """
-    turn, c = compare_orientation(eqs.terms, rank, work), work.critical[0]
-    at_hand = c.kind == BIFURCATION and reaches_critical_point(q, work)
+    turn, critical = compare_orientation(eqs.terms, rank, work), work.critical[0]
+    at_hand = critical.kind == BIFURCATION and reaches_critical_point(q, work)
     doubtful = count_doubtful_equations(q, rank, eqs.terms, work)
     if turn == ORIENTATION_KEPT and not at_hand and doubtful == 0:
         return True
@@ -73,17 +73,17 @@ def orientation_preserved(eqs: Any, t: float, q: Any, exact: float, rank: int, w
         if passes_straight(eqs, t, q, side, turn, rank, work):
             return True
     alone = eqs.terms.J.shape[1] - rank == 1 and not is_rheonomic(eqs.terms)  # else critical points may form curves
-    keep = at_hand if turn == ORIENTATION_KEPT else alone and c.kind == BIFURCATION and c.is_passed == 0
+    keep = at_hand if turn == ORIENTATION_KEPT else alone and critical.kind == BIFURCATION and critical.is_passed == 0
     if not keep:  # what was known need not be the next one
-        c.kind, c.failed_search_ratio = NO_CRITICAL_POINT, 0.0
+        critical.kind, critical.failed_search_ratio = NO_CRITICAL_POINT, 0.0
     crossing = classify_singularity(eqs, t, q, rank, work) == BIFURCATION
     inside = (
         crossing
         and pivot_ratio(work.pivot, rank) < SINGULAR_PIVOT_RATIO
         and critical_point_explains_pivot(t, q, rank, work, eqs.terms)
     )
-    near = c.kind != NO_CRITICAL_POINT and reaches_critical_point(q, work)
-    explained = crossing and (near or inside) and c.lost > 0
+    near = critical.kind != NO_CRITICAL_POINT and reaches_critical_point(q, work)
+    explained = crossing and (near or inside) and critical.lost > 0
     if explained and is_passage_comparable(q, exact, eqs.terms, work):
         side = classify_passage(eqs.terms, rank, work)
         if side == OTHER_BRANCH or not is_on_side(q, side, eqs.terms, rank, work):
@@ -94,10 +94,10 @@ def orientation_preserved(eqs: Any, t: float, q: Any, exact: float, rank: int, w
     if inside:
         return True
     if turn == ORIENTATION_KEPT:
-        return crossing or not (near and c.lost > 1)
+        return crossing or not (near and critical.lost > 1)
     crossed = crossing and near and not drive_reversed(eqs, t, q, work)
     if crossed:
-        c.is_passed = 1
+        critical.is_passed = 1
     return crossed if turn == ORIENTATION_REVERSED else turn == LARGE_ROTATION and not crossed
 
 
@@ -129,10 +129,10 @@ def is_passage_comparable(q: Any, exact: float, terms: Any, work: Any) -> bool:
     """Whether :func:`solvers.projection.passage.classify_passage` determines the branch of q. For a single row other
     tests are used far from the crossing, where branches are not straight, and if drives may reverse.
     """
-    c, here, last = work.critical[0], distance(work.q_c, q, work), distance(work.q_c, work.q_last, work)
-    if c.lost == 0 or here < exact or last < exact:
+    critical, here, last = work.critical[0], distance(work.q_c, q, work), distance(work.q_c, work.q_last, work)
+    if critical.lost == 0 or here < exact or last < exact:
         return False
-    return c.lost > 1 or (max(here, last) <= MAX_LINE_DISTANCE and not is_rheonomic(terms))
+    return critical.lost > 1 or (max(here, last) <= MAX_LINE_DISTANCE and not is_rheonomic(terms))
 
 
 @kernel
@@ -140,14 +140,16 @@ def passes_straight(eqs: Any, t: float, q: Any, side: int, turn: int, rank: int,
     """Whether the side of the known crossing agrees with the position of q and with the orientation, whose sign changes
     with each row that loses its rank.
     """
-    c = work.critical[0]
+    critical = work.critical[0]
     if not is_on_side(q, side, eqs.terms, rank, work):
         return False
     if side == OPPOSITE_SIDE:
         if drive_reversed(eqs, t, q, work):
             return False
-        c.is_passed = 1
-    return turn != INDETERMINATE and (turn == ORIENTATION_REVERSED) == (side == OPPOSITE_SIDE and c.lost % 2 == 1)
+        critical.is_passed = 1
+    return turn != INDETERMINATE and (turn == ORIENTATION_REVERSED) == (
+        side == OPPOSITE_SIDE and critical.lost % 2 == 1
+    )
 
 
 @inlined

@@ -50,25 +50,25 @@ def find_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Any) -> boo
     small as the square root of the residual, and steps are damped accordingly (Levenberg, Marquardt).
     """
     m, n = eqs.terms.J.shape
-    c, N = work.critical[0], n + m + 2
+    critical, N = work.critical[0], n + m + 2
     find_left_null_vector(eqs.terms, rank, work)
     for i in range(q.shape[0]):
         work.q_c[i] = q[i]
-    c.t, c.bifurcation_gap, c.rate = t, 0.0, drive_rate(eqs.terms, work)
+    critical.t, critical.bifurcation_gap, critical.rate = t, 0.0, drive_rate(eqs.terms, work)
     for _ in range(MAX_NEWTON_STEPS):
-        critical_residual(eqs, c.t, work.q_c, work, work.g)
+        critical_residual(eqs, critical.t, work.q_c, work, work.g)
         for i in range(N):
             if not np.isfinite(work.g[i]):
                 return False
         off = length(work.g)
         if off < CRITICAL_POINT_TOLERANCE:
-            c.bifurcation_gap += remaining_gap(m, n, work)
+            critical.bifurcation_gap += remaining_gap(m, n, work)
             return True
         fill_critical_jacobian(eqs, is_rheonomic(eqs.terms), work)
         if not solve_damped_step(DAMPING_FACTOR * off, work):
             return False
         apply_newton_step(eqs, min(1.0, MAX_NEWTON_STEP_LENGTH / max(length(work.change), 1e-300)), work)
-        if not max(distance(work.q_c, q, work), abs(c.t - t) * work.rate[0]) < MAX_SEARCH_DISTANCE:
+        if not max(distance(work.q_c, q, work), abs(critical.t - t) * work.rate[0]) < MAX_SEARCH_DISTANCE:
             return False
     return False
 
@@ -167,7 +167,7 @@ def find_left_null_vector(terms: Any, rank: int, work: Any) -> None:
 @kernel
 def critical_residual(eqs: Any, t: float, q: Any, work: Any, g: Any) -> None:
     """Left side less right side of the equations (N,) at (t, q) with ``work.u`` and the gap; ``terms`` follow."""
-    terms, c = eqs.terms, work.critical[0]
+    terms, critical = eqs.terms, work.critical[0]
     m, n = terms.J.shape
     eqs.position(t, q, eqs.data, terms)
     for j in range(n):
@@ -177,8 +177,8 @@ def critical_residual(eqs: Any, t: float, q: Any, work: Any, g: Any) -> None:
         scaled = work.u[i] / work.row[i]
         for j in range(n):
             g[j] += scaled * terms.J[i, j] * work.size[j]
-        g[n] -= scaled * terms.nu[i] / c.rate
-        g[n + 1 + i] = terms.Phi[i] / work.row[i] - c.bifurcation_gap * work.u[i]
+        g[n] -= scaled * terms.nu[i] / critical.rate
+        g[n + 1 + i] = terms.Phi[i] / work.row[i] - critical.bifurcation_gap * work.u[i]
         g[n + m + 1] += 0.5 * work.u[i] * work.u[i]
 
 
@@ -187,7 +187,7 @@ def fill_critical_jacobian(eqs: Any, timed: bool, work: Any) -> None:
     """work.K (N, N) = derivative of work.g, the last :func:`critical_residual`: by differences where J is
     differentiated; that by time only where ``timed``.
     """
-    terms, c = eqs.terms, work.critical[0]
+    terms, critical = eqs.terms, work.critical[0]
     m, n = terms.J.shape
     N = n + m + 2
     for k in range(m):
@@ -195,8 +195,8 @@ def fill_critical_jacobian(eqs: Any, timed: bool, work: Any) -> None:
             work.K[i, n + 1 + k] = 0.0
         for j in range(n):
             work.K[j, n + 1 + k] = terms.J[k, j] * (work.size[j] / work.row[k])
-        work.K[n, n + 1 + k] = -terms.nu[k] / (work.row[k] * c.rate)
-        work.K[n + 1 + k, n + 1 + k] = -c.bifurcation_gap
+        work.K[n, n + 1 + k] = -terms.nu[k] / (work.row[k] * critical.rate)
+        work.K[n + 1 + k, n + 1 + k] = -critical.bifurcation_gap
         work.K[N - 1, n + 1 + k] = work.u[k]
     for i in range(N):
         work.K[i, N - 1] = -work.u[i - n - 1] if n < i < N - 1 else 0.0
@@ -208,7 +208,9 @@ def fill_critical_jacobian(eqs: Any, timed: bool, work: Any) -> None:
         for i in range(n):
             work.dq[i] = DIFFERENCE_STEP * work.size[i] if i == k else 0.0
         eqs.retract(work.q_try, work.dq, eqs.data)
-        critical_residual(eqs, c.t + (DIFFERENCE_STEP / c.rate if k == n else 0.0), work.q_try, work, work.g_try)
+        critical_residual(
+            eqs, critical.t + (DIFFERENCE_STEP / critical.rate if k == n else 0.0), work.q_try, work, work.g_try
+        )
         for i in range(N):
             work.K[i, k] = (work.g_try[i] - work.g[i]) / DIFFERENCE_STEP
 
@@ -217,11 +219,11 @@ def fill_critical_jacobian(eqs: Any, timed: bool, work: Any) -> None:
 def apply_newton_step(eqs: Any, part: float, work: Any) -> None:
     """Apply a ``part`` of Newton's step."""
     m, n = eqs.terms.J.shape
-    c = work.critical[0]
+    critical = work.critical[0]
     for j in range(n):
         work.dq[j] = -part * work.change[j] * work.size[j]
     eqs.retract(work.q_c, work.dq, eqs.data)
-    c.t -= part * work.change[n] / c.rate
+    critical.t -= part * work.change[n] / critical.rate
     for i in range(m):
         work.u[i] -= part * work.change[n + 1 + i]
-    c.bifurcation_gap -= part * work.change[n + m + 1]
+    critical.bifurcation_gap -= part * work.change[n + m + 1]

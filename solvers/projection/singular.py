@@ -56,31 +56,34 @@ def classify_singularity(eqs: Any, t: float, q: Any, rank: int, work: Any) -> in
 
     ``terms`` (of positions) and factors belong to (t, q) before and after the call.
     """
-    c, here = work.critical[0], pivot_ratio(work.pivot, rank)
-    if c.kind != NO_CRITICAL_POINT and critical_point_explains_pivot(t, q, rank, work, eqs.terms):
-        return c.kind
-    c.kind = NO_CRITICAL_POINT
-    if c.failed_search_ratio < SEARCH_REPEAT_FACTOR * here and here < SEARCH_REPEAT_FACTOR * c.failed_search_ratio:
+    critical, here = work.critical[0], pivot_ratio(work.pivot, rank)
+    if critical.kind != NO_CRITICAL_POINT and critical_point_explains_pivot(t, q, rank, work, eqs.terms):
+        return critical.kind
+    critical.kind = NO_CRITICAL_POINT
+    if (
+        critical.failed_search_ratio < SEARCH_REPEAT_FACTOR * here
+        and here < SEARCH_REPEAT_FACTOR * critical.failed_search_ratio
+    ):
         return NO_CRITICAL_POINT
-    c.failed_search_ratio = here
-    c.kind = search_critical_point(eqs, t, q, rank, work)
-    if c.kind != NO_CRITICAL_POINT:
-        c.is_passed, c.failed_search_ratio, c.slope = 0, 0.0, 1.0
-        if c.lost > 1:  # in chains of loops pivots are as small far from it
-            c.slope = min(1.0, here / max(distance_to_critical_point(t, q, work, eqs.terms), 1e-300))
+    critical.failed_search_ratio = here
+    critical.kind = search_critical_point(eqs, t, q, rank, work)
+    if critical.kind != NO_CRITICAL_POINT:
+        critical.is_passed, critical.failed_search_ratio, critical.slope = 0, 0.0, 1.0
+        if critical.lost > 1:  # in chains of loops pivots are as small far from it
+            critical.slope = min(1.0, here / max(distance_to_critical_point(t, q, work, eqs.terms), 1e-300))
     eqs.position(t, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
-    return c.kind
+    return critical.kind
 
 
 @kernel
 def search_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     """Search the critical point next to q, first one of several rows if several pivots are small."""
-    c, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
+    critical, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
     begun = start_block_search(eqs, t, q, rank, work) if rank > 2 else 0
     several = 0 < begun < rank - 1
-    if several and search_block_critical_point(eqs, t, q, begun, rank, work) != NO_CRITICAL_POINT and c.lost > 1:
-        return BIFURCATION if c.bifurcation_gap <= MAX_BIFURCATION_GAP else IMPERFECT
+    if several and search_block_critical_point(eqs, t, q, begun, rank, work) != NO_CRITICAL_POINT and critical.lost > 1:
+        return BIFURCATION if critical.bifurcation_gap <= MAX_BIFURCATION_GAP else IMPERFECT
     # no pivot is far below the others, here or ahead
     if begun == 0 and rank > 2 and work.branch_history[0].is_frame_known == 1:
         return NO_CRITICAL_POINT
@@ -88,12 +91,12 @@ def search_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Any) -> i
     factor(eqs.terms, work)
     if find_critical_point(eqs, t, q, rank, work):
         kind = IMPERFECT
-        if abs(c.bifurcation_gap) <= MAX_BIFURCATION_GAP:
+        if abs(critical.bifurcation_gap) <= MAX_BIFURCATION_GAP:
             if critical_set_dimension(eqs, work) >= freedom:
                 kind = BIFURCATION
             else:
-                c.bifurcation_gap = np.inf
-        c.lost = store_critical_factors(eqs, rank, work)
+                critical.bifurcation_gap = np.inf
+        critical.lost = store_critical_factors(eqs, rank, work)
         return kind
     if rank > 2 and not several:
         eqs.position(t, q, eqs.data, eqs.terms)
@@ -108,7 +111,7 @@ def search_block_critical_point(eqs: Any, t: float, q: Any, begun: int, rank: in
     """The same for a point of several rows, all but ``begun`` if that is not zero; also NONE if motions of more degrees
     of freedom pass near it.
     """
-    c, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
+    critical, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
     regular = find_block_critical_point(eqs, t, q, rank, work)
     if begun > 0 and regular != begun:
         nearest = max_coordinate_distance(q, t, work) if regular > 0 else np.inf
@@ -119,12 +122,12 @@ def search_block_critical_point(eqs: Any, t: float, q: Any, begun: int, rank: in
         elif regular > 0:
             start_block_search(eqs, t, q, rank, work)
             regular = find_block_critical_point(eqs, t, q, rank, work)
-    if regular == 0 or c.set_dimension < freedom:
+    if regular == 0 or critical.set_dimension < freedom:
         return NO_CRITICAL_POINT
-    c.lost = store_critical_factors(eqs, rank, work)
-    if c.lost == 0:
+    critical.lost = store_critical_factors(eqs, rank, work)
+    if critical.lost == 0:
         return NO_CRITICAL_POINT
-    return BIFURCATION if c.bifurcation_gap <= MAX_BIFURCATION_GAP else IMPERFECT
+    return BIFURCATION if critical.bifurcation_gap <= MAX_BIFURCATION_GAP else IMPERFECT
 
 
 @kernel
@@ -224,18 +227,18 @@ def branch_step_limit(t: float, q: Any, v: Any, taken: float, terms: Any, work: 
     it. A step must not end where the smallest pivot is below ``MIN_END_PIVOT_RATIO`` of the largest, since the
     acceleration is not resolved there.
     """
-    c, here = work.critical[0], work.branch_history[0]
+    critical, here = work.critical[0], work.branch_history[0]
     if (
-        c.kind == BIFURCATION
+        critical.kind == BIFURCATION
         and here.time_to_singular > JUMP_STEP_RATIO * taken
         and here.pivot_ratio > MIN_END_PIVOT_RATIO
     ):
         return APPROACH_FRACTION * here.time_to_singular
-    if c.kind != IMPERFECT:
+    if critical.kind != IMPERFECT:
         return np.inf
     far = distance_to_critical_point(t, q, work, terms)
     if far > MAX_SEARCH_DISTANCE:
-        c.kind = NO_CRITICAL_POINT
+        critical.kind = NO_CRITICAL_POINT
         return np.inf
     speed = scaled_norm(v, work)
     if is_rheonomic(terms):
