@@ -328,7 +328,7 @@ def project_neighbor(eqs: Any, t: float, q: Any, v: Any, along: float, timed: bo
 
 @inlined
 def freeze_loads(eqs: Any, t: float, work: Any) -> None:
-    """Evaluate inertia and loads of a neighbor at time t; its gamma remains that of its own time."""
+    """Evaluate inertia and loads of a neighbor at time t; its gamma remains that of the neighbor's time."""
     for i in range(work.x.shape[0]):
         work.x[i] = eqs.terms.gamma[i]
     eqs.dynamics(t, work.q_near, work.v_near, eqs.data, eqs.terms)
