@@ -40,7 +40,7 @@ def against_adams() -> None:
     ida = Swing(model, "ida", 1e-6)
     error = ida.error(exact)
     adams, own = loosest(model, "adams", error, exact)
-    with patch.object(dense, "serves", lambda: False):
+    with patch.object(dense, "is_library_supported", lambda: False):
         bound = Swing(model, "ida", 1e-6)
     i, a, b = median_times(ida.run, adams.run, bound.run)
     print(

@@ -42,7 +42,7 @@ from solvers.energy_account import ACCOUNT_SIZE, EnergyScales
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
-from solvers.steppers.compiled_loop import Given
+from solvers.steppers.compiled_loop import Integration
 from solvers.system import Array
 
 from .communication_points import (
@@ -79,7 +79,7 @@ class Start(NamedTuple):
 class Instance(NamedTuple):
     """One instance of a model, as the entry points take it."""
 
-    given: Any  # solvers.steppers.compiled_loop.Given
+    given: Any  # solvers.steppers.compiled_loop.Integration
     start: Any  # Start
     a: Array  # (n,) accelerations
     lam: Array  # (m,) multipliers
@@ -114,7 +114,7 @@ def instance_of(simulation: Simulation) -> Instance:
     """Return an instance that is assembled and yet to begin, where a simulation began; with zeros for the functions."""
     stepper: Any = simulation.stepper
     plant, system, family = simulation.plant, simulation.plant.system, FAMILIES[family_of(simulation)]
-    given, (q, v) = unpin(stepper.given), (array.copy() for array in simulation.start)
+    given, (q, v) = unpin(stepper.integration), (array.copy() for array in simulation.start)
     sizes = system.nq, system.n, system.m
     eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, *sizes)
     work = family.work(*sizes, system.placed)
@@ -127,7 +127,7 @@ def instance_of(simulation: Simulation) -> Instance:
     else:
         start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
     scales = EnergyScales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
-    own = Given(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ACCOUNT_SIZE))
+    own = Integration(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ACCOUNT_SIZE))
     known = np.array([system.rate, system.loop_rate if system.has_matrices else 0.0, plant.length])
     rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
     settings = stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
@@ -195,7 +195,7 @@ def example(name: str) -> Any:
     positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64))
     eqs = family.equations(callbacks, pin(empty_data()), 1, 1, 1)
     own = family.memory(1, 1, 1), family.work(1, 1, 1, positions), EnergyScales.of(1e-6, z(1), z(1))
-    given = Given(eqs, records(1, family.loop.SETTINGS), *own, z(1), z(1), z(ACCOUNT_SIZE))
+    given = Integration(eqs, records(1, family.loop.SETTINGS), *own, z(1), z(1), z(ACCOUNT_SIZE))
     start = Start(z(1), z(1), Scratch.allocate(1, 1))
     settings = records(1, OPTIONS), np.zeros(1, np.int64), InputRecords.example()
     frames = Frames(z(1, np.int64), z(1))

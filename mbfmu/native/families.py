@@ -21,8 +21,7 @@ from solvers.projection.reported import evaluate_state
 from solvers.projection.workspace import Workspace
 from solvers.steppers.adams import loop as adams
 from solvers.steppers.adams import tree_loop
-from solvers.steppers.adams.formulas import History
-from solvers.steppers.adams.formulas import begin_anew as begin_history
+from solvers.steppers.adams.formulas import History, restart_history
 from solvers.steppers.adams.hybrid import HYBRID
 from solvers.steppers.adams.jumps import limit_steps
 from solvers.steppers.dense import estimate_rates
@@ -94,7 +93,7 @@ def find_out(s: Any, t: float) -> tuple[int, int]:
 @kernel
 def begin_adams(s: Any, t: float) -> tuple[int, float]:
     """As ``AdamsStepper`` is made."""
-    adams.take_options(s.options, s.given.settings)
+    adams.set_options(s.options, s.given.settings)
     code, rank = find_out(s, t)
     adams.set_up(s.given, rank, s.options[0].absolute)
     return code, s.given.work.rate[0]
@@ -103,7 +102,7 @@ def begin_adams(s: Any, t: float) -> tuple[int, float]:
 @kernel
 def begin_radau(s: Any, t: float) -> tuple[int, float]:
     """As ``RadauStepper`` is made."""
-    radau.take_options(s.options, s.given.settings)
+    radau.set_options(s.options, s.given.settings)
     code, rank = find_out(s, t)
     radau.set_up(s.given, rank, s.options[0].absolute)
     return code, s.given.work.rate[0]
@@ -112,7 +111,7 @@ def begin_radau(s: Any, t: float) -> tuple[int, float]:
 @kernel
 def begin_tree(s: Any, t: float) -> tuple[int, float]:
     """As ``TreeAdamsStepper`` is made."""
-    adams.take_options(s.options, s.given.settings)
+    adams.set_options(s.options, s.given.settings)
     tree_loop.set_up(s.given, t, s.known[0], s.options[0].duration)
     return OK, s.given.settings[0].rate
 
@@ -137,9 +136,9 @@ def renew_history(s: Any, fresh: bool, watched: bool) -> None:
     """As ``ExplicitStepper.continue_after_event`` does; ``fresh``: as its ``restart``; ``watched``: work is to be
     booked.
     """
-    g, kept, singles = s.given, not fresh and s.told[0].code == OK, 0 if fresh else TRUNCATED_STEPS
+    g, keeps_position, rk_steps = s.given, not fresh and s.told[0].code == OK, 0 if fresh else TRUNCATED_STEPS
     g.settings[0].works = 1 if watched and g.eqs.data.arrays.world[0].works == 1 else 0
-    begin_history(g.memory, s.clock[0], g.q, g.v, g.energy_account[WORK], singles, 0 if fresh else 1, kept)
+    restart_history(g.memory, s.clock[0], g.q, g.v, g.energy_account[WORK], rk_steps, 0 if fresh else 1, keeps_position)
 
 
 @kernel
@@ -158,12 +157,14 @@ def renew_tree(s: Any, fresh: bool) -> None:
 @kernel
 def renew_radau(s: Any, fresh: bool) -> None:
     """As ``RadauStepper.continue_after_event`` does; ``fresh``: as its ``restart``."""
-    g, kept = s.given, not fresh and s.told[0].code == OK
+    g, keeps_position = s.given, not fresh and s.told[0].code == OK
     o = g.settings[0]
     o.works = 1 if o.energy_check == 1 and g.eqs.data.arrays.world[0].works == 1 else 0
-    radau.begin_anew(g.memory, s.clock[0], g.q, g.v, g.energy_account[WORK], 0 if fresh else TRUNCATED_STEPS, kept)
+    radau.restart_at_state(
+        g.memory, s.clock[0], g.q, g.v, g.energy_account[WORK], 0 if fresh else TRUNCATED_STEPS, keeps_position
+    )
     if fresh:
-        g.memory.control[0].known = 0
+        g.memory.control[0].has_derivatives = 0
 
 
 @kernel
@@ -184,7 +185,7 @@ def count_adams(g: Any, counts: Any) -> None:
     c = g.memory.control[0]
     left = c.by_turn + c.by_flicker + c.by_energy + c.by_collapse
     counts[0], counts[1], counts[2], counts[3] = c.steps, c.rejected, c.evaluations, left + c.returns
-    counts[4], counts[5] = max(0, c.starts - 1), c.limited
+    counts[4], counts[5] = max(0, c.starts - 1), c.stability_limited
 
 
 @kernel

@@ -73,7 +73,7 @@ class StepCountCheck:
 
     def _check(self, stepper: TreeIDAStepper) -> int:
         """Return the number of steps at which to check again; report another solver if it is far cheaper."""
-        done, state, last = stepper.statistics, stepper.present, self._last
+        done, state, last = stepper.statistics, stepper.internal_state, self._last
         self._last, took = LastCheck(state[0], done.steps, done.rhs_evals), state[0] - last.t
         if not took > 0.0 or done.steps <= last.steps:  # restored to an earlier state
             return done.steps + FIRST_CHECK_STEPS

@@ -106,7 +106,7 @@ class Watch:
             t=t,
             ratio=ratio,
             loops=loops_of(self._plant, distance(self._plant, t, q, self._rank)[1]),
-            gap=self._judge.gap(t, q) if isinstance(self._judge, DenseStepper) else nan,
+            gap=self._judge.bifurcation_gap(t, q) if isinstance(self._judge, DenseStepper) else nan,
             passes=sum(ratio <= NEAR_SINGULAR_RATIO for _, ratio in found),
         )
 

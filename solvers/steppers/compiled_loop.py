@@ -18,8 +18,8 @@ from solvers.system import Array
 from .dense import DenseStepper
 
 
-class Given(NamedTuple):
-    """Arguments of a loop: all by one address, since Python passes every array again at each call."""
+class Integration(NamedTuple):
+    """All that a loop integrates with, in one tuple: its kernels get one address and not every array at each call."""
 
     eqs: Any
     settings: NDArray[Any]
@@ -36,8 +36,8 @@ class CompiledLoopStepper(DenseStepper):
 
     Attributes
     ----------
-    given
-        What they take, held.
+    integration
+        What they take, held: a record of :class:`Integration`.
     """
 
     loop: ClassVar[ModuleType]
@@ -46,22 +46,22 @@ class CompiledLoopStepper(DenseStepper):
     _settings: NDArray[Any]
 
     def _set_up(self, memory: Any) -> None:
-        """Let the loop have what it remembers, a tuple of arrays, and begin."""
-        self._held, n = pin(memory), self.system.n
+        """Set up the loop with its memory, a tuple of arrays, and begin."""
+        self._pinned, n = pin(memory), self.system.n
         self._scales = EnergyScales.of(self.options.rtol, np.zeros(n), np.zeros(n))
-        own = self._eqs, self._settings, self._held, self._work, pin(self._scales)
-        self.given = pin(Given(*own, self._q, self._v, self._energy_account))
-        self.loop.set_up(self.given, self._rank, self.options.absolute)
+        own = self._eqs, self._settings, self._pinned, self._work, pin(self._scales)
+        self.integration = pin(Integration(*own, self._q, self._v, self._energy_account))
+        self.loop.set_up(self.integration, self._rank, self.options.absolute)
         self.restart()
 
     def _advance(self, t: float) -> Code:
-        code = CODES[self.loop.advance_reported(self.given, t)]
+        code = CODES[self.loop.advance_reported(self.integration, t)]
         self._t = t if code is Code.OK else float(self._control["t"])
         return code
 
     def _sample(self, times: Array, out: Samples, outputs: Array) -> int:
         self._control["undetermined"] = 0
-        code, done = self.loop.sample(self.given, times, *out, outputs)
+        code, done = self.loop.sample(self.integration, times, *out, outputs)
         last = min(done, len(times) - 1)
         self._t = min(float(times[last]), float(self._control["t"]))
         self._q[:], self._v[:], self._energy_account[:] = out.q[last], out.v[last], out.energy_account[last]
@@ -73,12 +73,13 @@ class CompiledLoopStepper(DenseStepper):
     @property
     def warning(self) -> str:
         """Whether the tolerance was larger than requested near a near miss."""
-        c = self._control
-        if not c["coarsest"] > 1.0:
+        control = self._control
+        if not control["max_near_miss_factor"] > 1.0:
             return ""
+        used = control["max_near_miss_factor"] * self.options.rtol
         return coded(
             "limited-tolerance",
-            f"the tolerance was {c['coarsest'] * self.options.rtol:.0e} instead of {self.options.rtol:g} near a "
-            f"singular configuration that the loop misses by {c['narrowest']:.0e} of its size, because rounding errors "
-            "allow no smaller one there. Change the lengths of the loop if the error is too large",
+            f"the tolerance was {used:.0e} instead of {self.options.rtol:g} near a singular configuration that the "
+            f"loop misses by {control['min_gap']:.0e} of its size, because rounding errors allow no smaller one there. "
+            "Change the lengths of the loop if the error is too large",
         )

@@ -37,7 +37,7 @@ def classify_nearest_singularity(eqs: Any, t: float, q: Any, rank: int, work: An
 def estimate_rates(
     eqs: Any, t: float, q: Any, v: Any, rank: int, known: float, loop_rate: float, duration: float, work: Any
 ) -> None:
-    """Note the rate of the motion (1/s, see :func:`solvers.stepper.start_rate`), and of every coordinate's own part
+    """Note the rate of the motion (1/s, see :func:`solvers.stepper.rate_of_start`), and of every coordinate's own part
     in it: a stiff spring at one of them is not to make the others' tolerances coarse.
     """
     if evaluate_state(eqs, t, q, v, rank, work, work.slope, work.lam) != OK:
@@ -61,26 +61,26 @@ class DenseStepper(Stepper):
         sizes = (system.nq, system.n, system.m)
         self._terms, self._work = Terms.allocate(*sizes), pin(Workspace.allocate(*sizes))
         self._eqs = Equations.of(system, self._terms)
-        self._units = self._work.value if COMPILED else self._work
-        self._units.size[:] = system.size
-        self._units.size_q[:] = system.position_sizes(system.size)
-        require_resolved_position(self._q, self._units.size_q, self.options.rtol, system.coordinate_names)
+        self._workspace = self._work.value if COMPILED else self._work
+        self._workspace.size[:] = system.size
+        self._workspace.size_q[:] = system.position_sizes(system.size)
+        require_resolved_position(self._q, self._workspace.size_q, self.options.rtol, system.coordinate_names)
         self._rank = find_normal_rank(self._eqs, self._t, self._q, self._v, self._work)
         code = project(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.starts_singular = self._loses_rank()
         self.status = self._status(Code(code))
         known = system.rate, system.loop_rate, self.options.duration
         estimate_rates(self._eqs, self._t, self._q, self._v, self._rank, *known, self._work)
-        require_resolved_time(self._t, float(self._units.rate[0]), self.options.rtol)
+        require_resolved_time(self._t, float(self._workspace.rate[0]), self.options.rtol)
 
     def _loses_rank(self) -> bool:
         """Whether rates there are that constraints determine elsewhere, and not at the reported position."""
         if self._rank == 0 or not np.isfinite(self._terms.J).all():
             return False
-        sigma = np.linalg.svd(self._terms.J * self.system.size / self._units.row[:, None], compute_uv=False)
+        sigma = np.linalg.svd(self._terms.J * self.system.size / self._workspace.row[:, None], compute_uv=False)
         return bool(sigma[self._rank - 1] <= RANK_LOSS_RATIO * sigma[0])
 
-    def gap(self, t: float, q: Array) -> float:
+    def bifurcation_gap(self, t: float, q: Array) -> float:
         """Return the gap of the loops to the singular configuration next to q (nq,) at time t, in units of the rows.
 
         Zero where they pass it exactly; infinite if motions of several degrees of freedom pass next to it; not a number
@@ -88,14 +88,14 @@ class DenseStepper(Stepper):
         """
         if self._rank == 0:
             return nan
-        self._units.critical["kind"], self._units.critical["failed_search_ratio"] = NO_CRITICAL_POINT, 0.0
+        self._workspace.critical["kind"], self._workspace.critical["failed_search_ratio"] = NO_CRITICAL_POINT, 0.0
         kind = classify_nearest_singularity(self._eqs, t, q, self._rank, self._work)
-        return {BIFURCATION: 0.0, IMPERFECT: float(abs(self._units.critical["bifurcation_gap"][0]))}.get(kind, nan)
+        return {BIFURCATION: 0.0, IMPERFECT: float(abs(self._workspace.critical["bifurcation_gap"][0]))}.get(kind, nan)
 
     def _growth(self) -> tuple[float, float]:
         """Return the largest rate growth so far and its time (s), see :mod:`solvers.inertia`."""
-        c = self._units.inertia[0]
-        return float(c["largest"]), float(c["at"])
+        record = self._workspace.inertia[0]
+        return float(record["largest"]), float(record["at"])
 
     @property
     def freedom(self) -> int:

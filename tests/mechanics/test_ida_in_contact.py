@@ -24,7 +24,7 @@ from mbfmu.mechanics import (
 from mbfmu.sheets import Support, add_contact, add_nip, add_sheet
 from solvers.compiled.kernel import COMPILED
 from solvers.steppers.ida import tree
-from solvers.steppers.ida.tree_callbacks import residual, times
+from solvers.steppers.ida.tree_callbacks import multiply_matrix, residual
 
 from .strips import CLAMP, DENSITY, LENGTH, RADIUS, THICKNESS, WIDTH, add_channel, add_driven, add_strip, run, sliding
 
@@ -57,21 +57,21 @@ def test_products_are_derivatives_of_the_residual() -> None:
     q, v = plant.assemble()
     assert system.m == 4
     stepper = tree.TreeIDAStepper(system, 0.0, q, v)
-    given, N, c = stepper._given, len(stepper._ida.y), 3e3
+    user_data, N, c = stepper._user_data, len(stepper._ida.y), 3e3
     y, slopes, product = (random.normal(size=N) for _ in range(3))
-    y[: system.nq], y[stepper._v_at] = q, 1e-3 * y[stepper._v_at]
+    y[: system.nq], y[stepper._velocity_slice] = q, 1e-3 * y[stepper._velocity_slice]
     above, below = np.zeros(N), np.zeros(N)
     x = 1e-10 * random.normal(size=N)  # at 1e-9 points of the sheet begin to touch
-    times(0.0, y, slopes, x, c, product, given)
-    residual(0.0, y + x, slopes + c * x, above, given)
-    residual(0.0, y - x, slopes - c * x, below, given)
-    for rows in (slice(0, system.nq), stepper._v_at, slice(-2 * system.m, None)):
+    multiply_matrix(0.0, y, slopes, x, c, product, user_data)
+    residual(0.0, y + x, slopes + c * x, above, user_data)
+    residual(0.0, y - x, slopes - c * x, below, user_data)
+    for rows in (slice(0, system.nq), stepper._velocity_slice, slice(-2 * system.m, None)):
         found, known = product[rows], 0.5 * (above - below)[rows]
         assert np.abs(found - known).max() < 1e-5 * np.abs(known).max() > 0.0
 
 
 def test_the_library_that_takes_products_must_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tree, "serves", lambda: False)
+    monkeypatch.setattr(tree, "is_library_supported", lambda: False)
     plant = Plant(crowded())
     with pytest.raises(ValueError, match=r"^solver 'ida' .* SUNDIALS 7 .*contact forces .* use 'esdirk' "):
         tree.TreeIDAStepper(plant.system, 0.0, *plant.assemble())

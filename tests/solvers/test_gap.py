@@ -21,6 +21,6 @@ def test_the_gap_grows_with_what_a_bar_is_too_long_and_is_asked_for_anew(
     own = stepper("adams", plant.system, 0.0, start, v)
     assert isinstance(own, DenseStepper)
     for _ in range(2):
-        assert low <= own.gap(0.0, np.array([1e-3, -1e-3, 1e-3])) <= high
-        far = own.gap(0.0, np.array([1.5, -1.5, 1.5]))
+        assert low <= own.bifurcation_gap(0.0, np.array([1e-3, -1e-3, 1e-3])) <= high
+        far = own.bifurcation_gap(0.0, np.array([1.5, -1.5, 1.5]))
         assert isnan(far) or low <= far <= high

@@ -36,7 +36,7 @@ def both_ways(monkeypatch: pytest.MonkeyPatch) -> Ways:
         runs = []
         for serves in (True, False):
             for module in (dense, tree):
-                monkeypatch.setattr(module, "serves", lambda serves=serves: serves)
+                monkeypatch.setattr(module, "is_library_supported", lambda serves=serves: serves)
             simulation = Simulation(model, Settings(solver="ida", tolerance=tolerance))
             assert isinstance(simulation.stepper._ida, DirectIDA if serves else BoundIDA)  # type: ignore[attr-defined]
             assert simulation.advance(0.4 * end).ok
@@ -57,7 +57,7 @@ def pendulum() -> Mechanism:
 
 
 def test_the_installed_library_serves() -> None:
-    assert sundials.serves()
+    assert sundials.is_library_supported()
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solvers.steppers.adams.one_step import NODES, STAGES, A, E
+from solvers.steppers.adams.one_step import N_STAGES, NODES, A, E
 
 B = np.append(A[-1], 0.0)  # the step itself
-SQUARE = np.hstack((A, np.zeros((STAGES, 1))))
+SQUARE = np.hstack((A, np.zeros((N_STAGES, 1))))
 
 
 def trees(c: np.ndarray, A: np.ndarray) -> list[tuple[int, np.ndarray, float]]:

@@ -37,8 +37,8 @@ def end_of(solver: str, h: float) -> float:
     """Position of a particle on a spring of 1 rad/s after 2 s in steps of h."""
     stepper = SOLVERS[solver](particle(1.0), 0.0, np.ones(1), np.zeros(1), Options(rtol=1e-2, max_step=h))
     stepper._settings["rtol"] = stepper._settings["atol"] = 1e6  # steps are as long as they may be
-    stepper._settings["exact"] = 1e-20
-    stepper._control["ends"], stepper._control["h"] = 10**6, h
+    stepper._settings["newton_tolerance"] = 1e-20
+    stepper._control["truncated_steps"], stepper._control["h"] = 10**6, h
     assert stepper.advance(2.0).ok
     return float(stepper.q[0])
 
@@ -100,7 +100,7 @@ def test_order_is_five_between_the_ends_of_steps(case: str) -> None:
     for h in (0.08, 0.04, 0.02):
         stepper = SOLVERS["radau"](system, 0.0, np.array(q), np.array(v), Options(rtol=1e-2, max_step=h))
         stepper._settings["rtol"] = stepper._settings["atol"] = 1e3
-        stepper._settings["exact"], stepper._control["h"] = 1e-15, h
+        stepper._settings["newton_tolerance"], stepper._control["h"] = 1e-15, h
         largest = np.zeros(2)
         for t in h / 8.0 * np.arange(1, round(8.0 / h)):
             assert stepper.advance(t).ok

@@ -13,7 +13,7 @@ from solvers.system import Array, System
 
 from . import loop
 from .explicit import ExplicitStepper
-from .formulas import History, counts
+from .formulas import History, collect_counts
 from .hybrid import HYBRID, LU, PROJECTION
 
 
@@ -33,7 +33,7 @@ class AdamsStepper(ExplicitStepper, CompiledLoopStepper):
     def _encode(self, options: Options) -> NDArray[Any]:
         """Return the record the kernels read."""
         settings = records(1, loop.SETTINGS)
-        loop.take_options(options.record(), settings)
+        loop.set_options(options.record(), settings)
         settings["partition"] = self.partition if self._rank else PROJECTION  # nothing to partition: all the same
         for name in (
             "flicker_steps", "flicker_count", "energy_jump", "collapse_cuts", "calm_steps"
@@ -42,33 +42,33 @@ class AdamsStepper(ExplicitStepper, CompiledLoopStepper):
         return settings
 
     @property
-    def _watched(self) -> bool:
+    def _needs_work(self) -> bool:
         return self.options.energy_check or self.partition == HYBRID  # which asks whether the energy jumps
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
         seen = self._scales.bound_results
-        return [*self._history, self.clock, self._q, self._v, self._energy_account, seen, *self._units.memory()]
+        return [*self._history, self.clock, self._q, self._v, self._energy_account, seen, *self._workspace.memory()]
 
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far."""
-        c = self._control
-        left = int(c["by_turn"] + c["by_flicker"] + c["by_energy"] + c["by_collapse"])
+        control = self._control
+        left = int(control["by_turn"] + control["by_flicker"] + control["by_energy"] + control["by_collapse"])
         return Statistics(
-            **counts(c),
-            partition_switches=left + int(c["returns"]),
-            choices=int(c["changes"]),
+            **collect_counts(control),
+            partition_switches=left + int(control["returns"]),
+            choices=int(control["changes"]),
             rate_growth=self._growth()[0],
             rate_growth_at=self._growth()[1],
-            refused=int(c["refused"]),
-            coarser=max(1.0, float(c["coarsest"])),
-            left_by_turn=int(c["by_turn"]),
-            left_by_flicker=int(c["by_flicker"]),
-            left_by_energy=int(c["by_energy"]),
-            left_by_collapse=int(c["by_collapse"]),
-            time_lu=float(c["time_lu"]),
-            time_projection=float(c["time_projection"]),
+            refused=int(control["refused"]),
+            coarser=max(1.0, float(control["max_near_miss_factor"])),
+            left_by_turn=int(control["by_turn"]),
+            left_by_flicker=int(control["by_flicker"]),
+            left_by_energy=int(control["by_energy"]),
+            left_by_collapse=int(control["by_collapse"]),
+            time_lu=float(control["time_lu"]),
+            time_projection=float(control["time_projection"]),
         )
 
 

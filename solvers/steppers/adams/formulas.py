@@ -4,7 +4,7 @@ The arithmetic of subroutine STEP of Shampine and Gordon, *Computer Solution of 
 Equations* (1975), chapter 10: PECE with local extrapolation, orders 1 to 12. Names are theirs. Indices count
 from 1 as in the book; row and entry 0 of every array is unused. What is left out is the propagated-rounding
 switch ``nornd``, of use below relative tolerances of 1e-12 only, and the wrapper's stiffness test, which counts
-steps of low order and misses oscillations; :func:`watch_stability` is ours.
+steps of low order and misses oscillations; :func:`count_stability_limited` is ours.
 
 The tolerance sits in the weights: a step is good where ||e * weight||_2 <= 1.
 """
@@ -39,8 +39,8 @@ CONTROL = np.dtype(
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # time reached, next step, last step
         ("k", "i8"), ("kold", "i8"), ("ns", "i8"),  # next order, last order, steps taken with h
         ("phase1", "i8"), ("start", "i8"),  # still doubling and raising; history to be built from y
-        ("singles", "i8"), ("single", "f8"),  # steps without history yet to take, and how long accuracy lets them be
-        ("renew", "i8"), ("placed", "i8"),  # y' at y is to be evaluated again; such a step has ended at y
+        ("rk_steps", "i8"), ("rk_step_size", "f8"),  # Runge-Kutta steps yet to take, and how long accuracy lets them be
+        ("needs_derivative", "i8"), ("is_projected", "i8"),  # y' at y is to be evaluated again; a step has ended at y
         ("knew", "i8"), ("erk", "f8"), ("erkm1", "f8"), ("erkm2", "f8"),  # order and error estimates of this step
         ("psi", "f8", N_DIFFERENCES),  # sums of steps, s
         ("alpha", "f8", N_DIFFERENCES), ("beta", "f8", N_DIFFERENCES), ("sig", "f8", N_DIFFERENCES),
@@ -48,16 +48,19 @@ CONTROL = np.dtype(
         ("g", "f8", N_DIFFERENCES),  # coefficients of the predictor
         ("g_out", "f8", N_DIFFERENCES), ("w_out", "f8", N_DIFFERENCES),  # of the interpolation
         ("rank", "i8"), ("regime", "i8"),  # of J; which partition
-        ("long", "i8"), ("limited", "i8"),  # near the bound of stability: steps more than others; steps it set
+        ("limited_streak", "i8"),  # steps near the bound of stability, less the others
+        ("stability_limited", "i8"),  # steps whose length stability has set
         ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"),
-        ("h_before", "f8"), ("equal", "i8"), ("changes", "i8"), ("changed_at", "i8"), ("flickers", "i8"),  # LU choice
-        ("calm", "i8"), ("energy", "f8"), ("kinetic", "f8"),  # hybrid: steps fit for LU, J, largest kinetic energy
+        ("h_before", "f8"), ("equal_steps", "i8"), ("changes", "i8"), ("changed_at", "i8"), ("flickers", "i8"),  # LU
+        ("lu_ready_steps", "i8"),  # hybrid: projection steps in a row in which LU would have kept its choice
+        ("last_energy", "f8"), ("energy_scale", "f8"),  # hybrid: J; largest kinetic energy so far, J
         ("by_turn", "i8"), ("by_flicker", "i8"), ("by_energy", "i8"), ("by_collapse", "i8"), ("returns", "i8"),
         ("time_lu", "f8"), ("time_projection", "f8"),
-        ("positive", "i8"), ("pivot", "f8"),  # LU: det J_d at y is positive; its smallest pivot
+        ("is_det_positive", "i8"), ("min_pivot", "f8"),  # LU: det J_d at y is positive; its smallest pivot
         ("refused", "i8"),  # steps that might have jumped to another branch
-        ("coarser", "f8"), ("coarsest", "f8"),  # tolerance of this step in units of the requested one, and its largest
-        ("narrowest", "f8"),  # the gap that made it so
+        ("near_miss_factor", "f8"),  # tolerance of this step in units of the requested one
+        ("max_near_miss_factor", "f8"),  # the largest so far
+        ("min_gap", "f8"),  # gap of the loop that required it
         ("undetermined", "i8"), ("undetermined_at", "f8"),  # 1: requested forces were not resolved, and the last time
         *ACCOUNT_FIELDS,
     ],
@@ -105,7 +108,7 @@ def weighted_norm(x: Any, weight: Any) -> float:
 
 
 @inlined
-def split(y: Any, q: Any, v: Any) -> None:
+def unpack_state(y: Any, q: Any, v: Any) -> None:
     """(q, v) <- y."""
     nq = q.shape[0]
     for i in range(nq):
@@ -115,7 +118,7 @@ def split(y: Any, q: Any, v: Any) -> None:
 
 
 @inlined
-def join(q: Any, v: Any, y: Any) -> None:
+def pack_state(q: Any, v: Any, y: Any) -> None:
     """y <- (q, v)."""
     nq = q.shape[0]
     for i in range(nq):
@@ -125,56 +128,61 @@ def join(q: Any, v: Any, y: Any) -> None:
 
 
 @kernel
-def begin_anew(H: Any, t: float, q: Any, v: Any, work: float, singles: int, renew: int, kept: bool) -> None:
-    """Let the next step begin at a reported state, see CONTROL; ``kept``: what is known of it holds."""
-    c = H.control[0]
-    c.placed = c.placed if kept and c.t == t else 0
-    c.t, c.start, c.singles, c.renew = t, 1, singles, renew
-    reset_check_schedule(H.control)
-    join(q, v, H.y)
-    H.y[H.y.shape[0] - 1] = work
+def restart_history(
+    history: Any, t: float, q: Any, v: Any, work: float, rk_steps: int, needs_derivative: int, keeps_position: bool
+) -> None:
+    """Begin the next step at a reported state, see CONTROL.
+
+    ``keeps_position``: the position is on the constraints if it is that of the last step.
+    """
+    control = history.control[0]
+    control.is_projected = control.is_projected if keeps_position and control.t == t else 0
+    control.t, control.start, control.rk_steps, control.needs_derivative = t, 1, rk_steps, needs_derivative
+    reset_check_schedule(history.control)
+    pack_state(q, v, history.y)
+    history.y[history.y.shape[0] - 1] = work
 
 
 @kernel
-def set_units(H: Any, absolute: float, work: Any, scales: Any) -> None:
+def set_tolerance_units(history: Any, absolute: float, work: Any, scales: Any) -> None:
     """Take what the absolute tolerance is measured in, by the units and paces in ``work``."""
     nq, n = work.size_q.shape[0], work.size.shape[0]
     for i in range(nq):
-        H.unit[i] = work.size_q[i]
+        history.unit[i] = work.size_q[i]
     for i in range(n):
-        H.unit[nq + i] = work.pace[i] * work.size[i]
-    H.unit[nq + n] = 1.0
+        history.unit[nq + i] = work.pace[i] * work.size[i]
+    history.unit[nq + n] = 1.0
     set_energy_scales(scales, absolute, work.size, work.pace)
 
 
 @inlined
-def begin(c: Any, H: Any, max_step: float, rate: float) -> None:
-    """History of order 1 from y' = ``H.yp`` at ``c.t``; ``rate`` (1/s) times y' stands for y''."""
-    for i in range(H.y.shape[0]):
+def start_history(control: Any, history: Any, max_step: float, rate: float) -> None:
+    """History of order 1 from y' = ``history.yp`` at ``control.t``; ``rate`` (1/s) times y' stands for y''."""
+    for i in range(history.y.shape[0]):
         for j in range(N_DIFFERENCES):
-            H.phi[i, j] = 0.0
-        H.phi[i, 1] = H.yp[i]
-    slope = weighted_norm(H.yp, H.weight)
-    c.h = min(max_step, FIRST_STEP_RATIO / rate)  # a body at rest gives no bound by its slope
-    if 16.0 * slope * rate * c.h * c.h > 1.0:
-        c.h = 0.25 * np.sqrt(1.0 / (slope * rate))
-    c.h = max(c.h, 4.0 * 2.3e-16 * abs(c.t))
-    c.hold = 0.0
-    c.k, c.kold, c.ns, c.phase1, c.start, c.placed = 1, 0, 0, 1, 0, 0
+            history.phi[i, j] = 0.0
+        history.phi[i, 1] = history.yp[i]
+    slope = weighted_norm(history.yp, history.weight)
+    control.h = min(max_step, FIRST_STEP_RATIO / rate)  # a body at rest gives no bound by its slope
+    if 16.0 * slope * rate * control.h * control.h > 1.0:
+        control.h = 0.25 * np.sqrt(1.0 / (slope * rate))
+    control.h = max(control.h, 4.0 * 2.3e-16 * abs(control.t))
+    control.hold = 0.0
+    control.k, control.kold, control.ns, control.phase1, control.start, control.is_projected = 1, 0, 0, 1, 0, 0
 
 
 @inlined
-def coefficients(c: Any) -> None:
-    """Block 1 of STEP: coefficients of the formulas for step ``c.h`` at order ``c.k``; those that stay are kept."""
-    k, h, psi, alpha, beta, sig = c.k, c.h, c.psi, c.alpha, c.beta, c.sig
-    if h != c.hold:
-        c.ns = 0
-    if c.ns <= c.kold:
-        c.ns += 1
-    ns = c.ns
+def update_coefficients(control: Any) -> None:
+    """Block 1 of STEP: coefficients for step ``control.h`` at order ``control.k``; unchanged ones are kept."""
+    k, h, psi, alpha, beta, sig = control.k, control.h, control.psi, control.alpha, control.beta, control.sig
+    if h != control.hold:
+        control.ns = 0
+    if control.ns <= control.kold:
+        control.ns += 1
+    ns = control.ns
     if k < ns:
         return
-    c.g[1], c.g[2], sig[1] = 1.0, 0.5, 1.0
+    control.g[1], control.g[2], sig[1] = 1.0, 0.5, 1.0
     beta[ns], alpha[ns], sig[ns + 1] = 1.0, 1.0 / ns, 1.0
     total = h * ns
     for i in range(ns + 1, k + 1):
@@ -185,19 +193,19 @@ def coefficients(c: Any) -> None:
         alpha[i] = h / total
         sig[i + 1] = i * alpha[i] * sig[i]
     psi[k] = total
-    predictor(c)
+    update_predictor_coefficients(control)
 
 
 @inlined
-def predictor(c: Any) -> None:
+def update_predictor_coefficients(control: Any) -> None:
     """The g of block 1: integrals of the divided-difference basis, by recurrence over v and w."""
-    k, ns, alpha, v, w, g = c.k, c.ns, c.alpha, c.v, c.w, c.g
+    k, ns, alpha, v, w, g = control.k, control.ns, control.alpha, control.v, control.w, control.g
     if ns <= 1:
         for iq in range(1, k + 1):
             v[iq] = 1.0 / (iq * (iq + 1))
             w[iq] = v[iq]
     else:
-        if k > c.kold:
+        if k > control.kold:
             v[k] = 1.0 / (k * (k + 1))
             for j in range(1, ns - 1):
                 v[k - j] -= alpha[j + 1] * v[k - j + 1]
@@ -212,110 +220,112 @@ def predictor(c: Any) -> None:
 
 
 @inlined
-def predict(c: Any, H: Any) -> None:
-    """Block 2, first half: the predicted state ``H.p`` and differences as of t + h without the new y'."""
-    k, ns, h, phi = c.k, c.ns, c.h, H.phi
-    for i in range(H.y.shape[0]):
+def predict(control: Any, history: Any) -> None:
+    """Block 2, first half: the predicted state ``history.p`` and differences as of t + h without the new y'."""
+    k, ns, h, phi = control.k, control.ns, control.h, history.phi
+    for i in range(history.y.shape[0]):
         for j in range(ns + 1, k + 1):
-            phi[i, j] *= c.beta[j]
+            phi[i, j] *= control.beta[j]
         phi[i, k + 2] = phi[i, k + 1]
         phi[i, k + 1] = 0.0
         total, above = 0.0, 0.0
         for j in range(k, 0, -1):
-            total += c.g[j] * phi[i, j]
+            total += control.g[j] * phi[i, j]
             above += phi[i, j]
             phi[i, j] = above
-        H.p[i] = H.y[i] + h * total
+        history.p[i] = history.y[i] + h * total
 
 
 @inlined
-def estimate(c: Any, H: Any) -> float:
+def estimate_errors(control: Any, history: Any) -> float:
     """Block 2, second half: return the weighted error at order k; note those of orders k, k-1, k-2 and the
     next order.
     """
-    k, h, sig = c.k, c.h, c.sig
+    k, h, sig = control.k, control.h, control.sig
     two_below, one_below, here = 0.0, 0.0, 0.0
-    for i in range(H.y.shape[0]):
-        difference, weight = H.yp[i] - H.phi[i, 1], H.weight[i]
+    for i in range(history.y.shape[0]):
+        difference, weight = history.yp[i] - history.phi[i, 1], history.weight[i]
         if k > 2:
-            two_below += ((H.phi[i, k - 1] + difference) * weight) ** 2
+            two_below += ((history.phi[i, k - 1] + difference) * weight) ** 2
         if k > 1:
-            one_below += ((H.phi[i, k] + difference) * weight) ** 2
+            one_below += ((history.phi[i, k] + difference) * weight) ** 2
         here += (difference * weight) ** 2
     scaled = h * np.sqrt(here)
-    c.erk = scaled * sig[k + 1] * GAMMA_STAR[k]
-    c.knew = k
+    control.erk = scaled * sig[k + 1] * GAMMA_STAR[k]
+    control.knew = k
     if k > 1:
-        c.erkm1 = h * sig[k] * GAMMA_STAR[k - 1] * np.sqrt(one_below)
-        if k == 2 and c.erkm1 <= 0.5 * c.erk:
-            c.knew = 1
+        control.erkm1 = h * sig[k] * GAMMA_STAR[k - 1] * np.sqrt(one_below)
+        if k == 2 and control.erkm1 <= 0.5 * control.erk:
+            control.knew = 1
     if k > 2:
-        c.erkm2 = h * sig[k - 1] * GAMMA_STAR[k - 2] * np.sqrt(two_below)
-        if max(c.erkm1, c.erkm2) <= c.erk:
-            c.knew = k - 1
-    return scaled * (c.g[k] - c.g[k + 1])
+        control.erkm2 = h * sig[k - 1] * GAMMA_STAR[k - 2] * np.sqrt(two_below)
+        if max(control.erkm1, control.erkm2) <= control.erk:
+            control.knew = k - 1
+    return scaled * (control.g[k] - control.g[k + 1])
 
 
 @inlined
-def unwind(c: Any, H: Any) -> None:
-    """Block 3, first half: take :func:`predict` and :func:`coefficients` back after a failed step."""
-    c.phase1 = 0
-    for i in range(H.y.shape[0]):
-        for j in range(1, c.k + 1):
-            H.phi[i, j] = (H.phi[i, j] - H.phi[i, j + 1]) / c.beta[j]
-    for j in range(2, c.k + 1):
-        c.psi[j - 1] = c.psi[j] - c.h
+def undo_prediction(control: Any, history: Any) -> None:
+    """Block 3, first half: take :func:`predict` and :func:`update_coefficients` back after a failed step."""
+    control.phase1 = 0
+    for i in range(history.y.shape[0]):
+        for j in range(1, control.k + 1):
+            history.phi[i, j] = (history.phi[i, j] - history.phi[i, j + 1]) / control.beta[j]
+    for j in range(2, control.k + 1):
+        control.psi[j - 1] = control.psi[j] - control.h
 
 
 @inlined
-def correct(c: Any, H: Any) -> None:
-    """Block 4: the corrected state, one order higher, in ``H.trial``."""
-    factor = c.h * c.g[c.k + 1]
-    for i in range(H.y.shape[0]):
-        H.trial[i] = H.p[i] + factor * (H.yp[i] - H.phi[i, 1])
-        H.yp_p[i] = H.yp[i]
+def correct_state(control: Any, history: Any) -> None:
+    """Block 4: the corrected state, one order higher, in ``history.trial``."""
+    factor = control.h * control.g[control.k + 1]
+    for i in range(history.y.shape[0]):
+        history.trial[i] = history.p[i] + factor * (history.yp[i] - history.phi[i, 1])
+        history.yp_p[i] = history.yp[i]
 
 
 @inlined
-def correct_work(c: Any, H: Any, power: float) -> None:
-    """The corrected work from W' where the step ends, after :func:`correct`."""
-    last = H.y.shape[0] - 1
-    H.yp[last] = power
-    H.trial[last] = H.p[last] + c.h * c.g[c.k + 1] * (power - H.phi[last, 1])
+def correct_work(control: Any, history: Any, power: float) -> None:
+    """The corrected work from W' where the step ends, after :func:`correct_state`."""
+    last = history.y.shape[0] - 1
+    history.yp[last] = power
+    history.trial[last] = history.p[last] + control.h * control.g[control.k + 1] * (power - history.phi[last, 1])
 
 
 @inlined
-def book_step(c: Any, H: Any) -> None:
-    """Book the work of a step, its error and what else the energy may stray; see :mod:`solvers.energy_account`."""
-    last = H.y.shape[0] - 1
-    c.work_total_variation += abs(H.trial[last] - H.y[last])
-    part = c.g[c.k] - c.g[c.k + 1]
-    if c.corner_rejections > 0.0:  # the difference of two orders is small, though the power is wrong by its correction
+def record_step_energy(control: Any, history: Any) -> None:
+    """Record the work of a step, its error, and the bound of the energy error; see :mod:`solvers.energy_account`."""
+    last = history.y.shape[0] - 1
+    control.work_total_variation += abs(history.trial[last] - history.y[last])
+    part = control.g[control.k] - control.g[control.k + 1]
+    if (
+        control.corner_rejections > 0.0
+    ):  # the difference of two orders is small, though the power is wrong by its correction
         part = max(part, 1.0 / WORK_ERROR_SAFETY)
-    add_energy_error_bound(c, c.h * part * (H.yp[last] - H.phi[last, 1]), c.h)
+    add_energy_error_bound(control, control.h * part * (history.yp[last] - history.phi[last, 1]), control.h)
 
 
 @inlined
-def accept(c: Any, H: Any, max_order: int, max_step: float) -> None:
-    """Rest of block 4: take over ``H.trial`` and its y' = ``H.yp``; choose the next order and step."""
-    k, phi = c.k, H.phi
-    watch_stability(c, H)
-    book_step(c, H)
-    c.t += c.h
-    c.kold, c.hold = k, c.h
-    for i in range(H.y.shape[0]):
-        H.y[i] = H.trial[i]
-        difference = H.yp[i] - phi[i, 1]
+def accept_adams_step(control: Any, history: Any, max_order: int, max_step: float) -> None:
+    """Rest of block 4: take over ``history.trial`` and its y' = ``history.yp``; choose the next order and step."""
+    k, phi = control.k, history.phi
+    count_stability_limited(control, history)
+    record_step_energy(control, history)
+    control.t += control.h
+    control.kold, control.hold = k, control.h
+    for i in range(history.y.shape[0]):
+        history.y[i] = history.trial[i]
+        difference = history.yp[i] - phi[i, 1]
         phi[i, k + 1] = difference
         phi[i, k + 2] = difference - phi[i, k + 2]
         for j in range(1, k + 1):
             phi[i, j] += difference
-    choose_order(c, H, max_order)
-    choose_step(c, max_step)
+    choose_order(control, history, max_order)
+    choose_step(control, max_step)
 
 
 @inlined
-def watch_stability(c: Any, H: Any) -> None:
+def count_stability_limited(control: Any, history: Any) -> None:
     """Count the steps whose length stability sets, and not accuracy.
 
     rho = |y'_c - y'_p| / |y_c - y_p|, from the predicted to the corrected state, comes near the largest eigenvalue
@@ -324,63 +334,63 @@ def watch_stability(c: Any, H: Any) -> None:
     those that accuracy limits.
     """
     change, rate = 0.0, 0.0
-    for i in range(H.y.shape[0]):
-        change += ((H.trial[i] - H.p[i]) * H.weight[i]) ** 2
-        rate += ((H.yp[i] - H.yp_p[i]) * H.weight[i]) ** 2
-    if rate * c.h * c.h > STABILITY_BOUND * STABILITY_BOUND * change:
-        c.long = min(c.long + 1, 2 * STABILITY_STEPS)
+    for i in range(history.y.shape[0]):
+        change += ((history.trial[i] - history.p[i]) * history.weight[i]) ** 2
+        rate += ((history.yp[i] - history.yp_p[i]) * history.weight[i]) ** 2
+    if rate * control.h * control.h > STABILITY_BOUND * STABILITY_BOUND * change:
+        control.limited_streak = min(control.limited_streak + 1, 2 * STABILITY_STEPS)
     else:
-        c.long = max(c.long - 1, 0)
-    if c.long >= STABILITY_STEPS:
-        c.limited += 1
+        control.limited_streak = max(control.limited_streak - 1, 0)
+    if control.limited_streak >= STABILITY_STEPS:
+        control.stability_limited += 1
 
 
 @inlined
-def choose_order(c: Any, H: Any, max_order: int) -> None:
+def choose_order(control: Any, history: Any, max_order: int) -> None:
     """Next order: lower where errors fall with lower order, higher in phase 1 or where the higher order is better."""
-    k = c.k
-    if c.knew < k or k >= max_order:
-        c.phase1 = 0
-    if c.phase1 == 1:
-        c.k, c.erk = k + 1, 0.0
+    k = control.k
+    if control.knew < k or k >= max_order:
+        control.phase1 = 0
+    if control.phase1 == 1:
+        control.k, control.erk = k + 1, 0.0
         return
-    if c.knew < k:
-        c.k, c.erk = c.knew, c.erkm1
+    if control.knew < k:
+        control.k, control.erk = control.knew, control.erkm1
         return
-    if k >= c.ns:  # differences of order k + 1 need k + 1 equal steps
+    if k >= control.ns:  # differences of order k + 1 need k + 1 equal steps
         return
     above = 0.0
-    for i in range(H.y.shape[0]):
-        above += (H.phi[i, k + 2] * H.weight[i]) ** 2
-    above = c.h * GAMMA_STAR[k + 1] * np.sqrt(above)
-    if k > 1 and c.erkm1 <= min(c.erk, above):
-        c.k, c.erk = k - 1, c.erkm1
-    elif k < max_order and above < (c.erk if k > 1 else 0.5 * c.erk):
-        c.k, c.erk = k + 1, above
+    for i in range(history.y.shape[0]):
+        above += (history.phi[i, k + 2] * history.weight[i]) ** 2
+    above = control.h * GAMMA_STAR[k + 1] * np.sqrt(above)
+    if k > 1 and control.erkm1 <= min(control.erk, above):
+        control.k, control.erk = k - 1, control.erkm1
+    elif k < max_order and above < (control.erk if k > 1 else 0.5 * control.erk):
+        control.k, control.erk = k + 1, above
 
 
 @inlined
-def choose_step(c: Any, max_step: float) -> None:
+def choose_step(control: Any, max_step: float) -> None:
     """Next step: doubled, kept, or cut to between a half and nine tenths, never more than ``max_step``."""
-    h = c.h
-    if c.phase1 == 1 or 0.5 >= c.erk * (2 << c.k):  # 2^(k + 1)
-        c.h = 2.0 * h
-    elif 0.5 < c.erk:
-        c.h = h * max(0.5, min(0.9, (0.5 / c.erk) ** (1.0 / (c.k + 1))))
-    c.h = min(c.h, max_step)
+    h = control.h
+    if control.phase1 == 1 or 0.5 >= control.erk * (2 << control.k):  # 2^(k + 1)
+        control.h = 2.0 * h
+    elif 0.5 < control.erk:
+        control.h = h * max(0.5, min(0.9, (0.5 / control.erk) ** (1.0 / (control.k + 1))))
+    control.h = min(control.h, max_step)
 
 
 @inlined
-def interpolate(c: Any, H: Any, t: float, y: Any) -> None:
+def interpolate(control: Any, history: Any, t: float, y: Any) -> None:
     """State at t in the last step, in ``y`` (size,): subroutine INTRP."""
-    hi, g, w = t - c.t, c.g_out, c.w_out
-    last = c.kold + 1
+    hi, g, w = t - control.t, control.g_out, control.w_out
+    last = control.kold + 1
     for i in range(1, last + 1):
         w[i] = 1.0 / i
     g[1] = 1.0
     term = 0.0
     for j in range(2, last + 1):
-        before = c.psi[j - 1]
+        before = control.psi[j - 1]
         gamma, eta = (hi + term) / before, hi / before
         for i in range(1, last + 2 - j):
             w[i] = gamma * w[i] - eta * w[i + 1]
@@ -389,18 +399,18 @@ def interpolate(c: Any, H: Any, t: float, y: Any) -> None:
     for i in range(y.shape[0]):
         total = 0.0
         for j in range(last, 0, -1):
-            total += g[j] * H.phi[i, j]
-        y[i] = H.y[i] + hi * total
+            total += g[j] * history.phi[i, j]
+        y[i] = history.y[i] + hi * total
 
 
-def counts(c: Any) -> dict[str, Any]:
+def collect_counts(control: Any) -> dict[str, Any]:
     """Return what a record of CONTROL has counted, by the names of :class:`solvers.options.Statistics`."""
     return {
-        "steps": int(c["steps"]),
-        "rejected": int(c["rejected"]),
-        "rhs_evals": int(c["evaluations"]),
-        "restarts": max(0, int(c["starts"]) - 1),
-        "order": int(c["kold"]),
-        "step_size": float(c["hold"]),
-        "stability_limited": int(c["limited"]),
+        "steps": int(control["steps"]),
+        "rejected": int(control["rejected"]),
+        "rhs_evals": int(control["evaluations"]),
+        "restarts": max(0, int(control["starts"]) - 1),
+        "order": int(control["kold"]),
+        "step_size": float(control["hold"]),
+        "stability_limited": int(control["stability_limited"]),
     }

@@ -16,22 +16,22 @@ from typing import Any
 from solvers.compiled.kernel import kernel
 from solvers.stepper import is_discontinuity
 
-from .formulas import begin_anew
+from .formulas import restart_history
 
 ENDED_LIMIT_RATIO = 1e3  # times: a limit that becomes longer by so much has ended
 
 
 @kernel
-def limit_steps(H: Any, settings: Any, t: float, q: Any, v: Any, work: float, longest: float) -> None:
+def limit_steps(history: Any, settings_array: Any, t: float, q: Any, v: Any, work: float, longest: float) -> None:
     """From the reported state (q, v) at t on, s, no step is longer than ``longest``, s; ``work`` is W there, J."""
-    c, o = H.control[0], settings[0]
-    before = o.max_step
+    control, settings = history.control[0], settings_array[0]
+    before = settings.max_step
     if longest == before:
         return
-    o.max_step = longest
-    if c.start == 0:
+    settings.max_step = longest
+    if control.start == 0:
         if longest >= ENDED_LIMIT_RATIO * before and is_discontinuity(before, t):
-            begin_anew(H, t, q, v, work, 0, 0, False)
-        elif longest < c.h and is_discontinuity(longest, t):
-            c.phase1, c.k = 0, 1
-    c.h = min(c.h, longest)
+            restart_history(history, t, q, v, work, 0, 0, False)
+        elif longest < control.h and is_discontinuity(longest, t):
+            control.phase1, control.k = 0, 1
+    control.h = min(control.h, longest)

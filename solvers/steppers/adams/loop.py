@@ -23,413 +23,368 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.energy_account import count_rejected_step, energy_check_scheduled, fill_account_row, update_energy_bound
-from solvers.inertia import clear_growth, tolerance_factor, update_growth
+from solvers.energy_account import count_rejected_step, fill_account_row
+from solvers.inertia import clear_growth
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_CLOSED, OK
 from solvers.projection.branch import BRANCH_RESOLUTION, on_same_branch
-from solvers.projection.lu_partition import (
-    choose_partition,
-    evaluate_dependent_acceleration,
-    evaluate_dependent_multipliers,
-    factor_dependent,
-    project_dependents,
-    restore_dependents,
-)  # fmt: skip
-from solvers.projection.projection import (
-    evaluate_acceleration,
-    evaluate_multipliers,
-    is_near_bifurcation,
-    project,
-    project_with_frozen_jacobian,
-)
+from solvers.projection.lu_partition import choose_partition
+from solvers.projection.projection import project
 from solvers.projection.reported import fill_reported_state
 from solvers.projection.singular import IMPERFECT, SINGULAR_PIVOT_RATIO, branch_step_limit, record_accepted
-from solvers.projection.workspace import factor
 from solvers.stepper import is_discontinuity, min_step_length
-from solvers.steppers.step_control import FIRST_STEP_RATIO, MIN_RTOL_TIMES_GAP, MIN_STEP_RATIO
+from solvers.steppers.step_control import FIRST_STEP_RATIO, MIN_STEP_RATIO
 
+from .derivatives import evaluate_derivative, evaluate_power, record_energy, set_error_weights
 from .formulas import (
     MAX_ORDER,
-    accept,
-    begin,
-    coefficients,
-    correct,
+    accept_adams_step,
+    correct_state,
     correct_work,
-    estimate,
+    estimate_errors,
     interpolate,
-    join,
+    pack_state,
     predict,
-    set_units,
-    split,
-    unwind,
+    set_tolerance_units,
+    start_history,
+    undo_prediction,
+    unpack_state,
+    update_coefficients,
 )
-from .hybrid import HYBRID, LU, PROJECTION, give_up_lu, jumped, leave_lu, passed_lu, return_to_lu, take_choice
-from .one_step import NODES, STAGES, change_step, error_of_step, keep_stage, stage, stop_at, take_step
+from .hybrid import (
+    HYBRID,
+    LU,
+    PROJECTION,
+    adopt_partition,
+    check_switch_to_lu,
+    check_switch_to_projection,
+    fall_back_to_projection,
+    has_energy_jump,
+    is_on_same_branch_lu,
+)
+from .one_step import (
+    N_STAGES,
+    NODES,
+    accept_runge_kutta_step,
+    adapt_step,
+    compute_stage,
+    estimate_error,
+    store_stage,
+    truncate_step,
+)
 
 SETTINGS = np.dtype(
     [
         ("rtol", "f8"), ("atol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
         ("partition", "i8"),  # PROJECTION, LU, or HYBRID
-        ("energy_check", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
+        ("energy_check", "i8"), ("works", "i8"),  # 1: record energy and work; 1: some force does work
         ("flicker_steps", "i8"), ("flicker_count", "i8"), ("energy_jump", "f8"), ("collapse_cuts", "i8"),
         ("calm_steps", "i8"),
     ],
     align=True,
 )  # fmt: skip
-FROZEN_JACOBIAN_RATIO = 1e-3  # part of the tolerance: a smaller correction of the position needs no new J
 # Times the nearly singular ratio of the pivots, or times the way to the target: Runge-Kutta steps are possible.
 CLEARANCE_FACTOR = 2.0
 
 
 @inlined
-def weigh(c: Any, o: Any, H: Any, nq: int, n: int, work: Any) -> None:
-    """Error weights 1 / (rtol |y| + atol unit) at y; with 'adams-lu' dependent coordinates get none: they are not
-    controlled.
-
-    Near a near miss rounding limits the accuracy: a smaller tolerance only makes steps smaller.
-    """
-    c.coarser = 1.0
-    if work.critical[0].kind == IMPERFECT:
-        gap = abs(work.critical[0].bifurcation_gap)
-        c.coarser = max(1.0, MIN_RTOL_TIMES_GAP / (gap * o.rtol))
-        if c.coarser > c.coarsest:
-            c.coarsest, c.narrowest = c.coarser, gap
-    scale = c.coarser * tolerance_factor(o.rtol, 1.0, work)
-    for i in range(nq + n):
-        H.weight[i] = 1.0 / (scale * (o.rtol * abs(H.y[i]) + o.atol * H.unit[i]))
-    if o.partition == LU:
-        for j in range(c.rank):
-            H.weight[nq + H.columns[j]] = 0.0
-            if nq == n:
-                H.weight[H.columns[j]] = 0.0
-
-
-@kernel
-def differentiate(eqs: Any, t: float, closing: bool, c: Any, o: Any, H: Any, work: Any) -> int:
-    """y' in ``H.yp`` at (work.q, work.v), which are closed first where ``closing`` or in the LU regime."""
-    q, v, rank = work.q, work.v, c.rank
-    c.evaluations += 1
-    if c.regime == LU:
-        if o.partition == LU:
-            restore_dependents(rank, H.columns, H.y, q, v)
-        if closing or o.partition == LU:
-            hybrid = o.partition == HYBRID
-            code = project_dependents(eqs, t, q, v, rank, H.rows, H.columns, hybrid, work)
-        else:
-            eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-            code = OK if factor_dependent(eqs.terms, rank, H.rows, H.columns, work) else NOT_CLOSED
-        if code == OK:
-            code = evaluate_dependent_acceleration(eqs.terms, rank, H.rows, H.columns, work, work.slope)
-    else:
-        code = OK
-        if closing:
-            code = project_with_frozen_jacobian(
-                eqs, t, q, v, H.p, rank, FROZEN_JACOBIAN_RATIO * min(o.rtol, o.atol), work
-            )
-        else:
-            eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-            factor(eqs.terms, work)
-            if is_near_bifurcation(rank, work):  # v' of what is not closed is wrong by the inverse square of its pivot
-                code = project(eqs, t, q, v, rank, work)
-        if code == OK:
-            code = evaluate_acceleration(eqs, t, q, v, rank, work, work.slope)
-    if code == OK:
-        join(eqs.terms.qdot, work.slope, H.yp)
-    return code
-
-
-@kernel
-def power(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> float:
-    """W' at the state evaluated last, with v' in ``work.slope``."""
-    if o.works == 0:
-        return 0.0
-    if c.regime == LU:
-        evaluate_dependent_multipliers(eqs.terms, c.rank, H.rows, H.columns, work, work.slope, work.lam)
-    else:
-        evaluate_multipliers(eqs.terms, c.rank, work, work.slope, work.lam)
-    return eqs.power(t, work.q, work.v, work.slope, work.lam, eqs.data)
-
-
-@kernel
-def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, work: Any) -> None:
-    """Book the energy at the state evaluated last, before :func:`power`; see :mod:`solvers.energy_account`."""
-    update_growth(t, eqs.terms.M, work.v, work)
-    if o.energy_check == 1 and energy_check_scheduled(c):
-        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, c, scales)
-        c.step_energy_error_bound *= max(1.0, c.coarser)
-
-
-@inlined
-def settle_down(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
-    """Close y = (work.q, work.v), look around, and choose coordinates."""
+def initialize_at_state(eqs: Any, control: Any, settings: Any, history: Any, work: Any) -> int:
+    """Project y = (work.q, work.v) onto the constraints, record its position, and choose coordinates."""
     q, v = work.q, work.v
-    code = project(eqs, c.t, q, v, c.rank, work)
+    code = project(eqs, control.t, q, v, control.rank, work)
     if code != OK:
         return code
-    join(q, v, H.y)
+    pack_state(q, v, history.y)
     work.branch_history[0].pivot_ratio = 0.0
-    record_accepted(eqs, c.t, q, 0.0, 0.0, c.rank, work)
-    if c.rank > 0 and work.branch_history[0].pivot_ratio < SINGULAR_PIVOT_RATIO and o.partition == HYBRID:
-        c.regime = PROJECTION
-    if c.regime == LU:
-        if not choose_partition(eqs.terms, c.rank, work):
+    record_accepted(eqs, control.t, q, 0.0, 0.0, control.rank, work)
+    if control.rank > 0 and work.branch_history[0].pivot_ratio < SINGULAR_PIVOT_RATIO and settings.partition == HYBRID:
+        control.regime = PROJECTION
+    if control.regime == LU:
+        if not choose_partition(eqs.terms, control.rank, work):
             return NOT_CLOSED
-        take_choice(eqs.terms, c, H, work)
-    c.equal, c.h_before = 0, 0.0
+        adopt_partition(eqs.terms, control, history, work)
+    control.equal_steps, control.h_before = 0, 0.0
     return OK
 
 
 @inlined
-def clear_way(c: Any, work: Any, target: float) -> bool:
-    """Whether no singular configuration is near the way to ``target``, so that a step may end there."""
+def no_singularity_ahead(control: Any, work: Any, target: float) -> bool:
+    """Whether no singular configuration is near or ahead before ``target``, so that a step may end there."""
     here = work.branch_history[0]
-    if c.rank == 0:
+    if control.rank == 0:
         return True
-    if c.regime == LU:
-        return c.pivot == 0.0 or c.pivot >= CLEARANCE_FACTOR * SINGULAR_PIVOT_RATIO
+    if control.regime == LU:
+        return control.min_pivot == 0.0 or control.min_pivot >= CLEARANCE_FACTOR * SINGULAR_PIVOT_RATIO
     return (
         work.critical[0].kind != IMPERFECT
         and here.pivot_ratio >= CLEARANCE_FACTOR * SINGULAR_PIVOT_RATIO
-        and here.time_to_singular >= CLEARANCE_FACTOR * (target - c.t)
+        and here.time_to_singular >= CLEARANCE_FACTOR * (target - control.t)
     )
 
 
 @kernel
-def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
-    """Start or restart: evaluate y' at y, in ``H.yp`` and as the first stage.
+def prepare(eqs: Any, control: Any, settings: Any, history: Any, work: Any, scales: Any) -> int:
+    """Start or restart: evaluate y' at y, in ``history.yp`` and as the first stage.
 
     Unless a single step has just ended at y, y is first projected and the coordinates are chosen.
     """
     q, v = work.q, work.v
-    split(H.y, q, v)
-    if c.placed == 0:
-        code = settle_down(eqs, c, o, H, work)
+    unpack_state(history.y, q, v)
+    if control.is_projected == 0:
+        code = initialize_at_state(eqs, control, settings, history, work)
         if code != OK:
             return code
-    c.energy = eqs.energy(c.t, q, v, eqs.data) - H.y[H.y.shape[0] - 1]
-    code = differentiate(eqs, c.t, False, c, o, H, work)
+    control.last_energy = eqs.energy(control.t, q, v, eqs.data) - history.y[history.y.shape[0] - 1]
+    code = evaluate_derivative(eqs, control.t, False, control, settings, history, work)
     if code == OK:
-        book(eqs, c.t, c, o, scales, work)
-        H.yp[H.y.shape[0] - 1] = power(eqs, c.t, c, o, H, work)
-        keep_stage(H, 0)
-        c.starts += 1
-        c.h = c.single if c.single > 0.0 else FIRST_STEP_RATIO / work.rate[0]
-        c.renew = 0
+        record_energy(eqs, control.t, control, settings, scales, work)
+        history.yp[history.y.shape[0] - 1] = evaluate_power(eqs, control.t, control, settings, history, work)
+        store_stage(history, 0)
+        control.starts += 1
+        control.h = control.rk_step_size if control.rk_step_size > 0.0 else FIRST_STEP_RATIO / work.rate[0]
+        control.needs_derivative = 0
     return code
 
 
 @kernel
-def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float) -> int:
+def runge_kutta_step(eqs: Any, control: Any, settings: Any, history: Any, work: Any, scales: Any, target: float) -> int:
     """One accepted step by the formulas of :mod:`.one_step`, not past ``target``; or why there is none.
 
     Its stages are off the constraints by what the formulas leave, its end is closed.
     """
-    q, v, last = work.q, work.v, H.y.shape[0] - 1
-    weigh(c, o, H, q.shape[0], v.shape[0], work)
+    q, v, last = work.q, work.v, history.y.shape[0] - 1
+    set_error_weights(control, settings, history, q.shape[0], v.shape[0], work)
     shortest = False
     while True:
-        c.h = min(c.h, o.max_step)
-        stop_at(c, target)
-        after, error = c.t + c.h, np.inf
+        control.h = min(control.h, settings.max_step)
+        truncate_step(control, target)
+        after, error = control.t + control.h, np.inf
         code = OK
-        for i in range(1, STAGES):
-            stage(c, H, i)
-            at = c.t + NODES[i] * c.h
-            split(H.p, q, v)
-            code = differentiate(eqs, at, i == STAGES - 1, c, o, H, work)
+        for i in range(1, N_STAGES):
+            compute_stage(control, history, i)
+            at = control.t + NODES[i] * control.h
+            unpack_state(history.p, q, v)
+            code = evaluate_derivative(eqs, at, i == N_STAGES - 1, control, settings, history, work)
             if code != OK:
                 break
-            if i == STAGES - 1:
-                H.trial[last] = H.p[last]
-                join(q, v, H.trial)
-                book(eqs, at, c, o, scales, work)
-            H.yp[last] = power(eqs, at, c, o, H, work)
-            keep_stage(H, i)
+            if i == N_STAGES - 1:
+                history.trial[last] = history.p[last]
+                pack_state(q, v, history.trial)
+                record_energy(eqs, at, control, settings, scales, work)
+            history.yp[last] = evaluate_power(eqs, at, control, settings, history, work)
+            store_stage(history, i)
         if code == OK:
-            error = error_of_step(c, H)
+            error = estimate_error(control, history)
             if error <= 1.0 or shortest:
-                if stayed(eqs, after, c, o, H, work):
-                    take_step(c, H, target, error)
+                if accept_branch(eqs, after, control, settings, history, work):
+                    accept_runge_kutta_step(control, history, target, error)
                     return OK
                 code, error = BRANCHES, np.inf
-        count_rejected_step(c, code == OK)
-        change_step(c, error)
-        smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
-        if not c.h > smallest:
-            if shortest or code != OK or not is_discontinuity(o.max_step, c.t):
-                c.single = 0.0
+        count_rejected_step(control, code == OK)
+        adapt_step(control, error)
+        smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], settings.max_step, control.t)
+        if not control.h > smallest:
+            if shortest or code != OK or not is_discontinuity(settings.max_step, control.t):
+                control.rk_step_size = 0.0
                 return COLLAPSED if code == OK else code
-            c.h, shortest = smallest, True
+            control.h, shortest = smallest, True
 
 
 @kernel
-def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
+def adams_step(eqs: Any, control: Any, settings: Any, history: Any, work: Any, scales: Any) -> int:
     """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
     q, v = work.q, work.v
-    weigh(c, o, H, q.shape[0], v.shape[0], work)
+    set_error_weights(control, settings, history, q.shape[0], v.shape[0], work)
     cuts, shortest = 0, False
     while True:
-        coefficients(c)
-        predict(c, H)
-        split(H.p, q, v)
-        after = c.t + c.h
-        c.erk, error = 0.0, 0.0
-        code = differentiate(eqs, after, False, c, o, H, work)
+        update_coefficients(control)
+        predict(control, history)
+        unpack_state(history.p, q, v)
+        after = control.t + control.h
+        control.erk, error = 0.0, 0.0
+        code = evaluate_derivative(eqs, after, False, control, settings, history, work)
         if code == OK:
-            error = estimate(c, H)
+            error = estimate_errors(control, history)
             if error <= 1.0 or shortest:
-                correct(c, H)
-                split(H.trial, q, v)
-                code = differentiate(eqs, after, True, c, o, H, work)
-                join(q, v, H.trial)
+                correct_state(control, history)
+                unpack_state(history.trial, q, v)
+                code = evaluate_derivative(eqs, after, True, control, settings, history, work)
+                pack_state(q, v, history.trial)
                 if code == OK:
-                    book(eqs, after, c, o, scales, work)
-                    correct_work(c, H, power(eqs, after, c, o, H, work))
-                    if stayed(eqs, after, c, o, H, work):
-                        accept(c, H, o.max_order, o.max_step)
+                    record_energy(eqs, after, control, settings, scales, work)
+                    correct_work(control, history, evaluate_power(eqs, after, control, settings, history, work))
+                    if accept_branch(eqs, after, control, settings, history, work):
+                        accept_adams_step(control, history, settings.max_order, settings.max_step)
                         return OK
                     code = BRANCHES
         cuts += 1
-        count_rejected_step(c, code == OK)
-        cut(cuts, c, H)
-        if o.partition == HYBRID and c.regime == LU and cuts >= o.collapse_cuts:
-            give_up_lu(eqs, c, H, work)
-            c.by_collapse += 1
-        smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
-        if not c.h > smallest:
-            if shortest or code != OK or not is_discontinuity(o.max_step, c.t):
+        count_rejected_step(control, code == OK)
+        shorten_step(cuts, control, history)
+        if settings.partition == HYBRID and control.regime == LU and cuts >= settings.collapse_cuts:
+            fall_back_to_projection(eqs, control, history, work)
+            control.by_collapse += 1
+        smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], settings.max_step, control.t)
+        if not control.h > smallest:
+            if shortest or code != OK or not is_discontinuity(settings.max_step, control.t):
                 return COLLAPSED if code == OK else code
-            c.h, c.k, shortest = smallest, 1, True
+            control.h, control.k, shortest = smallest, 1, True
 
 
 @kernel
-def stayed(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> bool:
+def accept_branch(eqs: Any, t: float, control: Any, settings: Any, history: Any, work: Any) -> bool:
     """Whether the step to (t, work.q, work.v) may be accepted; where LU is in doubt projection tries it again.
 
     LU alone is not watched.
     """
-    if o.partition == LU:
+    if settings.partition == LU:
         return True
-    done = H.trial[H.y.shape[0] - 1]
-    if c.regime == PROJECTION:
-        if on_same_branch(eqs, t, work.q, BRANCH_RESOLUTION, c.rank, work):
-            jumped(eqs, t, done, c, o, work)
+    done = history.trial[history.y.shape[0] - 1]
+    if control.regime == PROJECTION:
+        if on_same_branch(eqs, t, work.q, BRANCH_RESOLUTION, control.rank, work):
+            has_energy_jump(eqs, t, done, control, settings, work)
             return True
-        c.refused += 1
+        control.refused += 1
         return False
-    if not passed_lu(c, H, work):
-        give_up_lu(eqs, c, H, work)
-        c.by_turn += 1
+    if not is_on_same_branch_lu(control, history, work):
+        fall_back_to_projection(eqs, control, history, work)
+        control.by_turn += 1
         return False
-    if jumped(eqs, t, done, c, o, work):
-        give_up_lu(eqs, c, H, work)
-        c.by_energy += 1
+    if has_energy_jump(eqs, t, done, control, settings, work):
+        fall_back_to_projection(eqs, control, history, work)
+        control.by_energy += 1
         return False
     return True
 
 
 @inlined
-def cut(cuts: int, c: Any, H: Any) -> None:
+def shorten_step(cuts: int, control: Any, history: Any) -> None:
     """Block 3 of STEP: undo the attempt, halve the step, after three failures fall back to order one."""
-    unwind(c, H)
+    undo_prediction(control, history)
     shrink = 0.5
-    if cuts > 3 and 0.5 < 0.25 * c.erk:
-        shrink = np.sqrt(0.5 / c.erk)
-    c.h *= shrink
+    if cuts > 3 and 0.5 < 0.25 * control.erk:
+        shrink = np.sqrt(0.5 / control.erk)
+    control.h *= shrink
     if cuts >= 3:
-        c.k = 1
-    elif c.erk > 0.0:
-        c.k = c.knew
+        control.k = 1
+    elif control.erk > 0.0:
+        control.k = control.knew
 
 
 @kernel
 def advance(
-    eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: float, q: Any, v: Any, energy_account: Any
+    eqs: Any,
+    settings_array: Any,
+    history: Any,
+    work: Any,
+    scales: Any,
+    target: float,
+    q: Any,
+    v: Any,
+    energy_account: Any,
 ) -> int:
     """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure, and
-    what is booked into ``energy_account`` (ROW,).
+    the energy account into ``energy_account`` (ACCOUNT_SIZE,).
     """
-    c, o = H.control[0], settings[0]
+    control, settings = history.control[0], settings_array[0]
     code, taken = OK, 0
-    while c.t < target:
-        if taken >= o.max_steps:
+    while control.t < target:
+        if taken >= settings.max_steps:
             code = MAX_STEPS
             break
-        if c.start == 1 and (c.renew == 1 or c.placed == 0):
-            code = prepare(eqs, c, o, H, work, scales)
+        if control.start == 1 and (control.needs_derivative == 1 or control.is_projected == 0):
+            code = prepare(eqs, control, settings, history, work, scales)
             if code != OK:
                 break
-        if c.start == 1 and c.singles > 0 and clear_way(c, work, target):
-            code = single_step(eqs, c, o, H, work, scales, target)
+        if control.start == 1 and control.rk_steps > 0 and no_singularity_ahead(control, work, target):
+            code = runge_kutta_step(eqs, control, settings, history, work, scales, target)
         else:
-            if c.start == 1:
-                c.singles = 0
-                weigh(c, o, H, q.shape[0], v.shape[0], work)
-                begin(c, H, o.max_step, work.rate[0])
-            code = step(eqs, c, o, H, work, scales)
+            if control.start == 1:
+                control.rk_steps = 0
+                set_error_weights(control, settings, history, q.shape[0], v.shape[0], work)
+                start_history(control, history, settings.max_step, work.rate[0])
+            code = adams_step(eqs, control, settings, history, work, scales)
         if code != OK:
             break
         taken += 1
-        c.steps += 1
-        if c.regime == LU:
-            c.time_lu += c.hold
-            leave_lu(eqs, c, o, work, H)
+        control.steps += 1
+        if control.regime == LU:
+            control.time_lu += control.hold
+            check_switch_to_projection(eqs, control, settings, work, history)
         else:
-            record_accepted(eqs, c.t, work.q, c.hold, c.h, c.rank, work)
-            c.time_projection += c.hold
-            if o.partition == HYBRID:
-                return_to_lu(c, o, eqs.terms, work, H)
-        if o.partition != LU:
-            c.h = min(c.h, branch_step_limit(c.t, work.q, work.v, c.hold, eqs.terms, work))
-    split(H.y, q, v)
-    done = H.y[H.y.shape[0] - 1]
+            record_accepted(eqs, control.t, work.q, control.hold, control.h, control.rank, work)
+            control.time_projection += control.hold
+            if settings.partition == HYBRID:
+                check_switch_to_lu(control, settings, eqs.terms, work, history)
+        if settings.partition != LU:
+            control.h = min(control.h, branch_step_limit(control.t, work.q, work.v, control.hold, eqs.terms, work))
+    unpack_state(history.y, q, v)
+    done = history.y[history.y.shape[0] - 1]
     if code == OK:
-        if target < c.t:
-            interpolate(c, H, target, H.trial)
-            split(H.trial, q, v)
-            done = H.trial[H.y.shape[0] - 1]
-        code = project(eqs, target, q, v, c.rank, work)
-    fill_account_row(c, done, energy_account)
+        if target < control.t:
+            interpolate(control, history, target, history.trial)
+            unpack_state(history.trial, q, v)
+            done = history.trial[history.y.shape[0] - 1]
+        code = project(eqs, target, q, v, control.rank, work)
+    fill_account_row(control, done, energy_account)
     return code
 
 
 @kernel
-def take_options(options: Any, settings: Any) -> None:
+def set_options(options: Any, settings_array: Any) -> None:
     """Set the options of a run (``solvers.options.OPTIONS``)."""
-    asked, o = options[0], settings[0]
-    o.rtol, o.atol = asked.rtol, asked.absolute
-    o.max_step, o.max_steps, o.energy_check = asked.max_step, asked.max_steps, asked.energy_check
-    o.max_order = asked.max_order if asked.max_order > 0 else MAX_ORDER
+    requested, settings = options[0], settings_array[0]
+    settings.rtol, settings.atol = requested.rtol, requested.absolute
+    settings.max_step, settings.max_steps, settings.energy_check = (
+        requested.max_step,
+        requested.max_steps,
+        requested.energy_check,
+    )
+    settings.max_order = requested.max_order if requested.max_order > 0 else MAX_ORDER
 
 
 @kernel
-def set_up(g: Any, rank: int, absolute: float) -> None:
+def set_up(integration: Any, rank: int, absolute: float) -> None:
     """Take rank, units and paces as they were found at the start; ``absolute`` is the tolerance in those units."""
-    c, H, work = g.memory.control[0], g.memory, g.work
-    c.rank, c.changed_at = rank, -g.settings[0].flicker_steps
-    c.regime = PROJECTION if g.settings[0].partition == PROJECTION else LU
-    set_units(H, absolute, work, g.scales)
+    control, history, work = integration.memory.control[0], integration.memory, integration.work
+    control.rank, control.changed_at = rank, -integration.settings[0].flicker_steps
+    control.regime = PROJECTION if integration.settings[0].partition == PROJECTION else LU
+    set_tolerance_units(history, absolute, work, integration.scales)
     clear_growth(work)
 
 
 @kernel
-def advance_reported(g: Any, target: float) -> int:
+def advance_reported(integration: Any, target: float) -> int:
     """:func:`advance` for the reported state."""
-    return advance(g.eqs, g.settings, g.memory, g.work, g.scales, target, g.q, g.v, g.energy_account)
+    return advance(
+        integration.eqs,
+        integration.settings,
+        integration.memory,
+        integration.work,
+        integration.scales,
+        target,
+        integration.q,
+        integration.v,
+        integration.energy_account,
+    )
 
 
 @kernel
-def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, energy_account: Any, outputs: Any) -> tuple[int, int]:
+def sample(
+    integration: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, energy_account: Any, outputs: Any
+) -> tuple[int, int]:
     """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, energy account and outputs of
     the system in a row each.
 
     Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
     """
-    eqs, H, work, o = g.eqs, g.memory, g.work, g.settings[0]
+    eqs, history, work, settings = integration.eqs, integration.memory, integration.work, integration.settings[0]
     for i in range(times.shape[0]):
-        code = advance(eqs, g.settings, H, work, g.scales, times[i], q[i], v[i], energy_account[i])
+        code = advance(
+            eqs, integration.settings, history, work, integration.scales, times[i], q[i], v[i], energy_account[i]
+        )
         if code == OK:
-            code = fill_reported_state(eqs, times[i], q[i], v[i], o.rtol, H.control[0], work, a[i], lam[i], outputs[i])
+            code = fill_reported_state(
+                eqs, times[i], q[i], v[i], settings.rtol, history.control[0], work, a[i], lam[i], outputs[i]
+            )
         if code != OK:
             return code, i
     return OK, times.shape[0]

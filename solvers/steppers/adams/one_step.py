@@ -19,7 +19,7 @@ from solvers.compiled.kernel import inlined
 from solvers.energy_account import add_energy_error_bound
 from solvers.steppers.step_control import MIN_STEP_CHANGE, STEP_SAFETY_FACTOR, TARGET_TOLERANCE
 
-STAGES = 7
+N_STAGES = 7
 NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
 A = np.array(
     [
@@ -37,38 +37,38 @@ MAX_STEP_CHANGE = 5.0  # next step in units of this one, at most
 
 
 @inlined
-def stage(c: Any, H: Any, i: int) -> None:
-    """State of stage i = 1, ..., 6 (6: where the step ends) in ``H.p``; stage 0 is y."""
-    for j in range(H.y.shape[0]):
+def compute_stage(control: Any, history: Any, i: int) -> None:
+    """State of stage i = 1, ..., 6 (6: where the step ends) in ``history.p``; stage 0 is y."""
+    for j in range(history.y.shape[0]):
         total = 0.0
         for k in range(i):
-            total += A[i, k] * H.phi[j, k + 1]
-        H.p[j] = H.y[j] + c.h * total
+            total += A[i, k] * history.phi[j, k + 1]
+        history.p[j] = history.y[j] + control.h * total
 
 
 @inlined
-def keep_stage(H: Any, i: int) -> None:
-    """Keep y' = ``H.yp`` of stage i."""
-    for j in range(H.y.shape[0]):
-        H.phi[j, i + 1] = H.yp[j]
+def store_stage(history: Any, i: int) -> None:
+    """Keep y' = ``history.yp`` of stage i."""
+    for j in range(history.y.shape[0]):
+        history.phi[j, i + 1] = history.yp[j]
 
 
 @inlined
-def error_of_step(c: Any, H: Any) -> float:
+def estimate_error(control: Any, history: Any) -> float:
     """The weighted error of the step from all seven stages."""
     square = 0.0
-    for j in range(H.y.shape[0]):
+    for j in range(history.y.shape[0]):
         total = 0.0
-        for k in range(STAGES):
-            total += E[k] * H.phi[j, k + 1]
-        square += (c.h * total * H.weight[j]) ** 2
+        for k in range(N_STAGES):
+            total += E[k] * history.phi[j, k + 1]
+        square += (control.h * total * history.weight[j]) ** 2
     return np.sqrt(square)
 
 
 @inlined
-def change_step(c: Any, error: float) -> None:
-    """The step that this error lets be next, or again."""
-    c.h *= (
+def adapt_step(control: Any, error: float) -> None:
+    """Set the next step, or the repeated one, from this error."""
+    control.h *= (
         min(MAX_STEP_CHANGE, max(MIN_STEP_CHANGE, STEP_SAFETY_FACTOR * max(error, 1e-10) ** -0.2))
         if error < np.inf
         else MIN_STEP_CHANGE
@@ -76,37 +76,37 @@ def change_step(c: Any, error: float) -> None:
 
 
 @inlined
-def stop_at(c: Any, target: float) -> None:
-    """Let the next step end at ``target``, or half way where the one after it would be shorter still.
+def truncate_step(control: Any, target: float) -> None:
+    """End the next step at ``target``, or half way if the one after it would be shorter still.
 
-    The length that accuracy allows stays in ``c.single``.
+    The length that accuracy allows stays in ``control.rk_step_size``.
     """
-    c.single = c.h
-    left = target - c.t
-    if left * (1.0 - TARGET_TOLERANCE) <= c.h:
-        c.h = left
-    elif left < 2.0 * c.h:
-        c.h = 0.5 * left
+    control.rk_step_size = control.h
+    left = target - control.t
+    if left * (1.0 - TARGET_TOLERANCE) <= control.h:
+        control.h = left
+    elif left < 2.0 * control.h:
+        control.h = 0.5 * left
 
 
 @inlined
-def take_step(c: Any, H: Any, target: float, error: float) -> None:
-    """Accept ``H.trial``, whose y' is ``H.yp``, as y; the next step is as long as accuracy allows."""
-    last = H.y.shape[0] - 1
+def accept_runge_kutta_step(control: Any, history: Any, target: float, error: float) -> None:
+    """Accept ``history.trial``, whose y' is ``history.yp``, as y; the next step is as long as accuracy allows."""
+    last = history.y.shape[0] - 1
     slip = 0.0
-    for k in range(STAGES):
-        slip += E[k] * H.phi[last, k + 1]
-    c.work_total_variation += abs(H.trial[last] - H.y[last])
-    add_energy_error_bound(c, c.h * slip, c.h)
-    c.t = target if abs(target - c.t - c.h) <= TARGET_TOLERANCE * c.h else c.t + c.h
-    c.hold = c.h
-    for j in range(H.y.shape[0]):
-        H.y[j] = H.trial[j]
-        H.phi[j, 1] = H.yp[j]
-    whole = c.h >= c.single
-    change_step(c, error)
+    for k in range(N_STAGES):
+        slip += E[k] * history.phi[last, k + 1]
+    control.work_total_variation += abs(history.trial[last] - history.y[last])
+    add_energy_error_bound(control, control.h * slip, control.h)
+    control.t = target if abs(target - control.t - control.h) <= TARGET_TOLERANCE * control.h else control.t + control.h
+    control.hold = control.h
+    for j in range(history.y.shape[0]):
+        history.y[j] = history.trial[j]
+        history.phi[j, 1] = history.yp[j]
+    whole = control.h >= control.rk_step_size
+    adapt_step(control, error)
     if not whole:  # it was cut to end at the target
-        c.h = max(c.h, c.single)
-    c.single = c.h
-    c.singles -= 1
-    c.start, c.renew, c.placed, c.kold = 1, 0, 1, 5
+        control.h = max(control.h, control.rk_step_size)
+    control.rk_step_size = control.h
+    control.rk_steps -= 1
+    control.start, control.needs_derivative, control.is_projected, control.kold = 1, 0, 1, 5

@@ -26,26 +26,35 @@ from solvers.steppers.step_control import FIRST_STEP_RATIO, MIN_STEP_RATIO
 from solvers.system import Array
 
 from .formulas import (
-    accept,
-    begin,
-    coefficients,
-    correct,
+    accept_adams_step,
+    correct_state,
     correct_work,
-    estimate,
+    estimate_errors,
     interpolate,
-    join,
+    pack_state,
     predict,
-    set_units,
-    split,
+    set_tolerance_units,
+    start_history,
+    unpack_state,
+    update_coefficients,
 )
-from .loop import cut
-from .one_step import NODES, STAGES, change_step, error_of_step, keep_stage, stage, stop_at, take_step
+from .loop import shorten_step
+from .one_step import (
+    N_STAGES,
+    NODES,
+    accept_runge_kutta_step,
+    adapt_step,
+    compute_stage,
+    estimate_error,
+    store_stage,
+    truncate_step,
+)
 
 SETTINGS = np.dtype(
     [
         ("rtol", "f8"), ("atol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
         ("rate", "f8"),  # of the motion, 1/s
-        ("energy_check", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
+        ("energy_check", "i8"), ("works", "i8"),  # 1: record energy and work; 1: some force does work
     ],
     align=True,
 )  # fmt: skip
@@ -67,8 +76,9 @@ class TreeEquations(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Units, a state, its rates, and what inverse dynamics takes besides; but for units and :meth:`memory` nothing
-    outlives a call.
+    """Units, a state, its rates, and arguments of inverse dynamics.
+
+    Only the units and :meth:`memory` are needed after a call.
     """
 
     positions: Any  # solvers.positions.Positions
@@ -91,12 +101,12 @@ class Scratch(NamedTuple):
         return Scratch._make((positions, *(np.zeros(size) for size in sizes), records(1, INERTIA)))
 
     def memory(self) -> list[NDArray[Any]]:
-        """Return what a motion cannot go on without."""
+        """Return the arrays that are needed to continue a motion."""
         return [self.inertia]
 
 
 @inlined
-def accelerate(eqs: Any, t: float, q: Any, v: Any, qdot: Any, a: Any) -> int:
+def evaluate_forward_dynamics(eqs: Any, t: float, q: Any, v: Any, qdot: Any, a: Any) -> int:
     """qdot (nq,) = N v and a (n,) = v' at (t, q, v)."""
     if eqs.forward(t, q, v, eqs.data, qdot, a) != 0:
         return NO_MASS
@@ -107,193 +117,213 @@ def accelerate(eqs: Any, t: float, q: Any, v: Any, qdot: Any, a: Any) -> int:
 
 
 @inlined
-def differentiate(eqs: Any, t: float, c: Any, H: Any, s: Any) -> int:
-    """y' in ``H.yp`` at (s.q, s.v)."""
-    c.evaluations += 1
-    code = accelerate(eqs, t, s.q, s.v, s.qdot, s.a)
+def evaluate_derivative(eqs: Any, t: float, control: Any, history: Any, scratch: Any) -> int:
+    """y' in ``history.yp`` at (s.q, s.v)."""
+    control.evaluations += 1
+    code = evaluate_forward_dynamics(eqs, t, scratch.q, scratch.v, scratch.qdot, scratch.a)
     if code == OK:
-        join(s.qdot, s.a, H.yp)
+        pack_state(scratch.qdot, scratch.a, history.yp)
     return code
 
 
 @inlined
-def weigh(o: Any, H: Any, s: Any) -> None:
+def set_error_weights(settings: Any, history: Any, scratch: Any) -> None:
     """Error weights at y, such that in meshes the norm is a root mean square: they have many coordinates of a kind."""
-    size = H.y.shape[0] - 1
-    scale = tolerance_factor(o.rtol, 1.0, s) if s.inertia[0].watched == 1 else np.sqrt(1.0 * size)
+    size = history.y.shape[0] - 1
+    scale = tolerance_factor(settings.rtol, 1.0, scratch) if scratch.inertia[0].watched == 1 else np.sqrt(1.0 * size)
     for i in range(size):
-        H.weight[i] = 1.0 / (scale * (o.rtol * abs(H.y[i]) + o.atol * H.unit[i]))
+        history.weight[i] = 1.0 / (scale * (settings.rtol * abs(history.y[i]) + settings.atol * history.unit[i]))
 
 
 @inlined
-def power(eqs: Any, t: float, o: Any, s: Any) -> float:
+def evaluate_power(eqs: Any, t: float, settings: Any, scratch: Any) -> float:
     """W' at the state evaluated last."""
-    return eqs.power(t, s.q, s.v, s.a, s.lam, eqs.data) if o.works == 1 else 0.0
+    return eqs.power(t, scratch.q, scratch.v, scratch.a, scratch.lam, eqs.data) if settings.works == 1 else 0.0
 
 
 @kernel
-def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, s: Any) -> None:
-    """Book the energy at (s.q, s.v), at the cost of an inverse dynamics; see :mod:`solvers.energy_account`."""
-    if o.energy_check == 1 and energy_check_scheduled(c):
-        eqs.inverse(t, s.q, s.v, s.zero, s.lam, eqs.data, s.qdot, s.a)
-        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, c, scales)
-    if s.inertia[0].watched == 1:
-        eqs.inertia_parts(eqs.data, s.parts)
-        update_tree_growth(t, s.parts, s.v, s)
+def record_energy(eqs: Any, t: float, control: Any, settings: Any, scales: Any, scratch: Any) -> None:
+    """Record the energy at (scratch.q, scratch.v); this costs an inverse dynamics (`solvers.energy_account`)."""
+    if settings.energy_check == 1 and energy_check_scheduled(control):
+        eqs.inverse(t, scratch.q, scratch.v, scratch.zero, scratch.lam, eqs.data, scratch.qdot, scratch.a)
+        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, control, scales)
+    if scratch.inertia[0].watched == 1:
+        eqs.inertia_parts(eqs.data, scratch.parts)
+        update_tree_growth(t, scratch.parts, scratch.v, scratch)
 
 
 @kernel
-def prepare(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
-    """Take y' at y, in ``H.yp`` and as the first stage."""
-    split(H.y, s.q, s.v)
-    code = differentiate(eqs, c.t, c, H, s)
+def prepare(eqs: Any, control: Any, settings: Any, history: Any, scratch: Any, scales: Any) -> int:
+    """Take y' at y, in ``history.yp`` and as the first stage."""
+    unpack_state(history.y, scratch.q, scratch.v)
+    code = evaluate_derivative(eqs, control.t, control, history, scratch)
     if code == OK:
-        c.starts += 1
-        H.yp[H.y.shape[0] - 1] = power(eqs, c.t, o, s)
-        book(eqs, c.t, c, o, scales, s)
-        keep_stage(H, 0)
-        c.h = c.single if c.single > 0.0 else FIRST_STEP_RATIO / o.rate
-        c.renew = 0
+        control.starts += 1
+        history.yp[history.y.shape[0] - 1] = evaluate_power(eqs, control.t, settings, scratch)
+        record_energy(eqs, control.t, control, settings, scales, scratch)
+        store_stage(history, 0)
+        control.h = control.rk_step_size if control.rk_step_size > 0.0 else FIRST_STEP_RATIO / settings.rate
+        control.needs_derivative = 0
     return code
 
 
 @kernel
-def single_step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any, target: float) -> int:
+def runge_kutta_step(
+    eqs: Any, control: Any, settings: Any, history: Any, scratch: Any, scales: Any, target: float
+) -> int:
     """One step by the formulas of :mod:`solvers.steppers.adams.one_step`, not past ``target``; or why there is none."""
-    last = H.y.shape[0] - 1
-    weigh(o, H, s)
+    last = history.y.shape[0] - 1
+    set_error_weights(settings, history, scratch)
     shortest = False
     while True:
-        c.h = min(c.h, o.max_step)
-        stop_at(c, target)
+        control.h = min(control.h, settings.max_step)
+        truncate_step(control, target)
         code, error = OK, np.inf
-        for i in range(1, STAGES):
-            stage(c, H, i)
-            split(H.p, s.q, s.v)
-            if i == STAGES - 1:
-                eqs.retract(s.q, s.zero, eqs.data)
-            code = differentiate(eqs, c.t + NODES[i] * c.h, c, H, s)
+        for i in range(1, N_STAGES):
+            compute_stage(control, history, i)
+            unpack_state(history.p, scratch.q, scratch.v)
+            if i == N_STAGES - 1:
+                eqs.retract(scratch.q, scratch.zero, eqs.data)
+            code = evaluate_derivative(eqs, control.t + NODES[i] * control.h, control, history, scratch)
             if code != OK:
                 break
-            H.yp[last] = power(eqs, c.t + NODES[i] * c.h, o, s)
-            keep_stage(H, i)
+            history.yp[last] = evaluate_power(eqs, control.t + NODES[i] * control.h, settings, scratch)
+            store_stage(history, i)
         if code == OK:
-            error = error_of_step(c, H)
+            error = estimate_error(control, history)
             if error <= 1.0 or shortest:
-                H.trial[last] = H.p[last]
-                join(s.q, s.v, H.trial)
-                book(eqs, c.t + c.h, c, o, scales, s)
-                take_step(c, H, target, error)
+                history.trial[last] = history.p[last]
+                pack_state(scratch.q, scratch.v, history.trial)
+                record_energy(eqs, control.t + control.h, control, settings, scales, scratch)
+                accept_runge_kutta_step(control, history, target, error)
                 return OK
-        count_rejected_step(c, code == OK)
-        change_step(c, error)
-        smallest = min_step_length(MIN_STEP_RATIO, o.rate, o.max_step, c.t)
-        if not c.h > smallest:
-            if shortest or code != OK or not is_discontinuity(o.max_step, c.t):
-                c.single = 0.0
+        count_rejected_step(control, code == OK)
+        adapt_step(control, error)
+        smallest = min_step_length(MIN_STEP_RATIO, settings.rate, settings.max_step, control.t)
+        if not control.h > smallest:
+            if shortest or code != OK or not is_discontinuity(settings.max_step, control.t):
+                control.rk_step_size = 0.0
                 return COLLAPSED if code == OK else code
-            c.h, shortest = smallest, True
+            control.h, shortest = smallest, True
 
 
 @kernel
-def step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
-    """One accepted step, however often it has to be cut; or the code of what made it too small."""
-    weigh(o, H, s)
+def adams_step(eqs: Any, control: Any, settings: Any, history: Any, scratch: Any, scales: Any) -> int:
+    """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
+    set_error_weights(settings, history, scratch)
     cuts, shortest = 0, False
     while True:
-        coefficients(c)
-        predict(c, H)
-        split(H.p, s.q, s.v)
-        c.erk = 0.0
-        code = differentiate(eqs, c.t + c.h, c, H, s)
-        if code == OK and (estimate(c, H) <= 1.0 or shortest):
-            correct(c, H)
-            split(H.trial, s.q, s.v)
-            eqs.retract(s.q, s.zero, eqs.data)
-            code = differentiate(eqs, c.t + c.h, c, H, s)
+        update_coefficients(control)
+        predict(control, history)
+        unpack_state(history.p, scratch.q, scratch.v)
+        control.erk = 0.0
+        code = evaluate_derivative(eqs, control.t + control.h, control, history, scratch)
+        if code == OK and (estimate_errors(control, history) <= 1.0 or shortest):
+            correct_state(control, history)
+            unpack_state(history.trial, scratch.q, scratch.v)
+            eqs.retract(scratch.q, scratch.zero, eqs.data)
+            code = evaluate_derivative(eqs, control.t + control.h, control, history, scratch)
             if code == OK:
-                join(s.q, s.v, H.trial)
-                correct_work(c, H, power(eqs, c.t + c.h, o, s))
-                book(eqs, c.t + c.h, c, o, scales, s)
-                accept(c, H, o.max_order, o.max_step)
+                pack_state(scratch.q, scratch.v, history.trial)
+                correct_work(control, history, evaluate_power(eqs, control.t + control.h, settings, scratch))
+                record_energy(eqs, control.t + control.h, control, settings, scales, scratch)
+                accept_adams_step(control, history, settings.max_order, settings.max_step)
                 return OK
         cuts += 1
-        count_rejected_step(c, code == OK)
-        cut(cuts, c, H)
-        smallest = min_step_length(MIN_STEP_RATIO, o.rate, o.max_step, c.t)
-        if not c.h > smallest:
-            if shortest or code != OK or not is_discontinuity(o.max_step, c.t):
+        count_rejected_step(control, code == OK)
+        shorten_step(cuts, control, history)
+        smallest = min_step_length(MIN_STEP_RATIO, settings.rate, settings.max_step, control.t)
+        if not control.h > smallest:
+            if shortest or code != OK or not is_discontinuity(settings.max_step, control.t):
                 return COLLAPSED if code == OK else code
-            c.h, c.k, shortest = smallest, 1, True
+            control.h, control.k, shortest = smallest, 1, True
 
 
 @kernel
 def advance(
-    eqs: Any, settings: Any, H: Any, s: Any, scales: Any, target: float, q: Any, v: Any, energy_account: Any
+    eqs: Any,
+    settings_array: Any,
+    history: Any,
+    scratch: Any,
+    scales: Any,
+    target: float,
+    q: Any,
+    v: Any,
+    energy_account: Any,
 ) -> int:
     """Step until ``target`` is passed; put the state there into (q, v), or the last good one on failure, and what is
-    booked into ``energy_account`` (ROW,).
+    energy account into ``energy_account`` (ACCOUNT_SIZE,).
     """
-    c, o = H.control[0], settings[0]
+    control, settings = history.control[0], settings_array[0]
     code, taken = OK, 0
-    while c.t < target:
-        if taken >= o.max_steps:
+    while control.t < target:
+        if taken >= settings.max_steps:
             code = MAX_STEPS
             break
-        if c.start == 1 and (c.renew == 1 or c.placed == 0):
-            code = prepare(eqs, c, o, H, s, scales)
+        if control.start == 1 and (control.needs_derivative == 1 or control.is_projected == 0):
+            code = prepare(eqs, control, settings, history, scratch, scales)
             if code != OK:
                 break
-        if c.start == 1 and c.singles > 0:
-            code = single_step(eqs, c, o, H, s, scales, target)
+        if control.start == 1 and control.rk_steps > 0:
+            code = runge_kutta_step(eqs, control, settings, history, scratch, scales, target)
         else:
-            if c.start == 1:
-                weigh(o, H, s)
-                begin(c, H, o.max_step, o.rate)
-            code = step(eqs, c, o, H, s, scales)
+            if control.start == 1:
+                set_error_weights(settings, history, scratch)
+                start_history(control, history, settings.max_step, settings.rate)
+            code = adams_step(eqs, control, settings, history, scratch, scales)
         if code != OK:
             break
         taken += 1
-        c.steps += 1
-    split(H.y, q, v)
-    done = H.y[H.y.shape[0] - 1]
-    if code == OK and target < c.t:
-        interpolate(c, H, target, H.trial)
-        split(H.trial, q, v)
-        done = H.trial[H.y.shape[0] - 1]
-        eqs.retract(q, s.zero, eqs.data)
-    fill_account_row(c, done, energy_account)
+        control.steps += 1
+    unpack_state(history.y, q, v)
+    done = history.y[history.y.shape[0] - 1]
+    if code == OK and target < control.t:
+        interpolate(control, history, target, history.trial)
+        unpack_state(history.trial, q, v)
+        done = history.trial[history.y.shape[0] - 1]
+        eqs.retract(q, scratch.zero, eqs.data)
+    fill_account_row(control, done, energy_account)
     return code
 
 
 @kernel
-def set_up(g: Any, t: float, known: float, duration: float) -> None:
+def set_up(integration: Any, t: float, known: float, duration: float) -> None:
     """Find units and the rate of the motion at the reported state, of time t (s); ``known`` (1/s) is what is known of
     the rate beforehand, ``duration`` (s) that of the run.
     """
-    o, H, s = g.settings[0], g.memory, g.work
+    settings, history, scratch = integration.settings[0], integration.memory, integration.work
     if known > 0.0:
-        o.rate = start_rate(known, duration, s.size, g.v[:0], s.a[:0])
+        settings.rate = start_rate(known, duration, scratch.size, integration.v[:0], scratch.a[:0])
     else:
-        if evaluate(g, t, s.a) != OK:
-            for k in range(s.a.shape[0]):
-                s.a[k] = 0.0
-        o.rate = start_rate(known, duration, s.size, g.v, s.a)
-    position_sizes(s.positions, s.size, s.size_q)
-    for k in range(s.pace.shape[0]):
-        s.pace[k] = RATE_TOLERANCE_RATIO * o.rate
-    g.scales.mean_count[0] = 1 if s.inertia[0].watched == 1 else H.y.shape[0] - 1
-    set_units(H, o.atol, s, g.scales)
-    clear_growth(s)
+        if evaluate(integration, t, scratch.a) != OK:
+            for k in range(scratch.a.shape[0]):
+                scratch.a[k] = 0.0
+        settings.rate = start_rate(known, duration, scratch.size, integration.v, scratch.a)
+    position_sizes(scratch.positions, scratch.size, scratch.size_q)
+    for k in range(scratch.pace.shape[0]):
+        scratch.pace[k] = RATE_TOLERANCE_RATIO * settings.rate
+    integration.scales.mean_count[0] = 1 if scratch.inertia[0].watched == 1 else history.y.shape[0] - 1
+    set_tolerance_units(history, settings.atol, scratch, integration.scales)
+    clear_growth(scratch)
 
 
 @kernel
-def evaluate(g: Any, t: float, a: Any) -> int:
+def evaluate(integration: Any, t: float, a: Any) -> int:
     """Accelerations a (n,) at the reported state, of time t (s)."""
-    return accelerate(g.eqs, t, g.q, g.v, g.work.qdot, a)
+    return evaluate_forward_dynamics(integration.eqs, t, integration.q, integration.v, integration.work.qdot, a)
 
 
 @kernel
-def advance_reported(g: Any, target: float) -> int:
+def advance_reported(integration: Any, target: float) -> int:
     """:func:`advance` for the reported state."""
-    return advance(g.eqs, g.settings, g.memory, g.work, g.scales, target, g.q, g.v, g.energy_account)
+    return advance(
+        integration.eqs,
+        integration.settings,
+        integration.memory,
+        integration.work,
+        integration.scales,
+        target,
+        integration.q,
+        integration.v,
+        integration.energy_account,
+    )

@@ -27,7 +27,7 @@ from solvers.positions import angular_velocity, as_motion, as_slope
 from solvers.system import Array, TreeSystem
 
 GAMMA = 1767732205903 / 4055673282236
-STAGES = 4
+N_STAGES = 4
 C = np.array([0.0, 2.0 * GAMMA, 0.6, 1.0])
 B = np.array(
     [
@@ -60,11 +60,11 @@ CONTROL = np.dtype(
     [
         *ACCOUNT_FIELDS,
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # s: where it stands, the next step, the last one
-        ("error", "f8"), ("before", "f8"),  # of the last step, and its length, s; 0: there is none
-        ("hard", "f8"), ("wait", "i8"),  # a length, s, at which Newton failed, and steps until it may be tried again
+        ("last_error", "f8"), ("last_error_step", "f8"),  # of the last step; its size, s; 0: none
+        ("failed_step", "f8"), ("retry_steps", "i8"),  # step size, s, at which Newton failed; wait for it
         ("start", "i8"),  # 1: the slopes are to be evaluated again
-        ("ends", "i8"),  # number of steps that are yet to end at the requested time
-        ("c", "f8"), ("at", "f8"),  # 1/s, s: of which T, taken when, the factors are; c = 0: there are none
+        ("truncated_steps", "i8"),  # number of steps that are yet to end at the requested time
+        ("factored_c", "f8"), ("factored_at", "f8"),  # c, 1/s, and t, s, of the factors of T; c = 0: there are none
         ("work", "f8"),  # J
         ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"),
     ],
@@ -73,7 +73,7 @@ CONTROL = np.dtype(
 
 
 class Memory(NamedTuple):
-    """All there is to go on from; where the last step ended, and how."""
+    """All that is needed to continue: the end of the last step, and its stages."""
 
     control: NDArray[Any]  # (1,)
     q: Array  # (nq,)
@@ -85,13 +85,13 @@ class Memory(NamedTuple):
     q0: Array  # (nq,) where it began
     slope0: Array  # (nq,)
     slope: Array  # (nq,) where it ended
-    ends: Array  # (4,) W there, J, and its power, W, first where it began
-    factors: Array  # (nq + 2 n + m,) state, accelerations and multipliers the factors were taken at
+    work_ends: Array  # (4,) W there, J, and its power, W, first where it began
+    factored_state: Array  # (nq + 2 n + m,) state, accelerations and multipliers the factors were taken at
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Memory:
         """Return zeroed memory."""
-        sizes = nq, n, m, (STAGES, nq), (STAGES, n), STAGES, nq, nq, nq, 4, nq + 2 * n + m
+        sizes = nq, n, m, (N_STAGES, nq), (N_STAGES, n), N_STAGES, nq, nq, nq, 4, nq + 2 * n + m
         return Memory(records(1, CONTROL), *(np.zeros(size) for size in sizes))
 
 
@@ -107,17 +107,17 @@ class Stage(NamedTuple):
     ve: Array  # (n,)
     tau: Array  # (n,) M a + h + J^T lambda
     qdot: Array  # (nq,)
-    turn: Array  # (n,)
-    near: Array  # (nq,) a position on the way to a guess, and what the equations say where that begins
-    start: Array  # (n,)
+    dq: Array  # (n,) motion
+    q_between: Array  # (nq,) a position between the last step and a guess
+    tau_start: Array  # (n,) tau where the last step ended
     tol: Array  # (n,) of positions, as motions
-    f: Array  # (n + m,) the last correction as Newton has it, and as it was made, of positions and multipliers
-    step: Array  # (n + m,)
-    df: Array  # (MOST, n) changes of corrections, in tolerances, orthonormal
-    along: Array  # (MOST, n + m) what goes with them
-    used: NDArray[np.int64]  # (1,) how many there are
+    newton_correction: Array  # (n + m,) the last correction of positions and multipliers by Newton
+    applied_correction: Array  # (n + m,) the one that was made of it
+    df: Array  # (MAX_CORRECTIONS, n) changes of corrections, in tolerances, orthonormal
+    along: Array  # (MAX_CORRECTIONS, n + m) what goes with them
+    n_secants: NDArray[np.int64]  # (1,) how many there are
     zero: Array  # (n,)
-    none: Array  # (m,)
+    no_multipliers: Array  # (m,) zero
     in_q: NDArray[np.int64]  # these as in solvers.positions.Positions
     in_v: NDArray[np.int64]
     turning: NDArray[np.int64]
@@ -134,138 +134,152 @@ class Stage(NamedTuple):
 
 
 @kernel
-def begin_stage(eqs: Any, i: int, h: float, M: Any, s: Any) -> None:
+def predict_stage(eqs: Any, i: int, h: float, memory: Any, stage: Any) -> None:
     """q_e and v_e of stage i, and a first guess from the stage before it: on at its velocity.
 
     The part of v' in unresolved modes would make the guess inaccurate.
     """
-    for k in range(s.q.shape[0]):
-        s.qe[k] = M.q[k]
-    for k in range(s.v.shape[0]):
-        s.ve[k] = M.v[k]
-        s.turn[k] = (C[i] - C[i - 1]) * h * s.v[k]
+    for k in range(stage.q.shape[0]):
+        stage.qe[k] = memory.q[k]
+    for k in range(stage.v.shape[0]):
+        stage.ve[k] = memory.v[k]
+        stage.dq[k] = (C[i] - C[i - 1]) * h * stage.v[k]
     for j in range(i):
         a = h * A[i, j]
-        for k in range(s.q.shape[0]):
-            s.qe[k] += a * M.Q[j, k]
-        for k in range(s.v.shape[0]):
-            s.ve[k] += a * M.A[j, k]
-    eqs.retract(s.q, s.turn, eqs.data)
+        for k in range(stage.q.shape[0]):
+            stage.qe[k] += a * memory.Q[j, k]
+        for k in range(stage.v.shape[0]):
+            stage.ve[k] += a * memory.A[j, k]
+    eqs.retract(stage.q, stage.dq, eqs.data)
 
 
 @kernel
-def rates(c: float, s: Any) -> None:
-    """Slope, v and v' of the stage at s.q, c = 1 / (h gamma)."""
-    for k in range(s.in_q.shape[0]):
-        i = s.in_q[k]
-        s.slope[i] = c * (s.q[i] - s.qe[i])
-        s.v[s.in_v[k]] = s.slope[i]
-    for k in range(s.turning.shape[0]):
-        first = s.turning[k, 0]
+def evaluate_rates(c: float, stage: Any) -> None:
+    """Slope, v and v' of the stage at stage.q, c = 1 / (h gamma)."""
+    for k in range(stage.in_q.shape[0]):
+        i = stage.in_q[k]
+        stage.slope[i] = c * (stage.q[i] - stage.qe[i])
+        stage.v[stage.in_v[k]] = stage.slope[i]
+    for k in range(stage.turning.shape[0]):
+        first = stage.turning[k, 0]
         size = 0.0
         for i in range(first, first + 4):
-            size += s.q[i] * s.qe[i]
+            size += stage.q[i] * stage.qe[i]
         for i in range(first, first + 4):
-            s.slope[i] = c * (size * s.q[i] - s.qe[i])
-        angular_velocity(s.q, first, s.slope, 1.0 / size, s.v, s.turning[k, 1])
-    for k in range(s.v.shape[0]):
-        s.a[k] = c * (s.v[k] - s.ve[k])
+            stage.slope[i] = c * (size * stage.q[i] - stage.qe[i])
+        angular_velocity(stage.q, first, stage.slope, 1.0 / size, stage.v, stage.turning[k, 1])
+    for k in range(stage.v.shape[0]):
+        stage.a[k] = c * (stage.v[k] - stage.ve[k])
 
 
 @kernel
-def residual(eqs: Any, t: float, c: float, s: Any) -> bool:
-    """s.tau of the stage at s.q; False where it is not finite."""
-    rates(c, s)
-    eqs.inverse(t, s.q, s.v, s.a, s.lam, eqs.data, s.qdot, s.tau)
+def residual(eqs: Any, t: float, c: float, stage: Any) -> bool:
+    """Fill stage.tau at stage.q; False if it is not finite."""
+    evaluate_rates(c, stage)
+    eqs.inverse(t, stage.q, stage.v, stage.a, stage.lam, eqs.data, stage.qdot, stage.tau)
     finite = True
-    for k in range(s.tau.shape[0]):
-        finite = finite and np.isfinite(s.tau[k])
+    for k in range(stage.tau.shape[0]):
+        finite = finite and np.isfinite(stage.tau[k])
     return finite
 
 
 @kernel
-def foresee(eqs: Any, t: float, c: float, M: Any, s: Any) -> None:
-    """s.tau <- residual of the first guess of stage 1, at s.q, by linear extrapolation of the equations from the
-    end of the last step: by their difference over a small part of the way, s.turn.
+def predict_residual(eqs: Any, t: float, c: float, memory: Any, stage: Any) -> None:
+    """Predict the residual of the first guess of stage 1, at stage.q, in stage.tau.
 
-    Friction is saturated at the guess itself, though it is not where the stage ends: a correction that starts from
-    there goes far astray.
+    It is a linear extrapolation of the equations from the end of the last step: by their difference over a small part
+    of the way, stage.dq.
+
+    Friction is saturated at the guess itself, though it is not where the stage ends: a correction from there is far too
+    large.
     """
-    rates(c, s)
-    for k in range(s.q.shape[0]):
-        s.near[k] = M.q[k]
-    begin = M.control[0].t
-    eqs.inverse(begin, M.q, M.v, M.A[0], M.lam, eqs.data, s.qdot, s.start)
-    for k in range(s.v.shape[0]):
-        s.v[k] = M.v[k] + DIFFERENCE_RATIO * (s.v[k] - M.v[k])
-        s.a[k] = M.A[0, k] + DIFFERENCE_RATIO * (s.a[k] - M.A[0, k])
-        s.turn[k] *= DIFFERENCE_RATIO
-    eqs.retract(s.near, s.turn, eqs.data)
-    eqs.inverse(begin + DIFFERENCE_RATIO * (t - begin), s.near, s.v, s.a, M.lam, eqs.data, s.qdot, s.tau)
-    for k in range(s.v.shape[0]):
-        s.tau[k] = s.start[k] + (s.tau[k] - s.start[k]) / DIFFERENCE_RATIO
+    evaluate_rates(c, stage)
+    for k in range(stage.q.shape[0]):
+        stage.q_between[k] = memory.q[k]
+    begin = memory.control[0].t
+    eqs.inverse(begin, memory.q, memory.v, memory.A[0], memory.lam, eqs.data, stage.qdot, stage.tau_start)
+    for k in range(stage.v.shape[0]):
+        stage.v[k] = memory.v[k] + DIFFERENCE_RATIO * (stage.v[k] - memory.v[k])
+        stage.a[k] = memory.A[0, k] + DIFFERENCE_RATIO * (stage.a[k] - memory.A[0, k])
+        stage.dq[k] *= DIFFERENCE_RATIO
+    eqs.retract(stage.q_between, stage.dq, eqs.data)
+    eqs.inverse(
+        begin + DIFFERENCE_RATIO * (t - begin),
+        stage.q_between,
+        stage.v,
+        stage.a,
+        memory.lam,
+        eqs.data,
+        stage.qdot,
+        stage.tau,
+    )
+    for k in range(stage.v.shape[0]):
+        stage.tau[k] = stage.tau_start[k] + (stage.tau[k] - stage.tau_start[k]) / DIFFERENCE_RATIO
 
 
 @kernel
-def correct(eqs: Any, k: int, dq: Any, dlam: Any, s: Any) -> float:
+def correct_stage(eqs: Any, k: int, dq: Any, dlam: Any, stage: Any) -> float:
     """Move the stage by correction k, accelerated; return its size in tolerances.
 
     Factors that are kept are wrong for a few modes only. With x_k the unknowns, f_k = -(dq, dlam) what Newton would add
     and dx, df their changes from one correction to the next, it is f - sum c (df + dx) that is added, c such that
     f - sum c df is least (Anderson; Walker, Ni, SIAM J. Numer. Anal. 49, 2011). The df are kept orthonormal.
     """
-    n, size = dq.shape[0], size_of(dq, s)
+    n, size = dq.shape[0], measure_correction(dq, stage)
     if k == 0:
-        s.used[0] = 0
+        stage.n_secants[0] = 0
     else:
-        keep_secant(s.used[0], dq, dlam, s)
+        store_secant(stage.n_secants[0], dq, dlam, stage)
     for i in range(n):
-        s.f[i], s.step[i] = dq[i], dq[i]
+        stage.newton_correction[i], stage.applied_correction[i] = dq[i], dq[i]
     for i in range(dlam.shape[0]):
-        s.f[n + i], s.step[n + i] = dlam[i], dlam[i]
-    for j in range(s.used[0]):
+        stage.newton_correction[n + i], stage.applied_correction[n + i] = dlam[i], dlam[i]
+    for j in range(stage.n_secants[0]):
         part = 0.0
         for i in range(n):
-            part += s.df[j, i] * dq[i] / s.tol[i]
-        for i in range(s.step.shape[0]):
-            s.step[i] -= part * s.along[j, i]
+            part += stage.df[j, i] * dq[i] / stage.tol[i]
+        for i in range(stage.applied_correction.shape[0]):
+            stage.applied_correction[i] -= part * stage.along[j, i]
     for i in range(n):
-        s.turn[i] = -s.step[i]
+        stage.dq[i] = -stage.applied_correction[i]
     for i in range(dlam.shape[0]):
-        s.lam[i] -= s.step[n + i]
-    eqs.retract(s.q, s.turn, eqs.data)
+        stage.lam[i] -= stage.applied_correction[n + i]
+    eqs.retract(stage.q, stage.dq, eqs.data)
     return size
 
 
 @kernel
-def keep_secant(k: int, dq: Any, dlam: Any, s: Any) -> None:
-    """Row k of s.df and s.along from the last two corrections, by Gram and Schmidt; none where it is nothing new."""
+def store_secant(k: int, dq: Any, dlam: Any, stage: Any) -> None:
+    """Add row k to stage.df and stage.along from the last two corrections, by Gram and Schmidt.
+
+    No row is added if it depends on the others.
+    """
     n = dq.shape[0]
-    for i in range(s.step.shape[0]):
-        change = (dq[i] if i < n else dlam[i - n]) - s.f[i]
-        s.along[k, i] = s.step[i] + change
+    for i in range(stage.applied_correction.shape[0]):
+        change = (dq[i] if i < n else dlam[i - n]) - stage.newton_correction[i]
+        stage.along[k, i] = stage.applied_correction[i] + change
         if i < n:
-            s.df[k, i] = change / s.tol[i]
-    before = root_of_square(s.df, k)
+            stage.df[k, i] = change / stage.tol[i]
+    before = row_norm(stage.df, k)
     for j in range(k):
         part = 0.0
         for i in range(n):
-            part += s.df[j, i] * s.df[k, i]
+            part += stage.df[j, i] * stage.df[k, i]
         for i in range(n):
-            s.df[k, i] -= part * s.df[j, i]
-        for i in range(s.step.shape[0]):
-            s.along[k, i] -= part * s.along[j, i]
-    left = root_of_square(s.df, k)
+            stage.df[k, i] -= part * stage.df[j, i]
+        for i in range(stage.applied_correction.shape[0]):
+            stage.along[k, i] -= part * stage.along[j, i]
+    left = row_norm(stage.df, k)
     if left > MIN_INDEPENDENT_RATIO * before:
         for i in range(n):
-            s.df[k, i] /= left
-        for i in range(s.step.shape[0]):
-            s.along[k, i] /= left
-        s.used[0] = k + 1
+            stage.df[k, i] /= left
+        for i in range(stage.applied_correction.shape[0]):
+            stage.along[k, i] /= left
+        stage.n_secants[0] = k + 1
 
 
 @inlined
-def root_of_square(F: Any, k: int) -> float:
+def row_norm(F: Any, k: int) -> float:
     """|F[k]|."""
     total = 0.0
     for i in range(F.shape[1]):
@@ -274,115 +288,122 @@ def root_of_square(F: Any, k: int) -> float:
 
 
 @kernel
-def size_of(dq: Any, s: Any) -> float:
+def measure_correction(dq: Any, stage: Any) -> float:
     """The largest of dq (n,) in tolerances: one that moves among many that rest counts as if it were alone."""
     largest = 0.0
     for k in range(dq.shape[0]):
-        size = abs(dq[k] / s.tol[k])
+        size = abs(dq[k] / stage.tol[k])
         if not size <= largest:
             largest = size
     return largest
 
 
 @kernel
-def end_stage(eqs: Any, i: int, t: float, c: float, works: int, M: Any, s: Any) -> None:
+def store_stage(eqs: Any, i: int, t: float, c: float, works: int, memory: Any, stage: Any) -> None:
     """Keep the slopes of stage i, and its power."""
-    rates(c, s)
-    for k in range(s.slope.shape[0]):
-        M.Q[i, k] = s.slope[k]
-    for k in range(s.a.shape[0]):
-        M.A[i, k] = s.a[k]
-    M.P[i] = eqs.power(t, s.q, s.v, s.a, s.lam, eqs.data) if works == 1 else 0.0
+    evaluate_rates(c, stage)
+    for k in range(stage.slope.shape[0]):
+        memory.Q[i, k] = stage.slope[k]
+    for k in range(stage.a.shape[0]):
+        memory.A[i, k] = stage.a[k]
+    memory.P[i] = eqs.power(t, stage.q, stage.v, stage.a, stage.lam, eqs.data) if works == 1 else 0.0
 
 
 @kernel
-def error_of_step(h: float, M: Any, s: Any) -> None:
-    """s.turn <- what formulas of order 3 and 2 differ by in the positions, as a motion."""
-    for k in range(s.slope.shape[0]):
-        s.slope[k] = 0.0
-        for j in range(STAGES):
-            s.slope[k] += h * (B[j] - EMBEDDED_WEIGHTS[j]) * M.Q[j, k]
-    as_motion(s.q, s.slope, s, s.turn)
+def estimate_error(h: float, memory: Any, stage: Any) -> None:
+    """stage.dq <- difference of the positions by the formulas of order 3 and 2, as a motion."""
+    for k in range(stage.slope.shape[0]):
+        stage.slope[k] = 0.0
+        for j in range(N_STAGES):
+            stage.slope[k] += h * (B[j] - EMBEDDED_WEIGHTS[j]) * memory.Q[j, k]
+    as_motion(stage.q, stage.slope, stage, stage.dq)
 
 
 @kernel
-def begin_motion(eqs: Any, t: float, works: int, M: Any, s: Any) -> None:
-    """Take slope and power at (M.q, M.v), whose accelerations and multipliers are M.A[0] and M.lam."""
-    as_slope(M.q, M.v, s, M.Q[0])
-    M.P[0] = 0.0
+def evaluate_start(eqs: Any, t: float, works: int, memory: Any, stage: Any) -> None:
+    """Slope and power at (memory.q, memory.v), with accelerations memory.A[0] and multipliers memory.lam."""
+    as_slope(memory.q, memory.v, stage, memory.Q[0])
+    memory.P[0] = 0.0
     if works == 1:
-        eqs.inverse(t, M.q, M.v, M.A[0], M.lam, eqs.data, s.qdot, s.tau)
-        M.P[0] = eqs.power(t, M.q, M.v, M.A[0], M.lam, eqs.data)
+        eqs.inverse(t, memory.q, memory.v, memory.A[0], memory.lam, eqs.data, stage.qdot, stage.tau)
+        memory.P[0] = eqs.power(t, memory.q, memory.v, memory.A[0], memory.lam, eqs.data)
 
 
 @kernel
-def accept(h: float, after: float, M: Any, s: Any) -> None:
-    """Go on from (s.q, s.v), where the step of h has ended."""
-    c = M.control[0]
+def accept_step(h: float, after: float, memory: Any, stage: Any) -> None:
+    """Accept the step of h, which has ended at (stage.q, stage.v)."""
+    control = memory.control[0]
     done, slip = 0.0, 0.0
-    for j in range(STAGES):
-        done += h * B[j] * M.P[j]
-        slip += h * (B[j] - EMBEDDED_WEIGHTS[j]) * M.P[j]
-    c.work_total_variation += abs(done)
-    add_energy_error_bound(c, slip, h)
-    M.ends[0], M.ends[1], M.ends[2], M.ends[3] = c.work, c.work + done, M.P[0], M.P[STAGES - 1]
-    c.work, M.P[0] = c.work + done, M.P[STAGES - 1]
-    for k in range(s.q.shape[0]):
-        M.q0[k], M.slope0[k], M.q[k] = M.q[k], M.Q[0, k], s.q[k]
-    as_slope(s.q, s.v, s, M.slope)
-    for k in range(s.q.shape[0]):
-        M.Q[0, k] = M.slope[k]
-    for k in range(s.v.shape[0]):
-        M.v[k], M.A[0, k] = s.v[k], M.A[STAGES - 1, k]
-    for k in range(s.lam.shape[0]):
-        M.lam[k] = s.lam[k]
-    c.t, c.hold = after, h
-    c.steps += 1
+    for j in range(N_STAGES):
+        done += h * B[j] * memory.P[j]
+        slip += h * (B[j] - EMBEDDED_WEIGHTS[j]) * memory.P[j]
+    control.work_total_variation += abs(done)
+    add_energy_error_bound(control, slip, h)
+    memory.work_ends[0], memory.work_ends[1], memory.work_ends[2], memory.work_ends[3] = (
+        control.work,
+        control.work + done,
+        memory.P[0],
+        memory.P[N_STAGES - 1],
+    )
+    control.work, memory.P[0] = control.work + done, memory.P[N_STAGES - 1]
+    for k in range(stage.q.shape[0]):
+        memory.q0[k], memory.slope0[k], memory.q[k] = memory.q[k], memory.Q[0, k], stage.q[k]
+    as_slope(stage.q, stage.v, stage, memory.slope)
+    for k in range(stage.q.shape[0]):
+        memory.Q[0, k] = memory.slope[k]
+    for k in range(stage.v.shape[0]):
+        memory.v[k], memory.A[0, k] = stage.v[k], memory.A[N_STAGES - 1, k]
+    for k in range(stage.lam.shape[0]):
+        memory.lam[k] = stage.lam[k]
+    control.t, control.hold = after, h
+    control.steps += 1
 
 
 @kernel
-def watch_inertia(eqs: Any, M: Any, s: Any, growth: Any) -> None:
+def update_inertia_growth(eqs: Any, memory: Any, stage: Any, growth: Any) -> None:
     """Update the rate growth where the last step ended, at the cost of an inverse dynamics; see solvers.inertia."""
-    eqs.inverse(M.control[0].t, M.q, M.v, s.zero, s.none, eqs.data, s.qdot, s.tau)
+    eqs.inverse(
+        memory.control[0].t, memory.q, memory.v, stage.zero, stage.no_multipliers, eqs.data, stage.qdot, stage.tau
+    )
     eqs.inertia_parts(eqs.data, growth.parts)
-    update_tree_growth(M.control[0].t, growth.parts, M.v, growth)
+    update_tree_growth(memory.control[0].t, growth.parts, memory.v, growth)
 
 
 @kernel
-def look_around(eqs: Any, M: Any, s: Any, scales: Any) -> None:
-    """Update the energy bound where the last step ended, at the cost of an inverse dynamics.
-
-    See :mod:`solvers.energy_account`.
-    """
-    c = M.control[0]
-    if energy_check_scheduled(c):
-        eqs.inverse(c.t, M.q, M.v, s.zero, s.none, eqs.data, s.qdot, s.tau)
-        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, c, scales)
+def record_energy(eqs: Any, memory: Any, stage: Any, scales: Any) -> None:
+    """Record the energy where the last step ended; this costs an inverse dynamics (`solvers.energy_account`)."""
+    control = memory.control[0]
+    if energy_check_scheduled(control):
+        eqs.inverse(control.t, memory.q, memory.v, stage.zero, stage.no_multipliers, eqs.data, stage.qdot, stage.tau)
+        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, control, scales)
 
 
 @kernel
-def interpolate(t: float, M: Any, s: Any, q: Any, v: Any) -> float:
+def interpolate(t: float, memory: Any, stage: Any, q: Any, v: Any) -> float:
     """Put into (q, v) the motion at t in the last step: cubic through the positions and slopes at its ends.
 
     Its velocity is the cubic's own; accelerations would bring in the unresolved modes. Returns W there.
     """
-    c = M.control[0]
-    h = c.hold
-    x = 1.0 + (t - c.t) / h
+    control = memory.control[0]
+    h = control.hold
+    x = 1.0 + (t - control.t) / h
     for k in range(q.shape[0]):
-        rise = M.q[k] - M.q0[k]
-        bend, skew = 3.0 * rise - h * (2.0 * M.slope0[k] + M.slope[k]), h * (M.slope0[k] + M.slope[k]) - 2.0 * rise
-        q[k] = M.q0[k] + x * (h * M.slope0[k] + x * (bend + x * skew))
-        s.slope[k] = M.slope0[k] + x * (2.0 * bend + 3.0 * x * skew) / h
-    for k in range(s.turning.shape[0]):
-        first, square = s.turning[k, 0], 0.0
+        rise = memory.q[k] - memory.q0[k]
+        bend, skew = (
+            3.0 * rise - h * (2.0 * memory.slope0[k] + memory.slope[k]),
+            h * (memory.slope0[k] + memory.slope[k]) - 2.0 * rise,
+        )
+        q[k] = memory.q0[k] + x * (h * memory.slope0[k] + x * (bend + x * skew))
+        stage.slope[k] = memory.slope0[k] + x * (2.0 * bend + 3.0 * x * skew) / h
+    for k in range(stage.turning.shape[0]):
+        first, square = stage.turning[k, 0], 0.0
         for i in range(first, first + 4):
             square += q[i] * q[i]
         for i in range(first, first + 4):
             q[i] /= np.sqrt(square)
-            s.slope[i] /= np.sqrt(square)
-    as_motion(q, s.slope, s, v)
-    begin, end, p0, p = M.ends[0], M.ends[1], M.ends[2], M.ends[3]
+            stage.slope[i] /= np.sqrt(square)
+    as_motion(q, stage.slope, stage, v)
+    begin, end, p0, p = memory.work_ends[0], memory.work_ends[1], memory.work_ends[2], memory.work_ends[3]
     rise = end - begin
     bend, skew = 3.0 * rise - h * (2.0 * p0 + p), h * (p0 + p) - 2.0 * rise
     return begin + x * (h * p0 + x * (bend + x * skew))

@@ -53,22 +53,22 @@ from solvers.system import MAX_DENSE_COORDINATES, Array, TreeSystem, energy_call
 from .formulas import (
     GAMMA,
     MAX_CORRECTIONS,
-    STAGES,
+    N_STAGES,
     C,
     Memory,
     Stage,
-    accept,
-    begin_motion,
-    begin_stage,
-    correct,
-    end_stage,
-    error_of_step,
-    foresee,
+    accept_step,
+    correct_stage,
+    estimate_error,
+    evaluate_start,
     interpolate,
-    look_around,
+    measure_correction,
+    predict_residual,
+    predict_stage,
+    record_energy,
     residual,
-    size_of,
-    watch_inertia,
+    store_stage,
+    update_inertia_growth,
 )
 
 RATE_TOLERANCE_RATIO = 150.0  # tolerance of a rate in tolerances of its coordinate times the rate of the motion
@@ -109,149 +109,156 @@ class TreeESDIRKStepper(Stepper):
         dense = ("adams", "hybrid") if system.n <= MAX_DENSE_COORDINATES else ()
         self.fallback_solvers = (*dense, "ida") if system.m else ("adams", "ida")
         super().__init__(system, t0, q0, v0, options)
-        self._requested = self.options.rtol
-        if self._requested < MIN_RTOL:
+        self._requested_rtol = self.options.rtol
+        if self._requested_rtol < MIN_RTOL:
             self.options = replace(self.options, rtol=MIN_RTOL)
-        self.system, o = system, self.options
+        self.system, options = system, self.options
         self._motion, self._saddle = Accelerations(system), Saddle(system)
         self._memory, self._stage = Memory.allocate(system.nq, system.n, system.m), Stage.of(system)
-        self._c = self._memory.control[0]
-        self._held = pin(self._memory), pin(self._stage)
+        self._control = self._memory.control[0]
+        self._pinned = pin(self._memory), pin(self._stage)
         callbacks = system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
         self._eqs = pin(Callbacks(*callbacks, system.pinned_data))
-        self._rate = motion_rate(self._motion, self._t, self._q, self._v, o.duration)
-        require_resolved_time(self._t, self._rate, o.rtol)
-        require_resolved_position(self._q, system.position_sizes(system.size), o.rtol, system.coordinate_names)
-        self._absolute = o.absolute * system.size
-        self._growth = Growth.of(system, self._rate)
-        self._held_growth = pin(self._growth)
-        rates = RATE_TOLERANCE_RATIO * self._rate * self._absolute
-        self._scales = pin(EnergyScales.of_mesh(o.rtol, self._absolute, rates, system.n, RATE_TOLERANCE_RATIO))
-        self._works, self._longest = 0, np.inf
-        self._mine = -1  # how often the tangent had been factored when these factors were made
+        self._rate = motion_rate(self._motion, self._t, self._q, self._v, options.duration)
+        require_resolved_time(self._t, self._rate, options.rtol)
+        require_resolved_position(self._q, system.position_sizes(system.size), options.rtol, system.coordinate_names)
+        self._absolute_tolerances = options.absolute * system.size
+        self._growth_data = Growth.of(system, self._rate)
+        self._pinned_growth = pin(self._growth_data)
+        rates = RATE_TOLERANCE_RATIO * self._rate * self._absolute_tolerances
+        self._scales = pin(
+            EnergyScales.of_mesh(options.rtol, self._absolute_tolerances, rates, system.n, RATE_TOLERANCE_RATIO)
+        )
+        self._has_work, self._max_step = 0, np.inf
+        self._factor_count = -1  # how often the tangent had been factored when these factors were made
         self.status = self._status(project(system, self._t, self._q, self._v))
         self.restart()
 
     def _advance(self, t: float) -> Code:
         code, taken = Code.OK, 0
         with one_thread():
-            while code is Code.OK and self._c["t"] < t:
+            while code is Code.OK and self._control["t"] < t:
                 if taken >= self.options.max_steps:
                     code = Code.MAX_STEPS
                     break
-                code = self._prepare() if self._c["start"] else Code.OK
+                code = self._prepare() if self._control["start"] else Code.OK
                 code = self._step(t) if code is Code.OK else code
                 taken += 1
             return self._report(t, code)
 
     def _report(self, t: float, code: Code) -> Code:
         """Make the motion at t the reported state, or on failure where the last step ended."""
-        c, M = self._c, self._memory
-        at, q, v, work = float(c["t"]), M.q.copy(), M.v.copy(), float(c["work"])
+        control, memory = self._control, self._memory
+        at, q, v, work = float(control["t"]), memory.q.copy(), memory.v.copy(), float(control["work"])
         if code is Code.OK and t < at:
-            work = interpolate(t, *self._held, q, v)
+            work = interpolate(t, *self._pinned, q, v)
             code = project(self.system, t, q, v)
             if code is not Code.OK:
                 return code
             at = t
         if at >= self._t:
             self._t, self._q[:], self._v[:] = at, q, v
-            fill_account_row(c, work, self._energy_account)
+            fill_account_row(control, work, self._energy_account)
         return code
 
     def _prepare(self) -> Code:
         """Take accelerations where the next step begins."""
-        c, M = self._c, self._memory
-        code = self._motion.solve(float(c["t"]), M.q, M.v)
+        control, memory = self._control, self._memory
+        code = self._motion.solve(float(control["t"]), memory.q, memory.v)
         if code is Code.OK:
-            M.A[0], M.lam[:] = self._motion.a, self._motion.lam
-            begin_motion(self._eqs, float(c["t"]), self._works, *self._held)
+            memory.A[0], memory.lam[:] = self._motion.a, self._motion.lam
+            evaluate_start(self._eqs, float(control["t"]), self._has_work, *self._pinned)
             if self.system.can_compute_rate_growth:
-                watch_inertia(self._eqs, *self._held, self._held_growth)
-            self._look()
-            c["start"] = 0
-            c["starts"] += 1
-            if not c["h"] > 0.0:
-                c["h"] = FIRST_STEP_RATIO / start_rate(self._rate, np.inf, self.system.size, M.v, M.A[0])
+                update_inertia_growth(self._eqs, *self._pinned, self._pinned_growth)
+            self._record_energy()
+            control["start"] = 0
+            control["starts"] += 1
+            if not control["h"] > 0.0:
+                control["h"] = FIRST_STEP_RATIO / start_rate(
+                    self._rate, np.inf, self.system.size, memory.v, memory.A[0]
+                )
         return code
 
-    def _look(self) -> None:
+    def _record_energy(self) -> None:
         if self.options.energy_check:
-            look_around(self._eqs, *self._held, self._scales)
+            record_energy(self._eqs, *self._pinned, self._scales)
 
     def _step(self, target: float) -> Code:
-        """One accepted step, however often it has to be cut; or what made it too small."""
-        c, M, s = self._c, self._memory, self._stage
-        s.tol[:] = ERROR_TOLERANCE_RATIO * self._absolute
-        s.tol[s.in_v] += ERROR_TOLERANCE_RATIO * self.options.rtol * np.abs(M.q[s.in_q])
-        s.tol[:] *= tolerance_factor(self.options.rtol, 1.3, self._held_growth)
+        """Attempt steps, shorter after each rejection, until one is accepted; or return the last rejection."""
+        control, memory, stage = self._control, self._memory, self._stage
+        stage.tol[:] = ERROR_TOLERANCE_RATIO * self._absolute_tolerances
+        stage.tol[stage.in_v] += ERROR_TOLERANCE_RATIO * self.options.rtol * np.abs(memory.q[stage.in_q])
+        stage.tol[:] *= tolerance_factor(self.options.rtol, 1.3, self._pinned_growth)
         while True:
-            c["h"] = min(c["h"], self._longest)
-            h = self._stop_at(target) if c["ends"] else float(c["h"])
-            ends = bool(c["ends"]) and abs(target - c["t"] - h) <= TARGET_TOLERANCE * h
-            after = target if ends else float(c["t"]) + h
-            code, error = self._try(h, after)
+            control["h"] = min(control["h"], self._max_step)
+            h = self._truncated_step(target) if control["truncated_steps"] else float(control["h"])
+            ends_at_target = bool(control["truncated_steps"]) and abs(target - control["t"] - h) <= TARGET_TOLERANCE * h
+            after = target if ends_at_target else float(control["t"]) + h
+            code, error = self._try_step(h, after)
             if code is Code.OK and error <= 1.0:
                 break
-            c["rejected"] += 1
+            control["rejected"] += 1
             if code is Code.OK:
-                c["h"] = h * max(MIN_STEP_CHANGE, STEP_SAFETY_FACTOR * error ** (-1.0 / 3.0))
+                control["h"] = h * max(MIN_STEP_CHANGE, STEP_SAFETY_FACTOR * error ** (-1.0 / 3.0))
             else:
-                c["h"], c["hard"], c["wait"] = 0.5 * h, h, RETRY_STEPS
-            if not c["h"] > min_step_length(MIN_STEP_RATIO, self._rate, self._longest, float(c["t"])):
+                control["h"], control["failed_step"], control["retry_steps"] = 0.5 * h, h, RETRY_STEPS
+            if not control["h"] > min_step_length(MIN_STEP_RATIO, self._rate, self._max_step, float(control["t"])):
                 return Code.COLLAPSED if code is Code.OK else code
-        whole, longer = h >= c["h"], self._longer(h, max(error, MIN_CONTROLLED_ERROR))
-        c["error"], c["before"] = max(error, 1e-2), h
-        accept(h, after, *self._held)
+        whole, longer = h >= control["h"], self._next_step_size(h, max(error, MIN_CONTROLLED_ERROR))
+        control["last_error"], control["last_error_step"] = max(error, 1e-2), h
+        accept_step(h, after, *self._pinned)
         if self.system.can_compute_rate_growth:
-            watch_inertia(self._eqs, *self._held, self._held_growth)
-        self._look()
-        c["h"] = longer if whole else max(c["h"], longer)
-        c["ends"] = max(0, c["ends"] - 1)
+            update_inertia_growth(self._eqs, *self._pinned, self._pinned_growth)
+        self._record_energy()
+        control["h"] = longer if whole else max(control["h"], longer)
+        control["truncated_steps"] = max(0, control["truncated_steps"] - 1)
         return Code.OK
 
-    def _longer(self, h: float, error: float) -> float:
-        """Return the length of the step after one of h, with a look at how the error has changed (Gustafsson)."""
-        c = self._c
+    def _next_step_size(self, h: float, error: float) -> float:
+        """Return the next step after one of h, from its error and the change of the error (Gustafsson)."""
+        control = self._control
         factor = STEP_SAFETY_FACTOR * error ** (-1.0 / 3.0)
-        if c["wait"] > 0:
-            c["wait"] -= 1
-            factor = min(factor, max(1.0, RETRY_STEP_RATIO * c["hard"] / h))
-        if c["before"] > 0.0:
-            factor = min(factor, STEP_SAFETY_FACTOR * h / c["before"] * (c["error"] / error**2) ** (1.0 / 3.0))
+        if control["retry_steps"] > 0:
+            control["retry_steps"] -= 1
+            factor = min(factor, max(1.0, RETRY_STEP_RATIO * control["failed_step"] / h))
+        if control["last_error_step"] > 0.0:
+            factor = min(
+                factor,
+                STEP_SAFETY_FACTOR * h / control["last_error_step"] * (control["last_error"] / error**2) ** (1.0 / 3.0),
+            )
         return h if 1.0 <= factor < MIN_STEP_INCREASE else h * float(min(MAX_STEP_CHANGE, max(MIN_STEP_CHANGE, factor)))
 
-    def _stop_at(self, target: float) -> float:
+    def _truncated_step(self, target: float) -> float:
         """Return the length of a step that is to end at ``target``, or half way where another would be shorter."""
-        left, h = target - float(self._c["t"]), float(self._c["h"])
+        left, h = target - float(self._control["t"]), float(self._control["h"])
         if left * (1.0 - TARGET_TOLERANCE) <= h:
             return left
         return 0.5 * left if left < 2.0 * h else h
 
-    def _try(self, h: float, after: float) -> tuple[Code, float]:
+    def _try_step(self, h: float, after: float) -> tuple[Code, float]:
         """Solve the stages of a step of h; return its error in tolerances."""
-        t, M, s, held = float(self._c["t"]), self._memory, self._stage, self._held
-        rate = 1.0 / (GAMMA * h)
-        finest, motion = ROUNDING_OF_CORRECTIONS / float(np.max(s.tol / self.system.size)), (self._rate * h) ** 2
-        exact = min(STAGE_TOLERANCE, DRIFT_FACTOR * motion) if motion > MIN_SQUARED_MOTION else finest
-        if not self._factors_for(rate):
+        t, memory, stage, pinned = float(self._control["t"]), self._memory, self._stage, self._pinned
+        c = 1.0 / (GAMMA * h)
+        rounding, motion = ROUNDING_OF_CORRECTIONS / float(np.max(stage.tol / self.system.size)), (self._rate * h) ** 2
+        tolerance = min(STAGE_TOLERANCE, DRIFT_FACTOR * motion) if motion > MIN_SQUARED_MOTION else rounding
+        if not self._ensure_factors(c):
             return Code.COLLAPSED, np.inf
-        s.q[:], s.v[:], s.lam[:] = M.q, M.v, M.lam
-        for i in range(1, STAGES):
-            at = t + C[i] * h if i < STAGES - 1 else after
-            begin_stage(self._eqs, i, h, *held)
+        stage.q[:], stage.v[:], stage.lam[:] = memory.q, memory.v, memory.lam
+        for i in range(1, N_STAGES):
+            at = t + C[i] * h if i < N_STAGES - 1 else after
+            predict_stage(self._eqs, i, h, *pinned)
             if i == 1 and self.system.nonsmooth_reason and not self.system.m:
-                self._c["evaluations"] += 2
-                foresee(self._eqs, at, rate, *held)
-                self.system.apply(s.q, -self._saddle.solve(s.tau, s.none)[0])
-            code = self._solve_stage(at, rate, exact, finest)
+                self._control["evaluations"] += 2
+                predict_residual(self._eqs, at, c, *pinned)
+                self.system.apply(stage.q, -self._saddle.solve(stage.tau, stage.no_multipliers)[0])
+            code = self._solve_stage(at, c, tolerance, rounding)
             if code is not Code.OK:
                 return code, np.inf
-            end_stage(self._eqs, i, at, rate, self._works, *held)
+            store_stage(self._eqs, i, at, c, self._has_work, *pinned)
         code = self._close(after)
-        error_of_step(h, *held)
-        error, _ = self._saddle.solve(rate**2 * self.system.tangent.inertia(s.turn), s.none)
-        return code, size_of(error, held[1])
+        estimate_error(h, *pinned)
+        error, _ = self._saddle.solve(c**2 * self.system.tangent.inertia(stage.dq), stage.no_multipliers)
+        return code, measure_correction(error, pinned[1])
 
     def _close(self, t: float) -> Code:
         """Bring the end of a step onto the constraints.
@@ -259,89 +266,92 @@ class TreeESDIRKStepper(Stepper):
         First the way that reactions move it: what Newton leaves of the multipliers is all gone then, where the shortest
         way would turn a part of it into motion.
         """
-        system, s, saddle = self.system, self._stage, self._saddle
+        system, stage, saddle = self.system, self._stage, self._saddle
         if system.m:
             for _ in range(PROJECTION_ITERATIONS):
-                system.fill_position(t, s.q, saddle.terms)
-                system.apply(s.q, -saddle.solve(s.zero, saddle.terms.Phi)[0])
-            system.fill_position(t, s.q, saddle.terms)
+                system.fill_position(t, stage.q, saddle.terms)
+                system.apply(stage.q, -saddle.solve(stage.zero, saddle.terms.Phi)[0])
+            system.fill_position(t, stage.q, saddle.terms)
             for _ in range(PROJECTION_ITERATIONS):
-                s.v[:] -= saddle.solve(s.zero, saddle.terms.J @ s.v - saddle.terms.nu)[0]
-        return project(system, t, s.q, s.v)
+                stage.v[:] -= saddle.solve(stage.zero, saddle.terms.J @ stage.v - saddle.terms.nu)[0]
+        return project(system, t, stage.q, stage.v)
 
-    def _solve_stage(self, t: float, rate: float, exact: float, finest: float) -> Code:
-        """Solve the stage that has been begun, to ``exact`` tolerances.
+    def _solve_stage(self, t: float, c: float, tolerance: float, rounding: float) -> Code:
+        """Solve the stage that has been begun, to ``tolerance`` tolerances.
 
         If corrections decrease slowly, factors are renewed on the way; if they grow, at the first guess. Corrections
-        below ``finest`` tolerances that do not decrease are rounding errors.
+        below ``rounding`` tolerances that do not decrease are rounding errors.
         """
-        s, held, slow, before, begun, renewed, fresh = self._stage, self._held[1], FIRST_CONTRACTION, 0.0, 0, 0, np.inf
-        guess, reactions = s.q.copy(), s.lam.copy()
+        stage, pinned, contraction, before = self._stage, self._pinned[1], FIRST_CONTRACTION, 0.0
+        first, n_refactored, fresh = 0, 0, np.inf
+        guess, reactions = stage.q.copy(), stage.lam.copy()
         for k in range(MAX_CORRECTIONS):
-            anew = k - begun > 1 and slow > MAX_CONTRACTION
-            if anew and not renewed and slow > 1.0:
-                s.q[:], s.lam[:] = guess, reactions
-            self._c["evaluations"] += 1
-            if not residual(self._eqs, t, rate, held):
+            refactors = k - first > 1 and contraction > MAX_CONTRACTION
+            if refactors and not n_refactored and contraction > 1.0:
+                stage.q[:], stage.lam[:] = guess, reactions
+            self._control["evaluations"] += 1
+            if not residual(self._eqs, t, c, pinned):
                 return Code.NOT_FINITE
-            gap = self._gap(t, rate)
-            if anew:
-                if renewed == MAX_REFACTORIZATIONS:
+            gap = self._acceleration_residual(t, c)
+            if refactors:
+                if n_refactored == MAX_REFACTORIZATIONS:
                     break
-                renewed, begun = renewed + 1, k
-                self._place_factors(t, rate, s.q, s.v, s.a, s.lam)
+                n_refactored, first = n_refactored + 1, k
+                self._set_factor_point(t, c, stage.q, stage.v, stage.a, stage.lam)
                 if not self._factor():
                     break
-            size = correct(self._eqs, k - begun, *self._saddle.solve(s.tau, gap), held)
+            size = correct_stage(self._eqs, k - first, *self._saddle.solve(stage.tau, gap), pinned)
             if not np.isfinite(size):
                 return Code.NOT_FINITE
-            if anew:
-                if renewed > 1 and size > fresh:  # Newton's own corrections grow: what is far will not come nearer
+            if refactors:
+                if n_refactored > 1 and size > fresh:  # Newton's own corrections grow: what is far will not come nearer
                     break
                 fresh = size
-            slow = max(MIN_CONTRACTION, size / before) if k > begun else slow
-            if size <= NEGLIGIBLE_CORRECTION * exact or slow * size <= exact * (1.0 - slow):
+            contraction = max(MIN_CONTRACTION, size / before) if k > first else contraction
+            if size <= NEGLIGIBLE_CORRECTION * tolerance or contraction * size <= tolerance * (1.0 - contraction):
                 return Code.OK
-            if k > begun and size <= finest and slow > MAX_CONTRACTION:
+            if k > first and size <= rounding and contraction > MAX_CONTRACTION:
                 return Code.OK
             before = size
         return Code.COLLAPSED
 
-    def _gap(self, t: float, rate: float) -> Array:
+    def _acceleration_residual(self, t: float, c: float) -> Array:
         """Return how far the stage's accelerations are off the constraints' (m,), as a change of the positions.
 
         Position constraints in the stages would take the order to one.
         """
-        s, terms = self._stage, self._saddle.terms
+        stage, terms = self._stage, self._saddle.terms
         if not self.system.m:
-            return s.none
-        self.system.fill(t, s.q, s.v, terms)
-        return np.asarray((terms.J @ s.a - terms.gamma) / rate**2)
+            return stage.no_multipliers
+        self.system.fill(t, stage.q, stage.v, terms)
+        return np.asarray((terms.J @ stage.a - terms.gamma) / c**2)
 
-    def _place_factors(self, t: float, rate: float, q: Array, v: Array, a: Array, lam: Array) -> None:
-        """Note where factors are to be taken, and for which 1 / (h gamma) = ``rate``."""
-        self._c["c"], self._c["at"] = rate, t
-        self._memory.factors[:] = np.concatenate((q, v, a, lam))
+    def _set_factor_point(self, t: float, c: float, q: Array, v: Array, a: Array, lam: Array) -> None:
+        """Note where factors are to be taken, and for which 1 / (h gamma) = ``c``."""
+        self._control["factored_c"], self._control["factored_at"] = c, t
+        self._memory.factored_state[:] = np.concatenate((q, v, a, lam))
 
-    def _factors_for(self, rate: float) -> bool:
-        """Have factors for 1 / (h gamma) = ``rate``, those there are if they are not far off; False: singular."""
-        c, M = self._c, self._memory
-        if abs(c["c"] - rate) > FACTOR_REUSE_TOLERANCE * rate:
-            self._place_factors(float(c["t"]), rate, M.q, M.v, M.A[0], M.lam)
-        elif self._mine == self.system.tangent.factored:
+    def _ensure_factors(self, c: float) -> bool:
+        """Have factors for 1 / (h gamma) = ``c``, those there are if they are not far off; False: singular."""
+        control, memory = self._control, self._memory
+        if abs(control["factored_c"] - c) > FACTOR_REUSE_TOLERANCE * c:
+            self._set_factor_point(float(control["t"]), c, memory.q, memory.v, memory.A[0], memory.lam)
+        elif self._factor_count == self.system.tangent.factored:
             return True
         return self._factor()
 
     def _factor(self) -> bool:
         """Factor T where it has been placed; False where it is singular."""
-        c, M, saddle = self._c, self._memory, self._saddle
-        q, v, a, lam = np.split(M.factors, np.cumsum((len(M.q), len(M.v), len(M.v))))
-        saddle.set_penalties(float(c["at"]), q)
-        saddle.residual(float(c["at"]), q, v, a, lam)
-        good = saddle.factor(float(c["c"]), float(c["c"]) ** 2, symmetric=self.system.tangent.symmetric)
-        self._mine = self.system.tangent.factored
+        control, memory, saddle = self._control, self._memory, self._saddle
+        q, v, a, lam = np.split(memory.factored_state, np.cumsum((len(memory.q), len(memory.v), len(memory.v))))
+        saddle.set_penalties(float(control["factored_at"]), q)
+        saddle.residual(float(control["factored_at"]), q, v, a, lam)
+        good = saddle.factor(
+            float(control["factored_c"]), float(control["factored_c"]) ** 2, symmetric=self.system.tangent.symmetric
+        )
+        self._factor_count = self.system.tangent.factored
         if not good:
-            c["c"] = 0.0
+            control["factored_c"] = 0.0
         return good
 
     @property
@@ -354,30 +364,31 @@ class TreeESDIRKStepper(Stepper):
         return code, self._motion.a.copy(), self._motion.lam.copy()
 
     def _limit(self, longest: float) -> None:
-        self._longest = longest
+        self._max_step = longest
 
     def restart(self) -> None:
         """Restart at the reported state, without its history."""
-        self._c["h"], self._c["c"] = 0.0, 0.0
+        self._control["h"], self._control["factored_c"] = 0.0, 0.0
         self._begin(0)
 
     def continue_after_event(self) -> None:
         """Continue in steps that end at the requested time, at which the next change may occur."""
-        # friction in T goes with what is given; a restored run would have other factors
-        if self.system.nonsmooth_reason:
-            self._c["c"] = 0.0
+        if (
+            self.system.nonsmooth_reason
+        ):  # friction in T goes with what is given; a restored run would have other factors
+            self._control["factored_c"] = 0.0
         self._begin(TRUNCATED_STEPS)
 
-    def _begin(self, ends: int) -> None:
-        c, M = self._c, self._memory
-        c["t"], c["start"], c["ends"], c["before"], c["work"] = self._t, 1, ends, 0.0, self._energy_account[WORK]
-        c["wait"] = 0
-        self._works = int(self.options.energy_check and self.system.works())
-        reset_check_schedule(M.control)
-        M.q[:], M.v[:] = self._q, self._v
+    def _begin(self, truncated_steps: int) -> None:
+        control, memory = self._control, self._memory
+        control["t"], control["start"], control["work"] = self._t, 1, self._energy_account[WORK]
+        control["truncated_steps"], control["last_error_step"], control["retry_steps"] = truncated_steps, 0.0, 0
+        self._has_work = int(self.options.energy_check and self.system.works())
+        reset_check_schedule(memory.control)
+        memory.q[:], memory.v[:] = self._q, self._v
 
     def jump(self, dv: Array) -> None:
-        """Add dv (n,) to the reported velocities, and go on as after :meth:`continue_after_event`."""
+        """Add dv (n,) to the reported velocities, and continue as after :meth:`continue_after_event`."""
         self._v += validated_vector("dv", dv, self.system.n)
         self.continue_after_event()
 
@@ -386,40 +397,40 @@ class TreeESDIRKStepper(Stepper):
         """Whether the tolerance is larger than requested, or errors may be far above it: the order is low for a nearly
         singular mass matrix.
         """
-        large = describe_large_growth(self._growth.inertia)
+        large = describe_large_growth(self._growth_data.inertia)
         if large:
             text = f"{large}, and errors of 'esdirk' (order 3) may be 100 times the tolerance. Use 'adams' or 'ida'"
             return coded("ill-conditioned-mass", text)
-        if self._requested == self.options.rtol:
+        if self._requested_rtol == self.options.rtol:
             return ""
         return coded(
             "limited-tolerance",
-            f"'esdirk' uses a tolerance of {self.options.rtol:g} instead of {self._requested:g}, because its steps "
-            "would be so short that rounding errors add up. Use 'adams' or 'ida' if this is too large",
+            f"'esdirk' uses a tolerance of {self.options.rtol:g} instead of {self._requested_rtol:g}, because its "
+            "steps would be so short that rounding errors add up. Use 'adams' or 'ida' if this is too large",
         )
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
         seen = unpin(self._scales).bound_results
-        return [*self._memory, self.clock, self._q, self._v, self._energy_account, seen, self._growth.inertia]
+        return [*self._memory, self.clock, self._q, self._v, self._energy_account, seen, self._growth_data.inertia]
 
     def restore(self, data: bytes) -> None:
         """Return to the state in which ``data`` was saved; factors are recomputed from their data."""
         super().restore(data)
-        self._works, self._mine = int(self.options.energy_check and self.system.works()), -1
+        self._has_work, self._factor_count = int(self.options.energy_check and self.system.works()), -1
 
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far."""
-        c = self._c
+        control = self._control
         return Statistics(
-            steps=int(c["steps"]),
-            rejected=int(c["rejected"]),
-            rhs_evals=int(c["evaluations"]),
-            restarts=max(0, int(c["starts"]) - 1),
+            steps=int(control["steps"]),
+            rejected=int(control["rejected"]),
+            rhs_evals=int(control["evaluations"]),
+            restarts=max(0, int(control["starts"]) - 1),
             order=3,
-            step_size=float(c["hold"]),
-            coarser=self.options.rtol / self._requested,
-            rate_growth=float(self._growth.inertia["largest"][0]),
-            rate_growth_at=float(self._growth.inertia["at"][0]),
+            step_size=float(control["hold"]),
+            coarser=self.options.rtol / self._requested_rtol,
+            rate_growth=float(self._growth_data.inertia["largest"][0]),
+            rate_growth_at=float(self._growth_data.inertia["at"][0]),
         )

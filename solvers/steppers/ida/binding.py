@@ -1,4 +1,4 @@
-"""IDA by way of scikit-sundae, with Python around every call: where :mod:`.sundials` does not serve."""
+"""IDA through scikit-sundae, with Python around every call: if :mod:`.sundials` cannot call the library."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from solvers.options import Statistics
 from solvers.system import Array
 
 from .logging import discard_logs, discard_output
-from .loop import go
+from .loop import step_until
 
 
 class BoundIDA:
-    """IDA on N unknowns; what :class:`.sundials.DirectIDA` does, and what :func:`.loop.go` finds in its place.
+    """IDA on N unknowns; what :class:`.sundials.DirectIDA` does, and what :func:`.loop.step_until` finds in its place.
 
     Parameters
     ----------
     residual
         (t, y, y', out).
     accept
-        (t, y, y', data), see :func:`.loop.go`.
-    counts, course
+        (t, y, y', data), see :func:`.loop.step_until`.
+    counts, progress
         As the loop finds them in its data.
     options
         Of scikit-sundae.
     """
 
-    memory = yy = yp = told_at = 0
+    memory = yy = yp = reached_address = 0
 
     def __init__(
-        self, residual: Callable[..., None], accept: Callable[..., int], counts: Array, course: NDArray[Any],
+        self, residual: Callable[..., None], accept: Callable[..., int], counts: Array, progress: NDArray[Any],
         **options: Any,
     ) -> None:  # fmt: skip
         self._residual, self._options = residual, options
-        self.accept, self.counts, self.course = accept, counts, course.view(np.recarray)
+        self.accept, self.counts, self.progress = accept, counts, progress.view(np.recarray)
         count = len(options["atol"])
         self.y, self.slopes, self.reached = np.zeros(count), np.zeros(count), np.zeros(1)
         self._stop: float | None = None
@@ -49,17 +49,17 @@ class BoundIDA:
         with discard_logs():
             self._ida.init_step(t, y, slopes)
 
-    def go(self, t: float) -> int:
-        """Step until t (s) is passed; see :func:`.loop.go`."""
+    def step_until(self, t: float) -> int:
+        """Step until t (s) is passed; see :func:`.loop.step_until`."""
         with discard_output():
-            return int(getattr(go, "py_func", go)(self, self, t))
+            return int(getattr(step_until, "py_func", step_until)(self, self, t))
 
     def stop_at(self, _memory: int, t: float) -> None:
-        """Let the next step end at t (s) if it gets so far."""
+        """Stop at t (s) if the next step reaches it."""
         self._stop = t
 
-    def stop_nowhere(self, _memory: int) -> None:
-        """Let it end anywhere."""
+    def clear_stop(self, _memory: int) -> None:
+        """Remove the stop."""
         self._stop = None
 
     def solve(self, _memory: int, t: float, *_: Any) -> int:
@@ -74,6 +74,6 @@ class BoundIDA:
             found: Array = self._ida.step(t).y
         return found
 
-    def told(self) -> Statistics:
+    def statistics(self) -> Statistics:
         """Return nothing: scikit-sundae does not report it."""
         return Statistics()

@@ -38,33 +38,32 @@ from .dense_callbacks import (
     DENSE_CALLBACKS,
     ITERATIVE_CALLBACKS,
     RTOL_EXPONENT,
-    Given,
-    accept,
-    book,
+    UserData,
+    accept_step,
     call_accept,
-    look_over,
+    check_step,
+    record_energy,
 )
 from .driver import IDADriver
 from .ggl import (
-    LAMBDA,
-    MU,
+    MULTIPLIER_REGULARIZATION,
+    POSITION_REGULARIZATION,
     Unknowns,
-    assemble,
-    multiply,
+    apply_preconditioner,
+    assemble_matrix,
+    matvec_passthrough,
     residual,
-    set_up,
-    solve,
-    tie,
+    set_up_preconditioner,
+    update_velocity_shift,
 )
-from .loop import JACOBIANS, MAX_CONVERGENCE_FAILURES, RESIDUALS, STANDSTILL_RATIO
-from .sundials import DirectIDA, serves
+from .loop import JACOBIANS, MAX_CONVERGENCE_FAILURES, MAX_ORDER, RESIDUALS, STANDSTILL_RATIO
+from .sundials import DirectIDA, is_library_supported
 
 MIN_RTOL = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
 # IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
 # error^(5/6): for a motion's error in proportion to rtol IDA is given RTOL_FACTOR rtol^RTOL_EXPONENT, and atol in
 # proportion.
 RTOL_FACTOR = 3.0
-MAX_ORDER = 5  # of BDF
 MULTIPLIER_TOLERANCE = 1e20  # absolute tolerance of the multipliers, in their units
 BRANCH_DISTANCE_RATIO = 10.0  # times rtol: branches that are no farther apart, in units of size, are one
 # Times rtol: speed that D may take from loops in a singular configuration, in units of theirs. In a period of the
@@ -83,104 +82,120 @@ class IDAStepper(IDADriver, DenseStepper):
         super().__init__(system, t0, q0, v0, options)
         self._rtol = max(MIN_RTOL, self.options.rtol) if system.m else self.options.rtol
         self._unknowns = Unknowns.allocate(system.nq, system.n, system.m)
-        self._held = pin(self._unknowns)
+        self._pinned = pin(self._unknowns)
         self._counts = self._unknowns.counts
-        self._good, self._atol = np.zeros((2, len(self._unknowns.y))), np.zeros(len(self._unknowns.y))
-        self._place, self._pace = np.zeros(system.n), np.zeros(system.n)  # absolute tolerances, to the books
-        self._tight = RTOL_FACTOR * self._rtol**RTOL_EXPONENT
+        self._last_accepted, self._atol = np.zeros((2, len(self._unknowns.y))), np.zeros(len(self._unknowns.y))
+        self._position_tolerances, self._velocity_tolerances = (
+            np.zeros(system.n),
+            np.zeros(system.n),
+        )  # absolute tolerances, to the books
+        self._error_rtol = RTOL_FACTOR * self._rtol**RTOL_EXPONENT
         self._set_tolerances()
-        self._ida = self._new_ida()
+        self._ida = self._make_ida()
 
     def _set_tolerances(self) -> None:
-        """Take tolerances in today's units, where IDA and the books have them."""
-        s, u, units, controlled = self.system, self._unknowns, self._units, self.system.nq + self.system.n
-        u.noise[0], u.near[0] = RESIDUAL_ROUNDING / self._tight, BRANCH_DISTANCE_RATIO * self._rtol
-        tightened = self._tight if self.options.atol is None else self.options.atol * self._tight / self._rtol
+        """Set the tolerances of IDA and of the energy account in the present units."""
+        system, unknowns, units, controlled = (
+            self.system,
+            self._unknowns,
+            self._workspace,
+            self.system.nq + self.system.n,
+        )
+        unknowns.rounding[0], unknowns.branch_distance[0] = (
+            RESIDUAL_ROUNDING / self._error_rtol,
+            BRANCH_DISTANCE_RATIO * self._rtol,
+        )
+        tightened = self._error_rtol if self.options.atol is None else self.options.atol * self._error_rtol / self._rtol
         self._atol[:] = MULTIPLIER_TOLERANCE * self._scaling()[0]
-        self._atol[:controlled] = tightened * np.concatenate((units.size_q, units.pace * s.size))
-        self._place[:] = tightened * s.size
-        self._pace[:] = units.pace * self._place
-        self._c["instant"] = STANDSTILL_RATIO / units.rate[0]
+        self._atol[:controlled] = tightened * np.concatenate((units.size_q, units.pace * system.size))
+        self._position_tolerances[:] = tightened * system.size
+        self._velocity_tolerances[:] = units.pace * self._position_tolerances
+        self._progress["min_step"] = STANDSTILL_RATIO / units.rate[0]
 
-    def _new_ida(self) -> DirectIDA | BoundIDA:
-        o, count = self.options, len(self._atol)
-        tighter = self._tight / self._rtol
-        self._scales = pin(EnergyScales.of(self._tight, self._place, self._pace, count, (tighter, tighter)))
-        given = Given(
-            self._eqs, self._held, self._work, self._rank, count, self._book, self._scales, self._counts, self._course,
-            self._good, np.array([SPEED_LOSS_RATIO * self._rtol]), self._tight, self._atol,
+    def _make_ida(self) -> DirectIDA | BoundIDA:
+        options, count = self.options, len(self._atol)
+        tighter = self._error_rtol / self._rtol
+        self._scales = pin(
+            EnergyScales.of(
+                self._error_rtol, self._position_tolerances, self._velocity_tolerances, count, (tighter, tighter)
+            )
+        )
+        user_data = UserData(
+            self._eqs, self._pinned, self._work, self._rank, count, self._energy_record, self._scales, self._counts,
+            self._progress_array, self._last_accepted, np.array([SPEED_LOSS_RATIO * self._rtol]), self._error_rtol,
+            self._atol,
         )  # fmt: skip
-        order = o.max_order or MAX_ORDER
-        options: dict[str, Any] = {"rtol": self._tight, "atol": self._atol, "max_order": order}
-        if serves():
+        order = options.max_order or MAX_ORDER
+        ida_options: dict[str, Any] = {"rtol": self._error_rtol, "atol": self._atol, "max_order": order}
+        if is_library_supported():
             callbacks = ITERATIVE_CALLBACKS if self.system.m else DENSE_CALLBACKS
-            return DirectIDA(callbacks, call_accept, pin(given), max_step=o.max_step, **options)
-        return self._bound_ida(pin(given), options)
+            return DirectIDA(callbacks, call_accept, pin(user_data), max_step=options.max_step, **ida_options)
+        return self._bound_ida(pin(user_data), ida_options)
 
-    def _bound_ida(self, given: Any, options: dict[str, Any]) -> BoundIDA:
-        """Return IDA with the same kernels for callbacks, by way of Python."""
-        s, u, work, eqs = self.system, self._held, self._work, self._eqs
+    def _bound_ida(self, user_data: Any, ida_options: dict[str, Any]) -> BoundIDA:
+        """Return IDA with the same kernels for callbacks, called through Python."""
+        system, unknowns, work, eqs = self.system, self._pinned, self._work, self._eqs
 
         def resfn(t: float, y: Array, yp: Array, res: Array) -> None:
-            residual(eqs, t, y, yp, res, u, work)
+            residual(eqs, t, y, yp, res, unknowns, work)
 
         def setup(t: float, y: Array, yp: Array, res: Array, cj: float) -> None:
-            set_up(eqs, t, y, yp, u, work)
+            set_up_preconditioner(eqs, t, y, yp, unknowns, work)
 
         def precondition(
             t: float, y: Array, yp: Array, res: Array, right: Array, left: Array, cj: float, delta: float
         ) -> None:
-            solve(eqs, t, y, yp, right, left, cj, u, work)
+            apply_preconditioner(eqs, t, y, yp, right, left, cj, unknowns, work)
 
         def times(t: float, y: Array, yp: Array, res: Array, vector: Array, product: Array, cj: float) -> None:
-            multiply(vector, product, u)
+            matvec_passthrough(vector, product, unknowns)
 
         def dense(t: float, y: Array, yp: Array, res: Array, cj: float, matrix: Array) -> None:
-            set_up(eqs, t, y, yp, u, work)
-            assemble(eqs, u, work, cj)
+            set_up_preconditioner(eqs, t, y, yp, unknowns, work)
+            assemble_matrix(eqs, unknowns, work, cj)
             matrix[:] = self._unknowns.matrix
 
         fresh = {"linsolver": "gmres", "precond": IDAPrecond(setup, precondition), "jactimes": IDAJacTimes(None, times)}
         max_step = 0.0 if np.isinf(self.options.max_step) else self.options.max_step
         return BoundIDA(
-            resfn, lambda t, y, slopes, _: accept(t, y, slopes, given), self._counts, self._course,
-            **(fresh if s.m else {"jacfn": dense}), max_step=max_step,
-            max_conv_fails=MAX_CONVERGENCE_FAILURES, **options,
+            resfn, lambda t, y, slopes, _: accept_step(t, y, slopes, user_data), self._counts, self._progress_array,
+            **(fresh if system.m else {"jacfn": dense}), max_step=max_step,
+            max_conv_fails=MAX_CONVERGENCE_FAILURES, **ida_options,
         )  # fmt: skip
 
     def _begin(self) -> Code:
         """Initialize IDA at the reported state with consistent derivatives."""
-        s, u, w = self.system, self._unknowns, self._units
+        system, unknowns, workspace = self.system, self._unknowns, self._workspace
         code, a, lam = self._evaluate()
         if code is not Code.OK:
             return code
         update_growth(self._t, self._terms.M, self._v, self._work)
-        if s.m:
-            u.usual[:], u.redundant[:] = self._regularization()
-            u.d[:] = u.usual
-        zeros = np.zeros(s.m)
-        y = np.concatenate((self._q, self._v, lam * w.row, zeros))
+        if system.m:
+            unknowns.d_default[:], unknowns.d_redundant[:] = self._regularization()
+            unknowns.d[:] = unknowns.d_default
+        zeros = np.zeros(system.m)
+        y = np.concatenate((self._q, self._v, lam * workspace.row, zeros))
         yp = np.concatenate((self._terms.qdot, a, zeros, zeros))
-        u.at[:], u.lift[:] = np.nan, 0.0
-        u.asked[0] = 0.0
-        u.columns[:], u.rows[:] = self._scaling()
+        unknowns.evaluated_at[:], unknowns.velocity_shift[:] = np.nan, 0.0
+        unknowns.is_pending[0] = 0.0
+        unknowns.columns[:], unknowns.rows[:] = self._scaling()
         self._begin_with(y, yp)
-        self._good[:] = y, yp
-        w.branch_history["pivot_ratio"] = 0.0  # what is known of the branch holds
-        if s.m:
-            bound = look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work)
-            self._c["reach"] = min(self._c["reach"], bound)
-        self._note(self._t, y, yp)
+        self._last_accepted[:] = y, yp
+        workspace.branch_history["pivot_ratio"] = 0.0  # what is known of the branch holds
+        if system.m:
+            bound = check_step(self._eqs, self._t, y, 0.0, self._rank, self._pinned, self._work)
+            self._progress["max_next_step"] = min(self._progress["max_next_step"], bound)
+        self._record_energy(self._t, y, yp)
         return Code.OK
 
     def _scaling(self) -> tuple[Array, Array]:
         """Return the units of unknowns and residuals (N,): pivots are not to depend on meters and kilograms."""
-        s, w = self.system, self._units
-        rate, one = w.rate[0], np.ones(s.m)
-        inertia = self._terms.M * np.outer(s.size, s.size)
-        energy = (np.trace(inertia) / max(1, s.n) or 1.0) * rate**2
-        columns = w.size_q, s.size * rate, one * energy, one * rate
-        rows = w.size_q * rate, energy / s.size, one * rate, one
+        system, workspace = self.system, self._workspace
+        rate, one = workspace.rate[0], np.ones(system.m)
+        inertia = self._terms.M * np.outer(system.size, system.size)
+        energy = (np.trace(inertia) / max(1, system.n) or 1.0) * rate**2
+        columns = workspace.size_q, system.size * rate, one * energy, one * rate
+        rows = workspace.size_q * rate, energy / system.size, one * rate, one
         return np.concatenate(columns), np.concatenate(rows)
 
     def _regularization(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -188,77 +203,91 @@ class IDAStepper(IDADriver, DenseStepper):
 
         M may be singular across the motion; there J~ stands in.
         """
-        w, terms = self._units, self._terms
-        J = terms.J * (self.system.size / w.row[:, None])
+        workspace, terms = self._workspace, self._terms
+        J = terms.J * (self.system.size / workspace.row[:, None])
         M = terms.M * np.outer(self.system.size, self.system.size)
         square = np.linalg.norm(J, 2) ** 2
         mobile = np.linalg.solve(M + np.trace(M) / (self.system.n * square) * J.T @ J, J.T)
-        lam, mu = np.trace(J @ mobile) / w.rate[0], square / w.rate[0]
-        share = self._tight**2 / (REDUNDANCY_FRICTION * self._rtol)
-        return (LAMBDA * lam, self._unknowns.noise[0] * MU * mu), (share * lam, share * mu)
+        lam, mu = np.trace(J @ mobile) / workspace.rate[0], square / workspace.rate[0]
+        share = self._error_rtol**2 / (REDUNDANCY_FRICTION * self._rtol)
+        return (MULTIPLIER_REGULARIZATION * lam, self._unknowns.rounding[0] * POSITION_REGULARIZATION * mu), (
+            share * lam,
+            share * mu,
+        )
 
-    def _note(self, t: float, y: Array, yp: Array) -> None:
+    def _record_energy(self, t: float, y: Array, yp: Array) -> None:
         if self.options.energy_check:
-            book(self._eqs, t, y, yp, self._works(), self._held, self._work, self._book, self._scales)
+            record_energy(
+                self._eqs, t, y, yp, self._has_work(), self._pinned, self._work, self._energy_record, self._scales
+            )
 
-    def _works(self) -> bool:
+    def _has_work(self) -> bool:
         return self.system.works()
 
     def continue_after_event(self) -> None:
-        """Go on with IDA's history where its last step ends at the reported time; let the next ones end where asked."""
-        keeps = not self._pending and self._c["passed"] == self._t and self.status.ok
-        if not (keeps and self._ramp_is_low(self._t) and self._tied()):
+        """Continue IDA's history if its last step ends at the reported time; the next steps end at the targets."""
+        keeps = not self._pending and self._progress["t_reached"] == self._t and self.status.ok
+        if not (keeps and self._is_shift_small(self._t) and self._update_velocity_shift()):
             self.restart()
-        self._c["stops"] = TRUNCATED_STEPS
+        self._progress["truncated_steps"] = TRUNCATED_STEPS
 
-    def _ramp_is_low(self, t: float) -> bool:
+    def _is_shift_small(self, t: float) -> bool:
         """Whether IDA's unknowns are of the size of the velocities until t (s): relative tolerances are of them."""
-        u = self._unknowns
-        ramp = u.lift[0] + (t - u.since[0]) * u.lift[1]
-        return bool(np.all(np.abs(ramp) <= MAX_SHIFT_RATIO * (np.abs(self._v) + self._units.pace * self.system.size)))
+        unknowns = self._unknowns
+        ramp = unknowns.velocity_shift[0] + (t - unknowns.shift_start[0]) * unknowns.velocity_shift[1]
+        return bool(
+            np.all(np.abs(ramp) <= MAX_SHIFT_RATIO * (np.abs(self._v) + self._workspace.pace * self.system.size))
+        )
 
     def _advance(self, t: float) -> Code:
-        if self._unknowns.lift[1].any() and not self._ramp_is_low(t):
+        if self._unknowns.velocity_shift[1].any() and not self._is_shift_small(t):
             self.restart()
         return super()._advance(t)
 
-    def _tied(self) -> bool:
-        """Let IDA's history go on to today's accelerations, and the books begin another piece; False: they are none."""
+    def _update_velocity_shift(self) -> bool:
+        """Continue IDA's history with the present accelerations, if there are any, and begin a new interval of work."""
         code, a, lam = self._evaluate()
         if code is not Code.OK:
             return False
-        here, slopes = self._good.copy()
-        tie(self._t, a, slopes, self._held)
-        self._unknowns.at[:], self._c["works"] = np.nan, int(self._works())
-        restart_work(self._book, self._energy_account[WORK])
+        here, slopes = self._last_accepted.copy()
+        update_velocity_shift(self._t, a, slopes, self._pinned)
+        self._unknowns.evaluated_at[:], self._progress["works"] = np.nan, int(self._has_work())
+        restart_work(self._energy_record, self._energy_account[WORK])
         first = self.system.nq + self.system.n
-        here[first : first + self.system.m] = lam * self._units.row
-        self._note(self._t, here, slopes)
+        here[first : first + self.system.m] = lam * self._workspace.row
+        self._record_energy(self._t, here, slopes)
         return True
 
     def _resume(self) -> Code:
-        code = self._take(float(self._c["passed"]), self._good[0])
+        code = self._report_unknowns(float(self._progress["t_reached"]), self._last_accepted[0])
         if code is not Code.OK:
             return code
-        self._tell()
-        book = self._book[0]
-        passage = book["open_passage_energy"], book["kinetic_max_since_passage"]
+        self._report_energy()
+        record_energy = self._energy_record[0]
+        passage = record_energy["open_passage_energy"], record_energy["kinetic_max_since_passage"]
         code = self._begin()
-        book["open_passage_energy"], book["kinetic_max_since_passage"] = passage  # the motion is the same
+        record_energy["open_passage_energy"], record_energy["kinetic_max_since_passage"] = (
+            passage  # the motion is the same
+        )
         return code
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        return [*super().arrays(), *self._units.memory()]
+        return [*super().arrays(), *self._workspace.memory()]
 
     def restore(self, data: bytes) -> None:
         """Set a reported state and the units of its integration; the history restarts."""
         super().restore(data)
         self._set_tolerances()
 
-    def _take(self, t: float, y: Array) -> Code:
-        u, nq = self._unknowns, self.system.nq
-        q, v = y[:nq].copy(), y[nq : nq + self.system.n] + u.lift[0] + (t - u.since[0]) * u.lift[1]
+    def _report_unknowns(self, t: float, y: Array) -> Code:
+        unknowns, nq = self._unknowns, self.system.nq
+        q, v = (
+            y[:nq].copy(),
+            y[nq : nq + self.system.n]
+            + unknowns.velocity_shift[0]
+            + (t - unknowns.shift_start[0]) * unknowns.velocity_shift[1],
+        )
         code = Code(project_reported_state(self._eqs, t, q, v, self._rank, self._work))
         if code is Code.OK:
             self._t, self._q, self._v = t, q, v
@@ -270,7 +299,7 @@ class IDAStepper(IDADriver, DenseStepper):
     @property
     def warning(self) -> str:
         """Whether the tolerance is larger than requested, or than the mass matrix requires."""
-        large = describe_large_growth(self._units.inertia) if isinstance(self._ida, BoundIDA) else ""
+        large = describe_large_growth(self._workspace.inertia) if isinstance(self._ida, BoundIDA) else ""
         if large:
             text = f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot compensate that. Use 'adams'"
             return coded("ill-conditioned-mass", text)

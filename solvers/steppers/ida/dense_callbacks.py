@@ -1,4 +1,4 @@
-"""What IDA is given of a small mechanism: its callbacks in C's form, and what looks over its steps."""
+"""What IDA is given in dense form: callbacks with the signatures of C, and the function that accepts its steps."""
 
 from __future__ import annotations
 
@@ -18,193 +18,249 @@ from solvers.projection.singular import IMPERFECT, SINGULAR_PIVOT_RATIO, branch_
 from solvers.projection.workspace import factor, factor_transposed
 from solvers.system import Array
 
-from .ggl import MU, assemble, multiply, residual, set_up, solve, taken_by_filter, velocity, weak_residual
+from .ggl import (
+    POSITION_REGULARIZATION,
+    apply_preconditioner,
+    assemble_matrix,
+    filter_speed_loss,
+    matvec_passthrough,
+    residual,
+    self_stress_residual,
+    set_up_preconditioner,
+    velocity,
+)
 from .loop import REJECTED_STEPS, STEP_REJECTED, STEPS
-from .sundials import Callbacks, data_of, data_of_matrix
+from .sundials import Callbacks, matrix_data, vector_data
 
 RTOL_EXPONENT = 1.2  # of a motion's tolerance: IDA bounds the error of a step, see solvers.steppers.ida.dense
 WEAK_RESIDUAL_RATIO = 0.2  # part of a near miss's gap: bound of the residual of a step near it
 NEAR_MISS_REGULARIZATION = 1e-4  # of D near a near miss, where only redundant constraints need it
-RETRY_STEP_RATIO = 0.25  # of a step that was taken back may be gone at once
+RETRY_STEP_RATIO = 0.25  # next step after a rejected one, in units of that
 
 
 @kernel
-def book(eqs: Any, t: float, y: Any, yp: Any, works: bool, u: Any, work: Any, books: Any, scales: Any) -> None:
-    """Book a step of IDA's to (t, y, yp); see :mod:`solvers.energy_account`."""
-    c, nq, n, power = books[0], u.q.shape[0], u.v.shape[0], 0.0
-    u.at[0] = np.nan  # the terms move
+def record_energy(
+    eqs: Any, t: float, y: Any, yp: Any, works: bool, unknowns: Any, work: Any, energy_record: Any, scales: Any
+) -> None:
+    """Record the energy after a step of IDA to (t, y, yp); see :mod:`solvers.energy_account`."""
+    record, nq, n, power = energy_record[0], unknowns.q.shape[0], unknowns.v.shape[0], 0.0
+    unknowns.evaluated_at[0] = np.nan  # the terms move
     for i in range(nq):
-        u.q[i] = y[i]
+        unknowns.q[i] = y[i]
     for i in range(n):
-        u.v[i], u.a[i] = velocity(i, t, y, u), yp[nq + i] + u.lift[1, i]
-    if works or energy_check_scheduled(c):
-        eqs.dynamics(t, u.q, u.v, eqs.data, eqs.terms)
-    if energy_check_scheduled(c):
-        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, c, scales)
+        unknowns.v[i], unknowns.a[i] = velocity(i, t, y, unknowns), yp[nq + i] + unknowns.velocity_shift[1, i]
+    if works or energy_check_scheduled(record):
+        eqs.dynamics(t, unknowns.q, unknowns.v, eqs.data, eqs.terms)
+    if energy_check_scheduled(record):
+        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, record, scales)
     if works:
-        for row in range(u.lam.shape[0]):
-            u.lam[row] = y[nq + n + row] / work.row[row]
-        power = eqs.power(t, u.q, u.v, u.a, u.lam, eqs.data)
-    record_step(books, t, power)
+        for row in range(unknowns.lam.shape[0]):
+            unknowns.lam[row] = y[nq + n + row] / work.row[row]
+        power = eqs.power(t, unknowns.q, unknowns.v, unknowns.a, unknowns.lam, eqs.data)
+    record_step(energy_record, t, power)
 
 
 @kernel
-def project_redundant(rank: int, u: Any, work: Any) -> None:
-    """u.P = projection onto the left null space of J~, from its factors."""
-    m = u.P.shape[0]
+def project_redundant(rank: int, unknowns: Any, work: Any) -> None:
+    """unknowns.P = projection onto the left null space of J~, from its factors."""
+    m = unknowns.P.shape[0]
     factor_transposed(m, rank, work)
     for i in range(m):
         for j in range(m):
-            u.P[i, j] = 0.0
+            unknowns.P[i, j] = 0.0
     for k in range(rank, m):
         for i in range(m):
             work.x[i] = 1.0 if i == k else 0.0
         apply_Q(work.B, work.tau_B, rank, m, work.x)
         for i in range(m):
             for j in range(m):
-                u.P[i, j] += work.x[i] * work.x[j]
+                unknowns.P[i, j] += work.x[i] * work.x[j]
 
 
-class Given(NamedTuple):
+class UserData(NamedTuple):
     """What IDA's callbacks and its loop are given."""
 
     eqs: Any
-    u: Any
+    unknowns: Any
     work: Any
     rank: int
-    unknowns: int  # N
-    book: NDArray[Any]
+    n_unknowns: int  # N
+    energy_record: NDArray[Any]
     scales: Any
     counts: Array
-    course: NDArray[Any]
-    good: Array  # (2, N) IDA's unknowns after its last step, and their derivatives
-    loss: Array  # (1,) what u.lost may be
+    progress: NDArray[Any]
+    last_accepted: Array  # (2, N) IDA's unknowns after its last step, and their derivatives
+    max_speed_loss: Array  # (1,) upper limit of unknowns.speed_loss
     rtol: float  # relative tolerance of IDA
     atol: Array  # (N,)
 
 
 @kernel
-def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work: Any) -> float:
+def check_step(eqs: Any, t: float, y: Any, taken: float, rank: int, unknowns: Any, work: Any) -> float:
     """Longest next step after one of IDA's to (t, y), s; negative where the step may have jumped to another branch."""
-    for i in range(u.q.shape[0]):
-        u.q[i] = y[i]
-    for i in range(u.v.shape[0]):
-        u.v[i] = velocity(i, t, y, u)
-    eqs.position(t, u.q, eqs.data, eqs.terms)
+    for i in range(unknowns.q.shape[0]):
+        unknowns.q[i] = y[i]
+    for i in range(unknowns.v.shape[0]):
+        unknowns.v[i] = velocity(i, t, y, unknowns)
+    eqs.position(t, unknowns.q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
-    for row in range(u.lam.shape[0]):
-        u.lam[row] = y[u.q.shape[0] + u.v.shape[0] + row] / work.row[row]
-    if not on_same_branch(eqs, t, u.q, u.near[0], rank, work):
+    for row in range(unknowns.lam.shape[0]):
+        unknowns.lam[row] = y[unknowns.q.shape[0] + unknowns.v.shape[0] + row] / work.row[row]
+    if not on_same_branch(eqs, t, unknowns.q, unknowns.branch_distance[0], rank, work):
         return -1.0
-    u.lost[0] += taken_by_filter(taken, eqs.terms, u, work)
+    unknowns.speed_loss[0] += filter_speed_loss(taken, eqs.terms, unknowns, work)
     if pivot_ratio(work.pivot, rank) >= SINGULAR_PIVOT_RATIO:
-        u.lost[0] = 0.0
-    record_accepted(eqs, t, u.q, taken, taken, rank, work)
-    if rank < u.P.shape[0] and (
+        unknowns.speed_loss[0] = 0.0
+    record_accepted(eqs, t, unknowns.q, taken, taken, rank, work)
+    if rank < unknowns.P.shape[0] and (
         pivot_ratio(work.pivot, rank) >= SINGULAR_PIVOT_RATIO or work.critical[0].kind == IMPERFECT
     ):
-        project_redundant(rank, u, work)
-    u.at[0] = np.nan  # the terms have moved
-    bound = branch_step_limit(t, u.q, u.v, taken, eqs.terms, work)
-    u.d[0], u.d[1] = u.usual[0], u.usual[1]
+        project_redundant(rank, unknowns, work)
+    unknowns.evaluated_at[0] = np.nan  # the terms have moved
+    bound = branch_step_limit(t, unknowns.q, unknowns.v, taken, eqs.terms, work)
+    unknowns.d[0], unknowns.d[1] = unknowns.d_default[0], unknowns.d_default[1]
     if work.critical[0].kind == IMPERFECT:
-        u.d[0] = NEAR_MISS_REGULARIZATION * u.usual[0] if rank < eqs.terms.J.shape[0] else 0.0
-        u.d[1] *= min(1.0, bound * work.rate[0] / MU)
-        if not abs(weak_residual(eqs.terms, work)) <= WEAK_RESIDUAL_RATIO * abs(work.critical[0].bifurcation_gap):
+        unknowns.d[0] = NEAR_MISS_REGULARIZATION * unknowns.d_default[0] if rank < eqs.terms.J.shape[0] else 0.0
+        unknowns.d[1] *= min(1.0, bound * work.rate[0] / POSITION_REGULARIZATION)
+        if not abs(self_stress_residual(eqs.terms, work)) <= WEAK_RESIDUAL_RATIO * abs(
+            work.critical[0].bifurcation_gap
+        ):
             return -1.0
     return bound
 
 
 @kernel
-def weigh(y: Any, out: Any, g: Any) -> None:
+def set_error_weights(y: Any, out: Any, user_data: Any) -> None:
     """out (N,) <- one over the tolerances of the unknowns."""
-    finer = tolerance_factor(g.rtol, RTOL_EXPONENT, g.work)
+    finer = tolerance_factor(user_data.rtol, RTOL_EXPONENT, user_data.work)
     for i in range(out.shape[0]):
-        out[i] = 1.0 / (finer * (g.rtol * abs(y[i]) + g.atol[i]))
+        out[i] = 1.0 / (finer * (user_data.rtol * abs(y[i]) + user_data.atol[i]))
 
 
 @kernel
-def accept(t: float, y: Any, slopes: Any, g: Any) -> int:
+def accept_step(t: float, y: Any, slopes: Any, user_data: Any) -> int:
     """Accept IDA's step to (t, y), or restart it from its beginning."""
-    c, u = g.course[0], g.u
-    g.counts[STEPS] += 1.0
-    if u.lam.shape[0] > 0:
-        bound = look_over(g.eqs, t, y, c.taken, g.rank, u, g.work)
+    progress, unknowns = user_data.progress[0], user_data.unknowns
+    user_data.counts[STEPS] += 1.0
+    if unknowns.lam.shape[0] > 0:
+        bound = check_step(user_data.eqs, t, y, progress.last_step, user_data.rank, unknowns, user_data.work)
         if bound < 0.0:
-            g.counts[REJECTED_STEPS] += 1.0
-            c.reach = RETRY_STEP_RATIO * c.taken
+            user_data.counts[REJECTED_STEPS] += 1.0
+            progress.max_next_step = RETRY_STEP_RATIO * progress.last_step
             return STEP_REJECTED
-        c.reach = min(bound, 2.0 * c.reach)
-        if u.lost[0] > g.loss[0]:
+        progress.max_next_step = min(bound, 2.0 * progress.max_next_step)
+        if unknowns.speed_loss[0] > user_data.max_speed_loss[0]:
             return BRANCHES
-    c.passed = t
+    progress.t_reached = t
     for i in range(y.shape[0]):
-        g.good[0, i], g.good[1, i] = y[i], slopes[i]
-    for i in range(u.v.shape[0]):
-        u.v[i] = velocity(i, t, y, u)
-    update_growth(t, g.eqs.terms.M, u.v, g.work)  # M of Newton's last correction
-    if c.energy_check == 1:
-        book(g.eqs, t, y, slopes, c.works == 1, u, g.work, g.book, g.scales)
+        user_data.last_accepted[0, i], user_data.last_accepted[1, i] = y[i], slopes[i]
+    for i in range(unknowns.v.shape[0]):
+        unknowns.v[i] = velocity(i, t, y, unknowns)
+    update_growth(t, user_data.eqs.terms.M, unknowns.v, user_data.work)  # M of Newton's last correction
+    if progress.energy_check == 1:
+        record_energy(
+            user_data.eqs,
+            t,
+            y,
+            slopes,
+            progress.works == 1,
+            unknowns,
+            user_data.work,
+            user_data.energy_record,
+            user_data.scales,
+        )
     return OK
 
 
-def call_accept(t: float, y: Any, slopes: Any, g: Any) -> int:
+def call_accept(t: float, y: Any, slopes: Any, user_data: Any) -> int:
     """As the loop calls it."""
-    return accept(t, y, slopes, g)
+    return accept_step(t, y, slopes, user_data)
 
 
-def call_residual(t: float, y: Any, slopes: Any, out: Any, g: Any) -> int:
+def call_residual(t: float, y: Any, slopes: Any, out: Any, user_data: Any) -> int:
     """As IDA calls it, like those that follow."""
-    n = g.unknowns
-    y_, slopes_, out_ = array_at(data_of(y), n), array_at(data_of(slopes), n), array_at(data_of(out), n)
-    residual(g.eqs, t, y_, slopes_, out_, g.u, g.work)
+    n = user_data.n_unknowns
+    y_, slopes_, out_ = array_at(vector_data(y), n), array_at(vector_data(slopes), n), array_at(vector_data(out), n)
+    residual(user_data.eqs, t, y_, slopes_, out_, user_data.unknowns, user_data.work)
     return 0
 
 
-def call_set_up(t: float, y: Any, slopes: Any, _res: Any, _cj: float, g: Any) -> int:
+def call_preconditioner_setup(t: float, y: Any, slopes: Any, _res: Any, _cj: float, user_data: Any) -> int:
     """Set up the preconditioner."""
-    set_up(g.eqs, t, array_at(data_of(y), g.unknowns), array_at(data_of(slopes), g.unknowns), g.u, g.work)
+    set_up_preconditioner(
+        user_data.eqs,
+        t,
+        array_at(vector_data(y), user_data.n_unknowns),
+        array_at(vector_data(slopes), user_data.n_unknowns),
+        user_data.unknowns,
+        user_data.work,
+    )
     return 0
 
 
-def call_solve(
-    t: float, y: Any, slopes: Any, _res: Any, right: Any, left: Any, cj: float, _delta: float, g: Any
+def call_preconditioner(
+    t: float, y: Any, slopes: Any, _res: Any, right: Any, left: Any, cj: float, _delta: float, user_data: Any
 ) -> int:
     """Apply it."""
-    n = g.unknowns
-    y_, slopes_ = array_at(data_of(y), n), array_at(data_of(slopes), n)
-    solve(g.eqs, t, y_, slopes_, array_at(data_of(right), n), array_at(data_of(left), n), cj, g.u, g.work)
+    n = user_data.n_unknowns
+    y_, slopes_ = array_at(vector_data(y), n), array_at(vector_data(slopes), n)
+    apply_preconditioner(
+        user_data.eqs,
+        t,
+        y_,
+        slopes_,
+        array_at(vector_data(right), n),
+        array_at(vector_data(left), n),
+        cj,
+        user_data.unknowns,
+        user_data.work,
+    )
     return 0
 
 
-def call_weigh(y: Any, out: Any, g: Any) -> int:
+def call_error_weights(y: Any, out: Any, user_data: Any) -> int:
     """Weigh the unknowns."""
-    weigh(array_at(data_of(y), g.unknowns), array_at(data_of(out), g.unknowns), g)
+    set_error_weights(
+        array_at(vector_data(y), user_data.n_unknowns), array_at(vector_data(out), user_data.n_unknowns), user_data
+    )
     return 0
 
 
-def call_multiply(
-    _t: float, _y: Any, _slopes: Any, _res: Any, vector: Any, product: Any, _cj: float, g: Any, _a: Any, _b: Any
+def call_matvec(
+    _t: float, _y: Any, _slopes: Any, _res: Any, vector: Any, product: Any, _cj: float, user_data: Any, _a: Any, _b: Any
 ) -> int:
     """Multiply by the matrix."""
-    multiply(array_at(data_of(vector), g.unknowns), array_at(data_of(product), g.unknowns), g.u)
+    matvec_passthrough(
+        array_at(vector_data(vector), user_data.n_unknowns),
+        array_at(vector_data(product), user_data.n_unknowns),
+        user_data.unknowns,
+    )
     return 0
 
 
-def call_matrix(
-    t: float, cj: float, y: Any, slopes: Any, _res: Any, matrix: Any, g: Any, _a: Any, _b: Any, _c: Any
+def call_jacobian(
+    t: float, cj: float, y: Any, slopes: Any, _res: Any, matrix: Any, user_data: Any, _a: Any, _b: Any, _c: Any
 ) -> int:
     """Fill the matrix, column by column."""
-    n = g.unknowns
-    set_up(g.eqs, t, array_at(data_of(y), n), array_at(data_of(slopes), n), g.u, g.work)
-    assemble(g.eqs, g.u, g.work, cj)
-    out = array_at(data_of_matrix(matrix), n * n)
+    n = user_data.n_unknowns
+    set_up_preconditioner(
+        user_data.eqs,
+        t,
+        array_at(vector_data(y), n),
+        array_at(vector_data(slopes), n),
+        user_data.unknowns,
+        user_data.work,
+    )
+    assemble_matrix(user_data.eqs, user_data.unknowns, user_data.work, cj)
+    out = array_at(matrix_data(matrix), n * n)
     for i in range(n):
         for j in range(n):
-            out[j * n + i] = g.u.matrix[i, j]
+            out[j * n + i] = user_data.unknowns.matrix[i, j]
     return 0
 
 
 # Old factors serve where nothing is near singular.
-ITERATIVE_CALLBACKS = Callbacks(call_residual, call_set_up, call_solve, call_multiply, weigh=call_weigh)
-DENSE_CALLBACKS = Callbacks(call_residual, matrix=call_matrix, weigh=call_weigh)
+ITERATIVE_CALLBACKS = Callbacks(
+    call_residual, call_preconditioner_setup, call_preconditioner, call_matvec, error_weights=call_error_weights
+)
+DENSE_CALLBACKS = Callbacks(call_residual, jacobian=call_jacobian, error_weights=call_error_weights)

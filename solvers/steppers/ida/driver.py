@@ -18,15 +18,16 @@ from solvers.stepper import Stepper
 from solvers.system import AnySystem, Array
 
 from .binding import BoundIDA
-from .loop import COURSE, ERROR_TEST_FAILURES, N_COUNTERS, REJECTED_STEPS, RESIDUALS, STEP_REJECTED, STEPS
+from .loop import ERROR_TEST_FAILURES, N_COUNTERS, PROGRESS, REJECTED_STEPS, RESIDUALS, STEP_REJECTED, STEPS
 from .sundials import DirectIDA
 
 
 class IDADriver(Stepper):
     """A stepper around IDA.
 
-    A stepper gives ``_ida`` and ``_begin`` and ``_take``, and counts residuals, Jacobians and residuals that were not
-    finite in ``_counts``; what looks over IDA's steps notes in ``_course`` that they are passed, and books them.
+    A subclass provides ``_ida``, ``_begin`` and ``_report_unknowns``, and counts residuals, Jacobians and residuals
+    that were not finite in ``_counts``. The function that accepts IDA's steps records the time reached in
+    ``_progress_array``, and the energy.
     """
 
     fallback_solvers: tuple[str, ...] = ("radau", "adams", "hybrid")
@@ -36,28 +37,31 @@ class IDADriver(Stepper):
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
-        self._counts, self._book, self._course = np.zeros(N_COUNTERS), records(1, ENERGY_ACCOUNT), records(1, COURSE)
-        self._begun = np.zeros(1)  # how often IDA has been initialized
+        self._counts = np.zeros(N_COUNTERS)
+        self._energy_record, self._progress_array = records(1, ENERGY_ACCOUNT), records(1, PROGRESS)
+        self._starts = np.zeros(1)  # how often IDA has been initialized
         self._failed_before = 0.0  # steps of too large an error until then
         self._pending = True  # IDA is to be initialized at the reported state
-        c = self._c = self._course[0]
-        c["passed"] = c["begun"] = self._t
-        c["reach"] = c["longest"] = np.inf
-        self._most = min(self.options.max_steps, np.iinfo(np.int64).max)
+        progress = self._progress = self._progress_array[0]
+        progress["t_reached"] = progress["t_begun"] = self._t
+        progress["max_next_step"] = progress["max_step"] = np.inf
+        self._max_steps = min(self.options.max_steps, np.iinfo(np.int64).max)
         self._check_at: float = np.inf  # steps since construction at which ``_check`` is called
         self._check: Callable[[], float] = lambda: np.inf
-        c["most"], c["energy_check"] = self._most, int(self.options.energy_check)
+        progress["max_steps"], progress["energy_check"] = self._max_steps, int(self.options.energy_check)
 
     @abstractmethod
     def _begin(self) -> Code:
         """Initialize IDA at the reported state."""
 
     @abstractmethod
-    def _take(self, t: float, y: Array) -> Code:
+    def _report_unknowns(self, t: float, y: Array) -> Code:
         """Make IDA's y at t the reported state."""
 
     def _limit(self, longest: float) -> None:
-        self._c["longest"] = longest if longest < self.options.max_step else np.inf  # which IDA holds to by itself
+        self._progress["max_step"] = (
+            longest if longest < self.options.max_step else np.inf
+        )  # which IDA holds to by itself
 
     def check_steps(self, at: float, check: Callable[[], float]) -> None:
         """Call ``check`` once ``at`` steps have been taken; it returns at how many it is to be called again.
@@ -66,10 +70,10 @@ class IDADriver(Stepper):
         """
         self._check_at, self._check = at, check
 
-    def _until_check(self) -> int:
+    def _steps_until_check(self) -> int:
         """Return how many steps of this call may be taken until the next check is due."""
         left = max(0.0, self._check_at - float(self._counts[STEPS]))
-        return int(min(self._most, self._c["count"] + left))
+        return int(min(self._max_steps, self._progress["steps"] + left))
 
     def _resume(self) -> Code:
         """Restart at the end of the last good step, after IDA could not continue."""
@@ -80,80 +84,92 @@ class IDADriver(Stepper):
         self._count_failures()
         self._failed_before = self._counts[ERROR_TEST_FAILURES]
         self._ida.begin(self._t, y, slopes)
-        c = self._c
-        self._pending, c["passed"], c["begun"], c["taken"] = False, self._t, self._t, 0.0
-        c["works"] = int(self._works())
-        self._begun[0] += 1.0
-        restart_work(self._book, self._energy_account[WORK])
+        progress = self._progress
+        self._pending, progress["t_reached"], progress["t_begun"], progress["last_step"] = False, self._t, self._t, 0.0
+        progress["works"] = int(self._has_work())
+        self._starts[0] += 1.0
+        restart_work(self._energy_record, self._energy_account[WORK])
 
     @abstractmethod
-    def _works(self) -> bool:
-        """Whether there is power to be booked."""
+    def _has_work(self) -> bool:
+        """Whether some force does work that is to be recorded."""
 
     def _count_failures(self) -> None:
         """Count the steps whose error was too large: IDA resets this counter at a restart."""
         if not self._pending:
-            self._counts[ERROR_TEST_FAILURES] = self._failed_before + self._ida.told().rejected
+            self._counts[ERROR_TEST_FAILURES] = self._failed_before + self._ida.statistics().rejected
 
     def _advance(self, t: float) -> Code:
         if self._pending:
             code = self._begin()
             if code is not Code.OK:
                 return code
-        code = self._go(t)
-        self._c["stops"] = max(0, self._c["stops"] - 1)
+        code = self._step_until(t)
+        self._progress["truncated_steps"] = max(0, self._progress["truncated_steps"] - 1)
         if code not in (Code.OK, Code.MAX_STEPS):
             self._pending = True
         return code
 
-    def _go(self, t: float) -> Code:
+    def _step_until(self, t: float) -> Code:
         """Step until ``t`` is passed, and interpolate."""
-        c = self._c
-        c["count"] = 0
+        progress = self._progress
+        progress["steps"] = 0
         while True:
-            c["most"] = self._until_check()
-            told = self._ida.go(t) if c["passed"] < t else Code.OK
-            if told == Code.MAX_STEPS and c["count"] < self._most:
+            progress["max_steps"] = self._steps_until_check()
+            returned = self._ida.step_until(t) if progress["t_reached"] < t else Code.OK
+            if returned == Code.MAX_STEPS and progress["steps"] < self._max_steps:
                 self._check_at = self._check()
                 continue
-            if not (told == STEP_REJECTED or (told == Code.COLLAPSED and c["passed"] > c["begun"])):
-                code = Code(told)
+            if not (
+                returned == STEP_REJECTED
+                or (returned == Code.COLLAPSED and progress["t_reached"] > progress["t_begun"])
+            ):
+                code = Code(returned)
                 break
             code = self._resume()
             if code is not Code.OK:
                 return code
         if code is Code.OK:
             y = self._ida.interpolate(t)
-            code = self._take(t, y) if np.isfinite(y).all() else Code.NOT_FINITE
+            code = self._report_unknowns(t, y) if np.isfinite(y).all() else Code.NOT_FINITE
         if code is Code.OK:
-            self._tell()
+            self._report_energy()
         return code
 
-    def _tell(self) -> None:
-        """Fill the energy account of the reported time."""
-        fill_account_row_at(self._book, self._t, self._energy_account)
+    def _report_energy(self) -> None:
+        """Write the energy account at the reported time."""
+        fill_account_row_at(self._energy_record, self._t, self._energy_account)
 
     def restart(self) -> None:
         """Reinitialize IDA at the reported state before the next step."""
-        self._pending, self._c["reach"] = True, np.inf
+        self._pending, self._progress["max_next_step"] = True, np.inf
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
         self._count_failures()
         seen = unpin(self._scales).bound_results
-        return [self.clock, self._q, self._v, self._counts, self._begun, self._energy_account, self._book, seen]
+        return [
+            self.clock,
+            self._q,
+            self._v,
+            self._counts,
+            self._starts,
+            self._energy_account,
+            self._energy_record,
+            seen,
+        ]
 
     def restore(self, data: bytes) -> None:
         """Set a reported state; the history restarts."""
         super().restore(data)
         self.restart()
-        self._failed_before, self._c["stops"] = self._counts[ERROR_TEST_FAILURES], 0
+        self._failed_before, self._progress["truncated_steps"] = self._counts[ERROR_TEST_FAILURES], 0
 
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far, order and length of IDA's last step."""
         self._count_failures()
-        told, refused = self._ida.told(), int(self._counts[REJECTED_STEPS])
+        counted, refused = self._ida.statistics(), int(self._counts[REJECTED_STEPS])
         return Statistics(
             steps=int(self._counts[STEPS]),
             rejected=int(self._counts[ERROR_TEST_FAILURES]) + refused,
@@ -161,9 +177,9 @@ class IDADriver(Stepper):
             rate_growth=self._growth()[0],
             rate_growth_at=self._growth()[1],
             rhs_evals=self._evaluations(),
-            restarts=max(0, int(self._begun[0]) - 1),
-            order=told.order,
-            step_size=told.step_size,
+            restarts=max(0, int(self._starts[0]) - 1),
+            order=counted.order,
+            step_size=counted.step_size,
         )
 
     def _growth(self) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""IDA step by step until a time is passed: the loop between IDA and what looks after its steps.
+"""IDA step by step until a time is passed: the loop between IDA and the function that accepts its steps.
 
 It is compiled where IDA is called by its C functions, and runs in Python where scikit-sundae is in between.
 """
@@ -16,54 +16,64 @@ STANDSTILL_RATIO = 1e-10  # relative to t and one over the rate: no step, and in
 PROGRESS_CHECK_STEPS = 5000
 MAX_RETURNS_WITHOUT_STEP = 10  # returns of IDA without a step, of which one is meant
 IDA_ONE_STEP = np.int32(2)
+MAX_ORDER = 5  # of BDF
 MAX_CONVERGENCE_FAILURES = 30  # in one step
 STEP_REJECTED = -1  # besides the codes of solvers.outcome: the step is rejected, IDA must restart
 
 N_COUNTERS = 6  # of a stepper, in this order
 RESIDUALS, JACOBIANS, NONFINITE_RESIDUALS, STEPS, REJECTED_STEPS, ERROR_TEST_FAILURES = range(N_COUNTERS)
-COURSE = np.dtype(
+PROGRESS = np.dtype(
     [
-        ("passed", "f8"), ("begun", "f8"),  # s, where IDA itself stands, and where its history begins
-        ("taken", "f8"), ("reach", "f8"),  # s, its last step, and how long the next one may be
-        ("longest", "f8"), ("instant", "f8"),  # s, of any step; of no account
-        ("stops", "i8"),  # requested times at which steps are yet to end
-        ("count", "i8"), ("most", "i8"),  # steps in this call, and how many there may be
-        ("works", "i8"), ("energy_check", "i8"),  # 1: power is to be booked; steps are
+        ("t_reached", "f8"), ("t_begun", "f8"),  # s, where IDA itself stands, and where its history begins
+        ("last_step", "f8"), ("max_next_step", "f8"),  # s, its last step, and how long the next one may be
+        ("max_step", "f8"), ("min_step", "f8"),  # s, of any step; a shorter one is no progress
+        ("truncated_steps", "i8"),  # requested times at which steps are yet to end
+        ("steps", "i8"), ("max_steps", "i8"),  # steps in this call, and how many there may be
+        ("works", "i8"), ("energy_check", "i8"),  # 1: some force does work; 1: record energy and work
     ],
     align=True,
 )  # fmt: skip
 
 
 @inlined
-def stop_on_the_way(c: Any, t: float) -> float:
-    """Where IDA must stop on the way to t, s; inf where it will not reach that.
+def next_stop(progress: Any, t: float) -> float:
+    """Time at which IDA must stop before t, s; inf if it needs no stop.
 
     After a step it keeps the step size, doubles or shortens it; a stop it does not reach shortens it too.
     """
-    reach = min(c.reach, c.longest)
-    if reach >= 2.0 * c.taken > 0.0 or np.isinf(reach):
-        return t if c.stops > 0 else np.inf
-    return min(t if c.stops > 0 else np.inf, c.passed + (c.taken if reach >= c.taken > 0.0 else reach))
+    reach = min(progress.max_next_step, progress.max_step)
+    if reach >= 2.0 * progress.last_step > 0.0 or np.isinf(reach):
+        return t if progress.truncated_steps > 0 else np.inf
+    return min(
+        t if progress.truncated_steps > 0 else np.inf,
+        progress.t_reached + (progress.last_step if reach >= progress.last_step > 0.0 else reach),
+    )
 
 
 @kernel
-def go(ida: Any, given: Any, t: float) -> int:
+def step_until(ida: Any, user_data: Any, t: float) -> int:
     """Step until ``t`` is passed; return a code. IDA must not be trusted to notice that it stands still.
 
-    ``ida.accept(t, y, y', given)`` looks over every step: it notes that it is passed, and returns a code.
+    ``ida.accept(t, y, y', user_data)`` checks every step, records the time reached, and returns a code.
     """
-    c, counts = given.course[0], given.counts
-    stood, bad, since, first = 0, counts[NONFINITE_RESIDUALS], c.passed, c.count
-    while c.passed < t:
-        if c.count >= c.most:
+    progress, counts = user_data.progress[0], user_data.counts
+    stood, bad, since, first = 0, counts[NONFINITE_RESIDUALS], progress.t_reached, progress.steps
+    while progress.t_reached < t:
+        if progress.steps >= progress.max_steps:
             return MAX_STEPS
-        before, stop, instant = c.passed, stop_on_the_way(c, t), max(c.instant, STANDSTILL_RATIO * abs(c.passed))
-        if c.reach < instant:
+        before, stop, instant = (
+            progress.t_reached,
+            next_stop(progress, t),
+            max(progress.min_step, STANDSTILL_RATIO * abs(progress.t_reached)),
+        )
+        if progress.max_next_step < instant:
             return BRANCHES
         if stop < np.inf:
             ida.stop_at(ida.memory, stop)
-        flag = ida.solve(ida.memory, max(t, stop) if stop < np.inf else t, ida.told, ida.yy, ida.yp, IDA_ONE_STEP)
-        ida.stop_nowhere(ida.memory)
+        flag = ida.solve(
+            ida.memory, max(t, stop) if stop < np.inf else t, ida.reached_address, ida.yy, ida.yp, IDA_ONE_STEP
+        )
+        ida.clear_stop(ida.memory)
         reached, stopped = ida.reached[0], NOT_FINITE if counts[NONFINITE_RESIDUALS] > bad else COLLAPSED
         if flag < 0:
             return stopped
@@ -72,13 +82,13 @@ def go(ida: Any, given: Any, t: float) -> int:
             if stood > MAX_RETURNS_WITHOUT_STEP:
                 return stopped
             continue
-        stood, c.taken = 0, reached - before
-        c.count += 1
-        code = ida.accept(reached, ida.y, ida.slopes, given)
+        stood, progress.last_step = 0, reached - before
+        progress.steps += 1
+        code = ida.accept(reached, ida.y, ida.slopes, user_data)
         if code != OK:
             return code
-        if (c.count - first) % PROGRESS_CHECK_STEPS == 0:
-            if c.passed - since <= instant:
+        if (progress.steps - first) % PROGRESS_CHECK_STEPS == 0:
+            if progress.t_reached - since <= instant:
                 return stopped
-            since = c.passed
+            since = progress.t_reached
     return OK

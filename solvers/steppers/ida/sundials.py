@@ -5,7 +5,7 @@ interface of SUNDIALS 7 as its headers declare it, in double precision. With ano
 :mod:`.binding` serves.
 
 A callback of IDA's is a kernel of one signature. It gets vectors as IDA has them, whose entries are the
-:func:`~solvers.compiled.ffi.array_at` their :func:`data_of`, and as the user's data a named tuple that is held
+:func:`~solvers.compiled.ffi.array_at` their :func:`vector_data`, and as the user's data a named tuple that is held
 (:mod:`solvers.compiled.tuple_pointer`).
 """
 
@@ -27,7 +27,7 @@ from solvers.options import Statistics
 from solvers.system import Array
 
 from .logging import discard_logs
-from .loop import MAX_CONVERGENCE_FAILURES, go
+from .loop import MAX_CONVERGENCE_FAILURES, step_until
 
 SUN_COMM_NULL = 0
 SUN_PREC_LEFT = 1
@@ -78,20 +78,20 @@ def library() -> Library:
     return Library(_cy_ida.__file__, SIGNATURES, ("N_VGetArrayPointer", "SUNDenseMatrix_Data"))
 
 
-def serves() -> bool:
+def is_library_supported() -> bool:
     """Whether kernels are compiled, and the library is one whose interface is known."""
     config = getattr(_cy_common, "config", {})
     known = config.get("SUNDIALS_FLOAT_TYPE") == "double" and config.get("SUNDIALS_INT_TYPE") == "int"
     return bool(COMPILED and known and config["SUNDIALS_VERSION"].startswith("7.") and library().complete)
 
 
-def call(name: str, *arguments: Any) -> Any:
+def call_sundials(name: str, *arguments: Any) -> Any:
     """Call a function of SUNDIALS."""
     return library().call(name, *arguments)
 
 
-data_of: Any = external_function("N_VGetArrayPointer")
-data_of_matrix: Any = external_function("SUNDenseMatrix_Data")
+vector_data: Any = external_function("N_VGetArrayPointer")
+matrix_data: Any = external_function("SUNDenseMatrix_Data")
 
 
 SETUP_FUNCTION = ctypes.CFUNCTYPE(
@@ -99,15 +99,15 @@ SETUP_FUNCTION = ctypes.CFUNCTYPE(
 )
 
 
-class InPython:
-    """A set-up of the preconditioner that is no kernel, as IDA calls it; what it raises is kept."""
+class PythonSetup:
+    """A set-up of the preconditioner in Python, as IDA calls it; an exception is stored and raised later."""
 
     raised: BaseException | None = None
 
     def __init__(self, function: Callable[..., int], count: int) -> None:
         def set_up(t: float, y: int, slopes: int, res: int, cj: float, _data: int) -> int:
             arrays = (
-                np.ctypeslib.as_array((ctypes.c_double * count).from_address(call("N_VGetArrayPointer", v)))
+                np.ctypeslib.as_array((ctypes.c_double * count).from_address(call_sundials("N_VGetArrayPointer", v)))
                 for v in (y, slopes, res)
             )
             try:
@@ -129,15 +129,15 @@ class InPython:
 class Callbacks(NamedTuple):
     """What IDA calls back; each returns 0.
 
-    With a preconditioner linear systems go to GMRES, else to the dense ``matrix``.
+    With a preconditioner linear systems go to GMRES, else to the dense ``jacobian``.
     """
 
     residual: Callable[..., int]  # (t, y, y', out, data)
-    set_up: Callable[..., int] | InPython | None = None  # (t, y, y', residual, c_j, data)
-    precondition: Callable[..., int] | None = None  # (t, y, y', residual, right, left, c_j, delta, data)
-    times: Callable[..., int] | None = None  # (t, y, y', residual, vector, product, c_j, data, scratch, scratch)
-    matrix: Callable[..., int] | None = None  # (t, c_j, y, y', residual, out, data, scratch, scratch, scratch)
-    weigh: Callable[..., int] | None = None  # (y, out, data): one over the tolerances of the unknowns
+    set_up_preconditioner: Callable[..., int] | PythonSetup | None = None  # (t, y, y', residual, c_j, data)
+    apply_preconditioner: Callable[..., int] | None = None  # (t, y, y', residual, right, left, c_j, delta, data)
+    matvec: Callable[..., int] | None = None  # (t, y, y', residual, vector, product, c_j, data, scratch, scratch)
+    jacobian: Callable[..., int] | None = None  # (t, c_j, y, y', residual, out, data, scratch, scratch, scratch)
+    error_weights: Callable[..., int] | None = None  # (y, out, data): one over the tolerances of the unknowns
 
 
 CALLBACK_SIGNATURES = ("dppp*", "dpppd*", "dpppppdd*", "dpppppd*pp", "ddpppp*ppp", "pp*")  # the data as a star
@@ -149,17 +149,17 @@ def _compiled_accept(function: Any, data: Any) -> Any:
     return callback(types.int64(types.float64, column, column, data))(function)
 
 
-class Calls(NamedTuple):
-    """What the loop calls, and what it finds there."""
+class IDAHandle(NamedTuple):
+    """IDA as the loop uses it: functions of the library, addresses, and results."""
 
     solve: Any  # IDASolve
     stop_at: Any  # IDASetStopTime
-    stop_nowhere: Any  # IDAClearStopTime
-    accept: Any  # what looks over its steps
+    clear_stop: Any  # IDAClearStopTime
+    accept: Any  # function that accepts its steps
     memory: int  # address of IDA's
     yy: int  # of the vectors it writes
     yp: int
-    told: int  # of ``reached``
+    reached_address: int  # of ``reached``
     reached: Array  # (1,) s
     y: Array  # (N,)
     slopes: Array  # (N,) y'
@@ -171,7 +171,7 @@ class DirectIDA:
     Parameters
     ----------
     callbacks, accept
-        See :class:`Callbacks`, :func:`.loop.go`.
+        See :class:`Callbacks`, :func:`.loop.step_until`.
     data
         What they are given, held.
     rtol, atol
@@ -188,32 +188,34 @@ class DirectIDA:
     ) -> None:  # fmt: skip
         handle = ctypes.c_void_p()
         with discard_logs():  # before any kernel is loaded: those name symbols of the library, which this call loads
-            call("SUNContext_Create", SUN_COMM_NULL, ctypes.addressof(handle))
+            call_sundials("SUNContext_Create", SUN_COMM_NULL, ctypes.addressof(handle))
         context = handle.value
-        call("SUNContext_ClearErrHandlers", context)
+        call_sundials("SUNContext_ClearErrHandlers", context)
         kind = data._numba_type_
         self._data, self._atol = data, atol
         count = len(atol)
         made = (
-            compile_c_callback(given, letters, kind) if given and not isinstance(given, InPython) else given
+            compile_c_callback(given, letters, kind) if given and not isinstance(given, PythonSetup) else given
             for given, letters in zip(callbacks, CALLBACK_SIGNATURES, strict=True)
         )
         self._callbacks: Any = Callbacks._make(made)
         self.y, self.slopes, reached = np.zeros(count), np.zeros(count), np.zeros(1)
-        yy, yp, tol = (call("N_VMake_Serial", count, a.ctypes.data, context) for a in (self.y, self.slopes, atol))
-        self._memory = call("IDACreate", context)
+        yy, yp, tol = (
+            call_sundials("N_VMake_Serial", count, a.ctypes.data, context) for a in (self.y, self.slopes, atol)
+        )
+        self._memory = call_sundials("IDACreate", context)
         self._options = rtol, tol, max_order, max_step
-        c = self._callbacks
-        if c.precondition:
-            matrix, solver = None, call("SUNLinSol_SPGMR", yy, SUN_PREC_LEFT, krylov, context)
+        callbacks = self._callbacks
+        if callbacks.apply_preconditioner:
+            matrix, solver = None, call_sundials("SUNLinSol_SPGMR", yy, SUN_PREC_LEFT, krylov, context)
         else:
-            matrix = call("SUNDenseMatrix", count, count, context)
-            solver = call("SUNLinSol_Dense", yy, matrix, context)
+            matrix = call_sundials("SUNDenseMatrix", count, count, context)
+            solver = call_sundials("SUNLinSol_Dense", yy, matrix, context)
         self._solver, self._begun = (solver, matrix), False
-        solve, stop_at, stop_nowhere = map(library().value, ("IDASolve", "IDASetStopTime", "IDAClearStopTime"))
-        told = int(reached.ctypes.data)
-        called = solve, stop_at, stop_nowhere, _compiled_accept(accept, kind)
-        self._calls = pin(Calls(*called, self._memory, yy, yp, told, reached, self.y, self.slopes))
+        solve, stop_at, clear_stop = map(library().value, ("IDASolve", "IDASetStopTime", "IDAClearStopTime"))
+        reached_address = int(reached.ctypes.data)
+        called = solve, stop_at, clear_stop, _compiled_accept(accept, kind)
+        self._handle = pin(IDAHandle(*called, self._memory, yy, yp, reached_address, reached, self.y, self.slopes))
         self._vectors = yy, yp
         self._free = weakref.finalize(self, _free, self._memory, (yy, yp, tol), solver, matrix, context)
 
@@ -221,65 +223,70 @@ class DirectIDA:
         """Begin a history at t (s) with unknowns and their derivatives (N,), tolerances as they are now."""
         self.y[:], self.slopes[:] = y, slopes
         if self._begun:
-            call("IDAReInit", self._memory, t, *self._vectors)
+            call_sundials("IDAReInit", self._memory, t, *self._vectors)
             self._set_tolerances()
             return
-        memory, c = self._memory, self._callbacks
+        memory, callbacks = self._memory, self._callbacks
         max_order, max_step = self._options[2:]
-        call("IDAInit", memory, c.residual.address, t, *self._vectors)
-        call("IDASetUserData", memory, self._data.address)
+        call_sundials("IDAInit", memory, callbacks.residual.address, t, *self._vectors)
+        call_sundials("IDASetUserData", memory, self._data.address)
         self._set_tolerances()
-        call("IDASetLinearSolver", memory, *self._solver)
-        if c.matrix:
-            call("IDASetJacFn", memory, c.matrix.address)
-        if not c.precondition:
-            call("IDASetDeltaCjLSetup", memory, MAX_CJ_CHANGE)
-        if c.precondition:
-            call("IDASetPreconditioner", memory, c.set_up.address, c.precondition.address)
-        if c.times:
-            call("IDASetJacTimes", memory, None, c.times.address)
-        call("IDASetMaxOrd", memory, max_order)
-        call("IDASetMaxConvFails", memory, MAX_CONVERGENCE_FAILURES)
+        call_sundials("IDASetLinearSolver", memory, *self._solver)
+        if callbacks.jacobian:
+            call_sundials("IDASetJacFn", memory, callbacks.jacobian.address)
+        if not callbacks.apply_preconditioner:
+            call_sundials("IDASetDeltaCjLSetup", memory, MAX_CJ_CHANGE)
+        if callbacks.apply_preconditioner:
+            call_sundials(
+                "IDASetPreconditioner",
+                memory,
+                callbacks.set_up_preconditioner.address,
+                callbacks.apply_preconditioner.address,
+            )
+        if callbacks.matvec:
+            call_sundials("IDASetJacTimes", memory, None, callbacks.matvec.address)
+        call_sundials("IDASetMaxOrd", memory, max_order)
+        call_sundials("IDASetMaxConvFails", memory, MAX_CONVERGENCE_FAILURES)
         if np.isfinite(max_step):
-            call("IDASetMaxStep", memory, max_step)
+            call_sundials("IDASetMaxStep", memory, max_step)
         self._begun = True
 
     def _set_tolerances(self) -> None:
-        if self._callbacks.weigh:
-            call("IDAWFtolerances", self._memory, self._callbacks.weigh.address)
+        if self._callbacks.error_weights:
+            call_sundials("IDAWFtolerances", self._memory, self._callbacks.error_weights.address)
         else:
-            call("IDASVtolerances", self._memory, *self._options[:2])
+            call_sundials("IDASVtolerances", self._memory, *self._options[:2])
 
-    def go(self, t: float) -> int:
-        """Step until t (s) is passed; see :func:`.loop.go`."""
-        code = go(self._calls, self._data, t)
-        if isinstance(self._callbacks.set_up, InPython):
-            self._callbacks.set_up.raise_again()
+    def step_until(self, t: float) -> int:
+        """Step until t (s) is passed; see :func:`.loop.step_until`."""
+        code = step_until(self._handle, self._data, t)
+        if isinstance(self._callbacks.set_up_preconditioner, PythonSetup):
+            self._callbacks.set_up_preconditioner.raise_again()
         return int(code)
 
     def interpolate(self, t: float) -> Array:
         """Return the unknowns (N,) at t in the last step; they are not numbers if IDA has no step that contains t."""
-        if call("IDAGetDky", self._memory, t, 0, self._vectors[0]) != 0:
+        if call_sundials("IDAGetDky", self._memory, t, 0, self._vectors[0]) != 0:
             self.y[:] = np.nan
         return self.y
 
-    def told(self) -> Statistics:
+    def statistics(self) -> Statistics:
         """Return what IDA counts since it began last."""
         whole, real = (ctypes.c_long * 4)(), (ctypes.c_double * 4)()
         orders = (ctypes.c_int * 2)()
         at = [ctypes.addressof(a) + k * ctypes.sizeof(a._type_) for a in (whole, orders, real) for k in range(len(a))]
         if self._begun:
-            call("IDAGetIntegratorStats", self._memory, *at)
+            call_sundials("IDAGetIntegratorStats", self._memory, *at)
         return Statistics(rejected=whole[3], order=orders[0], step_size=real[1])
 
 
 def _free(memory: int, vectors: Any, solver: int, matrix: int | None, context: Any) -> None:
     handle = ctypes.c_void_p(memory)
-    call("IDAFree", ctypes.addressof(handle))
+    call_sundials("IDAFree", ctypes.addressof(handle))
     for made in vectors:
-        call("N_VDestroy", made)
-    call("SUNLinSolFree", solver)
+        call_sundials("N_VDestroy", made)
+    call_sundials("SUNLinSolFree", solver)
     if matrix:
-        call("SUNMatDestroy", matrix)
+        call_sundials("SUNMatDestroy", matrix)
     handle.value = context
-    call("SUNContext_Free", ctypes.addressof(handle))
+    call_sundials("SUNContext_Free", ctypes.addressof(handle))

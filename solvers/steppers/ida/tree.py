@@ -57,29 +57,29 @@ from solvers.system import MAX_DENSE_COORDINATES, Array, TreeSystem, energy_call
 
 from .binding import BoundIDA
 from .driver import IDADriver
-from .ggl import LENGTH_RATE
-from .loop import JACOBIANS, MAX_CONVERGENCE_FAILURES, N_COUNTERS, STANDSTILL_RATIO
-from .sundials import Callbacks, DirectIDA, InPython, serves
+from .ggl import QUATERNION_LENGTH_RATE
+from .loop import JACOBIANS, MAX_CONVERGENCE_FAILURES, MAX_ORDER, N_COUNTERS, STANDSTILL_RATIO
+from .sundials import Callbacks, DirectIDA, PythonSetup, is_library_supported
 from .tree_callbacks import (
-    Given,
-    Imaginary,
+    ComplexStep,
     Reduced,
     Scratch,
-    accept,
+    UserData,
+    accept_step,
+    apply_preconditioner,
     call_accept,
-    call_precondition,
+    call_error_weights,
+    call_matvec,
+    call_preconditioner,
     call_residual,
-    call_times,
-    call_weigh,
-    note,
-    precondition,
+    record_energy,
 )
 from .tree_callbacks import residual as residual_of_tree
 
 MULTIPLIER_TOLERANCE = 1e8  # absolute tolerance of the multipliers
 RATE_TOLERANCE_RATIO = 1.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
 MESH_RATE_TOLERANCE_RATIO = 150.0  # the same where the order is low, and fast motions are damped and not followed
-MAX_ORDER, MAX_MESH_ORDER = 5, 2  # largest orders of BDF
+MAX_MESH_ORDER = 2  # of BDF on meshes
 # Factor of the error of a sheet; error in tolerances from which on it is reported.
 MESH_ERROR_FACTOR, MIN_REPORTED_ERROR = 0.18, 30.0
 MIN_RTOL = 1e-12
@@ -97,7 +97,7 @@ class TreeIDAStepper(IDADriver):
         super().__init__(system, t0, q0, v0, options)
         self.system = system
         nq, n, m = system.nq, system.n, system.m
-        self._v_at = slice(nq, nq + n)
+        self._velocity_slice = slice(nq, nq + n)
         self._scratch, self._terms = Scratch.allocate(nq, n, m), system.allocate_terms()
         z = np.zeros
         self._reduced = Reduced(np.ones(1), z((2, m)), z((m, n)), z((n, m)), z((n, m)), z((2 * m, 2 * m)))
@@ -107,55 +107,65 @@ class TreeIDAStepper(IDADriver):
         require_resolved_position(
             self._q, system.position_sizes(system.size), self.options.rtol, system.coordinate_names
         )
-        self._c["instant"] = STANDSTILL_RATIO / self._rate
+        self._progress["min_step"] = STANDSTILL_RATIO / self._rate
         self._growth_data = Growth.of(system, self._rate)
-        self._ida = self._new_ida()
+        self._ida = self._make_ida()
         self.status = self._status(project(system, self._t, self._q, self._v))
 
-    def _new_ida(self) -> DirectIDA | BoundIDA:
-        s, o = self.system, self.options
+    def _make_ida(self) -> DirectIDA | BoundIDA:
+        system, options = self.system, self.options
         mesh = self._has_mesh
-        order = self._order = o.max_order or (MAX_MESH_ORDER if mesh else MAX_ORDER)
-        part = 1.0 if mesh else (s.nq + s.n + 2 * s.m) ** -0.5
-        sizes = o.absolute * s.size
+        order = self._order = options.max_order or (MAX_MESH_ORDER if mesh else MAX_ORDER)
+        part = 1.0 if mesh else (system.nq + system.n + 2 * system.m) ** -0.5
+        sizes = options.absolute * system.size
         rates = (RATE_TOLERANCE_RATIO if order > MAX_MESH_ORDER else MESH_RATE_TOLERANCE_RATIO) * self._rate * sizes
-        atol = np.concatenate((part * s.position_sizes(sizes), part * rates, np.full(2 * s.m, MULTIPLIER_TOLERANCE)))
+        atol = np.concatenate(
+            (part * system.position_sizes(sizes), part * rates, np.full(2 * system.m, MULTIPLIER_TOLERANCE))
+        )
         self._scales = pin(self._find_scales(sizes, rates, len(atol)))
-        given = self._given = pin(
-            Given(
-                s.inverse, s.retract, s.position, *energy_callbacks(s), s.pinned_data, self._terms, s.positions,
-                s.tangent.solve_one, s.tangent.inertia_one, s.tangent.data, self._scratch, self._reduced,
-                LENGTH_RATE * self._rate, len(atol), self._book, self._scales,
-                self._counts, self._course, self._tolerances(atol, part * o.rtol),
-                self._imaginary(len(atol)), s.parts_callback, pin(self._growth_data),
+        user_data = self._user_data = pin(
+            UserData(
+                system.inverse, system.retract, system.position, *energy_callbacks(system), system.pinned_data,
+                self._terms, system.positions, system.tangent.solve_one, system.tangent.inertia_one,
+                system.tangent.data, self._scratch, self._reduced, QUATERNION_LENGTH_RATE * self._rate, len(atol),
+                self._energy_record, self._scales, self._counts, self._progress_array,
+                self._tolerances(atol, part * options.rtol),
+                self._make_complex_step(len(atol)), system.parts_callback, pin(self._growth_data),
             )
         )  # fmt: skip
-        options: dict[str, Any] = {"rtol": part * o.rtol, "atol": atol, "max_order": order}
-        if s.nonsmooth_reason and not serves():
+        ida_options: dict[str, Any] = {"rtol": part * options.rtol, "atol": atol, "max_order": order}
+        if system.nonsmooth_reason and not is_library_supported():
             raise ValueError(
                 coded(
                     "unsuitable-solver",
                     "solver 'ida' needs the C functions of SUNDIALS 7 for this model, which are not installed "
-                    f"({s.nonsmooth_reason}); use 'esdirk'",
+                    f"({system.nonsmooth_reason}); use 'esdirk'",
                 )
             )
-        if serves():
-            exact: dict[str, Any] = {"weigh": call_weigh} if s.nonsmooth_reason or s.can_compute_rate_growth else {}
-            if s.nonsmooth_reason:
-                exact["times"] = call_times
-            callbacks = Callbacks(call_residual, InPython(self._set_up, len(atol)), call_precondition, **exact)
-            return DirectIDA(callbacks, call_accept, given, max_step=o.max_step, krylov=KRYLOV_DIMENSION, **options)
+        if is_library_supported():
+            exact: dict[str, Any] = (
+                {"error_weights": call_error_weights}
+                if system.nonsmooth_reason or system.can_compute_rate_growth
+                else {}
+            )
+            if system.nonsmooth_reason:
+                exact["matvec"] = call_matvec
+            callbacks = Callbacks(call_residual, PythonSetup(self._set_up, len(atol)), call_preconditioner, **exact)
+            return DirectIDA(
+                callbacks, call_accept, user_data, max_step=options.max_step, krylov=KRYLOV_DIMENSION, **ida_options
+            )
 
         def residual(t: float, y: Array, yp: Array, res: Array) -> None:
-            residual_of_tree(t, y, yp, res, given)
+            residual_of_tree(t, y, yp, res, user_data)
 
         def solve(t: float, y: Array, yp: Array, res: Array, r: Array, z: Array, cj: float, delta: float) -> None:
-            precondition(y, r, z, given)
+            apply_preconditioner(y, r, z, user_data)
 
         return BoundIDA(
-            residual, lambda t, y, slopes, _: accept(t, y, slopes, given), self._counts, self._course,
+            residual, lambda t, y, slopes, _: accept_step(t, y, slopes, user_data), self._counts, self._progress_array,
             linsolver="gmres", krylov_dim=KRYLOV_DIMENSION, precond=IDAPrecond(self._set_up, solve),
-            max_step=0.0 if np.isinf(o.max_step) else o.max_step, max_conv_fails=MAX_CONVERGENCE_FAILURES, **options,
+            max_step=0.0 if np.isinf(options.max_step) else options.max_step,
+            max_conv_fails=MAX_CONVERGENCE_FAILURES, **ida_options,
         )  # fmt: skip
 
     def _describe_sheet_error(self) -> str:
@@ -192,16 +202,16 @@ class TreeIDAStepper(IDADriver):
             return EnergyScales.of_mesh(self.options.rtol, sizes, rates, count, MESH_RATE_TOLERANCE_RATIO)
         return EnergyScales.of(self.options.rtol, sizes, self._rate * sizes)
 
-    def _imaginary(self, count: int) -> Any:
+    def _make_complex_step(self, count: int) -> Any:
         """Return what products of Newton's matrix are made with, where forces turn sharply."""
-        s = self.system
-        if not s.nonsmooth_reason or s.stepped is None:
+        system = self.system
+        if not system.nonsmooth_reason or system.stepped is None:
             return None
-        (inverse, position, retract, data), z = s.stepped(), np.zeros((3, count), complex)
-        return Imaginary(
-            inverse, position, retract, data, s.allocate_terms(complex), s.positions,
-            Scratch.allocate(s.nq, s.n, s.m, complex), self._reduced, LENGTH_RATE * self._rate,
-            np.zeros(N_COUNTERS), *z,
+        (inverse, position, retract, data), z = system.stepped(), np.zeros((3, count), complex)
+        return ComplexStep(
+            inverse, position, retract, data, system.allocate_terms(complex), system.positions,
+            Scratch.allocate(system.nq, system.n, system.m, complex), self._reduced,
+            QUATERNION_LENGTH_RATE * self._rate, np.zeros(N_COUNTERS), *z,
         )  # fmt: skip
 
     def _tolerances(self, atol: Array, rtol: float) -> Array:
@@ -211,34 +221,34 @@ class TreeIDAStepper(IDADriver):
         many similar ones, but few determine the position of a sheet as a whole. Their rates are accurate to a part of
         the slip at which friction turns over too: where it reverses within a step, that is what is left of it.
         """
-        s, N = self.system, len(atol)
-        relative = self.options.rtol if s.nonsmooth_reason else rtol
+        system, N = self.system, len(atol)
+        relative = self.options.rtol if system.nonsmooth_reason else rtol
         found = np.vstack((np.full(N, relative), atol, np.full(N, np.inf)))
-        if s.nonsmooth_reason and s.mesh_mask is not None and s.friction_velocity is not None:
-            parts = np.where(s.mesh_mask, 1.0, N**-0.5)
-            found[:2, : s.nq] *= s.position_sizes(parts) / s.position_sizes(np.ones(s.n))
-            found[:2, self._v_at] *= parts
-            found[2, self._v_at] = SLIP_TOLERANCE_RATIO * parts * s.friction_velocity
+        if system.nonsmooth_reason and system.mesh_mask is not None and system.friction_velocity is not None:
+            parts = np.where(system.mesh_mask, 1.0, N**-0.5)
+            found[:2, : system.nq] *= system.position_sizes(parts) / system.position_sizes(np.ones(system.n))
+            found[:2, self._velocity_slice] *= parts
+            found[2, self._velocity_slice] = SLIP_TOLERANCE_RATIO * parts * system.friction_velocity
         return found
 
     def _set_up(self, t: float, y: Array, yp: Array, res: Array, cj: float) -> int:
         """Factor the tangent and the equations of the constraints; 1: it is singular there."""
         self._counts[JACOBIANS] += 1.0
-        residual_of_tree(t, y, yp, np.empty(len(y)), self._given)
+        residual_of_tree(t, y, yp, np.empty(len(y)), self._user_data)
         self._reduced.c[0] = cj
         if not self.system.tangent.factor(cj, cj * cj):
             return 1
-        self._reduce(cj)
+        self._reduce_constraints(cj)
         return 0
 
-    def _reduce(self, cj: float) -> None:
-        s, m, (d0, d1) = self.system, self.system.m, map(np.diag, self._reduced.d)
+    def _reduce_constraints(self, cj: float) -> None:
+        system, m, (d0, d1) = self.system, self.system.m, map(np.diag, self._reduced.d)
         if not m:
             return
         J = self._reduced.J
         J[:] = self._terms.J
-        inertia = np.array([s.tangent.inertia(row) for row in J])
-        both = s.tangent.solve(np.vstack((J, cj * inertia)).T)  # (n, 2 m)
+        inertia = np.array([system.tangent.inertia(row) for row in J])
+        both = system.tangent.solve(np.vstack((J, cj * inertia)).T)  # (n, 2 m)
         A, X = self._reduced.A, self._reduced.X
         A[:], X[:] = both[:, :m], both[:, m:]
         self._reduced.inverse[:] = np.linalg.inv(np.block([[J @ J.T + cj * d1, -d0], [-J @ X - d1, -J @ A]]))
@@ -252,12 +262,12 @@ class TreeIDAStepper(IDADriver):
             large = coded("ill-conditioned-mass", text)
         return ". ".join(filter(None, (self._describe_sheet_error(), large)))
 
-    def _works(self) -> bool:
+    def _has_work(self) -> bool:
         return self.system.works()
 
     def _growth(self) -> tuple[float, float]:
-        c = self._growth_data.inertia[0]
-        return float(c["largest"]), float(c["at"])
+        record = self._growth_data.inertia[0]
+        return float(record["largest"]), float(record["at"])
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
@@ -278,20 +288,20 @@ class TreeIDAStepper(IDADriver):
             yp = np.concatenate((motion.qdot, motion.a, zeros, zeros))
             self._begin_with(y, yp)
             if self.options.energy_check:
-                note(self._t, y, yp, self._given)
+                record_energy(self._t, y, yp, self._user_data)
         return code
 
     @property
-    def present(self) -> tuple[float, Array, Array]:
+    def internal_state(self) -> tuple[float, Array, Array]:
         """Time (s), positions (nq,) and velocities (n,) that IDA itself has reached, which may be off the constraints.
 
         They are valid between two steps.
         """
         y = self._ida.y
-        return float(self._c["passed"]), y[: self.system.nq].copy(), y[self._v_at].copy()
+        return float(self._progress["t_reached"]), y[: self.system.nq].copy(), y[self._velocity_slice].copy()
 
-    def _take(self, t: float, y: Array) -> Code:
-        q, v = y[: self.system.nq].copy(), y[self._v_at].copy()
+    def _report_unknowns(self, t: float, y: Array) -> Code:
+        q, v = y[: self.system.nq].copy(), y[self._velocity_slice].copy()
         code = project(self.system, t, q, v)
         if code is Code.OK:
             self._t, self._q, self._v = t, q, v

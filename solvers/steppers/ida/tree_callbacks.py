@@ -1,4 +1,4 @@
-"""What IDA is given of a large tree: residual and preconditioner; the equations are in :mod:`.tree`."""
+"""What IDA is given in tree form: residual and preconditioner; the equations are in :mod:`.tree`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from solvers.system import Array
 
 from .dense_callbacks import RTOL_EXPONENT
 from .loop import NONFINITE_RESIDUALS, RESIDUALS, STEPS
-from .sundials import data_of
+from .sundials import vector_data
 
 COMPLEX_STEP = 1e-20  # of an imaginary step
 
@@ -34,11 +34,11 @@ class Scratch(NamedTuple):
     slope: Array  # (nq,)
     zero: Array  # (n,)
     tau: Array  # (n,)
-    g: Array  # (n,) first residual as a motion
+    res_motion: Array  # (n,) first residual as a motion
     load: Array  # (n,)
-    turn: Array  # (n,) dtheta
+    dtheta: Array  # (n,) dtheta
     right: Array  # (2 m,)
-    both: Array  # (2 m,) dmu, dlambda
+    multipliers: Array  # (2 m,) dmu, dlambda
 
     @staticmethod
     def allocate(nq: int, n: int, m: int, scalar: type = float) -> Scratch:
@@ -58,7 +58,7 @@ class Reduced(NamedTuple):
     inverse: Array  # (2 m, 2 m) of their matrix
 
 
-class Given(NamedTuple):
+class UserData(NamedTuple):
     """What IDA's callbacks and its loop are given."""
 
     inverse: Any
@@ -75,18 +75,18 @@ class Given(NamedTuple):
     scratch: Any
     reduced: Any
     length_rate: float  # k
-    unknowns: int  # N
-    book: NDArray[Any]
+    n_unknowns: int  # N
+    energy_record: NDArray[Any]
     scales: Any
     counts: Array
-    course: NDArray[Any]
+    progress: NDArray[Any]
     tolerances: Array  # (3, N) relative, absolute, the largest; where they are weighed
-    stepped: Any  # where products are requested
+    complex_step: Any  # where products are requested
     inertia_parts: Any
     growth: Any  # solvers.inertia.Growth
 
 
-class Imaginary(NamedTuple):
+class ComplexStep(NamedTuple):
     """Arguments of :func:`residual` with an imaginary step of the unknowns, and these."""
 
     inverse: Any
@@ -105,60 +105,60 @@ class Imaginary(NamedTuple):
 
 
 @inlined
-def load(y: Any, slopes: Any, g: Any) -> None:
+def copy_unknowns(y: Any, slopes: Any, user_data: Any) -> None:
     """Copy IDA's arrays."""
-    s = g.scratch
-    nq, n = s.q.shape[0], s.v.shape[0]
+    scratch = user_data.scratch
+    nq, n = scratch.q.shape[0], scratch.v.shape[0]
     for i in range(nq):
-        s.q[i] = y[i]
+        scratch.q[i] = y[i]
     for i in range(n):
-        s.v[i], s.a[i] = y[nq + i], slopes[nq + i]
-    for row in range(s.lam.shape[0]):
-        s.lam[row] = y[nq + n + row]
+        scratch.v[i], scratch.a[i] = y[nq + i], slopes[nq + i]
+    for row in range(scratch.lam.shape[0]):
+        scratch.lam[row] = y[nq + n + row]
 
 
 @kernel
-def residual(t: float, y: Any, slopes: Any, res: Any, g: Any) -> None:
+def residual(t: float, y: Any, slopes: Any, res: Any, user_data: Any) -> None:
     """IDA's residual function; what is not finite IDA takes as a sign to cut the step."""
-    s, d, terms = g.scratch, g.reduced.d, g.terms
-    nq, n, m = s.q.shape[0], s.v.shape[0], s.lam.shape[0]
-    g.counts[RESIDUALS] += 1.0
-    load(y, slopes, g)
+    scratch, d, terms = user_data.scratch, user_data.reduced.d, user_data.terms
+    nq, n, m = scratch.q.shape[0], scratch.v.shape[0], scratch.lam.shape[0]
+    user_data.counts[RESIDUALS] += 1.0
+    copy_unknowns(y, slopes, user_data)
     if m > 0:
-        g.position(t, s.q, g.data, terms)
-    g.inverse(t, s.q, s.v, s.a, s.lam, g.data, s.qdot, s.tau)
+        user_data.position(t, scratch.q, user_data.data, terms)
+    user_data.inverse(t, scratch.q, scratch.v, scratch.a, scratch.lam, user_data.data, scratch.qdot, scratch.tau)
     for i in range(nq):
-        s.unit[i] = s.q[i]
-    g.retract(s.unit, s.zero, g.data)
+        scratch.unit[i] = scratch.q[i]
+    user_data.retract(scratch.unit, scratch.zero, user_data.data)
     for i in range(nq):
-        res[i] = slopes[i] - s.qdot[i] + g.length_rate * (s.q[i] - s.unit[i])
+        res[i] = slopes[i] - scratch.qdot[i] + user_data.length_rate * (scratch.q[i] - scratch.unit[i])
     finite = True
     for i in range(n):
-        res[nq + i] = s.tau[i]
-        finite = finite and np.isfinite(s.tau[i])
+        res[nq + i] = scratch.tau[i]
+        finite = finite and np.isfinite(scratch.tau[i])
     if not finite:
-        g.counts[NONFINITE_RESIDUALS] += 1.0
+        user_data.counts[NONFINITE_RESIDUALS] += 1.0
     if m == 0:
         return
     for i in range(n):
-        s.load[i] = 0.0
+        scratch.load[i] = 0.0
         for row in range(m):
-            s.load[i] += terms.J[row, i] * y[nq + n + m + row]
-    as_slope(s.q, s.load, g.positions, s.slope)
+            scratch.load[i] += terms.J[row, i] * y[nq + n + m + row]
+    as_slope(scratch.q, scratch.load, user_data.positions, scratch.slope)
     for i in range(nq):
-        res[i] += s.slope[i]
+        res[i] += scratch.slope[i]
     for row in range(m):
         speed = -terms.nu[row]
         for i in range(n):
-            speed += terms.J[row, i] * s.v[i]
-        res[nq + n + row] = speed - d[0, row] * s.lam[row]
+            speed += terms.J[row, i] * scratch.v[i]
+        res[nq + n + row] = speed - d[0, row] * scratch.lam[row]
         res[nq + n + m + row] = terms.Phi[row] - d[1, row] * y[nq + n + m + row]
 
 
 @kernel
-def times(t: float, y: Any, slopes: Any, x: Any, c: float, out: Any, g: Any) -> None:
+def multiply_matrix(t: float, y: Any, slopes: Any, x: Any, c: float, out: Any, user_data: Any) -> None:
     """out (N,) <- (dF/dy + c dF/dy') x of the residual F, exactly."""
-    e = g.stepped
+    e = user_data.complex_step
     for i in range(out.shape[0]):
         e.y[i], e.slopes[i] = y[i] + COMPLEX_STEP * x[i] * 1j, slopes[i] + COMPLEX_STEP * c * x[i] * 1j
     residual(t, e.y, e.slopes, e.res, e)
@@ -167,110 +167,118 @@ def times(t: float, y: Any, slopes: Any, x: Any, c: float, out: Any, g: Any) -> 
 
 
 @kernel
-def weigh(y: Any, out: Any, g: Any) -> None:
+def set_error_weights(y: Any, out: Any, user_data: Any) -> None:
     """out (N,) <- one over the tolerances of the unknowns."""
-    finer = tolerance_factor(g.tolerances[0, 0], RTOL_EXPONENT, g.growth)
+    finer = tolerance_factor(user_data.tolerances[0, 0], RTOL_EXPONENT, user_data.growth)
     for i in range(out.shape[0]):
-        out[i] = 1.0 / (finer * min(g.tolerances[0, i] * abs(y[i]) + g.tolerances[1, i], g.tolerances[2, i]))
+        out[i] = 1.0 / (
+            finer * min(user_data.tolerances[0, i] * abs(y[i]) + user_data.tolerances[1, i], user_data.tolerances[2, i])
+        )
 
 
 @kernel
-def precondition(y: Any, r: Any, z: Any, g: Any) -> None:
+def apply_preconditioner(y: Any, r: Any, z: Any, user_data: Any) -> None:
     """z (N,) <- the solution for the residual r, by the tangent as it was factored last."""
-    s, R, c, p = g.scratch, g.reduced, g.reduced.c[0], g.positions
-    nq, n, m = s.q.shape[0], s.v.shape[0], s.lam.shape[0]
-    as_motion(y, r, p, s.g)
-    g.inertia_one(s.g, g.tangent, s.load)
+    scratch, reduced, c, positions = user_data.scratch, user_data.reduced, user_data.reduced.c[0], user_data.positions
+    nq, n, m = scratch.q.shape[0], scratch.v.shape[0], scratch.lam.shape[0]
+    as_motion(y, r, positions, scratch.res_motion)
+    user_data.inertia_one(scratch.res_motion, user_data.tangent, scratch.load)
     for i in range(n):
-        s.load[i] = r[nq + i] + c * s.load[i]
-    g.solve_one(s.load, g.tangent, s.turn)
+        scratch.load[i] = r[nq + i] + c * scratch.load[i]
+    user_data.solve_one(scratch.load, user_data.tangent, scratch.dtheta)
     for row in range(m):
-        s.right[row], s.right[m + row] = r[nq + n + row] - c * r[nq + n + m + row], r[nq + n + m + row]
+        scratch.right[row], scratch.right[m + row] = r[nq + n + row] - c * r[nq + n + m + row], r[nq + n + m + row]
         for i in range(n):
-            s.right[row] += R.J[row, i] * s.g[i]
-            s.right[m + row] -= R.J[row, i] * s.turn[i]
+            scratch.right[row] += reduced.J[row, i] * scratch.res_motion[i]
+            scratch.right[m + row] -= reduced.J[row, i] * scratch.dtheta[i]
     for row in range(2 * m):
-        s.both[row] = 0.0
+        scratch.multipliers[row] = 0.0
         for other in range(2 * m):
-            s.both[row] += R.inverse[row, other] * s.right[other]
+            scratch.multipliers[row] += reduced.inverse[row, other] * scratch.right[other]
     for row in range(m):
-        z[nq + n + m + row], z[nq + n + row] = s.both[row], s.both[m + row]
+        z[nq + n + m + row], z[nq + n + row] = scratch.multipliers[row], scratch.multipliers[m + row]
         for i in range(n):
-            s.turn[i] -= R.X[i, row] * s.both[row] + R.A[i, row] * s.both[m + row]
-            s.g[i] -= R.J[row, i] * s.both[row]
-    as_slope(y, s.turn, p, z)
-    for k in range(p.turning.shape[0]):  # and the quaternions' length
-        first, along = p.turning[k, 0], 0.0
+            scratch.dtheta[i] -= (
+                reduced.X[i, row] * scratch.multipliers[row] + reduced.A[i, row] * scratch.multipliers[m + row]
+            )
+            scratch.res_motion[i] -= reduced.J[row, i] * scratch.multipliers[row]
+    as_slope(y, scratch.dtheta, positions, z)
+    for k in range(positions.turning.shape[0]):  # and the quaternions' length
+        first, along = positions.turning[k, 0], 0.0
         for i in range(first, first + 4):
-            along += y[i] * r[i] / (c + g.length_rate)
+            along += y[i] * r[i] / (c + user_data.length_rate)
         for i in range(first, first + 4):
             z[i] += along * y[i]
     for i in range(n):
-        z[nq + i] = c * s.turn[i] - s.g[i]
+        z[nq + i] = c * scratch.dtheta[i] - scratch.res_motion[i]
 
 
 @kernel
-def note(t: float, y: Any, slopes: Any, g: Any) -> None:
-    """Book a step of IDA's to (t, y, y'); see :mod:`solvers.energy_account`."""
-    c, s, done = g.book[0], g.scratch, 0.0
-    load(y, slopes, g)
-    if energy_check_scheduled(c):
-        for row in range(s.lam.shape[0]):
-            s.right[row] = 0.0
-        g.inverse(t, s.q, s.v, s.zero, s.right, g.data, s.qdot, s.tau)
-        update_energy_bound(g.evaluate_energy_bound, g.data, c, g.scales)
-    if g.course[0].works == 1:
-        g.inverse(t, s.q, s.v, s.a, s.lam, g.data, s.qdot, s.tau)
-        done = g.power(t, s.q, s.v, s.a, s.lam, g.data)
-    record_step(g.book, t, done)
+def record_energy(t: float, y: Any, slopes: Any, user_data: Any) -> None:
+    """Record the energy after a step of IDA to (t, y, y'); see :mod:`solvers.energy_account`."""
+    record, scratch, done = user_data.energy_record[0], user_data.scratch, 0.0
+    copy_unknowns(y, slopes, user_data)
+    if energy_check_scheduled(record):
+        for row in range(scratch.lam.shape[0]):
+            scratch.right[row] = 0.0
+        user_data.inverse(
+            t, scratch.q, scratch.v, scratch.zero, scratch.right, user_data.data, scratch.qdot, scratch.tau
+        )
+        update_energy_bound(user_data.evaluate_energy_bound, user_data.data, record, user_data.scales)
+    if user_data.progress[0].works == 1:
+        user_data.inverse(t, scratch.q, scratch.v, scratch.a, scratch.lam, user_data.data, scratch.qdot, scratch.tau)
+        done = user_data.power(t, scratch.q, scratch.v, scratch.a, scratch.lam, user_data.data)
+    record_step(user_data.energy_record, t, done)
 
 
 @kernel
-def accept(t: float, y: Any, slopes: Any, g: Any) -> int:
+def accept_step(t: float, y: Any, slopes: Any, user_data: Any) -> int:
     """Accept IDA's step to (t, y)."""
-    g.counts[STEPS] += 1.0
-    g.course[0].passed = t
-    if g.growth.inertia[0].watched == 1:  # where Newton's last correction began
-        g.inertia_parts(g.data, g.growth.parts)
-        update_tree_growth(t, g.growth.parts, g.scratch.v, g.growth)
-    if g.course[0].energy_check == 1:
-        note(t, y, slopes, g)
+    user_data.counts[STEPS] += 1.0
+    user_data.progress[0].t_reached = t
+    if user_data.growth.inertia[0].watched == 1:  # where Newton's last correction began
+        user_data.inertia_parts(user_data.data, user_data.growth.parts)
+        update_tree_growth(t, user_data.growth.parts, user_data.scratch.v, user_data.growth)
+    if user_data.progress[0].energy_check == 1:
+        record_energy(t, y, slopes, user_data)
     return OK
 
 
-def call_accept(t: float, y: Any, slopes: Any, g: Any) -> int:
+def call_accept(t: float, y: Any, slopes: Any, user_data: Any) -> int:
     """As the loop calls it."""
-    return accept(t, y, slopes, g)
+    return accept_step(t, y, slopes, user_data)
 
 
-def call_residual(t: float, y: Any, slopes: Any, out: Any, g: Any) -> int:
+def call_residual(t: float, y: Any, slopes: Any, out: Any, user_data: Any) -> int:
     """As IDA calls it."""
-    n = g.unknowns
-    residual(t, array_at(data_of(y), n), array_at(data_of(slopes), n), array_at(data_of(out), n), g)
+    n = user_data.n_unknowns
+    residual(t, array_at(vector_data(y), n), array_at(vector_data(slopes), n), array_at(vector_data(out), n), user_data)
     return 0
 
 
-def call_times(
-    t: float, y: Any, slopes: Any, _res: Any, x: Any, product: Any, cj: float, g: Any, _one: Any, _two: Any
+def call_matvec(
+    t: float, y: Any, slopes: Any, _res: Any, x: Any, product: Any, cj: float, user_data: Any, _one: Any, _two: Any
 ) -> int:
     """As IDA calls it."""
-    n = g.unknowns
-    given = array_at(data_of(y), n), array_at(data_of(slopes), n), array_at(data_of(x), n)
-    times(t, given[0], given[1], given[2], cj, array_at(data_of(product), n), g)
+    n = user_data.n_unknowns
+    given = array_at(vector_data(y), n), array_at(vector_data(slopes), n), array_at(vector_data(x), n)
+    multiply_matrix(t, given[0], given[1], given[2], cj, array_at(vector_data(product), n), user_data)
     return 0
 
 
-def call_weigh(y: Any, out: Any, g: Any) -> int:
+def call_error_weights(y: Any, out: Any, user_data: Any) -> int:
     """As IDA calls it."""
-    n = g.unknowns
-    weigh(array_at(data_of(y), n), array_at(data_of(out), n), g)
+    n = user_data.n_unknowns
+    set_error_weights(array_at(vector_data(y), n), array_at(vector_data(out), n), user_data)
     return 0
 
 
-def call_precondition(
-    _t: float, y: Any, _slopes: Any, _res: Any, right: Any, left: Any, _cj: float, _delta: float, g: Any
+def call_preconditioner(
+    _t: float, y: Any, _slopes: Any, _res: Any, right: Any, left: Any, _cj: float, _delta: float, user_data: Any
 ) -> int:
     """As IDA calls it."""
-    n = g.unknowns
-    precondition(array_at(data_of(y), n), array_at(data_of(right), n), array_at(data_of(left), n), g)
+    n = user_data.n_unknowns
+    apply_preconditioner(
+        array_at(vector_data(y), n), array_at(vector_data(right), n), array_at(vector_data(left), n), user_data
+    )
     return 0

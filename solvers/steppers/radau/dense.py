@@ -29,7 +29,7 @@ class RadauStepper(CompiledLoopStepper):
         self._memory = Memory.allocate(system.nq, system.n)
         self._control = self._memory.control[0]
         self._settings = records(1, loop.SETTINGS)
-        loop.take_options(self.options.record(), self._settings)
+        loop.set_options(self.options.record(), self._settings)
         self._set_up(self._memory)
 
     def _limit(self, longest: float) -> None:
@@ -38,39 +38,41 @@ class RadauStepper(CompiledLoopStepper):
     def restart(self) -> None:
         """Restart at the reported state, without its history."""
         self._begin(0, False)
-        self._control["known"] = 0
+        self._control["has_derivatives"] = 0
 
     def continue_after_event(self) -> None:
         """Continue in steps that end at the requested time, at which the next change may occur."""
         self._begin(TRUNCATED_STEPS, self.status.ok)
 
-    def _begin(self, ends: int, kept: bool) -> None:
+    def _begin(self, truncated_steps: int, keeps_position: bool) -> None:
         self._settings["works"] = self.options.energy_check and self.system.works()
-        loop.begin_anew(self._held, self._t, self._q, self._v, float(self._energy_account[WORK]), ends, kept)
+        loop.restart_at_state(
+            self._pinned, self._t, self._q, self._v, float(self._energy_account[WORK]), truncated_steps, keeps_position
+        )
 
     def jump(self, dv: Array) -> None:
-        """Add dv (n,) to the reported velocities, and go on as after :meth:`continue_after_event`."""
+        """Add dv (n,) to the reported velocities, and continue as after :meth:`continue_after_event`."""
         self._v += validated_vector("dv", dv, self.system.n)
         self.continue_after_event()
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
         seen = self._scales.bound_results
-        return [*self._memory, self.clock, self._q, self._v, self._energy_account, seen, *self._units.memory()]
+        return [*self._memory, self.clock, self._q, self._v, self._energy_account, seen, *self._workspace.memory()]
 
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far."""
-        c = self._control
+        control = self._control
         return Statistics(
-            steps=int(c["steps"]),
-            rejected=int(c["rejected"]),
-            rhs_evals=int(c["evaluations"]),
-            restarts=max(0, int(c["starts"]) - 1),
+            steps=int(control["steps"]),
+            rejected=int(control["rejected"]),
+            rhs_evals=int(control["evaluations"]),
+            restarts=max(0, int(control["starts"]) - 1),
             order=5,
-            step_size=float(c["hold"]),
+            step_size=float(control["hold"]),
             rate_growth=self._growth()[0],
             rate_growth_at=self._growth()[1],
-            refused=int(c["refused"]),
-            coarser=max(1.0, float(c["coarsest"])),
+            refused=int(control["refused"]),
+            coarser=max(1.0, float(control["max_near_miss_factor"])),
         )

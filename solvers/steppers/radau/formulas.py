@@ -22,7 +22,7 @@ from solvers.energy_account import ACCOUNT_FIELDS
 from solvers.linalg.dense import factor_lu, solve_lu
 from solvers.system import Array
 
-STAGES = 3
+N_STAGES = 3
 R6 = np.sqrt(6.0)
 NODES = np.array([(4.0 - R6) / 10.0, (4.0 + R6) / 10.0, 1.0])
 A = np.array(
@@ -37,26 +37,26 @@ E = np.array([-(13.0 + 7.0 * R6), -13.0 + 7.0 * R6, -1.0]) / 3.0  # of the embed
 _values, _vectors = np.linalg.eig(np.linalg.inv(A))
 _real, _complex = int(np.argmin(abs(_values.imag))), int(np.argmax(_values.imag))
 _inverse = np.linalg.inv(_vectors)
-GAMMA, LAMBDA = float(_values[_real].real), complex(_values[_complex])  # eigenvalues of A^-1
+REAL_EIGENVALUE, COMPLEX_EIGENVALUE = float(_values[_real].real), complex(_values[_complex])  # eigenvalues of A^-1
 TO_REAL, TO_COMPLEX = _inverse[_real].real.copy(), _inverse[_complex].copy()  # Z into the two parts
 FROM_REAL, FROM_COMPLEX = _vectors[:, _real].real.copy(), 2.0 * _vectors[:, _complex]  # and back: real part of the sum
 
 CONTROL = np.dtype(
     [
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # time reached, next step, last step
-        ("start", "i8"), ("placed", "i8"),  # y' at y is to be evaluated again; y is projected
-        ("ends", "i8"),  # steps yet to take that end where asked
-        ("follows", "i8"),  # the last step's polynomial continues to this one
-        ("rate", "f8"),  # by which Newton's last correction fell
-        ("known", "i8"), ("fresh", "i8"),  # derivatives of a are at hand; they were taken at y
-        ("error", "f8"), ("before", "f8"),  # of the last accepted step, and its length: the controller's memory
-        ("estimate", "f8"),  # of that error, however small
-        ("finer", "f8"),  # tolerance where the mass matrix is nearly singular, in units of that elsewhere
-        ("corner_before", "f8"),  # s, end of the last step that was refused because of a corner of a force
+        ("start", "i8"), ("is_projected", "i8"),  # y' at y is to be evaluated again; y satisfies the constraints
+        ("truncated_steps", "i8"),  # steps yet to take that end at the requested time
+        ("extrapolates", "i8"),  # the polynomial of the last step predicts the stages of this one
+        ("contraction", "f8"),  # last correction of Newton, in units of the one before
+        ("has_derivatives", "i8"), ("derivatives_at_start", "i8"),  # of a are at hand; they were evaluated at y
+        ("last_error", "f8"), ("last_error_step", "f8"),  # of the last accepted step, and its size
+        ("last_estimate", "f8"),  # of that error, however small
+        ("inertia_factor", "f8"),  # tolerance where the mass matrix is nearly singular, in units of that elsewhere
+        ("corner_end", "f8"),  # s, end of the last step that was refused because of a corner of a force
         ("rank", "i8"),
         ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"), ("matrices", "i8"),
         ("refused", "i8"),  # steps that might have jumped to another branch
-        ("coarser", "f8"), ("coarsest", "f8"), ("narrowest", "f8"),  # as in solvers.steppers.adams.formulas
+        ("near_miss_factor", "f8"), ("max_near_miss_factor", "f8"), ("min_gap", "f8"),  # see adams.formulas
         ("undetermined", "i8"), ("undetermined_at", "f8"),
         *ACCOUNT_FIELDS,
     ],
@@ -103,7 +103,7 @@ class Memory(NamedTuple):
     @staticmethod
     def allocate(nq: int, n: int) -> Memory:
         """Return zeroed memory for ``nq`` positions and ``n`` velocities."""
-        z, three = np.zeros, STAGES
+        z, three = np.zeros, N_STAGES
         order1, order2 = z(n, np.int64), z(n, np.int64)
         b2, x2 = z(n, np.complex128), z(n, np.complex128)
         return Memory(
@@ -114,83 +114,86 @@ class Memory(NamedTuple):
 
 
 @kernel
-def factor_newton(h: float, H: Any) -> bool:
+def factor_newton(h: float, memory: Any) -> bool:
     """Factor E(gamma) and E(alpha + i beta) for steps of h; False where one is singular."""
-    n = H.v.shape[0]
+    n = memory.v.shape[0]
     for i in range(n):
         for j in range(n):
-            H.E1[i, j] = -H.a_v[i, j] - (h / GAMMA) * H.a_q[i, j]
-            H.E2[i, j] = -H.a_v[i, j] - (h / LAMBDA) * H.a_q[i, j]
-        H.E1[i, i] += GAMMA / h
-        H.E2[i, i] += LAMBDA / h
-    return factor_lu(H.E1, n, H.order1) and factor_lu(H.E2, n, H.order2)
+            memory.E1[i, j] = -memory.a_v[i, j] - (h / REAL_EIGENVALUE) * memory.a_q[i, j]
+            memory.E2[i, j] = -memory.a_v[i, j] - (h / COMPLEX_EIGENVALUE) * memory.a_q[i, j]
+        memory.E1[i, i] += REAL_EIGENVALUE / h
+        memory.E2[i, i] += COMPLEX_EIGENVALUE / h
+    return factor_lu(memory.E1, n, memory.order1) and factor_lu(memory.E2, n, memory.order2)
 
 
 @kernel
-def correct_stages(h: float, H: Any, size: Any) -> float:
-    """One of Newton's corrections of ``H.Z`` by the accelerations ``H.F``; return the square of it in tolerances."""
-    n = H.v.shape[0]
+def correct_stages(h: float, memory: Any, size: Any) -> float:
+    """Correct ``memory.Z`` once by Newton's method from the accelerations ``memory.F``.
+
+    Returns the square of the correction in tolerances.
+    """
+    n = memory.v.shape[0]
     for i in range(n):
         real, pair = 0.0, 0.0j
-        for s in range(STAGES):
-            real += TO_REAL[s] * (H.F[s, i] - GAMMA / h * H.Z[s, i])
-            pair += TO_COMPLEX[s] * (H.F[s, i] - LAMBDA / h * H.Z[s, i])
-        H.b1[i], H.b2[i] = real / size[i], pair / size[i]
-    solve_lu(H.E1, n, H.order1, H.b1, H.x1)
-    solve_lu(H.E2, n, H.order2, H.b2, H.x2)
+        for s in range(N_STAGES):
+            real += TO_REAL[s] * (memory.F[s, i] - REAL_EIGENVALUE / h * memory.Z[s, i])
+            pair += TO_COMPLEX[s] * (memory.F[s, i] - COMPLEX_EIGENVALUE / h * memory.Z[s, i])
+        memory.b1[i], memory.b2[i] = real / size[i], pair / size[i]
+    solve_lu(memory.E1, n, memory.order1, memory.b1, memory.x1)
+    solve_lu(memory.E2, n, memory.order2, memory.b2, memory.x2)
     square = 0.0
     for i in range(n):
-        for s in range(STAGES):
-            change = size[i] * (FROM_REAL[s] * H.x1[i] + (FROM_COMPLEX[s] * H.x2[i]).real)
-            H.Z[s, i] += change
-            square += (change / H.tol_v[i]) ** 2
-    return square / STAGES
+        for s in range(N_STAGES):
+            change = size[i] * (FROM_REAL[s] * memory.x1[i] + (FROM_COMPLEX[s] * memory.x2[i]).real)
+            memory.Z[s, i] += change
+            square += (change / memory.tol_v[i]) ** 2
+    return square / N_STAGES
 
 
 @kernel
-def error_of_step(h: float, H: Any, size: Any) -> float:
-    """The error of the step from ``H.Z``, in tolerances; that of quaternions is not filtered."""
-    nq, n = H.q.shape[0], H.v.shape[0]
+def estimate_error(h: float, memory: Any, size: Any) -> float:
+    """The error of the step from ``memory.Z``, in tolerances; that of quaternions is not filtered."""
+    nq, n = memory.q.shape[0], memory.v.shape[0]
     for i in range(n):
-        H.e_q[i], H.e_v[i] = H.v0[i], H.a0[i]
-        for s in range(STAGES):
-            H.e_v[i] += E[s] * H.Z[s, i] / h
-            for k in range(STAGES):
-                H.e_q[i] += E[s] * A[s, k] * (H.v0[i] + H.Z[k, i])
+        memory.e_q[i], memory.e_v[i] = memory.v0[i], memory.a0[i]
+        for s in range(N_STAGES):
+            memory.e_v[i] += E[s] * memory.Z[s, i] / h
+            for k in range(N_STAGES):
+                memory.e_q[i] += E[s] * A[s, k] * (memory.v0[i] + memory.Z[k, i])
     for i in range(n):
-        H.b1[i] = H.e_v[i] / size[i]
+        memory.b1[i] = memory.e_v[i] / size[i]
         for j in range(n):
-            H.b1[i] += (h / GAMMA) * H.a_q[i, j] * H.e_q[j] / size[j]
-    solve_lu(H.E1, n, H.order1, H.b1, H.x1)
+            memory.b1[i] += (h / REAL_EIGENVALUE) * memory.a_q[i, j] * memory.e_q[j] / size[j]
+    solve_lu(memory.E1, n, memory.order1, memory.b1, memory.x1)
     square = 0.0
     for i in range(n):
-        H.e_v[i] = size[i] * H.x1[i]
-        H.e_q[i] = (h / GAMMA) * (H.e_q[i] + H.e_v[i])
-        square += (H.e_v[i] / H.tol_v[i]) ** 2
+        memory.e_v[i] = size[i] * memory.x1[i]
+        memory.e_q[i] = (h / REAL_EIGENVALUE) * (memory.e_q[i] + memory.e_v[i])
+        square += (memory.e_v[i] / memory.tol_v[i]) ** 2
         if nq == n:
-            square += (H.e_q[i] / H.tol_q[i]) ** 2
+            square += (memory.e_q[i] / memory.tol_q[i]) ** 2
     if nq != n:
         for i in range(nq):
-            slope = H.qdot0[i]
-            for s in range(STAGES):
-                for k in range(STAGES):
-                    slope += E[s] * A[s, k] * H.N[k, i]
-            square += (h / GAMMA * slope / H.tol_q[i]) ** 2
+            slope = memory.qdot0[i]
+            for s in range(N_STAGES):
+                for k in range(N_STAGES):
+                    slope += E[s] * A[s, k] * memory.N[k, i]
+            square += (h / REAL_EIGENVALUE * slope / memory.tol_q[i]) ** 2
     return np.sqrt(square)
 
 
 @kernel
-def error_of_work(h: float, H: Any) -> float:
+def estimate_work_error(h: float, memory: Any) -> float:
     """The error of W over the step by the same formula, J."""
-    found = H.power0[0]
-    for s in range(STAGES):
-        for k in range(STAGES):
-            found += E[s] * A[s, k] * H.P[k]
-    return h / GAMMA * found
+    found = memory.power0[0]
+    for s in range(N_STAGES):
+        for k in range(N_STAGES):
+            found += E[s] * A[s, k] * memory.P[k]
+    return h / REAL_EIGENVALUE * found
 
 
 @inlined
-def divided(y0: float, y1: float, y2: float, y3: float) -> tuple[float, float, float]:
+def divided_differences(y0: float, y1: float, y2: float, y3: float) -> tuple[float, float, float]:
     """Divided differences over 0 and the nodes: those from 0 on, of first to third order."""
     first, second, third = (y1 - y0) / NODES[0], (y2 - y1) / (NODES[1] - NODES[0]), (y3 - y2) / (1.0 - NODES[1])
     rise, later = (second - first) / NODES[1], (third - second) / (1.0 - NODES[0])
@@ -198,21 +201,21 @@ def divided(y0: float, y1: float, y2: float, y3: float) -> tuple[float, float, f
 
 
 @kernel
-def extrapolate(h: float, H: Any) -> None:
-    """``H.Z`` of the next step, of h, from the polynomial of the last one, of ``hold``."""
-    ratio = h / H.control[0].hold
-    for i in range(H.v.shape[0]):
-        z1, z2, z3 = H.Z[0, i], H.Z[1, i], H.Z[2, i]
-        d1, d2, d3 = divided(0.0, z1, z2, z3)
-        for s in range(STAGES):
+def extrapolate(h: float, memory: Any) -> None:
+    """``memory.Z`` of the next step, of h, from the polynomial of the last one, of ``pin``."""
+    ratio = h / memory.control[0].hold
+    for i in range(memory.v.shape[0]):
+        z1, z2, z3 = memory.Z[0, i], memory.Z[1, i], memory.Z[2, i]
+        d1, d2, d3 = divided_differences(0.0, z1, z2, z3)
+        for s in range(N_STAGES):
             x = 1.0 + NODES[s] * ratio
-            H.Z[s, i] = x * (d1 + (x - NODES[0]) * (d2 + (x - NODES[1]) * d3)) - z3
+            memory.Z[s, i] = x * (d1 + (x - NODES[0]) * (d2 + (x - NODES[1]) * d3)) - z3
 
 
 @inlined
-def integral(x: float, h: float, y0: float, y1: float, y2: float, y3: float) -> float:
+def integrate_cubic(x: float, h: float, y0: float, y1: float, y2: float, y3: float) -> float:
     """Integral, from the beginning to x in 0..1 of the step, of the cubic with these values there and at the nodes."""
-    d1, d2, d3 = divided(y0, y1, y2, y3)
+    d1, d2, d3 = divided_differences(y0, y1, y2, y3)
     a, b = NODES[0], NODES[1]
     linear, square = d1 - a * d2 + a * b * d3, d2 - (a + b) * d3
     return h * x * (y0 + x * (linear / 2.0 + x * (square / 3.0 + x * d3 / 4.0)))
@@ -231,29 +234,30 @@ def quintic(x: float) -> float:
 
 
 @kernel
-def interpolate(t: float, H: Any, q: Any, v: Any) -> float:
+def interpolate(t: float, memory: Any, q: Any, v: Any) -> float:
     """State (q, v) at t in the last step, and W, J: of order 5, as the ends of steps are.
 
     The error of the cubic through the stages is O(h^4) between the ends. To first order that error is a multiple of
     :func:`quartic`, the multiple h times the difference of v' from the slope of the cubic where the step begins. The
-    multiple is GAMMA times the filtered error of the step, ``H.e_v``: where the motion is stiff, v' itself is known to
-    no digit that a long step leaves. q and W are integrals. What closing the end has changed is added gradually.
+    multiple is gamma times the filtered error of the step, ``memory.e_v``: where the motion is stiff, v' itself is
+    known to no digit that a long step leaves. q and W are integrals. What closing the end has changed is added
+    gradually.
     """
-    c = H.control[0]
-    x, h = 1.0 - (c.t - t) / c.hold, c.hold
+    control = memory.control[0]
+    x, h = 1.0 - (control.t - t) / control.hold, control.hold
     fraction = x * x * (3.0 - 2.0 * x)
     for i in range(q.shape[0]):
-        rates = H.qdot0[i], H.N[0, i], H.N[1, i], H.N[2, i]
-        rest = H.q[i] - H.q0[i] - integral(1.0, h, *rates)
-        q[i] = H.q0[i] + integral(x, h, *rates) + fraction * rest
+        rates = memory.qdot0[i], memory.N[0, i], memory.N[1, i], memory.N[2, i]
+        rest = memory.q[i] - memory.q0[i] - integrate_cubic(1.0, h, *rates)
+        q[i] = memory.q0[i] + integrate_cubic(x, h, *rates) + fraction * rest
     if q.shape[0] == v.shape[0]:
         for i in range(q.shape[0]):
-            q[i] += h * GAMMA * H.e_v[i] * quintic(x)
+            q[i] += h * REAL_EIGENVALUE * memory.e_v[i] * quintic(x)
     for i in range(v.shape[0]):
-        d1, d2, d3 = divided(0.0, H.Z[0, i], H.Z[1, i], H.Z[2, i])
-        rest = H.v[i] - H.v0[i] - H.Z[2, i]
-        v[i] = H.v0[i] + x * (d1 + (x - NODES[0]) * (d2 + (x - NODES[1]) * d3)) + fraction * rest
-        v[i] += GAMMA * H.e_v[i] * quartic(x)
-    powers = H.power0[0], H.P[0], H.P[1], H.P[2]
-    rest = H.work[0] - H.work0[0] - integral(1.0, h, *powers)
-    return H.work0[0] + integral(x, h, *powers) + fraction * rest
+        d1, d2, d3 = divided_differences(0.0, memory.Z[0, i], memory.Z[1, i], memory.Z[2, i])
+        rest = memory.v[i] - memory.v0[i] - memory.Z[2, i]
+        v[i] = memory.v0[i] + x * (d1 + (x - NODES[0]) * (d2 + (x - NODES[1]) * d3)) + fraction * rest
+        v[i] += REAL_EIGENVALUE * memory.e_v[i] * quartic(x)
+    powers = memory.power0[0], memory.P[0], memory.P[1], memory.P[2]
+    rest = memory.work[0] - memory.work0[0] - integrate_cubic(1.0, h, *powers)
+    return memory.work0[0] + integrate_cubic(x, h, *powers) + fraction * rest

@@ -43,16 +43,16 @@ from solvers.steppers.step_control import (
     TARGET_TOLERANCE,
 )
 
-from .formulas import STAGES, A, error_of_step, error_of_work, factor_newton, interpolate
-from .stages import MAX_EXTRAPOLATION, at_state, power, solve_stages, take_derivatives
+from .formulas import N_STAGES, A, estimate_error, estimate_work_error, factor_newton, interpolate
+from .stages import MAX_EXTRAPOLATION, difference_accelerations, evaluate_power, set_state, solve_stages
 
 SETTINGS = np.dtype(
     [
         ("rtol", "f8"), ("atol", "f8"),  # of the estimated error
-        ("asked", "f8"),  # rtol of the motion
-        ("exact", "f8"),  # what Newton may leave, in tolerances of the estimated error
+        ("motion_rtol", "f8"),  # rtol requested for the motion
+        ("newton_tolerance", "f8"),  # what Newton may leave, in tolerances of the estimated error
         ("max_step", "f8"), ("max_steps", "i8"),
-        ("energy_check", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
+        ("energy_check", "i8"), ("works", "i8"),  # 1: record energy and work; 1: some force does work
     ],
     align=True,
 )  # fmt: skip
@@ -69,271 +69,325 @@ NEWTON_RTOL_RATIO = 0.1  # of rtol: the remainder of Newton's method has one sig
 
 
 @inlined
-def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
-    """Tolerances at (H.q, H.v), larger near a near miss, where rounding limits the accuracy."""
-    c.coarser = 1.0
+def set_tolerances(control: Any, settings: Any, memory: Any, work: Any) -> None:
+    """Tolerances at (memory.q, memory.v), larger near a near miss, where rounding limits the accuracy."""
+    control.near_miss_factor = 1.0
     if work.critical[0].kind == IMPERFECT:
         gap = abs(work.critical[0].bifurcation_gap)
-        c.coarser = max(1.0, MIN_RTOL_TIMES_GAP / (gap * o.asked))
-        if c.coarser > c.coarsest:
-            c.coarsest, c.narrowest = c.coarser, gap
-    c.finer = tolerance_factor(o.rtol, RTOL_EXPONENT, work)
-    scale = c.coarser * c.finer
-    for i in range(H.q.shape[0]):
-        H.tol_q[i] = scale * (o.rtol * abs(H.q[i]) + o.atol * work.size_q[i])
-    for i in range(H.v.shape[0]):
-        H.tol_v[i] = scale * (o.rtol * abs(H.v[i]) + o.atol * work.pace[i] * work.size[i])
+        control.near_miss_factor = max(1.0, MIN_RTOL_TIMES_GAP / (gap * settings.motion_rtol))
+        if control.near_miss_factor > control.max_near_miss_factor:
+            control.max_near_miss_factor, control.min_gap = control.near_miss_factor, gap
+    control.inertia_factor = tolerance_factor(settings.rtol, RTOL_EXPONENT, work)
+    scale = control.near_miss_factor * control.inertia_factor
+    for i in range(memory.q.shape[0]):
+        memory.tol_q[i] = scale * (settings.rtol * abs(memory.q[i]) + settings.atol * work.size_q[i])
+    for i in range(memory.v.shape[0]):
+        memory.tol_v[i] = scale * (settings.rtol * abs(memory.v[i]) + settings.atol * work.pace[i] * work.size[i])
 
 
 @kernel
-def arrive(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
-    """Take q', v' and W' at (work.q, work.v), which is closed with its ``terms`` and factors at hand; book it."""
-    c.evaluations += 1
-    code = evaluate_acceleration(eqs, t, work.q, work.v, c.rank, work, work.slope)
+def evaluate_end(eqs: Any, t: float, control: Any, settings: Any, memory: Any, work: Any, scales: Any) -> int:
+    """Evaluate q', v' and W' at (work.q, work.v), record its energy, and store it.
+
+    The state satisfies the constraints; its ``terms`` and factors are available.
+    """
+    control.evaluations += 1
+    code = evaluate_acceleration(eqs, t, work.q, work.v, control.rank, work, work.slope)
     if code == OK:
-        for i in range(H.q.shape[0]):
-            H.q[i], H.qdot[i] = work.q[i], eqs.terms.qdot[i]
-        for i in range(H.v.shape[0]):
-            H.v[i], H.a[i] = work.v[i], work.slope[i]
+        for i in range(memory.q.shape[0]):
+            memory.q[i], memory.qdot[i] = work.q[i], eqs.terms.qdot[i]
+        for i in range(memory.v.shape[0]):
+            memory.v[i], memory.a[i] = work.v[i], work.slope[i]
         update_growth(t, eqs.terms.M, work.v, work)
-        if o.energy_check == 1 and energy_check_scheduled(c):
-            update_energy_bound(eqs.evaluate_energy_bound, eqs.data, c, scales)
-            c.step_energy_error_bound *= max(1.0, c.coarser)
-        H.power[0] = power(eqs, t, c, o, work, work.slope)
+        if settings.energy_check == 1 and energy_check_scheduled(control):
+            update_energy_bound(eqs.evaluate_energy_bound, eqs.data, control, scales)
+            control.step_energy_error_bound *= max(1.0, control.near_miss_factor)
+        memory.power[0] = evaluate_power(eqs, t, control, settings, work, work.slope)
     return code
 
 
 @kernel
-def begin_anew(H: Any, t: float, q: Any, v: Any, done: float, ends: int, kept: bool) -> None:
-    """Let the next step begin at a reported state, the work done J, and ``ends`` steps end where they are asked to.
+def restart_at_state(
+    memory: Any, t: float, q: Any, v: Any, done: float, truncated_steps: int, keeps_position: bool
+) -> None:
+    """Begin the next step at a reported state, with work ``done``, J; ``truncated_steps`` steps end at the targets.
 
-    ``kept``: what is known of the state holds.
+    ``keeps_position``: the position is on the constraints if it is that of the last step.
     """
-    c = H.control[0]
-    c.placed = c.placed if kept and c.t == t else 0
-    c.t, c.start, c.ends, c.before = t, 1, ends, 0.0
-    reset_check_schedule(H.control)
-    for i in range(H.q.shape[0]):
-        H.q[i] = q[i]
-    for i in range(H.v.shape[0]):
-        H.v[i] = v[i]
-    H.work[0] = done
+    control = memory.control[0]
+    control.is_projected = control.is_projected if keeps_position and control.t == t else 0
+    control.t, control.start, control.truncated_steps, control.last_error_step = t, 1, truncated_steps, 0.0
+    reset_check_schedule(memory.control)
+    for i in range(memory.q.shape[0]):
+        memory.q[i] = q[i]
+    for i in range(memory.v.shape[0]):
+        memory.v[i] = v[i]
+    memory.work[0] = done
 
 
 @kernel
-def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
-    """Close (H.q, H.v) where it is not, look around, and take its derivatives."""
-    at_state(H.q, H.v, work)
-    code = project(eqs, c.t, work.q, work.v, c.rank, work)
+def prepare(eqs: Any, control: Any, settings: Any, memory: Any, work: Any, scales: Any) -> int:
+    """Close (memory.q, memory.v), record its position, and evaluate its derivatives."""
+    set_state(memory.q, memory.v, work)
+    code = project(eqs, control.t, work.q, work.v, control.rank, work)
     if code != OK:
         return code
-    if c.placed == 0:
+    if control.is_projected == 0:
         work.branch_history[0].pivot_ratio = 0.0
-        record_accepted(eqs, c.t, work.q, 0.0, 0.0, c.rank, work)
-    code = arrive(eqs, c.t, c, o, H, work, scales)
+        record_accepted(eqs, control.t, work.q, 0.0, 0.0, control.rank, work)
+    code = evaluate_end(eqs, control.t, control, settings, memory, work, scales)
     if code == OK:
-        c.start, c.placed, c.follows, c.fresh = 0, 1, 0, 0
-        c.starts += 1
-        if not c.h > 0.0:
-            c.h = FIRST_STEP_RATIO / work.rate[0]
+        control.start, control.is_projected, control.extrapolates, control.derivatives_at_start = 0, 1, 0, 0
+        control.starts += 1
+        if not control.h > 0.0:
+            control.h = FIRST_STEP_RATIO / work.rate[0]
     return code
 
 
 @inlined
-def grow(c: Any, h: float, error: float) -> float:
-    """By how much the step after one of h may be longer, with a look at how the error has changed (Gustafsson)."""
+def compute_step_factor(control: Any, h: float, error: float) -> float:
+    """Factor of the next step after one of h, from this error and the change of the error (Gustafsson)."""
     factor = STEP_SAFETY_FACTOR * max(error, MIN_CONTROLLED_ERROR) ** -0.25
-    if c.before > 0.0:
+    if control.last_error_step > 0.0:
         factor = min(
-            factor, STEP_SAFETY_FACTOR * h / c.before * (c.error / max(error, MIN_CONTROLLED_ERROR) ** 2) ** 0.25
+            factor,
+            STEP_SAFETY_FACTOR
+            * h
+            / control.last_error_step
+            * (control.last_error / max(error, MIN_CONTROLLED_ERROR) ** 2) ** 0.25,
         )
     return min(MAX_STEP_CHANGE, max(MIN_STEP_CHANGE, factor))
 
 
 @inlined
-def meets_corner(c: Any, h: float, error: float) -> bool:
-    """Whether the error of a step of h is far above what the last step's lets expect of a smooth motion."""
-    return c.before > 0.0 and error > CORNER_ERROR_RATIO * c.estimate * (h / c.before) ** 4
+def has_corner(control: Any, h: float, error: float) -> bool:
+    """Whether the error of a step of h is far above the one that follows from the last step if the motion is smooth."""
+    return (
+        control.last_error_step > 0.0
+        and error > CORNER_ERROR_RATIO * control.last_estimate * (h / control.last_error_step) ** 4
+    )
 
 
 @inlined
-def stop_at(c: Any, target: float) -> float:
-    """Length of the next step where it is to end at ``target``, or half way where another would be shorter still."""
-    left = target - c.t
-    if left * (1.0 - TARGET_TOLERANCE) <= c.h:
+def truncated_step(control: Any, target: float) -> float:
+    """Length of a step that ends at ``target``, or half way if one more step would be shorter still."""
+    left = target - control.t
+    if left * (1.0 - TARGET_TOLERANCE) <= control.h:
         return left
-    return 0.5 * left if left < 2.0 * c.h else c.h
+    return 0.5 * left if left < 2.0 * control.h else control.h
 
 
 @kernel
-def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float) -> int:
-    """One accepted step, however often it has to be cut; or the code of what made it too small."""
-    nq, n = H.q.shape[0], H.v.shape[0]
-    weigh(c, o, H, work)
+def radau_step(eqs: Any, control: Any, settings: Any, memory: Any, work: Any, scales: Any, target: float) -> int:
+    """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
+    nq, n = memory.q.shape[0], memory.v.shape[0]
+    set_tolerances(control, settings, memory, work)
     shortest = False
     while True:
-        c.h = min(c.h, o.max_step)
-        h = stop_at(c, target) if c.ends > 0 else c.h
-        code, shorter, corner, exact = COLLAPSED, 0.5, False, True
-        renewable = c.fresh == 0 and (c.rank == 0 or work.branch_history[0].pivot_ratio >= MIN_DERIVATIVE_PIVOT_RATIO)
-        if renewable and (c.known == 0 or c.rate > MAX_CONTRACTION):
+        control.h = min(control.h, settings.max_step)
+        h = truncated_step(control, target) if control.truncated_steps > 0 else control.h
+        code, shorter, corner, is_accurate = COLLAPSED, 0.5, False, True
+        renewable = control.derivatives_at_start == 0 and (
+            control.rank == 0 or work.branch_history[0].pivot_ratio >= MIN_DERIVATIVE_PIVOT_RATIO
+        )
+        if renewable and (control.has_derivatives == 0 or control.contraction > MAX_CONTRACTION):
             renewable = False
-            take_derivatives(eqs, c, H, work)
-        if factor_newton(h, H):
-            code = solve_stages(eqs, h, c, o, H, work)
+            difference_accelerations(eqs, control, memory, work)
+        if factor_newton(h, memory):
+            code = solve_stages(eqs, h, control, settings, memory, work)
         if code == OK:
-            keep_start(H)
-            error = error_of_step(h, H, work.size)
-            corner = meets_corner(c, h, error)
-            largest = min(1.0, o.asked / (c.finer * o.rtol)) if corner else 1.0
-            exact = error <= largest
-            if exact or shortest:
+            store_step_start(memory)
+            error = estimate_error(h, memory, work.size)
+            corner = has_corner(control, h, error)
+            largest = min(1.0, settings.motion_rtol / (control.inertia_factor * settings.rtol)) if corner else 1.0
+            is_accurate = error <= largest
+            if is_accurate or shortest:
                 for i in range(nq):
-                    work.q[i] = H.Q[STAGES - 1, i]
+                    work.q[i] = memory.Q[N_STAGES - 1, i]
                 for i in range(n):
-                    work.v[i] = H.v[i] + H.Z[STAGES - 1, i]
-                after = target if c.ends > 0 and abs(target - c.t - h) <= TARGET_TOLERANCE * h else c.t + h
-                code = project(eqs, after, work.q, work.v, c.rank, work)
-                if code == OK and not on_same_branch(eqs, after, work.q, BRANCH_RESOLUTION, c.rank, work):
+                    work.v[i] = memory.v[i] + memory.Z[N_STAGES - 1, i]
+                after = (
+                    target
+                    if control.truncated_steps > 0 and abs(target - control.t - h) <= TARGET_TOLERANCE * h
+                    else control.t + h
+                )
+                code = project(eqs, after, work.q, work.v, control.rank, work)
+                if code == OK and not on_same_branch(eqs, after, work.q, BRANCH_RESOLUTION, control.rank, work):
                     code = BRANCHES
-                    c.refused += 1
+                    control.refused += 1
                 if code == OK:
-                    code = arrive(eqs, after, c, o, H, work, scales)
+                    code = evaluate_end(eqs, after, control, settings, memory, work, scales)
                 if code == OK:
-                    accept(c, H, h, after, error)
+                    accept_step(control, memory, h, after, error)
                     return OK
                 corner = False  # another test refuses the step
             else:
                 code, shorter = COLLAPSED, max(MIN_STEP_CHANGE, STEP_SAFETY_FACTOR * (error / largest) ** -0.25)
                 if corner:
-                    c.corner_before = c.t + h
+                    control.corner_end = control.t + h
                 if renewable:
-                    c.known = 0
+                    control.has_derivatives = 0
         elif renewable:
-            c.known, shorter = 0, 1.0
-        c.follows = 0
-        count_rejected_step(c, corner)
+            control.has_derivatives, shorter = 0, 1.0
+        control.extrapolates = 0
+        count_rejected_step(control, corner)
         if shorter < 1.0:
-            c.h = shorter * h
-        smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], o.max_step, c.t)
-        if not c.h > smallest:
-            if shortest or exact or not is_discontinuity(o.max_step, c.t):
+            control.h = shorter * h
+        smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], settings.max_step, control.t)
+        if not control.h > smallest:
+            if shortest or is_accurate or not is_discontinuity(settings.max_step, control.t):
                 return code
-            c.h, shortest = smallest, True
+            control.h, shortest = smallest, True
 
 
 @inlined
-def keep_start(H: Any) -> None:
+def store_step_start(memory: Any) -> None:
     """Note where this step begins."""
-    for i in range(H.q.shape[0]):
-        H.q0[i], H.qdot0[i] = H.q[i], H.qdot[i]
-    for i in range(H.v.shape[0]):
-        H.v0[i], H.a0[i] = H.v[i], H.a[i]
-    H.work0[0], H.power0[0] = H.work[0], H.power[0]
+    for i in range(memory.q.shape[0]):
+        memory.q0[i], memory.qdot0[i] = memory.q[i], memory.qdot[i]
+    for i in range(memory.v.shape[0]):
+        memory.v0[i], memory.a0[i] = memory.v[i], memory.a[i]
+    memory.work0[0], memory.power0[0] = memory.work[0], memory.power[0]
 
 
 @inlined
-def accept(c: Any, H: Any, h: float, after: float, error: float) -> None:
-    """Go on from where the step of h has ended; the next is as long as accuracy lets it."""
-    H.P[STAGES - 1] = H.power[0]  # what Newton left of the others is of the size of its tolerance
+def accept_step(control: Any, memory: Any, h: float, after: float, error: float) -> None:
+    """Accept the step of h; the next one is as long as its error allows."""
+    memory.P[N_STAGES - 1] = memory.power[0]  # what Newton left of the others is of the size of its tolerance
     done = 0.0
-    for s in range(STAGES):
-        done += h * A[STAGES - 1, s] * H.P[s]
-    H.work[0] += done
-    c.work_total_variation += abs(done)
-    add_energy_error_bound(c, error_of_work(h, H), h)
-    whole = h >= c.h
-    c.t, c.hold = after, h
-    longer = h * grow(c, h, error)
-    if after < c.corner_before:  # a corner near the middle of a step is not in the estimate: on in short steps
-        longer = min(longer, max(h, MIN_STEP_CHANGE * (c.corner_before - after)))
-    c.error, c.estimate, c.before = max(error, 1e-2), max(error, MIN_CONTROLLED_ERROR), h
-    c.h = longer if whole else max(c.h, longer)
-    c.follows, c.fresh, c.ends = 1, 0, max(0, c.ends - 1)
-    c.steps += 1
+    for s in range(N_STAGES):
+        done += h * A[N_STAGES - 1, s] * memory.P[s]
+    memory.work[0] += done
+    control.work_total_variation += abs(done)
+    add_energy_error_bound(control, estimate_work_error(h, memory), h)
+    whole = h >= control.h
+    control.t, control.hold = after, h
+    longer = h * compute_step_factor(control, h, error)
+    if after < control.corner_end:  # a corner near the middle of a step is not in the estimate: on in short steps
+        longer = min(longer, max(h, MIN_STEP_CHANGE * (control.corner_end - after)))
+    control.last_error, control.last_estimate, control.last_error_step = (
+        max(error, 1e-2),
+        max(error, MIN_CONTROLLED_ERROR),
+        h,
+    )
+    control.h = longer if whole else max(control.h, longer)
+    control.extrapolates, control.derivatives_at_start, control.truncated_steps = (
+        1,
+        0,
+        max(0, control.truncated_steps - 1),
+    )
+    control.steps += 1
 
 
 @inlined
-def back_to(H: Any, q: Any, v: Any) -> None:
+def copy_last_state(memory: Any, q: Any, v: Any) -> None:
     """(q, v) <- where the last step ended."""
     for i in range(q.shape[0]):
-        q[i] = H.q[i]
+        q[i] = memory.q[i]
     for i in range(v.shape[0]):
-        v[i] = H.v[i]
+        v[i] = memory.v[i]
 
 
 @kernel
 def advance(
-    eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: float, q: Any, v: Any, energy_account: Any
+    eqs: Any,
+    settings_array: Any,
+    memory: Any,
+    work: Any,
+    scales: Any,
+    target: float,
+    q: Any,
+    v: Any,
+    energy_account: Any,
 ) -> int:
     """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure, and
-    what is booked into ``energy_account`` (ROW,).
+    the energy account into ``energy_account`` (ACCOUNT_SIZE,).
     """
-    c, o = H.control[0], settings[0]
+    control, settings = memory.control[0], settings_array[0]
     code, taken = OK, 0
-    while c.t < target:
-        if taken >= o.max_steps:
+    while control.t < target:
+        if taken >= settings.max_steps:
             code = MAX_STEPS
             break
-        if c.start == 1:
-            code = prepare(eqs, c, o, H, work, scales)
+        if control.start == 1:
+            code = prepare(eqs, control, settings, memory, work, scales)
             if code != OK:
                 break
-        code = step(eqs, c, o, H, work, scales, target)
+        code = radau_step(eqs, control, settings, memory, work, scales, target)
         if code != OK:
             break
         taken += 1
-        record_accepted(eqs, c.t, H.q, c.hold, c.h, c.rank, work)
-        c.h = min(c.h, branch_step_limit(c.t, H.q, H.v, c.hold, eqs.terms, work))
-    back_to(H, q, v)
-    done = H.work[0]
+        record_accepted(eqs, control.t, memory.q, control.hold, control.h, control.rank, work)
+        control.h = min(control.h, branch_step_limit(control.t, memory.q, memory.v, control.hold, eqs.terms, work))
+    copy_last_state(memory, q, v)
+    done = memory.work[0]
     if code == OK:
-        if target < c.t:
-            done = interpolate(target, H, q, v)
-        code = project(eqs, target, q, v, c.rank, work)
+        if target < control.t:
+            done = interpolate(target, memory, q, v)
+        code = project(eqs, target, q, v, control.rank, work)
         if code != OK:
-            back_to(H, q, v)
-            done = H.work[0]
-    fill_account_row(c, done, energy_account)
+            copy_last_state(memory, q, v)
+            done = memory.work[0]
+    fill_account_row(control, done, energy_account)
     return code
 
 
 @kernel
-def take_options(options: Any, settings: Any) -> None:
+def set_options(options: Any, settings_array: Any) -> None:
     """Set the options of a run (``solvers.options.OPTIONS``)."""
-    asked, o = options[0], settings[0]
-    looser = RTOL_FACTOR * asked.rtol**RTOL_EXPONENT
-    o.rtol, o.atol = looser, asked.absolute * looser / asked.rtol
-    o.asked, o.exact = asked.rtol, NEWTON_RTOL_RATIO * asked.rtol / looser
-    o.max_step, o.max_steps, o.energy_check = asked.max_step, asked.max_steps, asked.energy_check
+    requested, settings = options[0], settings_array[0]
+    looser = RTOL_FACTOR * requested.rtol**RTOL_EXPONENT
+    settings.rtol, settings.atol = looser, requested.absolute * looser / requested.rtol
+    settings.motion_rtol, settings.newton_tolerance = requested.rtol, NEWTON_RTOL_RATIO * requested.rtol / looser
+    settings.max_step, settings.max_steps, settings.energy_check = (
+        requested.max_step,
+        requested.max_steps,
+        requested.energy_check,
+    )
 
 
 @kernel
-def set_up(g: Any, rank: int, absolute: float) -> None:
+def set_up(integration: Any, rank: int, absolute: float) -> None:
     """Take rank, units and paces as they were found at the start; ``absolute`` is the tolerance in those units."""
-    g.memory.control[0].rank = rank
-    set_energy_scales(g.scales, absolute, g.work.size, g.work.pace)
-    clear_growth(g.work)
+    integration.memory.control[0].rank = rank
+    set_energy_scales(integration.scales, absolute, integration.work.size, integration.work.pace)
+    clear_growth(integration.work)
 
 
 @kernel
-def advance_reported(g: Any, target: float) -> int:
+def advance_reported(integration: Any, target: float) -> int:
     """:func:`advance` for the reported state."""
-    return advance(g.eqs, g.settings, g.memory, g.work, g.scales, target, g.q, g.v, g.energy_account)
+    return advance(
+        integration.eqs,
+        integration.settings,
+        integration.memory,
+        integration.work,
+        integration.scales,
+        target,
+        integration.q,
+        integration.v,
+        integration.energy_account,
+    )
 
 
 @kernel
-def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, energy_account: Any, outputs: Any) -> tuple[int, int]:
+def sample(
+    integration: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, energy_account: Any, outputs: Any
+) -> tuple[int, int]:
     """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, energy account and outputs of
     the system in a row each.
 
     Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
     """
-    eqs, H, work, o = g.eqs, g.memory, g.work, g.settings[0]
+    eqs, memory, work, settings = integration.eqs, integration.memory, integration.work, integration.settings[0]
     for i in range(times.shape[0]):
-        code = advance(eqs, g.settings, H, work, g.scales, times[i], q[i], v[i], energy_account[i])
+        code = advance(
+            eqs, integration.settings, memory, work, integration.scales, times[i], q[i], v[i], energy_account[i]
+        )
         if code == OK:
-            code = fill_reported_state(eqs, times[i], q[i], v[i], o.asked, H.control[0], work, a[i], lam[i], outputs[i])
+            code = fill_reported_state(
+                eqs, times[i], q[i], v[i], settings.motion_rtol, memory.control[0], work, a[i], lam[i], outputs[i]
+            )
         if code != OK:
             return code, i
     return OK, times.shape[0]

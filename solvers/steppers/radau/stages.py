@@ -12,7 +12,7 @@ from solvers.outcome import COLLAPSED, NOT_FINITE, OK
 from solvers.projection.projection import evaluate_acceleration, evaluate_multipliers, project
 from solvers.projection.workspace import evaluate_and_factor
 
-from .formulas import NODES, STAGES, A, correct_stages, extrapolate
+from .formulas import N_STAGES, NODES, A, correct_stages, extrapolate
 
 DIFFERENCE_STEP = 1e-6  # of the derivatives, in units of size, and of size times the rate
 CLOSED_STAGES_PIVOT_RATIO = 0.1  # below this ratio of the pivots stages are closed
@@ -22,31 +22,31 @@ MAX_EXTRAPOLATION = 6.0  # step in units of the last one, up to which its polyno
 
 
 @kernel
-def differentiate(eqs: Any, t: float, c: Any, work: Any, a: Any) -> int:
+def evaluate_stage_acceleration(eqs: Any, t: float, control: Any, work: Any, a: Any) -> int:
     """a = v' at (work.q, work.v), which need not be closed; leaves ``terms`` there.
 
     What is off the constraints is in v' by the inverse square of the smallest pivot: where that is small it is closed.
     """
-    c.evaluations += 1
+    control.evaluations += 1
     evaluate_and_factor(eqs, t, work.q, work.v, work)
-    if c.rank > 0 and pivot_ratio(work.pivot, c.rank) < CLOSED_STAGES_PIVOT_RATIO:
-        code = project(eqs, t, work.q, work.v, c.rank, work)
+    if control.rank > 0 and pivot_ratio(work.pivot, control.rank) < CLOSED_STAGES_PIVOT_RATIO:
+        code = project(eqs, t, work.q, work.v, control.rank, work)
         if code != OK:
             return code
-    return evaluate_acceleration(eqs, t, work.q, work.v, c.rank, work, a)
+    return evaluate_acceleration(eqs, t, work.q, work.v, control.rank, work, a)
 
 
 @kernel
-def power(eqs: Any, t: float, c: Any, o: Any, work: Any, a: Any) -> float:
+def evaluate_power(eqs: Any, t: float, control: Any, settings: Any, work: Any, a: Any) -> float:
     """W' at the state evaluated last, with v' = a."""
-    if o.works == 0:
+    if settings.works == 0:
         return 0.0
-    evaluate_multipliers(eqs.terms, c.rank, work, a, work.lam)
+    evaluate_multipliers(eqs.terms, control.rank, work, a, work.lam)
     return eqs.power(t, work.q, work.v, a, work.lam, eqs.data)
 
 
 @inlined
-def at_state(q: Any, v: Any, work: Any) -> None:
+def set_state(q: Any, v: Any, work: Any) -> None:
     """(work.q, work.v) <- (q, v)."""
     for i in range(q.shape[0]):
         work.q[i] = q[i]
@@ -55,108 +55,113 @@ def at_state(q: Any, v: Any, work: Any) -> None:
 
 
 @kernel
-def take_derivatives(eqs: Any, c: Any, H: Any, work: Any) -> None:
-    """a_q and a_v at (H.q, H.v) by differences, in units of size; they are not ``known`` where one is not finite."""
-    n = H.v.shape[0]
-    c.matrices += 1
-    c.known = 0
-    at_state(H.q, H.v, work)
-    if differentiate(eqs, c.t, c, work, H.e_q) != OK:
+def difference_accelerations(eqs: Any, control: Any, memory: Any, work: Any) -> None:
+    """a_q and a_v at (memory.q, memory.v) by differences, in units of size; none if one is not finite."""
+    n = memory.v.shape[0]
+    control.matrices += 1
+    control.has_derivatives = 0
+    set_state(memory.q, memory.v, work)
+    if evaluate_stage_acceleration(eqs, control.t, control, work, memory.e_q) != OK:
         return
     for k in range(2 * n):
         j = k % n
-        at_state(H.q, H.v, work)
+        set_state(memory.q, memory.v, work)
         apart = DIFFERENCE_STEP
         if k < n:
             for i in range(n):
-                H.e_v[i] = 0.0
-            H.e_v[j] = DIFFERENCE_STEP * work.size[j]
-            eqs.retract(work.q, H.e_v, eqs.data)
+                memory.e_v[i] = 0.0
+            memory.e_v[j] = DIFFERENCE_STEP * work.size[j]
+            eqs.retract(work.q, memory.e_v, eqs.data)
         else:
             apart = DIFFERENCE_STEP * work.rate[0]
             work.v[j] += apart * work.size[j]
-        if differentiate(eqs, c.t, c, work, H.e_v) != OK:
+        if evaluate_stage_acceleration(eqs, control.t, control, work, memory.e_v) != OK:
             return
         for i in range(n):
-            slope = (H.e_v[i] - H.e_q[i]) / (apart * work.size[i])
+            slope = (memory.e_v[i] - memory.e_q[i]) / (apart * work.size[i])
             if not np.isfinite(slope):
                 return
             if k < n:
-                H.a_q[i, j] = slope
+                memory.a_q[i, j] = slope
             else:
-                H.a_v[i, j] = slope
-    c.known, c.fresh, c.rate = 1, 1, 0.0
+                memory.a_v[i, j] = slope
+    control.has_derivatives, control.derivatives_at_start, control.contraction = 1, 1, 0.0
 
 
 @kernel
-def place_stages(eqs: Any, h: float, c: Any, H: Any, work: Any) -> float:
+def update_stage_positions(eqs: Any, h: float, control: Any, memory: Any, work: Any) -> float:
     """Positions of the stages, from their velocities; return the square of how far they went, in tolerances.
 
-    Quaternions take N from where they were: they come nearer with every correction, as Newton's matrix lets them.
+    For quaternions N is that of the previous correction: they converge with every correction.
     """
-    nq, n = H.q.shape[0], H.v.shape[0]
-    for s in range(STAGES):
+    nq, n = memory.q.shape[0], memory.v.shape[0]
+    for s in range(N_STAGES):
         if nq == n:
             for i in range(n):
-                H.N[s, i] = H.v[i] + H.Z[s, i]
+                memory.N[s, i] = memory.v[i] + memory.Z[s, i]
         else:
             for i in range(n):
-                work.v[i] = H.v[i] + H.Z[s, i]
-            eqs.dynamics(c.t + NODES[s] * h, H.Q[s], work.v, eqs.data, eqs.terms)
+                work.v[i] = memory.v[i] + memory.Z[s, i]
+            eqs.dynamics(control.t + NODES[s] * h, memory.Q[s], work.v, eqs.data, eqs.terms)
             for i in range(nq):
-                H.N[s, i] = eqs.terms.qdot[i]
+                memory.N[s, i] = eqs.terms.qdot[i]
     square = 0.0
-    for s in range(STAGES):
+    for s in range(N_STAGES):
         for i in range(nq):
             total = 0.0
-            for k in range(STAGES):
-                total += A[s, k] * H.N[k, i]
-            total = H.q[i] + h * total
-            square += ((total - H.Q[s, i]) / H.tol_q[i]) ** 2
-            H.Q[s, i] = total
-    return square / STAGES
+            for k in range(N_STAGES):
+                total += A[s, k] * memory.N[k, i]
+            total = memory.q[i] + h * total
+            square += ((total - memory.Q[s, i]) / memory.tol_q[i]) ** 2
+            memory.Q[s, i] = total
+    return square / N_STAGES
 
 
 @kernel
-def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> int:
-    """Solve for the stages of a step of h from (H.q, H.v) with the existing factors; ``c.rate``: convergence rate."""
-    nq, n = H.q.shape[0], H.v.shape[0]
-    goes_on = c.follows == 1 and h <= MAX_EXTRAPOLATION * c.hold  # farther out a polynomial is no guess
-    for s in range(STAGES):
+def solve_stages(eqs: Any, h: float, control: Any, settings: Any, memory: Any, work: Any) -> int:
+    """Solve for the stages of a step of h from (memory.q, memory.v) with the existing factors.
+
+    ``control.contraction`` is the rate of convergence.
+    """
+    nq, n = memory.q.shape[0], memory.v.shape[0]
+    extrapolates = (
+        control.extrapolates == 1 and h <= MAX_EXTRAPOLATION * control.hold
+    )  # farther out a polynomial is no guess
+    for s in range(N_STAGES):
         for i in range(n):
-            if not goes_on:
-                H.Z[s, i] = NODES[s] * h * H.a[i]
+            if not extrapolates:
+                memory.Z[s, i] = NODES[s] * h * memory.a[i]
         for i in range(nq):
-            H.Q[s, i] = H.q[i] + NODES[s] * h * H.qdot[i]
-    if goes_on:
-        extrapolate(h, H)
-    place_stages(eqs, h, c, H, work)
+            memory.Q[s, i] = memory.q[i] + NODES[s] * h * memory.qdot[i]
+    if extrapolates:
+        extrapolate(h, memory)
+    update_stage_positions(eqs, h, control, memory, work)
     before, rate = 0.0, 0.0
     for k in range(MAX_NEWTON_ITERATIONS):
-        for s in range(STAGES):
-            at = c.t + NODES[s] * h
+        for s in range(N_STAGES):
+            at = control.t + NODES[s] * h
             for i in range(nq):
-                work.q[i] = H.Q[s, i]
+                work.q[i] = memory.Q[s, i]
             for i in range(n):
-                work.v[i] = H.v[i] + H.Z[s, i]
-            code = differentiate(eqs, at, c, work, work.slope)
+                work.v[i] = memory.v[i] + memory.Z[s, i]
+            code = evaluate_stage_acceleration(eqs, at, control, work, work.slope)
             if code != OK:
                 return code
-            H.P[s] = power(eqs, at, c, o, work, work.slope)
+            memory.P[s] = evaluate_power(eqs, at, control, settings, work, work.slope)
             for i in range(n):
-                H.F[s, i] = work.slope[i]
-        size = np.sqrt(correct_stages(h, H, work.size) + place_stages(eqs, h, c, H, work))
+                memory.F[s, i] = work.slope[i]
+        size = np.sqrt(correct_stages(h, memory, work.size) + update_stage_positions(eqs, h, control, memory, work))
         if not size < np.inf:
             return NOT_FINITE
-        if size <= NEGLIGIBLE_CORRECTION * o.exact:
+        if size <= NEGLIGIBLE_CORRECTION * settings.newton_tolerance:
             return OK
         if k > 0:
             rate = size / before if k == 1 else np.sqrt(rate * size / before)
-            if rate >= 1.0 or size * rate ** (MAX_NEWTON_ITERATIONS - 1 - k) > o.exact * (1.0 - rate):
-                c.rate = 1.0
+            if rate >= 1.0 or size * rate ** (MAX_NEWTON_ITERATIONS - 1 - k) > settings.newton_tolerance * (1.0 - rate):
+                control.contraction = 1.0
                 return COLLAPSED
-            c.rate = rate
-        if k > 0 and size * rate <= o.exact * (1.0 - rate):
+            control.contraction = rate
+        if k > 0 and size * rate <= settings.newton_tolerance * (1.0 - rate):
             return OK
         before = size
     return COLLAPSED
