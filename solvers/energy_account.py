@@ -96,7 +96,7 @@ WORK_ERROR_SAFETY = 12.0  # estimates of errors are multiplied by this where for
 # In tolerances: error of a mesh's vibrations that is no reason for a warning, as of other motions that count as right
 # in tests; and the largest such error in units of the coordinates: at 1e-2 the whole motion of a sheet is 50 to 120
 # tolerances.
-MESH_ERROR_FACTOR, MAX_MESH_ERROR = 100.0, 1e-2
+MAX_MESH_ERROR_IN_TOLERANCES, MAX_MESH_ERROR_IN_SIZES = 100.0, 1e-2
 REPORTED_BOUND_FACTOR = 4.0  # in step bounds: a reported state is interpolated and projected
 
 
@@ -136,7 +136,7 @@ class EnergyScales(NamedTuple):
         """Return those of a mesh, whose stiff modes are damped on purpose; ``rate_factor`` is the ratio of its
         tolerances of rates to the usual ones.
         """
-        error = max(1.0, min(MESH_ERROR_FACTOR, MAX_MESH_ERROR / rtol))
+        error = max(1.0, min(MAX_MESH_ERROR_IN_TOLERANCES, MAX_MESH_ERROR_IN_SIZES / rtol))
         return EnergyScales.of(rtol, position_tolerance, rate_tolerance, mean_count, (1.0 / error, rate_factor / error))
 
 

@@ -47,7 +47,7 @@ class Growth(NamedTuple):
     """What the rate growth of a large tree is computed with."""
 
     size: Array  # (n,) units of the coordinates
-    pace: Array  # (n,) 1/s, of their rates
+    coordinate_rates: Array  # (n,) 1/s, of their rates
     parts: Array  # (1 + n,) see solvers.system.TreeSystem.inertia_parts
     inertia: NDArray[Any]  # (1,) record of INERTIA
 
@@ -94,7 +94,7 @@ def update_growth(t: float, M: Any, v: Any, work: Any) -> None:
     record.energy = max(record.energy, energy)
     for i in range(v.shape[0]):
         if not (has_loops and work.in_loops[i] == 1.0):
-            growth = max(growth, growth_of_rate(M[i, i], v[i], work.pace[i] * work.size[i], record.energy))
+            growth = max(growth, growth_of_rate(M[i, i], v[i], work.coordinate_rates[i] * work.size[i], record.energy))
     record_growth(t, growth, record)
 
 
@@ -104,7 +104,7 @@ def update_tree_growth(t: float, parts: Any, v: Any, work: Any) -> None:
     record, growth = work.inertia[0], 0.0
     record.energy = max(record.energy, parts[0])
     for i in range(v.shape[0]):
-        growth = max(growth, growth_of_rate(parts[1 + i], v[i], work.pace[i] * work.size[i], record.energy))
+        growth = max(growth, growth_of_rate(parts[1 + i], v[i], work.coordinate_rates[i] * work.size[i], record.energy))
     record_growth(t, growth, record)
 
 

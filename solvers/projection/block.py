@@ -37,8 +37,8 @@ from solvers.linalg.dense import (
 )
 
 from .critical import (
+    CRITICAL_DIFFERENCE_STEP,
     CRITICAL_POINT_TOLERANCE,
-    DIFFERENCE_STEP,
     MAX_NEWTON_STEPS,
     ZERO_SINGULAR_VALUE_RATIO,
     drive_rate,
@@ -49,7 +49,7 @@ PIVOT_FLOOR_RATIO = 1e-10  # part of the first pivot: those below are alike
 MIN_PIVOT_GAP = 3.0  # least ratio of two successive pivots that separates equations without rank from the others
 MAX_EXTRAPOLATION_STEPS = 10.0  # longest distance ahead to the loss of rank, in lengths of the last step
 CLOSURE_WEIGHT = 100.0  # factor by which Phi~ must lie better in the span of U than L_22 must be zero
-MAX_COORDINATE_STEP, MAX_COORDINATE_DISTANCE = 0.3, 1.0  # longest step and way of any coordinate, in units of size
+MAX_SEARCH_STEP, MAX_COORDINATE_DISTANCE = 0.3, 1.0  # longest step and way of any coordinate, in units of size
 # distance of the critical points of several equations below which they are one: a gap of its square
 COINCIDENCE_TOLERANCE = 1e-6
 MAX_ROW_COMBINATIONS = 3  # of rows without rank, if their number is kept
@@ -283,12 +283,14 @@ def fill_block_hessian(eqs: Any, work: Any) -> bool:
         for i in range(work.q_c.shape[0]):
             work.q_try[i] = work.q_c[i]
         for i in range(n):
-            work.dq[i] = DIFFERENCE_STEP * work.size[i] if i == k else 0.0
+            work.dq[i] = CRITICAL_DIFFERENCE_STEP * work.size[i] if i == k else 0.0
         eqs.retract(work.q_try, work.dq, eqs.data)
-        eqs.position(critical.t + (DIFFERENCE_STEP / critical.rate if k == n else 0.0), work.q_try, eqs.data, eqs.terms)
+        eqs.position(
+            critical.t + (CRITICAL_DIFFERENCE_STEP / critical.rate if k == n else 0.0), work.q_try, eqs.data, eqs.terms
+        )
         fill_transposed_product(eqs.terms, work, work.g_try)
         for i in range(n + 1):
-            work.K[k, i] = (work.g_try[i] - work.change[i]) / DIFFERENCE_STEP
+            work.K[k, i] = (work.g_try[i] - work.change[i]) / CRITICAL_DIFFERENCE_STEP
             if not np.isfinite(work.K[k, i]):
                 return False
     for k in range(n + 1):
@@ -375,7 +377,7 @@ def apply_block_step(eqs: Any, largest: float, work: Any) -> bool:
     n = work.size.shape[0]
     if not largest < np.inf:
         return False
-    part = min(1.0, MAX_COORDINATE_STEP / max(largest, 1e-300))
+    part = min(1.0, MAX_SEARCH_STEP / max(largest, 1e-300))
     for i in range(n):
         work.dq[i] = part * work.change[i] * work.size[i]
     eqs.retract(work.q_c, work.dq, eqs.data)

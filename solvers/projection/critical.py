@@ -31,7 +31,7 @@ from solvers.linalg.dense import (
 
 from .workspace import distance, factor_transposed
 
-DIFFERENCE_STEP = 1e-7  # of differences, in units of size
+CRITICAL_DIFFERENCE_STEP = 1e-7  # of differences, in units of size
 INVERSE_ITERATIONS = 5  # of the inverse iteration for the left null vector
 DAMPING_FACTOR = 0.01  # of the squares of singular values, in what is left of the equations: see find_critical_point
 DIFFERENCE_NOISE_RATIO = 1e-8  # singular values of the equations below this part of all are those of the differences
@@ -206,13 +206,17 @@ def fill_critical_jacobian(eqs: Any, timed: bool, work: Any) -> None:
         for i in range(work.q_c.shape[0]):
             work.q_try[i] = work.q_c[i]
         for i in range(n):
-            work.dq[i] = DIFFERENCE_STEP * work.size[i] if i == k else 0.0
+            work.dq[i] = CRITICAL_DIFFERENCE_STEP * work.size[i] if i == k else 0.0
         eqs.retract(work.q_try, work.dq, eqs.data)
         critical_residual(
-            eqs, critical.t + (DIFFERENCE_STEP / critical.rate if k == n else 0.0), work.q_try, work, work.g_try
+            eqs,
+            critical.t + (CRITICAL_DIFFERENCE_STEP / critical.rate if k == n else 0.0),
+            work.q_try,
+            work,
+            work.g_try,
         )
         for i in range(N):
-            work.K[i, k] = (work.g_try[i] - work.g[i]) / DIFFERENCE_STEP
+            work.K[i, k] = (work.g_try[i] - work.g[i]) / CRITICAL_DIFFERENCE_STEP
 
 
 @inlined

@@ -26,18 +26,19 @@ from solvers.stepper import start_rate
 from solvers.system import Array, TreeSystem
 
 from .products import Products
+from .projection import MAX_CORRECTIONS
 from .rank import REDUNDANT_PIVOT_RATIO
 
 PENALTY_STIFFNESS = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
 # eigenvalues of a scaled Schur complement below this part of the largest count as zero
 REDUNDANT_EIGENVALUE_RATIO = 1e-10
 # eigenvalues of its inverse below this part of the largest are those of redundant constraints
-ZERO_EIGENVALUE_RATIO = 1e-13
+ZERO_SCHUR_EIGENVALUE_RATIO = 1e-13
 # Square of a row to that of the largest below which nothing works against it here: rounding is 1e-32, units make 1e-6.
 ZERO_ROW_SQUARE_RATIO = 1e-20
 # products with the exact tangent in one solution, and the residual at which there are enough
 MAX_KRYLOV_DIMENSION, GMRES_TOLERANCE = 120, 1e-13
-MAX_CORRECTIONS, CONSTRAINT_TOLERANCE = 12, 1e-11  # of the way back onto the constraints, in units of their rows
+CONSTRAINT_TOLERANCE = 1e-11  # of a projection, in units of the rows
 
 
 @kernel
@@ -208,7 +209,7 @@ class Saddle:
             return np.zeros(0, np.int64)
         root = np.sqrt(self._alpha)
         values = np.linalg.eigvals(self._inverse / np.outer(root, root))
-        floor = ZERO_EIGENVALUE_RATIO * np.abs(values).max()
+        floor = ZERO_SCHUR_EIGENVALUE_RATIO * np.abs(values).max()
         return np.where(values.imag == 0.0, np.sign(values.real) * (np.abs(values) > floor), 0).astype(np.int64)
 
     def set_penalties(self, t: float, q: Array) -> None:

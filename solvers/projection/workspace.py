@@ -55,7 +55,7 @@ class Workspace(NamedTuple):
     row: Array  # (m,)    units of the constraints
     in_loops: Array  # (n,)    1 for coordinates that occur in constraints, 0 for others
     rate: Array  # (2,)    1/s, of the motion, and of the loops' part in it: unit of size a second
-    pace: Array  # (n,)    1/s, of every coordinate's own part in it
+    coordinate_rates: Array  # (n,)    1/s, of every coordinate's own part in it
     A: Array  # (m, n)  L, and the reflectors of Q, of J~[pivots] = L Q^T
     tau: Array  # (m,)    of the reflectors
     pivots: NDArray[np.int64]  # (m,)    order of the rows, independent ones first, int64
@@ -131,7 +131,7 @@ class Workspace(NamedTuple):
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that a motion cannot go on without."""
-        known = (self.row, self.in_loops, self.rate, self.pace, self.critical, self.q_c, self.u)
+        known = (self.row, self.in_loops, self.rate, self.coordinate_rates, self.critical, self.q_c, self.u)
         point = (self.C, self.C_tau, self.C_pivots, self.J_last)
         frame = (self.frame, self.frame_tau, self.frame_pivots)
         return [*known, *point, self.branch_history, *frame, self.q_last, self.nu_last, self.inertia]

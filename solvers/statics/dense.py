@@ -25,12 +25,12 @@ from solvers.projection.products import COMPLEX_STEP
 from solvers.system import Array, Equations, System
 
 from .newton import (
-    CORRECTION_TOLERANCE,
     FOUND,
+    MAX_EQUILIBRIUM_ITERATIONS,
     MAX_FIRST_STEP,
-    MAX_NEWTON_ITERATIONS,
     MAX_STATE_DISTANCE,
     MIN_DAMPING,
+    NEWTON_TOLERANCE,
     NO_PROGRESS,
     NOT_FINITE,
     SINGULAR,
@@ -40,7 +40,7 @@ from .newton import (
     Unknowns,
 )
 
-ZERO_PIVOT_RATIO = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
+UNDETERMINED_PIVOT_RATIO = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
 # residual left by the last correction: of what acts in its row, and of the stiffest
 BALANCE_TOLERANCE, BALANCE_FLOOR = 1e-9, 1e-13
 SINGULAR_VALUE_RATIO = 1e-7  # a singular value of J~ below which cut-joint forces are not determined, relative to the
@@ -201,7 +201,7 @@ def factor_jacobian(scratch: Any) -> bool:
             if not np.isfinite(scratch.K[i, j]):
                 return False
             scratch.LU[i, j] = scratch.K[i, j]
-    scratch.rank[0] = factor_full_pivot(scratch.LU, N, N, ZERO_PIVOT_RATIO, scratch.order, scratch.columns)
+    scratch.rank[0] = factor_full_pivot(scratch.LU, N, N, UNDETERMINED_PIVOT_RATIO, scratch.order, scratch.columns)
     return True
 
 
@@ -243,12 +243,12 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, mass: flo
         for k in range(n):
             scratch.K[i, k] /= scale
     damping, first = 1.0, True
-    for _ in range(MAX_NEWTON_ITERATIONS):
+    for _ in range(MAX_EQUILIBRIUM_ITERATIONS):
         report[0] += 1.0
         if not factor_jacobian(scratch):
             return NOT_FINITE
         size = solve_correction(scratch, scratch.z)
-        if size <= CORRECTION_TOLERANCE:
+        if size <= NEWTON_TOLERANCE:
             apply_correction(eqs, q, lam, 1.0, scale, scratch)
             accept_trial(q, lam, scratch)
             linearize(eqs, t, q, lam, scratch.moved, rows, c2, mass, scale, scratch)

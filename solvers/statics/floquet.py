@@ -25,7 +25,7 @@ MIN_SAMPLES, MAX_SAMPLES = 16, 4096  # of A in a period
 CHECK_TIMES, GOLDEN_RATIO = 8, 0.5 * (sqrt(5.0) - 1.0)
 # of the coefficients of A: those at the highest frequencies, and those that are rounding
 SMOOTHNESS_TOLERANCE, COEFFICIENT_NOISE_RATIO = 1e-10, 1e-13
-MIN_STEPS, MAX_STEPS = 16, 16384
+MIN_MAGNUS_STEPS, MAX_MAGNUS_STEPS = 16, 16384
 MIN_STEPS_PER_CYCLE = 4  # at least, of the highest harmonic of A
 MONODROMY_TOLERANCE = 1e-10  # change of the monodromy matrix, relative, at which there are steps enough
 
@@ -74,9 +74,9 @@ class _TrigonometricPolynomial:
 def monodromy_matrix(A: Callable[[float], Array], period: float, cycles: float) -> tuple[Array, float]:
     """Return the state after a period by that before, (k, k), and its error; LinAlgError where it does not converge."""
     smooth, harmonic = interpolate(A, period, cycles)
-    steps = max(MIN_STEPS, MIN_STEPS_PER_CYCLE * harmonic)
+    steps = max(MIN_MAGNUS_STEPS, MIN_STEPS_PER_CYCLE * harmonic)
     rough, before = _product(smooth, period, steps), None
-    while steps < MAX_STEPS:
+    while steps < MAX_MAGNUS_STEPS:
         steps *= 2
         fine = _product(smooth, period, steps)
         better = fine + (fine - rough) / 15.0

@@ -16,10 +16,10 @@ from scipy import linalg
 from solvers.projection.saddle import Saddle
 from solvers.system import Array, TreeSystem
 
-from .dense import ZERO_PIVOT_RATIO, DenseEquilibriumSolver
+from .dense import UNDETERMINED_PIVOT_RATIO, DenseEquilibriumSolver
 from .matrices import MAX_ASSEMBLED_COORDINATES, allowed_motions
 
-KRYLOV_DIMENSION = 40  # dimension of the space in which a large tree's negative eigenvalues are searched first
+FIRST_KRYLOV_DIMENSION = 40  # dimension of the space in which a large tree's negative eigenvalues are searched first
 SYMMETRY_TOLERANCE = 1e-8  # of the largest entry: what is less is rounding
 ZERO_EIGENVALUE_RATIO = 1e-12  # of the largest eigenvalue of the inverse
 
@@ -88,7 +88,7 @@ class DenseLinearized(Linearized):
         self._scale = float(np.abs(K[:n, :n]).max()) or 1.0
         K[:n, :n] /= self._scale
         self._K = K
-        self._inverse = np.linalg.pinv(K, rcond=ZERO_PIVOT_RATIO)
+        self._inverse = np.linalg.pinv(K, rcond=UNDETERMINED_PIVOT_RATIO)
         return True
 
     def inspect(self, q: Array, lam: Array) -> int:
@@ -96,7 +96,7 @@ class DenseLinearized(Linearized):
         self.factor(q, lam)
         n = len(self.size)
         free = linalg.null_space(self._K[n:, :n]) if len(self._row) else np.eye(n)
-        return count_negative_eigenvalues(free.T @ self._K[:n, :n] @ free, ZERO_PIVOT_RATIO)
+        return count_negative_eigenvalues(free.T @ self._K[:n, :n] @ free, UNDETERMINED_PIVOT_RATIO)
 
     def solve(self, f: Array, g: Array) -> tuple[Array, Array]:
         """See the base."""
@@ -157,14 +157,14 @@ class TreeLinearized(Linearized):
             products.set_state(*self._saddle.state)
         K = products.matrix(1.0, 0.0, 0.0)
         basis = allowed_motions(self._saddle.terms.J, units, self._system.row_size)
-        return count_negative_eigenvalues(basis.T @ K @ basis, ZERO_PIVOT_RATIO)
+        return count_negative_eigenvalues(basis.T @ K @ basis, UNDETERMINED_PIVOT_RATIO)
 
     def _count_in_krylov_space(self, moving: bool) -> int:
         """Return the negative eigenvalues of the inverse in a space that grows."""
         even, negative = None if moving else self.even(), 0
         start = np.random.default_rng(1).normal(size=len(self.size))
         basis, H = [start / np.linalg.norm(start)], np.zeros((1, 0))
-        for dimension in (KRYLOV_DIMENSION, 2 * KRYLOV_DIMENSION, 4 * KRYLOV_DIMENSION):
+        for dimension in (FIRST_KRYLOV_DIMENSION, 2 * FIRST_KRYLOV_DIMENSION, 4 * FIRST_KRYLOV_DIMENSION):
             while len(basis) <= dimension:
                 H = self._expand(basis, H)
             negative = count_negative_eigenvalues(H[:-1], ZERO_EIGENVALUE_RATIO)

@@ -33,11 +33,11 @@ from scipy.optimize import brentq
 from solvers.system import Array
 
 from .linearized import Linearized
-from .newton import CORRECTION_TOLERANCE
+from .newton import NEWTON_TOLERANCE
 
 MAX_CORRECTOR_ITERATIONS = 9  # of the corrector; more means that the step was too long
 EASY_ITERATIONS = 4  # after as many the next step may be longer
-CORRECTION_ROUNDING = 1e-6  # a correction shorter than this, in units, that no longer shrinks is rounding
+STALLED_CORRECTION = 1e-6  # a correction shorter than this, in units, that no longer shrinks is rounding
 FIRST_STEP, MIN_STEP = 0.02, 1e-7  # steps, in the length of the path
 # of the longest, the first step off a path: near it the other is only as accurate as the crossing
 BRANCH_STEP_FRACTION = 0.05
@@ -48,7 +48,7 @@ MAX_COORDINATE_CHANGE = 0.2  # change of a coordinate in one step, in its unit
 MAX_LOAD_FRACTION = 0.05  # of the range of the load in one step
 LOAD_DIFFERENCE_FRACTION = 1e-4  # of that range, for f_p
 MIN_DISPLACEMENT = 1e-9  # length of the displacements by the whole load, in units, that are none
-INVERSE_ITERATIONS = 8  # inverse iterations for the eigenvalue nearest to zero
+EIGENVALUE_ITERATIONS = 8  # inverse iterations for the eigenvalue nearest to zero
 POINT_TOLERANCE = 1e-7  # of a step: how well special points are placed in it
 
 
@@ -240,11 +240,11 @@ class Follower:
             change = (value - float(x @ (moved + a)) - dp * load) / slope if slope else np.inf
             a, y = a + change * b, y + change * z
             length = float(np.linalg.norm(a)) + abs(change)
-            rounded = before < CORRECTION_ROUNDING * many
+            rounded = before < STALLED_CORRECTION * many
             if not np.isfinite(length) or (count > 2 and length > before and not rounded):
                 break
             moved, load, lam, q = moved + a, load + change, lam + y, equations.moved(q, size * a)
-            if length <= CORRECTION_TOLERANCE * many or (rounded and length > 0.5 * before):
+            if length <= NEWTON_TOLERANCE * many or (rounded and length > 0.5 * before):
                 arclength = self._inner(moved, load, here)
                 at = replace(
                     here, q=q, lam=lam, p=here.p + load * self._range, arclength=arclength, kind="", critical=None
@@ -276,7 +276,7 @@ class Follower:
         self._load.apply(at.p)
         self._equations.inspect(at.q, at.lam)
         none, size = 0.0 * at.lam, self._equations.size
-        for _ in range(INVERSE_ITERATIONS):
+        for _ in range(EIGENVALUE_ITERATIONS):
             x = x / np.linalg.norm(x)
             before, x = x, self._equations.solve(x / size, none)[0] / size
             if not np.linalg.norm(x) > 0.0:  # exactly singular, and nothing else moves

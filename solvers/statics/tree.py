@@ -8,11 +8,11 @@ from solvers.projection.saddle import Saddle
 from solvers.system import Array, TreeSystem
 
 from .newton import (
-    CORRECTION_TOLERANCE,
     EASY_STEP_FACTOR,
+    MAX_EQUILIBRIUM_ITERATIONS,
     MAX_FIRST_STEP,
-    MAX_NEWTON_ITERATIONS,
     MAX_STATE_DISTANCE,
+    NEWTON_TOLERANCE,
     REGULARIZATION_MASS,
     EquilibriumSolver,
     Outcome,
@@ -93,7 +93,7 @@ class TreeEquilibriumSolver(EquilibriumSolver):
         saddle, damping, moved = self._saddle, 1.0, self._still
         if self._has_cyclic:
             mass = max(mass, REGULARIZATION_MASS * self._rate**2)
-        for iteration in range(1, MAX_NEWTON_ITERATIONS + 1):
+        for iteration in range(1, MAX_EQUILIBRIUM_ITERATIONS + 1):
             forces, gaps = saddle.residual(t, at.q, self._v, c2 * moved, at.lam)
             if not np.isfinite(forces).all():
                 return Outcome.NOT_FINITE, at, moved, iteration
@@ -107,7 +107,7 @@ class TreeEquilibriumSolver(EquilibriumSolver):
                 iteration == 1 and self._has_cyclic and c2 == 0.0 and size > MAX_FIRST_STEP
             ):  # what is farther may be another state
                 damping = MAX_FIRST_STEP / size
-            if size <= CORRECTION_TOLERANCE * np.sqrt(len(step)):
+            if size <= NEWTON_TOLERANCE * np.sqrt(len(step)):
                 return Outcome.FOUND, self._stepped(at, 1.0, step, reaction), moved + step, iteration
             while True:
                 trial, further = self._stepped(at, damping, step, reaction), moved + damping * step
@@ -119,12 +119,12 @@ class TreeEquilibriumSolver(EquilibriumSolver):
                 if damping < MIN_CONTINUATION_DAMPING:
                     return Outcome.NO_PROGRESS, at, moved, iteration
             at, moved, damping = trial, further, min(1.0, 2.0 * damping)
-        return Outcome.NO_PROGRESS, at, moved, MAX_NEWTON_ITERATIONS
+        return Outcome.NO_PROGRESS, at, moved, MAX_EQUILIBRIUM_ITERATIONS
 
     def _relax(self, t: float, at: Unknowns, c2: float) -> Relaxed:
         """Take a step by Newton without damping, until the rest is small against it."""
         saddle, moved, first, before, worst = self._saddle, self._still, 0.0, np.inf, 0.0
-        for count in range(1, MAX_NEWTON_ITERATIONS + 1):
+        for count in range(1, MAX_EQUILIBRIUM_ITERATIONS + 1):
             forces, gaps = saddle.residual(t, at.q, self._v, c2 * moved, at.lam)
             if not np.isfinite(forces).all():
                 return Relaxed(Outcome.NOT_FINITE, at, moved, count)
@@ -139,7 +139,7 @@ class TreeEquilibriumSolver(EquilibriumSolver):
             else:
                 worst = max(worst, size / before)
             at, moved, before = self._stepped(at, 1.0, step, reaction), moved + step, size
-            converged = size <= CORRECTION_TOLERANCE * np.sqrt(len(step))
+            converged = size <= NEWTON_TOLERANCE * np.sqrt(len(step))
             if converged or (count > 1 and size <= STEP_TOLERANCE_RATIO * first):
                 longer = (TARGET_CONTRACTION / worst) ** (1.0 / 3.0) if worst else EASY_STEP_FACTOR
                 return Relaxed(Outcome.FOUND, at, moved, count, min(longer, EASY_STEP_FACTOR))

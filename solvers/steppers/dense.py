@@ -19,8 +19,9 @@ from solvers.projection.workspace import Workspace, factor
 from solvers.stepper import Stepper, coordinate_rate, require_resolved_position, require_resolved_time, start_rate
 from solvers.system import Array, Equations, System, Terms
 
-# The pace of a coordinate: of its rate at the start, which is above that of a small oscillation by the root of its
-# amplitude; and the least, of the rate of the motion, for what rests at the start may move later.
+# The characteristic rate of a coordinate is the first part of its rate at the start, which exceeds that of a small
+# oscillation by the root of its amplitude; it is at least the second part of the rate of the motion, since a coordinate
+# at rest may move later.
 INITIAL_RATE_RATIO, MIN_RATE_RATIO = 0.1, 0.01
 RANK_LOSS_RATIO = 1e-9  # singular value of J~, relative to the largest, below which a start takes no rate from it
 
@@ -45,11 +46,11 @@ def estimate_rates(
             work.slope[k] = 0.0
     rate = start_rate(known, duration, work.size, v, work.slope)
     for k in range(v.shape[0]):
-        work.pace[k] = coordinate_rate(work.size[k], v[k], work.slope[k])
-        loop_rate = max(loop_rate, work.pace[k] * work.in_loops[k])
+        work.coordinate_rates[k] = coordinate_rate(work.size[k], v[k], work.slope[k])
+        loop_rate = max(loop_rate, work.coordinate_rates[k] * work.in_loops[k])
     work.rate[0], work.rate[1] = rate, loop_rate if loop_rate != 0.0 else rate
     for k in range(v.shape[0]):
-        work.pace[k] = max(INITIAL_RATE_RATIO * work.pace[k], MIN_RATE_RATIO * rate)
+        work.coordinate_rates[k] = max(INITIAL_RATE_RATIO * work.coordinate_rates[k], MIN_RATE_RATIO * rate)
 
 
 class DenseStepper(Stepper):

@@ -150,9 +150,9 @@ def set_tolerance_units(history: Any, absolute: float, work: Any, scales: Any) -
     for i in range(nq):
         history.unit[i] = work.size_q[i]
     for i in range(n):
-        history.unit[nq + i] = work.pace[i] * work.size[i]
+        history.unit[nq + i] = work.coordinate_rates[i] * work.size[i]
     history.unit[nq + n] = 1.0
-    set_energy_scales(scales, absolute, work.size, work.pace)
+    set_energy_scales(scales, absolute, work.size, work.coordinate_rates)
 
 
 @inlined

@@ -84,7 +84,7 @@ class Scratch(NamedTuple):
     positions: Any  # solvers.positions.Positions
     size: Array  # (n,)   units of the coordinates
     size_q: Array  # (nq,)  units of the positions
-    pace: Array  # (n,)   1/s, that of the motion, as the tolerances of rates take it
+    coordinate_rates: Array  # (n,)   1/s, that of the motion, as the tolerances of rates take it
     q: Array  # (nq,)
     v: Array  # (n,)
     a: Array  # (n,)
@@ -300,8 +300,8 @@ def set_up(integration: Any, t: float, known: float, duration: float) -> None:
                 scratch.a[k] = 0.0
         settings.rate = start_rate(known, duration, scratch.size, integration.v, scratch.a)
     position_sizes(scratch.positions, scratch.size, scratch.size_q)
-    for k in range(scratch.pace.shape[0]):
-        scratch.pace[k] = RATE_TOLERANCE_RATIO * settings.rate
+    for k in range(scratch.coordinate_rates.shape[0]):
+        scratch.coordinate_rates[k] = RATE_TOLERANCE_RATIO * settings.rate
     integration.scales.mean_count[0] = 1 if scratch.inertia[0].watched == 1 else history.y.shape[0] - 1
     set_tolerance_units(history, settings.atol, scratch, integration.scales)
     clear_growth(scratch)

@@ -107,9 +107,9 @@ class IDAStepper(IDADriver, DenseStepper):
         )
         tightened = self._error_rtol if self.options.atol is None else self.options.atol * self._error_rtol / self._rtol
         self._atol[:] = MULTIPLIER_TOLERANCE * self._scaling()[0]
-        self._atol[:controlled] = tightened * np.concatenate((units.size_q, units.pace * system.size))
+        self._atol[:controlled] = tightened * np.concatenate((units.size_q, units.coordinate_rates * system.size))
         self._position_tolerances[:] = tightened * system.size
-        self._velocity_tolerances[:] = units.pace * self._position_tolerances
+        self._velocity_tolerances[:] = units.coordinate_rates * self._position_tolerances
         self._progress["min_step"] = STANDSTILL_RATIO / units.rate[0]
 
     def _make_ida(self) -> DirectIDA | BoundIDA:
@@ -236,7 +236,10 @@ class IDAStepper(IDADriver, DenseStepper):
         unknowns = self._unknowns
         ramp = unknowns.velocity_shift[0] + (t - unknowns.shift_start[0]) * unknowns.velocity_shift[1]
         return bool(
-            np.all(np.abs(ramp) <= MAX_SHIFT_RATIO * (np.abs(self._v) + self._workspace.pace * self.system.size))
+            np.all(
+                np.abs(ramp)
+                <= MAX_SHIFT_RATIO * (np.abs(self._v) + self._workspace.coordinate_rates * self.system.size)
+            )
         )
 
     def _advance(self, t: float) -> Code:

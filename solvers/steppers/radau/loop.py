@@ -82,7 +82,9 @@ def set_tolerances(control: Any, settings: Any, memory: Any, work: Any) -> None:
     for i in range(memory.q.shape[0]):
         memory.tol_q[i] = scale * (settings.rtol * abs(memory.q[i]) + settings.atol * work.size_q[i])
     for i in range(memory.v.shape[0]):
-        memory.tol_v[i] = scale * (settings.rtol * abs(memory.v[i]) + settings.atol * work.pace[i] * work.size[i])
+        memory.tol_v[i] = scale * (
+            settings.rtol * abs(memory.v[i]) + settings.atol * work.coordinate_rates[i] * work.size[i]
+        )
 
 
 @kernel
@@ -350,7 +352,7 @@ def set_options(options: Any, settings_array: Any) -> None:
 def set_up(integration: Any, rank: int, absolute: float) -> None:
     """Take rank, units and paces as they were found at the start; ``absolute`` is the tolerance in those units."""
     integration.memory.control[0].rank = rank
-    set_energy_scales(integration.scales, absolute, integration.work.size, integration.work.pace)
+    set_energy_scales(integration.scales, absolute, integration.work.size, integration.work.coordinate_rates)
     clear_growth(integration.work)
 
 
