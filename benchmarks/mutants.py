@@ -7,7 +7,7 @@ work, or that a later line makes good).
 
     python benchmarks/mutants.py --count 150           # 150 mutants of all recursions, drawn at random
     python benchmarks/mutants.py --file aba.py --all   # every mutant of one file
-    python benchmarks/mutants.py --file aba.py --function unforced --all
+    python benchmarks/mutants.py --file aba.py --function apply_inverse_mass_matrix --all
 
 Each mutant runs in a fork of this process, which has imported everything: the changed function gets its code there.
 """

@@ -359,7 +359,7 @@ def test_a_clamp_at_one_end_of_the_edge_twists_the_sheet() -> None:
 
 def linearization(at: Plant, q: Any, lam: Any) -> Any:
     """Exact derivative (n, n) of h + J^T lambda at rest, by complex step on the dense twin."""
-    from mbfmu.mechanics.recursions.dynamics import solved, take_free
+    from mbfmu.mechanics.recursions.dynamics import gather_free, inverse_dynamics_at_solution
 
     twin, n = at.complex_system(), at.system.n
     K, tau = np.zeros((n, n)), np.zeros(n, complex)
@@ -367,8 +367,8 @@ def linearization(at: Plant, q: Any, lam: Any) -> Any:
         moved, step = q.astype(complex), np.zeros(n, complex)
         step[k] = 1e-30j
         twin.apply(moved, step)
-        solved(0.0, moved, np.zeros(n, complex), np.zeros(n, complex), lam.astype(complex), twin.pinned_data)
-        take_free(twin.data.state.tau, twin.data.arrays, tau)
+        inverse_dynamics_at_solution(0.0, moved, np.zeros(n, complex), np.zeros(n, complex), lam.astype(complex), twin.pinned_data)
+        gather_free(twin.data.state.tau, twin.data.arrays, tau)
         K[:, k] = tau.imag / 1e-30
     return K
 

@@ -30,7 +30,7 @@ from mbfmu.mechanics.arrays.points import (
 from mbfmu.mechanics.arrays.tables import REAL, Called
 from mbfmu.mechanics.kind import Kind, kernel_of, kinds_of, record_of
 from mbfmu.mechanics.records import empty_data
-from mbfmu.mechanics.recursions.dynamics import observe, resolves
+from mbfmu.mechanics.recursions.dynamics import input_step_limit, observe
 from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import UserError
@@ -218,7 +218,7 @@ def entries(name: str) -> dict[str, Entry]:
         """Go to t, s, in pieces in each of which no step may miss a signal, as ``Stepper.advance`` does."""
         g, reached, code = s.given, s.clock[0], OK
         while code == OK:
-            longest, until = resolves(reached, g.eqs.data)
+            longest, until = input_step_limit(reached, g.eqs.data)
             limit(g, reached, min(longest, s.options[0].max_step))
             reached = min(t, until)
             code = advance_reported(g, reached)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant
-from mbfmu.mechanics.recursions.dynamics import move
+from mbfmu.mechanics.recursions.dynamics import update_kinematics
 from mbfmu.steady.modes import shapes
 from mbfmu.util.errors import EquilibriumError
 from solvers.system import Array
@@ -70,7 +70,7 @@ def _twists(plant: Plant, q: Array, motions: Matrix) -> tuple[Matrix, float, lis
     """
     n, data = plant.system.n, plant.data
     massive = data.arrays.bodies["mass"] > 0.0
-    move(0.0, q, np.zeros(n), *plant.kernel_data)
+    update_kinematics(0.0, q, np.zeros(n), *plant.kernel_data)
     drift, r = data.state.bodies["Y"][massive].copy(), data.state.bodies["r"][massive].copy()
     place = r.mean(axis=0)
     size = float(np.linalg.norm(r - place, axis=1).max()) or 1.0
@@ -82,7 +82,7 @@ def _twists(plant: Plant, q: Array, motions: Matrix) -> tuple[Matrix, float, lis
     flat = map_.reshape(-1, 6)
     found: list[Matrix | None] = []
     for motion in motions.T:
-        move(0.0, q, motion, *plant.kernel_data)
+        update_kinematics(0.0, q, motion, *plant.kernel_data)
         Y = data.state.bodies["Y"][massive] - drift
         Y[:, 3:] *= size
         twist = np.linalg.lstsq(flat, Y.reshape(-1), rcond=None)[0]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import Mechanism, Plant
-from mbfmu.mechanics.recursions.applied import apply_alone
+from mbfmu.mechanics.recursions.applied import apply_single_load
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def load_wrenches(plant: Plant, found: list[Source], t: float) -> Array:
     for k, source in enumerate(found):
         state.bodies["F"][:] = 0.0
         state.Q[:] = 0.0
-        apply_alone(source.index, t, *plant.kernel_data)
+        apply_single_load(source.index, t, *plant.kernel_data)
         wrenches[k] = state.bodies["F"][source.body]
         if plant.mechanism.forces[source.index][1].on_joint:
             own = bodies[source.body]

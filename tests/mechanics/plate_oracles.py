@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import Mechanism, Plant
-from mbfmu.mechanics.recursions.dynamics import solved
+from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution
 from mbfmu.sheets import Sheet, Support, add_sheet
 from solvers.system import TreeSystem
 
@@ -59,7 +59,7 @@ def cantilever(grid: tuple[int, int], *, gravity: float = 9.81, **options: Any) 
 def bodies_at(plant: Plant, q: Any) -> Any:
     """Motions of all bodies at rest in q."""
     n = plant.system.n
-    solved(0.0, q, np.zeros(n), np.zeros(n), np.zeros(plant.system.m), plant.kernel_data)
+    inverse_dynamics_at_solution(0.0, q, np.zeros(n), np.zeros(n), np.zeros(plant.system.m), plant.kernel_data)
     return plant.data.state.bodies
 
 
@@ -72,7 +72,7 @@ def forces_and_tangent(plant: Plant, q: Any) -> tuple[Any, Any]:
         moved, step = q.astype(complex), zero.copy()
         step[k] = 1j * E
         system.apply(moved, step)
-        solved(0.0, moved, zero, zero, np.zeros(system.m, complex), system.pinned_data)
+        inverse_dynamics_at_solution(0.0, moved, zero, zero, np.zeros(system.m, complex), system.pinned_data)
         K[:, k] = system.data.state.tau.imag / E
     return system.data.state.tau.real.copy(), K
 

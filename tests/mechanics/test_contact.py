@@ -29,7 +29,7 @@ from mbfmu.mechanics.contact.stations import gives
 from mbfmu.mechanics.dispatch import apply_load, load_tangent
 from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import allocate_state, complex_state
-from mbfmu.mechanics.recursions.dynamics import move
+from mbfmu.mechanics.recursions.dynamics import update_kinematics
 from mbfmu.mechanics.steps import EPSILON, step
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.sheets import add_contact, add_nip, add_sheet, contact_pressure
@@ -265,7 +265,7 @@ def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: st
     plant = Plant(flag(nip=True, idle=name == "idler") if nip else flag(SURFACES[name], moving=True))
     case, c1, found = somewhere(plant, np.random.default_rng(8)), 3.0, 0
     _, state = plant.kernel_data
-    move(0.0, case.q, case.v, *plant.kernel_data)
+    update_kinematics(0.0, case.q, case.v, *plant.kernel_data)
     arrays, twin = pin(plant._compiled.tangent_arrays()), pin(complex_state(plant.data.state))
     system = plant.complex_system()
     others, there = unpin(system.pinned_data)

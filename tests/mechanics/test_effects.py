@@ -12,7 +12,7 @@ from test_identities import close, derivative, observed
 
 from mbfmu.mechanics import Harmonic, Mechanism, Plant, Translational
 from mbfmu.mechanics.recursions.aba import forward_dynamics
-from mbfmu.mechanics.recursions.dynamics import move
+from mbfmu.mechanics.recursions.dynamics import update_kinematics
 from mbfmu.sheets import Crease, Sheet, Support, add_sheet
 
 TREES = ["spine", "rows", "master"]
@@ -62,7 +62,7 @@ def shaken(tree: str, *, gravity: Any = (0.0, 0.0, 0.0), moved: bool = False, **
 
 def corners_of(case: Case, sheet: Sheet, t: float, q: Any, v: Any) -> list[tuple[Any, Any, Any]]:
     """Origins, normals and velocities (4, 3) of the corners of every element."""
-    move(t, q, v, *case.plant.kernel_data)
+    update_kinematics(t, q, v, *case.plant.kernel_data)
     bodies, (nx, nz) = case.plant.data.state.bodies, (len(sheet.nodes), len(sheet.nodes[0]))
     found = []
     for i in range(nx - 1):
@@ -154,7 +154,7 @@ def test_energy_changes_by_the_power_of_forces_and_drives_less_what_is_dissipate
 def test_left_alone_it_gains_what_drives_give_and_loses_what_is_dissipated(effects: dict[str, Any], tree: str) -> None:
     """With forward dynamics."""
     case, sheet = shaken(tree, **effects)
-    move(case.t, case.q, case.v, *case.plant.kernel_data)
+    update_kinematics(case.t, case.q, case.v, *case.plant.kernel_data)
     assert forward_dynamics(*case.plant.kernel_data) == 0
     full, free = case.plant.data.state.a, case.plant.data.arrays.bodies
     case.a = np.concatenate([full[b["vi"] : b["vi"] + b["nv"]] for b in free if b["vf"] >= 0])

@@ -22,7 +22,7 @@ from mbfmu.mechanics import (
     add_chain,
 )
 from mbfmu.mechanics.recursions.aba import forward_dynamics
-from mbfmu.mechanics.recursions.dynamics import move, solved
+from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution, update_kinematics
 from mbfmu.mechanics.recursions.rnea import momentum
 from mbfmu.util.errors import UserError
 from solvers import Options, stepper
@@ -91,9 +91,9 @@ def test_mass_matrix_inverse_dynamics_and_articulated_body_agree(seed: int, stif
     terms = system.allocate_terms()
     system.fill(0.0, case.q, case.v, terms)
     np.testing.assert_array_equal(terms.M, terms.M.T)
-    solved(0.0, case.q, case.v, case.a, np.zeros(0), case.plant.kernel_data)
+    inverse_dynamics_at_solution(0.0, case.q, case.v, case.a, np.zeros(0), case.plant.kernel_data)
     agree(data.state.tau, terms.M @ case.a + terms.h)
-    move(0.0, case.q, case.v, *case.plant.kernel_data)
+    update_kinematics(0.0, case.q, case.v, *case.plant.kernel_data)
     assert forward_dynamics(*case.plant.kernel_data) == 0
     agree(terms.M @ data.state.a, -terms.h)
 
@@ -169,7 +169,7 @@ def test_momentum_of_a_free_mechanism_changes_by_its_weight(seed: int) -> None:
     run = stepper("adams", system, 0.0, case.q, 0.2 * case.v, Options(rtol=1e-10))
     before, after = np.zeros(6), np.zeros(6)
     for out in (before, after):
-        move(run.t, run.q, run.v, *plant.kernel_data)
+        update_kinematics(run.t, run.q, run.v, *plant.kernel_data)
         momentum(*plant.kernel_data, out)
         run.advance(0.1)
     plant.data.arrays.world["gravity"][0] = gravity

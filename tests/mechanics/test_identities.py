@@ -11,8 +11,8 @@ from random_mechanisms import COUPLINGS, CUTS, JOINTS, MOVING, Case, build, case
 
 from mbfmu.mechanics import Geodesic, Mechanism, Plant, Screw, Stretching
 from mbfmu.mechanics.recursions.aba import forward_dynamics
-from mbfmu.mechanics.recursions.dynamics import move, solved
-from mbfmu.mechanics.recursions.kinematics import positions as place_joints
+from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution, update_kinematics
+from mbfmu.mechanics.recursions.kinematics import update_positions as place_joints
 from mbfmu.mechanics.recursions.rnea import momentum
 
 TOLERANCE = 1e-9
@@ -80,7 +80,7 @@ def test_mass_matrix_is_inverse_dynamics_by_columns(case: Case) -> None:
     system, data = case.plant.system, case.plant.data
     terms = system.allocate_terms()
     system.fill(case.t, case.q, case.v, terms)
-    solved(case.t, case.q, case.v, case.a, np.zeros(0), case.plant.kernel_data)
+    inverse_dynamics_at_solution(case.t, case.q, case.v, case.a, np.zeros(0), case.plant.kernel_data)
     free = data.arrays.bodies["vf"][1:]
     tau = np.concatenate(
         [data.state.tau[b["vi"] : b["vi"] + b["nv"]] for b in data.arrays.bodies[1:]] if len(free) else []
@@ -103,7 +103,7 @@ def test_kinetic_energy_is_the_mass_matrix_form(case: Case) -> None:
 @given(cases(forces=True))
 def test_inverse_dynamics_undoes_articulated_body(case: Case) -> None:
     data = case.plant.data
-    move(case.t, case.q, case.v, *case.plant.kernel_data)
+    update_kinematics(case.t, case.q, case.v, *case.plant.kernel_data)
     assert forward_dynamics(*case.plant.kernel_data) == 0
     terms = case.plant.system.allocate_terms()
     a = data.state.a.copy()
@@ -115,7 +115,7 @@ def test_inverse_dynamics_undoes_articulated_body(case: Case) -> None:
 @given(cases(driven=True, forces=True))
 def test_articulated_body_with_a_drive_agrees_with_the_free_equations(case: Case) -> None:
     data, system = case.plant.data, case.plant.system
-    move(case.t, case.q, case.v, *case.plant.kernel_data)
+    update_kinematics(case.t, case.q, case.v, *case.plant.kernel_data)
     assert forward_dynamics(*case.plant.kernel_data) == 0
     free = np.concatenate([np.arange(b["vi"], b["vi"] + b["nv"]) for b in data.arrays.bodies[1:] if b["vf"] >= 0])
     a = data.state.a[free.astype(int)].copy()
@@ -277,12 +277,12 @@ def test_momentum_changes_with_what_the_ground_gives(case: Case) -> None:
 
     def total(t: float, q: Any, v: Any) -> Any:
         out = np.zeros(6)
-        solved(t, q, v, case.a, zero, plant.kernel_data)
+        inverse_dynamics_at_solution(t, q, v, case.a, zero, plant.kernel_data)
         momentum(*plant.kernel_data, out)
         return out
 
     rate = derivative(case, total)
-    solved(case.t, case.q, case.v, case.a, zero, plant.kernel_data)
+    inverse_dynamics_at_solution(case.t, case.q, case.v, case.a, zero, plant.kernel_data)
     g, expected = plant.mechanism.gravity, np.zeros(6)
     for record, here in zip(plant.data.arrays.bodies[1:], plant.data.state.bodies[1:], strict=True):
         weight = record["mass"] * g

@@ -14,7 +14,7 @@ from mbfmu.mechanics.dispatch import load_tangent
 from mbfmu.mechanics.elements.plate_energy import bending_strain, lean, stress
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.records import complex_state
-from mbfmu.mechanics.recursions.dynamics import energy, move
+from mbfmu.mechanics.recursions.dynamics import energy, update_kinematics
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import pin, unpin
@@ -88,7 +88,7 @@ def curved(curvatures: Any) -> Any:
 
 def wrenches(plant: Plant, q: Any, v: Any = None) -> Any:
     """Applied wrenches (4, 6) about the origins, global axes."""
-    move(0.0, q, np.zeros(24) if v is None else v, *plant.kernel_data)
+    update_kinematics(0.0, q, np.zeros(24) if v is None else v, *plant.kernel_data)
     return plant.data.state.bodies["F"][1:].copy()
 
 
@@ -117,7 +117,7 @@ def complex_columns(plant: Plant, q: Any, function: Any) -> Any:
 
 
 def complex_wrenches(q: Any, system: Any) -> Any:
-    move(0.0, q, np.zeros(24, complex), *unpin(system.pinned_data))
+    update_kinematics(0.0, q, np.zeros(24, complex), *unpin(system.pinned_data))
     return system.data.state.bodies["F"][1:].reshape(-1)
 
 
@@ -395,7 +395,7 @@ def test_stiffness_of_a_pressure_is_the_derivative_of_its_forces(size: float) ->
 
 def test_pressure_is_a_signal() -> None:
     plant = pressed(Polynomial((1.0, 2.0)))
-    move(3.0, bent(plant, 0.0), np.zeros(24), *plant.kernel_data)
+    update_kinematics(3.0, bent(plant, 0.0), np.zeros(24), *plant.kernel_data)
     np.testing.assert_allclose(plant.data.state.bodies["F"][1:, 1], 0.25 * 7.0 * A * B)
     with pytest.raises(UserError, match="magnitude of pressure 'wind' is nan"):
         pressed(float("nan"))

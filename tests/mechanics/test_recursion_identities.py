@@ -10,8 +10,8 @@ from random_mechanisms import MOVING, build
 from scipy.spatial.transform import Rotation
 
 from mbfmu.mechanics import Harmonic, JointForce, JointSpring, Mechanism, Plant, Revolute, Spherical, Translational
-from mbfmu.mechanics.recursions.aba import drive_efforts, forward_dynamics, unforced
-from mbfmu.mechanics.recursions.dynamics import move, solved
+from mbfmu.mechanics.recursions.aba import apply_inverse_mass_matrix, drive_efforts, forward_dynamics
+from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution, update_kinematics
 from mbfmu.mechanics.recursions.energy import evaluate_energy_bound, inertia_parts
 
 SEVERAL = [joint for joint in MOVING if joint.nv >= 2]
@@ -47,14 +47,14 @@ def test_efforts_of_drives_by_articulated_bodies_are_those_of_inverse_dynamics()
     plant.system.apply(q, random.normal(size=plant.system.n))
     v = random.normal(size=plant.system.n)
     arrays, state = plant.kernel_data
-    move(0.4, q, v, arrays, state)
+    update_kinematics(0.4, q, v, arrays, state)
     assert forward_dynamics(arrays, state) == 0
     drive_efforts(arrays, state)
     bodies, held = plant.data.arrays.bodies, plant.data.state
     driven = [int(b["vi"]) for b in bodies[1:] if b["drive"] >= 0]
     free = np.concatenate([np.arange(b["vi"], b["vi"] + b["nv"]) for b in bodies[1:] if b["vf"] >= 0])
     efforts, a = held.tau[driven].copy(), held.a[free].copy()
-    solved(0.4, q, v, a, np.zeros(0), plant.kernel_data)
+    inverse_dynamics_at_solution(0.4, q, v, a, np.zeros(0), plant.kernel_data)
     assert len(driven) == 3
     np.testing.assert_allclose(efforts, held.tau[driven], rtol=1e-11)
     np.testing.assert_allclose(held.tau[free], 0.0, atol=1e-11 * np.abs(efforts).max())
@@ -116,7 +116,7 @@ def test_the_effort_of_a_drive_has_what_acts_along_its_coordinate() -> None:
     m.force("spring", JointSpring(stiffness=3.0, damping=0.7, free=-0.5), disc)
     plant = Plant(m)
     arrays, state = plant.kernel_data
-    move(t, np.zeros(0), np.zeros(0), arrays, state)
+    update_kinematics(t, np.zeros(0), np.zeros(0), arrays, state)
     assert forward_dynamics(arrays, state) == 0
     drive_efforts(arrays, state)
     q, speed = amplitude * np.sin(rate * t), amplitude * rate * np.cos(rate * t)
@@ -134,11 +134,11 @@ def test_mobility_is_the_inverse_of_the_mass_matrix(joint: Any, driven: bool) ->
     system.fill(case.t, case.q, case.v, terms)
     M = terms.M.copy()
     arrays, state = case.plant.kernel_data
-    move(case.t, case.q, case.v, arrays, state)
+    update_kinematics(case.t, case.q, case.v, arrays, state)
     assert forward_dynamics(arrays, state) == 0
     for _ in range(3):
         r, x = random.normal(size=system.n), np.zeros(system.n)
-        unforced(arrays, state, r, x)
+        apply_inverse_mass_matrix(arrays, state, r, x)
         np.testing.assert_allclose(M @ x, r, atol=1e-10 * np.linalg.cond(M))
 
 
@@ -175,7 +175,7 @@ def test_kinetic_energy_and_diagonal_of_the_mass_matrix_without_the_matrix(joint
     system = case.plant.system
     terms, parts = system.allocate_terms(), np.zeros(1 + system.n)
     system.fill(case.t, case.q, case.v, terms)
-    solved(case.t, case.q, case.v, case.a, np.zeros(0), case.plant.kernel_data)
+    inverse_dynamics_at_solution(case.t, case.q, case.v, case.a, np.zeros(0), case.plant.kernel_data)
     inertia_parts(*case.plant.kernel_data, parts)
     np.testing.assert_allclose(parts[0], case.v @ terms.M @ case.v, rtol=1e-11)
     np.testing.assert_allclose(parts[1:], np.diag(terms.M), rtol=1e-11)

@@ -27,7 +27,7 @@ from mbfmu.mechanics import Floating, Harmonic, Mechanism, Plant, Plate, Revolut
 from mbfmu.mechanics.arrays.rows import dependent_rows
 from mbfmu.mechanics.elements.plate_energy import shape, strain
 from mbfmu.mechanics.recursions.aba import forward_dynamics
-from mbfmu.mechanics.recursions.dynamics import move, solved
+from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution, update_kinematics
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.modeling import Model
 from mbfmu.sheets import Sheet, Support, add_sheet
@@ -137,7 +137,7 @@ def test_articulated_body_and_complex_step_see_the_elements(tree: str) -> None:
     given = case(tree, **EVERYTHING)
     check_complex_step(given)
     data, terms = given.plant.data, given.plant.system.allocate_terms()
-    move(given.t, given.q, given.v, *given.plant.kernel_data)
+    update_kinematics(given.t, given.q, given.v, *given.plant.kernel_data)
     assert forward_dynamics(*given.plant.kernel_data) == 0
     a = data.state.a.copy()
     given.plant.system.fill(given.t, given.q, given.v, terms)
@@ -150,7 +150,7 @@ def test_structured_tangent_sees_elements_and_pressure(tree: str) -> None:
     given = case(tree, membrane=True, pressure=0.4)
     plant, n = given.plant, given.plant.system.n
     K = forces_and_tangent(plant, given.q)[1]
-    solved(0.0, given.q, np.zeros(n), np.zeros(n), np.zeros(0), plant.kernel_data)
+    inverse_dynamics_at_solution(0.0, given.q, np.zeros(n), np.zeros(n), np.zeros(0), plant.kernel_data)
     tangent = plant.tangent(find_groups(plant.mechanism))
     assert tangent.factor(0.0, 1.0)
     np.testing.assert_allclose(tangent.solve(K @ given.a + tangent.inertia(given.a)), given.a, atol=1e-11)
@@ -160,7 +160,7 @@ def test_pressure_lifts_a_sheet_by_its_area() -> None:
     """On the flat sheet p times the area, on the bent one the vector area of its surface."""
     m, sheet = cantilever((6, 5), tree="master", supports=[], pressure=7.0, gravity=0.0)
     plant = Plant(m)
-    move(0.0, plant.assembly.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
+    update_kinematics(0.0, plant.assembly.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
     forces = plant.data.state.bodies["F"][[body.index for row in sheet.nodes for body in row], :3]
     np.testing.assert_allclose(forces.sum(axis=0), (0.0, 7.0 * 0.3 * 0.21, 0.0), atol=1e-15)
     inner = plant.data.state.bodies["F"][sheet.node(2, 2).index]
@@ -196,7 +196,7 @@ def test_free_sheet_falls_flat() -> None:
     m, sheet = cantilever((5, 3), tree="master", supports=[])
     plant = Plant(m)
     q = plant.assembly.start_positions()
-    move(0.0, q, np.zeros(plant.system.n), *plant.kernel_data)
+    update_kinematics(0.0, q, np.zeros(plant.system.n), *plant.kernel_data)
     assert forward_dynamics(*plant.kernel_data) == 0
     for row in sheet.nodes:
         for body in row:
@@ -313,7 +313,7 @@ def test_a_driven_body_carries_an_edge_or_the_master_node(tree: str) -> None:
     sheet = add(m, tree=tree, **held)
     plant, t = Plant(m), 0.07
     bodies = plant.data.state.bodies
-    move(t, plant.assembly.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
+    update_kinematics(t, plant.assembly.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
     assert plant.system.m == 0
     expected = (0.02, 0.05 * np.sin(4.0 * np.pi * t), 0.0)
     np.testing.assert_allclose(bodies["r"][sheet.node(0, 0).index], expected, atol=1e-15)

@@ -13,7 +13,7 @@ from fmus.sheet import Sheet
 from mbfmu.mechanics import Bushing, Floating, Geodesic, Mechanism, Plant, Revolute, Stretching, Translational, Weld
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.recursions import dynamics as dy
-from mbfmu.mechanics.recursions.kinematics import accelerations
+from mbfmu.mechanics.recursions.kinematics import update_accelerations
 from mbfmu.mechanics.recursions.rnea import inverse_dynamics
 from mbfmu.mechanics.tangent import Groups, find_groups, groups
 from mbfmu.mechanics.tangent.layout import OUTER
@@ -27,10 +27,10 @@ def inverse(plant: Plant, q: Any, a: Any) -> Any:
     """Joint forces (n,) at rest with accelerations a (n,); leaves the state there."""
     arrays, state = plant.data
     free = [(b, k) for b in arrays.bodies if b["vf"] >= 0 for k in range(b["nv"])]
-    dy.move(0.0, q, np.zeros(plant.system.n), *plant.kernel_data)
+    dy.update_kinematics(0.0, q, np.zeros(plant.system.n), *plant.kernel_data)
     for b, k in free:
         state.a[b["vi"] + k] = a[b["vf"] + k]
-    accelerations(arrays, state)
+    update_accelerations(arrays, state)
     inverse_dynamics(arrays, state)
     return np.array([state.tau[b["vi"] + k] for b, k in free])
 
@@ -51,8 +51,8 @@ def differences(plant: Plant, q: Any, c2: float, h: float = 1e-5) -> Any:
 def loaded(plant: Plant, q: Any, lam: Any) -> Any:
     """Joint forces (n,) at rest with multipliers lam (m,); leaves the state there."""
     n, tau = plant.system.n, np.zeros(plant.system.n)
-    dy.solved(0.0, q, np.zeros(n), np.zeros(n), lam, plant.kernel_data)
-    dy.take_free(plant.data.state.tau, plant.data.arrays, tau)
+    dy.inverse_dynamics_at_solution(0.0, q, np.zeros(n), np.zeros(n), lam, plant.kernel_data)
+    dy.gather_free(plant.data.state.tau, plant.data.arrays, tau)
     return tau
 
 
@@ -135,8 +135,8 @@ def test_damping_of_forces(case: Case) -> None:
     still, D = np.zeros(n), np.zeros((2, n, n))
     for k, e in enumerate(np.eye(n)):
         for side, v in zip(D, (c1 * e, -c1 * e), strict=True):
-            dy.solved(0.0, case.q, v, still, np.zeros(0), plant.kernel_data)
-            dy.take_free(plant.data.state.tau, plant.data.arrays, side[k])
+            dy.inverse_dynamics_at_solution(0.0, case.q, v, still, np.zeros(0), plant.kernel_data)
+            dy.gather_free(plant.data.state.tau, plant.data.arrays, side[k])
     T = 0.5 * (D[0] - D[1]).T  # velocity products are even
     first = {c: plant.tangent(groups_of(plant, None)) for c in (0.0, c1)}
     inverse(plant, case.q, np.zeros(n))

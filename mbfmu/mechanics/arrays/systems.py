@@ -17,11 +17,11 @@ from mbfmu.mechanics.elements import Shell
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import (
     callbacks,
+    complex_step_callbacks,
     inertia_callback,
+    input_step_limit,
     observe_all,
     outputs_callback,
-    resolves,
-    stepped_callbacks,
     tree_callbacks,
     work_callbacks,
 )
@@ -127,7 +127,7 @@ class Systems:
 
     def _stepped(self) -> Stepped:
         """Return the recursions on complex numbers with the arrays, which may change later."""
-        inverse, position, retract = stepped_callbacks()
+        inverse, position, retract = complex_step_callbacks()
         return Stepped(inverse, position, retract, self._compiled.stepped())
 
     def _meshed(self) -> NDArray[np.bool_]:
@@ -222,7 +222,7 @@ class Systems:
 
     def _resolves(self, t: float) -> tuple[float, float]:
         """Return the longest step from t on that misses no signal, and until when it does not, s."""
-        return resolves(t, self._held)
+        return input_step_limit(t, self._held)
 
     @cached_property
     def _held(self) -> Any:

@@ -21,20 +21,20 @@ from solvers.compiled.kernel import kernel
 
 from .rnea import inertia_wrench
 
-RIGHT = modal.MODES  # column of D with the right-hand side
+RHS_COLUMN = modal.MODES  # column of D with the right-hand side
 
 
 @kernel
 def forward_dynamics(arrays: Any, state: Any) -> int:
     """State.a for the tree alone (cut joints enter as applied forces); 1 where a coordinate moves no mass."""
-    start(arrays, state)
+    initialize_articulated_inertia(arrays, state)
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
-        if pass_inward(i, arrays, state) != 0:
+        if backward_pass(i, arrays, state) != 0:
             return 1
     for k in range(3):
         state.bodies[0].dY[k] = -arrays.world[0].gravity[k]
     for i in range(1, arrays.bodies.shape[0]):
-        pass_outward(i, arrays, state)
+        forward_pass(i, arrays, state)
     return 0
 
 
@@ -53,14 +53,14 @@ def drive_efforts(arrays: Any, state: Any) -> None:
             f[k] = here.pA[k]
             for j in range(6):
                 f[k] += here.IA[k, j] * parent.dY[j]
-        if body.parent > 0:  # hand_over has shifted both to the parent's origin
+        if body.parent > 0:  # propagate_to_parent has shifted both to the parent's origin
             shift_wrench(parent, here, f)
         for c in range(body.nv):
             state.tau[body.vi + c] = dot6(state.S[body.si + c], f) - state.Q[body.vi + c]
 
 
 @kernel
-def unforced(arrays: Any, state: Any, r: Any, x: Any) -> None:
+def apply_inverse_mass_matrix(arrays: Any, state: Any, r: Any, x: Any) -> None:
     """x (n,) = M^-1 r (n,) by the articulated inertias of the last :func:`forward_dynamics`: nothing but r acts."""
     for i in range(arrays.bodies.shape[0]):
         for k in range(6):
@@ -73,11 +73,11 @@ def unforced(arrays: Any, state: Any, r: Any, x: Any) -> None:
             for c in range(body.nv):
                 rest = r[body.vf + c] - dot6(state.S[body.vi + c], here.pA)
                 for j in range(c):
-                    rest -= D[body.vi + c, j] * D[body.vi + j, RIGHT]
-                D[body.vi + c, RIGHT] = rest / D[body.vi + c, c]
+                    rest -= D[body.vi + c, j] * D[body.vi + j, RHS_COLUMN]
+                D[body.vi + c, RHS_COLUMN] = rest / D[body.vi + c, c]
             for c in range(body.nv):
                 for k in range(6):
-                    here.pA[k] += U[body.vi + c, k] * D[body.vi + c, RIGHT]
+                    here.pA[k] += U[body.vi + c, k] * D[body.vi + c, RHS_COLUMN]
         if body.parent > 0:
             parent = state.bodies[body.parent]
             shift_wrench(here, parent, here.pA)
@@ -93,7 +93,7 @@ def unforced(arrays: Any, state: Any, r: Any, x: Any) -> None:
         if body.vf < 0:
             continue
         for c in range(body.nv - 1, -1, -1):
-            rest = state.D[body.vi + c, RIGHT] - dot6(state.U[body.vi + c], dY)
+            rest = state.D[body.vi + c, RHS_COLUMN] - dot6(state.U[body.vi + c], dY)
             for j in range(c + 1, body.nv):
                 rest -= state.D[body.vi + j, c] * x[body.vf + j]
             x[body.vf + c] = rest / state.D[body.vi + c, c]
@@ -103,7 +103,7 @@ def unforced(arrays: Any, state: Any, r: Any, x: Any) -> None:
 
 
 @kernel
-def start(arrays: Any, state: Any) -> None:
+def initialize_articulated_inertia(arrays: Any, state: Any) -> None:
     """Rigid-body inertia about the origin as a 6x6 matrix, and the wrench at zero acceleration."""
     for i in range(1, arrays.bodies.shape[0]):
         here = state.bodies[i]
@@ -133,11 +133,11 @@ def start(arrays: Any, state: Any) -> None:
         for k in range(state.D.shape[1]):
             state.D[c, k] = 0.0
     for i in range(arrays.flexibles.shape[0]):
-        start_elastic(arrays.flexibles[i], state)
+        initialize_elastic_inertia(arrays.flexibles[i], state)
 
 
 @kernel
-def start_elastic(elastic: Any, state: Any) -> None:
+def initialize_elastic_inertia(elastic: Any, state: Any) -> None:
     """Inertia of an elastic body about its frame's origin, and its wrench and modal forces at zero acceleration."""
     here, vi = state.bodies[elastic.body], elastic.vi
     modal.composite(elastic, here, state.q)
@@ -162,11 +162,11 @@ def start_elastic(elastic: Any, state: Any) -> None:
     for k in range(elastic.modes):
         modal.coupling(elastic, k, here, state.q, state.U[vi + k])
         state.D[vi + k, k] = elastic.mu[k]
-        state.D[vi + k, RIGHT] = -state.tau[vi + k]
+        state.D[vi + k, RHS_COLUMN] = -state.tau[vi + k]
 
 
 @kernel
-def pass_inward(i: int, arrays: Any, state: Any) -> int:
+def backward_pass(i: int, arrays: Any, state: Any) -> int:
     """Hand body i's articulated inertia and bias to its parent; 1 where D is not positive."""
     body = arrays.bodies[i]
     here = state.bodies[i]
@@ -177,8 +177,8 @@ def pass_inward(i: int, arrays: Any, state: Any) -> int:
         for j in range(6):
             pA[k] += IA[k, j] * beta[j]
     if body.role == SECTION:
-        add_shared(body, here, state.bodies[body.parent], state)
-        hand_over(here, state.bodies[body.parent])
+        add_section_inertia(body, here, state.bodies[body.parent], state)
+        propagate_to_parent(here, state.bodies[body.parent])
         return 0
     for c in range(nv):
         for k in range(6):
@@ -192,21 +192,21 @@ def pass_inward(i: int, arrays: Any, state: Any) -> int:
         for c in range(nv):
             for e in range(nv):
                 D[vi + c, e] += dot6(S[si + c], U[vi + e])
-            D[vi + c, RIGHT] += state.Q[vi + c] - dot6(S[si + c], pA)
-        if eliminate(D, nv, U, vi) != 0:
+            D[vi + c, RHS_COLUMN] += state.Q[vi + c] - dot6(S[si + c], pA)
+        if factorize_joint_inertia(D, nv, U, vi) != 0:
             return 1
         for c in range(nv):
             for k in range(6):
-                pA[k] += U[vi + c, k] * D[vi + c, RIGHT]
+                pA[k] += U[vi + c, k] * D[vi + c, RHS_COLUMN]
                 for j in range(6):
                     IA[k, j] -= U[vi + c, k] * U[vi + c, j]
     if body.parent > 0:
-        hand_over(here, state.bodies[body.parent])
+        propagate_to_parent(here, state.bodies[body.parent])
     return 0
 
 
 @kernel
-def add_shared(body: Any, here: Any, frame: Any, state: Any) -> None:
+def add_section_inertia(body: Any, here: Any, frame: Any, state: Any) -> None:
     """Add a node's U, about the frame's origin, D and u to those of the amplitudes."""
     IA, S, U, D, vi, si, f = here.IA, state.S, state.U, state.D, body.vi, body.si, state.wrench
     for e in range(body.nv):
@@ -216,14 +216,14 @@ def add_shared(body: Any, here: Any, frame: Any, state: Any) -> None:
                 f[k] += IA[k, j] * S[si + e, j]
         for c in range(body.nv):
             D[vi + c, e] += dot6(S[si + c], f)
-        D[vi + e, RIGHT] -= dot6(S[si + e], here.pA)
+        D[vi + e, RHS_COLUMN] -= dot6(S[si + e], here.pA)
         shift_wrench(here, frame, f)
         for k in range(6):
             U[vi + e, k] += f[k]
 
 
 @kernel
-def eliminate(D: Any, nv: int, U: Any, vi: int) -> int:
+def factorize_joint_inertia(D: Any, nv: int, U: Any, vi: int) -> int:
     """One joint's D = L L^T, in place; D[:, RIGHT] <- L^-1 u and U <- L^-1 U^T; 1 where D is not positive."""
     for c in range(nv):
         for e in range(c + 1):
@@ -237,17 +237,17 @@ def eliminate(D: Any, nv: int, U: Any, vi: int) -> int:
             else:
                 return 1
         for j in range(c):
-            D[vi + c, RIGHT] -= D[vi + c, j] * D[vi + j, RIGHT]
+            D[vi + c, RHS_COLUMN] -= D[vi + c, j] * D[vi + j, RHS_COLUMN]
             for k in range(6):
                 U[vi + c, k] -= D[vi + c, j] * U[vi + j, k]
-        D[vi + c, RIGHT] /= D[vi + c, c]
+        D[vi + c, RHS_COLUMN] /= D[vi + c, c]
         for k in range(6):
             U[vi + c, k] /= D[vi + c, c]
     return 0
 
 
 @kernel
-def hand_over(here: Any, parent: Any) -> None:
+def propagate_to_parent(here: Any, parent: Any) -> None:
     """Add B1^T IA B1 and B1^T pA to the parent's; rows and columns shift alike."""
     IA = here.IA
     x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
@@ -268,7 +268,7 @@ def hand_over(here: Any, parent: Any) -> None:
 
 
 @kernel
-def pass_outward(i: int, arrays: Any, state: Any) -> None:
+def forward_pass(i: int, arrays: Any, state: Any) -> None:
     """Accelerations of body i and of its joint from its parent's."""
     body = arrays.bodies[i]
     here = state.bodies[i]
@@ -279,7 +279,7 @@ def pass_outward(i: int, arrays: Any, state: Any) -> None:
     shift_motion(here, parent, parent.dY, dY)
     if body.drive < 0 and body.role != SECTION:  # L^T v' = L^-1 u - L^-1 U^T B1 Y'_j
         for c in range(nv - 1, -1, -1):
-            rest = D[vi + c, RIGHT] - dot6(state.U[vi + c], dY)
+            rest = D[vi + c, RHS_COLUMN] - dot6(state.U[vi + c], dY)
             for j in range(c + 1, nv):
                 rest -= D[vi + j, c] * state.a[vi + j]
             state.a[vi + c] = rest / D[vi + c, c]

@@ -11,8 +11,8 @@ from solvers.compiled.kernel import inlined, kernel
 
 @inlined
 def apply_loads(t: float, arrays: Any, state: Any) -> None:
-    """Let every load and flexible body add its own to the applied wrenches and to the coordinate forces, which scatter
-    has cleared.
+    """Let every load and flexible body add its own to the applied wrenches and to the coordinate forces, which
+    scatter_coordinates has cleared.
     """
     for i in range(state.bodies.shape[0]):
         F = state.bodies[i].F
@@ -27,13 +27,13 @@ def apply_loads(t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def apply_alone(k: int, t: float, arrays: Any, state: Any) -> None:
+def apply_single_load(k: int, t: float, arrays: Any, state: Any) -> None:
     """Let one load add its own to the applied wrenches and the coordinate forces."""
     apply_load(arrays.loads[k], t, arrays, state)
 
 
 @inlined
-def stored(arrays: Any, state: Any) -> float:
+def stored_energy(arrays: Any, state: Any) -> float:
     """Energy stored in all loads and flexible bodies, J."""
     total = 0.0
     for i in range(arrays.loads.shape[0]):
@@ -44,9 +44,9 @@ def stored(arrays: Any, state: Any) -> float:
 
 
 @inlined
-def load_powers(t: float, arrays: Any, state: Any) -> float:
-    """Power of all loads and flexible bodies, W, but for what :func:`stored` has; :func:`apply_loads` was called last
-    for this state.
+def sum_load_powers(t: float, arrays: Any, state: Any) -> float:
+    """Power of all loads and flexible bodies, W, without the change of :func:`stored_energy`; :func:`apply_loads` was
+    called last for this state.
     """
     total = state.damped[0]
     for i in range(arrays.loads.shape[0]):

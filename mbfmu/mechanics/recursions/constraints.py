@@ -41,7 +41,7 @@ def common_ancestor(i: int, k: int, arrays: Any) -> int:
 
 
 @inlined
-def carry_inward(i: int, end: int, G: Any, row: int, arrays: Any, state: Any, J: Any) -> float:
+def propagate_row(i: int, end: int, G: Any, row: int, arrays: Any, state: Any, J: Any) -> float:
     """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the body ``end``.
 
     Driven coordinates move at their known velocity; returns the power on them.
@@ -68,15 +68,15 @@ def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
     """Phi (m,), J (m, n) and nu (m,), after :func:`evaluate_constraints`; State.v holds the driven velocities."""
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
-        meeting = common_ancestor(cut.a, cut.b, arrays)
+        ancestor = common_ancestor(cut.a, cut.b, arrays)
         for r in range(cut.row, cut.end):
             row = arrays.kept[r]
             if row >= 0:
                 Phi[row] = state.rows[r].Phi
                 for k in range(J.shape[1]):
                     J[row, k] = 0.0
-                nu[row] = -carry_inward(cut.a, meeting, state.rows[r].Ga, row, arrays, state, J)
-                nu[row] -= carry_inward(cut.b, meeting, state.rows[r].Gb, row, arrays, state, J)
+                nu[row] = -propagate_row(cut.a, ancestor, state.rows[r].Ga, row, arrays, state, J)
+                nu[row] -= propagate_row(cut.b, ancestor, state.rows[r].Gb, row, arrays, state, J)
     for i in range(arrays.couplings.shape[0]):
         coupling, here = arrays.couplings[i], state.coupled[i]
         row = arrays.kept[coupling.row]

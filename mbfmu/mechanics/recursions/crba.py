@@ -33,11 +33,11 @@ def composite_inertia(arrays: Any, state: Any) -> None:
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         j = arrays.bodies[i].parent
         if j > 0:
-            collect(state.bodies[i], state.bodies[j])
+            accumulate_composite_inertia(state.bodies[i], state.bodies[j])
 
 
 @kernel
-def collect(here: Any, parent: Any) -> None:
+def accumulate_composite_inertia(here: Any, parent: Any) -> None:
     """Add a child's composite inertia to its parent's."""
     m, mc, J = here.mass, here.mc, here.J
     rho = here.W  # scratch
@@ -67,7 +67,7 @@ def momentum_of(here: Any, S: Any, i: int, out: Any) -> None:
 
 
 @inlined
-def enter(row: int, column: int, power: float, add: bool, M: Any) -> None:
+def set_symmetric(row: int, column: int, power: float, add: bool, M: Any) -> None:
     """M[row, column] and its mirror image; ``add`` to what is there."""
     if add:
         power += M[row, column]
@@ -76,7 +76,7 @@ def enter(row: int, column: int, power: float, add: bool, M: Any) -> None:
 
 
 @inlined
-def carry_up(i: int, row: int, f: Any, add: bool, arrays: Any, state: Any, M: Any) -> None:
+def propagate_force(i: int, row: int, f: Any, add: bool, arrays: Any, state: Any, M: Any) -> None:
     """Enter the power of the momentum wrench f of coordinate ``row`` at body i on every free coordinate further in."""
     while arrays.bodies[i].parent > 0:
         up = arrays.bodies[i].parent
@@ -85,7 +85,7 @@ def carry_up(i: int, row: int, f: Any, add: bool, arrays: Any, state: Any, M: An
         body = arrays.bodies[i]
         if body.vf >= 0 and body.role != MODAL:
             for c in range(body.nv):
-                enter(row, body.vf + c, row_dot6(state.S, body.si + c, f), add, M)
+                set_symmetric(row, body.vf + c, row_dot6(state.S, body.si + c, f), add, M)
 
 
 @inlined
@@ -100,10 +100,10 @@ def mass_matrix(arrays: Any, state: Any, M: Any) -> None:
         first = arrays.bodies[elastic.body].vf
         for k in range(elastic.modes):
             for j in range(k):
-                enter(first + k, first + j, 0.0, False, M)
-            enter(first + k, first + k, elastic.mu[k], False, M)
+                set_symmetric(first + k, first + j, 0.0, False, M)
+            set_symmetric(first + k, first + k, elastic.mu[k], False, M)
             modal.coupling(elastic, k, state.bodies[elastic.body], state.q, f)
-            carry_up(elastic.body, first + k, f, False, arrays, state, M)
+            propagate_force(elastic.body, first + k, f, False, arrays, state, M)
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         if body.vf < 0 or body.role == MODAL:
@@ -113,5 +113,5 @@ def mass_matrix(arrays: Any, state: Any, M: Any) -> None:
             momentum_of(state.bodies[i], state.S, body.si + k, f)
             row = body.vf + k
             for j in range(k + 1):
-                enter(row, body.vf + j, row_dot6(state.S, body.si + j, f), shared, M)
-            carry_up(i, row, f, shared, arrays, state, M)
+                set_symmetric(row, body.vf + j, row_dot6(state.S, body.si + j, f), shared, M)
+            propagate_force(i, row, f, shared, arrays, state, M)

@@ -18,7 +18,7 @@ from solvers.compiled.kernel import COMPILED, callback, inlined, kernel, types
 from solvers.compiled.tuple_pointer import pointer_type
 from solvers.system import Terms
 
-from .aba import drive_efforts, forward_dynamics, unforced
+from .aba import apply_inverse_mass_matrix, drive_efforts, forward_dynamics
 from .applied import apply_loads
 from .constraints import evaluate_constraints, jacobian, load_constraints, right_hand_side
 from .crba import composite_inertia, mass_matrix
@@ -26,29 +26,29 @@ from .energy import evaluate_energy_bound as energy_bound_of
 from .energy import inertia_parts as inertia_parts_of
 from .energy import kinetic_energy, potential_energy
 from .energy import power as power_of
-from .kinematics import accelerations, positions, scatter, turn_inertia, velocities
+from .kinematics import rotate_inertia, scatter_coordinates, update_accelerations, update_positions, update_velocities
 from .rnea import inverse_dynamics
 
 
 @inlined
-def move(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
+def update_kinematics(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
     """Positions, velocities and applied forces at (t, q, v)."""
-    scatter(t, q, v, arrays, state)
-    positions(arrays, state)
-    set_moving(t, arrays, state)
+    scatter_coordinates(t, q, v, arrays, state)
+    update_positions(arrays, state)
+    update_velocity_level(t, arrays, state)
 
 
 @inlined
-def set_moving(t: float, arrays: Any, state: Any) -> None:
+def update_velocity_level(t: float, arrays: Any, state: Any) -> None:
     """Velocities and applied forces of the bodies as they are placed."""
-    turn_inertia(arrays, state)
-    velocities(arrays, state)
+    rotate_inertia(arrays, state)
+    update_velocities(arrays, state)
     apply_loads(t, arrays, state)
     evaluate_constraints(arrays, state)
 
 
 @inlined
-def position_rate(arrays: Any, q: Any, v: Any, qdot: Any) -> None:
+def evaluate_position_rate(arrays: Any, q: Any, v: Any, qdot: Any) -> None:
     """qdot (nq,) = N(q) v over the free coordinates."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -62,7 +62,7 @@ def position_rate(arrays: Any, q: Any, v: Any, qdot: Any) -> None:
 
 
 @inlined
-def take_free(values: Any, arrays: Any, out: Any) -> None:
+def gather_free(values: Any, arrays: Any, out: Any) -> None:
     """out (n,) = values (nv,) at the free coordinates."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -72,63 +72,63 @@ def take_free(values: Any, arrays: Any, out: Any) -> None:
 
 
 @inlined
-def motion_terms(q: Any, v: Any, arrays: Any, state: Any, terms: Any) -> None:
+def evaluate_motion_terms(q: Any, v: Any, arrays: Any, state: Any, terms: Any) -> None:
     """The terms of the bodies as they move; the free accelerations are zero while the bias is taken."""
-    accelerations(arrays, state)
+    update_accelerations(arrays, state)
     inverse_dynamics(arrays, state)
-    take_free(state.tau, arrays, terms.h)
+    gather_free(state.tau, arrays, terms.h)
     composite_inertia(arrays, state)
     mass_matrix(arrays, state, terms.M)
     right_hand_side(arrays, state, terms.gamma)
-    position_rate(arrays, q, v, terms.qdot)
+    evaluate_position_rate(arrays, q, v, terms.qdot)
 
 
 def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
     """Every term of the equations of motion."""
     arrays, state = data.arrays, data.state
-    move(t, q, v, arrays, state)
+    update_kinematics(t, q, v, arrays, state)
     jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
-    motion_terms(q, v, arrays, state, terms)
+    evaluate_motion_terms(q, v, arrays, state, terms)
 
 
 def motion(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
     """Every term but Phi, J and nu, at the position :func:`position` was called for last."""
     arrays, state = data.arrays, data.state
-    scatter(t, q, v, arrays, state)
-    set_moving(t, arrays, state)
-    motion_terms(q, v, arrays, state, terms)
+    scatter_coordinates(t, q, v, arrays, state)
+    update_velocity_level(t, arrays, state)
+    evaluate_motion_terms(q, v, arrays, state, terms)
 
 
 def inverse(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, qdot: Any, tau: Any) -> None:
     """qdot (nq,) = N v and tau (n,) = M a + h + J^T lambda, by the recursions alone."""
-    solved(t, q, v, a, lam, data)
-    take_free(data.state.tau, data.arrays, tau)
-    position_rate(data.arrays, q, v, qdot)
+    inverse_dynamics_at_solution(t, q, v, a, lam, data)
+    gather_free(data.state.tau, data.arrays, tau)
+    evaluate_position_rate(data.arrays, q, v, qdot)
 
 
 def forward(t: float, q: Any, v: Any, data: Any, qdot: Any, a: Any) -> int:
     """qdot (nq,) = N v and a (n,) with M a + h = 0, by articulated bodies; 1 where a coordinate moves no mass."""
     arrays, state = data.arrays, data.state
-    move(t, q, v, arrays, state)
+    update_kinematics(t, q, v, arrays, state)
     code = forward_dynamics(arrays, state)
     if arrays.world[0].drives == 1:
         drive_efforts(arrays, state)
-    take_free(state.a, arrays, a)
-    position_rate(arrays, q, v, qdot)
+    gather_free(state.a, arrays, a)
+    evaluate_position_rate(arrays, q, v, qdot)
     return code
 
 
 def mobility(r: Any, data: Any, x: Any) -> None:
     """x (n,) = M^-1 r (n,) where :func:`forward` was called for last."""
-    unforced(data.arrays, data.state, r, x)
+    apply_inverse_mass_matrix(data.arrays, data.state, r, x)
 
 
 def constraints(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
     """Phi, J, nu and gamma alone."""
     arrays, state = data.arrays, data.state
-    move(t, q, v, arrays, state)
+    update_kinematics(t, q, v, arrays, state)
     jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
-    accelerations(arrays, state)
+    update_accelerations(arrays, state)
     right_hand_side(arrays, state, terms.gamma)
 
 
@@ -142,7 +142,7 @@ def position(t: float, q: Any, data: Any, terms: Any) -> None:
         else:
             for k in range(body.nq):
                 state.q[body.qi + k] = q[body.qf + k]
-    positions(arrays, state)
+    update_positions(arrays, state)
     evaluate_constraints(arrays, state)
     jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
 
@@ -158,17 +158,17 @@ def retract(q: Any, dq: Any, data: Any) -> None:
         for k in range(plain):
             q[body.qf + k] += dq[body.vf + k]
         if body.quaternion == 1:
-            turn_quaternion(q, body.qf + plain, dq, body.vf + plain)
+            rotate_quaternion(q, body.qf + plain, dq, body.vf + plain)
 
 
 @kernel
 def energy(t: float, q: Any, v: Any, data: Any) -> float:
     """Kinetic and potential energy, J."""
     arrays, state = data.arrays, data.state
-    scatter(t, q, v, arrays, state)
-    positions(arrays, state)
-    turn_inertia(arrays, state)
-    velocities(arrays, state)
+    scatter_coordinates(t, q, v, arrays, state)
+    update_positions(arrays, state)
+    rotate_inertia(arrays, state)
+    update_velocities(arrays, state)
     return kinetic_energy(arrays, state) + potential_energy(arrays, state)
 
 
@@ -178,7 +178,7 @@ def power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
     if arrays.world[0].works == 0:
         return 0.0
     if arrays.world[0].drives == 1:
-        solve_moving(a, lam, arrays, state)
+        update_acceleration_level(a, lam, arrays, state)
     return power_of(t, arrays, state)
 
 
@@ -188,11 +188,11 @@ def solved_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float
     return power_of(t, arrays, state) if arrays.world[0].works == 1 else 0.0
 
 
-def evaluate_energy_bound(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
-    """See :func:`.energy.evaluate_energy_bound`; :func:`dynamics`, or :func:`inverse` of a = 0 and lam = 0, was called
-    last.
+def evaluate_energy_bound(rtol: float, q_tol: Any, v_tol: Any, data: Any, out: Any) -> None:
+    """See :func:`.energy.evaluate_energy_bound`; the last call was :func:`dynamics`, or :func:`inverse` of a = 0
+    and lam = 0.
     """
-    energy_bound_of(rtol, place, rate, data.arrays, data.state, out)
+    energy_bound_of(rtol, q_tol, v_tol, data.arrays, data.state, out)
 
 
 def inertia_parts(data: Any, out: Any) -> None:
@@ -201,7 +201,7 @@ def inertia_parts(data: Any, out: Any) -> None:
 
 
 @inlined
-def gather_free(a: Any, arrays: Any, state: Any) -> None:
+def scatter_free(a: Any, arrays: Any, state: Any) -> None:
     """Combine the free accelerations a (n,) with those of the drives."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -211,17 +211,17 @@ def gather_free(a: Any, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def solved(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> None:
+def inverse_dynamics_at_solution(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> None:
     """Put the solution (q, v, a, lam) into the state: motion of all bodies, joint wrenches, drive efforts."""
-    move(t, q, v, data.arrays, data.state)
-    solve_moving(a, lam, data.arrays, data.state)
+    update_kinematics(t, q, v, data.arrays, data.state)
+    update_acceleration_level(a, lam, data.arrays, data.state)
 
 
 @inlined
-def solve_moving(a: Any, lam: Any, arrays: Any, state: Any) -> None:
+def update_acceleration_level(a: Any, lam: Any, arrays: Any, state: Any) -> None:
     """Accelerations, joint wrenches and drive efforts of the solution, bodies moving and loaded as they do there."""
-    gather_free(a, arrays, state)
-    accelerations(arrays, state)
+    scatter_free(a, arrays, state)
+    update_accelerations(arrays, state)
     load_constraints(lam, arrays, state)
     inverse_dynamics(arrays, state)
 
@@ -229,7 +229,7 @@ def solve_moving(a: Any, lam: Any, arrays: Any, state: Any) -> None:
 @kernel
 def observe(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, out: Any) -> None:
     """The first outputs, up to the length of the array, at the solution (q, v, a, lam)."""
-    move(t, q, v, data.arrays, data.state)
+    update_kinematics(t, q, v, data.arrays, data.state)
     evaluate_outputs(a, lam, data, out)
 
 
@@ -237,7 +237,7 @@ def observe(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, out: Any) -> 
 def evaluate_outputs(a: Any, lam: Any, data: Any, out: Any) -> None:
     """:func:`observe` where the bodies move as at that solution."""
     arrays, state = data.arrays, data.state
-    solve_moving(a, lam, arrays, state)
+    update_acceleration_level(a, lam, arrays, state)
     for i in range(out.shape[0]):
         if arrays.sensors[i].energy == 1:
             state.energy[0], state.energy[1] = kinetic_energy(arrays, state), potential_energy(arrays, state)
@@ -254,7 +254,7 @@ def observe_all(times: Any, q: Any, v: Any, a: Any, lam: Any, data: Any, out: An
 
 
 @kernel
-def resolves(t: float, data: Any) -> tuple[float, float]:
+def input_step_limit(t: float, data: Any) -> tuple[float, float]:
     """The longest step from t on that misses no signal, and until when it does not, s."""
     longest, until = np.inf, np.inf
     for k in range(data.arrays.signals.shape[0]):
@@ -270,7 +270,7 @@ def scatter_drive(t: float, body: Any, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def turn_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
+def rotate_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
     """e <- e + e (0, dq) / 2, normalized."""
     w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
     a, b, c = 0.5 * dq[j], 0.5 * dq[j + 1], 0.5 * dq[j + 2]
@@ -335,7 +335,7 @@ def tree_callbacks() -> tuple[Callable[..., Any], ...]:
 
 
 @cache
-def stepped_callbacks() -> tuple[Callable[..., Any], ...]:
+def complex_step_callbacks() -> tuple[Callable[..., Any], ...]:
     """Return inverse, position and retract on a complex state with real arrays; compiled on first use."""
     if not COMPILED:
         return inverse, position, retract

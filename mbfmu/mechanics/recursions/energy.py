@@ -11,7 +11,7 @@ from mbfmu.mechanics.records import RIGID, SECTION
 from mbfmu.mechanics.spatial import add_wrench, row_dot6, shift_motion, shift_wrench
 from solvers.compiled.kernel import inlined
 
-from .applied import load_powers, stored
+from .applied import stored_energy, sum_load_powers
 from .crba import composite_inertia, momentum_of
 
 
@@ -40,7 +40,7 @@ def kinetic_energy(arrays: Any, state: Any) -> float:
 @inlined
 def potential_energy(arrays: Any, state: Any) -> float:
     """Energy in the gravity field (zero at the global origin) and in the springs, J."""
-    total = stored(arrays, state)
+    total = stored_energy(arrays, state)
     g = arrays.world[0].gravity
     for i in range(1, arrays.bodies.shape[0]):
         here = state.bodies[i]
@@ -95,58 +95,62 @@ def generalized_momenta(arrays: Any, state: Any) -> float:
 
 
 @inlined
-def evaluate_energy_bound(rtol: float, place: Any, rate: Any, arrays: Any, state: Any, out: Any) -> None:
+def evaluate_energy_bound(rtol: float, q_tol: Any, v_tol: Any, arrays: Any, state: Any, out: Any) -> None:
     """out = (root of the sum over all coordinates of (h dq)^2 + (p dv)^2, kinetic energy), J.
 
-    h is State.tau, the bias; dq = rtol |q| + place and dv = rtol |v| + rate with the absolute tolerances (n,) of the
+    h is State.tau, the bias; dq = rtol |q| + q_tol and dv = rtol |v| + v_tol with the absolute tolerances (n,) of the
     free coordinates, and the largest of them for driven ones. State.tau and the joint wrenches are lost.
 
-    A longer out (5 + 2 n,) gets the extent of the motion, see :func:`find_extent`.
+    A longer out (5 + 2 n,) gets the extent of the motion, see :func:`update_motion_extent`.
     """
-    widest, fastest = 0.0, 0.0
-    for k in range(place.shape[0]):
-        widest, fastest = max(widest, place[k]), max(fastest, rate[k])
+    max_q_tol, max_v_tol = 0.0, 0.0
+    for k in range(q_tol.shape[0]):
+        max_q_tol, max_v_tol = max(max_q_tol, q_tol[k]), max(max_v_tol, v_tol[k])
     square = 0.0
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         plain = body.nq - 4 * body.quaternion
         for k in range(body.nv * (body.role != SECTION)):  # the sections of an elastic body share its coordinates
-            reach = abs(state.q[body.qi + k]) if k < plain else 2.0  # a quaternion turns by half the angle
-            square += (state.tau[body.vi + k] * (rtol * reach + (widest if body.vf < 0 else place[body.vf + k]))) ** 2
+            magnitude = abs(state.q[body.qi + k]) if k < plain else 2.0  # a quaternion turns by half the angle
+            square += (
+                state.tau[body.vi + k] * (rtol * magnitude + (max_q_tol if body.vf < 0 else q_tol[body.vf + k]))
+            ) ** 2
     out[1] = generalized_momenta(arrays, state)
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         for k in range(body.nv * (body.role != SECTION)):
-            speed = rtol * abs(state.v[body.vi + k]) + (fastest if body.vf < 0 else rate[body.vf + k])
+            speed = rtol * abs(state.v[body.vi + k]) + (max_v_tol if body.vf < 0 else v_tol[body.vf + k])
             square += (state.tau[body.vi + k] * speed) ** 2
     out[0] = np.sqrt(square)
     if out.shape[0] > 2:
-        find_extent(place, rate, widest, fastest, arrays, state, out)
+        update_motion_extent(q_tol, v_tol, max_q_tol, max_v_tol, arrays, state, out)
 
 
 @inlined
-def find_extent(place: Any, rate: Any, widest: float, fastest: float, arrays: Any, state: Any, out: Any) -> None:
+def update_motion_extent(
+    q_tol: Any, v_tol: Any, max_q_tol: float, max_v_tol: float, arrays: Any, state: Any, out: Any
+) -> None:
     """out[2:5] = the largest displacement and velocity of a coordinate in absolute tolerances, and the momentum,
     State.tau, times the velocities before, out[5 + n:] (n,), which become those of this state.
 
     Displacements are those from out[5:5 + n], which is set where it is nan, of a quaternion those of twice its vector
     part. For driven coordinates, which have no entry there, velocities stand for both.
     """
-    out[2], out[3], out[4], before = 0.0, 0.0, 0.0, 5 + place.shape[0]
+    out[2], out[3], out[4], before = 0.0, 0.0, 0.0, 5 + q_tol.shape[0]
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         plain = body.nq - 4 * body.quaternion
         for k in range(body.nv * (body.role != SECTION)):
             free, v = body.vf >= 0, abs(state.v[body.vi + k])
-            pace = v / (rate[body.vf + k] if free else fastest) if v > 0.0 else 0.0
-            out[3] = max(out[3], pace)
+            scaled_speed = v / (v_tol[body.vf + k] if free else max_v_tol) if v > 0.0 else 0.0
+            out[3] = max(out[3], scaled_speed)
             if not free:
-                out[2] = max(out[2], pace)
+                out[2] = max(out[2], scaled_speed)
                 continue
             at = state.q[body.qi + k] if k < plain else 2.0 * state.q[body.qi + k + 1]
             if not out[5 + body.vf + k] == out[5 + body.vf + k]:
                 out[5 + body.vf + k] = at
-            out[2] = max(out[2], abs(at - out[5 + body.vf + k]) / place[body.vf + k])
+            out[2] = max(out[2], abs(at - out[5 + body.vf + k]) / q_tol[body.vf + k])
             out[4] += state.tau[body.vi + k] * out[before + body.vf + k]
             out[before + body.vf + k] = state.v[body.vi + k]
 
@@ -179,7 +183,7 @@ def inertia_parts(arrays: Any, state: Any, out: Any) -> None:
 @inlined
 def power(t: float, arrays: Any, state: Any) -> float:
     """dE/dt, W: what drives, whose effort is in State.tau, and forces without a potential bring."""
-    total = load_powers(t, arrays, state)
+    total = sum_load_powers(t, arrays, state)
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         if body.drive >= 0:

@@ -22,7 +22,7 @@ from solvers.compiled.kernel import inlined
 
 
 @inlined
-def scatter(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
+def scatter_coordinates(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
     """Fill State.q, v, a from the solver's free coordinates and the drives; free accelerations become zero, and the
     forces along all coordinates.
     """
@@ -41,7 +41,7 @@ def scatter(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
 
 
 @inlined
-def positions(arrays: Any, state: Any) -> None:
+def update_positions(arrays: Any, state: Any) -> None:
     """Positions r, A and the subspaces S from State.q."""
     rel, C = state.rel, state.frame
     for i in range(1, arrays.bodies.shape[0]):
@@ -70,7 +70,7 @@ def positions(arrays: Any, state: Any) -> None:
 
 
 @inlined
-def turn_inertia(arrays: Any, state: Any) -> None:
+def rotate_inertia(arrays: Any, state: Any) -> None:
     """Center of mass and inertia of every body in global axes: c = A c', J = A J' A^T."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -85,8 +85,8 @@ def turn_inertia(arrays: Any, state: Any) -> None:
 
 
 @inlined
-def velocities(arrays: Any, state: Any) -> None:
-    """Velocities Y and velocity products beta, after :func:`positions`."""
+def update_velocities(arrays: Any, state: Any) -> None:
+    """Velocities Y and velocity products beta, after :func:`update_positions`."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         here = state.bodies[i]
@@ -134,8 +134,8 @@ def add_bias(body: Any, parent: Any, b: Any, beta: Any) -> None:
 
 
 @inlined
-def accelerations(arrays: Any, state: Any) -> None:
-    """Accelerations Y' less gravity for State.a, after :func:`velocities`: the ground accelerates by -g."""
+def update_accelerations(arrays: Any, state: Any) -> None:
+    """Accelerations Y' less gravity for State.a, after :func:`update_velocities`: the ground accelerates by -g."""
     ground = state.bodies[0]
     for k in range(3):
         ground.dY[k] = -arrays.world[0].gravity[k]

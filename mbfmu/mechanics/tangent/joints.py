@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.dispatch import place_child
-from mbfmu.mechanics.recursions.dynamics import turn_quaternion
+from mbfmu.mechanics.recursions.dynamics import rotate_quaternion
 from mbfmu.mechanics.spatial import multiply
 from mbfmu.mechanics.steps import EPSILON
 from solvers.compiled.kernel import kernel
@@ -47,7 +47,7 @@ def turning(i: int, arrays: Any, state: Any, twin: Any, s: Any) -> None:
         else:
             for k in range(3):
                 s.turn[k] = EPSILON * 1j if k == l - plain else 0.0
-            turn_quaternion(twin.q, body.qi + plain, s.turn, 0)
+            rotate_quaternion(twin.q, body.qi + plain, s.turn, 0)
         place_child(body, arrays, twin)
         for k in range(body.nq):
             twin.q[body.qi + k] = state.q[body.qi + k]
