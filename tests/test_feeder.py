@@ -208,7 +208,7 @@ def test_effects_that_are_off_are_absent() -> None:
     bare = Feeder(path="straight", guides=False, gravity_y=0.0, mu_guide=0.0, damping=0.0, membrane=False, **SMALL)
     full = Feeder(path="straight", **SMALL)
     surfaces = [{type(acting.load).__name__ for acting in model.build().others} for model in (bare, full)]
-    assert surfaces == [{"Nip"}, {"Nip", "SurfaceContact"}]
+    assert surfaces == [{"RollerNip"}, {"RollerNip", "SurfaceContact"}]
     frictions = {
         mu: {
             acting.load.friction

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.contact.meeting import GRIP, MEETING
+from mbfmu.mechanics.contact.contact_scratch import CONTACT_SCRATCH, NIP_SCRATCH
 from mbfmu.mechanics.elements.plate_energy import ELEMENT
 from mbfmu.mechanics.elements.shell_energy import WORK
 from mbfmu.mechanics.flexible.modal import FLEXIBLE, MODES, NODE
@@ -86,7 +86,7 @@ SENSOR = np.dtype([("kind", np.int64), ("at", np.int64), ("energy", np.int64)], 
 WORLD = np.dtype(
     [
         ("gravity", np.float64, (3,)),  # m/s^2
-        ("works", np.int64),  # 1: something does work that is in no potential
+        ("nonconservative", np.int64),  # 1: there is work that no potential contains
         ("drives", np.int64),  # 1: a drive does
     ],
     align=True,
@@ -105,7 +105,7 @@ class Arrays(NamedTuple):
     surfaces: NDArray[Any]  # ITEM
     sensors: NDArray[Any]  # SENSOR
     kept: NDArray[np.int64]  # (rows,) number among the constraints, cuts before couplings; -1: trivially satisfied
-    reach: NDArray[np.float64]  # (rows,) what a residual of one counts for, m: the mechanism's length by the row's unit
+    residual_scale: NDArray[np.float64]  # (rows,) m: length of the mechanism divided by the unit of the row
     flexibles: NDArray[Any]  # FLEXIBLE
     nodes: NDArray[Any]  # NODE
     kernels: NDArray[np.int64]  # addresses of kernels, KERNELS for each kind that is there; 0: it has none
@@ -163,8 +163,8 @@ class State(NamedTuple):
     coupled: NDArray[Any]  # (couplings,) COUPLED
     element: NDArray[Any]  # (1,) ELEMENT, a plate element at work
     shell: NDArray[Any]  # (1,) WORK, a shell element at work
-    meeting: NDArray[Any]  # (1,) MEETING, a contact at work
-    grip: NDArray[Any]  # (1,) GRIP, a nip at work
+    contact: NDArray[Any]  # (1,) CONTACT_SCRATCH
+    nip: NDArray[Any]  # (1,) NIP_SCRATCH
     S: NDArray[np.float64]  # (subspaces, 6) joint motion subspaces, columns of B2
     q: NDArray[np.float64]  # (nq,) every joint position, driven ones included
     v: NDArray[np.float64]  # (nv,)
@@ -179,7 +179,7 @@ class State(NamedTuple):
     U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
     D: NDArray[np.float64]  # (nv, MODES + 1) articulated body: a joint's Cholesky factor, and last its right-hand side
     time: NDArray[np.float64]  # (1,) s, when the forces were applied last
-    damped: NDArray[np.float64]  # (1,) W, power already evaluated by loads, as by :func:`power`
+    cached_power: NDArray[np.float64]  # (1,) W, non-conservative power that loads have evaluated with their forces
     energy: NDArray[np.float64]  # (2,) J, kinetic and potential, where sensors are read
 
 
@@ -199,8 +199,8 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
         coupled=records(couplings, COUPLED),
         element=records(1, ELEMENT),
         shell=records(1, WORK),
-        meeting=records(1, MEETING),
-        grip=records(1, GRIP),
+        contact=records(1, CONTACT_SCRATCH),
+        nip=records(1, NIP_SCRATCH),
         S=z((subspaces, 6)),
         q=z(nq),
         v=z(nv),
@@ -215,7 +215,7 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
         U=z((nv, 6)),
         D=z((nv, MODES + 1)),
         time=z(1),
-        damped=z(1),
+        cached_power=z(1),
         energy=z(2),
     )
     state.bodies["A"][0] = np.eye(3)
@@ -235,7 +235,7 @@ def empty_data() -> Data:
         surfaces=records(1, ITEM),
         sensors=records(1, SENSOR),
         kept=whole,
-        reach=np.zeros(1),
+        residual_scale=np.zeros(1),
         flexibles=records(1, FLEXIBLE),
         nodes=records(1, NODE),
         kernels=np.zeros(KERNELS, np.int64),

@@ -137,7 +137,7 @@ def renew_history(s: Any, fresh: bool, watched: bool) -> None:
     booked.
     """
     g, keeps_position, rk_steps = s.given, not fresh and s.told[0].code == OK, 0 if fresh else TRUNCATED_STEPS
-    g.settings[0].works = 1 if watched and g.eqs.data.arrays.world[0].works == 1 else 0
+    g.settings[0].works = 1 if watched and g.eqs.data.arrays.world[0].nonconservative == 1 else 0
     restart_history(g.memory, s.clock[0], g.q, g.v, g.energy_account[WORK], rk_steps, 0 if fresh else 1, keeps_position)
 
 
@@ -159,7 +159,7 @@ def renew_radau(s: Any, fresh: bool) -> None:
     """As ``RadauStepper.continue_after_event`` does; ``fresh``: as its ``restart``."""
     g, keeps_position = s.given, not fresh and s.told[0].code == OK
     o = g.settings[0]
-    o.works = 1 if o.energy_check == 1 and g.eqs.data.arrays.world[0].works == 1 else 0
+    o.works = 1 if o.energy_check == 1 and g.eqs.data.arrays.world[0].nonconservative == 1 else 0
     radau.restart_at_state(
         g.memory, s.clock[0], g.q, g.v, g.energy_account[WORK], 0 if fresh else TRUNCATED_STEPS, keeps_position
     )

@@ -41,7 +41,7 @@ WORDS = {
     "v": "a start velocity",
     "size": "the unit of a coordinate",
     "row_size": "the unit of a constraint",
-    "reach": "the unit of a constraint",
+    "residual_scale": "the unit of a constraint",
     "span": "the length of the mechanism",
     "drive size": "the rate of the mechanism",
     "drive rate": "the rate of the mechanism",
@@ -92,7 +92,7 @@ class Search:
         self._powers: dict[str, dict[int, Powers]] = {}
         for p in model.parameters():
             self._take(p, getattr(model, p.name))
-        told = self.reader.columns("size", "row_size", "reach", "drive size")
+        told = self.reader.columns("size", "row_size", "residual_scale", "drive size")
         self.lengths = told[self._as_long(self.reader.base)[told]]
         self.carried = np.ones(1 + len(self.reader.columns("drive rate")), bool)
         self._settle()

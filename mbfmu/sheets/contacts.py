@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.sensors import Jammed, Met, Pressed, axis_index
+from mbfmu.mechanics.sensors import ContactForceSum, ContactSum, Jammed, axis_index
 from mbfmu.util.errors import UserError
 
 from .sheet import Sheet
@@ -38,8 +38,8 @@ class Contact:
         own = self.mechanism.others
         return sum(1 for _ in self.mechanism.loads()) - len(own) + self.first
 
-    def _told(self, unit: str, component: int, over: int = -1, scale: float = 1.0) -> Met:
-        return Met(unit=unit, item=self, component=component, count=self.count, over=over, scale=scale)
+    def _told(self, unit: str, component: int, over: int = -1, scale: float = 1.0) -> ContactSum:
+        return ContactSum(unit=unit, item=self, component=component, count=self.count, over=over, scale=scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class SurfaceContactHandle(Contact):
 
     sheet: Sheet  # the sheet in contact
 
-    def force(self, axis: str) -> Met:
+    def force(self, axis: str) -> ContactSum:
         """Global component of the force on the sheet, N.
 
         Parameters
@@ -58,15 +58,15 @@ class SurfaceContactHandle(Contact):
         """
         return self._told("N", axis_index(axis, f"of the force of contact {self.name!r}"))
 
-    def depth(self) -> Met:
+    def depth(self) -> ContactSum:
         """Largest penetration of the sheet into the surface, m; zero: no contact."""
         return self._told("m", 5)
 
-    def heat(self) -> Met:
+    def heat(self) -> ContactSum:
         """Power dissipated by friction and damping of the contact, W."""
         return self._told("W", 4, scale=-1.0)
 
-    def pressure(self, i: int, k: int) -> Pressed:
+    def pressure(self, i: int, k: int) -> ContactForceSum:
         """Pressure of this contact on a cell of the sheet, Pa; see :func:`.contact_pressure`.
 
         Parameters
@@ -85,32 +85,32 @@ class NipHandle(Contact):
     roller: Body  # the driving roller
     radius: float  # m
 
-    def slip(self) -> Met:
+    def slip(self) -> ContactSum:
         """Speed of the sheet along the feed minus that of the roller, mean over the loaded part, m/s."""
         return self._told("m/s", 1, over=0)
 
-    def traction(self) -> Met:
+    def traction(self) -> ContactSum:
         """Force of the sheet on the roller along the feed, N."""
         return self._told("N", 2)
 
-    def lateral(self) -> Met:
+    def lateral(self) -> ContactSum:
         """Force on the sheet across the feed, N."""
         return self._told("N", 3)
 
-    def normal(self) -> Met:
+    def normal(self) -> ContactSum:
         """Normal force that keeps the sheet in the plane of the nip, towards the idler, N."""
         return self._told("N", 4)
 
-    def heat(self) -> Met:
+    def heat(self) -> ContactSum:
         """Power dissipated by friction and damping of the nip, W."""
         return self._told("W", 5, scale=-1.0)
 
-    def loaded(self) -> Met:
+    def loaded(self) -> ContactSum:
         """Part of the nip that the sheet covers, 0 to 1."""
         return self._told("1", 0, scale=1.0 / self.stations)
 
 
-def contact_pressure(contacts: Sequence[SurfaceContactHandle], i: int, k: int) -> Pressed:
+def contact_pressure(contacts: Sequence[SurfaceContactHandle], i: int, k: int) -> ContactForceSum:
     """Return a sensor of the pressure of several contacts on a cell of a sheet, Pa.
 
     It is the sum of the magnitudes of their forces divided by the area of the cell; forces on opposite faces are added.
@@ -141,7 +141,7 @@ def contact_pressure(contacts: Sequence[SurfaceContactHandle], i: int, k: int) -
         raise UserError(f"sheet {sheet.name!r} has no cell {(i, k)}; allowed: {max(sheet.cells)} at most")
     cell = list(sheet.cells).index((i, k))
     own = [contact.first + cell for contact in contacts]
-    return Pressed(unit="Pa", item=contacts[0], own=own, scale=1.0 / (sheet.a * sheet.b))
+    return ContactForceSum(unit="Pa", item=contacts[0], own=own, scale=1.0 / (sheet.a * sheet.b))
 
 
 def jammed(nips: Sequence[NipHandle]) -> Jammed:

@@ -16,7 +16,7 @@ from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Vector, one_of, rotation, vector
-from mbfmu.mechanics.contact.nip import Nip
+from mbfmu.mechanics.contact.nip import RollerNip
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.contact.surfaces import Surface
 from mbfmu.mechanics.joints import Revolute
@@ -117,7 +117,7 @@ def add_contact(
         "depth": positive(f"depth of {what}", SHALLOW * plate.thickness if depth is None else depth),
         "damping": damping,
         "friction": friction,
-        "creep": creep,
+        "friction_velocity": creep,
     }
     holder = mechanism.ground if body is None else body
     loads = [
@@ -264,11 +264,11 @@ def add_nip(
         "friction": friction,
         "idler_friction": idler_friction,
         "creep": creep,
-        "least": least,
+        "friction_velocity": least,
     }
     turning = (roller,) if idler is None else (roller, idler)
     loads = [
-        (Nip(name=name, force=force, sides=(sheet.a, sheet.b), ends=ends, common=common), (*corners, *turning))
+        (RollerNip(name=name, force=force, sides=(sheet.a, sheet.b), ends=ends, common=common), (*corners, *turning))
         for _, corners, ends in _cells(sheet)
     ]
     first, count = _load(mechanism, name, loads, turning, sheet)
@@ -320,7 +320,9 @@ def _fits(roller: Any, radius: float, place: Any, normal: Any, across: Any, what
 def _apart(mechanism: Mechanism, sheet: Sheet, place: Any, axes: Any, radius: float, width: float, name: str) -> None:
     """Refuse a nip that stands where another of the sheet does, as rollers cannot; ``axes``: feed, across, normal."""
     ours = {id(body) for row in sheet.nodes for body in row}
-    others = {load.name: load.common for _, load, on in mechanism.others if isinstance(load, Nip) and id(on[0]) in ours}
+    others = {
+        load.name: load.common for _, load, on in mechanism.others if isinstance(load, RollerNip) and id(on[0]) in ours
+    }
     for other, nip in others.items():
         near = radius + nip["radius"], 0.5 * (width + nip["width"]), radius + nip["radius"]
         off = place - nip["place"]

@@ -14,7 +14,7 @@ from mbfmu.mechanics import Cylinder, Mechanism
 from mbfmu.mechanics.axes import along
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.checks import rotation
-from mbfmu.mechanics.contact.nip import Nip
+from mbfmu.mechanics.contact.nip import RollerNip
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.shapes import Shape
 
@@ -28,11 +28,11 @@ RODS, ROD = (0.0, np.pi), 0.12  # lie in a roller's surface where its turning is
 def met(mechanism: Mechanism, poses: Poses | None) -> Iterator[tuple[Body, Shape]]:
     """Yield bodies and shapes; without poses planes that have no end are left out."""
     own = {body.index for body, _ in mechanism.shapes if body.index}
-    nips: dict[str, tuple[Nip, tuple[Body, ...]]] = {}
+    nips: dict[str, tuple[RollerNip, tuple[Body, ...]]] = {}
     contacts: dict[tuple[int, int], tuple[SurfaceContact, Body, set[int]]] = {}
     for _, load, bodies in mechanism.others:
-        holder = bodies[4] if isinstance(load, Nip) else bodies[-1]
-        if isinstance(load, Nip) and holder.index not in own:
+        holder = bodies[4] if isinstance(load, RollerNip) else bodies[-1]
+        if isinstance(load, RollerNip) and holder.index not in own:
             nips[load.name] = load, bodies[4:]
         elif isinstance(load, SurfaceContact) and holder.index not in own:
             nodes = contacts.setdefault((id(load.surface), holder.index), (load, holder, set()))[2]
@@ -56,7 +56,7 @@ def relative(poses: Poses, nodes: list[int], holder: int) -> NDArray[np.float64]
     return near[np.isfinite(near).all(axis=1)]
 
 
-def above(nip: Nip, roller: Body) -> Shape:
+def above(nip: RollerNip, roller: Body) -> Shape:
     """Return the idler that is no body, in the ground's axes."""
     axis = rotation(f"rotation of {roller.name!r}", roller.joint.rotation) @ roller.joint.direction
     radius, middle = IDLER * nip.common["radius"], nip.common["place"]
@@ -64,7 +64,7 @@ def above(nip: Nip, roller: Body) -> Shape:
     return Cylinder(radius=radius, length=nip.common["width"], axis=numbers(axis), at=at, color=IDLE)
 
 
-def rolling(nip: Nip, roller: Body, radius: float, color: str) -> Iterator[tuple[Body, Shape]]:
+def rolling(nip: RollerNip, roller: Body, radius: float, color: str) -> Iterator[tuple[Body, Shape]]:
     """Yield a roller of a nip with marks."""
     joint, width = roller.joint, nip.common["width"]
     axis, beside = np.asarray(joint.direction, float), 0.0

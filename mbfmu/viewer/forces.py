@@ -88,7 +88,7 @@ def read(plant: Plant, found: list[Source], t: float) -> Array:
 def load_wrenches(plant: Plant, found: list[Source], t: float) -> Array:
     """Return what forces exert on their bodies (loads, 6), about the origins: each alone, and the state as it was."""
     state, bodies = plant.data.state, plant.data.arrays.bodies
-    kept = state.bodies["F"].copy(), state.Q.copy(), state.damped.copy()
+    kept = state.bodies["F"].copy(), state.Q.copy(), state.cached_power.copy()
     wrenches = np.zeros((len(found), 6))
     for k, source in enumerate(found):
         state.bodies["F"][:] = 0.0
@@ -98,7 +98,7 @@ def load_wrenches(plant: Plant, found: list[Source], t: float) -> Array:
         if plant.mechanism.forces[source.index][1].on_joint:
             own = bodies[source.body]
             wrenches[k] += state.Q[int(own["vi"])] * state.S[int(own["si"])]
-    state.bodies["F"][:], state.Q[:], state.damped[:] = kept
+    state.bodies["F"][:], state.Q[:], state.cached_power[:] = kept
     return wrenches
 
 

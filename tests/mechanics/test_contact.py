@@ -25,7 +25,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.contact import patch
-from mbfmu.mechanics.contact.stations import gives
+from mbfmu.mechanics.contact.stations import clamped_beam_compliance
 from mbfmu.mechanics.dispatch import apply_load, load_tangent
 from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import allocate_state, complex_state
@@ -156,7 +156,7 @@ def test_derivatives_of_the_straight_patch() -> None:
 
 def test_a_clamped_beam_gives_way_as_its_equation_says() -> None:
     """w'''' = 0 but for a jump of one in w''' at the force, w and w' zero at both ends; the slope by differences."""
-    plain = getattr(gives, "py_func", gives)
+    plain = getattr(clamped_beam_compliance, "py_func", clamped_beam_compliance)
     x, h = np.linspace(0.0, 1.0, 2001), 1e-6
     for u in (0.2, 0.5, 0.83):
         w = np.array([plain(s, u)[0] for s in x])
@@ -295,8 +295,8 @@ def test_a_surface_tells_its_distance_and_normal(name: str) -> None:
     held = pin(state)
 
     def met(p: Any) -> tuple[float, Any]:
-        state.meeting["p"][0] = p
-        return float(distance(type(surface).gap, record[0], held)), state.meeting["n"][0].copy()
+        state.contact["p"][0] = p
+        return float(distance(type(surface).gap, record[0], held)), state.contact["n"][0].copy()
 
     middle = np.array((0.12, 0.0, 0.1))
     for _ in range(20):

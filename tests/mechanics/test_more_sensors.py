@@ -321,7 +321,7 @@ def test_reading_a_force_leaves_the_state_as_it_was() -> None:
             assert all(told[f"{name}0"] == told[f"{name}1"] for name in handles)
             assert any(told[f"{name}0"] for name in handles)
         state = case.plant.data.state
-        states.append({name: np.array(getattr(state, name)) for name in ("Q", "tau", "damped", "v", "q", "time")})
+        states.append({name: np.array(getattr(state, name)) for name in ("Q", "tau", "cached_power", "v", "q", "time")})
         wrenches.append((state.bodies["F"].copy(), told["joint"]))
     for name, before in states[0].items():
         np.testing.assert_array_equal(before, states[1][name], err_msg=name)

@@ -173,7 +173,7 @@ def test_damping_takes_the_power_of_its_forces_and_none_from_rigid_motions() -> 
     Y = damped.data.state.bodies["Y"][1:]
     power = float((F * Y).sum())
     assert power < 0.0
-    assert damped.data.state.damped[0] == pytest.approx(power, rel=1e-12)
+    assert damped.data.state.cached_power[0] == pytest.approx(power, rel=1e-12)
     wrenches(damped, q, np.zeros(24))
     r, A = damped.data.state.bodies["r"][1:].copy(), damped.data.state.bodies["A"][1:].copy()
     spin, speed = rng.normal(size=3), rng.normal(size=3)

@@ -57,10 +57,10 @@ def test_what_is_drawn_of_a_surface_is_where_it_is_felt(surface: Surface, gap: A
     for panel in panels:
         assert panel.opacity < 1.0
         for corner in corners(panel):
-            state.meeting["p"][0] = corner
-            state.meeting["part"][0] = 1.0
+            state.contact["p"][0] = corner
+            state.contact["part"][0] = 1.0
             assert abs(distance(gap, record[0], held)) < 1e-12
-            assert state.meeting["part"][0] > 0.249  # of one: half is left at an end, a quarter where two meet
+            assert state.contact["part"][0] > 0.249  # of one: half is left at an end, a quarter where two meet
     sizes = [np.linalg.norm(np.cross(c[1] - c[0], c[3] - c[0])) for c in map(corners, panels)]
     assert sum(sizes) == pytest.approx(area, rel=2e-3)
 

@@ -255,7 +255,9 @@ class Compiled:
         bodies, (closing, rows) = body_records(mechanism, numbering, joints), cut_records(mechanism, cuts)
         flexibles, nodes = flexible_records(mechanism, numbering)
         world["drives"] = np.any(bodies["drive"] >= 0)
-        world["works"] = world["drives"] | any(a.load.works for a in loads) | np.any(flexibles["beta"])
+        world["nonconservative"] = (
+            world["drives"] | any(a.load.is_nonconservative for a in loads) | np.any(flexibles["beta"])
+        )
         observing = item_records(sensors, SENSOR)
         observing["energy"] = [sensor.reads_energy for sensor in self.sensors]
         arrays = Arrays(
@@ -268,7 +270,7 @@ class Compiled:
             surfaces=item_records(surfaces, ITEM),
             sensors=observing,
             kept=np.arange(rows + len(couplings)),
-            reach=np.ones(rows + len(couplings)),
+            residual_scale=np.ones(rows + len(couplings)),
             flexibles=flexibles,
             nodes=nodes,
             kernels=tables.kernels(),

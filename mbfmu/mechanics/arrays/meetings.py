@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.contact.nip import Nip
-from mbfmu.mechanics.contact.surface_contact import SurfaceContact, sound
+from mbfmu.mechanics.contact.nip import RollerNip
+from mbfmu.mechanics.contact.surface_contact import SurfaceContact, find_max_penetration
 from mbfmu.mechanics.records import State
 from mbfmu.util.codes import coded
 from mbfmu.util.errors import UserError
 
-K = TypeVar("K", Nip, SurfaceContact)
+K = TypeVar("K", RollerNip, SurfaceContact)
 
 DEEPEST = 5.0  # depths of a contact, or depths at which it bears the sheet's weight, that a sheet may start in
 CORE = 0.5  # radii of a guide, in which nothing of a sheet is, whether it is a contact point or not
@@ -46,8 +46,8 @@ def check_surface_contacts(
     sides = np.array([load.sides for met in meetings for load in met.loads])
     finer = np.clip(np.ceil(sides / (CORE * cores[:, None])), 1, FINEST).astype(np.int64)  # a point in every half core
     points, within = (np.zeros((len(contacts), 4)) for _ in range(2))
-    sound(contacts, contacts["samples"].copy(), arrays, state, points)
-    sound(contacts, finer, arrays, state, within)
+    find_max_penetration(contacts, contacts["samples"].copy(), arrays, state, points)
+    find_max_penetration(contacts, finer, arrays, state, within)
     first = 0
     for met in meetings:
         load, own = met.loads[0], slice(first, first + len(met.loads))
@@ -93,7 +93,7 @@ def unfelt(mechanism: Mechanism, state: State) -> list[str]:
 def beside(mechanism: Mechanism, state: State) -> list[str]:
     """Return messages on nips that are not on the sheet that they drive, in the position of ``state``."""
     told = []
-    for met in _of(mechanism, Nip):
+    for met in _of(mechanism, RollerNip):
         nip = met.loads[0].common
         across = state.bodies["r"][[body.index for body in met.nodes]] @ nip["e"]
         middle, half = float(nip["place"] @ nip["e"]), 0.5 * nip["width"]

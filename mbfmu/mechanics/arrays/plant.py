@@ -91,7 +91,7 @@ class Plant:
         polynomials = compiled.table(Input)
         self.inputs = Inputs(numbering, self.data.arrays, compiled.signals, polynomials, self.drives)
         self._systems = Systems(mechanism, numbering, compiled, self.drives, self.length)
-        self.data.arrays.reach[:] = self.length / self._systems.row_size
+        self.data.arrays.residual_scale[:] = self.length / self._systems.row_size
         names = row_names(mechanism.constraints)
         self.vanishing_rows: list[str] = []
         self.rounded_rows: dict[str, str] = {}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.contact.nip import Nip
+from mbfmu.mechanics.contact.nip import RollerNip
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.elements import Shell
 from mbfmu.mechanics.records import Data
@@ -150,7 +150,9 @@ class Systems:
         A node that carries a sheet by six coordinates rotates with its vibrations, which do not describe the whole.
         """
         loads = (acting.load for acting in self._mechanism.others)
-        slowest = min((load.slip for load in loads if isinstance(load, SurfaceContact | Nip)), default=np.inf)
+        slowest = min(
+            (load.slip_scale for load in loads if isinstance(load, SurfaceContact | RollerNip)), default=np.inf
+        )
         carrying = carriers(self._mechanism, self._nodes)
         found = [np.zeros(0)]
         for body in free_bodies(self._mechanism):
@@ -183,7 +185,7 @@ class Systems:
 
     def _cornered(self) -> str:
         """Return where forces change within short distances; empty: nowhere."""
-        if any(isinstance(acting.load, SurfaceContact | Nip) for acting in self._mechanism.others):
+        if any(isinstance(acting.load, SurfaceContact | RollerNip) for acting in self._mechanism.others):
             return "contact forces change within micrometers, and friction forces within millimeters per second"
         return ""
 
@@ -191,7 +193,7 @@ class Systems:
         """Return what makes the system too stiff for explicit solvers; empty: nothing does."""
         if any(isinstance(plate, Shell) for plate, _ in self._mechanism.plates):
             return "shell elements vibrate in their plane hundreds of times faster than in bending"
-        if any(isinstance(acting.load, Nip) for acting in self._mechanism.others):
+        if any(isinstance(acting.load, RollerNip) for acting in self._mechanism.others):
             return "the contact stiffness of nips is thousands of times the bending stiffness of the sheet"
         return ""
 
@@ -218,7 +220,7 @@ class Systems:
         return any(self._drives.rates())
 
     def _works(self) -> bool:
-        return bool(self._arrays.world[0]["works"])
+        return bool(self._arrays.world[0]["nonconservative"])
 
     def _resolves(self, t: float) -> tuple[float, float]:
         """Return the longest step from t on that misses no signal, and until when it does not, s."""

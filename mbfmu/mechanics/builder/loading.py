@@ -28,7 +28,7 @@ class Acting(NamedTuple):
     @property
     def tied(self) -> tuple[Body, ...]:
         """Those that the structured tangent ties to each other."""
-        return self.bodies[: len(self.bodies) - self.load.loose]
+        return self.bodies[: len(self.bodies) - self.load.n_untied_bodies]
 
 
 class Loading(Members):

@@ -36,7 +36,7 @@ sheet passes the length of entry. So long roller and idler are a wedge to it: at
 edge into the plane. The roller creeps: v_r^2 = least^2 + (creep v_roller)^2, and under a load F along the feed
 the slip is v_r F / sqrt(mu^2 N^2 - F^2). Without a memory the law cannot stick: a stopped sheet creeps too.
 
-``told`` of State.meeting: sums over stations of part (0), of part times the slip s_d (1), of -f_d (2), of f_e (3) and
+``result`` of State.contact: sums over stations of part (0), of part times the slip s_d (1), of -f_d (2), of f_e (3) and
 of f (4), N; power of these forces on sheet and rollers but for what the rubber stores (5), W; stored energy (6), J.
 """
 
@@ -53,11 +53,30 @@ from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.steps import EPSILON, step
 from solvers.compiled.kernel import inlined, kernel
 
-from .meeting import ALL
-from .patch import drift, locate, middle, press, reach, react, weigh_straight
-from .stations import gives, inside, misses, opening, station, under, wedged, within
+from .contact_scratch import ALL_POINTS
+from .patch import (
+    apply_reaction,
+    apply_to_nodes,
+    bounding_radius,
+    evaluate_center,
+    evaluate_ruled_weights,
+    interpolate_point,
+    point_velocity,
+)
+from .stations import (
+    cell_share,
+    clamped_beam_compliance,
+    entry_gap,
+    entry_gap_law,
+    find_material_point,
+    is_separated,
+    is_within_cell,
+    station_position,
+)
 
-SEAM = 1e-6  # sides of a cell: where a station passes from one to the next, both have it, with parts that add up to one
+SEAM_WIDTH = (
+    1e-6  # sides of a cell: where a station passes from one to the next, both have it, with parts that add up to one
+)
 
 NIP = np.dtype(
     [
@@ -86,81 +105,84 @@ NIP = np.dtype(
         ("friction", np.float64),  # mu
         ("idler_friction", np.float64),
         ("creep", np.float64),
-        ("least", np.float64),  # slip v_r at rest, m/s
+        ("friction_velocity", np.float64),  # slip v_r at rest, m/s
     ],
     align=True,
 )
 
 
 @kernel
-def meet(nip: Any, t: float, arrays: Any, state: Any) -> None:
-    """Add the forces at all stations in this cell to the bodies, unless ``here.silent``, and to ``here.told``."""
-    here, bodies, pair = state.meeting[0], state.bodies, state.grip[0]
-    middle(nip, bodies, here.r)
+def evaluate_contact(nip: Any, t: float, arrays: Any, state: Any) -> None:
+    """Add the forces at all stations in this cell to ``here.result``, and unless ``accumulate_only`` to the bodies."""
+    here, bodies, pair = state.contact[0], state.bodies, state.nip[0]
+    evaluate_center(nip, bodies, here.r)
     x, y, z = here.r[0].real, here.r[1].real, here.r[2].real
-    far = reach(nip) + nip.half + 0.5 * nip.width
+    far = bounding_radius(nip) + nip.half + 0.5 * nip.width
     if (x - nip.place[0].real) ** 2 + (y - nip.place[1].real) ** 2 + (z - nip.place[2].real) ** 2 > far.real**2:
         return
     N = signal_value(nip.force, t, arrays)
     if N.real < 0.0:  # an idler does not pull
         N = 0.0 * N
     mx, mz = nip.entry / nip.a, nip.entry / nip.b
-    x0, x1 = mx if nip.ends[0, 0] == 1 else SEAM, mx if nip.ends[0, 1] == 1 else SEAM
-    z0, z1 = mz if nip.ends[1, 0] == 1 else SEAM, mz if nip.ends[1, 1] == 1 else SEAM
+    x0, x1 = mx if nip.ends[0, 0] == 1 else SEAM_WIDTH, mx if nip.ends[0, 1] == 1 else SEAM_WIDTH
+    z0, z1 = mz if nip.ends[1, 0] == 1 else SEAM_WIDTH, mz if nip.ends[1, 1] == 1 else SEAM_WIDTH
     for j in range(nip.pairs):
         place = (2.0 * j + 1.0) / nip.pairs - 1.0  # across: from -1 to 1
         met = False
         for i in range(2):
             pair.part[i], pair.y[i] = 0.0, 0.0
-            P = station(nip, place, i)
-            if misses(nip, P, x, y, z):
+            P = station_position(nip, place, i)
+            if is_separated(nip, P, x, y, z):
                 continue
-            xi, zeta, found = under(nip, P, bodies, here)
+            xi, zeta, found = find_material_point(nip, P, bodies, here)
             if not found:
                 continue
-            part = inside(xi, x0, x1) * inside(zeta, z0, z1)
+            part = cell_share(xi, x0, x1) * cell_share(zeta, z0, z1)
             if part.real > 0.0:
                 met = True
                 pair.part[i], pair.at[i, 0], pair.at[i, 1] = part, xi, zeta
                 pair.u[i] = xi if nip.way == 0 else zeta
                 for k in range(3):
                     pair.y[i] += (here.r[k] - P[k]) * nip.n[k]
-                pair.y[i], pair.gain[i] = wedged(pair.y[i], opening(nip, pair.u[i]))
+                pair.y[i], pair.gain[i] = entry_gap_law(pair.y[i], entry_gap(nip, pair.u[i]))
         if not met:
             continue
-        share(nip, pair, here)
+        solve_pair_forces(nip, pair, here)
         for i in range(2):
             if pair.part[i].real > 0.0:
-                grip(nip, i, N * (1.0 + nip.uneven * place) / (2 * nip.pairs), pair, bodies, here)
+                apply_station_force(nip, i, N * (1.0 + nip.uneven * place) / (2 * nip.pairs), pair, bodies, here)
 
 
 @kernel
-def share(nip: Any, pair: Any, here: Any) -> None:
+def solve_pair_forces(nip: Any, pair: Any, here: Any) -> None:
     """pair.f = -(1 + K G)^-1 K y, and pair.lean, of the stations that this cell has."""
     k, h = nip.stiffness / (2 * nip.pairs), nip.a if nip.way == 0 else nip.b
     by = h * h * h / nip.bending
     k0, k1 = k * pair.part[0], k * pair.part[1]
     u0, u1 = pair.u[0], pair.u[1]
     g00, s00, g01, s01, g11, s11, s10 = 0.0 * k0, 0.0 * k0, 0.0 * k0, 0.0 * k0, 0.0 * k0, 0.0 * k0, 0.0 * k0
-    one, two = pair.part[0].real > 0.0 and within(u0), pair.part[1].real > 0.0 and within(u1)
-    if one:
-        g00, s00 = gives(u0, u0)
-    if two:
-        g11, s11 = gives(u1, u1)
-    if one and two:
-        g01, s01 = gives(u0, u1)
-        s10 = gives(u1, u0)[1]
+    has_first, has_second = (
+        pair.part[0].real > 0.0 and is_within_cell(u0),
+        pair.part[1].real > 0.0 and is_within_cell(u1),
+    )
+    if has_first:
+        g00, s00 = clamped_beam_compliance(u0, u0)
+    if has_second:
+        g11, s11 = clamped_beam_compliance(u1, u1)
+    if has_first and has_second:
+        g01, s01 = clamped_beam_compliance(u0, u1)
+        s10 = clamped_beam_compliance(u1, u0)[1]
     a00, a01, a10, a11 = 1.0 + by * k0 * g00, by * k0 * g01, by * k1 * g01, 1.0 + by * k1 * g11
     det = a00 * a11 - a01 * a10
     r0, r1 = -k0 * pair.y[0], -k1 * pair.y[1]
     pair.f[0], pair.f[1] = (a11 * r0 - a01 * r1) / det, (a00 * r1 - a10 * r0) / det
     pair.lean[0] = by / h * (s00 * pair.f[0] + s01 * pair.f[1])
     pair.lean[1] = by / h * (s10 * pair.f[0] + s11 * pair.f[1])
-    here.told[6] -= 0.5 * (pair.y[0] * pair.f[0] + pair.y[1] * pair.f[1])
+    here.result[6] -= 0.5 * (pair.y[0] * pair.f[0] + pair.y[1] * pair.f[1])
 
 
 @inlined
-def rub(nip: Any, body: Any, R: Any, ahead: Any, side: Any, along: Any, across: Any) -> Any:
+def friction_force(nip: Any, body: Any, R: Any, ahead: Any, side: Any, along: Any, across: Any) -> Any:
     """Friction of a body's surface at R n from its axis on the sheet there, whose speed is ``ahead`` along d and
     ``side`` along e, and its slip; each along d and e. It is ``along`` and ``across`` at most.
     """
@@ -171,28 +193,33 @@ def rub(nip: Any, body: Any, R: Any, ahead: Any, side: Any, along: Any, across: 
         surface = Y[k] + R * (Y[3 + p] * n[q] - Y[3 + q] * n[p])
         feed, slide = feed + surface * d[k], slide + surface * e[k]
     sd, se = ahead - feed, side - slide
-    root = np.sqrt(sd * sd + se * se + nip.least * nip.least + nip.creep * nip.creep * (feed * feed + slide * slide))
+    root = np.sqrt(
+        sd * sd
+        + se * se
+        + nip.friction_velocity * nip.friction_velocity
+        + nip.creep * nip.creep * (feed * feed + slide * slide)
+    )
     return -along * sd / root, -across * se / root, sd, se
 
 
 @inlined
-def hand_on(nip: Any, body: Any, R: Any, fd: Any, fe: Any, here: Any) -> None:
-    """Let what the sheet feels by :func:`rub` act back on the body."""
+def apply_friction_reaction(nip: Any, body: Any, R: Any, fd: Any, fe: Any, here: Any) -> None:
+    """Let what the sheet feels by :func:`friction_force` act back on the body."""
     for k in range(3):
         here.f[k] = fd * nip.d[k] + fe * nip.e[k]
         here.p[k] = body.r[k] + R * nip.n[k]
-    react(body, here.p, here.f)
+    apply_reaction(body, here.p, here.f)
 
 
 @kernel
-def grip(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
+def apply_station_force(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
     """What one station of a pair feels."""
-    weigh_straight(nip, nip.way, pair.at[i, 0], pair.at[i, 1], here.c, here.cx, here.cz)
-    locate(nip, here.c, bodies, here.r)
-    locate(nip, here.cx, bodies, here.rx)
-    locate(nip, here.cz, bodies, here.rz)
-    drift(nip, here.c, bodies, here.v)
-    v, f, told = here.v, here.f, here.told
+    evaluate_ruled_weights(nip, nip.way, pair.at[i, 0], pair.at[i, 1], here.c, here.cx, here.cz)
+    interpolate_point(nip, here.c, bodies, here.r)
+    interpolate_point(nip, here.cx, bodies, here.rx)
+    interpolate_point(nip, here.cz, bodies, here.rz)
+    point_velocity(nip, here.c, bodies, here.v)
+    v, f, result = here.v, here.f, here.result
     d, n, e, part = nip.d, nip.n, nip.e, pair.part[i]
     zero = 0.0 * part
     ahead, side, up = zero, zero, zero
@@ -210,29 +237,29 @@ def grip(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
     fn = pair.f[i] * pair.gain[i] + damped
     along, beside = part * nip.friction * N, part * nip.idler_friction * N
     across = along if nip.idler > 0 else along + beside
-    fd, fe, sd, se = rub(nip, bodies[nip.roller], nip.radius, ahead, side, along, across)
-    gd, ge, rubbed = zero, zero, zero
+    fd, fe, sd, se = friction_force(nip, bodies[nip.roller], nip.radius, ahead, side, along, across)
+    gd, ge, idler_power = zero, zero, zero
     if nip.idler > 0:
-        gd, ge, td, te = rub(nip, bodies[nip.idler], -nip.idler_radius, ahead, side, beside, beside)
-        rubbed = gd * td + ge * te
-    told[0] += part
-    told[1] += part * sd
-    told[2] -= fd
-    told[3] += fe + ge
-    told[4] += fn
-    told[5] += damped * rise_rate + fd * sd + fe * se + rubbed
-    if here.silent != 0:
+        gd, ge, td, te = friction_force(nip, bodies[nip.idler], -nip.idler_radius, ahead, side, beside, beside)
+        idler_power = gd * td + ge * te
+    result[0] += part
+    result[1] += part * sd
+    result[2] -= fd
+    result[3] += fe + ge
+    result[4] += fn
+    result[5] += damped * rise_rate + fd * sd + fe * se + idler_power
+    if here.accumulate_only != 0:
         return
     for k in range(3):
         f[k] = fn * (n[k] - s_d * d[k] - s_e * e[k]) + (fd + gd - lean_d) * d[k] + (fe + ge - lean_e) * e[k]
-    press(nip, here.c, bodies, f)
-    hand_on(nip, bodies[nip.roller], nip.radius, fd, fe, here)
+    apply_to_nodes(nip, here.c, bodies, f)
+    apply_friction_reaction(nip, bodies[nip.roller], nip.radius, fd, fe, here)
     if nip.idler > 0:
-        hand_on(nip, bodies[nip.idler], -nip.idler_radius, gd, ge, here)
+        apply_friction_reaction(nip, bodies[nip.idler], -nip.idler_radius, gd, ge, here)
 
 
 @inlined
-def member(nip: Any, p: int) -> int:
+def body_number(nip: Any, p: int) -> int:
     """Number of the body p of the nip: four nodes, the roller, the idler."""
     if p < 4:
         return nip.node[p]
@@ -242,51 +269,51 @@ def member(nip: Any, p: int) -> int:
 @kernel
 def tangent(nip: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: by complex steps of the bodies, where a cell has stations at all."""
-    if quantity(nip, state.time[0], arrays, state, 0) == 0.0:
+    if evaluate_quantity(nip, state.time[0], arrays, state, 0) == 0.0:
         return 0.0
     count = 6 if nip.idler > 0 else 5
     for j in range(6 * count):
         for p in range(count):
-            i = member(nip, p)
+            i = body_number(nip, p)
             step(state.bodies[i], twin.bodies[i], j - 6 * p, c1)
-        meet(nip, state.time[0], arrays, twin)
+        evaluate_contact(nip, state.time[0], arrays, twin)
         for p in range(count):
-            F = twin.bodies[member(nip, p)].F
+            F = twin.bodies[body_number(nip, p)].F
             for k in range(6):
                 K[6 * p + k, j] -= F[k].imag / EPSILON
     return 1.0
 
 
 @kernel
-def quantity(nip: Any, t: float, arrays: Any, state: Any, k: int) -> Any:
-    """Entry k of ``told`` by one cell alone, the bodies left as they are."""
-    here = state.meeting[0]
+def evaluate_quantity(nip: Any, t: float, arrays: Any, state: Any, k: int) -> Any:
+    """Entry k of ``result`` by one cell alone, the bodies left as they are."""
+    here = state.contact[0]
     for j in range(8):
-        here.told[j] = 0.0
-    here.silent = ALL
-    meet(nip, t, arrays, state)
-    here.silent = 0
-    return here.told[k]
+        here.result[j] = 0.0
+    here.accumulate_only = ALL_POINTS
+    evaluate_contact(nip, t, arrays, state)
+    here.accumulate_only = 0
+    return here.result[k]
 
 
 @kernel
 def apply(nip: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power on sheet and roller is a by-product."""
-    here, told = state.meeting[0], state.meeting[0].told
-    if here.silent == 0:  # else sensors add up the values of several contacts
-        told[5] = 0.0
-    meet(nip, t, arrays, state)
-    state.damped[0] += told[5]
+    here, result = state.contact[0], state.contact[0].result
+    if here.accumulate_only == 0:  # else sensors add up the values of several contacts
+        result[5] = 0.0
+    evaluate_contact(nip, t, arrays, state)
+    state.cached_power[0] += result[5]
 
 
 @kernel
 def potential(nip: Any, arrays: Any, state: Any) -> float:
     """Energy that rubber and cells store, J."""
-    return quantity(nip, state.time[0].real, arrays, state, 6)
+    return evaluate_quantity(nip, state.time[0].real, arrays, state, 6)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Nip(Load):
+class RollerNip(Load):
     """One cell of a sheet against a nip; :func:`.add_nip` makes those of a sheet."""
 
     record = NIP
@@ -302,17 +329,17 @@ class Nip(Load):
     common: dict[str, Any]
 
     @property
-    def loose(self) -> int:
+    def n_untied_bodies(self) -> int:
         """A roller that turns freely, or an idler, would tie all cells to each other."""
         return 2 if self.common["idler_radius"] > 0.0 else 1
 
     @property
-    def slip(self) -> float:
+    def slip_scale(self) -> float:
         """Slip at which friction turns over, of a roller at rest, m/s."""
-        return float(self.common["least"])
+        return float(self.common["friction_velocity"])
 
     @property
-    def works(self) -> bool:
+    def is_nonconservative(self) -> bool:
         """It does: by friction and by damping."""
         return True
 

@@ -24,7 +24,7 @@ from solvers.compiled.kernel import inlined, kernel
 
 
 @kernel
-def weigh(cell: Any, xi: Any, zeta: Any, c: Any) -> None:
+def evaluate_weights(cell: Any, xi: Any, zeta: Any, c: Any) -> None:
     """c (4, 3) <- weights at a point of a cell."""
     X1, Z1 = xi * xi * (3.0 - 2.0 * xi), zeta * zeta * (3.0 - 2.0 * zeta)
     X0, Z0 = 1.0 - X1, 1.0 - Z1
@@ -36,16 +36,18 @@ def weigh(cell: Any, xi: Any, zeta: Any, c: Any) -> None:
 
 
 @kernel
-def weigh_straight(cell: Any, way: int, xi: Any, zeta: Any, c: Any, cx: Any, cz: Any) -> None:
-    """As :func:`weigh`, of a surface that is straight across x (``way`` 0) or z (1), and derivatives by xi and zeta."""
-    u, w, h = (xi, zeta, cell.a) if way == 0 else (zeta, xi, cell.b)
+def evaluate_ruled_weights(cell: Any, axis: int, xi: Any, zeta: Any, c: Any, cx: Any, cz: Any) -> None:
+    """As :func:`evaluate_weights`, of a surface that is straight across x (``axis`` 0) or z (1), with derivatives
+    by xi and zeta.
+    """
+    u, w, h = (xi, zeta, cell.a) if axis == 0 else (zeta, xi, cell.b)
     H1 = u * u * (3.0 - 2.0 * u)
     H0, dH = 1.0 - H1, 6.0 * u * (1.0 - u)
     T0, T1 = h * u * (1.0 - u) * (1.0 - u), -h * u * u * (1.0 - u)
     dT0, dT1 = h * (1.0 - u) * (1.0 - 3.0 * u), h * u * (3.0 * u - 2.0)
-    by_u, by_w, slope = (cx, cz, 1) if way == 0 else (cz, cx, 2)
+    by_u, by_w, slope = (cx, cz, 1) if axis == 0 else (cz, cx, 2)
     for i in range(4):
-        far, beside = (i in (1, 2), i in (2, 3)) if way == 0 else (i in (2, 3), i in (1, 2))
+        far, beside = (i in (1, 2), i in (2, 3)) if axis == 0 else (i in (2, 3), i in (1, 2))
         N, dN, T, dT = (H1, dH, T1, dT1) if far else (H0, -dH, T0, dT0)
         share, dshare = (w, 1.0) if beside else (1.0 - w, -1.0)
         for k in range(3):
@@ -56,7 +58,7 @@ def weigh_straight(cell: Any, way: int, xi: Any, zeta: Any, c: Any, cx: Any, cz:
 
 
 @kernel
-def locate(cell: Any, c: Any, bodies: Any, r: Any) -> None:
+def interpolate_point(cell: Any, c: Any, bodies: Any, r: Any) -> None:
     """r (3,) <- what the weights make of the nodes: a point, or its derivative."""
     for k in range(3):
         r[k] = 0.0
@@ -67,7 +69,7 @@ def locate(cell: Any, c: Any, bodies: Any, r: Any) -> None:
 
 
 @kernel
-def lay_line(cell: Any, xi: Any, bodies: Any, line: Any) -> None:
+def evaluate_line(cell: Any, xi: Any, bodies: Any, line: Any) -> None:
     """line (4, 3) <- the cubic on which all points at xi lie: where it begins and ends, and its derivatives there."""
     X1 = xi * xi * (3.0 - 2.0 * xi)
     X0, A0, A1 = 1.0 - X1, cell.a * xi * (1.0 - xi) * (1.0 - xi), -cell.a * xi * xi * (1.0 - xi)
@@ -79,7 +81,7 @@ def lay_line(cell: Any, xi: Any, bodies: Any, line: Any) -> None:
 
 
 @kernel
-def locate_on_line(line: Any, zeta: Any, r: Any) -> None:
+def evaluate_on_line(line: Any, zeta: Any, r: Any) -> None:
     """r (3,) <- the point of a line at zeta."""
     Z1 = zeta * zeta * (3.0 - 2.0 * zeta)
     Z0, B0, B1 = 1.0 - Z1, zeta * (1.0 - zeta) * (1.0 - zeta), -zeta * zeta * (1.0 - zeta)
@@ -88,8 +90,8 @@ def locate_on_line(line: Any, zeta: Any, r: Any) -> None:
 
 
 @kernel
-def middle(cell: Any, bodies: Any, r: Any) -> None:
-    """r (3,) <- the mean of the nodes; the patch lies within :func:`reach` of it."""
+def evaluate_center(cell: Any, bodies: Any, r: Any) -> None:
+    """r (3,) <- the mean of the nodes; the patch lies within :func:`bounding_radius` of it."""
     for k in range(3):
         r[k] = 0.0
         for i in range(4):
@@ -97,13 +99,13 @@ def middle(cell: Any, bodies: Any, r: Any) -> None:
 
 
 @kernel
-def reach(cell: Any) -> float:
+def bounding_radius(cell: Any) -> float:
     """Radius of a ball about the middle of a cell that holds all of it, m: half a diagonal and some for bending."""
     return 0.6 * np.sqrt(cell.a * cell.a + cell.b * cell.b)
 
 
 @kernel
-def dip(cell: Any, bodies: Any, r: Any, n: Any) -> float:
+def sagitta(cell: Any, bodies: Any, r: Any, n: Any) -> float:
     """How far, at most, the patch reaches from its middle r against the unit vector n, m: as far as its Bezier points
     do, r_i and a third of a side on from there along t_x and t_z.
     """
@@ -121,7 +123,7 @@ def dip(cell: Any, bodies: Any, r: Any, n: Any) -> float:
 
 
 @inlined
-def lever(A: Any, along: Any, across: Any) -> Any:
+def moment_arm(A: Any, along: Any, across: Any) -> Any:
     """A L of a node with the axes A (3, 3), by its weights a Nx and b Nz."""
     return (
         along * A[0, 0] + across * A[0, 2],
@@ -131,26 +133,26 @@ def lever(A: Any, along: Any, across: Any) -> Any:
 
 
 @kernel
-def drift(cell: Any, c: Any, bodies: Any, v: Any) -> None:
+def point_velocity(cell: Any, c: Any, bodies: Any, v: Any) -> None:
     """v (3,) <- velocity of the point."""
     for k in range(3):
         v[k] = 0.0
     for i in range(4):
         node = bodies[cell.node[i]]
         A, Y = node.A, node.Y
-        x, y, z = lever(A, c[i, 1], c[i, 2])
+        x, y, z = moment_arm(A, c[i, 1], c[i, 2])
         v[0] += c[i, 0] * Y[0] + Y[4] * z - Y[5] * y
         v[1] += c[i, 0] * Y[1] + Y[5] * x - Y[3] * z
         v[2] += c[i, 0] * Y[2] + Y[3] * y - Y[4] * x
 
 
 @kernel
-def press(cell: Any, c: Any, bodies: Any, f: Any) -> None:
+def apply_to_nodes(cell: Any, c: Any, bodies: Any, f: Any) -> None:
     """Add a force f (3,) at the point to the applied wrenches of the nodes."""
     for i in range(4):
         node = bodies[cell.node[i]]
         A, F = node.A, node.F
-        x, y, z = lever(A, c[i, 1], c[i, 2])
+        x, y, z = moment_arm(A, c[i, 1], c[i, 2])
         for k in range(3):
             F[k] += c[i, 0] * f[k]
         F[3] += y * f[2] - z * f[1]
@@ -159,7 +161,7 @@ def press(cell: Any, c: Any, bodies: Any, f: Any) -> None:
 
 
 @kernel
-def react(body: Any, r: Any, f: Any) -> None:
+def apply_reaction(body: Any, r: Any, f: Any) -> None:
     """Take a force f (3,) at a point r from the applied wrench of a body."""
     x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
     F = body.F
@@ -171,7 +173,7 @@ def react(body: Any, r: Any, f: Any) -> None:
 
 
 @kernel
-def rise(u: Any) -> Any:
+def smooth_step(u: Any) -> Any:
     """From 0 where u is 0 to 1 where it is 1, without a corner."""
     if u.real <= 0.0:
         return 0.0 * u

@@ -6,14 +6,14 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .patch import locate, reach, rise, weigh_straight
+from .patch import bounding_radius, evaluate_ruled_weights, interpolate_point, smooth_step
 
-PASSES = 12  # of Newton for the material under a station
-CLOSE = 1e-9  # sides of a cell: after a correction as small one more makes it exact
+MAX_NEWTON_ITERATIONS = 12  # of Newton for the material under a station
+NEWTON_TOLERANCE = 1e-9  # sides of a cell: after a correction as small one more makes it exact
 
 
 @kernel
-def station(nip: Any, place: float, i: int) -> Any:
+def station_position(nip: Any, place: float, i: int) -> Any:
     """Where a station of a pair is: the first ahead, the second behind."""
     along, beside = nip.half if i == 0 else -nip.half, 0.5 * nip.width * place
     return (
@@ -24,9 +24,9 @@ def station(nip: Any, place: float, i: int) -> Any:
 
 
 @kernel
-def misses(nip: Any, P: Any, x: float, y: float, z: float) -> bool:
+def is_separated(nip: Any, P: Any, x: float, y: float, z: float) -> bool:
     """Whether nothing of a cell, whose middle is at (x, y, z), is under a point P, however far above or below."""
-    along, beside, near = 0.0, 0.0, reach(nip).real + nip.entry.real
+    along, beside, near = 0.0, 0.0, bounding_radius(nip).real + nip.entry.real
     for k in range(3):
         off = (x if k == 0 else y if k == 1 else z) - P[k].real
         along, beside = along + off * nip.d[k].real, beside + off * nip.e[k].real
@@ -34,18 +34,18 @@ def misses(nip: Any, P: Any, x: float, y: float, z: float) -> bool:
 
 
 @kernel
-def under(nip: Any, P: Any, bodies: Any, here: Any) -> Any:
+def find_material_point(nip: Any, P: Any, bodies: Any, here: Any) -> Any:
     """Find the material of a cell under a point P (three numbers); return xi, zeta and whether they were found.
 
     Leaves weights, point and derivatives there. In a complex state the imaginary part is exact after the last pass.
     """
     d, e = nip.d, nip.e
     xi, zeta, last = 0.0 * here.r[0] + 0.5, 0.0 * here.r[0] + 0.5, False
-    for _ in range(PASSES):
-        weigh_straight(nip, nip.way, xi, zeta, here.c, here.cx, here.cz)
-        locate(nip, here.c, bodies, here.r)
-        locate(nip, here.cx, bodies, here.rx)
-        locate(nip, here.cz, bodies, here.rz)
+    for _ in range(MAX_NEWTON_ITERATIONS):
+        evaluate_ruled_weights(nip, nip.way, xi, zeta, here.c, here.cx, here.cz)
+        interpolate_point(nip, here.c, bodies, here.r)
+        interpolate_point(nip, here.cx, bodies, here.rx)
+        interpolate_point(nip, here.cz, bodies, here.rz)
         if last:
             return xi, zeta, True
         g0, g1, a00, a01, a10, a11 = 0.0 * xi, 0.0 * xi, 0.0 * xi, 0.0 * xi, 0.0 * xi, 0.0 * xi
@@ -61,18 +61,18 @@ def under(nip: Any, P: Any, bodies: Any, here: Any) -> Any:
         xi, zeta = xi + dx, zeta + dz
         if not (abs(xi.real) < 3.0 and abs(zeta.real) < 3.0):
             return xi, zeta, False
-        last = abs(dx.real) + abs(dz.real) < CLOSE
+        last = abs(dx.real) + abs(dz.real) < NEWTON_TOLERANCE
     return xi, zeta, False
 
 
 @kernel
-def inside(x: Any, before: float, after: float) -> Any:
+def cell_share(x: Any, before: float, after: float) -> Any:
     """Part of a station that a cell has, by the margins where it begins and where it ends."""
-    return rise((x + before) / (2.0 * before)) * rise((1.0 + after - x) / (2.0 * after))
+    return smooth_step((x + before) / (2.0 * before)) * smooth_step((1.0 + after - x) / (2.0 * after))
 
 
 @kernel
-def opening(nip: Any, u: Any) -> Any:
+def entry_gap(nip: Any, u: Any) -> Any:
     """Half of what roller and idler leave open where the sheet's edge is, as long as it is on its way in or out, m."""
     h = nip.a if nip.way == 0 else nip.b
     short = 0.0 * u
@@ -84,16 +84,16 @@ def opening(nip: Any, u: Any) -> Any:
 
 
 @kernel
-def wedged(y: Any, open: Any) -> Any:
+def entry_gap_law(y: Any, gap: Any) -> Any:
     """Part of y that acts on rubber near an opening, and its derivative: almost zero within, almost all outside."""
-    if open.real == 0.0:
+    if gap.real == 0.0:
         return y, 0.0 * y + 1.0
-    square, both = y * y, y * y + open * open
-    return y * square / both, square * (square + 3.0 * open * open) / (both * both)
+    square, both = y * y, y * y + gap * gap
+    return y * square / both, square * (square + 3.0 * gap * gap) / (both * both)
 
 
 @kernel
-def gives(x: Any, u: Any) -> Any:
+def clamped_beam_compliance(x: Any, u: Any) -> Any:
     """Deflection at x of a clamped beam of length 1 and stiffness 1 under a unit force at u, and its slope there."""
     if x.real <= u.real:
         free, v = (1.0 - u) * (1.0 - u) / 6.0, 3.0 * u - (1.0 + 2.0 * u) * x
@@ -104,6 +104,6 @@ def gives(x: Any, u: Any) -> Any:
 
 
 @kernel
-def within(u: Any) -> bool:
+def is_within_cell(u: Any) -> bool:
     """Whether a place is in the cell; a station over the edge of the sheet need not be."""
     return 0.0 < u.real < 1.0

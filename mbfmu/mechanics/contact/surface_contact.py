@@ -10,7 +10,7 @@ v the velocity relative to the surface, v_n > 0 where it leaves. An impact so lo
 order, whatever phi is. Points lie on edges of the sheet too, with half their share: an edge that no point is on would
 pass through a wall.
 
-``told`` of State.meeting: the force on the sheet (0..2), N; stored energy (3), J; power of what is not stored (4), W;
+``result`` of State.contact: the force on the sheet (0..2), N; stored energy (3), J; power of what is not stored (4), W;
 depth of the deepest point (5), m.
 """
 
@@ -27,11 +27,22 @@ from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.steps import EPSILON, step
 from solvers.compiled.kernel import kernel
 
-from .meeting import ALL, OWN
-from .patch import dip, drift, lay_line, lever, locate_on_line, middle, press, reach, react, weigh
+from .contact_scratch import ALL_POINTS, OWN_SHARE
+from .patch import (
+    apply_reaction,
+    apply_to_nodes,
+    bounding_radius,
+    evaluate_center,
+    evaluate_line,
+    evaluate_on_line,
+    evaluate_weights,
+    moment_arm,
+    point_velocity,
+    sagitta,
+)
 from .surfaces import Surface
 
-TOUCH = np.dtype(
+SURFACE_CONTACT = np.dtype(
     [
         ("body", np.int64),  # that the surface is fixed to
         ("surface", np.int64),  # its number
@@ -46,7 +57,7 @@ TOUCH = np.dtype(
         ("depth", np.float64),  # d0, m
         ("damping", np.float64),  # chi, s/m
         ("friction", np.float64),  # mu
-        ("creep", np.float64),  # v_r, m/s
+        ("friction_velocity", np.float64),  # v_r, m/s
     ],
     align=True,
 )
@@ -55,7 +66,7 @@ TOUCH = np.dtype(
 @kernel
 def gap(contact: Any, arrays: Any, state: Any) -> Any:
     """Distance of the sheet's face at here.r from the surface; the normal in global axes is left in here.f."""
-    here, body = state.meeting[0], state.bodies[contact.body]
+    here, body = state.contact[0], state.bodies[contact.body]
     here.part = 1.0
     if contact.body == 0:  # the ground
         for k in range(3):
@@ -74,42 +85,42 @@ def gap(contact: Any, arrays: Any, state: Any) -> Any:
 
 
 @kernel
-def misses(contact: Any, clear: Any, bodies: Any, here: Any) -> bool:
-    """Broad-phase test: whether a cell is separated, by the distance ``clear`` and the normal here.f at its center
+def is_separated(contact: Any, distance: Any, bodies: Any, here: Any) -> bool:
+    """Broad-phase test: whether a cell is separated, by the distance ``distance`` and the normal here.f at its center
     here.r.
 
     The cell is within a ball about its center; a convex surface lies behind its tangent plane at the nearest point.
     """
-    if clear.real > reach(contact).real:
+    if distance.real > bounding_radius(contact).real:
         return True
-    return contact.convex == 1 and clear.real > dip(contact, bodies, here.r, here.f)
+    return contact.convex == 1 and distance.real > sagitta(contact, bodies, here.r, here.f)
 
 
 @kernel
-def meet(contact: Any, arrays: Any, state: Any) -> None:
-    """Add the forces at all points to the bodies, unless ``here.silent``, and to ``here.told``."""
-    here, bodies = state.meeting[0], state.bodies
-    middle(contact, bodies, here.r)
-    if misses(contact, gap(contact, arrays, state), bodies, here):
+def evaluate_contact(contact: Any, arrays: Any, state: Any) -> None:
+    """Add the forces at all points to ``here.result``, and unless ``accumulate_only`` to the bodies."""
+    here, bodies = state.contact[0], state.bodies
+    evaluate_center(contact, bodies, here.r)
+    if is_separated(contact, gap(contact, arrays, state), bodies, here):
         return
-    nx, nz, own = contact.samples[0], contact.samples[1], here.silent == OWN
+    nx, nz, own = contact.samples[0], contact.samples[1], here.accumulate_only == OWN_SHARE
     for i in range(nx + (1 if own else contact.ends[0, 1])):
-        lay_line(contact, i / nx, bodies, here.line)
+        evaluate_line(contact, i / nx, bodies, here.line)
         for k in range(nz + (1 if own else contact.ends[1, 1])):
-            locate_on_line(here.line, k / nz, here.r)
+            evaluate_on_line(here.line, k / nz, here.r)
             d = -gap(contact, arrays, state)
             if d.real > 0.0 and here.part.real > 0.0:
-                weigh(contact, i / nx, k / nz, here.c)
-                drift(contact, here.c, bodies, here.v)
-                push(contact, area(contact, i, k, own), d, bodies[contact.body], here)
-                if here.silent == 0:
-                    press(contact, here.c, bodies, here.f)
+                evaluate_weights(contact, i / nx, k / nz, here.c)
+                point_velocity(contact, here.c, bodies, here.v)
+                point_force(contact, point_area(contact, i, k, own), d, bodies[contact.body], here)
+                if here.accumulate_only == 0:
+                    apply_to_nodes(contact, here.c, bodies, here.f)
                     if contact.body > 0:
-                        react(bodies[contact.body], here.r, here.f)
+                        apply_reaction(bodies[contact.body], here.r, here.f)
 
 
 @kernel
-def area(contact: Any, i: int, k: int, own: bool) -> float:
+def point_area(contact: Any, i: int, k: int, own: bool) -> float:
     """Area that a point stands for, m^2; or its part of that in the cell."""
     nx, nz = contact.samples[0], contact.samples[1]
     share = contact.a * contact.b / (nx * nz)
@@ -121,9 +132,9 @@ def area(contact: Any, i: int, k: int, own: bool) -> float:
 
 
 @kernel
-def push(contact: Any, share: float, d: Any, body: Any, here: Any) -> None:
+def point_force(contact: Any, share: float, d: Any, body: Any, here: Any) -> None:
     """here.f <- what a point at here.r with the velocity here.v feels, the normal of the surface in here.f so far."""
-    r, v, f, told = here.r, here.v, here.f, here.told
+    r, v, f, result = here.r, here.v, here.f, here.result
     x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
     v[0] -= body.Y[0] + body.Y[4] * z - body.Y[5] * y
     v[1] -= body.Y[1] + body.Y[5] * x - body.Y[3] * z
@@ -137,86 +148,86 @@ def push(contact: Any, share: float, d: Any, body: Any, here: Any) -> None:
     N = spring * (1.0 - contact.damping * leaving)
     if N.real < 0.0:
         N = 0.0 * N
-    told[3] += stored
-    told[4] += (N - spring) * leaving
-    if d.real > told[5].real:
-        told[5] = d
-    rub = 0.0 * N
+    result[3] += stored
+    result[4] += (N - spring) * leaving
+    if d.real > result[5].real:
+        result[5] = d
+    friction = 0.0 * N
     if contact.friction.real > 0.0:
         for j in range(3):
             v[j] -= leaving * f[j]
         square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-        rub = contact.friction * N / np.sqrt(square + contact.creep * contact.creep)
-        told[4] -= rub * square
+        friction = contact.friction * N / np.sqrt(square + contact.friction_velocity * contact.friction_velocity)
+        result[4] -= friction * square
     for j in range(3):
-        f[j] = N * f[j] - rub * v[j]
-        told[j] += f[j]
+        f[j] = N * f[j] - friction * v[j]
+        result[j] += f[j]
 
 
 @kernel
 def tangent(contact: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: the law by complex steps of a point, the point by its weights."""
-    here, bodies, there = state.meeting[0], state.bodies, twin.meeting[0]
+    here, bodies, there = state.contact[0], state.bodies, twin.contact[0]
     body, moved = bodies[contact.body], twin.bodies[contact.body]
     step(body, moved, -1, c1)
-    middle(contact, bodies, here.r)
+    evaluate_center(contact, bodies, here.r)
     for j in range(3):
         there.r[j] = here.r[j]
-    if misses(contact, gap(contact, arrays, twin), bodies, there):
+    if is_separated(contact, gap(contact, arrays, twin), bodies, there):
         return 0.0
     met = 0.0
     nx, nz = contact.samples[0], contact.samples[1]
     for i in range(nx + contact.ends[0, 1]):
-        lay_line(contact, i / nx, bodies, here.line)
+        evaluate_line(contact, i / nx, bodies, here.line)
         for k in range(nz + contact.ends[1, 1]):
-            locate_on_line(here.line, k / nz, here.r)
+            evaluate_on_line(here.line, k / nz, here.r)
             for j in range(3):
                 there.r[j] = here.r[j]
             d = -gap(contact, arrays, twin)
             if d.real > 0.0 and there.part.real > 0.0:
-                weigh(contact, i / nx, k / nz, here.c)
-                share = area(contact, i, k, False)
-                drift(contact, here.c, bodies, here.v)
+                evaluate_weights(contact, i / nx, k / nz, here.c)
+                share = point_area(contact, i, k, False)
+                point_velocity(contact, here.c, bodies, here.v)
                 for j in range(6):
-                    felt(contact, share, j, arrays, here, twin)
+                    point_force_perturbed(contact, share, j, arrays, here, twin)
                     for row in range(3):
                         here.by[row, j] = -there.f[row].imag / EPSILON
                         here.f[row] = there.f[row].real
                 if contact.body > 0:
                     for j in range(6):
                         step(body, moved, j, c1)
-                        felt(contact, share, 6, arrays, here, twin)
+                        point_force_perturbed(contact, share, 6, arrays, here, twin)
                         for row in range(3):
                             here.df[row, j] = -there.f[row].imag / EPSILON
                             here.dr[row, j] = -1.0 if row == j else 0.0
-                    spread(contact, 24, bodies, here, K)
+                    add_columns(contact, 24, bodies, here, K)
                     step(body, moved, -1, c1)
-                by_nodes(contact, c1, bodies, here, K)
+                add_node_stiffness(contact, c1, bodies, here, K)
                 met = 1.0
     return met
 
 
 @kernel
-def felt(contact: Any, share: float, j: int, arrays: Any, here: Any, twin: Any) -> None:
-    """twin.meeting.f <- what a point feels after an imaginary step of its place (j < 3), its speed (j < 6) or none."""
-    there = twin.meeting[0]
+def point_force_perturbed(contact: Any, share: float, j: int, arrays: Any, here: Any, twin: Any) -> None:
+    """twin.contact.f <- the force at a point after an imaginary step of position (j < 3), velocity (j < 6) or none."""
+    there = twin.contact[0]
     for k in range(3):
         there.r[k] = here.r[k] + (EPSILON * 1j if k == j else 0.0)
         there.v[k] = here.v[k] + (EPSILON * 1j if k + 3 == j else 0.0)
-    push(contact, share, -gap(contact, arrays, twin), twin.bodies[contact.body], there)
+    point_force(contact, share, -gap(contact, arrays, twin), twin.bodies[contact.body], there)
 
 
 @kernel
-def by_nodes(contact: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
+def add_node_stiffness(contact: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
     """Add to K what a point feels, by the motions of its nodes, from minus the derivatives of the law in here.by."""
     by, dr, df, f = here.by, here.dr, here.df, here.f
     for j in range(4):
         node = bodies[contact.node[j]]
-        L, w = lever(node.A, here.c[j, 1], here.c[j, 2]), (node.Y[3], node.Y[4], node.Y[5])
+        arm, w = moment_arm(node.A, here.c[j, 1], here.c[j, 2]), (node.Y[3], node.Y[4], node.Y[5])
         for k in range(3):
             p, q = (k + 1) % 3, (k + 2) % 3
             dr[k, k], dr[p, k], dr[q, k] = here.c[j, 0], 0.0, 0.0
-            dr[k, 3 + k], dr[p, 3 + k], dr[q, 3 + k] = 0.0, -L[q], L[p]  # e_k x L
+            dr[k, 3 + k], dr[p, 3 + k], dr[q, 3 + k] = 0.0, -arm[q], arm[p]  # e_k x L
         for i in range(3):
             vx, vy, vz = by[i, 3], by[i, 4], by[i, 5]
             # by the velocity, which changes with c1 dr, and as the lever turns with w x dr
@@ -226,7 +237,7 @@ def by_nodes(contact: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
                 df[i, k] = gx * dr[0, k] + gy * dr[1, k] + gz * dr[2, k]
                 k3 = 3 + k
                 df[i, k3] = (gx + tx) * dr[0, k3] + (gy + ty) * dr[1, k3] + (gz + tz) * dr[2, k3]
-        spread(contact, 6 * j, bodies, here, K)
+        add_columns(contact, 6 * j, bodies, here, K)
         for k in range(3, 6):  # the moment L x f turns with the node
             K[6 * j + 3, 6 * j + k] -= dr[1, k] * f[2] - dr[2, k] * f[1]
             K[6 * j + 4, 6 * j + k] -= dr[2, k] * f[0] - dr[0, k] * f[2]
@@ -234,13 +245,13 @@ def by_nodes(contact: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
 
 
 @kernel
-def spread(contact: Any, first: int, bodies: Any, here: Any, K: Any) -> None:
+def add_columns(contact: Any, first: int, bodies: Any, here: Any, K: Any) -> None:
     """Add six columns from ``first`` on to K: the nodes' wrenches from minus the changes of the force, here.df, and
     that of a moving body, relative to which the point moves by here.dr.
     """
     f, dr, df = here.f, here.dr, here.df
     for j in range(4):
-        x, y, z = lever(bodies[contact.node[j]].A, here.c[j, 1], here.c[j, 2])
+        x, y, z = moment_arm(bodies[contact.node[j]].A, here.c[j, 1], here.c[j, 2])
         N = here.c[j, 0]
         for k in range(6):
             K[6 * j, first + k] += N * df[0, k]
@@ -262,35 +273,35 @@ def spread(contact: Any, first: int, bodies: Any, here: Any, K: Any) -> None:
 
 
 @kernel
-def quantity(load: Any, arrays: Any, state: Any, k: int) -> Any:
-    """Entry k of ``told`` by one cell alone, the bodies left as they are."""
-    here = state.meeting[0]
+def evaluate_quantity(load: Any, arrays: Any, state: Any, k: int) -> Any:
+    """Entry k of ``result`` by one cell alone, the bodies left as they are."""
+    here = state.contact[0]
     for j in range(8):
-        here.told[j] = 0.0
-    here.silent = ALL
-    meet(load, arrays, state)
-    here.silent = 0
-    return here.told[k]
+        here.result[j] = 0.0
+    here.accumulate_only = ALL_POINTS
+    evaluate_contact(load, arrays, state)
+    here.accumulate_only = 0
+    return here.result[k]
 
 
 @kernel
-def sound(contacts: Any, points: Any, arrays: Any, state: Any, found: Any) -> None:
+def find_max_penetration(contacts: Any, points: Any, arrays: Any, state: Any, found: Any) -> None:
     """found (k, 4) <- depth of the deepest point of each of k contacts, m, zero where none is in, and its place.
 
     ``points`` (k, 2) is their number along x and z.
     """
-    here, bodies = state.meeting[0], state.bodies
+    here, bodies = state.contact[0], state.bodies
     for e in range(found.shape[0]):
         contact, nx, nz = contacts[e], points[e, 0], points[e, 1]
         for j in range(4):
             found[e, j] = 0.0
-        middle(contact, bodies, here.r)
-        if gap(contact, arrays, state) > reach(contact):
+        evaluate_center(contact, bodies, here.r)
+        if gap(contact, arrays, state) > bounding_radius(contact):
             continue
         for i in range(nx + 1):
-            lay_line(contact, i / nx, bodies, here.line)
+            evaluate_line(contact, i / nx, bodies, here.line)
             for k in range(nz + 1):
-                locate_on_line(here.line, k / nz, here.r)
+                evaluate_on_line(here.line, k / nz, here.r)
                 d = -gap(contact, arrays, state)
                 if d > found[e, 0] and here.part > 0.0:
                     found[e, 0] = d
@@ -301,24 +312,24 @@ def sound(contacts: Any, points: Any, arrays: Any, state: Any, found: Any) -> No
 @kernel
 def apply(contact: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The dissipated power is a by-product."""
-    here, told = state.meeting[0], state.meeting[0].told
-    if here.silent == 0:  # else sensors add up the values of several contacts
-        told[4] = 0.0
-    meet(contact, arrays, state)
-    state.damped[0] += told[4]
+    here, result = state.contact[0], state.contact[0].result
+    if here.accumulate_only == 0:  # else sensors add up the values of several contacts
+        result[4] = 0.0
+    evaluate_contact(contact, arrays, state)
+    state.cached_power[0] += result[4]
 
 
 @kernel
 def potential(contact: Any, arrays: Any, state: Any) -> float:
     """Energy that the law of pressure stores, J."""
-    return quantity(contact, arrays, state, 3)
+    return evaluate_quantity(contact, arrays, state, 3)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceContact(Load):
     """One cell of a sheet against a surface; :func:`.add_contact` makes those of a sheet."""
 
-    record = TOUCH
+    record = SURFACE_CONTACT
     apply = apply
     potential = potential
     tangent = tangent
@@ -333,15 +344,15 @@ class SurfaceContact(Load):
     depth: float
     damping: float
     friction: float
-    creep: float
+    friction_velocity: float
 
     @property
-    def slip(self) -> float:
+    def slip_scale(self) -> float:
         """Slip at which friction turns over, m/s."""
-        return self.creep if self.friction > 0.0 else np.inf
+        return self.friction_velocity if self.friction > 0.0 else np.inf
 
     @property
-    def works(self) -> bool:
+    def is_nonconservative(self) -> bool:
         """It does: by friction and by what is lost as the sheet leaves."""
         return True
 
@@ -353,5 +364,5 @@ class SurfaceContact(Load):
         record["samples"], record["ends"] = self.samples, self.ends
         record["a"], record["b"] = self.sides
         record["half"] = 0.5 * self.thickness
-        for key in ("stiffness", "depth", "damping", "friction", "creep"):
+        for key in ("stiffness", "depth", "damping", "friction", "friction_velocity"):
             record[key] = getattr(self, key)

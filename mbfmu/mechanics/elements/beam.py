@@ -184,7 +184,7 @@ class BeamElement(Force):
         record["stiffness"] = self.axial, self.torsion, self.bending_y, self.bending_z
 
     @property
-    def works(self) -> bool:
+    def is_nonconservative(self) -> bool:
         """Whether it is damped."""
         return bool(self.damping)
 

@@ -178,6 +178,6 @@ class Plate(Load):
         return felt(stretched, bent, self.stretching, self.bending, natural=natural)
 
     @property
-    def works(self) -> bool:
+    def is_nonconservative(self) -> bool:
         """Whether its material is damped."""
         return self.damping > 0.0

@@ -406,7 +406,7 @@ def apply(plate: Any, t: float, arrays: Any, state: Any) -> None:
     resist(plate, here)
     gradient(plate, here)
     load(plate, here, bodies)
-    state.damped[0] += power
+    state.cached_power[0] += power
 
 
 @kernel

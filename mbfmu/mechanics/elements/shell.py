@@ -140,7 +140,7 @@ class Shell(Load):
         return 0.5 * float(p[0] * q[2] - p[2] * q[0])
 
     @property
-    def works(self) -> bool:
+    def is_nonconservative(self) -> bool:
         """Whether its material is damped."""
         return self.damping > 0.0
 

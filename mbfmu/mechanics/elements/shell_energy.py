@@ -253,7 +253,7 @@ def apply(shell: Any, t: float, arrays: Any, state: Any) -> None:
         move(shell, bodies, here)
         differentiate(shell, here)
         resist(shell, here.rate, shell.damping, here.f)
-        state.damped[0] -= work(here.f, here.rate)
+        state.cached_power[0] -= work(here.f, here.rate)
     resist(shell, here.d, 1.0, here.f)
     gradient(shell, here)
     load(shell, here, bodies)

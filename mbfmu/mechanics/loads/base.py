@@ -13,8 +13,8 @@ Its kernels:
                                              complex state, scratch, for complex steps
 
 A load without ``tangent`` is differentiated by complex steps, so ``apply`` is analytic in every real
-number it reads. What is too slight to be worth solving for has ``LEFT_OUT``. A load that a scene does not call for has
-no record, and so no cost.
+number it reads. A load whose tangent is negligible has ``zero_tangent``. A load that a scene does not call for has no
+record, and so no cost.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 
 
 @kernel
-def LEFT_OUT(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
-    """Tangent of what only implicit solvers of large trees would know of."""
+def zero_tangent(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
+    """Tangent of a load whose stiffness is negligible in the implicit solvers of large trees."""
     return 0.0
 
 
@@ -72,12 +72,12 @@ class Load(Kind):
     on_joint: ClassVar[bool] = False  # acts along the coordinate of the first body's joint, not on bodies
 
     @property
-    def works(self) -> bool:
+    def is_nonconservative(self) -> bool:
         """Whether it is non-conservative: it does work that no potential contains."""
         return self.power is not None
 
     @property
-    def loose(self) -> int:
+    def n_untied_bodies(self) -> int:
         """Number of trailing bodies whose coupling to the others is left out of the groups of the tangent (border)."""
         return 0
 

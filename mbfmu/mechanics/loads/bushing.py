@@ -185,7 +185,7 @@ class Bushing(Force):
             record[key] = [*_along_axes(f"{key} of {name}", onward), *_along_axes(f"rotational_{key} of {name}", about)]
 
     @property
-    def works(self) -> bool:
+    def is_nonconservative(self) -> bool:
         """Whether it is damped."""
         return bool(np.any(self.damping) or np.any(self.rotational_damping))
 

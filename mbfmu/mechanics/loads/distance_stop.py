@@ -92,7 +92,7 @@ class DistanceStop(Force):
         fill_limits(record, self)
 
     @property
-    def works(self) -> bool:
+    def is_nonconservative(self) -> bool:
         """Whether it is damped."""
         return bool(self.damping)
 

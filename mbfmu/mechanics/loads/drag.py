@@ -13,7 +13,7 @@ import numpy as np
 from mbfmu.mechanics.kind import Site
 from solvers.compiled.kernel import kernel
 
-from .base import LEFT_OUT, Load
+from .base import Load, zero_tangent
 
 
 @kernel
@@ -70,7 +70,7 @@ class Drag(Load):
     )
     apply = apply
     power = power
-    tangent = LEFT_OUT
+    tangent = zero_tangent
 
     density: float
     area: float

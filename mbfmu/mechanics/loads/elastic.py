@@ -90,6 +90,6 @@ class ElasticForce(Force):
             record["stiffness"] = self.stiffness
 
     @property
-    def works(self) -> bool:
+    def is_nonconservative(self) -> bool:
         """Whether it is damped, or its force a function."""
         return bool(self.damping) or self._is_function()

@@ -68,6 +68,6 @@ class JointStop(Force):
         fill_limits(record, self)
 
     @property
-    def works(self) -> bool:
+    def is_nonconservative(self) -> bool:
         """Whether it is damped."""
         return bool(self.damping)

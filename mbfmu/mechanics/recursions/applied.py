@@ -18,7 +18,7 @@ def apply_loads(t: float, arrays: Any, state: Any) -> None:
         F = state.bodies[i].F
         for k in range(6):
             F[k] = 0.0
-    state.damped[0] = 0.0
+    state.cached_power[0] = 0.0
     for i in range(arrays.loads.shape[0]):
         apply_load(arrays.loads[i], t, arrays, state)
     for i in range(arrays.flexibles.shape[0]):
@@ -48,7 +48,7 @@ def sum_load_powers(t: float, arrays: Any, state: Any) -> float:
     """Power of all loads and flexible bodies, W, without the change of :func:`stored_energy`; :func:`apply_loads` was
     called last for this state.
     """
-    total = state.damped[0]
+    total = state.cached_power[0]
     for i in range(arrays.loads.shape[0]):
         total += load_power(arrays.loads[i], t, arrays, state)
     for i in range(arrays.flexibles.shape[0]):

@@ -175,7 +175,7 @@ def energy(t: float, q: Any, v: Any, data: Any) -> float:
 def power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
     """dE/dt at the solution (q, v, a, lam), W; :func:`dynamics` or :func:`motion` was called last for (t, q, v)."""
     arrays, state = data.arrays, data.state
-    if arrays.world[0].works == 0:
+    if arrays.world[0].nonconservative == 0:
         return 0.0
     if arrays.world[0].drives == 1:
         update_acceleration_level(a, lam, arrays, state)
@@ -185,7 +185,7 @@ def power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
 def solved_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
     """dE/dt, W, at the solution that :func:`inverse` or :func:`forward` was called last for."""
     arrays, state = data.arrays, data.state
-    return power_of(t, arrays, state) if arrays.world[0].works == 1 else 0.0
+    return power_of(t, arrays, state) if arrays.world[0].nonconservative == 1 else 0.0
 
 
 def evaluate_energy_bound(rtol: float, q_tol: Any, v_tol: Any, data: Any, out: Any) -> None:

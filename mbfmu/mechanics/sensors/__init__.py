@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .attitudes import AngularVelocity, DirectionCosine, Quaternion
 from .base import Follows, Sensor, axis_index
-from .contacts import Met, Pressed
+from .contacts import ContactForceSum, ContactSum
 from .coordinates import Acceleration, Coordinate, Effort, Rate, Turn
 from .energies import Energy, JacobiIntegral, KineticEnergy, PotentialEnergy, Residual, largest_residual
 from .forces import CouplingEffort, CutForce, JointForce, RowForce
@@ -20,6 +20,8 @@ __all__ = [
     "AngleBetween",
     "AngularVelocity",
     "BendingMoment",
+    "ContactForceSum",
+    "ContactSum",
     "Coordinate",
     "CouplingEffort",
     "Covered",
@@ -39,12 +41,10 @@ __all__ = [
     "KineticEnergy",
     "LoadEffort",
     "LoadWrench",
-    "Met",
     "PointAcceleration",
     "PointPosition",
     "PointVelocity",
     "PotentialEnergy",
-    "Pressed",
     "Quaternion",
     "Rate",
     "RelativePosition",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.contact.meeting import ALL, OWN
+from mbfmu.mechanics.contact.contact_scratch import ALL_POINTS, OWN_SHARE
 from mbfmu.mechanics.dispatch import apply_load
 from mbfmu.mechanics.kind import Site
 from solvers.compiled.kernel import kernel
@@ -17,47 +17,47 @@ from .base import Follows, Sensor
 
 
 @kernel
-def sum_over(first: int, count: int, silent: int, arrays: Any, state: Any) -> None:
-    """``State.meeting.told`` <- values of ``count`` loads from ``first`` on, ``silent`` as there."""
-    here, damped = state.meeting[0], state.damped[0]
-    for k in range(here.told.shape[0]):
-        here.told[k] = 0.0
-    here.silent = silent
+def sum_contact_results(first: int, count: int, accumulate_only: int, arrays: Any, state: Any) -> None:
+    """``State.contact.result`` <- values of ``count`` loads from ``first`` on, ``accumulate_only`` as there."""
+    here, power = state.contact[0], state.cached_power[0]
+    for k in range(here.result.shape[0]):
+        here.result[k] = 0.0
+    here.accumulate_only = accumulate_only
     for e in range(first, first + count):
         apply_load(arrays.loads[e], state.time[0].real, arrays, state)
-    here.silent, state.damped[0] = 0, damped
+    here.accumulate_only, state.cached_power[0] = 0, power
 
 
 @kernel
-def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def read_sum(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`: a sum over loads, or the ratio of two."""
-    here = state.meeting[0]
-    sum_over(sensor.index, sensor.count, ALL, arrays, state)
-    found = sensor.scale * here.told[sensor.component]
+    here = state.contact[0]
+    sum_contact_results(sensor.index, sensor.count, ALL_POINTS, arrays, state)
+    found = sensor.scale * here.result[sensor.component]
     if sensor.over < 0:
         return found
-    share = here.told[sensor.over]
+    share = here.result[sensor.over]
     return found / share if share.real > 0.0 else 0.0 * found
 
 
 @kernel
-def pressed(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def read_force_sum(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`: the sizes of the forces of single contacts on their cells, added."""
-    told, total = state.meeting[0].told, 0.0
+    result, total = state.contact[0].result, 0.0
     for e in range(sensor.first, sensor.first + sensor.count):
-        sum_over(int(arrays.numbers[e].real), 1, OWN, arrays, state)
-        total = total + np.sqrt(told[0] * told[0] + told[1] * told[1] + told[2] * told[2])
+        sum_contact_results(int(arrays.numbers[e].real), 1, OWN_SHARE, arrays, state)
+        total = total + np.sqrt(result[0] * result[0] + result[1] * result[1] + result[2] * result[2])
     return sensor.scale * total
 
 
 @dataclass(frozen=True, kw_only=True)
-class Met(Sensor):
+class ContactSum(Sensor):
     """Sum of ``component`` of the contacts, times ``scale``, divided by the sum of ``over`` if that is not negative."""
 
     record = np.dtype(
         [("index", np.int64), ("component", np.int64), ("count", np.int64), ("over", np.int64), ("scale", np.float64)]
     )
-    read = read
+    read = read_sum
     follows = Follows.FORCES
 
     count: int
@@ -75,11 +75,11 @@ class Met(Sensor):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pressed(Sensor):
+class ContactForceSum(Sensor):
     """Sizes of the forces of single contacts, added, times ``scale``; ``own``: their numbers in Mechanism.others."""
 
     record = np.dtype([("first", np.int64), ("count", np.int64), ("scale", np.float64)])
-    read = pressed
+    read = read_force_sum
     follows = Follows.FORCES
 
     own: Sequence[int]

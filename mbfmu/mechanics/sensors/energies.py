@@ -43,7 +43,7 @@ def residual(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 @kernel
 def largest_residual(velocity: bool, arrays: Any, state: Any) -> float:
-    """Largest |Phi| or |Phi'| of the kept rows, each by its reach: m or m/s."""
+    """Largest |Phi| or |Phi'| of the kept rows, each times its residual scale: m or m/s."""
     worst = 0.0
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
@@ -56,13 +56,13 @@ def largest_residual(velocity: bool, arrays: Any, state: Any) -> float:
                 open_ = 0.0
                 for k in range(6):
                     open_ += row.Ga[k] * state.bodies[cut.a].Y[k] + row.Gb[k] * state.bodies[cut.b].Y[k]
-            worst = max(worst, abs(open_ * arrays.reach[r]))
+            worst = max(worst, abs(open_ * arrays.residual_scale[r]))
     for i in range(arrays.couplings.shape[0]):
         coupling, here = arrays.couplings[i], state.coupled[i]
         if arrays.kept[coupling.row] >= 0:
             rate = state.v[coupling.va] - here.slope * state.v[coupling.vb]
             open_ = rate if velocity else here.Phi
-            worst = max(worst, abs(open_ * arrays.reach[coupling.row]))
+            worst = max(worst, abs(open_ * arrays.residual_scale[coupling.row]))
     return worst
 
 

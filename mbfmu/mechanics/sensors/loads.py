@@ -28,14 +28,14 @@ def _taken(F: Any) -> Any:
 def wrench(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`. Component 0 to 5: on body a, 6 to 11: on body b."""
     Fa, Fb, k = state.bodies[sensor.a].F, state.bodies[sensor.b].F, sensor.component
-    kept_a, kept_b, damped = _taken(Fa), _taken(Fb), state.damped[0]
+    kept_a, kept_b, power = _taken(Fa), _taken(Fb), state.cached_power[0]
     apply_load(arrays.loads[sensor.index], state.time[0].real, arrays, state)
     found = Fa[k] if k < 6 else Fb[k - 6]
     for i in range(6):  # b first: what they were is that of a where both are one
         Fb[i] = kept_b[i]
     for i in range(6):
         Fa[i] = kept_a[i]
-    state.damped[0] = damped
+    state.cached_power[0] = power
     return found
 
 
@@ -43,11 +43,11 @@ def wrench(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 def effort(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`."""
     v = sensor.v
-    kept, damped = state.Q[v], state.damped[0]
+    kept, power = state.Q[v], state.cached_power[0]
     state.Q[v] = 0.0
     apply_load(arrays.loads[sensor.index], state.time[0].real, arrays, state)
     found = state.Q[v]
-    state.Q[v], state.damped[0] = kept, damped
+    state.Q[v], state.cached_power[0] = kept, power
     return found
 
 

@@ -8,20 +8,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbfmu.mechanics.contact.meeting import ALL
-from mbfmu.mechanics.contact.patch import locate, middle, reach, rise, weigh, weigh_straight
+from mbfmu.mechanics.contact.contact_scratch import ALL_POINTS
+from mbfmu.mechanics.contact.patch import (
+    bounding_radius,
+    evaluate_center,
+    evaluate_ruled_weights,
+    evaluate_weights,
+    interpolate_point,
+    smooth_step,
+)
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import angle_of
 from solvers.compiled.kernel import kernel
 
 from .base import Follows, Sensor
-from .contacts import sum_over
+from .contacts import sum_contact_results
 
-BLUR = 0.5e-3  # m, on either side of an edge, within which a beam is partly covered
-PASSES = 12  # of Newton for the material in a beam
-CLOSE = 1e-9  # sides of a cell: a correction as small is the last
-SLIPS = 0.5  # of the speed of a roller's surface: slip above which a nip jams
-HELD = 0.5  # part of a nip that is in the sheet, below which it does not count
+EDGE_BLUR_WIDTH = 0.5e-3  # m, on either side of an edge, within which a beam is partly covered
+MAX_NEWTON_ITERATIONS = 12  # of Newton for the material in a beam
+NEWTON_TOLERANCE = 1e-9  # sides of a cell: a correction as small is the last
+JAM_SLIP_RATIO = 0.5  # of the speed of a roller's surface: slip above which a nip jams
+MIN_LOADED_SHARE = 0.5  # part of a nip that is in the sheet, below which it does not count
 
 
 class Cell(NamedTuple):
@@ -35,8 +42,8 @@ class Cell(NamedTuple):
 @kernel
 def position(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`."""
-    r = state.meeting[0].r
-    locate(sensor, sensor.weight, state.bodies, r)
+    r = state.contact[0].r
+    interpolate_point(sensor, sensor.weight, state.bodies, r)
     return r[sensor.component]
 
 
@@ -54,7 +61,7 @@ def skew(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 @kernel
 def covered(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`: the most that any cell covers."""
-    here, P, d = state.meeting[0], sensor.place, sensor.direction
+    here, P, d = state.contact[0], sensor.place, sensor.direction
     most = 0.0 * here.r[0]
     for e in range(sensor.cells):
         k = sensor.first + 6 * e
@@ -68,50 +75,53 @@ def covered(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
             sensor.a,
             sensor.b,
         )
-        middle(cell, state.bodies, here.r)
+        evaluate_center(cell, state.bodies, here.r)
         along, square = 0.0, 0.0
         for j in range(3):
             off = here.r[j].real - P[j]
             along, square = along + off * d[j], square + off * off
-        if square - along * along > (reach(cell) + BLUR) ** 2:
+        if square - along * along > (bounding_radius(cell) + EDGE_BLUR_WIDTH) ** 2:
             continue
-        xi, zeta, found = pierced(cell, sensor, state.bodies, here)
+        xi, zeta, found = find_beam_intersection(cell, sensor, state.bodies, here)
         if not found:
             continue
         ends_x, ends_z = int(arrays.numbers[k + 4].real), int(arrays.numbers[k + 5].real)
-        part = beside(xi, sensor.a, ends_x) * beside(zeta, sensor.b, ends_z)
+        part = cell_coverage(xi, sensor.a, ends_x) * cell_coverage(zeta, sensor.b, ends_z)
         if part.real > most.real:
             most = part
     return most
 
 
 @kernel
-def beside(x: Any, side: float, ends: int) -> Any:
+def cell_coverage(x: Any, side: float, ends: int) -> Any:
     """Part of a beam that a cell covers which it meets at x, by the edges of the sheet: 1 where it begins, 2 where it
     ends on one, 3 both.
     """
-    first, last = (x * side + BLUR) / (2.0 * BLUR), ((1.0 - x) * side + BLUR) / (2.0 * BLUR)
+    first, last = (
+        (x * side + EDGE_BLUR_WIDTH) / (2.0 * EDGE_BLUR_WIDTH),
+        ((1.0 - x) * side + EDGE_BLUR_WIDTH) / (2.0 * EDGE_BLUR_WIDTH),
+    )
     if (ends % 2 == 0 and x.real < 0.0) or (ends < 2 and x.real > 1.0):
         return 0.0 * x
     found = 0.0 * x + 1.0
     if ends % 2 == 1:
-        found = found * rise(first)
+        found = found * smooth_step(first)
     if ends >= 2:
-        found = found * rise(last)
+        found = found * smooth_step(last)
     return found
 
 
 @kernel
-def pierced(cell: Any, beam: Any, bodies: Any, here: Any) -> Any:
+def find_beam_intersection(cell: Any, beam: Any, bodies: Any, here: Any) -> Any:
     """Where a beam meets the surface of a cell, by Newton: xi, zeta and whether it does."""
     xi, zeta, last = 0.0 * here.r[0] + 0.5, 0.0 * here.r[0] + 0.5, False
-    for _ in range(PASSES):
+    for _ in range(MAX_NEWTON_ITERATIONS):
         if last:
             return xi, zeta, True
-        weigh_straight(cell, 0, xi, zeta, here.c, here.cx, here.cz)
-        locate(cell, here.c, bodies, here.r)
-        locate(cell, here.cx, bodies, here.rx)
-        locate(cell, here.cz, bodies, here.rz)
+        evaluate_ruled_weights(cell, 0, xi, zeta, here.c, here.cx, here.cz)
+        interpolate_point(cell, here.c, bodies, here.r)
+        interpolate_point(cell, here.cx, bodies, here.rx)
+        interpolate_point(cell, here.cz, bodies, here.rz)
         g0, g1, a00, a01, a10, a11 = 0.0 * xi, 0.0 * xi, 0.0 * xi, 0.0 * xi, 0.0 * xi, 0.0 * xi
         for k in range(3):
             off = here.r[k] - beam.place[k]
@@ -125,26 +135,29 @@ def pierced(cell: Any, beam: Any, bodies: Any, here: Any) -> Any:
         xi, zeta = xi + dx, zeta + dz
         if not (abs(xi.real) < 3.0 and abs(zeta.real) < 3.0):
             return xi, zeta, False
-        last = abs(dx.real) + abs(dz.real) < CLOSE
+        last = abs(dx.real) + abs(dz.real) < NEWTON_TOLERANCE
     return xi, zeta, False
 
 
 @kernel
 def jammed(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`: 1 if any of the nips slips."""
-    here = state.meeting[0]
+    here = state.contact[0]
     for e in range(sensor.nips):
         k = sensor.first + 5 * e
         first, count = int(arrays.numbers[k].real), int(arrays.numbers[k + 1].real)
-        sum_over(first, count, ALL, arrays, state)
-        loaded, Y = here.told[0].real, state.bodies[int(arrays.numbers[k + 2].real)].Y
+        sum_contact_results(first, count, ALL_POINTS, arrays, state)
+        loaded, Y = here.result[0].real, state.bodies[int(arrays.numbers[k + 2].real)].Y
         surface = 0.0
         for j in range(3):
             surface += Y[3 + j].real ** 2
         surface = np.sqrt(surface) * arrays.numbers[k + 3].real
-        if loaded > HELD * arrays.numbers[k + 4].real and abs(here.told[1].real) > SLIPS * surface * loaded:
-            return 1.0 + 0.0 * here.told[0]
-    return 0.0 * here.told[0]
+        if (
+            loaded > MIN_LOADED_SHARE * arrays.numbers[k + 4].real
+            and abs(here.result[1].real) > JAM_SLIP_RATIO * surface * loaded
+        ):
+            return 1.0 + 0.0 * here.result[0]
+    return 0.0 * here.result[0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,7 +181,9 @@ class SheetPosition(Sensor):
     def fill(self, record: Any, site: Site) -> None:
         """Write the nodes and their weights."""
         record["component"], record["node"] = self.component, site.bodies
-        getattr(weigh, "py_func", weigh)(Cell((0, 1, 2, 3), *self.sides), *self.at, record["weight"])
+        getattr(evaluate_weights, "py_func", evaluate_weights)(
+            Cell((0, 1, 2, 3), *self.sides), *self.at, record["weight"]
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.kind import kernel_of
-from mbfmu.mechanics.loads.base import LEFT_OUT
+from mbfmu.mechanics.loads.base import zero_tangent
 
 from .groups import Groups
 
@@ -84,13 +84,13 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
     flat = flat_list(members)
     on = [[] if a.load.on_joint else [body.index for body in a.bodies] for a in acting]
     told = [kernel_of(a.load, "tangent") for a in acting]
-    tied = [own[: len(own) - a.load.loose] for a, own in zip(acting, on, strict=True)]
-    loads = by_group([[] if t in (None, LEFT_OUT) else own for t, own in zip(told, tied, strict=True)], role, found)
+    tied = [own[: len(own) - a.load.n_untied_bodies] for a, own in zip(acting, on, strict=True)]
+    loads = by_group([[] if t in (None, zero_tangent) else own for t, own in zip(told, tied, strict=True)], role, found)
     home, column, columns = np.full(len(acting), -1), np.full(nb, -1), np.zeros(nb, np.int64)
     for g, own in enumerate(loads):
         home[own] = g
     for e, (all_of, own) in enumerate(zip(on, tied, strict=True)):
-        if told[e] not in (None, LEFT_OUT):
+        if told[e] not in (None, zero_tangent):
             at_home = {home[e], inward[home[e]]} if home[e] >= 0 else set()
             apart = [i for i in all_of[len(own) :] if role[i] != FIXED and groups[i] not in at_home]
             for g in {int(groups[i]) for i in apart}:

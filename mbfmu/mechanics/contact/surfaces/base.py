@@ -1,10 +1,10 @@
 """Interface of surfaces: rigid, fixed to a body, in contact with a sheet.
 
-Its kernel ``gap(surface, state)`` returns the distance of the point ``state.meeting[0].p`` from it, m, positive
-outside, and writes the unit normal there, towards the outside, into ``state.meeting[0].n``, both in the axes of the
+Its kernel ``gap(surface, state)`` returns the distance of the point ``state.contact[0].p`` from it, m, positive
+outside, and writes the unit normal there, towards the outside, into ``state.contact[0].n``, both in the axes of the
 body. The distance is that to the nearest point, so that it bounds the distances of all points of a ball about the
-point. Where a surface ends, ``state.meeting[0].part``, which is one, falls to zero over :data:`END`. The kernel is
-analytic in p.
+point. Where a surface ends, ``state.contact[0].part``, which is one, falls to zero over :data:`FADE_LENGTH`. The
+kernel is analytic in p.
 """
 
 from __future__ import annotations
@@ -13,24 +13,26 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mbfmu.mechanics.contact.patch import rise
+from mbfmu.mechanics.contact.patch import smooth_step
 from mbfmu.mechanics.kind import Kind
 from mbfmu.mechanics.shapes import Matrix, Shape
 from solvers.compiled.kernel import kernel
 
-END = 1e-3  # m
+FADE_LENGTH = 1e-3  # m
 
 
 @kernel
-def within(along: Any, half: float) -> Any:
+def edge_factor(along: Any, half: float) -> Any:
     """Part of the force at a distance from the middle of a surface ``half`` of which is so long, m."""
-    return rise((half + 0.5 * END - along) / END) * rise((half + 0.5 * END + along) / END)
+    return smooth_step((half + 0.5 * FADE_LENGTH - along) / FADE_LENGTH) * smooth_step(
+        (half + 0.5 * FADE_LENGTH + along) / FADE_LENGTH
+    )
 
 
 @kernel
-def across(frame: Any, state: Any) -> Any:
+def to_frame_axes(frame: Any, state: Any) -> Any:
     """The point in a frame's plane, (x, y), and along its third axis, z; ``frame`` has ``origin`` and ``axes``."""
-    p, o, A = state.meeting[0].p, frame.origin, frame.axes
+    p, o, A = state.contact[0].p, frame.origin, frame.axes
     x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
     return (
         A[0, 0] * x + A[1, 0] * y + A[2, 0] * z,
@@ -40,14 +42,14 @@ def across(frame: Any, state: Any) -> Any:
 
 
 @kernel
-def point(frame: Any, x: Any, y: Any, state: Any) -> None:
+def set_normal(frame: Any, x: Any, y: Any, state: Any) -> None:
     """Write a normal that has these components in the plane of a frame."""
-    n, A = state.meeting[0].n, frame.axes
+    n, A = state.contact[0].n, frame.axes
     for k in range(3):
         n[k] = A[k, 0] * x + A[k, 1] * y
 
 
-FRAME = (("origin", np.float64, (3,)), ("axes", np.float64, (3, 3)))  # of what is drawn along a straight line
+FRAME_FIELDS = (("origin", np.float64, (3,)), ("axes", np.float64, (3, 3)))  # of what is drawn along a straight line
 
 
 class Surface(Kind):

@@ -15,18 +15,18 @@ from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.shapes import GLASS, Cylinder, Shape
 from solvers.compiled.kernel import kernel
 
-from .base import FRAME, Surface, across, point, within
+from .base import FRAME_FIELDS, Surface, edge_factor, set_normal, to_frame_axes
 
 
 @kernel
 def gap(drum: Any, state: Any) -> float:
     """See :mod:`.base`: distance from the axis less the radius."""
-    x, y, z = across(drum, state)
+    x, y, z = to_frame_axes(drum, state)
     distance = np.sqrt(x * x + y * y)
     if distance.real <= 0.0:
         return distance - drum.radius
-    point(drum, x / distance, y / distance, state)
-    state.meeting[0].part = within(z, 0.5 * drum.length)
+    set_normal(drum, x / distance, y / distance, state)
+    state.contact[0].part = edge_factor(z, 0.5 * drum.length)
     return distance - drum.radius
 
 
@@ -44,7 +44,7 @@ class Drum(Surface):
         Axis in that frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
     """
 
-    record = np.dtype([*FRAME, ("radius", np.float64), ("length", np.float64)])
+    record = np.dtype([*FRAME_FIELDS, ("radius", np.float64), ("length", np.float64)])
     gap = gap
     convex = True
 

@@ -16,15 +16,15 @@ from mbfmu.mechanics.shapes import GLASS, Matrix, Shape, ribbon
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
-from .base import FRAME, Surface, across, point, within
+from .base import FRAME_FIELDS, Surface, edge_factor, set_normal, to_frame_axes
 
-ROUND = 8  # panels that a rounded edge is drawn with
+EDGE_PANELS = 8  # panels that a rounded edge is drawn with
 
 
 @kernel
 def gap(guide: Any, state: Any) -> float:
     """See :mod:`.base`: distance from the segment less the radius."""
-    x, y, z = across(guide, state)
+    x, y, z = to_frame_axes(guide, state)
     if x.real > guide.length.real:
         x = x - guide.length
     elif x.real > 0.0:
@@ -32,8 +32,8 @@ def gap(guide: Any, state: Any) -> float:
     distance = np.sqrt(x * x + y * y)
     if distance.real <= 0.0:
         return distance - guide.radius
-    point(guide, x / distance, y / distance, state)
-    state.meeting[0].part = within(z, 0.5 * guide.width)
+    set_normal(guide, x / distance, y / distance, state)
+    state.contact[0].part = edge_factor(z, 0.5 * guide.width)
     return distance - guide.radius
 
 
@@ -54,7 +54,7 @@ class Guide(Surface):
         ``"z"``, or a vector (3,).
     """
 
-    record = np.dtype([*FRAME, ("length", np.float64), ("radius", np.float64), ("width", np.float64)])
+    record = np.dtype([*FRAME_FIELDS, ("length", np.float64), ("radius", np.float64), ("width", np.float64)])
     gap = gap
     convex = True
 
@@ -83,7 +83,9 @@ class Guide(Surface):
     def shapes(self, near: Any) -> tuple[Shape, ...]:
         """See the base: its rim, open at both ends of its width."""
         axes = self._axes()
-        angle = np.linspace(0.5 * np.pi, 1.5 * np.pi, ROUND + 1)  # about the start, and half a turn on about the end
+        angle = np.linspace(
+            0.5 * np.pi, 1.5 * np.pi, EDGE_PANELS + 1
+        )  # about the start, and half a turn on about the end
         half = self.radius * (np.outer(np.cos(angle), axes[:, 0]) + np.outer(np.sin(angle), axes[:, 1]))
         rim = np.concatenate((self.start + half, self.end - half))
         return ribbon(np.concatenate((rim, rim[:1])), axes[:, 2], self.width, opacity=GLASS)

@@ -16,23 +16,23 @@ from mbfmu.mechanics.shapes import GLASS, Matrix, Shape, ribbon
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
-from .base import FRAME, Surface, across, point, within
+from .base import FRAME_FIELDS, Surface, edge_factor, set_normal, to_frame_axes
 
-BEHIND = 0.2  # of the radius: what is so far behind it is not on its inside
-PANEL = np.pi / 24.0  # rad of the arc that a panel is drawn for
+BACK_DISTANCE_RATIO = 0.2  # of the radius: what is so far behind it is not on its inside
+PANEL_ANGLE = np.pi / 24.0  # rad of the arc that a panel is drawn for
 
 
 @kernel
 def gap(trough: Any, state: Any) -> float:
     """See :mod:`.base`: the radius less the distance from the axis, between two planes through that."""
-    x, y, z = across(trough, state)
+    x, y, z = to_frame_axes(trough, state)
     distance = np.sqrt(x * x + y * y)
-    if distance.real <= 0.0 or distance.real > (1.0 + BEHIND) * trough.radius.real:
+    if distance.real <= 0.0 or distance.real > (1.0 + BACK_DISTANCE_RATIO) * trough.radius.real:
         return abs(trough.radius - distance.real) + 0.0 * x
-    point(trough, -x / distance, -y / distance, state)
+    set_normal(trough, -x / distance, -y / distance, state)
     # from the middle of the arc, along it; beyond a quarter turn as far as that
     beside = trough.radius * y / distance if x.real >= 0.0 else 2.0 * trough.radius * (1.0 if y.real > 0.0 else -1.0)
-    state.meeting[0].part = within(beside, trough.half) * within(z, 0.5 * trough.length)
+    state.contact[0].part = edge_factor(beside, trough.half) * edge_factor(z, 0.5 * trough.length)
     return trough.radius - distance
 
 
@@ -54,7 +54,7 @@ class Trough(Surface):
         Axis of the cylinder in that frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
     """
 
-    record = np.dtype([("half", np.float64), *FRAME, ("radius", np.float64), ("length", np.float64)])
+    record = np.dtype([("half", np.float64), *FRAME_FIELDS, ("radius", np.float64), ("length", np.float64)])
     gap = gap
 
     radius: float
@@ -84,7 +84,7 @@ class Trough(Surface):
     def shapes(self, near: Any) -> tuple[Shape, ...]:
         """See the base."""
         axes = self._axes()
-        angle = np.linspace(-0.5 * self.angle, 0.5 * self.angle, 1 + int(np.ceil(self.angle / PANEL)))
+        angle = np.linspace(-0.5 * self.angle, 0.5 * self.angle, 1 + int(np.ceil(self.angle / PANEL_ANGLE)))
         arc = np.outer(np.cos(angle), axes[:, 0]) + np.outer(np.sin(angle), axes[:, 1])
         return ribbon(self.at + self.radius * arc, axes[:, 2], self.length, opacity=GLASS)
 

@@ -16,13 +16,13 @@ from solvers.compiled.kernel import kernel
 
 from .base import Surface
 
-NEAR = 0.1  # of the space that a sheet takes: it is drawn where the sheet comes so near
+DRAWING_MARGIN_RATIO = 0.1  # of the space that a sheet takes: it is drawn where the sheet comes so near
 
 
 @kernel
 def gap(wall: Any, state: Any) -> float:
     """See :mod:`.base`: (p - at) . normal."""
-    p, n, total = state.meeting[0].p, state.meeting[0].n, 0.0 * state.time[0]
+    p, n, total = state.contact[0].p, state.contact[0].n, 0.0 * state.time[0]
     for k in range(3):
         n[k] = wall.normal[k]
         total += (p[k] - wall.origin[k]) * wall.normal[k]
@@ -62,7 +62,7 @@ class Wall(Surface):
         normal = unit_axis(self.normal, "normal")
         axes = np.column_stack((*plane_axes(normal), normal))
         local = (near - np.asarray(self.at, float)) @ axes
-        reach = NEAR * float(np.linalg.norm(np.ptp(local, axis=0)))
+        reach = DRAWING_MARGIN_RATIO * float(np.linalg.norm(np.ptp(local, axis=0)))
         if reach == 0.0:
             return ()
         close = local[local[:, 2] <= max(reach, local[:, 2].min()), :2]

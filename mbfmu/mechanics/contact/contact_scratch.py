@@ -1,12 +1,14 @@
-"""Scratch of a contact at work, part of the state so that it is complex where that is."""
+"""Scratch memory of contact evaluation: a part of the state, so that it is complex if the state is."""
 
 from __future__ import annotations
 
 import numpy as np
 
-ALL, OWN = 1, 2
+# Results are added up without forces on bodies: of the points that the cell owns; of all its points, those on borders
+# with half their share.
+ALL_POINTS, OWN_SHARE = 1, 2
 
-MEETING = np.dtype(  # a contact at work
+CONTACT_SCRATCH = np.dtype(  # of one contact point
     [
         ("c", np.float64, (4, 3)),  # weights (N, a Nx, b Nz) of the four nodes
         ("cx", np.float64, (4, 3)),  # ... derivatives by xi
@@ -23,13 +25,13 @@ MEETING = np.dtype(  # a contact at work
         ("by", np.float64, (3, 6)),  # minus its derivatives by r and v
         ("dr", np.float64, (3, 6)),  # how it moves with the six motions of a body
         ("df", np.float64, (3, 6)),  # ... and minus what the force changes by
-        ("told", np.float64, (8,)),  # sums over what was met; see the loads
-        ("silent", np.int64),  # ALL: only these are wanted; OWN: with half of what points on the cell's border feel
+        ("result", np.float64, (8,)),  # sums over contact points; see the loads
+        ("accumulate_only", np.int64),  # ALL_POINTS, OWN_SHARE: add up only; see above
     ],
     align=True,
 )
 
-GRIP = np.dtype(  # a pair of stations at work
+NIP_SCRATCH = np.dtype(  # of a pair of stations
     [
         ("at", np.float64, (2, 2)),  # xi, zeta
         ("part", np.float64, (2,)),
