@@ -12,12 +12,12 @@ import pytest
 
 import mbfmu
 from mbfmu import mechanics
-from mbfmu.mechanics.kind import Kind
+from mbfmu.mechanics.kind import ElementType
 from mbfmu.mechanics.sensors import Sensor
 from mbfmu.mechanics.shapes import Shape
 
 # Their methods are called by the package and described once, in the base class.
-HOOKED = (Kind, Sensor, Shape, mechanics.Plant)
+HOOKED = (ElementType, Sensor, Shape, mechanics.Plant)
 
 
 def section(text: str, title: str) -> str:

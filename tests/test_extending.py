@@ -26,7 +26,7 @@ from mbfmu.mechanics import (
     signals,
 )
 from mbfmu.mechanics.contact import surfaces
-from mbfmu.mechanics.kind import kinds_of
+from mbfmu.mechanics.kind import element_types_of
 from mbfmu.modeling.variables import arrays, list_variables
 from mbfmu.studies.resolution import resolutions_of
 
@@ -83,7 +83,7 @@ def test_the_page_of_kinds_has_every_kind_and_no_other() -> None:
         (signals, Signal),
         (surfaces, Surface),
     )
-    kinds = {kind.__name__ for room, role in rooms for kind in kinds_of(room, role)} - {"Coefficients"}
+    kinds = {kind.__name__ for room, role in rooms for kind in element_types_of(room, role)} - {"Coefficients"}
     page = (DOCS / "kinds.md").read_text()
     named = set(re.findall(r"`([A-Z]\w+)", page))
     assert kinds - named == set()

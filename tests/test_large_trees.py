@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from mbfmu.mechanics import Body, Mechanism, Plant, Polynomial, Revolute, Spring, rod
 from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.tangent import find_groups
-from mbfmu.mechanics.tangent.groups import BLOCK
+from mbfmu.mechanics.tangent.groups import MAX_BLOCK_BODIES
 from mbfmu.modeling import Model, parameter
 from mbfmu.session.run import run
 from mbfmu.session.simulation import Settings, Simulation
@@ -118,8 +118,8 @@ def test_groups_are_blocks_that_form_a_tree(links: int, chains: int) -> None:
         hang(m, hub, links, 0.0, f"{k}.")
     groups = find_groups(m)
     sizes = np.bincount(groups.of[1:])
-    assert sizes.max() <= BLOCK
-    assert len(sizes) < 2.0 * links * chains / BLOCK
+    assert sizes.max() <= MAX_BLOCK_BODIES
+    assert len(sizes) < 2.0 * links * chains / MAX_BLOCK_BODIES
     assert (groups.inward[:-1] > np.arange(len(sizes) - 1)).all()
     assert groups.inward[-1] == -1
     for body in m.bodies[2:]:

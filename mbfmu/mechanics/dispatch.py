@@ -78,10 +78,10 @@ def load_power(load: Any, t: float, arrays: Any, state: Any) -> float:
 
 
 @inlined
-def load_tangent(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
+def load_tangent(load: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
     """Let a load add its tangent to K; return 1.0, or 0.0 where there is none."""
     address = arrays.kernels[load.kind + TANGENT]
-    return call_f(address, arrays.memory, load.at, state.time, (c1, arrays, state, twin, K))
+    return call_f(address, arrays.memory, load.at, state.time, (c1, arrays, state, perturbed, K))
 
 
 @inlined

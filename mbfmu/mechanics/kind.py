@@ -18,10 +18,10 @@ import numpy as np
 from mbfmu.util.errors import UserError, require_arguments, short
 from solvers.compiled.kernel import COMPILED, has_raise, is_kernel
 
-NOTHING = np.dtype([("nothing", np.int64)])  # record of a kind without parameters
+EMPTY_RECORD = np.dtype([("nothing", np.int64)])  # record of a kind without parameters
 
 
-class Site(Protocol):
+class Attachment(Protocol):
     """Where something of a kind is: what ``fill`` may ask."""
 
     name: str  # as messages call it
@@ -39,7 +39,7 @@ class Site(Protocol):
         """Keep numbers, as many as there are, in ``Arrays.numbers``; return where they begin."""
 
 
-class Kind:
+class ElementType:
     """Base of all roles.
 
     Attributes
@@ -50,7 +50,7 @@ class Kind:
         Of a role: names of the kernels and what they are called with after the record, see :mod:`.dispatch`.
     """
 
-    record: ClassVar[np.dtype[Any]] = NOTHING
+    record: ClassVar[np.dtype[Any]] = EMPTY_RECORD
     kernels: ClassVar[dict[str, str]]
 
     def __new__(cls, *_: Any, **given: Any) -> Self:
@@ -64,30 +64,30 @@ class Kind:
     def check_declaration(self, said: str) -> None:
         """Raise UserError if what the class declares does not fit together; ``said`` begins the message."""
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the parameters into a zeroed record."""
 
 
-def record_of(item: Kind | type[Kind]) -> np.dtype[Any]:
+def record_of(item: ElementType | type[ElementType]) -> np.dtype[Any]:
     """Return the record of something, aligned as kernels want it."""
     given = item.record
     return np.dtype([(name, given[name].base, given[name].shape) for name in given.names or ()], align=True)
 
 
-def kernel_of(item: Kind | type[Kind], name: str) -> Any:
+def kernel_of(item: ElementType | type[ElementType], name: str) -> Any:
     """Return a kernel of something, None where it has none; it is a function, and no method of the object."""
     function = getattr(item, name)
     return getattr(function, "__func__", function)
 
 
-def kinds_of(room: Any, role: type[Kind]) -> list[Any]:
+def element_types_of(package: Any, role: type[ElementType]) -> list[Any]:
     """Return the kinds of a role that a package exports, those without kernels left out."""
-    found = [getattr(room, name) for name in room.__all__]
+    found = [getattr(package, name) for name in package.__all__]
     first = next(iter(role.kernels))
     return [kind for kind in found if isinstance(kind, type) and issubclass(kind, role) and getattr(kind, first, None)]
 
 
-def check_kind(what: str, given: Any, role: type[Kind]) -> None:
+def check_element_type(what: str, given: Any, role: type[ElementType]) -> None:
     """Refuse what is not of a role, or of a kind that lacks what its role asks for."""
     if not isinstance(given, role):
         raise UserError(f"{what} is {short(given)}; allowed: a {role.__name__}, such as those of mbfmu.mechanics")

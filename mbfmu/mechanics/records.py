@@ -245,28 +245,28 @@ def empty_data() -> Data:
     return Data(arrays, allocate_state(1, 1, 1, 1, 1, 1))
 
 
-def complex_twin(data: Data) -> Data:
+def to_complex_data(data: Data) -> Data:
     """Return a copy whose real numbers are complex: the same recursions on it give derivatives by complex step.
 
     Kernels are written so that each is an analytic function of every real number it reads. Kernels and memory are those
     of the real one still: :class:`.tables.Tables` has the complex ones.
     """
-    return Data(Arrays(*map(complex_copy, data.arrays)), complex_state(data.state))
+    return Data(Arrays(*map(to_complex, data.arrays)), to_complex_state(data.state))
 
 
-def complex_state(state: State) -> State:
+def to_complex_state(state: State) -> State:
     """Return a copy whose real numbers are complex."""
-    return State(*map(complex_copy, state))
+    return State(*map(to_complex, state))
 
 
-def complex_copy(array: NDArray[Any]) -> NDArray[Any]:
+def to_complex(array: NDArray[Any]) -> NDArray[Any]:
     """Return a copy whose real numbers are complex."""
     if array.dtype.names is None:
         return array.astype(complex) if array.dtype == np.float64 else array.copy()
-    twin = records(len(array), complex_dtype(array.dtype))
+    copy = records(len(array), complex_dtype(array.dtype))
     for name in array.dtype.names:
-        twin[name] = array[name]
-    return twin
+        copy[name] = array[name]
+    return copy
 
 
 def complex_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:

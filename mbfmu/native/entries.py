@@ -28,7 +28,7 @@ from mbfmu.mechanics.arrays.points import (
     start_input,
 )
 from mbfmu.mechanics.arrays.tables import REAL, Called
-from mbfmu.mechanics.kind import Kind, kernel_of, kinds_of, record_of
+from mbfmu.mechanics.kind import ElementType, element_types_of, kernel_of, record_of
 from mbfmu.mechanics.records import empty_data
 from mbfmu.mechanics.recursions.dynamics import input_step_limit, observe
 from mbfmu.modeling.variables import COUNTERS
@@ -61,7 +61,7 @@ from .families import FAMILIES, SOLVERS
 from .image import Image
 from .start_checks import Frames, judge_start
 
-ROLES: dict[ModuleType, type[Kind]] = {
+ROLES: dict[ModuleType, type[ElementType]] = {
     joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, elements: loads.Load,
     signals: signals.Signal, sensors: sensors.Sensor,
 }  # fmt: skip
@@ -352,8 +352,8 @@ def kinds() -> tuple[Called, ...]:
     return tuple(dict.fromkeys(called for room, role in ROLES.items() for called in _kernels(room, role)))
 
 
-def _kernels(room: ModuleType, role: type[Kind]) -> Iterator[Called]:
-    for kind in kinds_of(room, role):
+def _kernels(room: ModuleType, role: type[ElementType]) -> Iterator[Called]:
+    for kind in element_types_of(room, role):
         for name, signature in kind.kernels.items():
             function = kernel_of(kind, name)
             if function is not None and name in REAL.names:

@@ -20,7 +20,7 @@ from mbfmu.mechanics.contact.nip import RollerNip
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.contact.surfaces import Surface
 from mbfmu.mechanics.joints import Revolute
-from mbfmu.mechanics.kind import check_kind
+from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import finite, not_negative, positive
 from mbfmu.util.errors import UserError, short
@@ -91,7 +91,7 @@ def add_contact(
         A value is invalid, or the cells of the sheet are too large for the curvature of the surface.
     """
     what = f"contact {name!r}"
-    check_kind(f"surface of {what}", surface, Surface)
+    check_element_type(f"surface of {what}", surface, Surface)
     surface.check(f"the surface of {what}")
     _of(mechanism, sheet, what)
     plate, length = sheet.plate, _scale(sheet)

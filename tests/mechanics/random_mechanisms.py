@@ -14,13 +14,17 @@ from mbfmu.mechanics.cuts import Cut, DistanceCut
 from mbfmu.mechanics.cuts.base import AxisCut
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.joints.base import AxisJoint
-from mbfmu.mechanics.kind import kinds_of
+from mbfmu.mechanics.kind import element_types_of
 from mbfmu.mechanics.loads import DistanceStop, Force, JointStop, LineForce, Spring, TorsionSpring
 from mbfmu.mechanics.signals import Harmonic, Polynomial
 
 Generator = np.random.Generator
-JOINTS, CUTS, COUPLINGS = kinds_of(joints, Joint), kinds_of(cuts, Cut), kinds_of(couplings, Coupling)
-FORCES = kinds_of(loads, Force) + kinds_of(elements, Force)
+JOINTS, CUTS, COUPLINGS = (
+    element_types_of(joints, Joint),
+    element_types_of(cuts, Cut),
+    element_types_of(couplings, Coupling),
+)
+FORCES = element_types_of(loads, Force) + element_types_of(elements, Force)
 TURNING = ("rotational_stiffness", "rotational_damping")
 NUMBERS = ("stiffness", "damping", *TURNING, "free", "axial", "torsion", "bending_y", "bending_z")
 

@@ -28,7 +28,7 @@ from mbfmu.mechanics.contact import patch
 from mbfmu.mechanics.contact.stations import clamped_beam_compliance
 from mbfmu.mechanics.dispatch import apply_load, load_tangent
 from mbfmu.mechanics.kind import record_of
-from mbfmu.mechanics.records import allocate_state, complex_state
+from mbfmu.mechanics.records import allocate_state, to_complex_state
 from mbfmu.mechanics.recursions.dynamics import update_kinematics
 from mbfmu.mechanics.steps import EPSILON, step
 from mbfmu.session.simulation import Settings, Simulation
@@ -78,11 +78,11 @@ def at(bodies: list[Any], xi: float, zeta: float, way: int | None) -> tuple[Any,
     """Weights, point, velocity of a point of the patch, and derivatives of the weights of the straight one."""
     c, cx, cz, r, v = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros(3), np.zeros(3)
     if way is None:
-        PLAIN["weigh"](CELL, xi, zeta, c)
+        PLAIN["evaluate_weights"](CELL, xi, zeta, c)
     else:
-        PLAIN["weigh_straight"](CELL, way, xi, zeta, c, cx, cz)
-    PLAIN["locate"](CELL, c, bodies, r)
-    PLAIN["drift"](CELL, c, bodies, v)
+        PLAIN["evaluate_ruled_weights"](CELL, way, xi, zeta, c, cx, cz)
+    PLAIN["interpolate_point"](CELL, c, bodies, r)
+    PLAIN["point_velocity"](CELL, c, bodies, v)
     return c, r, v, (cx, cz)
 
 
@@ -92,7 +92,7 @@ def test_a_force_on_the_patch_is_the_same_on_its_nodes(way: int | None) -> None:
     for _ in range(5):
         bodies, f = nodes(rng), rng.normal(size=3)
         c, r, v, _ = at(bodies, rng.uniform(), rng.uniform(), way)
-        PLAIN["press"](CELL, c, bodies, f)
+        PLAIN["apply_to_nodes"](CELL, c, bodies, f)
         total = sum(b.F[:3] for b in bodies)
         moment = sum(np.cross(b.r, b.F[:3]) + b.F[3:] for b in bodies)
         np.testing.assert_allclose(total, f, atol=1e-14)
@@ -130,19 +130,19 @@ def test_points_on_lines_are_those_of_the_patch_and_none_dips_deeper_than_its_bo
     for _ in range(50):
         bodies, n, middle = nodes(rng), rng.normal(size=3), np.zeros(3)
         n /= np.linalg.norm(n)
-        PLAIN["middle"](CELL, bodies, middle)
-        deepest = PLAIN["dip"](CELL, bodies, middle, n)
+        PLAIN["evaluate_center"](CELL, bodies, middle)
+        deepest = PLAIN["sagitta"](CELL, bodies, middle, n)
         for xi in np.linspace(0.0, 1.0, 11):
             line, r = np.zeros((4, 3)), np.zeros(3)
-            PLAIN["lay_line"](CELL, xi, bodies, line)
+            PLAIN["evaluate_line"](CELL, xi, bodies, line)
             for zeta in np.linspace(0.0, 1.0, 11):
-                PLAIN["locate_on_line"](line, zeta, r)
+                PLAIN["evaluate_on_line"](line, zeta, r)
                 np.testing.assert_allclose(r, at(bodies, xi, zeta, None)[1], atol=1e-16)
                 assert n @ (middle - r) <= deepest + 1e-15
     for b, corner in zip(bodies, ((0.0, 0.0), (CELL.a, 0.0), (CELL.a, CELL.b), (0.0, CELL.b)), strict=True):
         b.r, b.A = np.array([corner[0], 0.0, corner[1]]), np.eye(3)
-    PLAIN["middle"](CELL, bodies, middle)
-    assert PLAIN["dip"](CELL, bodies, middle, np.array([0.0, 1.0, 0.0])) == 0.0  # a flat cell does not dip at all
+    PLAIN["evaluate_center"](CELL, bodies, middle)
+    assert PLAIN["sagitta"](CELL, bodies, middle, np.array([0.0, 1.0, 0.0])) == 0.0  # a flat cell does not dip at all
 
 
 def test_derivatives_of_the_straight_patch() -> None:
@@ -266,7 +266,7 @@ def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: st
     case, c1, found = somewhere(plant, np.random.default_rng(8)), 3.0, 0
     _, state = plant.kernel_data
     update_kinematics(0.0, case.q, case.v, *plant.kernel_data)
-    arrays, twin = pin(plant._compiled.tangent_arrays()), pin(complex_state(plant.data.state))
+    arrays, twin = pin(plant._compiled.tangent_arrays()), pin(to_complex_state(plant.data.state))
     system = plant.complex_system()
     others, there = unpin(system.pinned_data)
     for e, acting in enumerate(plant.mechanism.loads()):

@@ -13,7 +13,7 @@ from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Polynomial, Shell
 from mbfmu.mechanics.dispatch import load_tangent
 from mbfmu.mechanics.elements.plate_energy import bending_strain, lean, stress
 from mbfmu.mechanics.loads import Drag
-from mbfmu.mechanics.records import complex_state
+from mbfmu.mechanics.records import to_complex_state
 from mbfmu.mechanics.recursions.dynamics import energy, update_kinematics
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.util.errors import UserError
@@ -129,7 +129,7 @@ def tangent_of(plant: Plant, c1: float, K: Any) -> None:
     """Add to K the tangent of the only load where it is."""
     _, state = plant.kernel_data
     arrays = pin(plant._compiled.tangent_arrays())
-    twin = pin(complex_state(plant.data.state))
+    twin = pin(to_complex_state(plant.data.state))
     load_tangent(plant.data.arrays.loads[0], c1, arrays, state, twin, K)
 
 

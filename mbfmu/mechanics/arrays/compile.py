@@ -14,7 +14,7 @@ from mbfmu.mechanics.checks import rotation, signal_of, vector
 from mbfmu.mechanics.contact.surfaces import Surface
 from mbfmu.mechanics.flexible.modal import FLEXIBLE, NODE
 from mbfmu.mechanics.joints import Section
-from mbfmu.mechanics.kind import Kind, check_kind, record_of
+from mbfmu.mechanics.kind import ElementType, check_element_type, record_of
 from mbfmu.mechanics.records import (
     BODY,
     COUPLING,
@@ -30,8 +30,8 @@ from mbfmu.mechanics.records import (
     Data,
     allocate_state,
     complex_dtype,
-    complex_state,
-    complex_twin,
+    to_complex_data,
+    to_complex_state,
 )
 from mbfmu.mechanics.sensors import CouplingEffort, Energy, KineticEnergy, RowForce, Sensor
 from mbfmu.mechanics.signals import Input, InUse, Signal, SpeedInput
@@ -40,7 +40,7 @@ from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import records
 
 from .given import Courses
-from .tables import COMPLEX, STEPPED, TANGENT, Called, Tables
+from .tables import COMPLEX, COMPLEX_STEP, TANGENT, Called, Tables
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class Numbering:
         """Return what a signal is given by for the whole run, if it is an input that is, else itself."""
         if self._courses is not None and isinstance(signal, Input | SpeedInput):
             signal = self._courses.replace(signal, drive=drive)
-        check_kind(what, signal, Signal)
+        check_element_type(what, signal, Signal)
         return signal
 
     def signal(self, value: Any, what: str) -> int:
@@ -170,7 +170,7 @@ def shared(body: Body) -> bool:
     return isinstance(body.joint, Section) and body.joint.frame is not None
 
 
-class CompiledSite:
+class CompiledAttachment:
     """Where something of a kind is in a mechanism, see :class:`mbfmu.mechanics.kind.Site`."""
 
     def __init__(self, name: str, bodies: tuple[Body, ...], numbering: Numbering, known: dict[str, int]) -> None:
@@ -225,25 +225,25 @@ class Compiled:
         loads = list(mechanism.loads())
         rigid = [body for body in mechanism.bodies if not isinstance(body.joint, Section)]
         self.magnitudes = known = dict[str, int]()
-        sites: list[tuple[Kind, CompiledSite]] = [
-            *((body.joint, CompiledSite(f"body {body.name!r}", (body,), numbering, known)) for body in rigid),
-            *((c.cut, CompiledSite(f"cut {c.name!r}", (c.a, c.b), numbering, known)) for c in mechanism.cuts),
+        sites: list[tuple[ElementType, CompiledAttachment]] = [
+            *((body.joint, CompiledAttachment(f"body {body.name!r}", (body,), numbering, known)) for body in rigid),
+            *((c.cut, CompiledAttachment(f"cut {c.name!r}", (c.a, c.b), numbering, known)) for c in mechanism.cuts),
             *(
-                (c.coupling, CompiledSite(f"coupling {c.name!r}", (c.a, c.b), numbering, known))
+                (c.coupling, CompiledAttachment(f"coupling {c.name!r}", (c.a, c.b), numbering, known))
                 for c in mechanism.couplings
             ),
-            *((a.load, CompiledSite(a.what, a.bodies, numbering, known)) for a in loads),
-            *((sensor, CompiledSite("a sensor", observed(sensor), numbering, known)) for sensor in self.sensors),
+            *((a.load, CompiledAttachment(a.what, a.bodies, numbering, known)) for a in loads),
+            *((sensor, CompiledAttachment("a sensor", observed(sensor), numbering, known)) for sensor in self.sensors),
         ]
         counts = (len(rigid), len(mechanism.cuts), len(mechanism.couplings), len(loads), len(self.sensors))
         self.ends = np.cumsum(counts)
         filled = [filled_record(item, place) for item, place in sites]
         for signal in numbering.signals:  # those that a signal is made of come up meanwhile
-            sites.append((signal, CompiledSite("a signal", (), numbering, {})))
+            sites.append((signal, CompiledAttachment("a signal", (), numbering, {})))
             filled.append(filled_record(*sites[-1]))
         self.ends = np.append(self.ends, len(sites))
         for surface in numbering.surfaces:
-            sites.append((surface, CompiledSite("a surface", (), numbering, {})))
+            sites.append((surface, CompiledAttachment("a surface", (), numbering, {})))
             filled.append(filled_record(*sites[-1]))
         self.used = [place.used for _, place in sites]
         self._tables = tables = Tables([item for item, _ in sites], filled)
@@ -281,10 +281,10 @@ class Compiled:
         self.data = Data(arrays, allocate_state(len(mechanism.bodies), rows, len(couplings), *sizes))
         self.signals = self.signals_in(self.data)
 
-    def stepped(self) -> Data:
+    def complex_step_data(self) -> Data:
         """Return the same arrays with a complex state, for derivatives by complex steps."""
-        arrays = self.data.arrays._replace(kernels=self._tables.kernels(STEPPED))
-        return Data(arrays, complex_state(self.data.state))
+        arrays = self.data.arrays._replace(kernels=self._tables.kernels(COMPLEX_STEP))
+        return Data(arrays, to_complex_state(self.data.state))
 
     def tangent_arrays(self) -> Arrays:
         """Return the same arrays with the kernels that give derivatives by the state."""
@@ -295,7 +295,7 @@ class Compiled:
         return self._tables.called()
 
     def signals_in(self, data: Data) -> list[InUse]:
-        """Return every signal with its record in the data, or in those of a :meth:`twin`."""
+        """Return every signal with its record in the data, or in those of a :meth:`complex_data`."""
         kind = complex_dtype if data.state.q.dtype == complex else np.dtype
         found: list[InUse] = []
         for signal, at in zip(self._numbering.signals, data.arrays.signals["at"], strict=True):
@@ -303,9 +303,9 @@ class Compiled:
             found.append(InUse(signal, data.arrays.memory[at : at + dtype.itemsize].view(dtype)[0], found, len(found)))
         return found
 
-    def twin(self) -> Data:
+    def complex_data(self) -> Data:
         """Return data as they are now with complex numbers for real ones."""
-        arrays, state = complex_twin(self.data)
+        arrays, state = to_complex_data(self.data)
         memory, places = self._tables.complex_memory()
         joints, *others = np.split(np.array(places, np.int64), self.ends)
         arrays.bodies["at"][arrays.bodies["role"] == RIGID] = joints
@@ -320,12 +320,12 @@ class Compiled:
         """The records of every kind, as they lie in the memory."""
         return self._tables.tables
 
-    def table(self, kind: type[Kind]) -> NDArray[Any]:
+    def table(self, kind: type[ElementType]) -> NDArray[Any]:
         """Return the records of a kind in the order they were added."""
         return self._tables.table(kind)
 
 
-def filled_record(item: Kind, place: CompiledSite) -> NDArray[Any]:
+def filled_record(item: ElementType, place: CompiledAttachment) -> NDArray[Any]:
     """Return the record (1,) of something."""
     record = records(1, record_of(item))
     try:

@@ -165,7 +165,7 @@ class Inputs:
         return len(self._slots)
 
     def places(self, arrays: Any, signals: list[InUse]) -> list[tuple[Any, int]]:
-        """Return where the complex twin of the plant keeps every input: a vector and an index."""
+        """Return where the complex copy of the plant keeps every input: a vector and an index."""
         gravity = arrays.world["gravity"][0]
         return [(gravity if s.signal == GRAVITY else signals[s.signal].record["c"], s.coefficient) for s in self._slots]
 

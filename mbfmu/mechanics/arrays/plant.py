@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact
-from mbfmu.mechanics.kind import Kind
+from mbfmu.mechanics.kind import ElementType
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import energy, observe
 from mbfmu.mechanics.sensors import Follows, largest_residual
@@ -199,7 +199,7 @@ class Plant:
         size = prod(sizes[base] ** n for base, n in exponents.items()) / factor
         return 10.0 ** round(log10(size))
 
-    def records(self, kind: type[Kind]) -> NDArray[Any]:
+    def records(self, kind: type[ElementType]) -> NDArray[Any]:
         """Return the records of a type of joint, cut joint, load, signal or sensor, in the order of their addition."""
         return self._compiled.table(kind)
 
@@ -227,7 +227,7 @@ class Plant:
 
     def complex_system(self) -> System:
         """Return the system as it is now on complex numbers, for derivatives by complex step."""
-        return self._systems.complex_twin(list(self.system.constraint_names))
+        return self._systems.make_complex(list(self.system.constraint_names))
 
     def tangent(self, groups: Groups | None = None) -> Tangent:
         """Return the structured tangent at the state of this plant, over these groups of bodies."""

@@ -66,9 +66,9 @@ class Systems:
             return self._tree(constraint_names)
         return self.dense(constraint_names, self._compiled.data)
 
-    def complex_twin(self, constraint_names: list[str]) -> System:
+    def make_complex(self, constraint_names: list[str]) -> System:
         """Return the system as it is now on complex numbers, for derivatives by complex step."""
-        return self.dense(constraint_names, self._compiled.twin(), complex)
+        return self.dense(constraint_names, self._compiled.complex_data(), complex)
 
     def dense(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
         """Return the system by its matrices."""
@@ -128,7 +128,7 @@ class Systems:
     def _stepped(self) -> Stepped:
         """Return the recursions on complex numbers with the arrays, which may change later."""
         inverse, position, retract = complex_step_callbacks()
-        return Stepped(inverse, position, retract, self._compiled.stepped())
+        return Stepped(inverse, position, retract, self._compiled.complex_step_data())
 
     def _meshed(self) -> NDArray[np.bool_]:
         """Return which coordinates are of joints between nodes of a sheet."""

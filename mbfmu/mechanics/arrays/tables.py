@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.kind import Kind, kernel_of, record_of
+from mbfmu.mechanics.kind import ElementType, kernel_of, record_of
 from mbfmu.mechanics.records import (
     KERNELS,
     MOTION,
-    complex_copy,
     complex_dtype,
-    complex_state,
-    complex_twin,
     empty_data,
+    to_complex,
+    to_complex_data,
+    to_complex_state,
 )
 from mbfmu.util.errors import UserError
 from solvers.compiled.indirect_call import address_of, pack_records, record_type
@@ -37,10 +37,12 @@ MOVING = frozenset(("place", "bias", "evaluate", "longest_step", "apply", "poten
 REAL = Numbers(float, float, MOVING)
 COMPLEX = Numbers(complex, complex, MOVING - {"power", "longest_step"})  # derivatives by all that is in both
 TANGENT = Numbers(float, complex, frozenset(("place", "evaluate", "apply", "gap", "tangent")))  # ... by the state alone
-STEPPED = Numbers(float, complex, frozenset(("place", "bias", "evaluate", "apply", "gap")))  # ... along one direction
+COMPLEX_STEP = Numbers(
+    float, complex, frozenset(("place", "bias", "evaluate", "apply", "gap"))
+)  # ... along one direction
 
 
-class UsedKind(NamedTuple):
+class UsedType(NamedTuple):
     """A kind that is there: its record, and its kernels by name with what they are called with."""
 
     record: np.dtype[Any]
@@ -73,8 +75,8 @@ class Tables:
         The records of every kind, as they lie in ``memory``.
     """
 
-    def __init__(self, items: Sequence[Kind], filled: Sequence[NDArray[Any]]) -> None:
-        used = [used_kind(item) for item in items]
+    def __init__(self, items: Sequence[ElementType], filled: Sequence[NDArray[Any]]) -> None:
+        used = [used_type(item) for item in items]
         self._used = list(dict.fromkeys(used))
         number = {kind: k for k, kind in enumerate(self._used)}
         self.kinds = [number[kind] for kind in used]
@@ -93,9 +95,9 @@ class Tables:
             met[kind] += 1
         return places
 
-    def table(self, kind: type[Kind]) -> NDArray[Any]:
+    def table(self, kind: type[ElementType]) -> NDArray[Any]:
         """Return the records of a kind that has the same kernels wherever it is."""
-        found = [k for k, used in enumerate(self._used) if used == used_kind(kind)]
+        found = [k for k, used in enumerate(self._used) if used == used_type(kind)]
         return self.tables[found[0]] if found else records(0, record_of(kind))
 
     def kernels(self, numbers: Numbers = REAL) -> NDArray[np.int64]:
@@ -120,14 +122,14 @@ class Tables:
 
     def complex_memory(self) -> tuple[NDArray[np.uint8], list[int]]:
         """Return the records as they are now with complex numbers for real ones, and where each is."""
-        memory, tables, starts = pack_records([complex_copy(table) for table in self.tables])
+        memory, tables, starts = pack_records([to_complex(table) for table in self.tables])
         return memory, self._laid(tables, starts)
 
 
-def used_kind(item: Kind | type[Kind]) -> UsedKind:
+def used_type(item: ElementType | type[ElementType]) -> UsedType:
     """Return what an item has in common with others of its kind."""
     kernels = tuple((name, told, kernel_of(item, name)) for name, told in item.kernels.items())
-    return UsedKind(record_of(item), kernels)
+    return UsedType(record_of(item), kernels)
 
 
 @cache
@@ -167,9 +169,9 @@ def word_types(arrays: type, state: type) -> dict[str, Any]:
         "time": types.float64,
         "coordinate": number,
         "index": types.int64,
-        "arrays": pointer_type((complex_twin(real) if arrays is complex else real).arrays),
-        "state": pointer_type(complex_state(real.state) if state is complex else real.state),
-        "twin": pointer_type(complex_state(real.state)),
+        "arrays": pointer_type((to_complex_data(real) if arrays is complex else real).arrays),
+        "state": pointer_type(to_complex_state(real.state) if state is complex else real.state),
+        "perturbed": pointer_type(to_complex_state(real.state)),
         "motion": record_type(complex_dtype(MOTION) if state is complex else MOTION),
         "lam": number[::1],
         "matrix": types.float64[:, ::1],

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.elements import Plate, Shell
-from mbfmu.mechanics.kind import check_kind
+from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.loads import Drag, Force, Load, Pressure
 from mbfmu.util.errors import UserError
 
@@ -65,7 +65,7 @@ class Loading(Members):
             The name is used already, a body is not one of this mechanism, or the element is invalid.
         """
         self._new_name("force", name, self._loads_named())
-        check_kind(f"force {name!r}", force, Force)
+        check_element_type(f"force {name!r}", force, Force)
         self._member(a, f"body a of force {name!r}")
         other = self.ground if b is None else b
         self._member(other, f"body b of force {name!r}")
@@ -125,7 +125,7 @@ class Loading(Members):
             Bodies of this mechanism, in the order that the load requires.
         """
         self._new_name("load", name, self._loads_named())
-        check_kind(f"load {name!r}", load, Load)
+        check_element_type(f"load {name!r}", load, Load)
         for body in bodies:
             self._member(body, f"a body of load {name!r}")
         if not bodies:
@@ -150,7 +150,7 @@ class Loading(Members):
         """
         self._new_name("load", name, self._loads_named())
         for load, bodies in loads:
-            check_kind(f"load {name!r}", load, Load)
+            check_element_type(f"load {name!r}", load, Load)
             for body in bodies:
                 self._member(body, f"a body of load {name!r}")
         self.others += [Acting(name, load, bodies) for load, bodies in loads]

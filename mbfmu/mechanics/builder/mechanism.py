@@ -21,7 +21,7 @@ from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Joint, Section
-from mbfmu.mechanics.kind import check_kind
+from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.numbers import not_negative
 from mbfmu.mechanics.sensors import (
     Energy,
@@ -144,7 +144,7 @@ class Mechanism(Appearance, Loading, Measurements):
         self._member(parent, f"parent of body {name!r}")
         if isinstance(joint, Section):
             raise UserError(f"joint of body {name!r} is of class Section; use FlexibleBody.section")
-        check_kind(f"joint of body {name!r}", joint, Joint)
+        check_element_type(f"joint of body {name!r}", joint, Joint)
         joint.check(f"body {name!r}")
         if joint.drive is not None and joint.nv != 1:
             raise UserError(
@@ -230,7 +230,7 @@ class Mechanism(Appearance, Loading, Measurements):
             The name is used already, a body is not one of this mechanism, or the joint is invalid.
         """
         self._new_name("cut", name, [c.name for c in self.constraints])
-        check_kind(f"cut {name!r}", cut, Cut)
+        check_element_type(f"cut {name!r}", cut, Cut)
         self._member(a, f"body a of cut {name!r}")
         self._member(b, f"body b of cut {name!r}")
         if a is b:
@@ -274,7 +274,7 @@ class Mechanism(Appearance, Loading, Measurements):
         """
         what = f"coupling {name!r}"
         self._new_name("coupling", name, [c.name for c in self.constraints])
-        check_kind(what, coupling, Coupling)
+        check_element_type(what, coupling, Coupling)
         self._member(a, f"body a of {what}")
         self._member(b, f"body b of {what}")
         k = coordinate_of(f"coordinate_a of {what}", a, coordinate_a)
@@ -314,7 +314,7 @@ class Mechanism(Appearance, Loading, Measurements):
         self._new_name("output", name, [o[0] for o in self.outputs])
         if not isinstance(sensor, Sensor):
             raise UserError(f"output {name!r} is {sensor!r}; it must be a sensor, such as Body.angle()")
-        check_kind(f"output {name!r}", sensor, Sensor)
+        check_element_type(f"output {name!r}", sensor, Sensor)
         if not isinstance(description, str):
             raise UserError(f"description of output {name!r} is {description!r}; allowed: text")
         for body in sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ()):

@@ -48,7 +48,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.dispatch import signal_value
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.steps import EPSILON, step
 from solvers.compiled.kernel import inlined, kernel
@@ -267,7 +267,7 @@ def body_number(nip: Any, p: int) -> int:
 
 
 @kernel
-def tangent(nip: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
+def tangent(nip: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: by complex steps of the bodies, where a cell has stations at all."""
     if evaluate_quantity(nip, state.time[0], arrays, state, 0) == 0.0:
         return 0.0
@@ -275,10 +275,10 @@ def tangent(nip: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> 
     for j in range(6 * count):
         for p in range(count):
             i = body_number(nip, p)
-            step(state.bodies[i], twin.bodies[i], j - 6 * p, c1)
-        evaluate_contact(nip, state.time[0], arrays, twin)
+            step(state.bodies[i], perturbed.bodies[i], j - 6 * p, c1)
+        evaluate_contact(nip, state.time[0], arrays, perturbed)
         for p in range(count):
-            F = twin.bodies[body_number(nip, p)].F
+            F = perturbed.bodies[body_number(nip, p)].F
             for k in range(6):
                 K[6 * p + k, j] -= F[k].imag / EPSILON
     return 1.0
@@ -343,7 +343,7 @@ class RollerNip(Load):
         """It does: by friction and by damping."""
         return True
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the nodes, the roller and the idler, if there is one, and what every cell has in common."""
         record["node"], record["roller"] = site.bodies[:4], site.bodies[4]
         record["idler"] = site.bodies[5] if len(site.bodies) > 5 else 0

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.dispatch import surface_gap
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.steps import EPSILON, step
 from solvers.compiled.kernel import kernel
@@ -165,15 +165,15 @@ def point_force(contact: Any, share: float, d: Any, body: Any, here: Any) -> Non
 
 
 @kernel
-def tangent(contact: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
+def tangent(contact: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: the law by complex steps of a point, the point by its weights."""
-    here, bodies, there = state.contact[0], state.bodies, twin.contact[0]
-    body, moved = bodies[contact.body], twin.bodies[contact.body]
+    here, bodies, there = state.contact[0], state.bodies, perturbed.contact[0]
+    body, moved = bodies[contact.body], perturbed.bodies[contact.body]
     step(body, moved, -1, c1)
     evaluate_center(contact, bodies, here.r)
     for j in range(3):
         there.r[j] = here.r[j]
-    if is_separated(contact, gap(contact, arrays, twin), bodies, there):
+    if is_separated(contact, gap(contact, arrays, perturbed), bodies, there):
         return 0.0
     met = 0.0
     nx, nz = contact.samples[0], contact.samples[1]
@@ -183,20 +183,20 @@ def tangent(contact: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any)
             evaluate_on_line(here.line, k / nz, here.r)
             for j in range(3):
                 there.r[j] = here.r[j]
-            d = -gap(contact, arrays, twin)
+            d = -gap(contact, arrays, perturbed)
             if d.real > 0.0 and there.part.real > 0.0:
                 evaluate_weights(contact, i / nx, k / nz, here.c)
                 share = point_area(contact, i, k, False)
                 point_velocity(contact, here.c, bodies, here.v)
                 for j in range(6):
-                    point_force_perturbed(contact, share, j, arrays, here, twin)
+                    point_force_perturbed(contact, share, j, arrays, here, perturbed)
                     for row in range(3):
                         here.by[row, j] = -there.f[row].imag / EPSILON
                         here.f[row] = there.f[row].real
                 if contact.body > 0:
                     for j in range(6):
                         step(body, moved, j, c1)
-                        point_force_perturbed(contact, share, 6, arrays, here, twin)
+                        point_force_perturbed(contact, share, 6, arrays, here, perturbed)
                         for row in range(3):
                             here.df[row, j] = -there.f[row].imag / EPSILON
                             here.dr[row, j] = -1.0 if row == j else 0.0
@@ -208,13 +208,13 @@ def tangent(contact: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any)
 
 
 @kernel
-def point_force_perturbed(contact: Any, share: float, j: int, arrays: Any, here: Any, twin: Any) -> None:
-    """twin.contact.f <- the force at a point after an imaginary step of position (j < 3), velocity (j < 6) or none."""
-    there = twin.contact[0]
+def point_force_perturbed(contact: Any, share: float, j: int, arrays: Any, here: Any, perturbed: Any) -> None:
+    """perturbed.contact.f <- force at a point after an imaginary step of position (j < 3), velocity (j < 6) or none."""
+    there = perturbed.contact[0]
     for k in range(3):
         there.r[k] = here.r[k] + (EPSILON * 1j if k == j else 0.0)
         there.v[k] = here.v[k] + (EPSILON * 1j if k + 3 == j else 0.0)
-    point_force(contact, share, -gap(contact, arrays, twin), twin.bodies[contact.body], there)
+    point_force(contact, share, -gap(contact, arrays, perturbed), perturbed.bodies[contact.body], there)
 
 
 @kernel
@@ -356,7 +356,7 @@ class SurfaceContact(Load):
         """It does: by friction and by what is lost as the sheet leaves."""
         return True
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the nodes, the surface and the law; the last of its bodies has the surface."""
         record["node"], record["body"] = site.bodies[:4], site.bodies[4]
         record["surface"] = site.surface(self.surface)

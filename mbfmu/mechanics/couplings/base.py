@@ -15,11 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from mbfmu.mechanics.kind import Kind
+from mbfmu.mechanics.kind import ElementType
 
 
 @dataclass(frozen=True, kw_only=True)
-class Coupling(Kind):
+class Coupling(ElementType):
     """Base class of couplings: one coordinate as a function of another."""
 
     kernels: ClassVar = {"evaluate": "coordinate, arrays -> three"}

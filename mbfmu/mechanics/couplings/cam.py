@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.mechanics import law
 from mbfmu.mechanics.curve import curve
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.signals import Signal, Table
 from mbfmu.util.errors import UserError
@@ -96,7 +96,7 @@ class Cam(Coupling):
     def _width(self) -> float:
         return 1.0 if self.width is None else float(self.width)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the table, or how fast the function changes."""
         record["width"] = self._width
         if isinstance(self.law, Table):

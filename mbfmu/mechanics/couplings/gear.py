@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite, is_finite
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
@@ -50,7 +50,7 @@ class Gear(Coupling):
             raise UserError(f"ratio of {what} is {self.ratio!r}; allowed: a finite number other than zero")
         finite(f"offset of {what}", self.offset)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write ratio and offset."""
         record["ratio"], record["offset"] = self.ratio, self.offset
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from mbfmu.mechanics.axes import plane_axes, unit_axis
 from mbfmu.mechanics.checks import Matrix, rotation, vector
-from mbfmu.mechanics.kind import Kind, Site
+from mbfmu.mechanics.kind import Attachment, ElementType
 from mbfmu.mechanics.spatial import arm, centripetal
 from solvers.compiled.kernel import kernel
 
@@ -37,7 +37,7 @@ TURNS = {"x": "yzx", "y": "zxy", "z": "xyz"}  # axes of a frame in a right-hande
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cut(Kind):
+class Cut(ElementType):
     """Base class of loop-closing joints (cut joints).
 
     Parameters
@@ -74,7 +74,7 @@ class Cut(Kind):
         Ra, Rb = rotation(f"rotation_a of {what}", self.rotation_a), rotation(f"rotation_b of {what}", self.rotation_b)
         return Ra, Rb
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write points and axes."""
         record["Pa"], record["Pb"] = (
             vector(f"at_a of {site.name}", self.at_a),

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import LONGEST, SHORTEST, is_finite
 from mbfmu.mechanics.spatial import arm, centripetal
 from mbfmu.util.errors import UserError
@@ -67,7 +67,7 @@ class DistanceCut(Cut):
         if not (is_finite(self.length) and SHORTEST <= self.length <= LONGEST):
             raise UserError(f"length of {what} is {self.length!r} m; allowed: {SHORTEST:g} to {LONGEST:g}")
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the length too."""
         super().fill(record, site)
         record["length"] = self.length

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.loads.base import Force
 from mbfmu.mechanics.numbers import not_negative, positive
 from mbfmu.mechanics.spatial import add_force
@@ -177,7 +177,7 @@ class BeamElement(Force):
         for name in ("axial", "torsion", "bending_y", "bending_z", "damping"):
             not_negative(f"{name} of a beam element", getattr(self, name))
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write its bodies and stiffnesses."""
         record["a"], record["b"] = site.bodies
         record["length"], record["damping"] = self.length, self.damping

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.checks import flag
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative, positive
 from mbfmu.util.errors import UserError
@@ -113,7 +113,7 @@ class Plate(Load):
         """Moments per length (3, 3) by curvatures (w,xx, w,zz, 2 w,xz), N m."""
         return creased(self.stretching * self.thickness**2 / 12.0, self._softness(1.0))
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write corners, sizes, stiffness and natural shape; see :mod:`.plate_energy` for the formulae."""
         a, b, material = self.a, self.b, self.material
         slim, Et = a / b, material.moduli[1] * self.thickness

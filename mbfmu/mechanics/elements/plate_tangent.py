@@ -16,7 +16,7 @@ from .plate_energy import add_arcs, by_slopes, clear_stress, differentiate, grad
 
 
 @kernel
-def tangent(plate: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
+def tangent(plate: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
     stiffness(plate, 1.0 + c1 * plate.damping if plate.damped == 1 else 1.0, state.bodies, state.element[0], K)
     return 1.0

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.checks import rotation
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative
 from mbfmu.util.errors import UserError
@@ -85,7 +85,7 @@ class Shell(Load):
         for key in ("damping", "drag"):
             not_negative(f"{key} of {what}", getattr(self, key))
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write corners, attitudes and stiffness; see :mod:`.shell_stiffness`."""
         record["node"], record["X"] = site.bodies, self._flat[1]
         record["B"] = [(self._flat[0] @ axes).T for axes in self._axes]

@@ -17,7 +17,7 @@ from .shell_energy import assemble, clear, deform, differentiate, gradient, resi
 
 
 @kernel
-def tangent(shell: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
+def tangent(shell: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
     here = state.shell[0]
     deform(shell, state.bodies, here)

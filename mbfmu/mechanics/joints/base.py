@@ -21,14 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.axes import Vector, unit_axis
-from mbfmu.mechanics.kind import Kind, Site
+from mbfmu.mechanics.kind import Attachment, ElementType
 from mbfmu.util.errors import UserError
 
 MOST_COORDINATES = 6  # of a joint
 
 
 @dataclass(frozen=True, kw_only=True)
-class Joint(Kind):
+class Joint(ElementType):
     """Base class of tree joints.
 
     Parameters
@@ -146,6 +146,6 @@ class AxisJoint(Joint):
         """Unit vector of the axis in the joint frame."""
         return unit_axis(self.axis, f"axis of {type(self).__name__}")
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the axis."""
         record["axis"] = self.direction

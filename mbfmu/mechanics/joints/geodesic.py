@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.checks import rotation
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
@@ -86,7 +86,7 @@ class Geodesic(OutOfPlane):
     place = place
     bias = bias
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write b, of s' what lies in the plane."""
         axes = rotation("rotation of a geodesic joint", self.rotation)
         s = axes.T @ np.asarray(self.at, float) * (1.0, 0.0, 1.0)

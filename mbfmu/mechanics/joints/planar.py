@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.axes import plane_axes
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import axis_matrix
 from solvers.compiled.kernel import kernel
 
@@ -50,7 +50,7 @@ class Planar(AxisJoint):
     coordinates = ("x", "y", "angle")
     units = ("m", "m", "rad")
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the three axes."""
         super().fill(record, site)
         record["first"], record["other"] = plane_axes(self.direction)

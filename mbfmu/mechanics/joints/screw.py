@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import LONGEST, SHORTEST, is_finite
 from mbfmu.mechanics.spatial import axis_matrix
 from mbfmu.util.errors import UserError
@@ -54,7 +54,7 @@ class Screw(AxisJoint):
                 f"lead of {what} is {self.lead!r} m per turn; allowed: {SHORTEST:g} to {LONGEST:g}, of either sign"
             )
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the axis and the way per radian."""
         super().fill(record, site)
         record["rise"] = self.lead / (2.0 * np.pi)

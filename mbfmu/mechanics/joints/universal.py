@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.axes import Vector, unit_axis
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import axis_matrix, turned
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
@@ -80,7 +80,7 @@ class Universal(AxisJoint):
                 "allowed: an axis perpendicular to that"
             )
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write both axes."""
         super().fill(record, site)
         record["second"] = unit_axis(self.second, f"second axis of {site.name}")

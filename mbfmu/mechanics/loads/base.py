@@ -7,9 +7,9 @@ Its kernels:
     potential(load, arrays, state)           returns the energy it stores, J; None: it stores none
     power(load, t, arrays, state)            returns the power in W of what has no potential: dampers take it, given
                                              forces bring it; None: all it does is in its potential
-    tangent(load, c1, arrays, state, twin,   adds to K, six rows and columns a body, minus the derivative of what
-            K)                               ``apply`` adds by the motions of its bodies and c1 times that by their
-                                             velocities, and returns 1.0, or 0.0 where there is none; ``twin`` is a
+    tangent(load, c1, arrays, state,         adds to K, six rows and columns a body, minus the derivative of what
+            perturbed, K)                    ``apply`` adds by the motions of its bodies and c1 times that by their
+                                             velocities, and returns 1.0, or 0.0 if there is none; ``perturbed`` is a
                                              complex state, scratch, for complex steps
 
 A load without ``tangent`` is differentiated by complex steps, so ``apply`` is analytic in every real
@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from mbfmu.mechanics.checks import vector
-from mbfmu.mechanics.kind import Kind, Site
+from mbfmu.mechanics.kind import Attachment, ElementType
 from mbfmu.mechanics.spatial import arm
 from solvers.compiled.kernel import kernel
 
@@ -32,7 +32,7 @@ FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 
 
 @kernel
-def zero_tangent(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
+def zero_tangent(load: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
     """Tangent of a load whose stiffness is negligible in the implicit solvers of large trees."""
     return 0.0
 
@@ -46,21 +46,21 @@ def direction(force: Any, body: Any) -> tuple[float, float, float]:
     return force.axis[0] * one, force.axis[1] * one, force.axis[2] * one
 
 
-def fill_points(force: Any, record: Any, site: Site) -> None:
+def fill_points(force: Any, record: Any, site: Attachment) -> None:
     """Write the two bodies that a force is between, and ``at_a`` and ``at_b`` on them."""
     record["a"], record["b"] = site.bodies
     record["Pa"], record["Pb"] = vector(f"at_a of {site.name}", force.at_a), vector(f"at_b of {site.name}", force.at_b)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Load(Kind):
+class Load(ElementType):
     """Base class of loads on a mechanism; the bodies are given to the builder."""
 
     kernels: ClassVar = {
         "apply": "time, arrays, state",
         "potential": "arrays, state -> number",
         "power": "time, arrays, state -> number",
-        "tangent": "time, arrays, state, twin, matrix -> number",
+        "tangent": "time, arrays, state, perturbed, matrix -> number",
     }
     apply: ClassVar[Any]
     potential: ClassVar[Any] = None

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.checks import rotation
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import array_of
 from mbfmu.mechanics.spatial import add_force, arm, quaternion_of, way, way_rate
 from mbfmu.util.errors import UserError
@@ -174,7 +174,7 @@ class Bushing(Force):
         for key in ("stiffness", "damping", "rotational_stiffness", "rotational_damping"):
             _along_axes(f"{key} of {what}", getattr(self, key))
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write points, frames, stiffness and damping."""
         name = site.name
         fill_points(self, record, site)

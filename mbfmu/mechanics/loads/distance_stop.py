@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import not_negative
 from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
@@ -86,7 +86,7 @@ class DistanceStop(Force):
             if getattr(self, key) is not None:
                 not_negative(f"{key} of {what}", getattr(self, key))
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the two points, the limits, stiffness and damping."""
         fill_points(self, record, site)
         fill_limits(record, self)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
 from .base import Load, zero_tangent
@@ -75,6 +75,6 @@ class Drag(Load):
     density: float
     area: float
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write its corners, and how much."""
         record["node"], record["coefficient"] = site.bodies, 0.5 * self.density * self.area

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from mbfmu.mechanics import law
 from mbfmu.mechanics.curve import curve
-from mbfmu.mechanics.kind import Site, kernel_of
+from mbfmu.mechanics.kind import Attachment, kernel_of
 from mbfmu.mechanics.numbers import finite, not_negative
 from mbfmu.mechanics.signals import Table
 from solvers.compiled.kernel import jit_uncached, kernel
@@ -81,7 +81,7 @@ class ElasticForce(Force):
         not_negative(f"damping of {what}", self.damping)
         finite(f"free of {what}", self.free)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write how much."""
         record["damping"], record["free"] = self.damping, self.free
         if isinstance(self.stiffness, Table):

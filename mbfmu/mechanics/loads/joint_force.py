@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.mechanics import law
 from mbfmu.mechanics.dispatch import signal_value
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import Force
@@ -73,7 +73,7 @@ class JointForce(Force):
             return bool(law.names_in(self.magnitude) & {"q", "v"})
         return callable(self.magnitude) and law.arguments_of("magnitude of a JointForce", self.magnitude) != 1
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write its coordinate and its signal."""
         record["q"], record["v"] = site.q, site.v
         if not self._is_law():

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import law
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import jit_uncached, kernel
 
 from .elastic import ElasticForce, table_energy, table_force
@@ -98,7 +98,7 @@ class JointSpring(ElasticForce):
     tabled = (apply_table, table_potential)
     made = kernels_of
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write where it acts too."""
         super().fill(record, site)
         record["q"], record["v"] = site.q, site.v

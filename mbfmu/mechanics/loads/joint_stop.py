@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
 from .base import Force
@@ -62,7 +62,7 @@ class JointStop(Force):
         """Refuse limits without a distance between them."""
         check_limits(what, self)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write its coordinate, the limits, stiffness and damping."""
         record["q"], record["v"] = site.q, site.v
         fill_limits(record, self)

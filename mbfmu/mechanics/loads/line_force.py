@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.dispatch import signal_value
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
 
@@ -70,7 +70,7 @@ class LineForce(Force):
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the two points and the signal."""
         fill_points(self, record, site)
         record["signal"] = site.signal(self.magnitude, f"magnitude of {site.name}")

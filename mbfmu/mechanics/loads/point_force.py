@@ -10,7 +10,7 @@ import numpy as np
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.dispatch import signal_value
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force, arm
 from solvers.compiled.kernel import kernel
 
@@ -77,7 +77,7 @@ class PointForce(Force):
         """Refuse what the axis cannot be fixed in."""
         one_of(f"fixed_in of {what}", self.fixed_in, FIXED_IN)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write its point, its axis and its signal."""
         record["a"], record["signal"] = site.bodies[0], site.signal(self.magnitude, f"magnitude of {site.name}")
         record["Pa"] = vector(f"at_a of {site.name}", self.at_a)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.dispatch import signal_value
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
 from .base import Load
@@ -65,7 +65,7 @@ def power(load: Any, t: float, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def tangent(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
+def tangent(load: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
     """See :mod:`.base`."""
     p, bodies = signal_value(load.signal, state.time[0], arrays), state.bodies
     r1, r2, r3, r4 = bodies[load.node[0]].r, bodies[load.node[1]].r, bodies[load.node[2]].r, bodies[load.node[3]].r
@@ -99,6 +99,6 @@ class Pressure(Load):
 
     magnitude: Any
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write its corners, and the signal that all faces share."""
         record["node"], record["signal"] = site.bodies, site.signal(self.magnitude, f"magnitude of {site.name}")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import law
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force, arm
 from solvers.compiled.kernel import jit_uncached, kernel
 
@@ -155,7 +155,7 @@ class Spring(ElasticForce):
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the two points too."""
         super().fill(record, site)
         fill_points(self, record, site)

@@ -10,7 +10,7 @@ import numpy as np
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import one_of
 from mbfmu.mechanics.dispatch import signal_value
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
 from .base import FIXED_IN, Force, direction
@@ -67,7 +67,7 @@ class Torque(Force):
         """Refuse what the axis cannot be fixed in."""
         one_of(f"fixed_in of {what}", self.fixed_in, FIXED_IN)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write its body, its axis and its signal."""
         record["a"], record["signal"] = site.bodies[0], site.signal(self.magnitude, f"magnitude of {site.name}")
         record["axis"] = unit_axis(self.axis, f"axis of {site.name}")

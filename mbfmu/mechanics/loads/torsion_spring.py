@@ -19,7 +19,7 @@ import numpy as np
 from mbfmu.mechanics import law
 from mbfmu.mechanics.axes import along, unit_axis
 from mbfmu.mechanics.checks import rotation
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import angle_of, arm
 from solvers.compiled.kernel import jit_uncached, kernel
 
@@ -156,7 +156,7 @@ class TorsionSpring(ElasticForce):
     axis: Any = "z"
     rotation: Any = None
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the two frames too."""
         super().fill(record, site)
         record["a"], record["b"] = site.bodies

@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from mbfmu.mechanics.dispatch import longest_step, read_sensor, signal
-from mbfmu.mechanics.records import Data, complex_state, complex_twin, empty_data
+from mbfmu.mechanics.records import Data, empty_data, to_complex_data, to_complex_state
 from mbfmu.mechanics.spatial import quaternion_rate
 from solvers.compiled.kernel import COMPILED, callback, inlined, kernel, types
 from solvers.compiled.tuple_pointer import pointer_type
@@ -287,11 +287,11 @@ def rotate_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
 def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
     """Return dynamics, position, motion, retract, energy as a solver takes them; compiled on first use.
 
-    ``scalar`` complex: for the data of :func:`.records.complex_twin`.
+    ``scalar`` complex: for the data of :func:`.records.to_complex_data`.
     """
     if not COMPILED:
         return dynamics, position, motion, retract, energy
-    example = empty_data() if scalar is float else complex_twin(empty_data())
+    example = empty_data() if scalar is float else to_complex_data(empty_data())
     data, terms = pointer_type(example), pointer_type(Terms.allocate(1, 1, 1, scalar))
     real, number = types.float64, types.float64 if scalar is float else types.complex128
     vector = number[::1]
@@ -340,7 +340,7 @@ def complex_step_callbacks() -> tuple[Callable[..., Any], ...]:
     if not COMPILED:
         return inverse, position, retract
     example = empty_data()
-    data = pointer_type(Data(example.arrays, complex_state(example.state)))
+    data = pointer_type(Data(example.arrays, to_complex_state(example.state)))
     terms = pointer_type(Terms.allocate(1, 1, 1, complex))
     real, vector = types.float64, types.complex128[::1]
     return (

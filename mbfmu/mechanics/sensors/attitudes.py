@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import quaternion_of
 from solvers.compiled.kernel import kernel
 
@@ -62,7 +62,7 @@ class DirectionCosine(Sensor):
 
     axis: int = 0
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the axis too."""
         super().fill(record, site)
         record["axis"] = self.axis

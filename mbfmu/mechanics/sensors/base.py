@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Kind, Site
+from mbfmu.mechanics.kind import Attachment, ElementType
 from mbfmu.util.errors import UserError
 
 
@@ -28,7 +28,7 @@ class Follows(IntEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sensor(Kind):
+class Sensor(ElementType):
     """Quantity of a mechanism; created by the methods of ``Body``, ``CutHandle``, ``ForceHandle`` and
     ``Mechanism``.
 
@@ -68,7 +68,7 @@ class Sensor(Kind):
         """Return the numbers of the loads on which the quantity depends at a given motion; None: all."""
         return None
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write which body, cut joint or force, and the component."""
         record["index"], record["component"] = 0 if self.item is None else self.item.index, self.component
 

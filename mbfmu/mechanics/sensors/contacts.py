@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.mechanics.contact.contact_scratch import ALL_POINTS, OWN_SHARE
 from mbfmu.mechanics.dispatch import apply_load
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
 from .base import Follows, Sensor
@@ -68,7 +68,7 @@ class ContactSum(Sensor):
         """Return the numbers of the loads of the contact."""
         return range(self.item.index, self.item.index + self.count)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the loads too."""
         super().fill(record, site)
         record["count"], record["over"], record["scale"] = self.count, self.over, self.scale
@@ -90,7 +90,7 @@ class ContactForceSum(Sensor):
         before = self.item.index - self.item.first
         return [before + k for k in self.own]
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the numbers of the loads."""
         record["first"], record["count"] = site.numbers(self.loads()), len(self.own)
         record["scale"] = self.scale

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.records import RIGID
 from solvers.compiled.kernel import kernel
 
@@ -58,7 +58,7 @@ class Coordinate(Sensor):
 
     read = position
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write where it is in State.q."""
         record["index"] = site.q + self.component
 
@@ -69,7 +69,7 @@ class Rate(Sensor):
 
     read = velocity
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write where it is in State.v."""
         record["index"] = site.v + self.component
 

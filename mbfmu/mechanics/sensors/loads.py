@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.dispatch import apply_load
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
 from .base import Follows, Sensor
@@ -69,7 +69,7 @@ class LoadWrench(OfLoad):
     record = np.dtype([("index", np.int64), ("component", np.int64), ("a", np.int64), ("b", np.int64)])
     read = wrench
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the two bodies too."""
         super().fill(record, site)
         record["a"], record["b"] = site.bodies
@@ -82,6 +82,6 @@ class LoadEffort(OfLoad):
     record = np.dtype([("index", np.int64), ("v", np.int64)])
     read = effort
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write which force, and where its coordinate is in State.v."""
         record["index"], record["v"] = self.item.index, site.v

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import angle_of, arm, way, way_rate
 from solvers.compiled.kernel import kernel
 
@@ -75,7 +75,7 @@ class Distance(Sensor):
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write which bodies, where on them, and the component."""
         record["a"], record["b"] = site.bodies
         record["Pa"], record["Pb"], record["component"] = self.at_a, self.at_b, self.component

@@ -13,7 +13,7 @@ import numpy as np
 
 from mbfmu.mechanics.elements.plate_energy import PLATE, shape, strain
 from mbfmu.mechanics.elements.shell_energy import SHELL, deform
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
 from .base import Sensor
@@ -65,7 +65,7 @@ class _InElement(Sensor):
     start: float
     weights: Any
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the element and the weights."""
         self.element.fill(record, site)
         record["start"], record["weight"] = self.start, self.weights

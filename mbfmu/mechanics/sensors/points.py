@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import arm, centripetal
 from solvers.compiled.kernel import kernel
 
@@ -47,7 +47,7 @@ class PointPosition(Sensor):
 
     point: Any = (0.0, 0.0, 0.0)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the point too."""
         super().fill(record, site)
         record["point"] = self.point

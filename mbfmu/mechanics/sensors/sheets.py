@@ -17,7 +17,7 @@ from mbfmu.mechanics.contact.patch import (
     interpolate_point,
     smooth_step,
 )
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import angle_of
 from solvers.compiled.kernel import kernel
 
@@ -178,7 +178,7 @@ class SheetPosition(Sensor):
     sides: tuple[float, float]
     at: tuple[float, float]
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the nodes and their weights."""
         record["component"], record["node"] = self.component, site.bodies
         getattr(evaluate_weights, "py_func", evaluate_weights)(
@@ -195,7 +195,7 @@ class Skew(Sensor):
 
     across: Any
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write both and the direction."""
         (record["a"], record["b"]), record["across"] = site.bodies, self.across
 
@@ -233,7 +233,7 @@ class Covered(Sensor):
     sides: tuple[float, float]
     ends: Sequence[Any]
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the beam, with two directions across it, and the cells."""
         d = np.asarray(self.direction, float)
         u = np.cross(d, np.eye(3)[np.argmin(abs(d))])
@@ -257,7 +257,7 @@ class Jammed(Sensor):
 
     nips: Sequence[tuple[Any, float, int]]
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write five numbers for every nip."""
         rows = [
             (nip.index, nip.count, roller, radius, stations)

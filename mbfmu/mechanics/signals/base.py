@@ -20,7 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
-from mbfmu.mechanics.kind import Kind
+from mbfmu.mechanics.kind import ElementType
 
 
 class InUse(NamedTuple):
@@ -55,7 +55,7 @@ class InUse(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Signal(Kind):
+class Signal(ElementType):
     """Base class of functions of time, with default properties.
 
     One that varies with time has a kernel ``longest_step(signal, t, arrays)`` in addition to ``evaluate``: it returns

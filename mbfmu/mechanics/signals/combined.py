@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.dispatch import signal as signal_at
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
@@ -52,7 +52,7 @@ class Combined(Signal):
             raise UserError(f"{type(self).__name__} has {len(parts)} parts; allowed: two signals or numbers, or more")
         object.__setattr__(self, "parts", parts)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Number the first, and what the others come to."""
         first, *others = self.parts
         name = type(self).__name__.lower()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
@@ -120,7 +120,7 @@ class Followed(Signal):
     )
     evaluate, longest_step = evaluate, longest_step
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the intervals."""
         rates = self.rate.series
         record["first"] = site.numbers(self.rows())

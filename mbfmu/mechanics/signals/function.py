@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import law
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import positive
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import jit_uncached, kernel
@@ -89,7 +89,7 @@ class Function(Signal):
         """Whether it has derivatives."""
         return self.differentiate
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write how fast it changes."""
         record["pace"], record["clock"] = self.time, 1.0
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite
 from solvers.compiled.kernel import kernel
 
@@ -65,7 +65,7 @@ class Harmonic(Signal):
     phase: float = 0.0
     mean: float = 0.0
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the parameters."""
         for key in ("amplitude", "frequency", "phase", "mean"):
             finite(f"{key} of a Harmonic", getattr(self, key))

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite, is_finite
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
@@ -76,7 +76,7 @@ class Polynomial(Coefficients):
 
     c: Sequence[float]
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the coefficients."""
         if np.ndim(self.c) != 1 or not 1 <= len(self.c) <= 4 or not is_finite(self.c):
             raise UserError(f"polynomial coefficients are {self.c!r}; allowed: one to four finite numbers")
@@ -125,7 +125,7 @@ class Input(Coefficients):
                 f"input {self.name!r} has the acceleration_name {self.acceleration_name!r} and no rate_name; give both"
             )
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the start value."""
         record["c"][0] = self.start
 
@@ -175,7 +175,7 @@ class SpeedInput(Coefficients):
         """Refuse a start that is no number."""
         finite(f"start of input {self.name!r}", self.start)
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the start value."""
         record["c"][1] = self.start
 

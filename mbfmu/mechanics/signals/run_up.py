@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite, positive
 from solvers.compiled.kernel import kernel
 
@@ -77,7 +77,7 @@ class RunUp(Signal):
     duration: float
     start: float = 0.0
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the parameters."""
         for key in ("speed", "start"):
             finite(f"{key} of a RunUp", getattr(self, key))

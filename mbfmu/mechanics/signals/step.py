@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite, not_negative
 from solvers.compiled.kernel import kernel
 
@@ -88,7 +88,7 @@ class Step(Signal):
     duration: float = 0.0
     offset: float = 0.0
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the parameters."""
         what = f"of a {type(self).__name__}"
         for key in ("height", "begin", "offset"):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.curve import ROW, curve, rows
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
@@ -75,7 +75,7 @@ class Table(Signal):
     )
     evaluate, longest_step = evaluate, longest_step
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write the points."""
         table = self.write("a table", record, site)
         widths = np.diff(table[:, 0])
@@ -87,7 +87,7 @@ class Table(Signal):
         """Return the rows of the curve, see :mod:`mbfmu.mechanics.curve`; UserError for what is none."""
         return rows(what, self.x, self.y, self.kind, self.beyond)
 
-    def write(self, what: str, record: Any, site: Site) -> Any:
+    def write(self, what: str, record: Any, site: Attachment) -> Any:
         """Keep the rows for the kernels of a record with ``first`` and ``count``, and return them."""
         table = self.rows(what)
         record["first"] = site.numbers(table)

@@ -48,27 +48,31 @@ class Border(NamedTuple):
 
 
 @kernel
-def keep_apart(first: int, end: int, group: int, inner: int, L: Any, arrays: Any, state: Any, s: Any) -> None:
-    """Add what s.K has between bodies of a group or its neighbor and those away from it to s.apart, as wrenches."""
+def store_coupling(
+    first: int, end: int, group: int, inner: int, layout: Any, arrays: Any, state: Any, scratch: Any
+) -> None:
+    """Add the entries of scratch.K between bodies of a group or its neighbor and bodies away from it to
+    scratch.coupling_block, as wrenches.
+    """
     for p in range(end - first):
-        i = L.bodies[first + p]
-        k = L.column[i]
-        if k < 0 or L.group[i] == group or L.group[i] == inner:
+        i = layout.bodies[first + p]
+        k = layout.column[i]
+        if k < 0 or layout.group[i] == group or layout.group[i] == inner:
             continue
         S = state.S[arrays.bodies[i].vi]
         for q in range(end - first):
-            j = L.bodies[first + q]
-            if L.role[j] == FIXED or (L.group[j] != group and L.group[j] != inner):
+            j = layout.bodies[first + q]
+            if layout.role[j] == FIXED or (layout.group[j] != group and layout.group[j] != inner):
                 continue
             for a in range(6):
                 for b in range(6):
-                    column, part = (k, S[b]) if L.columns[i] == 1 else (k + b, 1.0)
-                    s.apart[column, 0, j, a] += s.K[6 * q + a, 6 * p + b] * part
-                    s.apart[column, 1, j, a] += s.K[6 * p + b, 6 * q + a] * part
+                    column, part = (k, S[b]) if layout.columns[i] == 1 else (k + b, 1.0)
+                    scratch.coupling_block[column, 0, j, a] += scratch.K[6 * q + a, 6 * p + b] * part
+                    scratch.coupling_block[column, 1, j, a] += scratch.K[6 * p + b, 6 * q + a] * part
 
 
 @kernel
-def project(W: Any, arrays: Any, state: Any, out: Any) -> None:
+def project_wrenches(W: Any, arrays: Any, state: Any, out: Any) -> None:
     """out (n,) <- joint forces that wrenches W (nb, 6) on bodies are worth; W is spent."""
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         body, here = arrays.bodies[i], state.bodies[i]

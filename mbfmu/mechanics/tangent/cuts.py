@@ -10,11 +10,11 @@ from solvers.compiled.kernel import kernel
 
 
 @kernel
-def stiffness(cut: Any, weight: Any, arrays: Any, state: Any, twin: Any, K: Any) -> None:
+def stiffness(cut: Any, weight: Any, arrays: Any, state: Any, perturbed: Any, K: Any) -> None:
     """K (12, 12) = sum over the rows of lambda dG + weight G G^T, G = (Ga, Gb), six rows and columns a body.
 
     lambda dG is what the reactions gain as the bodies move, weight G G^T a spring that holds the row. ``weight`` (m,)
-    is by constraint; ``twin`` is a complex state, scratch.
+    is by constraint; ``perturbed`` is a complex state, scratch.
     """
     kept, bodies = arrays.kept, state.bodies
     for i in range(12):
@@ -26,13 +26,13 @@ def stiffness(cut: Any, weight: Any, arrays: Any, state: Any, twin: Any, K: Any)
                 for j in range(12):
                     K[i, j] += weight[kept[r]] * wrench(state.rows[r], i) * wrench(state.rows[r], j)
     for j in range(12):
-        displace(bodies[cut.a], twin.bodies[cut.a], j)
-        displace(bodies[cut.b], twin.bodies[cut.b], j - 6)
-        evaluate_cut(cut, arrays, twin)
+        displace(bodies[cut.a], perturbed.bodies[cut.a], j)
+        displace(bodies[cut.b], perturbed.bodies[cut.b], j - 6)
+        evaluate_cut(cut, arrays, perturbed)
         for r in range(cut.row, cut.end):
             if kept[r] >= 0:
                 for i in range(12):
-                    K[i, j] += state.rows[r].lam * wrench(twin.rows[r], i).imag / EPSILON
+                    K[i, j] += state.rows[r].lam * wrench(perturbed.rows[r], i).imag / EPSILON
 
 
 @kernel

@@ -9,33 +9,33 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.records import Arrays, State, complex_state
+from mbfmu.mechanics.records import Arrays, State, to_complex_state
 from solvers.compiled.kernel import COMPILED, callback, kernel, types
 from solvers.compiled.tuple_pointer import pin, pointer_type, unpin
 from solvers.linalg.blocks import BlockTree, one_thread, solve_blocks
 from solvers.system import Array
 
-from .border import Border, add_border, project
+from .border import Border, add_border, project_wrenches
+from .condensation import condense, gather_motion, inertia_forces, spread_load
 from .filling import fill
-from .folding import fold, gather_motion, inertia_forces, spread_load
 from .groups import Groups
 from .inertia import count_negative
-from .joints import turn_themselves, turn_with_parents
+from .joints import add_own_geometric_stiffness, add_parent_geometric_stiffness
 from .layout import lay_out
-from .loads import along_joints
+from .loads import joint_stiffness
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.loading import Acting
 
 
-NOTHING = np.zeros((0, 0))
-SINGULAR = 1e14  # condition of the border's equations from which on they are
+NO_BLOCK = np.zeros((0, 0))
+MAX_BORDER_CONDITION = 1e14  # condition of the border's equations from which on they are
 
 
 class Scratch(NamedTuple):
     """Allocated once; W: rows of the largest two neighbors."""
 
-    F: Array  # (W + 6, W), the last six rows for folding
+    F: Array  # (W + 6, W), the last six rows for condensation
     S: Array  # (3..6, 6) dual basis of one joint
     N: Array  # (6, 6) directions a joint locks, rows
     C: Array  # (3, 3)
@@ -47,61 +47,65 @@ class Scratch(NamedTuple):
     K: Array  # (24.., 24..) stiffness of a load, six rows a body
     weight: Array  # (m,) alpha
     along: Array  # (nv,) stiffness of forces along joint coordinates
-    apart: Array  # (r, 2, nb, 6) what the border is made of
+    coupling_block: Array  # (r, 2, nb, 6) what the border is made of
 
 
 class Panels(NamedTuple):
-    """Columns of one group and of its neighbor inward that are left after their rows are folded, as rows, and six rows
-    for folding; the space is all groups'.
+    """Columns of one group and of its neighbor inward that are left after their rows are condensed, as rows, and six rows
+    for condensation; the space is all groups'.
     """
 
     own: Array  # (size + 6, kept) what the group does in its own rows
     right: Array  # (after + 6, kept) what the neighbor does in the group's rows
     lower: Array  # (size + 6, kept of the neighbor) what the group does in the neighbor's rows
-    kept: NDArray[np.int64]  # rows of the group that stay after folding
+    kept: NDArray[np.int64]  # rows of the group that stay after condensation
     kept_inner: NDArray[np.int64]  # those of its neighbor
 
 
 @kernel
 def assemble(
-    group: int, size: int, after: int, c1: float, c2: float, L: Any, arrays: Any, state: Any, twin: Any, dual: Any,
-    s: Any, symmetric: bool, handed: Any, onward: Any, P: Any, B: Any,
+    group: int, size: int, after: int, c1: float, c2: float, layout: Any, arrays: Any, state: Any, perturbed: Any,
+    dual: Any, scratch: Any, symmetric: bool, incoming: Any, outgoing: Any, panels: Any, blocks: Any,
 ) -> None:  # fmt: skip
-    """Fill the blocks B of a group of ``size`` rows, and ``after`` of its neighbor inward. ``handed`` is what outer
-    groups have added to its own rows, to ``onward`` it adds what starts in it and belongs to its neighbor's.
-    B.L is left as it is where T is to be ``symmetric``.
+    """Fill the ``blocks`` of a group of ``size`` rows, and ``after`` of its neighbor inward. ``incoming`` is what outer
+    groups have added to its own rows, to ``outgoing`` it adds what starts in it and belongs to its neighbor's.
+    ``blocks.L`` is left as it is where T is to be ``symmetric``.
     """
-    F, inner = s.F, L.inward[group]
+    F, inner = scratch.F, layout.inward[group]
     for i in range(size + after):
         for j in range(size + after):
             F[i, j] = 0.0
-    for i in range(handed.shape[0]):
-        for j in range(handed.shape[0]):
-            F[i, j] = handed[i, j]
-    fill(group, size, c1, c2, L, arrays, state, twin, dual, s)
+    for i in range(incoming.shape[0]):
+        for j in range(incoming.shape[0]):
+            F[i, j] = incoming[i, j]
+    fill(group, size, c1, c2, layout, arrays, state, perturbed, dual, scratch)
     for i in range(after):
         for j in range(after):
-            onward[i, j] += F[size + i, size + j]
-    fold(F, 0, 0, size + after, group, L, arrays, state)
-    turn_with_parents(group, L, arrays, state, twin, F, s)
-    fold_columns(F, 0, P.kept, 0, size, P.kept, group, L, arrays, state, P.own, B.D)
-    turn_themselves(group, L, arrays, state, twin, B.D, s)
+            outgoing[i, j] += F[size + i, size + j]
+    condense(F, 0, 0, size + after, group, layout, arrays, state)
+    add_parent_geometric_stiffness(group, layout, arrays, state, perturbed, F, scratch)
+    condense_columns(F, 0, panels.kept, 0, size, panels.kept, group, layout, arrays, state, panels.own, blocks.D)
+    add_own_geometric_stiffness(group, layout, arrays, state, perturbed, blocks.D, scratch)
     if after > 0:
-        fold_columns(F, 0, P.kept, size, after, P.kept_inner, inner, L, arrays, state, P.right, B.U)
+        condense_columns(
+            F, 0, panels.kept, size, after, panels.kept_inner, inner, layout, arrays, state, panels.right, blocks.U
+        )
     if after > 0 and not symmetric:
-        fold(F, size, 0, size, inner, L, arrays, state)
-        fold_columns(F, size, P.kept_inner, 0, size, P.kept, group, L, arrays, state, P.lower, B.L)
+        condense(F, size, 0, size, inner, layout, arrays, state)
+        condense_columns(
+            F, size, panels.kept_inner, 0, size, panels.kept, group, layout, arrays, state, panels.lower, blocks.L
+        )
 
 
 @kernel
-def fold_columns(
-    F: Any, offset: int, rows: Any, first: int, count: int, columns: Any, group: int, L: Any, arrays: Any, state: Any,
-    panel: Any, out: Any,
+def condense_columns(
+    F: Any, offset: int, rows: Any, first: int, count: int, columns: Any, group: int, layout: Any, arrays: Any,
+    state: Any, panel: Any, out: Any,
 ) -> None:  # fmt: skip
     """out (columns, rows) <- these rows of F from ``offset`` on, and of a group's ``count`` columns from ``first`` on
-    those that stay after folding, as rows; ``panel`` is where they are folded.
+    those that stay after condensation, as rows; ``panel`` is where they are condensed.
     """
-    if L.folded[group] == 0:
+    if layout.condensed[group] == 0:
         for a in range(columns.shape[0]):
             for b in range(rows.shape[0]):
                 out[a, b] = F[offset + rows[b], first + columns[a]]
@@ -109,7 +113,7 @@ def fold_columns(
     for b in range(rows.shape[0]):
         for a in range(count):
             panel[a, b] = F[offset + rows[b], first + a]
-    fold(panel, 0, 0, rows.shape[0], group, L, arrays, state)
+    condense(panel, 0, 0, rows.shape[0], group, layout, arrays, state)
     for a in range(columns.shape[0]):
         for b in range(rows.shape[0]):
             out[a, b] = panel[columns[a], b]
@@ -119,17 +123,17 @@ class Unknowns(NamedTuple):
     """The rows of all groups, and those of them that are solved for."""
 
     base: NDArray[np.int64]  # (groups + 1,) first row of each
-    rows: NDArray[np.int64]  # (unknowns,) those that stay after folding
+    rows: NDArray[np.int64]  # (unknowns,) those that stay after condensation
     x: Array  # (unknowns,)
     b: Array  # (rows + 6,)
     dual: Array  # (nv, 6) dual bases of all joints
     motions: Array  # (nb, 6)
 
 
-class Solving(NamedTuple):
+class SolveContext(NamedTuple):
     """What one right-hand side is solved with."""
 
-    L: Any
+    layout: Any
     arrays: Any
     state: Any
     factors: Any
@@ -138,33 +142,35 @@ class Solving(NamedTuple):
 
 
 @kernel
-def solve(r: Any, g: Any, dq: Any) -> None:
+def solve(r: Any, context: Any, dq: Any) -> None:
     """dq (n,) with T dq = r."""
-    solve_within(r, g, dq)
-    add_border(g.border, dq)
+    solve_within(r, context, dq)
+    add_border(context.border, dq)
 
 
 @kernel
-def solve_within(r: Any, g: Any, dq: Any) -> None:
+def solve_within(r: Any, context: Any, dq: Any) -> None:
     """dq (n,) with T dq = r, T without its border."""
-    s = g.unknowns
-    spread_load(r, s.base, g.L, g.arrays, g.state, s.dual, s.b)
-    for i in range(s.rows.shape[0]):
-        s.x[i] = s.b[s.rows[i]]
-    solve_blocks(g.factors, s.x)
-    for i in range(s.rows.shape[0]):
-        s.b[s.rows[i]] = s.x[i]
-    gather_motion(s.b, s.base, g.L, g.arrays, g.state, s.dual, s.motions, dq)
+    unknowns = context.unknowns
+    spread_load(r, unknowns.base, context.layout, context.arrays, context.state, unknowns.dual, unknowns.b)
+    for i in range(unknowns.rows.shape[0]):
+        unknowns.x[i] = unknowns.b[unknowns.rows[i]]
+    solve_blocks(context.factors, unknowns.x)
+    for i in range(unknowns.rows.shape[0]):
+        unknowns.b[unknowns.rows[i]] = unknowns.x[i]
+    gather_motion(
+        unknowns.b, unknowns.base, context.layout, context.arrays, context.state, unknowns.dual, unknowns.motions, dq
+    )
 
 
-def solve_one(r: Any, g: Any, dq: Any) -> None:
+def solve_one(r: Any, context: Any, dq: Any) -> None:
     """As a solver's kernels call it."""
-    solve(r, g, dq)
+    solve(r, context, dq)
 
 
-def inertia_one(a: Any, g: Any, tau: Any) -> None:
+def inertia_one(a: Any, context: Any, tau: Any) -> None:
     """tau (n,) = M a."""
-    inertia_forces(g.arrays, g.state, a, tau)
+    inertia_forces(context.arrays, context.state, a, tau)
 
 
 @cache
@@ -222,7 +228,7 @@ class Tangent:
             K=z((most, most)),
             weight=z(int(arrays.kept.max(initial=-1)) + 1),
             along=z(len(state.v)),
-            apart=z((int(self.layout.columns.sum()), 2, len(arrays.bodies), 6)),
+            coupling_block=z((int(self.layout.columns.sum()), 2, len(arrays.bodies), 6)),
         )
         base = np.concatenate(([0], np.cumsum(self._sizes))).astype(np.int64)
         rows = np.concatenate([np.zeros(0, np.int64), *(at + own for at, own in zip(base, kept, strict=False))])
@@ -237,12 +243,12 @@ class Tangent:
         self._border = Border.of(self.layout, free)
         self._state = State(*(array.copy() for array in state))
         self._held = tuple(map(pin, (arrays, self._state, self.layout, self._scratch)))
-        arrays_, state_, L, _ = self._held
-        self.data = pin(Solving(L, arrays_, state_, self._tree.factors, self._unknowns, pin(self._border)))
+        arrays_, state_, layout, _ = self._held
+        self.data = pin(SolveContext(layout, arrays_, state_, self._tree.factors, self._unknowns, pin(self._border)))
         self.solve_one, self.inertia_one = tangent_callbacks(pointer_type(self.data) if COMPILED else None)
         own = state._replace(S=state.S[:0], U=state.U[:0], D=state.D[:0])
-        self._steps = complex_state(own)
-        self._twin = pin(self._steps)
+        self._steps = to_complex_state(own)
+        self._perturbed = pin(self._steps)
 
     def _share_panels(self, kept: list[NDArray[np.int64]]) -> list[Panels]:
         """Return the panels of every group."""
@@ -274,26 +280,26 @@ class Tangent:
             return self._factor(c1, c2, symmetric, averaged)
 
     def _factor(self, c1: float, c2: float, symmetric: bool, averaged: bool) -> bool:
-        arrays, state, L, s = self._held
-        scratch, twin = self._scratch, self._twin
-        for own, given in zip(self._state, self._moving, strict=True):
-            own[...] = given
+        arrays, state, layout, held_scratch = self._held
+        scratch, perturbed = self._scratch, self._perturbed
+        for received, given in zip(self._state, self._moving, strict=True):
+            received[...] = given
         self._steps.q[:], self._steps.v[:] = self._state.q, self._state.v
-        along_joints(c1, L, arrays, state, twin, scratch.along)
-        scratch.apart[:] = 0.0
+        joint_stiffness(c1, layout, arrays, state, perturbed, scratch.along)
+        scratch.coupling_block[:] = 0.0
         self._tree.reset(symmetric, averaged)
         self.factored += 1
-        handed: dict[int, Array] = {}  # what groups have added to their neighbor's own rows
+        incoming: dict[int, Array] = {}  # what groups have added to their neighbor's own rows
         for group, panels in enumerate(self._panels):
             inner = int(self.layout.inward[group])
             after = self._sizes[inner] if inner >= 0 else 0
-            own, onward = handed.pop(group, NOTHING), handed.get(inner, NOTHING)
-            if inner >= 0 and inner not in handed:
-                onward = handed[inner] = np.zeros((after, after))
+            received, outgoing = incoming.pop(group, NO_BLOCK), incoming.get(inner, NO_BLOCK)
+            if inner >= 0 and inner not in incoming:
+                outgoing = incoming[inner] = np.zeros((after, after))
             blocks = self._tree.blocks[group]
             assemble(
-                group, self._sizes[group], after, c1, c2, L, arrays, state, twin, self._dual,
-                s, symmetric, own, onward, panels, blocks,
+                group, self._sizes[group], after, c1, c2, layout, arrays, state, perturbed, self._dual,
+                held_scratch, symmetric, received, outgoing, panels, blocks,
             )  # fmt: skip
             if not self._tree.eliminate(group):
                 return False
@@ -307,17 +313,17 @@ class Tangent:
             return True
         e, w = border.lines[:r], border.lines[r:]
         u = np.zeros_like(e)
-        wrench = np.zeros(self._scratch.apart.shape[2:])
+        wrench = np.zeros(self._scratch.coupling_block.shape[2:])
         for i, motion, line in zip(border.bodies, border.motions, e, strict=True):
             if motion < 0:
                 line[unpin(arrays).bodies["vf"][i]] = 1.0
             else:
                 wrench[:] = 0.0
                 wrench[i, motion] = 1.0
-                project(wrench, arrays, state, line)
-        for (column, row), out, line in zip(self._scratch.apart, u, w, strict=True):
-            project(column, arrays, state, out)
-            project(row, arrays, state, line)
+                project_wrenches(wrench, arrays, state, line)
+        for (column, row), out, line in zip(self._scratch.coupling_block, u, w, strict=True):
+            project_wrenches(column, arrays, state, out)
+            project_wrenches(row, arrays, state, line)
         u[~e.any(axis=1)] = w[~e.any(axis=1)] = 0.0  # of motions that the body does not have
         for load, motion in zip(np.vstack((u, e)), border.columns, strict=True):
             solve_within(load, self.data, motion)
@@ -325,7 +331,7 @@ class Tangent:
         own = np.abs(np.diagonal(equations[:r, r:]))  # of a coordinate alone, one over its stiffness
         units = np.append(np.ones(r), np.where(own > 0.0, own, 1.0))
         balanced = units[:, None] * equations / units
-        good = bool(np.isfinite(balanced).all()) and np.linalg.cond(balanced) < SINGULAR
+        good = bool(np.isfinite(balanced).all()) and np.linalg.cond(balanced) < MAX_BORDER_CONDITION
         border.inverse[:] = np.linalg.inv(balanced) / units[:, None] * units if good else 0.0
         return good
 

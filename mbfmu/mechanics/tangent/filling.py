@@ -10,15 +10,15 @@ from mbfmu.mechanics.dispatch import load_tangent
 from solvers.compiled.kernel import inlined, kernel
 
 from . import couplings, cuts, loads
-from .border import keep_apart
-from .joints import handed_down, outer_joint
+from .border import store_coupling
+from .joints import add_moment_arm_stiffness, add_outer_joint
 from .layout import FIXED, OUTER
 
-_cut, _coupling, _load = cuts.stiffness, couplings.stiffness, loads.stiffness
+_cut_stiffness, _coupling_stiffness, _load_stiffness = cuts.stiffness, couplings.stiffness, loads.stiffness
 
 
 @kernel
-def bodily(i: int, at: int, c2: float, arrays: Any, state: Any, F: Any) -> None:
+def add_inertia_rows(i: int, at: int, c2: float, arrays: Any, state: Any, F: Any) -> None:
     """A body's own rows: c2 times its inertia about its origin, and its inertia force and weight turning with it."""
     mass, here = arrays.bodies[i].mass, state.bodies[i]
     c, Jc, dY = here.com, here.Jc, here.dY
@@ -47,7 +47,7 @@ def bodily(i: int, at: int, c2: float, arrays: Any, state: Any, F: Any) -> None:
 
 
 @inlined
-def clear(count: int, K: Any) -> None:
+def clear_matrix(count: int, K: Any) -> None:
     """K <- 0 for the given numbers of rows and columns."""
     for row in range(count):
         for column in range(count):
@@ -55,85 +55,102 @@ def clear(count: int, K: Any) -> None:
 
 
 @kernel
-def analytic(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, twin: Any, s: Any) -> None:
-    """A load with a tangent between bodies of a group and its neighbor; s.K is zero before and after."""
-    if load_tangent(arrays.loads[e], c1, arrays, state, twin, s.K) == 0.0:
+def add_analytic_tangent(
+    e: int, group: int, size: int, c1: float, layout: Any, arrays: Any, state: Any, perturbed: Any, scratch: Any
+) -> None:
+    """A load with a tangent between bodies of a group and its neighbor; scratch.K is zero before and after."""
+    if load_tangent(arrays.loads[e], c1, arrays, state, perturbed, scratch.K) == 0.0:
         return
-    inner = L.inward[group] if L.home[e] == group else -1  # of a loose body away from home, its own rows alone
-    add_element(L.first_body[e], L.first_body[e + 1], group, inner, size, L, s)
-    if L.home[e] == group:
-        keep_apart(L.first_body[e], L.first_body[e + 1], group, inner, L, arrays, state, s)
-    clear(6 * (L.first_body[e + 1] - L.first_body[e]), s.K)
+    inner = (
+        layout.inward[group] if layout.home[e] == group else -1
+    )  # of a loose body away from home, its own rows alone
+    add_element(layout.first_body[e], layout.first_body[e + 1], group, inner, size, layout, scratch)
+    if layout.home[e] == group:
+        store_coupling(layout.first_body[e], layout.first_body[e + 1], group, inner, layout, arrays, state, scratch)
+    clear_matrix(6 * (layout.first_body[e + 1] - layout.first_body[e]), scratch.K)
 
 
 @kernel
-def cut_joint(c: int, group: int, size: int, L: Any, arrays: Any, state: Any, twin: Any, s: Any) -> None:
+def add_cut_joint(
+    c: int, group: int, size: int, layout: Any, arrays: Any, state: Any, perturbed: Any, scratch: Any
+) -> None:
     """How the reactions of a cut joint turn, and the springs that hold it."""
-    _cut(arrays.cuts[c], s.weight, arrays, state, twin, s.K)
+    _cut_stiffness(arrays.cuts[c], scratch.weight, arrays, state, perturbed, scratch.K)
     e = arrays.loads.shape[0] + c
-    add_element(L.first_body[e], L.first_body[e + 1], group, L.inward[group], size, L, s)
+    add_element(layout.first_body[e], layout.first_body[e + 1], group, layout.inward[group], size, layout, scratch)
 
 
 @kernel
-def coupling(c: int, group: int, size: int, L: Any, arrays: Any, state: Any, dual: Any, s: Any) -> None:
+def add_coupling(c: int, group: int, size: int, layout: Any, arrays: Any, state: Any, dual: Any, scratch: Any) -> None:
     """How the efforts of a coupling change, and the spring that holds it."""
-    _coupling(c, arrays, state, dual, s)
+    _coupling_stiffness(c, arrays, state, dual, scratch)
     e = arrays.loads.shape[0] + arrays.cuts.shape[0] + c
-    add_element(L.first_body[e], L.first_body[e + 1], group, L.inward[group], size, L, s)
+    add_element(layout.first_body[e], layout.first_body[e + 1], group, layout.inward[group], size, layout, scratch)
 
 
 @kernel
-def stepped(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, twin: Any, s: Any) -> None:
+def add_complex_step_tangent(
+    e: int, group: int, size: int, c1: float, layout: Any, arrays: Any, state: Any, perturbed: Any, scratch: Any
+) -> None:
     """A load that does not know it."""
-    _load(e, c1, L, arrays, state, twin, s.K)
-    add_element(L.first_body[e], L.first_body[e + 1], group, L.inward[group], size, L, s)
+    _load_stiffness(e, c1, layout, arrays, state, perturbed, scratch.K)
+    add_element(layout.first_body[e], layout.first_body[e + 1], group, layout.inward[group], size, layout, scratch)
 
 
 @kernel
-def add_element(first: int, end: int, group: int, inner: int, size: int, L: Any, s: Any) -> None:
-    """Add s.K to s.F, between the bodies ``first`` to ``end`` of the layout that are in a group or its neighbor
-    ``inner`` (offset ``size``), six rows a body.
+def add_element(first: int, end: int, group: int, inner: int, size: int, layout: Any, scratch: Any) -> None:
+    """Add scratch.K to scratch.F, between the bodies ``first`` to ``end`` of the layout that are in a group or its
+    neighbor ``inner`` (offset ``size``), six rows a body.
     """
     for p in range(end - first):
-        i = L.bodies[first + p]
-        if L.role[i] == FIXED or (L.group[i] != group and L.group[i] != inner):
+        i = layout.bodies[first + p]
+        if layout.role[i] == FIXED or (layout.group[i] != group and layout.group[i] != inner):
             continue
-        ati = L.slot[i] + (size if L.group[i] != group else 0)
+        ati = layout.slot[i] + (size if layout.group[i] != group else 0)
         for q in range(end - first):
-            j = L.bodies[first + q]
-            if L.role[j] == FIXED or (L.group[j] != group and L.group[j] != inner):
+            j = layout.bodies[first + q]
+            if layout.role[j] == FIXED or (layout.group[j] != group and layout.group[j] != inner):
                 continue
-            atj = L.slot[j] + (size if L.group[j] != group else 0)
+            atj = layout.slot[j] + (size if layout.group[j] != group else 0)
             for a in range(6):
                 for b in range(6):
-                    s.F[ati + a, atj + b] += s.K[6 * p + a, 6 * q + b]
+                    scratch.F[ati + a, atj + b] += scratch.K[6 * p + a, 6 * q + b]
 
 
 @kernel
 def fill(
-    group: int, size: int, c1: float, c2: float, L: Any, arrays: Any, state: Any, twin: Any, dual: Any, s: Any
+    group: int,
+    size: int,
+    c1: float,
+    c2: float,
+    layout: Any,
+    arrays: Any,
+    state: Any,
+    perturbed: Any,
+    dual: Any,
+    scratch: Any,
 ) -> None:
-    """Add to s.F what starts in a group: bodies, elements, joints within it and to its neighbor (offset ``size``)."""
-    clear(s.K.shape[0], s.K)
-    for k in range(L.first_load[group], L.first_load[group + 1]):
-        analytic(L.loads[k], group, size, c1, L, arrays, state, twin, s)
-    for k in range(L.first_cut[group], L.first_cut[group + 1]):
-        cut_joint(L.cuts[k], group, size, L, arrays, state, twin, s)
-    for k in range(L.first_coupling[group], L.first_coupling[group + 1]):
-        coupling(L.couplings[k], group, size, L, arrays, state, dual, s)
-    for k in range(L.first_step[group], L.first_step[group + 1]):
-        stepped(L.steps[k], group, size, c1, L, arrays, state, twin, s)
-    own, inner = L.first[group + 1] - L.first[group], L.inward[group]
-    for k in range(own + (L.first[inner + 1] - L.first[inner] if inner >= 0 else 0)):
-        i = L.members[L.first[group] + k if k < own else L.first[inner] + k - own]
+    """Add to scratch.F what starts in a group: bodies, elements, joints in it and to its neighbor (offset ``size``)."""
+    clear_matrix(scratch.K.shape[0], scratch.K)
+    for k in range(layout.first_load[group], layout.first_load[group + 1]):
+        add_analytic_tangent(layout.loads[k], group, size, c1, layout, arrays, state, perturbed, scratch)
+    for k in range(layout.first_cut[group], layout.first_cut[group + 1]):
+        add_cut_joint(layout.cuts[k], group, size, layout, arrays, state, perturbed, scratch)
+    for k in range(layout.first_coupling[group], layout.first_coupling[group + 1]):
+        add_coupling(layout.couplings[k], group, size, layout, arrays, state, dual, scratch)
+    for k in range(layout.first_step[group], layout.first_step[group + 1]):
+        add_complex_step_tangent(layout.steps[k], group, size, c1, layout, arrays, state, perturbed, scratch)
+    own, inner = layout.first[group + 1] - layout.first[group], layout.inward[group]
+    for k in range(own + (layout.first[inner + 1] - layout.first[inner] if inner >= 0 else 0)):
+        i = layout.members[layout.first[group] + k if k < own else layout.first[inner] + k - own]
         j = arrays.bodies[i].parent
-        ati = L.slot[i] + (size if L.group[i] != group else 0)
-        if L.group[i] == group:
-            bodily(i, ati, c2, arrays, state, s.F)
-        if L.role[j] == FIXED or min(L.group[i], L.group[j]) != group:
+        ati = layout.slot[i] + (size if layout.group[i] != group else 0)
+        if layout.group[i] == group:
+            add_inertia_rows(i, ati, c2, arrays, state, scratch.F)
+        if layout.role[j] == FIXED or min(layout.group[i], layout.group[j]) != group:
             continue
-        atj = L.slot[j] + (size if L.group[j] != group else 0)
-        handed_down(i, ati, atj, arrays, state, s.F)
-        if L.role[i] == OUTER:
-            lock = L.lock[i] + (size if L.group[i] != group else 0)
-            outer_joint(i, ati, atj, lock, arrays, state, twin, dual, s.F, s)
+        atj = layout.slot[j] + (size if layout.group[j] != group else 0)
+        add_moment_arm_stiffness(i, ati, atj, arrays, state, scratch.F)
+        if layout.role[i] == OUTER:
+            lock = layout.lock[i] + (size if layout.group[i] != group else 0)
+            add_outer_joint(i, ati, atj, lock, arrays, state, perturbed, dual, scratch.F, scratch)

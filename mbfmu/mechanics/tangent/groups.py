@@ -3,7 +3,7 @@
 Bodies are put in layers by their distance from a root, a joint or an element being a step. Those of one layer that hang
 together by way of layers further out are one group, and every group has one neighbor inward: the groups form a tree
 (a layering tree: Chepoi and Dragan 2000), a chain's a path, a star's a star. Then neighbors are merged into blocks:
-the elimination costs some calls a group, and folding within a group costs little.
+the elimination costs some calls a group, and condensation within a group costs little.
 
 The columns of a sheet's grid are groups as they are.
 """
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.builder.bodies import Body
     from mbfmu.mechanics.builder.mechanism import Mechanism
 
-BLOCK = 12  # bodies up to which neighboring groups are merged
+MAX_BLOCK_BODIES = 12  # bodies up to which neighboring groups are merged
 
 
 class Groups(NamedTuple):
@@ -159,7 +159,7 @@ def blocks(group: dict[int, int], inward: dict[int, int], whole: set[int]) -> di
         size[g] += 1
     block = {g: g for g in inward}
     for g, inner in inward.items():  # outer ones come first
-        if inner >= 0 and not {g, inner} & whole and size[g] + size[inner] <= BLOCK:
+        if inner >= 0 and not {g, inner} & whole and size[g] + size[inner] <= MAX_BLOCK_BODIES:
             block[g] = inner
             size[inner] += size[g]
     for g in reversed(list(inward)):

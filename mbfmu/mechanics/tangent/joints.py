@@ -16,20 +16,20 @@ from .layout import FIXED, INNER
 
 
 @kernel
-def turning(i: int, arrays: Any, state: Any, twin: Any, s: Any) -> None:
-    """s.g (nv, 3) and s.G (nv, nv): change of the joint's S^T W with the parent's rotation and with its own positions,
-    with the stiffness along its coordinates, s.along.
+def geometric_stiffness(i: int, arrays: Any, state: Any, perturbed: Any, scratch: Any) -> None:
+    """scratch.g (nv, 3) and scratch.G (nv, nv): change of the joint's S^T W with the parent's rotation and with its own
+    positions, with the stiffness along its coordinates, scratch.along.
 
     The subspace turns with the parent, dS = dphi x S; its change in the joint is a complex step of the joint's kernel.
     """
     body, W = arrays.bodies[i], state.bodies[i].W
-    multiply(state.bodies[body.parent].A, body.R, s.C)
+    multiply(state.bodies[body.parent].A, body.R, scratch.C)
     for k in range(body.nv):
         S = state.S[body.vi + k]
         for a in range(3):
             b, c = (a + 1) % 3, (a + 2) % 3
-            s.g[k, a] = S[b] * W[c] - S[c] * W[b] + S[3 + b] * W[3 + c] - S[3 + c] * W[3 + b]
-    C = s.C
+            scratch.g[k, a] = S[b] * W[c] - S[c] * W[b] + S[3 + b] * W[3 + c] - S[3 + c] * W[3 + b]
+    C = scratch.C
     pull = (
         C[0, 0] * W[0] + C[1, 0] * W[1] + C[2, 0] * W[2],
         C[0, 1] * W[0] + C[1, 1] * W[1] + C[2, 1] * W[2],
@@ -43,20 +43,20 @@ def turning(i: int, arrays: Any, state: Any, twin: Any, s: Any) -> None:
     plain = body.nq - 4 * body.quaternion
     for l in range(body.nv):
         if l < plain:
-            twin.q[body.qi + l] += EPSILON * 1j
+            perturbed.q[body.qi + l] += EPSILON * 1j
         else:
             for k in range(3):
-                s.turn[k] = EPSILON * 1j if k == l - plain else 0.0
-            rotate_quaternion(twin.q, body.qi + plain, s.turn, 0)
-        place_child(body, arrays, twin)
+                scratch.turn[k] = EPSILON * 1j if k == l - plain else 0.0
+            rotate_quaternion(perturbed.q, body.qi + plain, scratch.turn, 0)
+        place_child(body, arrays, perturbed)
         for k in range(body.nq):
-            twin.q[body.qi + k] = state.q[body.qi + k]
+            perturbed.q[body.qi + k] = state.q[body.qi + k]
         for k in range(body.nv):
             total = 0.0
             for a in range(3):
-                total += twin.rel[k, a].imag * pull[a] + twin.rel[k, 3 + a].imag * twist[a]
-            s.G[k, l] = total / EPSILON
-        s.G[l, l] += s.along[body.vi + l]
+                total += perturbed.rel[k, a].imag * pull[a] + perturbed.rel[k, 3 + a].imag * twist[a]
+            scratch.G[k, l] = total / EPSILON
+        scratch.G[l, l] += scratch.along[body.vi + l]
 
 
 @kernel
@@ -111,7 +111,7 @@ def dual_basis(S: Any, vi: int, nv: int, dual: Any, N: Any) -> None:
 
 
 @kernel
-def handed_down(i: int, ati: int, atj: int, arrays: Any, state: Any, F: Any) -> None:
+def add_moment_arm_stiffness(i: int, ati: int, atj: int, arrays: Any, state: Any, F: Any) -> None:
     """The moment arm of the wrench a joint transmits to the parent: (dr_i - dr_j) x force."""
     W = state.bodies[i].W
     for a in range(3):
@@ -123,17 +123,17 @@ def handed_down(i: int, ati: int, atj: int, arrays: Any, state: Any, F: Any) -> 
 
 
 @kernel
-def outer_joint(
-    i: int, ati: int, atj: int, lock: int, arrays: Any, state: Any, twin: Any, dual: Any, F: Any, s: Any
+def add_outer_joint(
+    i: int, ati: int, atj: int, lock: int, arrays: Any, state: Any, perturbed: Any, dual: Any, F: Any, scratch: Any
 ) -> None:
     """Rows and columns of an outer body's joint: what it locks, and its turning along its own directions."""
     body = arrays.bodies[i]
     nv = body.nv if body.vf >= 0 else 0
     here, parent = state.bodies[i], state.bodies[body.parent]
     x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
-    dual_basis(state.S, body.vi, nv, dual, s.N)
+    dual_basis(state.S, body.vi, nv, dual, scratch.N)
     for r in range(6 - nv):
-        n = s.N[r]
+        n = scratch.N[r]
         for a in range(6):
             F[lock + r, ati + a] += n[a]
             F[ati + a, lock + r] += n[a]
@@ -148,53 +148,57 @@ def outer_joint(
         F[atj + 5, lock + r] -= tz
     if nv == 0:
         return
-    turning(i, arrays, state, twin, s)
+    geometric_stiffness(i, arrays, state, perturbed, scratch)
     for k in range(nv):  # one joint row at a time: L_k (g_k . dphi_j + sum_l G_kl L_l . (y_i - X y_j))
         for a in range(6):
-            s.row[a] = 0.0
+            scratch.row[a] = 0.0
         for l in range(nv):
             for a in range(6):
-                s.row[a] += s.G[k, l] * dual[body.vi + l, a]
-        w = s.row
+                scratch.row[a] += scratch.G[k, l] * dual[body.vi + l, a]
+        w = scratch.row
         tx, ty, tz = y * w[2] - z * w[1], z * w[0] - x * w[2], x * w[1] - y * w[0]
         for a in range(6):
-            s.row[6 + a] = -w[a]
-        s.row[9] += s.g[k, 0] - tx
-        s.row[10] += s.g[k, 1] - ty
-        s.row[11] += s.g[k, 2] - tz
+            scratch.row[6 + a] = -w[a]
+        scratch.row[9] += scratch.g[k, 0] - tx
+        scratch.row[10] += scratch.g[k, 1] - ty
+        scratch.row[11] += scratch.g[k, 2] - tz
         d = dual[body.vi + k]
         dx, dy, dz = y * d[2] - z * d[1], z * d[0] - x * d[2], x * d[1] - y * d[0]
         for c in range(12):
             at = ati + c if c < 6 else atj + c - 6
             for a in range(6):
-                F[ati + a, at] += d[a] * s.row[c]
-                F[atj + a, at] -= d[a] * s.row[c]
-            F[atj + 3, at] -= dx * s.row[c]
-            F[atj + 4, at] -= dy * s.row[c]
-            F[atj + 5, at] -= dz * s.row[c]
+                F[ati + a, at] += d[a] * scratch.row[c]
+                F[atj + a, at] -= d[a] * scratch.row[c]
+            F[atj + 3, at] -= dx * scratch.row[c]
+            F[atj + 4, at] -= dy * scratch.row[c]
+            F[atj + 5, at] -= dz * scratch.row[c]
 
 
 @kernel
-def turn_with_parents(group: int, L: Any, arrays: Any, state: Any, twin: Any, F: Any, s: Any) -> None:
-    """Add the turning of a group's inner joints by their parents, before columns are folded."""
-    for m in range(L.first[group], L.first[group + 1]):
-        i = L.members[m]
+def add_parent_geometric_stiffness(
+    group: int, layout: Any, arrays: Any, state: Any, perturbed: Any, F: Any, scratch: Any
+) -> None:
+    """Add the turning of a group's inner joints by their parents, before columns are condensed."""
+    for m in range(layout.first[group], layout.first[group + 1]):
+        i = layout.members[m]
         body = arrays.bodies[i]
-        if L.role[i] == INNER and body.vf >= 0 and L.role[body.parent] != FIXED:
-            turning(i, arrays, state, twin, s)
+        if layout.role[i] == INNER and body.vf >= 0 and layout.role[body.parent] != FIXED:
+            geometric_stiffness(i, arrays, state, perturbed, scratch)
             for k in range(body.nv):
                 for a in range(3):
-                    F[L.slot[i] + k, L.slot[body.parent] + 3 + a] += s.g[k, a]
+                    F[layout.slot[i] + k, layout.slot[body.parent] + 3 + a] += scratch.g[k, a]
 
 
 @kernel
-def turn_themselves(group: int, L: Any, arrays: Any, state: Any, twin: Any, columns: Any, s: Any) -> None:
+def add_own_geometric_stiffness(
+    group: int, layout: Any, arrays: Any, state: Any, perturbed: Any, columns: Any, scratch: Any
+) -> None:
     """Add the turning of a group's inner joints by their own positions, after that, to what is kept, by columns."""
-    for m in range(L.first[group], L.first[group + 1]):
-        i = L.members[m]
+    for m in range(layout.first[group], layout.first[group + 1]):
+        i = layout.members[m]
         body = arrays.bodies[i]
-        if L.role[i] == INNER and body.vf >= 0:
-            turning(i, arrays, state, twin, s)
+        if layout.role[i] == INNER and body.vf >= 0:
+            geometric_stiffness(i, arrays, state, perturbed, scratch)
             for k in range(body.nv):
                 for l in range(body.nv):
-                    columns[L.kept[i] + l, L.kept[i] + k] += s.G[k, l]
+                    columns[layout.kept[i] + l, layout.kept[i] + k] += scratch.G[k, l]

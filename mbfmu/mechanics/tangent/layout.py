@@ -16,7 +16,7 @@ from .groups import Groups
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.loading import Acting
 
-FIXED, INNER, OUTER = 0, 1, 2  # does not move; folded onto its parent, in its group; tied to it by its own motion
+FIXED, INNER, OUTER = 0, 1, 2  # does not move; condensed onto its parent, in its group; tied to it by its own motion
 
 
 class Layout(NamedTuple):
@@ -26,8 +26,8 @@ class Layout(NamedTuple):
     group: NDArray[np.int64]  # (nb,)
     inward: NDArray[np.int64]  # (groups,) neighbor inward; -1: none
     slot: NDArray[np.int64]  # (nb,) first of the body's six rows
-    folded: NDArray[np.int64]  # (groups,) 1: some of its bodies are inner
-    kept: NDArray[np.int64]  # (nb,) first of those that stay after folding, among all that stay
+    condensed: NDArray[np.int64]  # (groups,) 1: some of its bodies are inner
+    kept: NDArray[np.int64]  # (nb,) first of those that stay after condensation, among all that stay
     lock: NDArray[np.int64]  # (nb,) first of its joint's multipliers, outer bodies
     first: NDArray[np.int64]  # (groups + 1,) into ``members``
     members: NDArray[np.int64]  # bodies of every group, parents first
@@ -48,7 +48,7 @@ class Layout(NamedTuple):
 
 
 def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
-    """Return where everything goes, and for every group the rows that stay unknown after folding, and its size."""
+    """Return where everything goes, and for every group the rows that stay unknown after condensation, and its size."""
     nb, groups, inward = len(arrays.bodies), found.of, found.inward
     role, slot, place, lock = (np.zeros(nb, np.int64) for _ in range(4))
     members: list[list[int]] = [[] for _ in inward]
@@ -92,10 +92,10 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
     for e, (all_of, own) in enumerate(zip(on, tied, strict=True)):
         if told[e] not in (None, zero_tangent):
             at_home = {home[e], inward[home[e]]} if home[e] >= 0 else set()
-            apart = [i for i in all_of[len(own) :] if role[i] != FIXED and groups[i] not in at_home]
-            for g in {int(groups[i]) for i in apart}:
+            away = [i for i in all_of[len(own) :] if role[i] != FIXED and groups[i] not in at_home]
+            for g in {int(groups[i]) for i in away}:
                 loads[g].append(e)
-            for i in apart if home[e] >= 0 else ():
+            for i in away if home[e] >= 0 else ():
                 if column[i] < 0:
                     column[i] = columns.sum()
                     alone = arrays.bodies[i]["nv"] == 1 and role[arrays.bodies[i]["parent"]] == FIXED
@@ -111,7 +111,7 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
         group=groups,
         inward=inward,
         slot=slot,
-        folded=np.array([any(role[i] == INNER for i in own) for own in members], np.int64),
+        condensed=np.array([any(role[i] == INNER for i in own) for own in members], np.int64),
         kept=place,
         lock=lock,
         first=offsets(members),

@@ -13,31 +13,31 @@ from solvers.compiled.kernel import kernel
 
 
 @kernel
-def stiffness(e: int, c1: float, L: Any, arrays: Any, state: Any, twin: Any, K: Any) -> None:
-    """K of load e, six rows and columns for each of its bodies; ``twin`` is a complex state, scratch."""
-    first, end = L.first_body[e], L.first_body[e + 1]
+def stiffness(e: int, c1: float, layout: Any, arrays: Any, state: Any, perturbed: Any, K: Any) -> None:
+    """K of load e, six rows and columns for each of its bodies; ``perturbed`` is a complex state, scratch."""
+    first, end = layout.first_body[e], layout.first_body[e + 1]
     for j in range(6 * (end - first)):
         for p in range(end - first):
-            i = L.bodies[first + p]
-            step(state.bodies[i], twin.bodies[i], j - 6 * p, c1)
-        apply_load(arrays.loads[e], state.time[0], arrays, twin)
+            i = layout.bodies[first + p]
+            step(state.bodies[i], perturbed.bodies[i], j - 6 * p, c1)
+        apply_load(arrays.loads[e], state.time[0], arrays, perturbed)
         for p in range(end - first):
-            F = twin.bodies[L.bodies[first + p]].F
+            F = perturbed.bodies[layout.bodies[first + p]].F
             for k in range(6):
                 K[6 * p + k, j] = -F[k].imag / EPSILON
 
 
 @kernel
-def along_joints(c1: float, L: Any, arrays: Any, state: Any, twin: Any, along: Any) -> None:
+def joint_stiffness(c1: float, layout: Any, arrays: Any, state: Any, perturbed: Any, along: Any) -> None:
     """along (nv,): stiffness of the loads that act along coordinates, by the coordinate itself."""
     for i in range(along.shape[0]):
         along[i] = 0.0
-    for k in range(L.along.shape[0]):
-        body = arrays.bodies[L.along[k, 1]]
+    for k in range(layout.along.shape[0]):
+        body = arrays.bodies[layout.along[k, 1]]
         q, v = body.qi, body.vi
-        twin.q[q] = state.q[q] + EPSILON * 1j
-        twin.v[v] = state.v[v] + c1 * EPSILON * 1j
-        twin.Q[v] = 0.0
-        apply_load(arrays.loads[L.along[k, 0]], state.time[0], arrays, twin)
-        along[v] -= twin.Q[v].imag / EPSILON
-        twin.q[q], twin.v[v] = state.q[q], state.v[v]
+        perturbed.q[q] = state.q[q] + EPSILON * 1j
+        perturbed.v[v] = state.v[v] + c1 * EPSILON * 1j
+        perturbed.Q[v] = 0.0
+        apply_load(arrays.loads[layout.along[k, 0]], state.time[0], arrays, perturbed)
+        along[v] -= perturbed.Q[v].imag / EPSILON
+        perturbed.q[q], perturbed.v[v] = state.q[q], state.v[v]

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbfmu.mechanics.contact.patch import smooth_step
-from mbfmu.mechanics.kind import Kind
+from mbfmu.mechanics.kind import ElementType
 from mbfmu.mechanics.shapes import Matrix, Shape
 from solvers.compiled.kernel import kernel
 
@@ -52,7 +52,7 @@ def set_normal(frame: Any, x: Any, y: Any, state: Any) -> None:
 FRAME_FIELDS = (("origin", np.float64, (3,)), ("axes", np.float64, (3, 3)))  # of what is drawn along a straight line
 
 
-class Surface(Kind):
+class Surface(ElementType):
     """Rigid surface: a frozen dataclass in a separate file, like all element types."""
 
     kernels: ClassVar = {"gap": "state -> number"}

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.mechanics.axes import along, unit_axis
 from mbfmu.mechanics.checks import Vector, vector
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.shapes import GLASS, Cylinder, Shape
 from solvers.compiled.kernel import kernel
@@ -60,7 +60,7 @@ class Drum(Surface):
         vector(f"at of {what}", self.at)
         unit_axis(self.axis, f"axis of {what}")
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write its frame and its size."""
         record["origin"], record["axes"] = self.at, along(unit_axis(self.axis, "axis"))
         record["radius"], record["length"] = self.radius, self.length

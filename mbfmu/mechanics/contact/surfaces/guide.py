@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Vector, vector
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.shapes import GLASS, Matrix, Shape, ribbon
 from mbfmu.util.errors import UserError
@@ -75,7 +75,7 @@ class Guide(Surface):
         if abs(unit_axis(self.across, f"across of {what}") @ way) > 1e-9 * length:
             raise UserError(f"across of {what} is {self.across!r}; allowed: a direction normal to the way along it")
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write its frame, x along it and z across, and its size."""
         record["origin"], record["axes"] = self.start, self._axes()
         record["length"], record["radius"], record["width"] = self._length(), self.radius, self.width

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Vector, vector
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite, positive
 from mbfmu.mechanics.shapes import GLASS, Matrix, Shape, ribbon
 from mbfmu.util.errors import UserError
@@ -75,7 +75,7 @@ class Trough(Surface):
         if abs(axis @ towards) > 1e-9:
             raise UserError(f"towards of {what} is {self.towards!r}; allowed: a direction normal to its axis")
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write its frame and its size."""
         record["origin"], record["axes"] = self.at, self._axes()
         record["radius"], record["length"] = self.radius, self.length

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.mechanics.axes import plane_axes, unit_axis
 from mbfmu.mechanics.checks import Vector, vector
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.shapes import GLASS, Panel, Shape
 from solvers.compiled.kernel import kernel
 
@@ -53,7 +53,7 @@ class Wall(Surface):
         vector(f"at of {what}", self.at)
         unit_axis(self.normal, f"normal of {what}")
 
-    def fill(self, record: Any, site: Site) -> None:
+    def fill(self, record: Any, site: Attachment) -> None:
         """Write point and unit normal."""
         record["origin"], record["normal"] = self.at, unit_axis(self.normal, "normal")
 

@@ -1,4 +1,4 @@
-"""Recursions of the structured tangent: rows and columns folded onto parents, loads spread inward, motions gathered
+"""Recursions of the structured tangent: rows and columns condensed onto parents, loads spread inward, motions gathered
 outward, and M a.
 """
 
@@ -67,40 +67,40 @@ def project_rows(F: Any, i: int, begin: int, end: int, S: Any, vi: int, nv: int)
 
 
 @kernel
-def fold(F: Any, offset: int, begin: int, end: int, group: int, L: Any, arrays: Any, state: Any) -> None:
-    """Fold the inner bodies of a group onto their parents: rows of F from ``offset`` on, columns ``begin`` to ``end``.
+def condense(F: Any, offset: int, begin: int, end: int, group: int, layout: Any, arrays: Any, state: Any) -> None:
+    """Condense the inner bodies of a group onto their parents: rows of F from ``offset`` on, columns ``begin`` to ``end``.
 
-    The last six rows of F are scratch. Columns are folded as rows of the transpose.
+    The last six rows of F are scratch. Columns are condensed as rows of the transpose.
     """
-    for m in range(L.first[group + 1] - 1, L.first[group] - 1, -1):
-        i = L.members[m]
-        if L.role[i] != INNER:
+    for m in range(layout.first[group + 1] - 1, layout.first[group] - 1, -1):
+        i = layout.members[m]
+        if layout.role[i] != INNER:
             continue
         body = arrays.bodies[i]
         j = body.parent
         here, parent = state.bodies[i], state.bodies[j]
-        if L.role[j] != FIXED:
+        if layout.role[j] != FIXED:
             x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
-            shift_rows(F, offset + L.slot[i], offset + L.slot[j], begin, end, x, y, z)
-        project_rows(F, offset + L.slot[i], begin, end, state.S, body.vi, body.nv if body.vf >= 0 else 0)
+            shift_rows(F, offset + layout.slot[i], offset + layout.slot[j], begin, end, x, y, z)
+        project_rows(F, offset + layout.slot[i], begin, end, state.S, body.vi, body.nv if body.vf >= 0 else 0)
 
 
 @kernel
-def spread_load(r: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, b: Any) -> None:
-    """b: joint forces r (n,) as wrenches where a joint is outer, folded, then as they are where it is inner.
+def spread_load(r: Any, base: Any, layout: Any, arrays: Any, state: Any, dual: Any, b: Any) -> None:
+    """b: joint forces r (n,) as wrenches where a joint is outer, condensed, then as they are where it is inner.
 
     Its last six rows are scratch.
     """
     for i in range(b.shape[0]):
         b[i] = 0.0
-    for m in range(L.members.shape[0]):
-        i = L.members[m]
+    for m in range(layout.members.shape[0]):
+        i = layout.members[m]
         body = arrays.bodies[i]
-        if L.role[i] != OUTER or body.vf < 0:
+        if layout.role[i] != OUTER or body.vf < 0:
             continue
         here, parent = state.bodies[i], state.bodies[body.parent]
         x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
-        ati, atj = base[L.group[i]] + L.slot[i], base[L.group[body.parent]] + L.slot[body.parent]
+        ati, atj = base[layout.group[i]] + layout.slot[i], base[layout.group[body.parent]] + layout.slot[body.parent]
         for k in range(body.nv):
             d, load = dual[body.vi + k], r[body.vf + k]
             for a in range(6):
@@ -109,23 +109,23 @@ def spread_load(r: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, b
             b[atj + 3] -= (y * d[2] - z * d[1]) * load
             b[atj + 4] -= (z * d[0] - x * d[2]) * load
             b[atj + 5] -= (x * d[1] - y * d[0]) * load
-    for group in range(L.first.shape[0] - 1):
-        fold_load(r, base[group], group, L, arrays, state, b)
+    for group in range(layout.first.shape[0] - 1):
+        condense_load(r, base[group], group, layout, arrays, state, b)
 
 
 @kernel
-def fold_load(r: Any, base: int, group: int, L: Any, arrays: Any, state: Any, b: Any) -> None:
-    """Fold the wrenches on the inner bodies of a group, and add the forces of their joints."""
+def condense_load(r: Any, base: int, group: int, layout: Any, arrays: Any, state: Any, b: Any) -> None:
+    """Condense the wrenches on the inner bodies of a group, and add the forces of their joints."""
     scratch = b.shape[0] - 6
-    for m in range(L.first[group + 1] - 1, L.first[group] - 1, -1):
-        i = L.members[m]
-        if L.role[i] != INNER:
+    for m in range(layout.first[group + 1] - 1, layout.first[group] - 1, -1):
+        i = layout.members[m]
+        if layout.role[i] != INNER:
             continue
         body = arrays.bodies[i]
-        at, here, parent = base + L.slot[i], state.bodies[i], state.bodies[body.parent]
+        at, here, parent = base + layout.slot[i], state.bodies[i], state.bodies[body.parent]
         f = b[at : at + 6]
-        if L.role[body.parent] != FIXED:
-            to = base + L.slot[body.parent]
+        if layout.role[body.parent] != FIXED:
+            to = base + layout.slot[body.parent]
             x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
             add_wrench(b[to : to + 6], x, y, z, f)
         if body.vf >= 0:
@@ -136,18 +136,18 @@ def fold_load(r: Any, base: int, group: int, L: Any, arrays: Any, state: Any, b:
 
 
 @kernel
-def gather_motion(x: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, Y: Any, dq: Any) -> None:
+def gather_motion(x: Any, base: Any, layout: Any, arrays: Any, state: Any, dual: Any, Y: Any, dq: Any) -> None:
     """dq (n,) from the solution x, by an outward pass through the motions Y (nb, 6) of all bodies."""
     for i in range(1, arrays.bodies.shape[0]):
-        if L.role[i] == FIXED:
+        if layout.role[i] == FIXED:
             continue
         body = arrays.bodies[i]
         here, parent, Yi, Yj = state.bodies[i], state.bodies[body.parent], Y[i], Y[body.parent]
-        at = base[L.group[i]] + L.slot[i]
+        at = base[layout.group[i]] + layout.slot[i]
         for a in range(6):
             Yi[a] = Yj[a]
         shift_motion(here, parent, Yj, Yi)
-        if L.role[i] == OUTER:
+        if layout.role[i] == OUTER:
             if body.vf >= 0:
                 for k in range(body.nv):
                     total = 0.0
