@@ -21,7 +21,7 @@ from mbfmu.modeling import Model, parameter
 from mbfmu.session.run import run
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.sheets import Support, add_sheet
-from mbfmu.sheets.supports import UPRIGHT
+from mbfmu.sheets.supports import NORMAL_FRAME
 from mbfmu.steady.equilibrium import build_problem
 from mbfmu.steady.modes import shapes
 from mbfmu.steady.state import Equilibrium
@@ -60,7 +60,7 @@ class Held(Model):
             pressure=self.pressure,
         )  # fmt: skip
         if self.doubled:
-            m.cut("again", PlaneCut(rotation_a=UPRIGHT, rotation_b=UPRIGHT), m.ground, sheet.node(0, 1))
+            m.cut("again", PlaneCut(rotation_a=NORMAL_FRAME, rotation_b=NORMAL_FRAME), m.ground, sheet.node(0, 1))
         m.output("middle", sheet.node(self.nx // 2, self.nz // 2).position("y"))
         m.output("corner", sheet.node(0, 0).position("y"))
         m.output("slide", sheet.node(0, self.nz // 2).position("x"))

@@ -12,7 +12,7 @@ from mbfmu.util.errors import UserError
 from .numbers import array_of
 
 Vector = Sequence[float]
-ALONG_X = 1e-6  # of the component of a unit vector across x, below which it counts as x
+X_AXIS_TOLERANCE = 1e-6  # of the component of a unit vector across x, below which it counts as x
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -35,7 +35,7 @@ def plane_axes(normal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     The first is the x axis projected into the plane, or the y axis where x is the normal; the second normal x first.
     """
     flat = float(np.hypot(normal[1], normal[2]))  # length of the x axis' projection
-    first = np.eye(3)[1] if flat < ALONG_X else np.eye(3)[0] - normal[0] * normal
+    first = np.eye(3)[1] if flat < X_AXIS_TOLERANCE else np.eye(3)[0] - normal[0] * normal
     first = first - (first @ normal) * normal
     first /= np.linalg.norm(first)
     second = np.cross(normal, first)

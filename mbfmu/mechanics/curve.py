@@ -18,9 +18,9 @@ from solvers.compiled.kernel import kernel
 
 from .numbers import array_of
 
-ROW = 6  # numbers of an interval
-KINDS = ("spline", "monotone", "akima", "linear")
-ENDS = {"linear": "natural", "hold": "clamped", "periodic": "periodic"}  # end conditions of a spline
+INTERVAL_SIZE = 6  # numbers of an interval
+CURVE_KINDS = ("spline", "monotone", "akima", "linear")
+END_CONDITIONS = {"linear": "natural", "hold": "clamped", "periodic": "periodic"}  # end conditions of a spline
 
 
 @kernel
@@ -31,20 +31,20 @@ def curve(numbers: Any, first: int, count: int, x: Any) -> Any:
     turns = 0.0
     if count < 0:
         count = -count
-        begin, period = numbers[first].real, numbers[first + ROW * (count - 1)].real - numbers[first].real
+        begin, period = numbers[first].real, numbers[first + INTERVAL_SIZE * (count - 1)].real - numbers[first].real
         turns = np.floor((x.real - begin) / period)
         x = x - turns * period
     low, high = 0, count - 1
     while high - low > 1:
         middle = (low + high) // 2
-        if x.real < numbers[first + ROW * middle].real:
+        if x.real < numbers[first + INTERVAL_SIZE * middle].real:
             high = middle
         else:
             low = middle
-    end = first + ROW * (count - 1)
+    end = first + INTERVAL_SIZE * (count - 1)
     if x.real >= numbers[end].real:
         low = count - 1
-    at = first + ROW * low
+    at = first + INTERVAL_SIZE * low
     s, c0, c1, c2, c3 = x - numbers[at], numbers[at + 1], numbers[at + 2], numbers[at + 3], numbers[at + 4]
     if low == 0 and s.real < 0.0:
         c2, c3 = 0.0 * c2, 0.0 * c3
@@ -63,16 +63,16 @@ def rows(what: str, x: Any, y: Any, kind: str, beyond: str = "linear") -> NDArra
         raise UserError(f"{what} has {xs.shape} and {ys.shape} numbers; allowed: as many x as y, at least two")
     if not np.isfinite([xs, ys]).all() or np.any(np.diff(xs) <= 0.0):
         raise UserError(f"x of {what} is {x!r}; allowed: finite numbers, each greater than the one before")
-    if kind not in KINDS:
-        raise UserError(f"kind of {what} is {kind!r}; allowed: {', '.join(map(repr, KINDS))}")
-    if beyond not in ENDS:
-        raise UserError(f"beyond of {what} is {beyond!r}; allowed: {', '.join(map(repr, ENDS))}")
+    if kind not in CURVE_KINDS:
+        raise UserError(f"kind of {what} is {kind!r}; allowed: {', '.join(map(repr, CURVE_KINDS))}")
+    if beyond not in END_CONDITIONS:
+        raise UserError(f"beyond of {what} is {beyond!r}; allowed: {', '.join(map(repr, END_CONDITIONS))}")
     if beyond == "periodic" and ys[0] != ys[-1]:
         raise UserError(
             f"{what} is periodic, but its first value is {ys[0]:g} and its last {ys[-1]:g}; allowed: equal values"
         )
     found = _pieces(xs, ys, kind, beyond)
-    table = np.zeros((len(xs), ROW))
+    table = np.zeros((len(xs), INTERVAL_SIZE))
     table[:, 0], table[:-1, 1:5] = xs, found.c[::-1].T
     width = xs[-1] - xs[-2]
     c0, c1, c2, c3 = table[-2, 1:5]
@@ -93,7 +93,7 @@ def _pieces(xs: NDArray[np.float64], ys: NDArray[np.float64], kind: str, beyond:
         c[2], c[3] = np.diff(ys) / np.diff(xs), ys[:-1]
         return PPoly(c, xs)
     if kind == "spline":
-        return CubicSpline(xs, ys, bc_type=ENDS[beyond])
+        return CubicSpline(xs, ys, bc_type=END_CONDITIONS[beyond])
     make = PchipInterpolator if kind == "monotone" else Akima1DInterpolator
     if beyond == "linear":
         return make(xs, ys)

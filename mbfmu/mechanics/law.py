@@ -24,9 +24,10 @@ FUNCTIONS: dict[str, Any] = {
     name: getattr(np, name)
     for name in ("sin cos tan arcsin arccos arctan arctan2 sinh cosh tanh exp log log10 sqrt sign".split())
 } | {"abs": abs, "min": min, "max": max, "pi": np.pi, "e": np.e}
-STEP, LEAST = 1e-3, 1e-6  # of differences: of the argument, and of one that is nearly zero
-FIRST, SECOND, THIRD = 1e-3, 3e-3, 1e-2  # steps of differences for derivatives, of the width over which a law changes
-TRIED, AGREE = 64, 1e-6  # points at which differences over two steps must agree so well
+DIFFERENCE_STEP, MIN_DIFFERENCE_STEP = 1e-3, 1e-6  # of differences: of the argument, and of one that is nearly zero
+# Steps of differences for derivatives, relative to the width over which a law changes
+FIRST_STEP_RATIO, SECOND_STEP_RATIO, THIRD_STEP_RATIO = 1e-3, 3e-3, 1e-2
+N_CHECK_POINTS, DERIVATIVE_TOLERANCE = 64, 1e-6  # points at which differences over two steps must agree so well
 
 
 def arguments_of(what: str, law: Any) -> int:
@@ -123,7 +124,8 @@ def _at(law: Any, t: Any, x: Any, rate: Any) -> Any:
 
 def _stepped(law: Any, t: float, x: Any, rate: Any) -> Any:
     a, b = x.real, rate.real
-    h, k = STEP * max(abs(a), LEAST / STEP), STEP * max(abs(b), LEAST / STEP)
+    least = MIN_DIFFERENCE_STEP / DIFFERENCE_STEP
+    h, k = DIFFERENCE_STEP * max(abs(a), least), DIFFERENCE_STEP * max(abs(b), least)
     by_x = law(t, a - 2.0 * h, b) - 8.0 * law(t, a - h, b) + 8.0 * law(t, a + h, b) - law(t, a + 2.0 * h, b)
     by_rate = law(t, a, b - 2.0 * k) - 8.0 * law(t, a, b - k) + 8.0 * law(t, a, b + k) - law(t, a, b + 2.0 * k)
     return law(t, a, b) + 1j * (by_x / (12.0 * h) * x.imag + by_rate / (12.0 * k) * rate.imag)
@@ -131,7 +133,7 @@ def _stepped(law: Any, t: float, x: Any, rate: Any) -> Any:
 
 def real_derivatives(law: Any, x: float, width: float) -> Any:
     """law(x) and its first two derivatives, by differences of sixth order."""
-    value, h, k = law(x), FIRST * width, SECOND * width
+    value, h, k = law(x), FIRST_STEP_RATIO * width, SECOND_STEP_RATIO * width
     rate = 45.0 * (law(x + h) - law(x - h)) - 9.0 * (law(x + 2.0 * h) - law(x - 2.0 * h))
     rate += law(x + 3.0 * h) - law(x - 3.0 * h)
     second = 270.0 * (law(x + k) + law(x - k)) - 27.0 * (law(x + 2.0 * k) + law(x - 2.0 * k))
@@ -141,7 +143,7 @@ def real_derivatives(law: Any, x: float, width: float) -> Any:
 
 def complex_derivatives(law: Any, x: complex, width: float) -> Any:
     """... where x is complex, with their derivatives by its imaginary part."""
-    a, b, h = x.real, 1j * x.imag, THIRD * width
+    a, b, h = x.real, 1j * x.imag, THIRD_STEP_RATIO * width
     value, rate, second = derivatives(law, a, width)
     third = 338.0 * (law(a + 2.0 * h) - law(a - 2.0 * h)) - 488.0 * (law(a + h) - law(a - h))
     third += 7.0 * (law(a + 4.0 * h) - law(a - 4.0 * h)) - 72.0 * (law(a + 3.0 * h) - law(a - 3.0 * h))
@@ -163,8 +165,8 @@ def _derivatives(law: Any, x: Any, width: Any) -> Any:
 def resolved(law: Any, ends: Any, width: float) -> bool:
     """Whether the second derivative of a law is the same over a smaller step, at random points between two ends."""
     found = []
-    for x in np.random.default_rng(0).uniform(ends[0], ends[1], TRIED):
+    for x in np.random.default_rng(0).uniform(ends[0], ends[1], N_CHECK_POINTS):
         (value, _, second), (_, _, finer) = (real_derivatives(law, x, part * width) for part in (1.0, 0.25))
         found.append((abs(second - finer), abs(finer), abs(value)))
     off, second, size = np.max(found, axis=0)
-    return bool(not off > AGREE * (second + 1e-2 * size / width**2))  # the last is what rounding leaves
+    return bool(not off > DERIVATIVE_TOLERANCE * (second + 1e-2 * size / width**2))  # the last is what rounding leaves

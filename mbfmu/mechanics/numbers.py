@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mbfmu.util.errors import UserError
 
-SHORTEST, LONGEST = 1e-50, 1e50  # m, of the lengths that can be reckoned with
+MIN_LENGTH, MAX_LENGTH = 1e-50, 1e50  # m, of the lengths that can be reckoned with
 
 
 def array_of(what: str, value: Any) -> NDArray[np.float64]:

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.contact.contact_scratch import CONTACT_SCRATCH, NIP_SCRATCH
-from mbfmu.mechanics.elements.plate_energy import ELEMENT
-from mbfmu.mechanics.elements.shell_energy import WORK
-from mbfmu.mechanics.flexible.modal import FLEXIBLE, MODES, NODE
+from mbfmu.mechanics.elements.plate_energy import PLATE_SCRATCH
+from mbfmu.mechanics.elements.shell_energy import SHELL_SCRATCH
+from mbfmu.mechanics.flexible.modal import FLEXIBLE, MAX_MODES, NODE
 from solvers.compiled.kernel import records
 
-KERNELS = 4  # most that a role has
+MAX_KERNELS = 4  # most that a role has
 
 RIGID, MODAL, SECTION = 0, 1, 2  # roles of a body: moved by its joint; first section of a flexible body, whose
 # amplitudes are its coordinates and do not move it; another section, which shares them
@@ -197,8 +197,8 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
         bodies=records(nb, MOTION),
         rows=records(rows, ROW),
         coupled=records(couplings, COUPLED),
-        element=records(1, ELEMENT),
-        shell=records(1, WORK),
+        element=records(1, PLATE_SCRATCH),
+        shell=records(1, SHELL_SCRATCH),
         contact=records(1, CONTACT_SCRATCH),
         nip=records(1, NIP_SCRATCH),
         S=z((subspaces, 6)),
@@ -213,7 +213,7 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
         product=z((3, 3)),
         wrench=z(6),
         U=z((nv, 6)),
-        D=z((nv, MODES + 1)),
+        D=z((nv, MAX_MODES + 1)),
         time=z(1),
         cached_power=z(1),
         energy=z(2),
@@ -238,7 +238,7 @@ def empty_data() -> Data:
         residual_scale=np.zeros(1),
         flexibles=records(1, FLEXIBLE),
         nodes=records(1, NODE),
-        kernels=np.zeros(KERNELS, np.int64),
+        kernels=np.zeros(MAX_KERNELS, np.int64),
         memory=np.zeros(1, np.uint8),
         numbers=np.zeros(1),
     )

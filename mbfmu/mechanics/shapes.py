@@ -24,8 +24,8 @@ from .numbers import finite, positive
 Vector = Sequence[float]
 Matrix = NDArray[np.float64]
 
-GLASS = 0.12  # opacity of surfaces that sheets touch: what they lead is seen through them
-THIN = 1e-3  # of a panel's shorter side: its thickness to a click
+SURFACE_OPACITY = 0.12  # opacity of surfaces that sheets touch: what they lead is seen through them
+PANEL_THICKNESS_RATIO = 1e-3  # of a panel's shorter side: its thickness to a click
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +141,7 @@ class Panel(Shape):
     def axes(self) -> Matrix:
         """See :class:`Shape`."""
         a, b = (positive("size of a panel", length) for length in self.size)
-        return rotation("rotation of a panel", self.rotation) * [a, b, THIN * min(a, b)]
+        return rotation("rotation of a panel", self.rotation) * [a, b, PANEL_THICKNESS_RATIO * min(a, b)]
 
 
 def ribbon(points: Matrix, across: Matrix, width: float, **look: Any) -> tuple[Panel, ...]:

@@ -6,21 +6,21 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-EPSILON = 1e-30  # of the step
+COMPLEX_STEP_SIZE = 1e-30  # of the step
 
 
 @kernel
 def displace(here: Any, perturbed: Any, k: int) -> None:
     """A body after an imaginary unit motion: k = 0, 1, 2 along the global axes, 3, 4, 5 about them, else none."""
     for a in range(3):
-        perturbed.r[a] = here.r[a] + (EPSILON * 1j if a == k else 0.0)
+        perturbed.r[a] = here.r[a] + (COMPLEX_STEP_SIZE * 1j if a == k else 0.0)
         for b in range(3):
             perturbed.A[a, b] = here.A[a, b]
     if 3 <= k < 6:
         p, q = (k - 2) % 3, (k - 1) % 3  # e_k x e_p = e_q
         for b in range(3):
-            perturbed.A[q, b] += EPSILON * 1j * here.A[p, b]
-            perturbed.A[p, b] -= EPSILON * 1j * here.A[q, b]
+            perturbed.A[q, b] += COMPLEX_STEP_SIZE * 1j * here.A[p, b]
+            perturbed.A[p, b] -= COMPLEX_STEP_SIZE * 1j * here.A[q, b]
 
 
 @kernel
@@ -28,5 +28,5 @@ def step(here: Any, perturbed: Any, k: int, c1: float) -> None:
     """A body after an imaginary unit motion k, with c1 times the velocity along it, and no force on it."""
     displace(here, perturbed, k)
     for j in range(6):
-        perturbed.Y[j] = here.Y[j] + (c1 * EPSILON * 1j if j == k else 0.0)
+        perturbed.Y[j] = here.Y[j] + (c1 * COMPLEX_STEP_SIZE * 1j if j == k else 0.0)
         perturbed.F[j] = 0.0

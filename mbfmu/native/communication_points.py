@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.arrays.bending import sharpest
+from mbfmu.mechanics.arrays.bending import find_largest_angle
 from mbfmu.mechanics.arrays.points import WEIGHS, begin_inputs, depart, set_input
 from mbfmu.mechanics.recursions.dynamics import energy
 from solvers.balance import BALANCE_OK, check_energy_balance, energy_floor
@@ -110,7 +110,7 @@ def look_at_plates(s: Any) -> None:
     """Note how sharply plates bend at the reported state."""
     if s.cells.shape[0] > 0:
         energy_at(s)  # places the bodies
-        s.told[0].bent = sharpest(s.cells, s.given.eqs.data.state.bodies)
+        s.told[0].bent = find_largest_angle(s.cells, s.given.eqs.data.state.bodies)
 
 
 @kernel

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.arrays.closing import SENTENCES
+from mbfmu.mechanics.arrays.closing import CLOSURE_MESSAGES
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.parameters import declared, span
 from mbfmu.modeling.settings import Settings
@@ -145,7 +145,7 @@ class _File:
         rows["places"], rows["kernels"] = list(self._image.places), list(self._image.kernels)
         rows["sentences"] = [self._sentence(code) for code in CODES]
         system = self._simulation.plant.system
-        said = SENTENCES | start_checks.SENTENCES
+        said = CLOSURE_MESSAGES | start_checks.SENTENCES
         rows["failures"] = [self._failure(said.get(outcome, "")) for outcome in (*Outcome, *start_checks.Flaw)]
         rows["rows"] = [(self._say(name),) for name in system.constraint_names]
         rows["coordinates"] = [(self._say(name),) for name in system.coordinate_names]

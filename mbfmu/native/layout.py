@@ -11,12 +11,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from mbfmu.mechanics.arrays.bending import COARSE, FOLDED
+from mbfmu.mechanics.arrays.bending import MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE
 from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import Role, Type
 from mbfmu.session.tolerances import COARSE_TEXT, COARSE_TOLERANCE
-from mbfmu.sheets.bending_monitor import UNFOLD
+from mbfmu.sheets.bending_monitor import ADVICE
 from mbfmu.util.codes import coded
 from solvers.assembly import WORST, Outcome
 from solvers.balance import PASSAGE_INACCURATE
@@ -136,11 +136,11 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     known = [(name, [WORDS[word] for word in entry.more]) for name, entry in entries]
     lines = ["/* Made of mbfmu/native/layout.py. */", "#include <stdint.h>", ""]
     lines += [f"#define MAGIC INT64_C({MAGIC})", f"#define LENGTH ({LENGTH})"]
-    lines += [f"#define COARSE {float(COARSE)!r} /* rad */", f"#define FOLDED {float(FOLDED)!r}"]
+    lines += [f"#define COARSE {float(MAX_ACCURATE_ANGLE)!r} /* rad */", f"#define FOLDED {float(MAX_VALID_ANGLE)!r}"]
     lines.append(f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}")
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     lines.append(f"#define COARSE_TEXT {json.dumps(coded('coarse-tolerance', COARSE_TEXT))}")
-    lines += [f"#define UNFOLD {json.dumps(UNFOLD)}", f"#define KINDS {len(kinds())}", ""]
+    lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(kinds())}", ""]
     lines += [_struct(name, record) for name, record in STRUCTS.items()]
     lines += [
         _enum("TYPE", (t.name for t in Type)),

@@ -129,7 +129,7 @@ class Simulation:
             unstable = report_unstable(found)
         self.plant.inputs.begin(t0, given)
         q, v = (found.q, found.v) if settings.start_at_equilibrium else self.plant.assemble(t0)
-        beside = self.plant.check_meetings(t0, q) if begins else []
+        beside = self.plant.check_initial_contact(t0, q) if begins else []
         self.start, found_out = (q, v), settings.solver == AUTO
         if duration is not None and finite("duration", duration) < 0.0:
             raise UserError(f"duration is {duration!r}; allowed: at least 0 s (0: the stop time of the model)")

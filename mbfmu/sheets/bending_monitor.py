@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import Plant
-from mbfmu.mechanics.arrays.bending import COARSE, FOLDED, Bend
+from mbfmu.mechanics.arrays.bending import MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE, Bend
 from mbfmu.util.codes import coded
 from solvers.system import Array
 
-UNFOLD = "Move it more slowly, damp it or make it stiffer; if the motion is intended, use a finer grid"
+ADVICE = "Move it more slowly, damp it or make it stiffer; if the motion is intended, use a finer grid"
 Sharpest = tuple[Bend | None, float, Array]
 
 
@@ -34,7 +34,7 @@ class Folds:
     def coarse(self) -> str:
         """Where, when and how far cells have bent most, if too far for their grid; empty: they have not."""
         bend, t, _ = self.sharpest
-        if bend is None or not bend.largest > COARSE:
+        if bend is None or not bend.largest > MAX_ACCURATE_ANGLE:
             return ""
         return coded("coarse-mesh", f"the mesh is too coarse at t = {t:.9g} s: {bend}")
 
@@ -45,11 +45,11 @@ class Folds:
             return True
         if here.largest > most.largest:
             self.sharpest = here, t, q
-        self.folded = self._describe_fold(here, t) if here.largest > FOLDED else ""
+        self.folded = self._describe_fold(here, t) if here.largest > MAX_VALID_ANGLE else ""
         return not self.folded
 
     def _describe_fold(self, bend: Bend, t: float) -> str:
-        return coded("folded-cell", f"a cell is folded at t = {t:.9g} s: {bend}. {UNFOLD}")
+        return coded("folded-cell", f"a cell is folded at t = {t:.9g} s: {bend}. {ADVICE}")
 
     def unfolded(self, times: Array, q: Array) -> int:
         """Return how many of the positions q (k, nq) at ``times`` come before the first with a folded cell."""

@@ -1,4 +1,4 @@
-"""How a sheet is woven into a mechanism: bodies hung along a tree, an element in every cell, supports closed."""
+"""Builder of the mesh of a sheet: bodies along a tree, an element in every cell, cut joints at the supports."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from mbfmu.mechanics.numbers import is_finite
 from mbfmu.util.errors import UserError
 
 from .grid import Link, Node, around, from_edge, on_edge
-from .section_properties import Fabric, shell_of
+from .section_properties import SheetProperties, shell_of
 from .supports import Support, cut_of
 
-GRAVITY = 9.81  # m/s^2: what bends a sheet is of the order of its weight
+STANDARD_GRAVITY = 9.81  # m/s^2: what bends a sheet is of the order of its weight
 # Size of a joint's angles times the square of the cells in its chain: curvature times cell, and the errors of a chain
-# add up; measured on releases of a sheet with 14 to 50 cells. Less where a sheet bends less: _pliancy
-SHARE = 25.0
+# add up; measured on releases of a sheet with 14 to 50 cells. Less if a sheet bends less: _bending_compliance
+JOINT_ANGLE_SCALE = 25.0
 Cell = tuple[Plate | Shell, tuple[Body, Body, Body, Body]]
 
 
-class Weaver:
-    """One sheet on its way into a mechanism.
+class SheetMeshBuilder:
+    """Builder of one sheet in a mechanism.
 
     Parameters
     ----------
-    mechanism, name, fabric, density
-        Where it goes, what it is of, and kg/m^3.
+    mechanism, name, properties, density
+        Mechanism, name and properties of the sheet, and its density, kg/m^3.
     placement
         Frame of the flat sheet in that of what holds it: position, m, and axes.
     joint
@@ -55,26 +55,32 @@ class Weaver:
         self,
         mechanism: Mechanism,
         name: str,
-        fabric: Fabric,
+        properties: SheetProperties,
         density: float,
         placement: tuple[Vector, Any],
         joint: type[Joint],
     ) -> None:
-        self.mechanism, self.name, self.fabric, self.shape, self.joint = mechanism, name, fabric, fabric.shape, joint
-        self.plate = plate = fabric.middle
+        self.mechanism, self.name, self.properties, self.shape, self.joint = (
+            mechanism,
+            name,
+            properties,
+            properties.shape,
+            joint,
+        )
+        self.plate = plate = properties.middle
         self.what = f"sheet {name!r}"
         self.at = vector(f"placement of {self.what}", placement[0])
         self.rotation = rotation(f"rotation of {self.what}", placement[1])
         self.density = density
         self.side = max((self.shape[0] - 1) * plate.a, (self.shape[1] - 1) * plate.b)
-        self.share = SHARE * _pliancy(plate, density, self.side)
+        self.angle_scale = JOINT_ANGLE_SCALE * _bending_compliance(plate, density, self.side)
         self.bodies: dict[Node, Body] = {}
-        self.taken: set[Node] = set()  # held by a support
+        self.held_nodes: set[Node] = set()  # held by a support
         self.cells: dict[Node, Cell] = {}
         self.cuts: list[CutHandle] = []
         self.along = 0
 
-    def weave(
+    def build(
         self, tree: str, supports: list[Support], master: Body | None, rate: Vector | None, pressure: Any
     ) -> None:
         """Add the nodes, the elements and the supports."""
@@ -84,9 +90,9 @@ class Weaver:
                 "tree='master' without master"
             )
         if tree == "master":
-            self._refuse_taut(supports, master)
+            self._refuse_double_support(supports, master)
             kind, options = (Floating, {"rate": rate}) if master is None else (Weld, {})
-            self._hang(around(self.shape), kind, master, self.at, self.rotation, **options)
+            self._add_bodies(around(self.shape), kind, master, self.at, self.rotation, **options)
         else:
             if master is not None:
                 raise UserError(
@@ -99,12 +105,12 @@ class Weaver:
                     f"first support of {self.what} is {given}; tree {tree!r} grows from one that is clamped or pinned: "
                     "list it first, or use tree 'master'"
                 )
-            self._refuse_taut(supports, None)
+            self._refuse_double_support(supports, None)
             root = supports.pop(0)
             self.along = 0 if root.edge[0] == "x" else 1
             at, axes = self._frame(root)
-            self.taken |= {on_edge(self.shape, root.edge, n) for n in self._held(root)}
-            self._hang(
+            self.held_nodes |= {on_edge(self.shape, root.edge, n) for n in self._held(root)}
+            self._add_bodies(
                 from_edge(self.shape, root.edge, self._held(root), tree == "spine"),
                 Weld if root.kind == "clamped" else Revolute,
                 root.body,
@@ -112,9 +118,11 @@ class Weaver:
                 axes,
                 **({"axis": "z" if root.edge[0] == "x" else "x"} if root.kind == "pinned" else {}),
             )
-        self._span(self.fabric.at, supports, pressure)
+        self._add_elements(self.properties.at, supports, pressure)
 
-    def weave_free(self, supports: list[Support], master: Body | None, rate: Vector | None, pressure: Any) -> None:
+    def build_stretchable(
+        self, supports: list[Support], master: Body | None, rate: Vector | None, pressure: Any
+    ) -> None:
         """Give every node all six motions against its neighbor, or those its support leaves; span shells."""
         if rate is not None and (supports or master is not None):
             raise UserError(
@@ -132,24 +140,24 @@ class Weaver:
             if kind is Revolute:
                 options = {"axis": "z" if support.edge[0] == "x" else "x"}
             held = [on_edge(self.shape, support.edge, n) for n in self._held(support)]
-            own: list[Link] = [(node, None) for node in held if node not in self.taken]
-            self.taken |= {node for node, _ in own}
-            self._hang(own, kind, support.body, *self._frame(support), **options)
+            own: list[Link] = [(node, None) for node in held if node not in self.held_nodes]
+            self.held_nodes |= {node for node, _ in own}
+            self._add_bodies(own, kind, support.body, *self._frame(support), **options)
         if supports and master is None:
             root = supports[0]
             links = from_edge(self.shape, root.edge, self._held(root), spine=True)
-            carrier, (at, axes) = root.body, self._frame(root)
+            root_body, (at, axes) = root.body, self._frame(root)
             self.along = 0 if root.edge[0] == "x" else 1
         else:
-            links, carrier, at, axes = around(self.shape), master, self.at, self.rotation
-        loose = [link for link in links if link[0] not in self.bodies]
+            links, root_body, at, axes = around(self.shape), master, self.at, self.rotation
+        remaining = [link for link in links if link[0] not in self.bodies]
         first = Floating if master is None else Weld
-        self._hang(loose, first, carrier, at, axes, **({} if rate is None else {"rate": rate}))
+        self._add_bodies(remaining, first, root_body, at, axes, **({} if rate is None else {"rate": rate}))
         shell = cache(shell_of)
         left = [support for support in supports if support.kind not in joints]
-        self._span(lambda cell: shell(self.fabric.at(cell)), left, pressure)
+        self._add_elements(lambda cell: shell(self.properties.at(cell)), left, pressure)
 
-    def _span(self, element: Callable[[Node], Plate | Shell], supports: list[Support], pressure: Any) -> None:
+    def _add_elements(self, element: Callable[[Node], Plate | Shell], supports: list[Support], pressure: Any) -> None:
         """Span an element in every cell, load it, and close these supports by cut joints."""
         node = self.bodies
         for i in range(self.shape[0] - 1):
@@ -161,7 +169,7 @@ class Weaver:
             self.mechanism.pressure(self.name, pressure, [corners for _, corners in self.cells.values()])
         self.cuts += [cut for support in supports for cut in self._close(support)]
 
-    def _refuse_taut(self, supports: list[Support], master: Body | None) -> None:
+    def _refuse_double_support(self, supports: list[Support], master: Body | None) -> None:
         """Refuse supports that hold the sheet in its plane twice: it cannot stretch, so it could not bend."""
         holders = [] if master is None else [(master, f"master on {master.name!r}")]
         for support in supports:
@@ -181,39 +189,39 @@ class Weaver:
                 )
             first[i] = name
 
-    def _flat(self, node: Node) -> Matrix:
+    def _flat_position(self, node: Node) -> Matrix:
         """Position of a node in the sheet's frame."""
         return np.array([node[0] * self.plate.a, 0.0, node[1] * self.plate.b])
 
-    def _hang(
+    def _add_bodies(
         self,
         links: list[Link],
         kind: type[Joint],
-        carrier: Body | None,
+        root_body: Body | None,
         at: Matrix,
         axes: Matrix,
         **options: Any,
     ) -> None:
-        """Add the bodies in the order of ``links``; those without a parent are connected to the carrier."""
+        """Add the bodies in the order of ``links``; those without a parent are connected to ``root_body``."""
         for node, parent in links:
             if parent is None:
-                body = self.mechanism.ground if carrier is None else carrier
-                joint = kind(at=tuple(at + axes @ self._flat(node)), rotation=axes, **options)
+                body = self.mechanism.ground if root_body is None else root_body
+                joint = kind(at=tuple(at + axes @ self._flat_position(node)), rotation=axes, **options)
             else:
                 body = self.bodies[parent]
                 cells = self.shape[0 if node[1] == parent[1] else 1] - 1
-                angle = self.share / cells**2
+                angle = self.angle_scale / cells**2
                 way = angle * self.side  # a node that is off takes along as many as one that is turned
                 size = (way, angle, angle, way, way, angle)[: self.joint.nv]
-                joint = self.joint(at=tuple(self._flat(node) - self._flat(parent)), nominal=size)
+                joint = self.joint(at=tuple(self._flat_position(node) - self._flat_position(parent)), nominal=size)
             self.bodies[node] = self.mechanism.body(f"{self.name}.{node[0]}.{node[1]}", body, joint, **self._cell(node))
 
     def _cell(self, node: Node) -> dict[str, Any]:
         """Mass properties of a node's cell, which is half as long at a border."""
         i, k = node
-        a, x = _lump(i, self.shape[0], self.plate.a)
-        b, z = _lump(k, self.shape[1], self.plate.b)
-        t = self.fabric.thickness_at(i * self.plate.a + x, k * self.plate.b + z)
+        a, x = _lumped_length(i, self.shape[0], self.plate.a)
+        b, z = _lumped_length(k, self.shape[1], self.plate.b)
+        t = self.properties.thickness_at(i * self.plate.a + x, k * self.plate.b + z)
         m = self.density * t * a * b
         return {
             "mass": m,
@@ -250,12 +258,12 @@ class Weaver:
         """
         at, axes = self._frame(support)
         body = self.mechanism.ground if support.body is None else support.body
-        held = [n for n in self._held(support) if on_edge(self.shape, support.edge, n) not in self.taken]
+        held = [n for n in self._held(support) if on_edge(self.shape, support.edge, n) not in self.held_nodes]
         for n in held:
             node = on_edge(self.shape, support.edge, n)
-            self.taken.add(node)
+            self.held_nodes.add(node)
             kind, local = cut_of(support, n == held[len(held) // 2])
-            name, place = f"{self.name}.{support.edge}.{n}", tuple(at + axes @ self._flat(node))
+            name, place = f"{self.name}.{support.edge}.{n}", tuple(at + axes @ self._flat_position(node))
             if support.kind == "pinned" and kind is PlaneCut:  # the pin stays in the plane of the node as that turns
                 cut: Cut = kind(at_b=place, rotation_a=local, rotation_b=axes @ local)
                 yield self.mechanism.cut(name, cut, self.bodies[node], body)
@@ -264,7 +272,7 @@ class Weaver:
                 yield self.mechanism.cut(name, cut, body, self.bodies[node])
 
 
-def _pliancy(plate: Plate, density: float, length: float) -> float:
+def _bending_compliance(plate: Plate, density: float, length: float) -> float:
     """How far a sheet bends: the root curvature of a cantilever under its weight times its length, at most 1.
 
     rho g t L^3 / (2 D), D the lesser of those along x and z, to the power at which ida keeps the energy of a release to
@@ -272,10 +280,10 @@ def _pliancy(plate: Plate, density: float, length: float) -> float:
     """
     material = plate.material
     D = material.moduli[1] * plate.thickness**3 / (12.0 * material.rest) * material.ratios.diagonal()[:2].min()
-    return float(min(1.0, density * GRAVITY * plate.thickness * length**3 / (2.0 * D)) ** 0.75)
+    return float(min(1.0, density * STANDARD_GRAVITY * plate.thickness * length**3 / (2.0 * D)) ** 0.75)
 
 
-def _lump(n: int, count: int, step: float) -> tuple[float, float]:
+def _lumped_length(n: int, count: int, step: float) -> tuple[float, float]:
     """Length of a node's cell and where its middle is from the node, along one side of the grid."""
     if 0 < n < count - 1:
         return step, 0.0

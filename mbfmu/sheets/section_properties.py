@@ -25,8 +25,8 @@ from mbfmu.util.errors import UserError
 
 from .grid import Node
 
-AXES = ("x", "z")
-STEEP = 1.0  # rad; a cell that is bent more by its curl is no small part of the sheet
+CREASE_AXES = ("x", "z")
+MAX_CELL_ANGLE = 1.0  # rad; a cell that is bent more by its curl is no small part of the sheet
 Thickness = float | Callable[[float, float], float]
 Curl = Sequence[float] | Callable[[float, float], Sequence[float]]
 
@@ -51,7 +51,7 @@ class Crease:
 
 
 @dataclass(frozen=True, eq=False)
-class Fabric:
+class SheetProperties:
     """The cells of a sheet.
 
     Parameters
@@ -84,10 +84,10 @@ class Fabric:
         for crease in self.creases:
             if not isinstance(crease, Crease):
                 raise UserError(f"crease of {self.what} is {crease!r}; it must be a Crease")
-            one_of(f"axis of a crease of {self.what}", crease.axis, AXES)
+            one_of(f"axis of a crease of {self.what}", crease.axis, CREASE_AXES)
             role = f"of the crease across {crease.axis} of {self.what}"
             positive(f"stiffness {role}", crease.stiffness)
-            n = AXES.index(crease.axis)
+            n = CREASE_AXES.index(crease.axis)
             side = (self.shape[n] - 1) * (self.plate.a, self.plate.b)[n]
             if not 0.0 < finite(f"place {role}", crease.at) < side:
                 raise UserError(f"place {role} is {crease.at!r} m; allowed: within the sheet, between 0 and {side:g} m")
@@ -111,7 +111,7 @@ class Fabric:
         if not callable(self.thickness):
             return positive(f"thickness of {self.what}", self.thickness)
         role = f"thickness of {self.what} at x = {x:g} m, z = {z:g} m"
-        return positive(role, _told(role, self.thickness, x, z))
+        return positive(role, _function_value(role, self.thickness, x, z))
 
     def _plain(self, x: float, z: float) -> Plate:
         """Return what the sheet is of there, without creases."""
@@ -120,17 +120,17 @@ class Fabric:
     def _curl_at(self, x: float, z: float) -> tuple[float, float, float]:
         """Return the natural curvatures there, 1/m."""
         role = f"curl of {self.what}" + (f" at x = {x:g} m, z = {z:g} m" if callable(self.curl) else "")
-        value = _told(role, self.curl, x, z) if callable(self.curl) else self.curl
+        value = _function_value(role, self.curl, x, z) if callable(self.curl) else self.curl
         k = array_of(role, value)
         if k.shape not in ((2,), (3,)) or not np.all(np.isfinite(k)):
             raise UserError(f"{role} is {value!r}; allowed: two or three finite curvatures, 1/m")
         kx, kz, kxz = float(k[0]), float(k[1]), float(k[2]) if len(k) == 3 else 0.0
         a, b = self.plate.a, self.plate.b
         bent = max(abs(kx) * a, abs(kz) * b, abs(kxz) * max(a, b))
-        if bent > STEEP:
+        if bent > MAX_CELL_ANGLE:
             raise UserError(
-                f"{role} is {value!r} 1/m, which bends its cells by {bent:.3g} rad; allowed: {STEEP:g} at most; refine "
-                "the grid"
+                f"{role} is {value!r} 1/m, which bends its cells by {bent:.3g} rad; allowed: {MAX_CELL_ANGLE:g} at "
+                "most; refine the grid"
             )
         return kx, kz, kxz
 
@@ -138,13 +138,13 @@ class Fabric:
         """Return by how much the creases across an axis turn in column n of cells, rad per moment, rad/N."""
         side, count, total = (self.plate.a, self.plate.b)[axis], self.shape[axis] - 1, 0.0
         for crease in self.creases:
-            if crease.axis == AXES[axis]:
+            if crease.axis == CREASE_AXES[axis]:
                 place = min(max(crease.at / side - 0.5, 0.0), count - 1.0)  # in columns, from the middle of the first
                 total += max(0.0, 1.0 - abs(place - n)) / crease.stiffness
         return total
 
 
-def _told(role: str, function: Callable[[float, float], Any], x: float, z: float) -> Any:
+def _function_value(role: str, function: Callable[[float, float], Any], x: float, z: float) -> Any:
     """Return the value of a user's function at a place, m."""
     try:
         return function(x, z)

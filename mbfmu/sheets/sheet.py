@@ -35,7 +35,7 @@ moves along curves in those, and Newton takes five times as many steps to its re
 twist (:mod:`.elements.material`). A curled sheet is not flat where nothing bends it; it starts flat all the same, under
 stress, or at rest if an equilibrium is computed. Thickness and curl may be functions of the place: a cell takes
 them at its center, and the mass of a node at the center of its area. Creases are lines that bend more easily
-(:mod:`.assemblies.fabric`).
+(:mod:`.section_properties`).
 
 **Rows of cells.** An element measures stretching by means over its edges. One row of cells across the chains has one
 mean for the whole width: the sheet folds along its chain, is then stiff as an angle bar, and stays so though it would
@@ -60,9 +60,9 @@ from mbfmu.mechanics.sensors import Covered, InPlate, InShell, Sensor, SheetPosi
 from mbfmu.util.errors import UserError
 
 from .grid import Node
-from .mesh_builder import Cell, Weaver
-from .section_properties import Crease, Curl, Fabric, Thickness
-from .supports import EDGES, Support, check_support
+from .mesh_builder import Cell, SheetMeshBuilder
+from .section_properties import Crease, Curl, SheetProperties, Thickness
+from .supports import SHEET_EDGES, Support, check_support
 
 TREES = ("spine", "rows", "master")
 COMPONENTS = {"xx": 0, "zz": 1, "xz": 2}
@@ -119,7 +119,7 @@ class Sheet:
     a: float
     b: float
     plate: Plate
-    fabric: Fabric
+    fabric: SheetProperties
     cells: Mapping[Node, Cell]
     cuts: tuple[CutHandle, ...]
     along: int
@@ -199,7 +199,7 @@ class Sheet:
         SheetPoint
             Point whose sensors give its position.
         """
-        one_of(f"edge of sheet {self.name!r}", name, EDGES)
+        one_of(f"edge of sheet {self.name!r}", name, SHEET_EDGES)
         ends = {"x": self.a * (len(self.nodes) - 1), "z": self.b * (len(self.nodes[0]) - 1)}
         place = {axis: 0.5 * end for axis, end in ends.items()} | {name[0]: ends[name[0]] * int(name[1])}
         return self.point(place["x"], place["z"])
@@ -258,7 +258,7 @@ class Sheet:
         x, z
             Position in the flat sheet, m.
         """
-        return self._felt("1/m", component, x, z, curvature=1.0)
+        return self._recovered("1/m", component, x, z, curvature=1.0)
 
     def moment(self, component: str, x: float, z: float) -> Sensor:
         """Bending or twisting moment per length, N m/m; elastic part, without material damping.
@@ -268,7 +268,7 @@ class Sheet:
         component, x, z
             As for :meth:`curvature`.
         """
-        return self._felt("N.m/m", component, x, z, moment=1.0)
+        return self._recovered("N.m/m", component, x, z, moment=1.0)
 
     def strain(self, component: str, x: float, z: float) -> Sensor:
         """Strain of the mid-plane; ``"xz"`` is half the shear angle.
@@ -283,7 +283,7 @@ class Sheet:
         UserError
             The sheet has no in-plane strains; use ``stretch=True``.
         """
-        return self._felt("1", component, x, z, strain=1.0)
+        return self._recovered("1", component, x, z, strain=1.0)
 
     def force_per_length(self, component: str, x: float, z: float) -> Sensor:
         """In-plane force per length, N/m, positive in tension; elastic part, without material damping.
@@ -298,7 +298,7 @@ class Sheet:
         UserError
             The sheet has no in-plane strains; use ``stretch=True``.
         """
-        return self._felt("N/m", component, x, z, force=1.0)
+        return self._recovered("N/m", component, x, z, force=1.0)
 
     def stress(self, component: str, x: float, z: float, face: str = "top") -> Sensor:
         """Stress, Pa, positive in tension; elastic part, without material damping.
@@ -317,18 +317,18 @@ class Sheet:
         """
         one_of(f"face of sheet {self.name!r}", face, FACES)
         t = self.fabric.at((self._cell("x", x)[0], self._cell("z", z)[0])).thickness
-        return self._felt("Pa", component, x, z, force=1.0 / t, moment=-6.0 * FACES[face] / t**2)
+        return self._recovered("Pa", component, x, z, force=1.0 / t, moment=-6.0 * FACES[face] / t**2)
 
-    def _felt(self, unit: str, component: str, x: float, z: float, **parts: float) -> Sensor:
+    def _recovered(self, unit: str, component: str, x: float, z: float, **parts: float) -> Sensor:
         """Return a sensor of a weighted sum of strains and stress resultants of the element at (x, z)."""
         one_of(f"component of the loads in sheet {self.name!r}", component, COMPONENTS)
         (i, x), (k, z) = self._cell("x", x), self._cell("z", z)
         element, corners = self.cells[i, k]
-        felt, row = element.felt(x, z), COMPONENTS[component]
-        if not parts.keys() <= felt.keys():
+        recovered, row = element.recover(x, z), COMPONENTS[component]
+        if not parts.keys() <= recovered.keys():
             raise UserError(f"sheet {self.name!r} has no output of in-plane strains; use stretch=True")
-        start = sum(part * felt[key].start[row] for key, part in parts.items())
-        weights = sum(part * felt[key].weights[row] for key, part in parts.items())
+        start = sum(part * recovered[key].start[row] for key, part in parts.items())
+        weights = sum(part * recovered[key].weights[row] for key, part in parts.items())
         kind = InPlate if isinstance(element, Plate) else InShell
         stiff = bool(parts.keys() & {"strain", "force"})
         return kind(unit=unit, bodies=corners, element=element, start=start, weights=weights, stiff=stiff)
@@ -453,22 +453,24 @@ def add_sheet(
         poisson=poisson,
         shear_modulus=shear_modulus,
         angle=angle,
-        membrane=_resisted(what, membrane, tree, joint, supports),
+        membrane=_active_strains(what, membrane, tree, joint, supports),
         damping=damping,
         drag=drag,
     )
-    fabric = Fabric(what, plate, shape, thickness, curl, creases)
+    properties = SheetProperties(what, plate, shape, thickness, curl, creases)
     plate.check(what)
-    fabric.check()
-    weaver = Weaver(mechanism, name, fabric, density, (at, rotation), Stretching if stretch else JOINTS[joint])
+    properties.check()
+    builder = SheetMeshBuilder(
+        mechanism, name, properties, density, (at, rotation), Stretching if stretch else JOINTS[joint]
+    )
     if stretch:
-        weaver.weave_free(list(supports), master, rate, pressure)
+        builder.build_stretchable(list(supports), master, rate, pressure)
     else:
         _refuse_one_row(what, shape, plate, tree, supports)
-        weaver.weave(tree, list(supports), master, rate, pressure)
-    nodes = tuple(tuple(weaver.bodies[i, k] for k in range(shape[1])) for i in range(shape[0]))
-    cuts = tuple(weaver.cuts)
-    sheet = Sheet(name, nodes, plate.a, plate.b, fabric.middle, fabric, weaver.cells, cuts, weaver.along)
+        builder.build(tree, list(supports), master, rate, pressure)
+    nodes = tuple(tuple(builder.bodies[i, k] for k in range(shape[1])) for i in range(shape[0]))
+    cuts = tuple(builder.cuts)
+    sheet = Sheet(name, nodes, plate.a, plate.b, properties.middle, properties, builder.cells, cuts, builder.along)
     mechanism.sheets.append(sheet)
     return sheet
 
@@ -495,7 +497,7 @@ def _refuse_what_stretches(what: str, tree: str, joint: str, membrane: bool | st
         )
 
 
-def _resisted(what: str, membrane: bool | str, tree: str, joint: str, supports: Sequence[Support]) -> str:
+def _active_strains(what: str, membrane: bool | str, tree: str, joint: str, supports: Sequence[Support]) -> str:
     """Membrane strains that the elements resist, refused where they lock."""
     if not isinstance(membrane, str):
         flag(f"membrane of {what}", membrane)

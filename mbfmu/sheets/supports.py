@@ -12,9 +12,9 @@ from mbfmu.mechanics.checks import Matrix, Vector, one_of
 from mbfmu.mechanics.cuts import Cut, PlanarCut, PlaneCut, RevoluteCut, WeldCut
 from mbfmu.util.errors import UserError
 
-EDGES = ("x0", "x1", "z0", "z1")
-KINDS = ("clamped", "pinned", "guided", "supported")
-UPRIGHT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # cut frame with z along the sheet's y
+SHEET_EDGES = ("x0", "x1", "z0", "z1")
+SUPPORT_KINDS = ("clamped", "pinned", "guided", "supported")
+NORMAL_FRAME = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # cut frame with z along the sheet's y
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ def check_support(what: str, support: Support) -> None:
     """Refuse what no support can be."""
     if not isinstance(support, Support):
         raise UserError(f"support of {what} is {support!r}; it must be a Support")
-    one_of(f"edge of a support of {what}", support.edge, EDGES)
-    one_of(f"kind of the support at {support.edge!r} of {what}", support.kind, KINDS)
+    one_of(f"edge of a support of {what}", support.edge, SHEET_EDGES)
+    one_of(f"kind of the support at {support.edge!r} of {what}", support.kind, SUPPORT_KINDS)
 
 
 def cut_of(support: Support, first: bool) -> tuple[type[Cut], Matrix]:
@@ -58,5 +58,5 @@ def cut_of(support: Support, first: bool) -> tuple[type[Cut], Matrix]:
     if support.kind == "clamped" and first:
         return WeldCut, np.eye(3)
     if support.kind == "pinned" and first:
-        return RevoluteCut, np.eye(3) if support.edge[0] == "x" else UPRIGHT.T
-    return PlanarCut if support.kind in ("clamped", "guided") else PlaneCut, UPRIGHT
+        return RevoluteCut, np.eye(3) if support.edge[0] == "x" else NORMAL_FRAME.T
+    return PlanarCut if support.kind in ("clamped", "guided") else PlaneCut, NORMAL_FRAME

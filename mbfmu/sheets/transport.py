@@ -28,17 +28,18 @@ from mbfmu.util.errors import UserError, short
 from .contacts import NipHandle, SurfaceContactHandle
 from .sheet import Sheet
 
-COARSEST = 0.6  # side of a cell times the curvature of a surface, above which the sheet does not follow it
-SINK = 0.25  # of its thickness, that a leading edge sinks into a surface where it is pressed on as the sheet bends
-SHALLOW = 0.2  # of its thickness: depth below which the pressure goes with its square
-GIVE = 1e-3  # rad, rotation of a nip under the moment that bends the sheet by this angle
-HARDEST = 1e9  # of the usual stiffness
-MOST = 1000  # points or stations one way
-LEAST = 1e-6  # of the sheet's scale, of a length in the nip
-SAME = 0.5  # of what keeps two rollers apart
-ASKEW, OFF = 1e-6, 0.02  # of a roller's axis: one less a cosine; parts of its radius
-WEDGE = 0.4  # of the roller's radius: way over which an edge comes in
-CALM = 0.03  # damping of a nip's rubber, to sqrt(stiffness times the sheet's mass)
+MAX_CELL_CURVATURE = 0.6  # side of a cell times the curvature of a surface, above which the sheet does not follow it
+# Part of its thickness that a leading edge sinks into a surface if it is pressed on as the sheet bends
+EDGE_PENETRATION_RATIO = 0.25
+DEFAULT_DEPTH_RATIO = 0.2  # of its thickness: depth below which the pressure goes with its square
+NIP_ROTATION = 1e-3  # rad, rotation of a nip under the moment that bends the sheet by this angle
+MAX_STIFFNESS_RATIO = 1e9  # of the usual stiffness
+MAX_POINTS = 1000  # points or stations one way
+MIN_LENGTH_RATIO = 1e-6  # of the sheet's scale, of a length in the nip
+MIN_ROLLER_DISTANCE_RATIO = 0.5  # of what keeps two rollers apart
+AXIS_COSINE_TOLERANCE, AXIS_OFFSET_RATIO = 1e-6, 0.02  # of a roller's axis: one less a cosine; parts of its radius
+ENTRY_LENGTH_RATIO = 0.4  # of the roller's radius: way over which an edge comes in
+DEFAULT_DAMPING_RATIO = 0.03  # damping of a nip's rubber, to sqrt(stiffness times the sheet's mass)
 
 
 def add_contact(
@@ -93,7 +94,7 @@ def add_contact(
     what = f"contact {name!r}"
     check_element_type(f"surface of {what}", surface, Surface)
     surface.check(f"the surface of {what}")
-    _of(mechanism, sheet, what)
+    _check_sheet(mechanism, sheet, what)
     plate, length = sheet.plate, _scale(sheet)
     for key, value in (("friction", friction), ("damping", damping)):
         not_negative(f"{key} of {what}", value)
@@ -101,8 +102,8 @@ def add_contact(
     if not isinstance(points, Sequence) or len(points) != 2 or not all(map(_is_count, points)):
         raise UserError(f"points of {what} are {points!r}; allowed: two whole numbers from 1 on")
     side = max(sheet.a, sheet.b)
-    if surface.curvature() * side > COARSEST:
-        longest, (nx, nz) = COARSEST / surface.curvature(), (len(sheet.nodes), len(sheet.nodes[0]))
+    if surface.curvature() * side > MAX_CELL_CURVATURE:
+        longest, (nx, nz) = MAX_CELL_CURVATURE / surface.curvature(), (len(sheet.nodes), len(sheet.nodes[0]))
         finer = [max(n, ceil(h * (n - 1) / longest) + 1) for n, h in ((nx, sheet.a), (nz, sheet.b))]
         raise UserError(
             f"grid ({nx}, {nz}) of sheet {sheet.name!r} has cells of {side:.3g} m, too coarse for a surface of "
@@ -111,10 +112,10 @@ def add_contact(
             f"{finer[1]} nodes"
         )
     spacing = max(sheet.a / points[0], sheet.b / points[1])
-    usual = float(np.max(plate.bending)) / (length**2 * spacing * SINK * plate.thickness)
+    usual = float(np.max(plate.bending)) / (length**2 * spacing * EDGE_PENETRATION_RATIO * plate.thickness)
     law = {
         "stiffness": _stiffness(what, stiffness, usual, "N/m^3"),
-        "depth": positive(f"depth of {what}", SHALLOW * plate.thickness if depth is None else depth),
+        "depth": positive(f"depth of {what}", DEFAULT_DEPTH_RATIO * plate.thickness if depth is None else depth),
         "damping": damping,
         "friction": friction,
         "friction_velocity": creep,
@@ -129,7 +130,7 @@ def add_contact(
         )
         for element, corners, ends in _cells(sheet)
     ]
-    return SurfaceContactHandle(name, mechanism, *_load(mechanism, name, loads, (holder,), sheet), sheet)
+    return SurfaceContactHandle(name, mechanism, *_add_loads(mechanism, name, loads, (holder,), sheet), sheet)
 
 
 def add_nip(
@@ -210,7 +211,7 @@ def add_nip(
         A value is invalid, or a roller is not on a revolute joint about the axis of the nip.
     """
     what = f"nip {name!r}"
-    _of(mechanism, sheet, what)
+    _check_sheet(mechanism, sheet, what)
     for key, value in (("radius", radius), ("width", width), ("least", least)):
         positive(f"{key} of {what}", value)
     for key, value in (("friction", friction), ("idler_friction", idler_friction), ("creep", creep)):
@@ -224,27 +225,29 @@ def add_nip(
     if abs(d @ n) > 1e-9:
         raise UserError(f"feed of {what} is {feed!r}; allowed: a direction normal to its normal {normal!r}")
     place, across = vector(f"at of {what}", at), np.cross(d, n)
-    _fits(roller, radius, place, n, across, f"roller of {what}")
+    _check_roller(roller, radius, place, n, across, f"roller of {what}")
     if idler is None and idler_radius is not None:
         raise UserError(f"idler_radius of {what} is {idler_radius!r}, but no idler is given; allowed: both or none")
     beyond = 0.0
     if idler is not None:
         beyond = radius if idler_radius is None else positive(f"idler_radius of {what}", idler_radius)
-        _fits(idler, beyond, place, -n, across, f"idler of {what}")
+        _check_roller(idler, beyond, place, -n, across, f"idler of {what}")
         if idler is roller:
             raise UserError(f"idler of {what} is {idler.name!r}, its roller; allowed: another body")
-    _apart(mechanism, sheet, place, (d, across, n), radius, width, name)
+    _refuse_overlapping_nips(mechanism, sheet, place, (d, across, n), radius, width, name)
     length, plate, way = _scale(sheet), sheet.plate, "xz".index(along)
     half = 0.5 * _length(f"contact of {what}", length / 50.0 if contact is None else contact, length)
     beside = sheet.b if way == 0 else sheet.a
     if pairs is None:
         pairs = max(2, round(2.0 * width / beside))
     elif not _is_count(pairs):
-        raise UserError(f"pairs of {what} is {pairs!r}; allowed: a whole number from 1 to {MOST}")
+        raise UserError(f"pairs of {what} is {pairs!r}; allowed: a whole number from 1 to {MAX_POINTS}")
     stiff = float(plate.bending[way, way])
-    stiffness = _stiffness(what, stiffness, stiff * width / (length * GIVE * half**2), "N/m")
+    stiffness = _stiffness(what, stiffness, stiff * width / (length * NIP_ROTATION * half**2), "N/m")
     if damping is None:
-        damping = CALM * float(np.sqrt(stiffness * sum(body.mass for row in sheet.nodes for body in row)))
+        mass = sum(body.mass for row in sheet.nodes for body in row)
+        damping = DEFAULT_DAMPING_RATIO * float(np.sqrt(stiffness * mass))
+    usual_entry = min(ENTRY_LENGTH_RATIO * radius, length)
     common = {
         "pairs": pairs,
         "way": way,
@@ -255,7 +258,7 @@ def add_nip(
         "radius": radius,
         "idler_radius": beyond,
         "half": half,
-        "entry": 0.5 * _length(f"entry of {what}", min(WEDGE * radius, length) if entry is None else entry, length),
+        "entry": 0.5 * _length(f"entry of {what}", usual_entry if entry is None else entry, length),
         "width": width,
         "uneven": uneven,
         "stiffness": stiffness,
@@ -271,19 +274,19 @@ def add_nip(
         (RollerNip(name=name, force=force, sides=(sheet.a, sheet.b), ends=ends, common=common), (*corners, *turning))
         for _, corners, ends in _cells(sheet)
     ]
-    first, count = _load(mechanism, name, loads, turning, sheet)
+    first, count = _add_loads(mechanism, name, loads, turning, sheet)
     return NipHandle(name, mechanism, first, count, 2 * pairs, roller, radius)
 
 
 def _is_count(value: Any) -> bool:
     """Whether a value is a number of points or stations."""
-    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST
+    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MAX_POINTS
 
 
 def _length(what: str, value: Any, scale: float) -> float:
     """Return a length that is neither nothing nor more than all of a sheet of this scale."""
-    if not LEAST * scale <= positive(what, value) <= 6.0 * scale:
-        raise UserError(f"{what} is {value!r} m; allowed: {LEAST * scale:.3g} to {6.0 * scale:.3g}")
+    if not MIN_LENGTH_RATIO * scale <= positive(what, value) <= 6.0 * scale:
+        raise UserError(f"{what} is {value!r} m; allowed: {MIN_LENGTH_RATIO * scale:.3g} to {6.0 * scale:.3g}")
     return float(value)
 
 
@@ -291,33 +294,35 @@ def _stiffness(what: str, value: Any, usual: float, unit: str) -> float:
     """Return a stiffness, the usual one where none is given, that numbers can bear."""
     if value is None:
         return usual
-    if positive(f"stiffness of {what}", value) > HARDEST * usual:
-        raise UserError(f"stiffness of {what} is {value!r} {unit}; allowed: up to {HARDEST * usual:.3g}")
+    if positive(f"stiffness of {what}", value) > MAX_STIFFNESS_RATIO * usual:
+        raise UserError(f"stiffness of {what} is {value!r} {unit}; allowed: up to {MAX_STIFFNESS_RATIO * usual:.3g}")
     return float(value)
 
 
-def _fits(roller: Any, radius: float, place: Any, normal: Any, across: Any, what: str) -> None:
+def _check_roller(roller: Any, radius: float, place: Any, normal: Any, across: Any, what: str) -> None:
     """Refuse a roller that does not turn where its nip is, a radius behind that against ``normal``."""
     if not isinstance(roller, Body) or not isinstance(roller.joint, Revolute):
         raise UserError(f"{what} is {getattr(roller, 'name', roller)!r}; allowed: a body on a Revolute")
     if roller.parent != 0:  # on a moving carrier: its position is not known here
         return
     axle = rotation(f"rotation of {roller.name!r}", roller.joint.rotation) @ roller.joint.direction
-    if abs(axle @ across) < 1.0 - ASKEW:
+    if abs(axle @ across) < 1.0 - AXIS_COSINE_TOLERANCE:
         raise UserError(
             f"axis of {roller.name!r} is {axle.round(6).tolist()}; allowed as {what}: across its feed and its normal, "
             f"{across.round(6).tolist()}"
         )
     off = place - radius * normal - vector(f"at of {roller.name!r}", roller.joint.at)
     beside = float(np.linalg.norm(np.cross(off, axle)))
-    if beside > OFF * radius:
+    if beside > AXIS_OFFSET_RATIO * radius:
         raise UserError(
             f"the axis of {roller.name!r} is {beside:.3g} m away from its place at {what}: {radius:g} m from "
             f"{place.tolist()} along {(0.0 - normal).round(6).tolist()}"
         )
 
 
-def _apart(mechanism: Mechanism, sheet: Sheet, place: Any, axes: Any, radius: float, width: float, name: str) -> None:
+def _refuse_overlapping_nips(
+    mechanism: Mechanism, sheet: Sheet, place: Any, axes: Any, radius: float, width: float, name: str
+) -> None:
     """Refuse a nip that stands where another of the sheet does, as rollers cannot; ``axes``: feed, across, normal."""
     ours = {id(body) for row in sheet.nodes for body in row}
     others = {
@@ -326,7 +331,9 @@ def _apart(mechanism: Mechanism, sheet: Sheet, place: Any, axes: Any, radius: fl
     for other, nip in others.items():
         near = radius + nip["radius"], 0.5 * (width + nip["width"]), radius + nip["radius"]
         off = place - nip["place"]
-        if name != other and all(abs(off @ axis) < SAME * reach for axis, reach in zip(axes, near, strict=True)):
+        if name != other and all(
+            abs(off @ axis) < MIN_ROLLER_DISTANCE_RATIO * reach for axis, reach in zip(axes, near, strict=True)
+        ):
             raise UserError(
                 f"nip {name!r} at {place.tolist()} and nip {other!r} at {nip['place'].tolist()} are in one place; "
                 f"allowed: {near[0]:.3g} m apart along the feed, or {near[1]:.3g} m across"
@@ -345,14 +352,14 @@ def _cells(sheet: Sheet) -> Iterator[tuple[Any, tuple[Body, ...], Any]]:
         yield sheet.fabric.at((i, k)), corners, ((i == 0, i == nx - 1), (k == 0, k == nz - 1))
 
 
-def _of(mechanism: Mechanism, sheet: Any, what: str) -> None:
+def _check_sheet(mechanism: Mechanism, sheet: Any, what: str) -> None:
     """Refuse what is no sheet of the mechanism."""
     if not isinstance(sheet, Sheet) or not any(sheet is own for own in mechanism.sheets):
-        told = repr(sheet.name) if isinstance(sheet, Sheet | Body) else short(sheet)
-        raise UserError(f"sheet of {what} is {told}; allowed: a sheet of this mechanism")
+        given = repr(sheet.name) if isinstance(sheet, Sheet | Body) else short(sheet)
+        raise UserError(f"sheet of {what} is {given}; allowed: a sheet of this mechanism")
 
 
-def _load(
+def _add_loads(
     mechanism: Mechanism, name: str, loads: Sequence[tuple[Load, tuple[Body, ...]]], bodies: Sequence[Any], sheet: Sheet
 ) -> tuple[int, int]:
     """Let loads of one name act; return the number of the first, and how many there are."""

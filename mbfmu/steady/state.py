@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant
-from mbfmu.mechanics.arrays.bending import COARSE
+from mbfmu.mechanics.arrays.bending import MAX_ACCURATE_ANGLE
 from mbfmu.modeling.model import Model
 from mbfmu.steady.linear import Mode, StateSpace, modes_as_text
 from mbfmu.steady.modes import LOWEST, ModeShapes, find_spectrum, shapes_of
@@ -170,7 +170,7 @@ class Equilibrium:
     def warning(self) -> str:
         """Why the state is not to be trusted; empty: nothing speaks against it."""
         bent = self.plant.bend(0.0, self.q)
-        return str(bent) if bent is not None and bent.largest > COARSE else ""
+        return str(bent) if bent is not None and bent.largest > MAX_ACCURATE_ANGLE else ""
 
     def positions(self) -> dict[str, float]:
         """Return the coordinates by name; those of an orientation as its quaternion."""

@@ -30,7 +30,7 @@ from mbfmu.mechanics.dispatch import apply_load, load_tangent
 from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import allocate_state, to_complex_state
 from mbfmu.mechanics.recursions.dynamics import update_kinematics
-from mbfmu.mechanics.steps import EPSILON, step
+from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.sheets import add_contact, add_nip, add_sheet, contact_pressure
 from mbfmu.util.errors import UserError
@@ -280,7 +280,9 @@ def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: st
             for p, i in enumerate(bodies):
                 step(plant.data.state.bodies[i], system.data.state.bodies[i], j - 6 * p, c1)
             apply_load(system.data.arrays.loads[e], 0.0, others, there)
-            expected[:, j] = -np.concatenate([system.data.state.bodies["F"][i].imag / EPSILON for i in bodies])
+            expected[:, j] = -np.concatenate(
+                [system.data.state.bodies["F"][i].imag / COMPLEX_STEP_SIZE for i in bodies]
+            )
         found += np.any(expected != 0.0)
         np.testing.assert_allclose(K, expected, atol=1e-12 * np.abs(expected).max())
     assert found > 0

@@ -16,8 +16,8 @@ from solvers.system import AnySystem, Array
 
 from .closing import assemble_positions, assemble_velocities, check_frames, check_inertia, frame_angles
 from .compile import shared
-from .rounded import ROUNDED, nearly_parallel
-from .rows import TOLD, dependent_rows, describe, first_lines
+from .rounded import ROUNDED_ADVICE, nearly_parallel
+from .rows import MAX_LISTED, dependent_rows, describe, first_lines
 
 
 def free_bodies(mechanism: Mechanism) -> list[Body]:
@@ -128,7 +128,9 @@ class Assembly:
                 axes = self.nearly_parallel()
                 if not axes:
                     raise
-                raise AssemblyError(f"{error}; {axes}: if they are intended to be parallel, {ROUNDED}") from error
+                raise AssemblyError(
+                    f"{error}; {axes}: if they are intended to be parallel, {ROUNDED_ADVICE}"
+                ) from error
             worst = int(np.argmax(drawn))
             raise AssemblyError(
                 f"{error}; in the start positions the frames of cut joint {cuts[worst].name!r} are rotated by "
@@ -148,7 +150,7 @@ class Assembly:
     def nearly_parallel(self) -> str:
         """Say which axes of loops are nearly parallel and most off, where the bodies are; empty: none is so."""
         told = (nearly_parallel(self._mechanism, self._state, handle) for handle in self._mechanism.cuts)
-        return " and ".join([text for text in told if text][:TOLD])
+        return " and ".join([text for text in told if text][:MAX_LISTED])
 
     def explain_lock(self, t: float, q: Array, why: str) -> str:
         """Say why nothing can move about q (nq,), where constraints leave no freedom: ``why``, or axes that are nearly
@@ -159,7 +161,7 @@ class Assembly:
             return ""
         self._place(t, q)
         if not why and (axes := self.nearly_parallel()):
-            why = f"{axes}. If they are intended to be parallel, {ROUNDED}"
+            why = f"{axes}. If they are intended to be parallel, {ROUNDED_ADVICE}"
         rows = "1 constraint equation leaves" if s.m == 1 else f"{s.m} constraint equations leave"
         return coded(
             "locked-mechanism",

@@ -9,10 +9,10 @@ from mbfmu.mechanics.sensors import Sensor
 
 from .compile import Compiled
 
-OURS = "mbfmu."  # loads of this package depend on positions, velocities and their own signals, and not on gravity
+OWN_PACKAGE = "mbfmu."  # its loads depend on positions, velocities and their own signals, and not on gravity
 
 
-class Behind:
+class SignalDependence:
     """The signals behind the loads of a compiled mechanism."""
 
     def __init__(self, mechanism: Mechanism, compiled: Compiled) -> None:
@@ -24,7 +24,7 @@ class Behind:
     def signals(self, sensor: Sensor) -> Set[int] | None:
         """Return the numbers of the signals that a quantity depends on; None: it may depend on all inputs."""
         numbers = sensor.loads()
-        if numbers is None or not all(type(self._loads[k]).__module__.startswith(OURS) for k in numbers):
+        if numbers is None or not all(type(self._loads[k]).__module__.startswith(OWN_PACKAGE) for k in numbers):
             return None
         found: set[int] = set()
         waiting = [signal for k in numbers for signal in self._of_loads[k]]

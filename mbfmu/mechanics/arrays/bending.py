@@ -19,8 +19,8 @@ from solvers.compiled.kernel import inlined, kernel
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.mechanism import Mechanism
 
-COARSE, FOLDED = np.radians(15.0), np.radians(60.0)
-EDGES = np.array([[0, 1], [3, 2], [0, 3], [1, 2]])  # corners of an element: two edges along x, two along z
+MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE = np.radians(15.0), np.radians(60.0)
+ELEMENT_EDGES = np.array([[0, 1], [3, 2], [0, 3], [1, 2]])  # corners of an element: two edges along x, two along z
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class Bend:
         names = [self.mechanism.bodies[k].name for k in (a, b)]
         return (
             f"adjacent cells are rotated by up to {np.degrees(self.largest):.0f} deg between nodes {names[0]!r} and "
-            f"{names[1]!r}; allowed: about {np.degrees(COARSE):.0f} deg. {self._advice(a)}"
+            f"{names[1]!r}; allowed: about {np.degrees(MAX_ACCURATE_ANGLE):.0f} deg. {self._advice(a)}"
         )
 
     def _advice(self, node: int) -> str:
@@ -61,32 +61,32 @@ class Bend:
                 inside = np.isin(self.nodes[:, 0, 0], own)
                 sharp = self.angles[inside].reshape(-1, 2, 2).max(axis=(0, 2))  # along x, along z
                 cells = np.array([len(sheet.nodes), len(sheet.nodes[0])]) - 1
-                finer = np.ceil(cells * np.maximum(1.0, sharp / COARSE)).astype(int) + 1
+                finer = np.ceil(cells * np.maximum(1.0, sharp / MAX_ACCURATE_ANGLE)).astype(int) + 1
                 return f"Refine the grid of {sheet.name!r} to {finer[0]} x {finer[1]} nodes"
         return "Refine the mesh"
 
 
-def bend(mechanism: Mechanism, cells: NDArray[np.int64], state: State) -> Bend:
+def measure_bending(mechanism: Mechanism, cells: NDArray[np.int64], state: State) -> Bend:
     """Return how plates between bodies ``cells`` (P, 4) bend as the bodies of ``state`` are placed."""
-    angles = np.zeros((len(cells), len(EDGES)))
-    bend_edges(cells, state.bodies, angles)
-    return Bend(mechanism=mechanism, nodes=cells[:, EDGES], angles=angles)
+    angles = np.zeros((len(cells), len(ELEMENT_EDGES)))
+    measure_edges(cells, state.bodies, angles)
+    return Bend(mechanism=mechanism, nodes=cells[:, ELEMENT_EDGES], angles=angles)
 
 
 @kernel
-def bend_edges(cells: Any, bodies: Any, angles: Any) -> None:
+def measure_edges(cells: Any, bodies: Any, angles: Any) -> None:
     """angles (P, 4) at the edges of plates between bodies ``cells`` (P, 4), rad, as the bodies are placed."""
     for i in range(cells.shape[0]):
-        for k in range(EDGES.shape[0]):
+        for k in range(ELEMENT_EDGES.shape[0]):
             angles[i, k] = edge_angle(cells[i], k, bodies)
 
 
 @kernel
-def sharpest(cells: Any, bodies: Any) -> float:
+def find_largest_angle(cells: Any, bodies: Any) -> float:
     """The largest of these angles, rad; zero: there are no plates."""
     largest = 0.0
     for i in range(cells.shape[0]):
-        for k in range(EDGES.shape[0]):
+        for k in range(ELEMENT_EDGES.shape[0]):
             largest = max(largest, edge_angle(cells[i], k, bodies))
     return largest
 
@@ -94,6 +94,6 @@ def sharpest(cells: Any, bodies: Any) -> float:
 @inlined
 def edge_angle(cell: Any, k: int, bodies: Any) -> float:
     """Angle between the normals at the ends of an edge, rad."""
-    a, b = bodies[cell[EDGES[k, 0]]].A, bodies[cell[EDGES[k, 1]]].A
+    a, b = bodies[cell[ELEMENT_EDGES[k, 0]]].A, bodies[cell[ELEMENT_EDGES[k, 1]]].A
     cosine = a[0, 1] * b[0, 1] + a[1, 1] * b[1, 1] + a[2, 1] * b[2, 1]
     return np.arccos(min(1.0, max(-1.0, cosine)))

@@ -17,11 +17,11 @@ from solvers.compiled.tuple_pointer import pin
 from .own_joints import check_joints
 from .tables import Called
 
-OWN = ("mbfmu.", "fmus.")  # modules whose kernels have separate tests
+OWN_PACKAGES = ("mbfmu.", "fmus.")  # modules whose kernels have separate tests
 BIAS, POTENTIAL, POWER, LONGEST_STEP = 1, 1, 2, 1  # places among the kernels of a kind, see mbfmu.mechanics.dispatch
 
 
-class Use(NamedTuple):
+class KernelUse(NamedTuple):
     """A kernel where the mechanism calls it."""
 
     what: str  # of messages
@@ -35,7 +35,9 @@ def check_bounds(mechanism: Mechanism, called: list[Called | None], data: Data) 
 
     Compiled kernels do not check indices: such a kernel would overwrite memory of something else.
     """
-    foreign = {k for k, own in enumerate(called) if own is not None and not own.function.__module__.startswith(OWN)}
+    foreign = {
+        k for k, own in enumerate(called) if own is not None and not own.function.__module__.startswith(OWN_PACKAGES)
+    }
     if not foreign:
         return
     given: Any = data.arrays
@@ -48,7 +50,7 @@ def check_bounds(mechanism: Mechanism, called: list[Called | None], data: Data) 
     check_joints(mechanism, called, foreign, arrays, State(*(array.copy() for array in data.state)))
 
 
-def _call(use: Use, own: Called, arrays: Arrays) -> None:
+def _call(use: KernelUse, own: Called, arrays: Arrays) -> None:
     record = arrays.memory[use.at : use.at + own.record.itemsize].view(own.record)
     try:
         with np.errstate(all="ignore"):
@@ -68,30 +70,30 @@ def _checked(function: Any) -> Any:
     return bounds_checked(function)
 
 
-def _uses(mechanism: Mechanism, arrays: Arrays, state: State) -> Iterator[Use]:
+def _uses(mechanism: Mechanism, arrays: Arrays, state: State) -> Iterator[KernelUse]:
     """Yield every use of a kernel that is called in real numbers."""
     # without a compiler kernels get the tuples themselves
     a, s, t = pin(arrays), pin(state), 0.0
     for body, own in zip(mechanism.bodies[1:], arrays.bodies[1:], strict=True):
         what, at, q, v = f"joint of body {body.name!r}", int(own["at"]), int(own["qi"]), int(own["vi"])
-        yield Use(what, int(own["kind"]), at, (q, s))
-        yield Use(what, int(own["kind"]) + BIAS, at, (q, v, s))
+        yield KernelUse(what, int(own["kind"]), at, (q, s))
+        yield KernelUse(what, int(own["kind"]) + BIAS, at, (q, v, s))
     for cut, own in zip(mechanism.cuts, arrays.cuts, strict=True):
         ends = state.bodies[int(own["a"])], state.bodies[int(own["b"])]
-        yield Use(f"cut {cut.name!r}", int(own["kind"]), int(own["at"]), (*ends, int(own["row"]), s))
+        yield KernelUse(f"cut {cut.name!r}", int(own["kind"]), int(own["at"]), (*ends, int(own["row"]), s))
     for coupling, own in zip(mechanism.couplings, arrays.couplings, strict=True):
         q_b = float(state.q[int(own["qb"])])
-        yield Use(f"coupling {coupling.name!r}", int(own["kind"]), int(own["at"]), (q_b, a))
+        yield KernelUse(f"coupling {coupling.name!r}", int(own["kind"]), int(own["at"]), (q_b, a))
     for acting, own in zip(mechanism.loads(), arrays.loads, strict=True):
         at, kind = int(own["at"]), int(own["kind"])
-        yield Use(acting.what, kind, at, (t, a, s))
-        yield Use(acting.what, kind + POTENTIAL, at, (a, s))
-        yield Use(acting.what, kind + POWER, at, (t, a, s))
+        yield KernelUse(acting.what, kind, at, (t, a, s))
+        yield KernelUse(acting.what, kind + POTENTIAL, at, (a, s))
+        yield KernelUse(acting.what, kind + POWER, at, (t, a, s))
     for own in arrays.signals:
-        yield Use("a signal", int(own["kind"]), int(own["at"]), (t, a))
-        yield Use("a signal", int(own["kind"]) + LONGEST_STEP, int(own["at"]), (t, a))
+        yield KernelUse("a signal", int(own["kind"]), int(own["at"]), (t, a))
+        yield KernelUse("a signal", int(own["kind"]) + LONGEST_STEP, int(own["at"]), (t, a))
     for own in arrays.surfaces:
-        yield Use("a surface", int(own["kind"]), int(own["at"]), (s,))
+        yield KernelUse("a surface", int(own["kind"]), int(own["at"]), (s,))
     names = [f"output {name!r}" for name, *_ in mechanism.outputs]
     for what, own in zip(names, arrays.sensors, strict=False):  # the last two are energies
-        yield Use(what, int(own["kind"]), int(own["at"]), (np.zeros(len(arrays.kept)), a, s))
+        yield KernelUse(what, int(own["kind"]), int(own["at"]), (np.zeros(len(arrays.kept)), a, s))

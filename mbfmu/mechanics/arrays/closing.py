@@ -27,7 +27,7 @@ from solvers.assembly import solve_least_change as find_least_change
 from solvers.compiled.tuple_pointer import pin
 from solvers.system import AnySystem, Array
 
-SENTENCES = {  # with the name of a constraint and its violation in SI units, or the names of coordinates
+CLOSURE_MESSAGES = {  # with the name of a constraint and its violation in SI units, or the names of coordinates
     Outcome.OPEN: coded(
         "cannot-assemble",
         "loop cannot close: constraint {name!r} is violated by {gap:.3g} (SI units) in the nearest position that was "
@@ -101,7 +101,7 @@ def assemble_velocities(
 def _said(system: AnySystem, scratch: Scratch, code: int) -> str:
     """Return which row does not close, and by what."""
     row, gap = scratch.worst[0]
-    return SENTENCES[Outcome(code)].format(name=system.constraint_names[row], gap=float(gap))
+    return CLOSURE_MESSAGES[Outcome(code)].format(name=system.constraint_names[row], gap=float(gap))
 
 
 def frame_angles(cuts: Sequence[CutHandle], state: State) -> Array:
@@ -148,4 +148,4 @@ def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
     system.fill(t, q, v, terms)
     if check_mobile_mass(pin(terms), np.zeros((system.n, system.n)), pin(scratch)) != ASSEMBLED:
         names = ", ".join(repr(system.coordinate_names[i]) for i in np.flatnonzero(scratch.massless))
-        raise AssemblyError(SENTENCES[Outcome.NO_MASS].format(names=names))
+        raise AssemblyError(CLOSURE_MESSAGES[Outcome.NO_MASS].format(names=names))

@@ -20,7 +20,7 @@ from mbfmu.mechanics.records import (
     COUPLING,
     CUT,
     ITEM,
-    KERNELS,
+    MAX_KERNELS,
     MODAL,
     RIGID,
     SECTION,
@@ -54,7 +54,7 @@ class Variable:
     nominal: float | None = None  # typical size in the unit; None: it follows from unit and mechanism
 
 
-GRAVITY = -1  # in place of a signal's number
+GRAVITY_SIGNAL = -1  # in place of a signal's number
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Numbering:
             ((name, unit, description, start),) = gravity.variables()
             if courses:
                 courses.hold(name, "gravity is no signal of a mechanism")
-            self._slot(Variable(name, unit, description, start), GRAVITY, axis)
+            self._slot(Variable(name, unit, description, start), GRAVITY_SIGNAL, axis)
         for body in mechanism.bodies:
             self._count(body)
         self.s = list(self.v)
@@ -248,7 +248,7 @@ class Compiled:
         self.used = [place.used for _, place in sites]
         self._tables = tables = Tables([item for item, _ in sites], filled)
         joints, cuts, couplings, acting, sensors, signals, surfaces = np.split(
-            np.column_stack((KERNELS * np.array(tables.kinds), tables.places)), self.ends
+            np.column_stack((MAX_KERNELS * np.array(tables.kinds), tables.places)), self.ends
         )
         world = records(1, WORLD)
         world["gravity"] = mechanism.gravity

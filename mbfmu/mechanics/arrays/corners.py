@@ -13,7 +13,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.records import State
 from mbfmu.util.errors import UserError
 
-ASKEW = np.radians(45.0)  # of an edge: no element is good that far from its own shape
+MAX_EDGE_ANGLE = np.radians(45.0)  # of an edge: no element is good that far from its own shape
 
 
 def check_corners(mechanism: Mechanism, state: State) -> None:
@@ -29,12 +29,11 @@ def check_corners(mechanism: Mechanism, state: State) -> None:
     along, sizes = np.sum(wanted * edges, 2), np.linalg.norm(wanted, axis=2) * np.linalg.norm(edges, axis=2)
     off = np.arccos(np.clip(along / np.where(sizes > 0.0, sizes, np.inf), -1.0, 1.0))  # a right angle of no length
     p, c = np.unravel_index(off.argmax(), off.shape)
-    if off[p, c] > ASKEW:
+    if off[p, c] > MAX_EDGE_ANGLE:
         names = [mechanism.bodies[k].name for k in cells[p]]
         raise UserError(
             f"corners of a plate are {names}: from {names[c]!r} to {names[(c + 1) % 4]!r} the direction of its "
             f"edge differs by {np.degrees(off[p, c]):.0f} degrees from the one that the orientations of its "
-            "bodies give; allowed: at "
-            f"most {np.degrees(ASKEW):.0f}, and the bodies at (0, 0), (a, 0), (a, b), (0, b) of their x-z plane, in "
-            "this order"
+            f"bodies give; allowed: at most {np.degrees(MAX_EDGE_ANGLE):.0f}, and the bodies at (0, 0), (a, 0), "
+            "(a, b), (0, b) of their x-z plane, in this order"
         )

@@ -29,11 +29,11 @@ from .redundant import Part, Position, Redundancy, near_singular
 from .rounded import Measures, loop_path
 from .rows import row_names
 
-ITERATIONS = 40
-CLOSED, ACCEPTED = 1e-13, 1e-11  # closure errors in units: no further steps; small enough for all solvers
-NOISE = 1e-14  # of closure errors; a step from noise is damped so that it is no longer than the closure error
-ROUNDS = 3  # each with new motions, along which the corrected equations must stay closed
-MAX_CORRECTION = 20.0  # largest shift or turn of a joint frame, in tolerances
+MAX_NEWTON_ITERATIONS = 40
+CLOSURE_TARGET, CLOSURE_LIMIT = 1e-13, 1e-11  # closure errors in units: no further steps; small enough for all solvers
+CLOSURE_NOISE = 1e-14  # of closure errors; a step from noise is damped so that it is no longer than the closure error
+MAX_ROUNDS = 3  # each with new motions, along which the corrected equations must stay closed
+MAX_CORRECTION_RATIO = 20.0  # largest shift or turn of a joint frame, in tolerances
 MAX_AMPLIFICATION = 100.0  # ... and in closure errors
 
 
@@ -146,16 +146,16 @@ def correct(
 ) -> Correction | None:
     """Correct the joint frames of a part so that its redundant equations close; None if no correction is found."""
     length, positions, given = float(units.max()), part.positions, placements.save()
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         closed = _close(search, placements, part, positions, units, kept)
         if closed is None:
             break
         fresh = search.positions(closed[0].q, part.rows, part.coordinates, part.rank)
         if fresh is None:
             break
-        if max(near_singular(p, fresh[0]) * float(np.abs(p.gaps).max()) for p in fresh) < ACCEPTED:
+        if max(near_singular(p, fresh[0]) * float(np.abs(p.gaps).max()) for p in fresh) < CLOSURE_LIMIT:
             found = placements.corrected(given)
-            allowed = min(MAX_CORRECTION * tolerance, MAX_AMPLIFICATION * float(part.gap.max()))
+            allowed = min(MAX_CORRECTION_RATIO * tolerance, MAX_AMPLIFICATION * float(part.gap.max()))
             if max(found.shift / length, found.turn) <= allowed:
                 return found
             break
@@ -221,10 +221,10 @@ def _close(
                 found.append(at)
         return _Gaps(found, np.concatenate(gaps or [np.full(1, np.inf)]), np.vstack(slopes or [np.zeros((1, 1))]))
 
-    now, damping, least = measure(), 0.0, NOISE / float(part.gap.max())
-    for _ in range(ITERATIONS):
+    now, damping, least = measure(), 0.0, CLOSURE_NOISE / float(part.gap.max())
+    for _ in range(MAX_NEWTON_ITERATIONS):
         largest = float(np.abs(now.gaps).max(initial=0.0))
-        if not CLOSED < largest < np.inf:
+        if not CLOSURE_TARGET < largest < np.inf:
             break
         before = placements.save()
         left, sigma, right = linalg.svd(now.slopes, full_matrices=False)
@@ -236,7 +236,7 @@ def _close(
         else:
             placements.restore(before)
             damping *= 10.0
-    return now.positions if np.abs(now.gaps).max(initial=0.0) < ACCEPTED else None
+    return now.positions if np.abs(now.gaps).max(initial=0.0) < CLOSURE_LIMIT else None
 
 
 def _cross_matrix(w: Array) -> Array:

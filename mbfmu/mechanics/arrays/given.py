@@ -29,14 +29,16 @@ from mbfmu.util.errors import UserError, short
 
 Array = NDArray[np.float64]
 
-ALLOWED = "a finite number, a function or an expression of time, a pair (times, values), a Table or another signal"
+ALLOWED_INPUTS = (
+    "a finite number, a function or an expression of time, a pair (times, values), a Table or another signal"
+)
 Given = float | str | Callable[[float], float] | Sequence[Any] | Signal
-AGREE = 1e-6  # deviation of the given rate from that of the given position, relative to the largest
-LOOSE = 1e-2  # error of the approximation of a load that has noise, relative to the tolerance of the solver
-CALLED_AGAIN = 64  # times at which functions are called again after the run,
-SHORT = 1e-7  # time over which the rate at the start is a difference, relative to the run
-REPEATS = 1e-9  # ... and deviation from the first call, relative to the largest value
-MOST_MARKS = 100_000  # output times at which approximations are compared with functions
+RATE_TOLERANCE = 1e-6  # deviation of the given rate from that of the given position, relative to the largest
+NOISY_LOAD_TOLERANCE_RATIO = 1e-2  # approximation error of a load that has noise, to the tolerance of the solver
+N_REPEATED_CALLS = 64  # times at which functions are called again after the run,
+START_RATE_SPAN = 1e-7  # time over which the rate at the start is a difference, relative to the run
+REPEAT_TOLERANCE = 1e-9  # ... and deviation from the first call, relative to the largest value
+MAX_MARKS = 100_000  # output times at which approximations are compared with functions
 
 
 class Course:
@@ -57,7 +59,7 @@ class Course:
         self._noted: Array | None = None
         if isinstance(given, Signal):
             if given.variables():
-                raise UserError(f"{self._what} is {short(given)}; allowed: {ALLOWED}")
+                raise UserError(f"{self._what} is {short(given)}; allowed: {ALLOWED_INPUTS}")
         elif callable(given):
             self._function = given
         elif isinstance(given, str):
@@ -84,7 +86,7 @@ class Course:
         try:
             x, y = self._given
         except (TypeError, ValueError) as error:
-            raise UserError(f"{self._what} is {short(self._given)}; allowed: {ALLOWED}") from error
+            raise UserError(f"{self._what} is {short(self._given)}; allowed: {ALLOWED_INPUTS}") from error
         table = Table(x, y, kind, "hold" if kind == "linear" else "linear")
         table.rows(self._what)
         self._check_span(table)
@@ -132,8 +134,8 @@ class Course:
         """Return it over the run; raises what :func:`.signals.fitting.fit` does."""
         begin, end = float(self.times[0]), float(self.times[-1])
         if self.is_function:
-            marks = self.times[:: 1 + len(self.times) // MOST_MARKS]
-            return fit(self.value, begin, end, marks, LOOSE * tolerance, smooth=smooth)
+            marks = self.times[:: 1 + len(self.times) // MAX_MARKS]
+            return fit(self.value, begin, end, marks, NOISY_LOAD_TOLERANCE_RATIO * tolerance, smooth=smooth)
         table = self._table("linear")
         self._check_span(table)
         rows = table.rows(self._what)
@@ -143,10 +145,10 @@ class Course:
     def note_start(self) -> None:
         """Note that a drive which is held starts at rest, if it does not."""
         t = float(self.times[0])
-        step = SHORT * float(self.times[-1] - t)
-        values = [self.value(float(time)) for time in self.times[:: 1 + len(self.times) // CALLED_AGAIN]]
+        step = START_RATE_SPAN * float(self.times[-1] - t)
+        values = [self.value(float(time)) for time in self.times[:: 1 + len(self.times) // N_REPEATED_CALLS]]
         rate = (self.value(t + step) - self.value(t)) / step
-        if abs(rate) * step > AGREE * SHORT * float(np.ptp(values)):
+        if abs(rate) * step > RATE_TOLERANCE * START_RATE_SPAN * float(np.ptp(values)):
             self.jerk = (
                 f". The joint that it moves starts at rest although the input starts with the rate {rate:.4g}, so "
                 "that the bodies connected to the joint receive an impulse at the first output. Give a function whose "
@@ -159,7 +161,7 @@ class Course:
             self._noted = self._values()
 
     def _values(self) -> Array:
-        k = np.linspace(0, len(self.times) - 1, min(len(self.times), CALLED_AGAIN)).astype(int)
+        k = np.linspace(0, len(self.times) - 1, min(len(self.times), N_REPEATED_CALLS)).astype(int)
         return np.array([self.value(float(t)) for t in self.times[k]])
 
     def check_repeats(self) -> str:
@@ -167,7 +169,7 @@ class Course:
         if self._noted is None or self.held:
             return ""
         off = np.abs(self._values() - self._noted).max(initial=0.0)
-        if not off > REPEATS * np.abs(self._noted).max(initial=0.0):
+        if not off > REPEAT_TOLERANCE * np.abs(self._noted).max(initial=0.0):
             return ""
         return coded(
             "sampled-input",
@@ -194,7 +196,7 @@ class Courses:
     ) -> None:
         self.by_name = {name: Course(name, value, times) for name, value in given.items()}
         self._numbers, self._tolerance, self._begin = numbers, tolerance, float(times[0])
-        self._sampled = times[np.linspace(0, len(times) - 1, min(len(times), CALLED_AGAIN)).astype(int)]
+        self._sampled = times[np.linspace(0, len(times) - 1, min(len(times), N_REPEATED_CALLS)).astype(int)]
         self._set_later, self._contradictions = set_later, dict[str, str]()
         self._made: dict[tuple[str, bool], Signal | None] = {}
         self.replaced: set[str] = set()  # names of all values and rates of inputs that are signals in this run
@@ -320,8 +322,10 @@ class Courses:
             if of in varying:
                 exact, used = self._derivative(found, k), "The derivative is used"
             off = np.abs(exact - values)
-            i = int(np.argmax(off > (1.0 - AGREE) * off.max()))  # the first time at which rounding alone decides
-            if off[i] > AGREE * max(np.abs(exact).max(), np.abs(values).max()):
+            i = int(
+                np.argmax(off > (1.0 - RATE_TOLERANCE) * off.max())
+            )  # the first time at which rounding alone decides
+            if off[i] > RATE_TOLERANCE * max(np.abs(exact).max(), np.abs(values).max()):
                 what = "second derivative" if k - of == 2 else "derivative"
                 self._contradictions[name] = coded(
                     "sampled-input",

@@ -15,7 +15,7 @@ from mbfmu.mechanics.signals import InUse, SpeedInput, Step
 from solvers.compiled.tuple_pointer import pin
 from solvers.system import Array
 
-from .compile import GRAVITY, Numbering
+from .compile import GRAVITY_SIGNAL, Numbering
 from .points import (
     GOES_ON,
     HOLDS,
@@ -125,7 +125,7 @@ class Inputs:
         self._roles = [self._role(slot.signal) for slot in self._slots]
         begin = courses.ctypes.data - arrays.memory.ctypes.data
         places = (arrays.signals["at"] - begin) // courses.itemsize  # of signals, where they are polynomials
-        self._courses = [0 if slot.signal == GRAVITY else int(places[slot.signal]) for slot in self._slots]
+        self._courses = [0 if slot.signal == GRAVITY_SIGNAL else int(places[slot.signal]) for slot in self._slots]
         own = InputRecords.allocate(len(self._slots), 0, len(self._supports), courses, arrays.world)
         for support, signal in zip(own.supports, self._supports, strict=True):
             support["course"], support["size"] = places[signal], drives.sizes[signal]
@@ -133,7 +133,7 @@ class Inputs:
         self._begin(own)
 
     def _role(self, signal: int) -> int:
-        if signal == GRAVITY:
+        if signal == GRAVITY_SIGNAL:
             return WEIGHS
         return MOVES if signal in self._supports else HOLDS
 
@@ -167,7 +167,10 @@ class Inputs:
     def places(self, arrays: Any, signals: list[InUse]) -> list[tuple[Any, int]]:
         """Return where the complex copy of the plant keeps every input: a vector and an index."""
         gravity = arrays.world["gravity"][0]
-        return [(gravity if s.signal == GRAVITY else signals[s.signal].record["c"], s.coefficient) for s in self._slots]
+        return [
+            (gravity if s.signal == GRAVITY_SIGNAL else signals[s.signal].record["c"], s.coefficient)
+            for s in self._slots
+        ]
 
     def number(self, signal: int, coefficient: int) -> int:
         """Return which input a coefficient of a signal is."""
@@ -177,7 +180,7 @@ class Inputs:
     def scale(self, index: int) -> float:
         """Return what :meth:`places` changes by where an input does by one: a coefficient is half an acceleration."""
         slot = self._slots[index]
-        return 0.5 if slot.signal != GRAVITY and slot.coefficient == 2 else 1.0
+        return 0.5 if slot.signal != GRAVITY_SIGNAL and slot.coefficient == 2 else 1.0
 
     def supports(self) -> dict[int, tuple[str, set[int], bool]]:
         """Return every drive that is an input by the number of its signal: the name of its first input, the derivatives
@@ -204,7 +207,7 @@ class Inputs:
         slot = self._slots[index]
         if signals is not None and slot.signal not in signals:
             return False
-        if slot.signal == GRAVITY:
+        if slot.signal == GRAVITY_SIGNAL:
             return follows >= Follows.GRAVITY
         return not slot.coefficient and not self.moves_support(index) and follows >= Follows.LOADS
 
@@ -284,7 +287,7 @@ class Inputs:
         """Return what the inputs hold and remember, to be given to :meth:`restore`."""
         held: list[Any] = []
         for slot in self._slots:
-            if slot.signal == GRAVITY:
+            if slot.signal == GRAVITY_SIGNAL:
                 held.append((0.0, [float(self._arrays.world["gravity"][0, slot.coefficient])]))
             else:
                 signal = self._records[slot.signal]
@@ -294,7 +297,7 @@ class Inputs:
     def restore(self, state: dict[str, list[Any]]) -> None:
         """Let the inputs hold and remember what they did when ``state`` was taken."""
         for slot, (t0, c) in zip(self._slots, state["held"], strict=True):
-            if slot.signal == GRAVITY:
+            if slot.signal == GRAVITY_SIGNAL:
                 self._arrays.world["gravity"][0, slot.coefficient] = c[0]
             else:
                 signal = self._records[slot.signal]

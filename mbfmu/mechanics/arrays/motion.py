@@ -37,7 +37,7 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 
-EXPLAINED = 1.5  # error of an extrapolated position, relative to the changes of the rate times the step
+MAX_EXTRAPOLATION_ERROR_RATIO = 1.5  # error of an extrapolated position to the changes of the rate times the step
 
 SUPPORT = np.dtype(
     [
@@ -167,7 +167,7 @@ def lead_on(t: float, end: float, x: float, support: Any, last: Any, ahead: Any)
     path[2], path[3] = 0.5 * a + 3.0 * e / (h * h), j / 6.0 - 2.0 * e / (h * h * h)
     ahead.goal = u + h * (v + h * (0.5 * a + j * h / 6.0))
     longest = max(h, before) if before < np.inf else h
-    explained = EXPLAINED * longest * (ahead.change + last.change)
+    explained = MAX_EXTRAPOLATION_ERROR_RATIO * longest * (ahead.change + last.change)
     ahead.jumps = 1 if abs(e) > explained else 0
 
 

@@ -19,8 +19,8 @@ from solvers.system import Array
 from .tables import Called
 
 EPSILON = 1e-30  # of the complex step
-AGREE, ZERO = 1e-6, 1e-11  # deviation from the derivative, relative to it and to the pose
-AWAY = 0.37  # of a second position, from the start; and velocity, in units of the coordinates
+DERIVATIVE_TOLERANCE, POSE_TOLERANCE = 1e-6, 1e-11  # deviation from the derivative, relative to it and to the pose
+CHECK_DISTANCE = 0.37  # of a second position, from the start; and velocity, in units of the coordinates
 FIXES = {
     "place": "columns of the motion subspace in rel[0:nv] (linear velocity of the child's origin, then angular "
     "velocity, in axes of the joint frame) that are the derivatives of the pose in rel[6:9]",
@@ -45,7 +45,7 @@ def check_joints(
         record = arrays.memory[at : at + place.record.itemsize].view(place.record).view(np.recarray)[0]
         joint = _Joint(record, place.function, bias.function if bias is not None else None, count, state)
         near = state.q[first : first + count]
-        wrong = [name for q in (near, near + AWAY) for name in joint.contradictions(q)]
+        wrong = [name for q in (near, near + CHECK_DISTANCE) for name in joint.contradictions(q)]
         if wrong:
             name = max(wrong)  # "place" before "bias"
             raise UserError(
@@ -76,7 +76,7 @@ class _Joint:
         turns = slopes[:, 6:9, :3] @ R.T
         angular = np.stack((turns[:, 2, 1], turns[:, 0, 2], turns[:, 1, 0]), axis=1)
         linear, far = slopes[:, 6:9, 3], np.abs(r).max()
-        v = AWAY * (1.0 + np.arange(n))
+        v = CHECK_DISTANCE * (1.0 + np.arange(n))
         expected = np.einsum("k,j,jkc->c", v, v, slopes[:, :n, :6])
         pairs = {
             "place": ((rel[:n, :3], linear, far), (rel[:n, 3:6], angular, 1.0)),
@@ -100,7 +100,7 @@ class _Joint:
     def _given_bias(self, q: Array) -> Array:
         out = np.zeros(6)
         if self._bias is not None:
-            v = AWAY * (1.0 + np.arange(self._count))
+            v = CHECK_DISTANCE * (1.0 + np.arange(self._count))
             rel = self._written(q.astype(complex)).real
             self._bias(self._record, 0, 0, SimpleNamespace(q=q, v=v, rel=rel, bias=out))
         return out
@@ -108,4 +108,4 @@ class _Joint:
 
 def _differ(given: Array, expected: Array, size: float) -> bool:
     largest = max(np.abs(given).max(initial=0.0), np.abs(expected).max(initial=0.0))
-    return bool(np.abs(given - expected).max(initial=0.0) > AGREE * largest + ZERO * size)
+    return bool(np.abs(given - expected).max(initial=0.0) > DERIVATIVE_TOLERANCE * largest + POSE_TOLERANCE * size)

@@ -23,19 +23,19 @@ from solvers.compiled.tuple_pointer import unpin
 from solvers.system import Array, System
 
 from .assembly import Assembly, start_positions
-from .behind import Behind
-from .bending import Bend, bend
+from .behind import SignalDependence
+from .bending import Bend, measure_bending
 from .bounds import check_bounds
 from .coincident import find_coincident
 from .compile import Compiled, Numbering, Variable, check_rows
 from .corners import check_corners
 from .given import Courses
+from .initial_contact import check_surface_contacts, misplaced_nips, undersampled_edges
 from .inputs import Drives, Inputs
-from .meetings import beside, check_surface_contacts, unfelt
 from .redundant import Course, drive_courses
 from .rounded import left_out, measure_rows
 from .rounding import Rounding
-from .rows import VANISHING, find_vanishing_rows, first_lines, row_names
+from .rows import VANISHING_TOLERANCE, find_vanishing_rows, first_lines, row_names
 from .scale import characteristic_length
 from .systems import Systems
 from .tables import Called
@@ -114,7 +114,7 @@ class Plant:
         units = [unit for handle in mechanism.constraints for unit in handle.units]
         slack, why = measures.allowed(mechanism.assembly_tolerance) / system.row_size, measures.axes
         vanishing, gaps = find_vanishing_rows(system, start, self.drives, self.inputs, signals, units, slack, why)
-        for i in np.flatnonzero(vanishing & (gaps > VANISHING)):
+        for i in np.flatnonzero(vanishing & (gaps > VANISHING_TOLERANCE)):
             self.rounded_rows[names[i]] = left_out(
                 names[i], f"{gaps[i] * system.row_size[i]:.2g} {units[i]}", mechanism.assembly_tolerance, why[i]
             )
@@ -161,7 +161,7 @@ class Plant:
             self.energy(t, q, np.zeros(self.system.n))  # places them
             check_corners(self.mechanism, self.data.state)
 
-    def check_meetings(self, t: float, q: Array) -> list[str]:
+    def check_initial_contact(self, t: float, q: Array) -> list[str]:
         """Raise UserError if a sheet that starts at free positions q (nq,) penetrates a surface; return
         messages on nips that are not on their sheet, and on edges that are too narrow to be detected.
         """
@@ -171,11 +171,11 @@ class Plant:
         gravity = float(np.linalg.norm(self.data.arrays.world[0]["gravity"]))
         arrays, state = self.kernel_data
         check_surface_contacts(self.mechanism, self.records(SurfaceContact), arrays, state, gravity)
-        return [*beside(self.mechanism, self.data.state), *unfelt(self.mechanism, self.data.state)]
+        return [*misplaced_nips(self.mechanism, self.data.state), *undersampled_edges(self.mechanism, self.data.state)]
 
     def feedthrough(self) -> list[tuple[int, ...]]:
         """Return for every output the numbers of the inputs with direct feedthrough."""
-        behind = Behind(self.mechanism, self._compiled)
+        behind = SignalDependence(self.mechanism, self._compiled)
         return [
             tuple(k for k in range(len(self.inputs)) if self.inputs.changes(k, sensor.follows, behind.signals(sensor)))
             for _, sensor, *_ in self.mechanism.outputs
@@ -307,7 +307,7 @@ class Plant:
         if not len(self._cells):
             return None
         self.energy(t, q, np.zeros(self.system.n))  # places them
-        return bend(self.mechanism, self._cells, self.data.state)
+        return measure_bending(self.mechanism, self._cells, self.data.state)
 
     def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
         """Largest constraint residual in position, m, and velocity, m/s, of the residual outputs."""

@@ -27,14 +27,14 @@ from solvers.system import AnySystem, Array
 
 from .inputs import Drives, Inputs
 
-EXACT = 1e-12  # of singular values and gaps, in units: what is zero to rounding
-REGULAR = 50.0  # singular values beyond this many tolerances are no rounding
+ROUNDING_TOLERANCE = 1e-12  # of singular values and gaps, in units: what is zero to rounding
+REGULAR_RATIO = 50.0  # singular values beyond this many tolerances are no rounding
 MIN_REGULAR, MAX_REGULAR = 1e-3, 0.1  # ... within these limits
-NO_ENTRY = 1e-13  # entries of J~ that tie no equation to a coordinate
+ENTRY_TOLERANCE = 1e-13  # entries of J~ that tie no equation to a coordinate
 WALK_STEP, WALK_STEPS = 0.3, 12  # of a move, in units; steps of a walk: about a turn, forwards and backwards
-DIRECTIONS = 3  # walks, each forwards and backwards, if there are several degrees of freedom
+MAX_WALKS = 3  # walks, each forwards and backwards, if there are several degrees of freedom
 MAX_NEWTON_STEP = 0.5  # of a coordinate in one iteration, in units
-ITERATIONS, CONVERGED = 60, 1e-12
+MAX_NEWTON_ITERATIONS, NEWTON_TOLERANCE = 60, 1e-12
 MAX_RANKS = 4  # that are tried at most in one part
 MAX_PART_EQUATIONS = 400  # equations of a part that is examined
 
@@ -100,9 +100,9 @@ class Redundancy:
 
     def __init__(self, system: AnySystem, units: Array, allowed: Array, courses: list[Course]) -> None:
         self._system, self._units, self._courses = system, units, courses
-        self._allowed = np.maximum(allowed, EXACT)
+        self._allowed = np.maximum(allowed, ROUNDING_TOLERANCE)
         self._terms, self._random = system.allocate_terms(), np.random.default_rng(0)
-        self._regular = max(MIN_REGULAR, min(MAX_REGULAR, REGULAR * float(allowed.max(initial=0.0))))
+        self._regular = max(MIN_REGULAR, min(MAX_REGULAR, REGULAR_RATIO * float(allowed.max(initial=0.0))))
 
     def find(self, start: Array, held: NDArray[np.bool_]) -> Iterator[Part]:
         """Yield every part with redundant equations that open by more than rounding; ``held`` (n,) coordinates stay
@@ -128,27 +128,27 @@ class Redundancy:
         values or those that are regular; False if it does not converge.
         """
         largest = np.inf
-        for _ in range(ITERATIONS):
+        for _ in range(MAX_NEWTON_ITERATIONS):
             J, gaps = self.evaluate(q, t)
             if not (np.isfinite(J).all() and np.isfinite(gaps).all()):
                 return False
             U, sigma, Vt = linalg.svd(J[np.ix_(rows, columns)], full_matrices=False)
             r = int(np.count_nonzero(sigma > self._regular)) if rank is None else min(rank, len(sigma))
             step = np.zeros(self._system.n)
-            step[columns] = -Vt[:r].T @ ((U[:, :r].T @ gaps[rows]) / np.maximum(sigma[:r], EXACT))
+            step[columns] = -Vt[:r].T @ ((U[:, :r].T @ gaps[rows]) / np.maximum(sigma[:r], ROUNDING_TOLERANCE))
             largest = float(np.abs(step).max(initial=0.0))
             step *= min(1.0, MAX_NEWTON_STEP / max(largest, 1e-300))
             self._system.apply(q, step * self._system.size)
-            if largest < CONVERGED:
+            if largest < NEWTON_TOLERANCE:
                 return True
-        return largest < EXACT
+        return largest < ROUNDING_TOLERANCE
 
     def positions(
         self, start: Array, rows: NDArray[np.int64], columns: NDArray[np.int64], rank: int
     ) -> list[Position] | None:
         """Return closed positions along random motions from ``start``; None: an equation opens too far."""
         found: list[Position] = []
-        walks = DIRECTIONS * len(self._courses) if len(columns) - rank > 1 else len(self._courses)
+        walks = MAX_WALKS * len(self._courses) if len(columns) - rank > 1 else len(self._courses)
         for k in range(2 * walks):
             course, sign, q = k // 2 % len(self._courses), 1 - 2 * (k % 2), start.copy()
             if k % 2 == 0:
@@ -194,7 +194,7 @@ class Redundancy:
         for _ in range(3):  # an entry may be zero at one position
             near = q.copy()
             self._system.apply(near, 0.1 * self._system.size * self._random.normal(size=n))
-            tied |= np.abs(self.evaluate(near, 0.0)[0]) > NO_ENTRY
+            tied |= np.abs(self.evaluate(near, 0.0)[0]) > ENTRY_TOLERANCE
         graph = np.zeros((m + n, m + n), bool)
         graph[:m, m:] = tied
         _, labels = connected_components(graph, directed=False)
@@ -208,13 +208,15 @@ class Redundancy:
         own = linalg.svdvals(J[np.ix_(rows, columns)])
         sigma[: len(own)] = own
         first = int(np.count_nonzero(sigma > self._regular))
-        if first == len(rows) or (sigma[first:].max() < EXACT and np.abs(gaps[rows]).max() < EXACT):
+        if first == len(rows) or (
+            sigma[first:].max() < ROUNDING_TOLERANCE and np.abs(gaps[rows]).max() < ROUNDING_TOLERANCE
+        ):
             return None
         for rank in _likely_ranks(sigma, first):
             positions = self.positions(q, rows, columns, rank)
             if positions is not None:
                 gap = np.max([near_singular(p, positions[0]) * np.abs(p.gaps) for p in positions], axis=0)
-                return Part(rows, columns, rank, gap, positions) if gap.max() > EXACT else None
+                return Part(rows, columns, rank, gap, positions) if gap.max() > ROUNDING_TOLERANCE else None
         return None
 
     def _move(self, q: Array, J: Array, columns: NDArray[np.int64], rank: int, along: Array) -> Array:
@@ -237,6 +239,6 @@ def near_singular(position: Position, other: Position) -> float:
 
 def _likely_ranks(sigma: Array, first: int) -> list[int]:
     """Return ranks from ``first`` on, in order: those before the largest gaps of the singular values (m,)."""
-    floor = np.maximum(sigma, 1e-2 * EXACT)
+    floor = np.maximum(sigma, 1e-2 * ROUNDING_TOLERANCE)
     gaps = {r: (floor[r - 1] if r else 1.0) / floor[r] for r in range(first, len(sigma))}
     return sorted(sorted((r for r in gaps if r == first or gaps[r] > 1.0), key=lambda r: -gaps[r])[:MAX_RANKS])

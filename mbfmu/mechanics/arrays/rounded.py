@@ -19,12 +19,12 @@ from mbfmu.mechanics.records import State
 from mbfmu.util.codes import coded
 from solvers.system import Array
 
-ROUNDED = (
+ROUNDED_ADVICE = (
     "give their directions with more digits, use a cut joint that does not constrain what the other joints already "
     "constrain, or increase the assembly tolerance of the mechanism"
 )
-PARALLEL = 1e-13  # rad: below this axes are parallel to rounding
-NEARLY_PARALLEL = 0.02  # rad: above this axes are meant to be at an angle
+PARALLEL_ANGLE = 1e-13  # rad: below this axes are parallel to rounding
+MAX_ROUNDED_ANGLE = 0.02  # rad: above this axes are meant to be at an angle
 
 
 def loop_path(mechanism: Mechanism, handle: CutHandle) -> list[int]:
@@ -102,7 +102,7 @@ def nearly_parallel(mechanism: Mechanism, state: State, handle: CutHandle) -> st
     worst, told = 0.0, ""
     for (name, axis), (other, another) in combinations(_axes(mechanism, state, handle), 2):
         angle = float(np.arctan2(np.linalg.norm(np.cross(axis, another)), abs(axis @ another)))
-        if max(PARALLEL, worst) < angle < NEARLY_PARALLEL:
+        if max(PARALLEL_ANGLE, worst) < angle < MAX_ROUNDED_ANGLE:
             worst, told = angle, f"the axes of {name} and {other} are {angle:.3g} rad from parallel"
     return told
 

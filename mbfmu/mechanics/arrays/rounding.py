@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from mbfmu.mechanics.builder.handles import CutHandle
-from mbfmu.mechanics.builder.mechanism import LARGEST_ASSEMBLY_TOLERANCE, Mechanism
+from mbfmu.mechanics.builder.mechanism import MAX_ASSEMBLY_TOLERANCE, Mechanism
 from mbfmu.mechanics.records import Data
 from mbfmu.util.codes import coded
 from solvers.system import AnySystem, Array
@@ -22,10 +22,11 @@ from .assembly import held_coordinates, start_positions
 from .corrected import Placements, correct, describe_correction
 from .redundant import Course, Part, Redundancy
 from .rounded import Measures, measure_rows
-from .rows import TOLD, VANISHING, row_names
+from .rows import MAX_LISTED, VANISHING_TOLERANCE, row_names
 
-DEPENDENT = 1e-9  # singular values below this part of the largest are zero
-FIXED, MOBILE = 1e-6, 0.05  # of a unit motion: the part of a coordinate that cannot move, and of one that can
+DEPENDENT_SINGULAR_RATIO = 1e-9  # singular values below this part of the largest are zero
+# Part of a coordinate in a unit motion: of one that cannot move, and of one that can
+FIXED_PART_LIMIT, MOBILE_PART_LIMIT = 1e-6, 0.05
 
 
 class Rounding:
@@ -59,7 +60,7 @@ class Rounding:
             own = rows[part.rows]
             placements = Placements(mechanism, self._data, [handles[row] for row in own])
             done = correct(search, placements, part, measures.units[own], own, tolerance)
-            if done is not None and part.gap.max() > VANISHING:
+            if done is not None and part.gap.max() > VANISHING_TOLERANCE:
                 told.append(describe_correction(mechanism, measures, own, part, done))
         return told
 
@@ -67,7 +68,7 @@ class Rounding:
         """Return messages on nearly redundant equations that keep loops from closing at the start."""
         mechanism, start = self._mechanism, start_positions(self._mechanism)
         measures = self._measures(t, start)
-        parts = self._search(measures, LARGEST_ASSEMBLY_TOLERANCE).find(start, held_coordinates(mechanism))
+        parts = self._search(measures, MAX_ASSEMBLY_TOLERANCE).find(start, held_coordinates(mechanism))
         return [_explain(mechanism, measures, self._rows[part.rows], part) for part in parts]
 
     def explain_lock(self, t: float, q: Array) -> list[str]:
@@ -76,7 +77,7 @@ class Rounding:
         if not system.m:
             return []
         measures = self._measures(t, q)
-        search = self._search(measures, LARGEST_ASSEMBLY_TOLERANCE)
+        search = self._search(measures, MAX_ASSEMBLY_TOLERANCE)
         if not _has_fixed(search, t, q):
             return []
         for part in search.find(q, np.zeros(system.n, bool)):
@@ -105,9 +106,9 @@ def _locked(search: Redundancy, t: float, q: Array, part: Part) -> NDArray[np.in
     """Return the coordinates of a part that cannot move at q (nq,) but could without its nearly redundant equations."""
     J = search.evaluate(q, t)[0][np.ix_(part.rows, part.coordinates)]
     _, sigma, Vt = linalg.svd(J, full_matrices=False)
-    rank = int(np.count_nonzero(sigma > DEPENDENT * sigma[0])) if len(sigma) else 0
-    fixed = _mobility(Vt[:rank]) < FIXED
-    return part.coordinates[fixed & (_mobility(Vt[: part.rank]) > MOBILE)]
+    rank = int(np.count_nonzero(sigma > DEPENDENT_SINGULAR_RATIO * sigma[0])) if len(sigma) else 0
+    fixed = _mobility(Vt[:rank]) < FIXED_PART_LIMIT
+    return part.coordinates[fixed & (_mobility(Vt[: part.rank]) > MOBILE_PART_LIMIT)]
 
 
 def _has_fixed(search: Redundancy, t: float, q: Array) -> bool:
@@ -115,8 +116,8 @@ def _has_fixed(search: Redundancy, t: float, q: Array) -> bool:
     J = search.evaluate(q, t)[0]
     for rows, columns in search.parts(q):
         _, sigma, Vt = linalg.svd(J[np.ix_(rows, columns)], full_matrices=False)
-        rank = int(np.count_nonzero(sigma > DEPENDENT * sigma.max(initial=0.0)))
-        if np.any(_mobility(Vt[:rank]) < FIXED):
+        rank = int(np.count_nonzero(sigma > DEPENDENT_SINGULAR_RATIO * sigma.max(initial=0.0)))
+        if np.any(_mobility(Vt[:rank]) < FIXED_PART_LIMIT):
             return True
     return False
 
@@ -144,11 +145,11 @@ def _explain(mechanism: Mechanism, measures: Measures, rows: NDArray[np.int64], 
 def _listed(coordinates: Iterable[str]) -> str:
     """Return the names of coordinates in quotes, few where there are many."""
     names = [repr(name) for name in coordinates]
-    more = f" and {len(names) - TOLD} more" if len(names) > TOLD else ""
-    return ", ".join(names[:TOLD]) + more
+    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    return ", ".join(names[:MAX_LISTED]) + more
 
 
 def _rounded_up(x: float) -> float:
     """Return a number of two digits that is a little larger."""
     scale = 10.0 ** (np.floor(np.log10(x)) - 1)
-    return min(float(np.ceil(1.2 * x / scale) * scale), LARGEST_ASSEMBLY_TOLERANCE)
+    return min(float(np.ceil(1.2 * x / scale) * scale), MAX_ASSEMBLY_TOLERANCE)

@@ -21,17 +21,17 @@ from mbfmu.util.errors import AssemblyError
 from solvers.system import AnySystem, Array
 
 from .inputs import Drives, Inputs
-from .rounded import ROUNDED
+from .rounded import ROUNDED_ADVICE
 
-VANISHING = 1e-9  # of a Jacobian in units of row and coordinate, and of a gap: what rounding leaves of zero
-DEPENDENT = 1e-4  # of pivots, relative to the largest; a loop closed to 1e-11 is that far from a singular configuration
+VANISHING_TOLERANCE = 1e-9  # of a Jacobian in units of row and coordinate, and of a gap: what rounding leaves of zero
+DEPENDENT_PIVOT_RATIO = 1e-4  # to the largest; a loop closed to 1e-11 is that far from a singular configuration
 CHECK_LOOP = "; check the positions and axes of the joints of this loop, or add a joint"
 NOT_UNIQUE = coded(
     "redundant-constraints",
     "The motion is not affected, but the distribution of the reaction forces among them is not unique. Choose a joint "
     "that constrains fewer directions if these forces are needed",
 )
-TOLD = 4  # loops that are listed one by one
+MAX_LISTED = 4  # loops that are listed one by one
 
 
 Handle = CutHandle | CouplingHandle
@@ -44,7 +44,7 @@ def row_names(handles: Iterable[Handle]) -> list[str]:
 
 def advice(why: str) -> str:
     """Return which axes are nearly parallel, with what to do about it; empty: none are."""
-    return f": {why}; if they are intended to be parallel, {ROUNDED}" if why else ""
+    return f": {why}; if they are intended to be parallel, {ROUNDED_ADVICE}" if why else ""
 
 
 class Probe:
@@ -81,11 +81,11 @@ class Probe:
         ``slack`` (m,) is the effect of rounding of the geometry on slopes and gaps, in units of the rows; ``why`` names
         the axes that are nearly parallel.
         """
-        s, limit = self._system, np.maximum(slack, VANISHING)
-        vanishing = (self.slope < VANISHING) | ((self.slope <= limit) & (self.gap <= limit))
-        for i in np.flatnonzero((self.slope < VANISHING) & (self.gap > limit)):
+        s, limit = self._system, np.maximum(slack, VANISHING_TOLERANCE)
+        vanishing = (self.slope < VANISHING_TOLERANCE) | ((self.slope <= limit) & (self.gap <= limit))
+        for i in np.flatnonzero((self.slope < VANISHING_TOLERANCE) & (self.gap > limit)):
             name, unit = s.constraint_names[i], units[i]
-            if self.at_start[i] > VANISHING:
+            if self.at_start[i] > VANISHING_TOLERANCE:
                 off = self.at_start[i] * s.row_size[i]
                 raise AssemblyError(
                     f"loop cannot close: constraint {name!r} is violated by {off:.3g} {unit} and no free joint can "
@@ -148,7 +148,7 @@ def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:
     scaled = terms.J * system.size / system.row_size[:, np.newaxis]
     R, order = linalg.qr(scaled.T, mode="r", pivoting=True)
     pivots = np.abs(np.diag(R))
-    rank = int(np.sum(pivots > DEPENDENT * pivots[0]))
+    rank = int(np.sum(pivots > DEPENDENT_PIVOT_RATIO * pivots[0]))
     return np.sort(order[rank:])
 
 
@@ -177,7 +177,7 @@ def describe(handles: Iterable[Handle], vanishing: Collection[str], redundant: C
 
 def first_lines(lines: list[str], rest: str, code: str = "") -> list[str]:
     """Return the first of many messages, and how many more ``rest`` there are, with a code if one is given."""
-    if len(lines) <= TOLD:
+    if len(lines) <= MAX_LISTED:
         return lines
-    more = f"{len(lines) - TOLD} more {rest}"
-    return [*lines[:TOLD], coded(code, more) if code else more]
+    more = f"{len(lines) - MAX_LISTED} more {rest}"
+    return [*lines[:MAX_LISTED], coded(code, more) if code else more]

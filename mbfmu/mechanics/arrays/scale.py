@@ -13,7 +13,7 @@ from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.handles import CouplingHandle, CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.joints import Joint
-from mbfmu.mechanics.numbers import LONGEST, SHORTEST, array_of
+from mbfmu.mechanics.numbers import MAX_LENGTH, MIN_LENGTH, array_of
 from mbfmu.mechanics.records import Arrays
 from mbfmu.util.errors import UserError
 from solvers.system import Array
@@ -27,9 +27,9 @@ def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:
     radii of gyration it has, and one without any by 1 m. Raises UserError for one that is no length of a mechanism.
     """
     length = float(spans(mechanism, arrays).max() or _length_without_points(mechanism, arrays) or 1.0)
-    if not SHORTEST <= length <= LONGEST:
+    if not MIN_LENGTH <= length <= MAX_LENGTH:
         raise UserError(
-            f"the largest length of the mechanism is {length:.3g} m; allowed: {SHORTEST:g} to {LONGEST:g} m"
+            f"the largest length of the mechanism is {length:.3g} m; allowed: {MIN_LENGTH:g} to {MAX_LENGTH:g} m"
         )
     return length
 

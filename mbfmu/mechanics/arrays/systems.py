@@ -36,9 +36,9 @@ from .compile import Compiled, Numbering
 from .inputs import Drives
 from .scale import coordinate_sizes, row_sizes
 
-LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
-LARGE_LOOPS = 100  # ... of a mechanism with constraints; the partitions take its matrices all the same
-WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
+MAX_DENSE_COORDINATES = 60  # coordinates of a tree without loops from which on no dense matrix is made
+MAX_DENSE_LOOP_COORDINATES = 100  # ... of a mechanism with constraints; the partitions take its matrices all the same
+MAX_GROUP_BODIES = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
 
 
 class Systems:
@@ -57,7 +57,7 @@ class Systems:
         self._drives, self._length, self._arrays = drives, length, compiled.data.arrays
         self._size = coordinate_sizes(free_bodies(mechanism), length)
         self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
-        limit = LARGE_LOOPS if mechanism.constraints else LARGE
+        limit = MAX_DENSE_LOOP_COORDINATES if mechanism.constraints else MAX_DENSE_COORDINATES
         self._large = not mechanism.flexible_bodies and numbering.nv > limit  # the structured tangent has no modes
 
     def make(self, constraint_names: list[str]) -> AnySystem:
@@ -153,7 +153,7 @@ class Systems:
         slowest = min(
             (load.slip_scale for load in loads if isinstance(load, SurfaceContact | RollerNip)), default=np.inf
         )
-        carrying = carriers(self._mechanism, self._nodes)
+        carrying = find_ancestors(self._mechanism, self._nodes)
         found = [np.zeros(0)]
         for body in free_bodies(self._mechanism):
             units = body.joint.units
@@ -208,11 +208,11 @@ class Systems:
         groups = find_groups(self._mechanism)
         widest = int(np.bincount(groups.of[1:]).argmax())
         members = np.flatnonzero(groups.of == widest)
-        if len(members) > WIDEST:
+        if len(members) > MAX_GROUP_BODIES:
             raise UserError(
                 f"joints, forces and elements connect {len(members)} bodies, "
                 f"{self._mechanism.bodies[members[-1]].name!r} among them, so that they must be solved at once; "
-                f"allowed: {WIDEST}; connect bodies that are near each other in the tree"
+                f"allowed: {MAX_GROUP_BODIES}; connect bodies that are near each other in the tree"
             )
         return groups
 
@@ -239,12 +239,12 @@ class Systems:
     def _loop_rate(self) -> float:
         """Return how fast gravity and the drives that carry a cut joint's bodies or are coupled move them, 1/s."""
         ends = {end.index for cut in self._mechanism.cuts for end in (cut.a, cut.b)}
-        carrying = carriers(self._mechanism, ends)
+        carrying = find_ancestors(self._mechanism, ends)
         carrying.update(end.index for coupling in self._mechanism.couplings for end in (coupling.a, coupling.b))
         return self._rate(carrying)
 
 
-def carriers(mechanism: Mechanism, bodies: Iterable[int]) -> set[int]:
+def find_ancestors(mechanism: Mechanism, bodies: Iterable[int]) -> set[int]:
     """Return these bodies and all that carry them, by number."""
     found: set[int] = set()
     for body in bodies:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.kind import ElementType, kernel_of, record_of
 from mbfmu.mechanics.records import (
-    KERNELS,
+    MAX_KERNELS,
     MOTION,
     complex_dtype,
     empty_data,
@@ -102,7 +102,7 @@ class Tables:
 
     def kernels(self, numbers: Numbers = REAL) -> NDArray[np.int64]:
         """Return the addresses of all kernels, KERNELS for each kind, compiled for these numbers."""
-        table = np.zeros((max(1, len(self._used)), KERNELS), np.int64)
+        table = np.zeros((max(1, len(self._used)), MAX_KERNELS), np.int64)
         for own, kind in zip(table, self._used, strict=False):
             analytic = any(name == "tangent" and function is not None for name, _, function in kind.kernels)
             names = numbers.names - ({"apply"} if analytic and numbers is TANGENT else set())
@@ -113,11 +113,11 @@ class Tables:
 
     def called(self) -> list[Called | None]:
         """Return what the addresses of :meth:`kernels` are of, in real numbers; None where there is none."""
-        found: list[Called | None] = [None] * (max(1, len(self._used)) * KERNELS)
+        found: list[Called | None] = [None] * (max(1, len(self._used)) * MAX_KERNELS)
         for i, kind in enumerate(self._used):
             for k, own in enumerate(kind.kernels):
                 if own[2] is not None and own[0] in REAL.names:
-                    found[KERNELS * i + k] = Called(own[2], kind.record, own[1])
+                    found[MAX_KERNELS * i + k] = Called(own[2], kind.record, own[1])
         return found
 
     def complex_memory(self) -> tuple[NDArray[np.uint8], list[int]]:

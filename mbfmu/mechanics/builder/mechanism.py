@@ -48,7 +48,7 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 
 # Numbers of five digits: 1.5708 for a right angle is off by 3.7e-6 rad, and a loop has several.
-ASSEMBLY_TOLERANCE, LARGEST_ASSEMBLY_TOLERANCE = 2e-5, 1e-2
+ASSEMBLY_TOLERANCE, MAX_ASSEMBLY_TOLERANCE = 2e-5, 1e-2
 
 
 class Mechanism(Appearance, Loading, Measurements):
@@ -80,10 +80,8 @@ class Mechanism(Appearance, Loading, Measurements):
         assembly_tolerance: float = ASSEMBLY_TOLERANCE,
     ) -> None:
         self.assembly_tolerance = not_negative("assembly_tolerance", assembly_tolerance)
-        if self.assembly_tolerance > LARGEST_ASSEMBLY_TOLERANCE:
-            raise UserError(
-                f"assembly_tolerance is {assembly_tolerance!r}; allowed: 0 to {LARGEST_ASSEMBLY_TOLERANCE:g}"
-            )
+        if self.assembly_tolerance > MAX_ASSEMBLY_TOLERANCE:
+            raise UserError(f"assembly_tolerance is {assembly_tolerance!r}; allowed: 0 to {MAX_ASSEMBLY_TOLERANCE:g}")
         components = np.atleast_1d(np.asarray(gravity, object))
         for given in components:
             if isinstance(given, Signal) and (not isinstance(given, Input) or given.rate_name):

@@ -50,7 +50,7 @@ import numpy as np
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.loads.base import Load
-from mbfmu.mechanics.steps import EPSILON, step
+from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
 from solvers.compiled.kernel import inlined, kernel
 
 from .contact_scratch import ALL_POINTS
@@ -280,7 +280,7 @@ def tangent(nip: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any
         for p in range(count):
             F = perturbed.bodies[body_number(nip, p)].F
             for k in range(6):
-                K[6 * p + k, j] -= F[k].imag / EPSILON
+                K[6 * p + k, j] -= F[k].imag / COMPLEX_STEP_SIZE
     return 1.0
 
 

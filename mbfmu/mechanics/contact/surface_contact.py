@@ -24,7 +24,7 @@ import numpy as np
 from mbfmu.mechanics.dispatch import surface_gap
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.loads.base import Load
-from mbfmu.mechanics.steps import EPSILON, step
+from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
 from solvers.compiled.kernel import kernel
 
 from .contact_scratch import ALL_POINTS, OWN_SHARE
@@ -191,14 +191,14 @@ def tangent(contact: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K:
                 for j in range(6):
                     point_force_perturbed(contact, share, j, arrays, here, perturbed)
                     for row in range(3):
-                        here.by[row, j] = -there.f[row].imag / EPSILON
+                        here.by[row, j] = -there.f[row].imag / COMPLEX_STEP_SIZE
                         here.f[row] = there.f[row].real
                 if contact.body > 0:
                     for j in range(6):
                         step(body, moved, j, c1)
                         point_force_perturbed(contact, share, 6, arrays, here, perturbed)
                         for row in range(3):
-                            here.df[row, j] = -there.f[row].imag / EPSILON
+                            here.df[row, j] = -there.f[row].imag / COMPLEX_STEP_SIZE
                             here.dr[row, j] = -1.0 if row == j else 0.0
                     add_columns(contact, 24, bodies, here, K)
                     step(body, moved, -1, c1)
@@ -212,8 +212,8 @@ def point_force_perturbed(contact: Any, share: float, j: int, arrays: Any, here:
     """perturbed.contact.f <- force at a point after an imaginary step of position (j < 3), velocity (j < 6) or none."""
     there = perturbed.contact[0]
     for k in range(3):
-        there.r[k] = here.r[k] + (EPSILON * 1j if k == j else 0.0)
-        there.v[k] = here.v[k] + (EPSILON * 1j if k + 3 == j else 0.0)
+        there.r[k] = here.r[k] + (COMPLEX_STEP_SIZE * 1j if k == j else 0.0)
+        there.v[k] = here.v[k] + (COMPLEX_STEP_SIZE * 1j if k + 3 == j else 0.0)
     point_force(contact, share, -gap(contact, arrays, perturbed), perturbed.bodies[contact.body], there)
 
 

@@ -18,7 +18,7 @@ from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import Coupling
 
-RANGE = 5.0  # units of ``width`` to either side of zero, in which a function is tried
+CHECK_RANGE = 5.0  # units of ``width`` to either side of zero, in which a function is tried
 
 
 @kernel
@@ -78,7 +78,7 @@ class Cam(Coupling):
             self.law.rows(f"law of {what}")
             if not self.law.drives:
                 raise UserError(f"law of {what} is {self.law!r}; its slope jumps, and no joint can follow that")
-        elif not law.resolved(self._function(), self._width * RANGE * np.array((-1.0, 1.0)), self._width):
+        elif not law.resolved(self._function(), self._width * CHECK_RANGE * np.array((-1.0, 1.0)), self._width):
             raise UserError(
                 f"law of {what} changes faster than differences over thousandths of {self._width:g} resolve; use "
                 "Cam(..., width=...) with the change of its coordinate, rad or m, over which it changes"
@@ -106,5 +106,5 @@ class Cam(Coupling):
         """Return the steepest slope at the points of a table, or at some of a function."""
         if isinstance(self.law, Table):
             return float(np.abs(self.law.rows("law of a cam")[:, 2]).max())
-        points = self._width * np.linspace(-RANGE, RANGE, 41)
+        points = self._width * np.linspace(-CHECK_RANGE, CHECK_RANGE, 41)
         return float(np.abs([law.derivatives(self._function(), x, self._width)[1] for x in points]).max())

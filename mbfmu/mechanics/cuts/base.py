@@ -33,7 +33,7 @@ CUT = np.dtype(
     ],
     align=True,
 )
-TURNS = {"x": "yzx", "y": "zxy", "z": "xyz"}  # axes of a frame in a right-handed order, by the last one
+FRAME_ORDERS = {"x": "yzx", "y": "zxy", "z": "xyz"}  # axes of a frame in a right-handed order, by the last one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +106,7 @@ class AxisCut(Cut):
     @property
     def letters(self) -> str:
         """Names of the x, y and z axes of :meth:`frames`."""
-        return TURNS[self.axis] if isinstance(self.axis, str) else "stn"
+        return FRAME_ORDERS[self.axis] if isinstance(self.axis, str) else "stn"
 
     @property
     def rows(self) -> tuple[str, ...]:  # type: ignore[override]

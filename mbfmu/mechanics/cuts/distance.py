@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.numbers import LONGEST, SHORTEST, is_finite
+from mbfmu.mechanics.numbers import MAX_LENGTH, MIN_LENGTH, is_finite
 from mbfmu.mechanics.spatial import arm, centripetal
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
@@ -64,8 +64,8 @@ class DistanceCut(Cut):
 
     def check(self, what: str) -> None:
         """Refuse what is no length."""
-        if not (is_finite(self.length) and SHORTEST <= self.length <= LONGEST):
-            raise UserError(f"length of {what} is {self.length!r} m; allowed: {SHORTEST:g} to {LONGEST:g}")
+        if not (is_finite(self.length) and MIN_LENGTH <= self.length <= MAX_LENGTH):
+            raise UserError(f"length of {what} is {self.length!r} m; allowed: {MIN_LENGTH:g} to {MAX_LENGTH:g}")
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write the length too."""

@@ -30,7 +30,7 @@ from mbfmu.mechanics.numbers import finite, is_finite, positive
 from mbfmu.util.errors import UserError
 
 Matrix = NDArray[np.float64]
-ALIGNED = 1e-12  # sine or cosine of an angle that is meant to be zero
+ALIGNMENT_TOLERANCE = 1e-12  # sine or cosine of an angle that is meant to be zero
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class PlaneStress:
             shear = self.rest * self.shear_modulus / E2
         C = np.array([[E1 / E2, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, shear]])
         c, s = float(np.cos(self.angle)), float(np.sin(self.angle))
-        if min(abs(c), abs(s)) < ALIGNED:  # of pi/2: nothing couples there
+        if min(abs(c), abs(s)) < ALIGNMENT_TOLERANCE:  # of pi/2: nothing couples there
             c, s = float(round(c)), float(round(s))
         if self.isotropic or s == 0.0:
             return C
@@ -128,7 +128,7 @@ class PlaneStress:
         return out
 
 
-def creased(D: Matrix, compliance: tuple[float, float]) -> Matrix:
+def add_crease_compliance(D: Matrix, compliance: tuple[float, float]) -> Matrix:
     """Return the stiffness (3, 3) of bending D, in series with hinges across x and across z.
 
     ``compliance`` is their angle per moment along the line, per length across it, in units of 1 / D.

@@ -14,11 +14,11 @@ from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative, positive
 from mbfmu.util.errors import UserError
 
-from .feeling import Felt, felt
-from .material import Matrix, PlaneStress, creased
+from .material import Matrix, PlaneStress, add_crease_compliance
 from .plate_curvature import curvature
 from .plate_energy import PLATE, apply, potential
 from .plate_tangent import tangent
+from .stress_recovery import Recovered, recover
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,14 +111,14 @@ class Plate(Load):
     @property
     def bending(self) -> Matrix:
         """Moments per length (3, 3) by curvatures (w,xx, w,zz, 2 w,xz), N m."""
-        return creased(self.stretching * self.thickness**2 / 12.0, self._softness(1.0))
+        return add_crease_compliance(self.stretching * self.thickness**2 / 12.0, self._softness(1.0))
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write corners, sizes, stiffness and natural shape; see :mod:`.plate_energy` for the formulae."""
         a, b, material = self.a, self.b, self.material
         slim, Et = a / b, material.moduli[1] * self.thickness
         D = Et * self.thickness**2 / (12.0 * material.rest)
-        C = creased(material.ratios, self._softness(D))
+        C = add_crease_compliance(material.ratios, self._softness(D))
         (C11, C12, C16), (_, C22, C26), (_, _, C66) = C.tolist()
         record["node"], record["a"], record["b"] = site.bodies, a, b
         record["bending"] = [
@@ -166,16 +166,16 @@ class Plate(Load):
         """Curvature of the creases per moment, spread over the element, times a bending stiffness."""
         return unit * self.creases[0] / self.a, unit * self.creases[1] / self.b
 
-    def felt(self, x: float, z: float) -> dict[str, Felt]:
+    def recover(self, x: float, z: float) -> dict[str, Recovered]:
         """Return curvature, moment, strain and force at a point, as functions of the generalized strains (12,).
 
-        x and z are parts of a and b, from 0 to 1. See :func:`.feeling.felt`; strains are means over the element, and
-        local values if all strains have stiffness.
+        x and z are parts of a and b, from 0 to 1. See :func:`.stress_recovery.recover`; strains are means over the
+        element, and local values if all strains have stiffness.
         """
         bent, natural = np.zeros((3, 12)), np.array(self.curl) * (1.0, 1.0, 2.0)
         bent[:, :9] = curvature(self.a, self.b, x * self.a, z * self.b)
         stretched = np.eye(12)[9:] if set(self.strains) == set("xzs") else None
-        return felt(stretched, bent, self.stretching, self.bending, natural=natural)
+        return recover(stretched, bent, self.stretching, self.bending, natural=natural)
 
     @property
     def is_nonconservative(self) -> bool:

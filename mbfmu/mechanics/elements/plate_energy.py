@@ -85,7 +85,7 @@ PLATE = np.dtype(
 )
 
 
-ELEMENT = np.dtype(  # an element at work, everything in element axes
+PLATE_SCRATCH = np.dtype(  # an element at work, everything in element axes
     [
         ("E", np.float64, (3, 3)),  # rows: element axes in global axes
         ("g1x", np.float64),  # g1 = (g1x, 0, 0), g2 = (g2x, 0, g2z), m
@@ -117,8 +117,10 @@ ELEMENT = np.dtype(  # an element at work, everything in element axes
     align=True,
 )
 
-RATIO = tuple(n / (2.0 * n + 1.0) for n in range(13))  # of successive coefficients of F in powers of 1 - cos theta
-FEW, MANY = 0.004, 0.1  # 1 - cos theta up to which 6 and 12 terms are exact to rounding
+SERIES_RATIOS = tuple(
+    n / (2.0 * n + 1.0) for n in range(13)
+)  # of successive coefficients of F in powers of 1 - cos theta
+SHORT_SERIES_LIMIT, LONG_SERIES_LIMIT = 0.004, 0.1  # 1 - cos theta up to which 6 and 12 terms are exact to rounding
 
 
 @kernel
@@ -128,16 +130,16 @@ def lean(c: Any) -> Any:
     About c = 1 the series in u = 1 - c, with coefficients n!/(2n+1)!!, is summed with its derivatives.
     """
     u = 1.0 - c
-    if u.real > MANY:
+    if u.real > LONG_SERIES_LIMIT:
         square = u * (1.0 + c)
         F = np.arccos(c) / np.sqrt(square)
         slope = (c * F - 1.0) / square
         return F, slope, (F + 3.0 * c * slope) / square
     F, slope, bend = 1.0 + 0.0 * u, 0.0 * u, 0.0 * u
-    for n in range(6 if u.real < FEW else 12, 0, -1):
-        bend = RATIO[n] * (2.0 * slope + u * bend)
-        slope = RATIO[n] * (F + u * slope)
-        F = 1.0 + RATIO[n] * u * F
+    for n in range(6 if u.real < SHORT_SERIES_LIMIT else 12, 0, -1):
+        bend = SERIES_RATIOS[n] * (2.0 * slope + u * bend)
+        slope = SERIES_RATIOS[n] * (F + u * slope)
+        F = 1.0 + SERIES_RATIOS[n] * u * F
     return F, -slope, bend
 
 

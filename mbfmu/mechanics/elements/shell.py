@@ -15,13 +15,15 @@ from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative
 from mbfmu.util.errors import UserError
 
-from .feeling import Felt, felt
 from .shell_energy import SHELL, apply, potential
 from .shell_stiffness import Matrix, assumed, bending, curvature, drilling, flat_axes, membrane, stresses
 from .shell_tangent import tangent
+from .stress_recovery import Recovered, recover
 
-SLIM = 1e-3  # sine of the least angle at a corner
-WARPED = np.radians(45.0)  # between the normal at a corner and that of its body: a shell element is nearly flat
+MIN_CORNER_SINE = 1e-3  # sine of the least angle at a corner
+MAX_CORNER_ANGLE = np.radians(
+    45.0
+)  # between the normal at a corner and that of its body: a shell element is nearly flat
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,17 +68,17 @@ class Shell(Load):
         after, before = np.roll(X, -1, 0) - X, np.roll(X, 1, 0) - X
         sides = np.linalg.norm(after, axis=1) * np.linalg.norm(before, axis=1)
         spanned = np.cross(before, after)
-        if not np.all(np.sum(spanned * normals, 1) > SLIM * sides):
+        if not np.all(np.sum(spanned * normals, 1) > MIN_CORNER_SINE * sides):
             raise UserError(
                 f"corners of {what} are {X.tolist()}; allowed: a convex quadrilateral whose normals are the y axes of "
                 "its bodies: from the first corner along x, then along z"
             )
         up = np.sum(spanned * normals, 1) / np.linalg.norm(spanned, axis=1)
-        if up.min() < np.cos(WARPED):
+        if up.min() < np.cos(MAX_CORNER_ANGLE):
             raise UserError(
                 f"corners of {what} are {X.tolist()}, so far off one plane that at one its normal leans by "
                 f"{np.degrees(np.arccos(up.min())):.0f} degrees from the y axis of its body; allowed: at most "
-                f"{np.degrees(WARPED):.0f}; refine the mesh"
+                f"{np.degrees(MAX_CORNER_ANGLE):.0f}; refine the mesh"
             )
         for key in ("stretching", "bending"):
             K = _matrix(f"{key} of {what}", getattr(self, key), (3, 3))
@@ -92,12 +94,12 @@ class Shell(Load):
         record["plane"], record["bent"] = self._stiffness
         record["damped"], record["damping"] = self.damping > 0.0, self.damping
 
-    def felt(self, x: float, z: float) -> dict[str, Felt]:
+    def recover(self, x: float, z: float) -> dict[str, Recovered]:
         """Return curvature, moment, strain and force at a point, by displacements and rotations (4, 6) of the corners,
         in element axes.
 
         x and z are parts of the cell, from 0 at the first corner to 1 along the first and the last edge. See
-        :func:`.feeling.felt`.
+        :func:`.stress_recovery.recover`.
         """
         (E, natural), A = self._flat, np.asarray(self.stretching, float)
         X, xi, eta = natural[:, [0, 2]], 2.0 * x - 1.0, 2.0 * z - 1.0
@@ -109,7 +111,7 @@ class Shell(Load):
         lean = np.arctan2(np.hypot(along, across), up) / np.maximum(np.hypot(along, across), 1e-300)
         drawn[:, 3], drawn[:, 5] = lean * across, -lean * along
         shape = np.tensordot(bent, drawn, 2)
-        return felt(stretched, bent, A, np.asarray(self.bending, float), drawn=shape, natural=shape)
+        return recover(stretched, bent, A, np.asarray(self.bending, float), drawn=shape, natural=shape)
 
     @property
     def natural(self) -> tuple[Matrix, Matrix]:

@@ -40,7 +40,7 @@ SHELL = np.dtype(
     align=True,
 )
 
-WORK = np.dtype(  # an element at work, everything in element axes
+SHELL_SCRATCH = np.dtype(  # an element at work, everything in element axes
     [
         ("E", np.float64, (3, 3)),  # rows: element axes in global axes
         ("x", np.float64, (4, 3)),  # corners about their mean, m

@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 
 Matrix = NDArray[np.float64]
 XI, ETA = np.array([-1.0, 1.0, 1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0])  # the corners
-GAUSS = np.array([[x, z] for x in (-1.0, 1.0) for z in (-1.0, 1.0)]) / np.sqrt(3.0)  # each of weight 1
+GAUSS_POINTS = np.array([[x, z] for x in (-1.0, 1.0) for z in (-1.0, 1.0)]) / np.sqrt(3.0)  # each of weight 1
 # Part of the shear stiffness that turns about the normal meet: enough to be determined, too little to be felt.
 # Cook's membrane on 8 x 8 cells moves by 1e-4 between a hundredth of it and this.
-DRILLING = 1e-2
+DRILLING_RATIO = 1e-2
 # A bending moment in a curved shell is one about the normal of the next cell too, and turns that spring: by a part of
 # the bending, 0.16 (curvature times thickness)^2 / DRILLING on a twisted strip, which no mesh makes smaller. So the
 # spring grows with that square, up to the shear stiffness itself; the part stays below 0.3 %, and thin shells do not
 # notice.
-CURVED, STIFFEST = 50.0, 1.0
+CURVATURE_LIMIT, MAX_STIFFNESS_RATIO = 50.0, 1.0
 
 
 def bilinear(xi: float, eta: float) -> tuple[Matrix, Matrix]:
@@ -92,7 +92,7 @@ def bending(X: Matrix, D: Matrix) -> Matrix:
     X (4, 2) are the corners, m; D (3, 3) in N m takes (w,xx, w,zz, 2 w,xz) to the moments.
     """
     K = np.zeros((12, 12))
-    for xi, eta in GAUSS:
+    for xi, eta in GAUSS_POINTS:
         B = curvature(X, xi, eta)
         K += jacobian(X, bilinear(xi, eta)[1])[1] * B.T @ D @ B
     return K
@@ -112,7 +112,7 @@ def stresses(X: Matrix, A: Matrix) -> tuple[Matrix, Matrix]:
     """Return by how much each of these (5, 12) is there by (u, v, theta_y) of every corner, and its work (5, 12)."""
     S = np.linalg.inv(A)
     H, G = np.zeros((5, 5)), np.zeros((5, 12))
-    for xi, eta in GAUSS:
+    for xi, eta in GAUSS_POINTS:
         dN = bilinear(xi, eta)[1]
         inverse, area = jacobian(X, dN)
         by = inverse @ dN
@@ -132,10 +132,12 @@ def drilling(corners: Any, normals: Any, A: Matrix, D: Matrix) -> float:
     """
     edges, turns = (np.roll(x, -1, 0) - x for x in (np.asarray(corners, float), np.asarray(normals, float)))
     squared = float((np.sum(turns**2, 1) / np.sum(edges**2, 1)).max())
-    return min(DRILLING + CURVED * squared * 12.0 * float(np.trace(D) / np.trace(A)), STIFFEST)
+    return min(
+        DRILLING_RATIO + CURVATURE_LIMIT * squared * 12.0 * float(np.trace(D) / np.trace(A)), MAX_STIFFNESS_RATIO
+    )
 
 
-def membrane(X: Matrix, A: Matrix, drilling: float = DRILLING) -> Matrix:
+def membrane(X: Matrix, A: Matrix, drilling: float = DRILLING_RATIO) -> Matrix:
     """Return the stiffness (12, 12) over (u, v, theta_y) of every corner, v along z.
 
     X (4, 2) are the corners, m; A (3, 3) in N/m takes (u,x, v,z, u,z + v,x) to the forces per length; ``drilling`` is
@@ -143,7 +145,7 @@ def membrane(X: Matrix, A: Matrix, drilling: float = DRILLING) -> Matrix:
     """
     shares, G = stresses(X, A)
     K = G.T @ shares
-    for xi, eta in GAUSS:
+    for xi, eta in GAUSS_POINTS:
         N, dN = bilinear(xi, eta)
         inverse, area = jacobian(X, dN)
         by, turn = inverse @ dN, np.zeros(12)

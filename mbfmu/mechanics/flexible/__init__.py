@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from .beam import Beam
-from .modal import MODES
+from .modal import MAX_MODES
 
-__all__ = ["MODES", "Beam"]
+__all__ = ["MAX_MODES", "Beam"]

@@ -20,12 +20,12 @@ from mbfmu.mechanics.checks import flag, whole
 from mbfmu.mechanics.numbers import finite, not_negative, positive
 from mbfmu.util.errors import UserError
 
-from .modal import MODES
+from .modal import MAX_MODES
 
 Array = NDArray[np.float64]
 
-ENDS = {"pinned": (True, False), "clamped": (True, True), "guided": (False, True), "free": (False, False)}
-MOST_ELEMENTS = 100  # rounding leaves their slowest frequency within 1e-7, and takes more of it the more there are
+BEAM_ENDS = {"pinned": (True, False), "clamped": (True, True), "guided": (False, True), "free": (False, False)}
+MAX_ELEMENTS = 100  # rounding leaves their slowest frequency within 1e-7, and takes more of it the more there are
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
@@ -71,17 +71,17 @@ class Beam:
         not_negative("damping of a beam", self.damping)
         for name in ("modes", "elements"):
             whole(f"{name} of a beam", getattr(self, name))
-        if not 1 <= self.elements <= MOST_ELEMENTS:
-            raise UserError(f"elements of a beam are {self.elements!r}; allowed: 1 to {MOST_ELEMENTS}")
+        if not 1 <= self.elements <= MAX_ELEMENTS:
+            raise UserError(f"elements of a beam are {self.elements!r}; allowed: 1 to {MAX_ELEMENTS}")
         if not isinstance(self.ends, tuple | list) or len(self.ends) != 2:
-            raise UserError(f"ends of a beam are {self.ends!r}; allowed: two of {', '.join(ENDS)}")
+            raise UserError(f"ends of a beam are {self.ends!r}; allowed: two of {', '.join(BEAM_ENDS)}")
         flag("stiffening of a beam", self.stiffening)
         for end in self.ends:
-            if end not in ENDS:
-                raise UserError(f"end of a beam is {end!r}; allowed: {', '.join(ENDS)}")
-        if not 1 <= self.modes <= min(MODES, self._available):
+            if end not in BEAM_ENDS:
+                raise UserError(f"end of a beam is {end!r}; allowed: {', '.join(BEAM_ENDS)}")
+        if not 1 <= self.modes <= min(MAX_MODES, self._available):
             raise UserError(
-                f"modes of a beam are {self.modes!r}; allowed: 1 to {min(MODES, self._available)} "
+                f"modes of a beam are {self.modes!r}; allowed: 1 to {min(MAX_MODES, self._available)} "
                 f"with {self.elements} elements between {self.ends[0]} and {self.ends[1]} ends"
             )
 
@@ -90,7 +90,7 @@ class Beam:
         """Which of (w, w') at the nodes are free."""
         free = np.ones(2 * (self.elements + 1), bool)
         for first, end in ((0, self.ends[0]), (2 * self.elements, self.ends[1])):
-            free[first : first + 2] = ~np.array(ENDS[end])
+            free[first : first + 2] = ~np.array(BEAM_ENDS[end])
         return free
 
     @property
@@ -101,7 +101,7 @@ class Beam:
     @property
     def _rigid(self) -> int:
         """Number of free motions w = a + b x; by rounding errors they cannot be separated from slow modes."""
-        held = np.concatenate([np.array([[1, x], [0, 1]])[list(ENDS[end])] for x, end in enumerate(self.ends)])
+        held = np.concatenate([np.array([[1, x], [0, 1]])[list(BEAM_ENDS[end])] for x, end in enumerate(self.ends)])
         return 2 - int(np.linalg.matrix_rank(held)) if len(held) else 2
 
     def _element(self) -> tuple[Array, Array]:

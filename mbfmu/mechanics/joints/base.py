@@ -24,7 +24,7 @@ from mbfmu.mechanics.axes import Vector, unit_axis
 from mbfmu.mechanics.kind import Attachment, ElementType
 from mbfmu.util.errors import UserError
 
-MOST_COORDINATES = 6  # of a joint
+MAX_COORDINATES = 6  # of a joint
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,9 +84,9 @@ class Joint(ElementType):
                 raise UserError(f"{said}, whose {name} is {count!r}; allowed: a whole number, zero or greater")
         if not isinstance(self.quaternion, bool):
             raise UserError(f"{said}, whose quaternion is {self.quaternion!r}; allowed: True or False")
-        if self.nv > MOST_COORDINATES or (self.quaternion and self.nv < 3):
+        if self.nv > MAX_COORDINATES or (self.quaternion and self.nv < 3):
             low = 3 if self.quaternion else 0
-            raise UserError(f"{said}, whose nv is {self.nv}; allowed: {low} to {MOST_COORDINATES}")
+            raise UserError(f"{said}, whose nv is {self.nv}; allowed: {low} to {MAX_COORDINATES}")
         if self.nq != self.nv + self.quaternion:
             with_one = (
                 "one position more than velocities, as quaternion is True"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.numbers import LONGEST, SHORTEST, is_finite
+from mbfmu.mechanics.numbers import MAX_LENGTH, MIN_LENGTH, is_finite
 from mbfmu.mechanics.spatial import axis_matrix
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
@@ -49,9 +49,9 @@ class Screw(AxisJoint):
     def check(self, what: str) -> None:
         """Refuse what is no lead."""
         super().check(what)
-        if np.ndim(self.lead) or not is_finite(self.lead) or not SHORTEST <= abs(self.lead) <= LONGEST:
+        if np.ndim(self.lead) or not is_finite(self.lead) or not MIN_LENGTH <= abs(self.lead) <= MAX_LENGTH:
             raise UserError(
-                f"lead of {what} is {self.lead!r} m per turn; allowed: {SHORTEST:g} to {LONGEST:g}, of either sign"
+                f"lead of {what} is {self.lead!r} m per turn; allowed: {MIN_LENGTH:g} to {MAX_LENGTH:g}, of either sign"
             )
 
     def fill(self, record: Any, site: Attachment) -> None:

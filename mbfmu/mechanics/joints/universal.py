@@ -20,7 +20,7 @@ from solvers.compiled.kernel import kernel
 
 from .base import AxisJoint
 
-PERPENDICULAR = 1e-9  # cosine of the angle between two axes
+MAX_AXIS_COSINE = 1e-9  # cosine of the angle between two axes
 
 
 @kernel
@@ -73,7 +73,7 @@ class Universal(AxisJoint):
     def check(self, what: str) -> None:
         """Refuse axes that are not perpendicular."""
         cosine = unit_axis(self.axis, f"axis of {what}") @ unit_axis(self.second, f"second axis of {what}")
-        if abs(cosine) > PERPENDICULAR:
+        if abs(cosine) > MAX_AXIS_COSINE:
             angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
             raise UserError(
                 f"second axis of {what} is {self.second!r}, {angle:.6g} deg from its axis {self.axis!r}; "

@@ -14,7 +14,7 @@ from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 
-PAIR = np.dtype([("a", np.int64), ("b", np.int64)], align=True)  # numbers of two signals
+SIGNAL_PAIR = np.dtype([("a", np.int64), ("b", np.int64)], align=True)  # numbers of two signals
 
 
 @kernel
@@ -43,7 +43,7 @@ class Combined(Signal):
         Two or more signals or numbers.
     """
 
-    record = PAIR
+    record = SIGNAL_PAIR
 
     parts: tuple[Any, ...]
 

@@ -20,19 +20,19 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-DEGREE = 15  # of the series on one interval
+SERIES_DEGREE = 15  # of the series on one interval
 FIRST_INTERVALS = 32  # equal intervals that the halving begins with
-RESOLVED = 1e-13  # last coefficients relative to the largest value, below which an interval is accepted
-NEGLIGIBLE = 4e-15  # coefficients relative to the largest value that are rounding
-IMPULSE = 1e-14  # ... of a load: error times duration relative to largest value times duration of the run
-NO_GAIN = 0.25  # ratio of last coefficients after and before halving, above which the function has noise or a kink
-ROUNDING = 8.0 * np.finfo(float).eps  # of the time at which the function is called
-NARROWEST = 1e-13  # width of an interval relative to the run; what is not resolved there is a jump
+RESOLUTION_TOLERANCE = 1e-13  # last coefficients relative to the largest value, below which an interval is accepted
+NEGLIGIBLE_RATIO = 4e-15  # coefficients relative to the largest value that are rounding
+IMPULSE_TOLERANCE = 1e-14  # ... of a load: error times duration relative to largest value times duration of the run
+MIN_GAIN_RATIO = 0.25  # of last coefficients after and before halving; above it the function has noise or a kink
+TIME_ROUNDING = 8.0 * np.finfo(float).eps  # of the time at which the function is called
+MIN_INTERVAL_RATIO = 1e-13  # width of an interval relative to the run; what is not resolved there is a jump
 MAX_JUMPS, MAX_ADJACENT_JUMPS, MAX_INTERVALS = 500, 8, 100_000
-CHECK = 1e-11  # deviation at output times relative to the largest value
+CHECK_TOLERANCE = 1e-11  # deviation at output times relative to the largest value
 JUMP_WIDTH, JUMP_CHANGE = 1e-9, 1e-4  # interval relative to the run, and relative change over it: a jump
 
-_COUNT = DEGREE + 1
+_COUNT = SERIES_DEGREE + 1
 _ANGLES = (np.arange(_COUNT) + 0.5) * np.pi / _COUNT
 NODES = -np.cos(_ANGLES)
 _TO_SERIES = 2.0 / _COUNT * np.cos(np.outer(np.arange(_COUNT), _ANGLES)) * (-1.0) ** np.arange(_COUNT)[:, np.newaxis]
@@ -91,7 +91,7 @@ class Pieces(NamedTuple):
         found = self.derivative()
         first, last = (np.asarray(chebyshev.chebval(z, found.series.T), float) for z in (-1.0, 1.0))
         half = 0.5 * (first[1:] - last[:-1])
-        error = RESOLVED * np.abs(self.series).sum(axis=1).max() * DEGREE**2 / self.half_widths[0, 0]
+        error = RESOLUTION_TOLERANCE * np.abs(self.series).sum(axis=1).max() * SERIES_DEGREE**2 / self.half_widths[0, 0]
         at_begin = np.append(-first[0] if abs(first[0]) <= error else 0.0, -half)
         at_end = np.append(half, 0.0)
         found.series[:, 0] += 0.5 * (at_end + at_begin)
@@ -123,14 +123,14 @@ class _Fit:
     def noise(self, a: float, b: float, series: Array) -> float:
         """Return by how much rounding of the time changes the function between a and b."""
         slope = float(np.arange(_COUNT) @ np.abs(series)) / (0.5 * (b - a))
-        return ROUNDING * max(abs(a), abs(b)) * slope
+        return TIME_ROUNDING * max(abs(a), abs(b)) * slope
 
     def agrees(self, a: float, b: float, series: Array, allowed: float) -> bool:
         """Whether the series agrees with the function at the output times between a and b, and next to a and b, where
         a jump between the end and the outermost node changes none of the values at the nodes.
         """
         k = slice(np.searchsorted(self.marks, a, side="right"), np.searchsorted(self.marks, b, side="left"))
-        inset = ROUNDING * max(abs(a), abs(b))
+        inset = TIME_ROUNDING * max(abs(a), abs(b))
         next_to = [a + inset, b - inset] if 4.0 * inset < b - a else []
         times = np.append(self.marks[k], next_to)
         values = np.append(self.at_marks[k], [self.function(float(t)) for t in next_to])
@@ -170,15 +170,19 @@ def fit(
     while waiting:
         a, b, series, before = waiting.pop()
         width, tail, noise = b - a, float(np.abs(series[-3:]).max()), own.noise(a, b, series)
-        fine = tail <= RESOLVED * own.scale + noise
+        fine = tail <= RESOLUTION_TOLERANCE * own.scale + noise
         if not smooth:
-            fine = fine or tail * width <= IMPULSE * own.scale * span
-            fine = fine or (tail > NO_GAIN * before and tail <= loose * own.scale)
-        agreed = CHECK * own.scale + noise if smooth else max(CHECK, loose) * own.scale + noise + 10.0 * tail
+            fine = fine or tail * width <= IMPULSE_TOLERANCE * own.scale * span
+            fine = fine or (tail > MIN_GAIN_RATIO * before and tail <= loose * own.scale)
+        agreed = (
+            CHECK_TOLERANCE * own.scale + noise
+            if smooth
+            else max(CHECK_TOLERANCE, loose) * own.scale + noise + 10.0 * tail
+        )
         if fine and own.agrees(a, b, series, agreed):
-            kept = np.where(np.abs(series) > NEGLIGIBLE * own.scale, series, 0.0)
+            kept = np.where(np.abs(series) > NEGLIGIBLE_RATIO * own.scale, series, 0.0)
             found.append((a, b, kept))
-        elif width <= max(NARROWEST * span, 4.0 * np.finfo(float).eps * max(abs(a), abs(b))):
+        elif width <= max(MIN_INTERVAL_RATIO * span, 4.0 * np.finfo(float).eps * max(abs(a), abs(b))):
             jumps, adjacent = jumps + 1, adjacent + 1 if a == last else 0
             last = b
             if smooth or jumps > MAX_JUMPS or adjacent > MAX_ADJACENT_JUMPS:

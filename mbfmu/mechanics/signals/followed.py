@@ -11,16 +11,18 @@ from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
-from .fitting import DEGREE, Array, Pieces
+from .fitting import SERIES_DEGREE, Array, Pieces
 
-SEEN = 0.25  # longest step, in intervals
-SIMPLE = 3  # degree up to which a step of one interval resolves a series
-SHORTEST = 1e-9  # longest step at a jump, relative to its time, or to the duration of the run if that is shorter
-TERMS = DEGREE + 1
-NOISE = (1e-13, 1e-12, 1e-9)  # of value, rate and acceleration, relative to the series, which is zero: scales of the
-# motion are taken from what acts at the start, and must not be taken from rounding
-HEAD = 8  # begin, end, longest step, noise of the three; begin and longest step of the next interval with a shorter one
-ROW = HEAD + 3 * TERMS  # ... and the series of the three
+MAX_STEP_RATIO = 0.25  # longest step, in intervals
+ONE_STEP_DEGREE = 3  # degree up to which a step of one interval resolves a series
+MIN_JUMP_STEP_RATIO = 1e-9  # longest step at a jump, to its time, or to the duration of the run if that is shorter
+TERMS = SERIES_DEGREE + 1
+# Noise of value, rate and acceleration, relative to the series; a smaller value is zero: scales of the motion are taken
+# from what acts at the start, and must not be taken from rounding
+NOISE_LEVELS = (1e-13, 1e-12, 1e-9)
+# Begin, end, longest step, noise of the three; begin and longest step of the next interval with a shorter one
+HEADER_SIZE = 8
+PIECE_SIZE = HEADER_SIZE + 3 * TERMS  # ... and the series of the three
 
 
 @kernel
@@ -29,11 +31,11 @@ def find_piece(numbers: Any, first: int, count: int, t: float) -> int:
     low, high = 0, count
     while high - low > 1:
         middle = (low + high) // 2
-        if t < numbers[first + ROW * middle].real:
+        if t < numbers[first + PIECE_SIZE * middle].real:
             high = middle
         else:
             low = middle
-    return first + ROW * low
+    return first + PIECE_SIZE * low
 
 
 @kernel
@@ -60,9 +62,9 @@ def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
     inside = min(max(t, a), b)
     z, late = (2.0 * inside - a - b) / (b - a), t - inside
     x, dx, ddx = (
-        without_noise(clenshaw(numbers, at + HEAD, z), numbers[at + 3]),
-        without_noise(clenshaw(numbers, at + HEAD + TERMS, z), numbers[at + 4]),
-        without_noise(clenshaw(numbers, at + HEAD + 2 * TERMS, z), numbers[at + 5]),
+        without_noise(clenshaw(numbers, at + HEADER_SIZE, z), numbers[at + 3]),
+        without_noise(clenshaw(numbers, at + HEADER_SIZE + TERMS, z), numbers[at + 4]),
+        without_noise(clenshaw(numbers, at + HEADER_SIZE + 2 * TERMS, z), numbers[at + 5]),
     )
     return x + late * (dx + 0.5 * late * ddx), dx + late * ddx, ddx
 
@@ -133,12 +135,13 @@ class Followed(Signal):
         begins, ends, series = self.value
         degree = np.array([np.flatnonzero(row)[-1] if row.any() else 0 for row in series])
         times = np.maximum(np.abs(begins), np.abs(ends))
-        widths, shortest = ends - begins, SHORTEST * np.minimum(times, ends[-1] - begins[0])
-        steps = np.maximum(np.where(degree > SIMPLE, SEEN, 1.0) * widths, shortest)
-        constant = (degree == 0) | (degree.max() <= SIMPLE) & (len(degree) == 1)  # resolved by steps of any length
+        widths, shortest = ends - begins, MIN_JUMP_STEP_RATIO * np.minimum(times, ends[-1] - begins[0])
+        steps = np.maximum(np.where(degree > ONE_STEP_DEGREE, MAX_STEP_RATIO, 1.0) * widths, shortest)
+        # resolved by steps of any length
+        constant = (degree == 0) | (degree.max() <= ONE_STEP_DEGREE) & (len(degree) == 1)
         steps[constant & (widths > shortest)] = np.inf
         parts = (series, self.rate.series, self.acceleration.series)
-        noise = [share * np.abs(part).sum(axis=1) for share, part in zip(NOISE, parts, strict=True)]
+        noise = [share * np.abs(part).sum(axis=1) for share, part in zip(NOISE_LEVELS, parts, strict=True)]
         noise[0][:] = noise[0].max()
         return np.column_stack((begins, ends, steps, *noise, *next_finer(begins, steps), *parts))
 

@@ -16,7 +16,7 @@ from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import InUse, Signal
 
-RANGE = 10.0  # units of ``time`` from zero on, in which it is tried
+CHECK_RANGE = 10.0  # units of ``time`` from zero on, in which it is tried
 
 
 @kernel
@@ -77,7 +77,7 @@ class Function(Signal):
         """Compile it."""
         positive(f"time in which {self.what} changes", self.time)
         function = law.law_of(self.what, self.law, ("t",))
-        if self.differentiate and not law.resolved(function, (0.0, RANGE * self.time), self.time):
+        if self.differentiate and not law.resolved(function, (0.0, CHECK_RANGE * self.time), self.time):
             raise UserError(
                 f"{self.what} changes faster than differences over thousandths of {self.time:g} s resolve; use "
                 "Function(..., time=...) with the time in which it changes, s, or give a signal"

@@ -14,7 +14,7 @@ from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 
-SEEN = 0.3  # longest step, in periods
+MAX_STEP_RATIO = 0.3  # longest step, in periods
 
 
 @kernel
@@ -32,7 +32,7 @@ def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
 def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
     """See :mod:`.base`. Part of a period."""
     w = abs(signal.frequency)
-    return (SEEN * (2.0 * pi / w) if abs(signal.amplitude) * w > 0.0 else np.inf), np.inf
+    return (MAX_STEP_RATIO * (2.0 * pi / w) if abs(signal.amplitude) * w > 0.0 else np.inf), np.inf
 
 
 @dataclass(frozen=True, kw_only=True)

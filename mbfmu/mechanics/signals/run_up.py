@@ -16,7 +16,7 @@ from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 
-SEEN = 0.3  # longest step, in durations
+MAX_STEP_RATIO = 0.3  # longest step, in durations
 
 
 @kernel
@@ -42,7 +42,7 @@ def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
     end = signal.duration
     if signal.over == 1 or not abs(signal.speed) * end > 0.0:
         return np.inf, np.inf
-    shortest = SEEN * end
+    shortest = MAX_STEP_RATIO * end
     if t < -shortest:
         return -0.5 * t, 0.5 * t
     return (shortest, end) if t < end else (np.inf, np.inf)

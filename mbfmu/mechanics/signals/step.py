@@ -13,8 +13,8 @@ from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 
-SEEN = 0.3  # longest step, in durations of the rise
-AT_ONCE = 1e-9  # part of the time of a jump: what comes so soon after it may be missed
+MAX_STEP_RATIO = 0.3  # longest step, in durations of the rise
+JUMP_TIME_TOLERANCE = 1e-9  # part of the time of a jump: what comes so soon after it may be missed
 
 
 @kernel
@@ -50,7 +50,8 @@ def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
     begin, duration = signal.begin, signal.duration
     if signal.height == 0.0 or t >= begin + duration:
         return np.inf, np.inf
-    half, shortest = 0.5 * (begin - t), max(SEEN * duration, AT_ONCE * (abs(begin) if begin != 0.0 else 1.0))
+    half = 0.5 * (begin - t)
+    shortest = max(MAX_STEP_RATIO * duration, JUMP_TIME_TOLERANCE * (abs(begin) if begin != 0.0 else 1.0))
     return (half, t + half) if half > shortest else (shortest, begin + max(duration, shortest))
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.curve import ROW, curve, rows
+from mbfmu.mechanics.curve import INTERVAL_SIZE, curve, rows
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
@@ -118,7 +118,7 @@ class Table(Signal):
         """Keep only the interval beyond the last point, if it is constant there."""
         count = int(own.record["count"].real)
         if count > 1 and not self.rows("a table")[-1, 2]:
-            own.record["first"] += ROW * (count - 1)
+            own.record["first"] += INTERVAL_SIZE * (count - 1)
             own.record["count"], own.record["slope"] = 1, 0.0
 
     def hold(self, own: InUse, value: float) -> None:

@@ -22,8 +22,8 @@ between neighbors (:mod:`.groups`): the columns of a sheet's grid are a path. Un
 of joints whose parent is in the same group or fixed (inner), and of every other body (outer) its motion y and the
 multipliers of the directions N its joint locks, N^T (y_i - X y_j) = 0. Inner bodies are condensed onto their parents by
 the recursion itself, rows and columns alike, as in the composite-body algorithm. A joint of six coordinates locks
-nothing, so behind it y is no more unknowns than dq, and needs no condensation: such bodies are outer wherever their parent
-moves. What is left has a block for every group and for every two neighbors (:mod:`solvers.linalg.blocks`).
+nothing, so behind it y is no more unknowns than dq, and needs no condensation: such bodies are outer wherever their
+parent moves. What is left has a block for every group and for every two neighbors (:mod:`solvers.linalg.blocks`).
 
 A body that a load ties to many groups, such as the roller of a nip that turns freely, is in a separate group, and its
 coupling to the others is a border (:mod:`.border`).

@@ -68,7 +68,7 @@ def project_rows(F: Any, i: int, begin: int, end: int, S: Any, vi: int, nv: int)
 
 @kernel
 def condense(F: Any, offset: int, begin: int, end: int, group: int, layout: Any, arrays: Any, state: Any) -> None:
-    """Condense the inner bodies of a group onto their parents: rows of F from ``offset`` on, columns ``begin`` to ``end``.
+    """Condense a group's inner bodies onto their parents: rows of F from ``offset`` on, columns ``begin`` to ``end``.
 
     The last six rows of F are scratch. Columns are condensed as rows of the transpose.
     """

@@ -11,8 +11,8 @@ from .joints import dual_basis
 
 @kernel
 def stiffness(c: int, arrays: Any, state: Any, dual: Any, scratch: Any) -> None:
-    """scratch.K (24, 24) = alpha w w^T - lambda f'' w_b w_b^T of a coupling; six rows and columns a body: a, its parent,
-    b, its parent.
+    """scratch.K (24, 24) = alpha w w^T - lambda f'' w_b w_b^T of a coupling; six rows and columns a body: a, its
+    parent, b, its parent.
 
     w = w_a - f' w_b is its row of J over their motions, w_a and w_b what the two coordinates do; alpha, scratch.weight,
     is a spring that holds it, -lambda f'' what the effort f' lambda along the second coordinate gains.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mbfmu.mechanics.dispatch import evaluate_cut
-from mbfmu.mechanics.steps import EPSILON, displace
+from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, displace
 from solvers.compiled.kernel import kernel
 
 
@@ -32,7 +32,7 @@ def stiffness(cut: Any, weight: Any, arrays: Any, state: Any, perturbed: Any, K:
         for r in range(cut.row, cut.end):
             if kept[r] >= 0:
                 for i in range(12):
-                    K[i, j] += state.rows[r].lam * wrench(perturbed.rows[r], i).imag / EPSILON
+                    K[i, j] += state.rows[r].lam * wrench(perturbed.rows[r], i).imag / COMPLEX_STEP_SIZE
 
 
 @kernel

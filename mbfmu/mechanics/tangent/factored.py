@@ -51,8 +51,8 @@ class Scratch(NamedTuple):
 
 
 class Panels(NamedTuple):
-    """Columns of one group and of its neighbor inward that are left after their rows are condensed, as rows, and six rows
-    for condensation; the space is all groups'.
+    """Columns of one group and of its neighbor inward that are left after their rows are condensed, as rows, and six
+    rows for condensation; the space is all groups'.
     """
 
     own: Array  # (size + 6, kept) what the group does in its own rows

@@ -9,7 +9,7 @@ import numpy as np
 from mbfmu.mechanics.dispatch import place_child
 from mbfmu.mechanics.recursions.dynamics import rotate_quaternion
 from mbfmu.mechanics.spatial import multiply
-from mbfmu.mechanics.steps import EPSILON
+from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE
 from solvers.compiled.kernel import kernel
 
 from .layout import FIXED, INNER
@@ -43,10 +43,10 @@ def geometric_stiffness(i: int, arrays: Any, state: Any, perturbed: Any, scratch
     plain = body.nq - 4 * body.quaternion
     for l in range(body.nv):
         if l < plain:
-            perturbed.q[body.qi + l] += EPSILON * 1j
+            perturbed.q[body.qi + l] += COMPLEX_STEP_SIZE * 1j
         else:
             for k in range(3):
-                scratch.turn[k] = EPSILON * 1j if k == l - plain else 0.0
+                scratch.turn[k] = COMPLEX_STEP_SIZE * 1j if k == l - plain else 0.0
             rotate_quaternion(perturbed.q, body.qi + plain, scratch.turn, 0)
         place_child(body, arrays, perturbed)
         for k in range(body.nq):
@@ -55,7 +55,7 @@ def geometric_stiffness(i: int, arrays: Any, state: Any, perturbed: Any, scratch
             total = 0.0
             for a in range(3):
                 total += perturbed.rel[k, a].imag * pull[a] + perturbed.rel[k, 3 + a].imag * twist[a]
-            scratch.G[k, l] = total / EPSILON
+            scratch.G[k, l] = total / COMPLEX_STEP_SIZE
         scratch.G[l, l] += scratch.along[body.vi + l]
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from mbfmu.mechanics.dispatch import apply_load
-from mbfmu.mechanics.steps import EPSILON, step
+from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
 from solvers.compiled.kernel import kernel
 
 
@@ -24,7 +24,7 @@ def stiffness(e: int, c1: float, layout: Any, arrays: Any, state: Any, perturbed
         for p in range(end - first):
             F = perturbed.bodies[layout.bodies[first + p]].F
             for k in range(6):
-                K[6 * p + k, j] = -F[k].imag / EPSILON
+                K[6 * p + k, j] = -F[k].imag / COMPLEX_STEP_SIZE
 
 
 @kernel
@@ -35,9 +35,9 @@ def joint_stiffness(c1: float, layout: Any, arrays: Any, state: Any, perturbed: 
     for k in range(layout.along.shape[0]):
         body = arrays.bodies[layout.along[k, 1]]
         q, v = body.qi, body.vi
-        perturbed.q[q] = state.q[q] + EPSILON * 1j
-        perturbed.v[v] = state.v[v] + c1 * EPSILON * 1j
+        perturbed.q[q] = state.q[q] + COMPLEX_STEP_SIZE * 1j
+        perturbed.v[v] = state.v[v] + c1 * COMPLEX_STEP_SIZE * 1j
         perturbed.Q[v] = 0.0
         apply_load(arrays.loads[layout.along[k, 0]], state.time[0], arrays, perturbed)
-        along[v] -= perturbed.Q[v].imag / EPSILON
+        along[v] -= perturbed.Q[v].imag / COMPLEX_STEP_SIZE
         perturbed.q[q], perturbed.v[v] = state.q[q], state.v[v]

@@ -12,7 +12,7 @@ from mbfmu.mechanics.axes import along, unit_axis
 from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import positive
-from mbfmu.mechanics.shapes import GLASS, Cylinder, Shape
+from mbfmu.mechanics.shapes import SURFACE_OPACITY, Cylinder, Shape
 from solvers.compiled.kernel import kernel
 
 from .base import FRAME_FIELDS, Surface, edge_factor, set_normal, to_frame_axes
@@ -68,7 +68,7 @@ class Drum(Surface):
     def shapes(self, near: Any) -> tuple[Shape, ...]:
         """See the base."""
         at = tuple(float(x) for x in self.at)
-        return (Cylinder(radius=self.radius, length=self.length, at=at, axis=self.axis, opacity=GLASS),)
+        return (Cylinder(radius=self.radius, length=self.length, at=at, axis=self.axis, opacity=SURFACE_OPACITY),)
 
     def curvature(self) -> float:
         """See the base."""

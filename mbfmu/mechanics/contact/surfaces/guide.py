@@ -12,7 +12,7 @@ from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import positive
-from mbfmu.mechanics.shapes import GLASS, Matrix, Shape, ribbon
+from mbfmu.mechanics.shapes import SURFACE_OPACITY, Matrix, Shape, ribbon
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
@@ -88,7 +88,7 @@ class Guide(Surface):
         )  # about the start, and half a turn on about the end
         half = self.radius * (np.outer(np.cos(angle), axes[:, 0]) + np.outer(np.sin(angle), axes[:, 1]))
         rim = np.concatenate((self.start + half, self.end - half))
-        return ribbon(np.concatenate((rim, rim[:1])), axes[:, 2], self.width, opacity=GLASS)
+        return ribbon(np.concatenate((rim, rim[:1])), axes[:, 2], self.width, opacity=SURFACE_OPACITY)
 
     def edges(self) -> tuple[float, float, Matrix]:
         """See the base."""

@@ -12,7 +12,7 @@ from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite, positive
-from mbfmu.mechanics.shapes import GLASS, Matrix, Shape, ribbon
+from mbfmu.mechanics.shapes import SURFACE_OPACITY, Matrix, Shape, ribbon
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
@@ -86,7 +86,7 @@ class Trough(Surface):
         axes = self._axes()
         angle = np.linspace(-0.5 * self.angle, 0.5 * self.angle, 1 + int(np.ceil(self.angle / PANEL_ANGLE)))
         arc = np.outer(np.cos(angle), axes[:, 0]) + np.outer(np.sin(angle), axes[:, 1])
-        return ribbon(self.at + self.radius * arc, axes[:, 2], self.length, opacity=GLASS)
+        return ribbon(self.at + self.radius * arc, axes[:, 2], self.length, opacity=SURFACE_OPACITY)
 
     def _axes(self) -> Matrix:
         """Return the columns x towards the middle of the arc, y and z along the axis."""

@@ -11,7 +11,7 @@ import numpy as np
 from mbfmu.mechanics.axes import plane_axes, unit_axis
 from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.shapes import GLASS, Panel, Shape
+from mbfmu.mechanics.shapes import SURFACE_OPACITY, Panel, Shape
 from solvers.compiled.kernel import kernel
 
 from .base import Surface
@@ -68,4 +68,4 @@ class Wall(Surface):
         close = local[local[:, 2] <= max(reach, local[:, 2].min()), :2]
         low, high = close.min(axis=0) - reach, close.max(axis=0) + reach
         middle = self.at + axes[:, :2] @ (0.5 * (low + high))
-        return (Panel(size=high - low, at=middle, rotation=axes, opacity=GLASS),)
+        return (Panel(size=high - low, at=middle, rotation=axes, opacity=SURFACE_OPACITY),)

@@ -26,9 +26,10 @@ from mbfmu.util.errors import UserError
 
 K = TypeVar("K", RollerNip, SurfaceContact)
 
-DEEPEST = 5.0  # depths of a contact, or depths at which it bears the sheet's weight, that a sheet may start in
-CORE = 0.5  # radii of a guide, in which nothing of a sheet is, whether it is a contact point or not
-FINEST = 200  # points of a cell one way that are looked at for that
+# Depth in which a sheet may start, relative to the depth of the contact law, or to that which bears the sheet's weight
+MAX_START_DEPTH_RATIO = 5.0
+CORE_RATIO = 0.5  # radii of a guide, in which nothing of a sheet is, whether it is a contact point or not
+MAX_SAMPLES = 200  # points of a cell one way that are looked at for that
 
 
 def check_surface_contacts(
@@ -41,77 +42,79 @@ def check_surface_contacts(
     """
     if not len(contacts):
         return
-    meetings = list(_of(mechanism, SurfaceContact))
-    cores = np.array([load.surface.core() for met in meetings for load in met.loads])
-    sides = np.array([load.sides for met in meetings for load in met.loads])
-    finer = np.clip(np.ceil(sides / (CORE * cores[:, None])), 1, FINEST).astype(np.int64)  # a point in every half core
+    groups = list(_contact_groups(mechanism, SurfaceContact))
+    cores = np.array([load.surface.core() for group in groups for load in group.loads])
+    sides = np.array([load.sides for group in groups for load in group.loads])
+    finer = np.clip(np.ceil(sides / (CORE_RATIO * cores[:, None])), 1, MAX_SAMPLES).astype(
+        np.int64
+    )  # a point in every half core
     points, within = (np.zeros((len(contacts), 4)) for _ in range(2))
     find_max_penetration(contacts, contacts["samples"].copy(), arrays, state, points)
     find_max_penetration(contacts, finer, arrays, state, within)
     first = 0
-    for met in meetings:
-        load, own = met.loads[0], slice(first, first + len(met.loads))
+    for group in groups:
+        load, own = group.loads[0], slice(first, first + len(group.loads))
         first = own.stop
-        most = DEEPEST * max(load.depth, _resting(met, gravity))
-        for found, allowed in ((points[own], most), (within[own], max(most, CORE * load.surface.core()))):
+        most = MAX_START_DEPTH_RATIO * max(load.depth, _resting_depth(group, gravity))
+        for found, allowed in ((points[own], most), (within[own], max(most, CORE_RATIO * load.surface.core()))):
             depth, *place = found[found[:, 0].argmax()].tolist()
             if depth > allowed:
                 raise UserError(
-                    f"sheet {_sheet(mechanism, met.nodes)!r} penetrates {met.name!r} at the start by {depth:.3g} m at "
-                    f"({place[0]:.4g}, {place[1]:.4g}, {place[2]:.4g}) m; allowed: {allowed:.3g} m at most. Move the "
-                    "sheet or the surface apart",
+                    f"sheet {_sheet(mechanism, group.nodes)!r} penetrates {group.name!r} at the start by {depth:.3g} m "
+                    f"at ({place[0]:.4g}, {place[1]:.4g}, {place[2]:.4g}) m; allowed: {allowed:.3g} m at most. Move "
+                    "the sheet or the surface apart",
                     "contact-at-start",
                 )
 
 
-def unfelt(mechanism: Mechanism, state: State) -> list[str]:
+def undersampled_edges(mechanism: Mechanism, state: State) -> list[str]:
     """Return warnings about edges of guides that may lie between the contact points of a sheet."""
-    told = []
-    for met in _of(mechanism, SurfaceContact):
-        load, holder = met.loads[0], met.holder
+    messages = []
+    for group in _contact_groups(mechanism, SurfaceContact):
+        load, holder = group.loads[0], group.holder
         edges = load.surface.edges()
         if edges is None:
             continue
         radius, long, along = edges
-        axes = state.bodies["A"][met.nodes[0].index][:, ::2]  # of the sheet as it starts
+        axes = state.bodies["A"][group.nodes[0].index][:, ::2]  # of the sheet as it starts
         lies = np.abs(axes.T @ (state.bodies["A"][holder.index] @ along))  # cosines
         apart = np.array(load.sides) / load.samples
         across, beside = apart * np.sqrt(np.clip(1.0 - lies**2, 0.0, 1.0)), apart * lies
         for size, what, gap in ((2.0 * radius, "thick", across.max()), (long, "wide", beside.max())):
             if size < gap:
-                told.append(
+                messages.append(
                     coded(
                         "contact-at-start",
-                        f"surface of contact {met.name!r} is {size:.3g} m {what}, but the contact points of sheet "
-                        f"{_sheet(mechanism, met.nodes)!r} are {gap:.3g} m apart: an edge between two points causes no "
-                        f"contact force; use more points per cell than {tuple(load.samples)}",
+                        f"surface of contact {group.name!r} is {size:.3g} m {what}, but the contact points of sheet "
+                        f"{_sheet(mechanism, group.nodes)!r} are {gap:.3g} m apart: an edge between two points causes "
+                        f"no contact force; use more points per cell than {tuple(load.samples)}",
                     )
                 )
-    return told
+    return messages
 
 
-def beside(mechanism: Mechanism, state: State) -> list[str]:
+def misplaced_nips(mechanism: Mechanism, state: State) -> list[str]:
     """Return messages on nips that are not on the sheet that they drive, in the position of ``state``."""
-    told = []
-    for met in _of(mechanism, RollerNip):
-        nip = met.loads[0].common
-        across = state.bodies["r"][[body.index for body in met.nodes]] @ nip["e"]
+    messages = []
+    for group in _contact_groups(mechanism, RollerNip):
+        nip = group.loads[0].common
+        across = state.bodies["r"][[body.index for body in group.nodes]] @ nip["e"]
         middle, half = float(nip["place"] @ nip["e"]), 0.5 * nip["width"]
         off = max(float(across.min()) - middle, middle - float(across.max())) - half
         if off > 0.0:
-            told.append(
+            messages.append(
                 coded(
                     "contact-at-start",
-                    f"nip {met.name!r} is {off:.3g} m away from the edge of sheet {_sheet(mechanism, met.nodes)!r} at "
-                    "the start, across the feed direction; it drives the sheet only if the sheet moves sideways. Check "
-                    "the position and width of the nip",
+                    f"nip {group.name!r} is {off:.3g} m away from the edge of sheet {_sheet(mechanism, group.nodes)!r} "
+                    "at the start, across the feed direction; it drives the sheet only if the sheet moves sideways. "
+                    "Check the position and width of the nip",
                 )
             )
-    return told
+    return messages
 
 
 @dataclass(frozen=True)
-class _Meeting(Generic[K]):
+class _ContactGroup(Generic[K]):
     """A surface contact or a nip: the loads of its cells, the nodes of its sheet, and what those meet."""
 
     name: str
@@ -120,13 +123,13 @@ class _Meeting(Generic[K]):
     holder: Body  # that has the surface, or the roller
 
 
-def _of(mechanism: Mechanism, kind: type[K]) -> Iterator[_Meeting[K]]:
+def _contact_groups(mechanism: Mechanism, kind: type[K]) -> Iterator[_ContactGroup[K]]:
     """Yield every contact, or every nip."""
     own = ((name, load, bodies) for name, load, bodies in mechanism.others if isinstance(load, kind))
     for name, cells in groupby(own, key=itemgetter(0)):
         _, loads, corners = zip(*cells, strict=True)
         nodes = {id(body): body for four in corners for body in four[:4]}
-        yield _Meeting(name, list(loads), list(nodes.values()), corners[0][4])
+        yield _ContactGroup(name, list(loads), list(nodes.values()), corners[0][4])
 
 
 def _sheet(mechanism: Mechanism, nodes: Sequence[Body]) -> str:
@@ -136,10 +139,10 @@ def _sheet(mechanism: Mechanism, nodes: Sequence[Body]) -> str:
     return next(own, node.name)
 
 
-def _resting(met: _Meeting[SurfaceContact], gravity: float) -> float:
+def _resting_depth(group: _ContactGroup[SurfaceContact], gravity: float) -> float:
     """Return the depth at which a surface contact bears the weight of the sheet, m."""
-    law = met.loads[0]
-    area = law.sides[0] * law.sides[1] * len(met.loads)
-    depth = sum(body.mass for body in met.nodes) * gravity / area / law.stiffness
+    law = group.loads[0]
+    area = law.sides[0] * law.sides[1] * len(group.loads)
+    depth = sum(body.mass for body in group.nodes) * gravity / area / law.stiffness
     square = float(np.sqrt(2.0 * law.depth * depth))
     return square if square < law.depth else depth + 0.5 * law.depth

@@ -1,4 +1,4 @@
-"""What plates and shells feel at a point: polynomials against stiffness, sheets against closed forms."""
+"""Stress recovery of plates and shells: polynomials against stiffness, sheets against closed forms."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import mbfmu as mb
 from mbfmu.mechanics import Mechanism, Plate, PointForce, Shell, Weld
 from mbfmu.mechanics.elements.material import PlaneStress
 from mbfmu.mechanics.elements.plate_curvature import curvature
-from mbfmu.mechanics.elements.shell_stiffness import GAUSS
+from mbfmu.mechanics.elements.shell_stiffness import GAUSS_POINTS
 from mbfmu.sheets import Support, add_sheet
 
 L, W, T, E, NU, RHO = 0.3, 0.2, 0.5e-3, 1e10, 0.3, 1000.0
@@ -59,10 +59,10 @@ def test_what_a_shell_feels_stores_its_energy() -> None:
     d = np.random.default_rng(0).normal(size=(4, 6))
     energy = {"force": 0.0, "moment": 0.0}
     double = np.array([1.0, 1.0, 2.0])  # the tensors' components xz count twice
-    for x, z in 0.5 * (1.0 + GAUSS):
-        felt = {key: np.tensordot(value.weights, d, 2) for key, value in shell.felt(x, z).items()}
+    for x, z in 0.5 * (1.0 + GAUSS_POINTS):
+        recovered = {key: np.tensordot(value.weights, d, 2) for key, value in shell.recover(x, z).items()}
         for force, strain in (("force", "strain"), ("moment", "curvature")):
-            energy[force] += 0.25 * a * b * (double * felt[force]) @ felt[strain]
+            energy[force] += 0.25 * a * b * (double * recovered[force]) @ recovered[strain]
     bent, plane = d[:, 1::2].reshape(-1), d[:, 0::2].copy()
     assert energy["moment"] == pytest.approx(bent @ record["bent"] @ bent, rel=1e-12)
     plane[:, 2] = 0.0

@@ -1,4 +1,4 @@
-"""What an element feels at a point: strains and curvatures as tensors, and the forces and moments that go with them."""
+"""Stress recovery: strains and curvatures of an element at a point as tensors, and their forces and moments."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 Matrix = NDArray[np.float64]
-TENSOR = np.array([1.0, 1.0, 0.5])  # of (e_xx, e_zz, gamma) and of (w,xx, w,zz, 2 w,xz)
+TENSOR_FACTORS = np.array([1.0, 1.0, 0.5])  # of (e_xx, e_zz, gamma) and of (w,xx, w,zz, 2 w,xz)
 
 
-class Felt(NamedTuple):
+class Recovered(NamedTuple):
     """Components xx, zz, xz of a quantity: ``start`` (3,), and (3, ...) by each of an element's own strains."""
 
     start: Matrix
     weights: Matrix
 
 
-def felt(
+def recover(
     strain: Any, curvature: Any, stretching: Matrix, bending: Matrix, *, drawn: Any = 0.0, natural: Any = 0.0
-) -> dict[str, Felt]:
-    """Return what an element feels at a point.
+) -> dict[str, Recovered]:
+    """Return curvature, moment, strain and force of an element at a point.
 
     Parameters
     ----------
@@ -40,10 +40,10 @@ def felt(
     """
     none = np.zeros(3)
     found = {
-        "curvature": Felt(TENSOR * drawn, np.einsum("i,i...->i...", TENSOR, curvature)),
-        "moment": Felt(bending @ (none + drawn - natural), np.tensordot(bending, curvature, 1)),
+        "curvature": Recovered(TENSOR_FACTORS * drawn, np.einsum("i,i...->i...", TENSOR_FACTORS, curvature)),
+        "moment": Recovered(bending @ (none + drawn - natural), np.tensordot(bending, curvature, 1)),
     }
     if strain is not None:
-        found["strain"] = Felt(none, np.einsum("i,i...->i...", TENSOR, strain))
-        found["force"] = Felt(none, np.tensordot(stretching, strain, 1))
+        found["strain"] = Recovered(none, np.einsum("i,i...->i...", TENSOR_FACTORS, strain))
+        found["force"] = Recovered(none, np.tensordot(stretching, strain, 1))
     return found
