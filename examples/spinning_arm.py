@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from mbfmu.mechanics import MAX_MODES, Beam, Mechanism, Revolute, RunUp
+from mbfmu.mechanics import MODES, Beam, Mechanism, Revolute, RunUp
 from mbfmu.modeling import Model, parameter
 
 
@@ -31,7 +31,7 @@ class SpinningArm(Model):
     mass: float = parameter(12.0, unit="kg", min=1e-6, doc="arm, uniform")
     bending_stiffness: float = parameter(1.4e4, unit="N.m2", min=1e-6, doc="E I")
     modes: int = parameter(
-        2, min=1, max=MAX_MODES, structural=True, resolution=(2, 4, 8), doc="modes of bending, clamped at the axis"
+        2, min=1, max=MODES, structural=True, resolution=(2, 4, 8), doc="modes of bending, clamped at the axis"
     )
     elements: int = parameter(
         10, min=1, max=1000, resolution=(10, 20, 40), doc="finite elements the modes are computed with"

@@ -161,7 +161,7 @@ def test_what_is_driven_alone_runs_under_every_solver(solver: str) -> None:
 
 
 def test_what_ties_everything_to_everything_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(systems, "WIDEST", 50)
+    monkeypatch.setattr(systems, "MAX_GROUP_BODIES", 50)
     m = Mechanism()
     hang(m, m.ground, 100, 0.0, "link")
     for k in range(2, 100):

@@ -90,7 +90,7 @@ def still(model: Model) -> Equilibrium:
 
 def dense(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every mechanism with cut joints go the dense way."""
-    monkeypatch.setattr(systems, "LARGE_LOOPS", 10_000)
+    monkeypatch.setattr(systems, "MAX_DENSE_LOOP_COORDINATES", 10_000)
 
 
 @pytest.mark.parametrize("way", ["master", "guided", "simple"])
@@ -430,7 +430,7 @@ def test_springs_and_forces_on_a_large_sheet_are_those_of_the_dense_way(monkeypa
     assert isinstance(found.plant.system, TreeSystem)
     near = found.q + 1e-7 * np.random.default_rng(0).normal(size=len(found.q))
     assert balance.solve(near).iterations <= 3  # the tangent is exact
-    monkeypatch.setattr(systems, "LARGE", 10_000)
+    monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 10_000)
     expected = still(Fixed(build()))
     assert isinstance(expected.plant.system, System)
     assert found.outputs == pytest.approx(expected.outputs, abs=1e-9)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from mbfmu.mechanics import MAX_MODES, Beam, Body, CutHandle, Input, JointForce, Mechanism, Revolute, RevoluteCut, rod
+from mbfmu.mechanics import MODES, Beam, Body, CutHandle, Input, JointForce, Mechanism, Revolute, RevoluteCut, rod
 from mbfmu.modeling import Model, parameter
 from mbfmu.util.errors import UserError
 
@@ -54,7 +54,7 @@ class FourBar(Model):
     coupler_modes: int = parameter(
         0,
         min=0,
-        max=MAX_MODES,
+        max=MODES,
         structural=True,
         resolution=(1, 2, 4),
         doc="Number of bending modes of the coupler, pinned at both ends; 0: rigid",

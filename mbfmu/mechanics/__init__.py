@@ -25,7 +25,7 @@ from .cuts import (
 )
 from .dispatch import signal_value
 from .elements import BeamElement, Plate, Shell
-from .flexible import MAX_MODES, Beam
+from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
     Floating,
@@ -60,7 +60,7 @@ from .shapes import Box, Cylinder, Panel, Sphere
 from .signals import Function, Harmonic, Input, Polynomial, Product, Ramp, RunUp, Signal, SpeedInput, Step, Sum, Table
 
 __all__ = [
-    "MAX_MODES",
+    "MODES",
     "AssemblyError",
     "Beam",
     "BeamElement",

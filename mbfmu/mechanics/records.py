@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.contact.contact_scratch import CONTACT_SCRATCH, NIP_SCRATCH
 from mbfmu.mechanics.elements.plate_energy import PLATE_SCRATCH
 from mbfmu.mechanics.elements.shell_energy import SHELL_SCRATCH
-from mbfmu.mechanics.flexible.modal import FLEXIBLE, MAX_MODES, NODE
+from mbfmu.mechanics.flexible.modal import FLEXIBLE, MODES, NODE
 from solvers.compiled.kernel import records
 
 MAX_KERNELS = 4  # most that a role has
@@ -213,7 +213,7 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
         product=z((3, 3)),
         wrench=z(6),
         U=z((nv, 6)),
-        D=z((nv, MAX_MODES + 1)),
+        D=z((nv, MODES + 1)),
         time=z(1),
         cached_power=z(1),
         energy=z(2),

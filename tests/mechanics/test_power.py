@@ -142,7 +142,7 @@ def sheet(driven: bool) -> Mechanism:
 def test_power_of_elastic_bodies_is_the_rate_of_their_energy(make: Any, driven: bool, monkeypatch: Any) -> None:
     """Modes, plates, drag, pressure and their damping, on a hinge that swings and on one that is driven."""
     rng = np.random.default_rng(5)
-    monkeypatch.setattr(systems, "LARGE", 10**6)
+    monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 10**6)
     plant = Plant(make(driven))
     q = plant.assembly.start_positions()
     n = plant.system.n
@@ -154,9 +154,9 @@ def test_power_of_elastic_bodies_is_the_rate_of_their_energy(make: Any, driven: 
 def test_power_of_a_large_tree_is_that_of_the_dense_system(driven: bool, monkeypatch: Any) -> None:
     """After the articulated-body recursion as after inverse dynamics."""
     rng = np.random.default_rng(6)
-    monkeypatch.setattr(systems, "LARGE", 10**6)
+    monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 10**6)
     dense = Plant(sheet(driven))
-    monkeypatch.setattr(systems, "LARGE", 0)
+    monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 0)
     tree = Plant(sheet(driven))
     assert isinstance(tree.system, TreeSystem)
     n, none = tree.system.n, np.zeros(0)

@@ -61,7 +61,7 @@ def groups_of(plant: Plant, how: int | None) -> Groups:
     if how is None:
         return Groups(np.zeros(len(plant.mechanism.bodies), np.int64), np.array([-1]))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(groups, "BLOCK", how)
+        patch.setattr(groups, "MAX_BLOCK_BODIES", how)
         return find_groups(plant.mechanism)
 
 

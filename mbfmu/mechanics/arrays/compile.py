@@ -171,7 +171,7 @@ def shared(body: Body) -> bool:
 
 
 class CompiledAttachment:
-    """Where something of a kind is in a mechanism, see :class:`mbfmu.mechanics.kind.Site`."""
+    """Where something of a kind is in a mechanism, see :class:`mbfmu.mechanics.kind.Attachment`."""
 
     def __init__(self, name: str, bodies: tuple[Body, ...], numbering: Numbering, known: dict[str, int]) -> None:
         self.name, self.bodies = name, tuple(body.index for body in bodies)

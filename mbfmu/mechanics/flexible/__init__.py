@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from .beam import Beam
-from .modal import MAX_MODES
+from .modal import MODES
 
-__all__ = ["MAX_MODES", "Beam"]
+__all__ = ["MODES", "Beam"]

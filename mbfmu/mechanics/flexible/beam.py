@@ -20,7 +20,7 @@ from mbfmu.mechanics.checks import flag, whole
 from mbfmu.mechanics.numbers import finite, not_negative, positive
 from mbfmu.util.errors import UserError
 
-from .modal import MAX_MODES
+from .modal import MODES
 
 Array = NDArray[np.float64]
 
@@ -79,9 +79,9 @@ class Beam:
         for end in self.ends:
             if end not in BEAM_ENDS:
                 raise UserError(f"end of a beam is {end!r}; allowed: {', '.join(BEAM_ENDS)}")
-        if not 1 <= self.modes <= min(MAX_MODES, self._available):
+        if not 1 <= self.modes <= min(MODES, self._available):
             raise UserError(
-                f"modes of a beam are {self.modes!r}; allowed: 1 to {min(MAX_MODES, self._available)} "
+                f"modes of a beam are {self.modes!r}; allowed: 1 to {min(MODES, self._available)} "
                 f"with {self.elements} elements between {self.ends[0]} and {self.ends[1]} ends"
             )
 

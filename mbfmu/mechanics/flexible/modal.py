@@ -41,7 +41,7 @@ import numpy as np
 
 from solvers.compiled.kernel import kernel
 
-MAX_MODES = 12  # most of one body
+MODES = 12  # most of one body
 
 FLEXIBLE = np.dtype(  # a slender body by its modes; everything about the origin of its frame
     [
@@ -53,13 +53,13 @@ FLEXIBLE = np.dtype(  # a slender body by its modes; everything about the origin
         ("mass", np.float64),  # kg
         ("X1", np.float64),  # kg m, first and second moment along the axis
         ("X2", np.float64),  # kg m^2
-        ("a", np.float64, (MAX_MODES,)),  # kg, momentum of a mode
-        ("c", np.float64, (MAX_MODES,)),  # kg m, its angular momentum about the origin
-        ("mu", np.float64, (MAX_MODES,)),  # kg, modal mass
-        ("kappa", np.float64, (MAX_MODES,)),  # N/m, modal stiffness
+        ("a", np.float64, (MODES,)),  # kg, momentum of a mode
+        ("c", np.float64, (MODES,)),  # kg m, its angular momentum about the origin
+        ("mu", np.float64, (MODES,)),  # kg, modal mass
+        ("kappa", np.float64, (MODES,)),  # N/m, modal stiffness
         ("beta", np.float64),  # s, damping time of the material
-        ("g0", np.float64, (MAX_MODES, MAX_MODES)),  # kg/m, kg: shortening in the first and second moment
-        ("g1", np.float64, (MAX_MODES, MAX_MODES)),
+        ("g0", np.float64, (MODES, MODES)),  # kg/m, kg: shortening in the first and second moment
+        ("g1", np.float64, (MODES, MODES)),
     ],
     align=True,
 )
@@ -68,10 +68,10 @@ NODE = np.dtype(  # a cross-section of an elastic body
     [
         ("shortens", np.int64),
         ("x", np.float64),  # place on the axis, m
-        ("phi", np.float64, (MAX_MODES,)),  # deflection of each mode at amplitude 1
-        ("slope", np.float64, (MAX_MODES,)),  # 1/m, turn
-        ("moment", np.float64, (MAX_MODES,)),  # N, bending moment per amplitude
-        ("G", np.float64, (MAX_MODES, MAX_MODES)),  # 1/m, shortening from the frame to here
+        ("phi", np.float64, (MODES,)),  # deflection of each mode at amplitude 1
+        ("slope", np.float64, (MODES,)),  # 1/m, turn
+        ("moment", np.float64, (MODES,)),  # N, bending moment per amplitude
+        ("G", np.float64, (MODES, MODES)),  # 1/m, shortening from the frame to here
     ],
     align=True,
 )

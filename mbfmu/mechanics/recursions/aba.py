@@ -21,7 +21,7 @@ from solvers.compiled.kernel import kernel
 
 from .rnea import inertia_wrench
 
-RHS_COLUMN = modal.MAX_MODES  # column of D with the right-hand side
+RHS_COLUMN = modal.MODES  # column of D with the right-hand side
 
 
 @kernel
