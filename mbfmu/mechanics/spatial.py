@@ -106,7 +106,7 @@ def arm(here: Any, p: Any) -> tuple[float, float, float]:
 
 
 @kernel
-def way(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
+def point_offset(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
     """From a's point to b's, from a's origin to b's point, and from b's origin there, global axes."""
     ax, ay, az = arm(A, Pa)
     bx, by, bz = arm(B, Pb)
@@ -115,9 +115,9 @@ def way(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
 
 
 @kernel
-def way_rate(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
+def point_offset_rate(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
     """Velocity of b's point relative to body a, global axes."""
-    _, (x, y, z), (bx, by, bz) = way(A, B, Pa, Pb)
+    _, (x, y, z), (bx, by, bz) = point_offset(A, B, Pa, Pb)
     a, b = A.Y, B.Y
     return (
         b[0] + b[4] * bz - b[5] * by - a[0] - (a[4] * z - a[5] * y),
@@ -134,7 +134,7 @@ def centripetal(here: Any, x: float, y: float, z: float, k: int) -> float:
 
 
 @kernel
-def turned(n: Vec, c: float, s: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+def rotated(n: Vec, c: float, s: float, x: float, y: float, z: float) -> tuple[float, float, float]:
     """The vector (x, y, z) turned about the unit vector n by the angle of cosine c and sine s: Rodrigues' formula."""
     d = (1.0 - c) * (n[0] * x + n[1] * y + n[2] * z)
     return (

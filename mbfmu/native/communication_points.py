@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.arrays.bending import find_largest_angle
-from mbfmu.mechanics.arrays.points import WEIGHS, begin_inputs, depart, set_input
+from mbfmu.mechanics.arrays.points import GRAVITY_LOAD, begin_inputs, set_input, start_motions
 from mbfmu.mechanics.recursions.dynamics import energy
 from solvers.balance import BALANCE_OK, check_energy_balance, energy_floor
 from solvers.compiled.kernel import kernel
@@ -55,9 +55,9 @@ def begin_points(s: Any, code: int) -> None:
 def take(s: Any, index: int, value: float) -> int:
     """Take the value of an input at the reported time; return its role."""
     role: int = s.inputs.inputs[index].role
-    before = energy_at(s) if role == WEIGHS else 0.0
+    before = energy_at(s) if role == GRAVITY_LOAD else 0.0
     set_input(s.inputs, index, value, s.clock[0])
-    if role == WEIGHS:
+    if role == GRAVITY_LOAD:
         s.balance[0].reference_energy += energy_at(s) - before
     return role
 
@@ -75,7 +75,7 @@ def leave(s: Any, before: float, jumps: bool) -> None:
 
     ``before`` is the energy until then, J.
     """
-    if depart(s.inputs, s.options[0].rtol):
+    if start_motions(s.inputs, s.options[0].rtol):
         s.told[0].jumps = 1
     if jumps:
         for i in range(s.dv.shape[0]):

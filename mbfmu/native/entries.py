@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import couplings, cuts, elements, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.points import (
-    CHANGED,
-    DEPARTS,
-    JUMPS,
-    MOVES,
+    LOADS_CHANGED,
+    MOTION_STARTS,
+    RATE_JUMPS,
+    SUPPORT_MOTION,
     InputRecords,
-    perturb,
-    recall,
-    set_out,
+    begin_support_motions,
+    perturb_motions,
+    restore_motions,
     start_input,
 )
-from mbfmu.mechanics.arrays.tables import REAL, Called
+from mbfmu.mechanics.arrays.tables import REAL, CalledKernel
 from mbfmu.mechanics.kind import ElementType, element_types_of, kernel_of, record_of
 from mbfmu.mechanics.records import empty_data
 from mbfmu.mechanics.recursions.dynamics import input_step_limit, observe
@@ -232,10 +232,10 @@ def entries(name: str) -> dict[str, Entry]:
         code: int = OK
         for k in range(2):
             if code == OK:
-                perturb(s.inputs, s.clock[0], float(k))
+                perturb_motions(s.inputs, s.clock[0], float(k))
                 code = evaluated(s)
                 note_rates(s, k)
-        recall(s.inputs)
+        restore_motions(s.inputs)
         return code
 
     def start(s: Any, index: int, value: float) -> int:
@@ -286,7 +286,7 @@ def entries(name: str) -> dict[str, Entry]:
         """Take the value of an input at the time reached, as ``Simulation.set_input`` does."""
         if not abs(value) < np.inf:
             return NOT_FINITE
-        if take(s, index, value) != MOVES:
+        if take(s, index, value) != SUPPORT_MOTION:
             renewed(s, False)
         return OK
 
@@ -299,11 +299,11 @@ def entries(name: str) -> dict[str, Entry]:
         """Go to a communication point, s, as ``Simulation.advance`` does; on failure the last good state stays."""
         t = s.clock[0]
         if end > t:
-            found = set_out(s.inputs, t, end)
-            if found & CHANGED:
+            found = begin_support_motions(s.inputs, t, end)
+            if found & LOADS_CHANGED:
                 renewed(s, False)
-            if found & DEPARTS:
-                jumps, before = found & JUMPS != 0, energy_at(s)
+            if found & MOTION_STARTS:
+                jumps, before = found & RATE_JUMPS != 0, energy_at(s)
                 code: int = impulse(s) if jumps else OK
                 s.told[0].unknown = 1 if code != OK else 0
                 if code != OK:
@@ -347,14 +347,14 @@ def entries(name: str) -> dict[str, Entry]:
     }
 
 
-def kinds() -> tuple[Called, ...]:
+def kinds() -> tuple[CalledKernel, ...]:
     """Return the kernels of all kinds that ship, in the order of their addresses in the runtime."""
     return tuple(dict.fromkeys(called for room, role in ROLES.items() for called in _kernels(room, role)))
 
 
-def _kernels(room: ModuleType, role: type[ElementType]) -> Iterator[Called]:
+def _kernels(room: ModuleType, role: type[ElementType]) -> Iterator[CalledKernel]:
     for kind in element_types_of(room, role):
         for name, signature in kind.kernels.items():
             function = kernel_of(kind, name)
             if function is not None and name in REAL.names:
-                yield Called(function, record_of(kind), signature)
+                yield CalledKernel(function, record_of(kind), signature)

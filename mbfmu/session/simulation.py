@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.arrays.given import Courses
-from mbfmu.mechanics.arrays.points import CHANGED, DEPARTS, JUMPS
+from mbfmu.mechanics.arrays.points import LOADS_CHANGED, MOTION_STARTS, RATE_JUMPS
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
@@ -324,22 +324,22 @@ class Simulation:
         Velocity discontinuities of all supports are applied as a single impulse.
         """
         inputs, t = self.plant.inputs, self.t
-        if not (inputs.remember and end > t):
+        if not (inputs.has_state and end > t):
             return
-        found = inputs.set_out(t, float(end))
-        if found & CHANGED:
+        found = inputs.begin_support_motions(t, float(end))
+        if found & LOADS_CHANGED:
             self.stepper.continue_after_event()
-        if not found & DEPARTS:
+        if not found & MOTION_STARTS:
             return
         before = self.energy()
         try:
-            dv = inputs.impulse(t, lambda: self.stepper.accelerations()[0]) if found & JUMPS else None
+            dv = inputs.impulse(t, lambda: self.stepper.accelerations()[0]) if found & RATE_JUMPS else None
         except SolverError as error:
             names = ", ".join(map(repr, inputs.jumping()))
             raise UserError(
                 f"the rate of input {names} jumps at t = {t:.9g} s, where the impulse is not determined: {error}"
             ) from error
-        jumped = inputs.depart(self.settings.tolerance)
+        jumped = inputs.start_motions(self.settings.tolerance)
         if dv is None:
             self.stepper.continue_after_event()
         else:
@@ -438,12 +438,12 @@ class Simulation:
         done, self._end = 0, float(max(times, default=self._end))
         while done < len(times):
             self._begin_support_motion(times[done])
-            ahead = times[done:] if self.plant.inputs.settled else times[done : done + 1]
+            ahead = times[done:] if self.plant.inputs.motions_finished else times[done : done + 1]
             samples = self.stepper.sample(ahead, values[done : done + len(ahead)])
             count = self._folds.unfolded(ahead, samples.q)
             rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
             if count > 1:
-                self.plant.inputs.pass_by(float(ahead[count - 2]))
+                self.plant.inputs.skip_points(float(ahead[count - 2]))
             if count:
                 self._fill_energy_outputs(times[rows], samples.q, samples.energy_account, values[rows])
             done = rows.stop
@@ -505,7 +505,7 @@ class Simulation:
         if inputs.moves_support(index):
             inputs.set(index, value)
             return
-        before = self.energy() if inputs.weighs(index) else None
+        before = self.energy() if inputs.is_gravity(index) else None
         inputs.set(index, value, self.stepper.t)
         if before is not None:
             self._account_discontinuity(before)
@@ -537,7 +537,7 @@ class Simulation:
 
     def checkpoint(self) -> Checkpoint:
         """Return a checkpoint of the present state for :meth:`rollback`; it costs less than :meth:`save`."""
-        inputs = self.plant.inputs.state() if self.plant.inputs.remember else None
+        inputs = self.plant.inputs.state() if self.plant.inputs.has_state else None
         balance = self.energy_check.state if self.energy_check else None
         place = self.stepper.save()
         return Checkpoint(place, inputs, self.discontinuity_work, balance, self._folds.sharpest, len(self.remarks))

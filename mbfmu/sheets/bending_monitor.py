@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import Plant
-from mbfmu.mechanics.arrays.bending import MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE, Bend
+from mbfmu.mechanics.arrays.bending import MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE, BendingAngles
 from mbfmu.util.codes import coded
 from solvers.system import Array
 
 ADVICE = "Move it more slowly, damp it or make it stiffer; if the motion is intended, use a finer grid"
-Sharpest = tuple[Bend | None, float, Array]
+Sharpest = tuple[BendingAngles | None, float, Array]
 
 
 class Folds:
@@ -28,7 +28,7 @@ class Folds:
 
     def __init__(self, plant: Plant, t: float, q: Array) -> None:
         self._plant, self.folded = plant, ""
-        self.sharpest: Sharpest = (plant.bend(t, q), t, q)
+        self.sharpest: Sharpest = (plant.measure_bending(t, q), t, q)
 
     @property
     def coarse(self) -> str:
@@ -40,7 +40,7 @@ class Folds:
 
     def look(self, t: float, q: Array) -> bool:
         """Note how sharply plates bend at positions q (nq,); False where a cell is folded."""
-        here, (most, *_) = self._plant.bend(t, q), self.sharpest
+        here, (most, *_) = self._plant.measure_bending(t, q), self.sharpest
         if here is None or most is None:
             return True
         if here.largest > most.largest:
@@ -48,7 +48,7 @@ class Folds:
         self.folded = self._describe_fold(here, t) if here.largest > MAX_VALID_ANGLE else ""
         return not self.folded
 
-    def _describe_fold(self, bend: Bend, t: float) -> str:
+    def _describe_fold(self, bend: BendingAngles, t: float) -> str:
         return coded("folded-cell", f"a cell is folded at t = {t:.9g} s: {bend}. {ADVICE}")
 
     def unfolded(self, times: Array, q: Array) -> int:
@@ -69,5 +69,5 @@ class Folds:
     def restore(self, state: list[Any], t: float, q: Array) -> None:
         """Take up a :meth:`state` at the positions q (nq,) of time t."""
         then, there = (state[0], np.array(state[1])) if state else (t, q)
-        self.sharpest = self._plant.bend(then, there), then, there
+        self.sharpest = self._plant.measure_bending(then, there), then, there
         self.look(t, q)

@@ -169,7 +169,7 @@ class Equilibrium:
     @cached_property
     def warning(self) -> str:
         """Why the state is not to be trusted; empty: nothing speaks against it."""
-        bent = self.plant.bend(0.0, self.q)
+        bent = self.plant.measure_bending(0.0, self.q)
         return str(bent) if bent is not None and bent.largest > MAX_ACCURATE_ANGLE else ""
 
     def positions(self) -> dict[str, float]:

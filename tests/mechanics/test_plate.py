@@ -11,7 +11,7 @@ from random_mechanisms import random_rotation
 
 from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Polynomial, Shell
 from mbfmu.mechanics.dispatch import load_tangent
-from mbfmu.mechanics.elements.plate_energy import bending_strain, lean, stress
+from mbfmu.mechanics.elements.plate_energy import bending_strain, slope_factor, stress
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.records import to_complex_state
 from mbfmu.mechanics.recursions.dynamics import energy, update_kinematics
@@ -404,9 +404,9 @@ def test_pressure_is_a_signal() -> None:
 @pytest.mark.parametrize("theta", [1e-8, 1e-3, 0.0894, 0.0896, 0.3, 0.4509, 0.4511, 1.0, 2.0, 3.0])
 def test_lean_of_a_normal_on_both_sides_of_its_series(theta: float) -> None:
     c = np.cos(theta)
-    F, slope, bend = lean(c)
+    F, slope, bend = slope_factor(c)
     assert F == pytest.approx(theta / np.sin(theta), rel=1e-7 if theta < 1e-3 else 1e-13)
-    shifted = lean(complex(c, E))
+    shifted = slope_factor(complex(c, E))
     assert shifted[0].imag / E == pytest.approx(slope, rel=1e-12)
     assert shifted[1].imag / E == pytest.approx(bend, rel=1e-11)
 

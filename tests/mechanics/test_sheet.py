@@ -439,7 +439,7 @@ def test_sharpest_bend_is_the_angle_of_the_joint() -> None:
     names = plant.system.coordinate_names
     q[names.index("sheet.2.1.theta_z")] = 0.6
     q[names.index("sheet.3.2.theta_x")] = -0.4
-    bend = plant.bend(0.0, q)
+    bend = plant.measure_bending(0.0, q)
     assert bend is not None
     assert bend.largest == pytest.approx(0.6, abs=1e-12)
     assert re.fullmatch(
@@ -449,7 +449,7 @@ def test_sharpest_bend_is_the_angle_of_the_joint() -> None:
     )
     hinge = Mechanism()
     hinge.body("b", hinge.ground, Revolute(), mass=1.0, inertia=(1.0, 1.0, 1.0))
-    assert Plant(hinge).bend(0.0, np.zeros(1)) is None
+    assert Plant(hinge).measure_bending(0.0, np.zeros(1)) is None
 
 
 def test_projected_length_and_membrane_may_meet_across_rows() -> None:

@@ -15,14 +15,14 @@ from mbfmu.util.errors import AssemblyError, UserError
 from solvers.system import AnySystem, Array
 
 from .closing import assemble_positions, assemble_velocities, check_frames, check_inertia, frame_angles
-from .compile import shared
+from .compile import shares_coordinates
 from .rounded import ROUNDED_ADVICE, nearly_parallel
 from .rows import MAX_LISTED, dependent_rows, describe, first_lines
 
 
 def free_bodies(mechanism: Mechanism) -> list[Body]:
     """Return the bodies whose joints have free coordinates."""
-    return [body for body in mechanism.bodies if body.joint.drive is None and not shared(body)]
+    return [body for body in mechanism.bodies if body.joint.drive is None and not shares_coordinates(body)]
 
 
 class Assembly:

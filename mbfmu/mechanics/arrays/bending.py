@@ -24,7 +24,7 @@ ELEMENT_EDGES = np.array([[0, 1], [3, 2], [0, 3], [1, 2]])  # corners of an elem
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bend:
+class BendingAngles:
     """How the edges of all plate elements bend at one time.
 
     Attributes
@@ -66,11 +66,11 @@ class Bend:
         return "Refine the mesh"
 
 
-def measure_bending(mechanism: Mechanism, cells: NDArray[np.int64], state: State) -> Bend:
+def measure_bending(mechanism: Mechanism, cells: NDArray[np.int64], state: State) -> BendingAngles:
     """Return how plates between bodies ``cells`` (P, 4) bend as the bodies of ``state`` are placed."""
     angles = np.zeros((len(cells), len(ELEMENT_EDGES)))
     measure_edges(cells, state.bodies, angles)
-    return Bend(mechanism=mechanism, nodes=cells[:, ELEMENT_EDGES], angles=angles)
+    return BendingAngles(mechanism=mechanism, nodes=cells[:, ELEMENT_EDGES], angles=angles)
 
 
 @kernel

@@ -15,7 +15,7 @@ from solvers.compiled.kernel import COMPILED, bounds_checked
 from solvers.compiled.tuple_pointer import pin
 
 from .own_joints import check_joints
-from .tables import Called
+from .tables import CalledKernel
 
 OWN_PACKAGES = ("mbfmu.", "fmus.")  # modules whose kernels have separate tests
 BIAS, POTENTIAL, POWER, LONGEST_STEP = 1, 1, 2, 1  # places among the kernels of a kind, see mbfmu.mechanics.dispatch
@@ -30,7 +30,7 @@ class KernelUse(NamedTuple):
     arguments: tuple[Any, ...]
 
 
-def check_bounds(mechanism: Mechanism, called: list[Called | None], data: Data) -> None:
+def check_bounds(mechanism: Mechanism, called: list[CalledKernel | None], data: Data) -> None:
     """Raise UserError if a user-defined kernel uses an index outside an array; ``data`` is left as it is.
 
     Compiled kernels do not check indices: such a kernel would overwrite memory of something else.
@@ -50,7 +50,7 @@ def check_bounds(mechanism: Mechanism, called: list[Called | None], data: Data) 
     check_joints(mechanism, called, foreign, arrays, State(*(array.copy() for array in data.state)))
 
 
-def _call(use: KernelUse, own: Called, arrays: Arrays) -> None:
+def _call(use: KernelUse, own: CalledKernel, arrays: Arrays) -> None:
     record = arrays.memory[use.at : use.at + own.record.itemsize].view(own.record)
     try:
         with np.errstate(all="ignore"):

@@ -65,7 +65,7 @@ def assemble_positions(
     code = find_closed_positions(Loops.of(system), t, start, q, pin(scratch))
     if code == ASSEMBLED:
         return q
-    raise AssemblyError(_said(system, scratch, code))
+    raise AssemblyError(_failure_message(system, scratch, code))
 
 
 def least_change(system: AnySystem, J: Array, gaps: Array, held: NDArray[np.bool_]) -> Array:
@@ -94,11 +94,11 @@ def assemble_velocities(
     scratch = Scratch.of(system, held, given)
     code = find_consistent_velocities(Loops.of(system), t, q, start, system.rate, v, pin(scratch))
     if code != ASSEMBLED:
-        raise AssemblyError(_said(system, scratch, code))
+        raise AssemblyError(_failure_message(system, scratch, code))
     return v
 
 
-def _said(system: AnySystem, scratch: Scratch, code: int) -> str:
+def _failure_message(system: AnySystem, scratch: Scratch, code: int) -> str:
     """Return which row does not close, and by what."""
     row, gap = scratch.worst[0]
     return CLOSURE_MESSAGES[Outcome(code)].format(name=system.constraint_names[row], gap=float(gap))

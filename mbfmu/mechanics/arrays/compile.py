@@ -40,7 +40,7 @@ from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import records
 
 from .given import Courses
-from .tables import COMPLEX, COMPLEX_STEP, TANGENT, Called, Tables
+from .tables import COMPLEX, COMPLEX_STEP, TANGENT, CalledKernel, Tables
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Numbering:
         self.s = list(self.v)
         self.subspaces = self.nv_full
         for body in mechanism.bodies:
-            if shared(body):
+            if shares_coordinates(body):
                 self.s[body.index] = self.subspaces
                 self.subspaces += body.joint.nv
 
@@ -165,7 +165,7 @@ class Numbering:
         self.slots.append(Slot(variable, signal, coefficient))
 
 
-def shared(body: Body) -> bool:
+def shares_coordinates(body: Body) -> bool:
     """Whether the coordinates of a body's joint are another body's."""
     return isinstance(body.joint, Section) and body.joint.frame is not None
 
@@ -233,7 +233,10 @@ class Compiled:
                 for c in mechanism.couplings
             ),
             *((a.load, CompiledAttachment(a.what, a.bodies, numbering, known)) for a in loads),
-            *((sensor, CompiledAttachment("a sensor", observed(sensor), numbering, known)) for sensor in self.sensors),
+            *(
+                (sensor, CompiledAttachment("a sensor", observed_sensors(sensor), numbering, known))
+                for sensor in self.sensors
+            ),
         ]
         counts = (len(rigid), len(mechanism.cuts), len(mechanism.couplings), len(loads), len(self.sensors))
         self.ends = np.cumsum(counts)
@@ -290,7 +293,7 @@ class Compiled:
         """Return the same arrays with the kernels that give derivatives by the state."""
         return self.data.arrays._replace(kernels=self._tables.kernels(TANGENT))
 
-    def called(self) -> list[Called | None]:
+    def called(self) -> list[CalledKernel | None]:
         """Return what the addresses in ``Arrays.kernels`` are of."""
         return self._tables.called()
 
@@ -338,7 +341,7 @@ def filled_record(item: ElementType, place: CompiledAttachment) -> NDArray[Any]:
     return record
 
 
-def observed(sensor: Sensor) -> tuple[Body, ...]:
+def observed_sensors(sensor: Sensor) -> tuple[Body, ...]:
     """Return the bodies of a sensor: those it lists, or the one body that is its item."""
     return sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ())
 
@@ -357,7 +360,7 @@ def body_records(mechanism: Mechanism, numbering: Numbering, joints: NDArray[np.
         record, joint = table[i], body.joint
         record["parent"], record["node"] = body.parent, -1
         if isinstance(joint, Section):
-            record["role"] = SECTION if shared(body) else MODAL
+            record["role"] = SECTION if shares_coordinates(body) else MODAL
             record["node"], nodes = nodes, nodes + 1
         else:
             record["kind"], record["at"] = next(own)

@@ -37,7 +37,7 @@ MAX_CORRECTION_RATIO = 20.0  # largest shift or turn of a joint frame, in tolera
 MAX_AMPLIFICATION = 100.0  # ... and in closure errors
 
 
-class Place(NamedTuple):
+class JointPoint(NamedTuple):
     """Frame of a joint or of a cut joint: the body that it is fixed to, and its placement there."""
 
     body: int  # number of the body
@@ -60,7 +60,7 @@ class Placements:
 
     def __init__(self, mechanism: Mechanism, data: Data, handles: list[CutHandle | None]) -> None:
         self._mechanism, self._data, self._handles = mechanism, data, handles
-        self.places: list[Place] = []
+        self.places: list[JointPoint] = []
         self._joints: dict[int, int] = {}  # body, number of its joint's place
         self._cuts: dict[int, int] = {}  # index of a cut joint, number of its place
         for handle in {h.index: h for h in self._handles if h is not None}.values():
@@ -72,13 +72,13 @@ class Placements:
             record = arrays.bodies[k]
             if k not in self._joints and not isinstance(mechanism.bodies[k].joint, Section):
                 self._joints[k] = len(self.places)
-                self.places.append(Place(int(record["parent"]), record["s"], record["R"]))
+                self.places.append(JointPoint(int(record["parent"]), record["s"], record["R"]))
         dtype = np.dtype(type(handle.cut).record)
         if {"Pb", "Rb"} <= set(dtype.names or ()):
             at = int(arrays.cuts[handle.index]["at"])
             record = arrays.memory[at : at + dtype.itemsize].view(dtype)[0]
             self._cuts[handle.index] = len(self.places)
-            self.places.append(Place(handle.b.index, record["Pb"], record["Rb"]))
+            self.places.append(JointPoint(handle.b.index, record["Pb"], record["Rb"]))
 
     def _ways(self, handle: CutHandle) -> tuple[set[int], set[int]]:
         """Return the bodies whose joints move body a but not body b, and those whose joints move b but not a."""
@@ -187,7 +187,7 @@ def describe_correction(
     )
 
 
-class _Gaps(NamedTuple):
+class _ClosureErrors(NamedTuple):
     """Closure errors of the redundant equations at the positions of a part."""
 
     positions: list[Position]
@@ -209,7 +209,7 @@ def _close(
     """
     length = float(units.max())
 
-    def measure() -> _Gaps:
+    def measure() -> _ClosureErrors:
         found: list[Position] = []
         gaps, slopes = [], []
         for old in positions:
@@ -219,7 +219,9 @@ def _close(
                 gaps.append(U.T @ at.gaps)
                 slopes.append(U.T @ placements.slopes(units, length, kept))
                 found.append(at)
-        return _Gaps(found, np.concatenate(gaps or [np.full(1, np.inf)]), np.vstack(slopes or [np.zeros((1, 1))]))
+        return _ClosureErrors(
+            found, np.concatenate(gaps or [np.full(1, np.inf)]), np.vstack(slopes or [np.zeros((1, 1))])
+        )
 
     now, damping, least = measure(), 0.0, CLOSURE_NOISE / float(part.gap.max())
     for _ in range(MAX_NEWTON_ITERATIONS):

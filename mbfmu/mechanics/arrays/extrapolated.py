@@ -27,7 +27,7 @@ LOAD = np.dtype(
 
 
 @inlined
-def load_settled(course: Any) -> bool:
+def load_finished(course: Any) -> bool:
     """Whether a load stays as it is until it is set."""
     return course.c[1] == 0.0
 
@@ -39,7 +39,7 @@ def start_load(load: Any, course: Any) -> None:
 
 
 @kernel
-def give_load(t: float, value: float, load: Any, course: Any) -> None:
+def set_load_input(t: float, value: float, load: Any, course: Any) -> None:
     """Take the value at the point t, s."""
     if t != load.point:
         load.before, load.was, load.point = load.point, load.value, t
@@ -48,14 +48,14 @@ def give_load(t: float, value: float, load: Any, course: Any) -> None:
 
 
 @kernel
-def load_departs(t: float, end: float, load: Any, course: Any) -> bool:
+def load_starts(t: float, end: float, load: Any, course: Any) -> bool:
     """Begin a step from t to ``end``, s; return whether the load changes its course.
 
     It changes by no more than it last did, however long the step.
     """
-    went_on = not load_settled(course)
+    went_on = not load_finished(course)
     if t != load.point:
-        give_load(t, load.value, load, course)  # the host has said nothing: it is what it was
+        set_load_input(t, load.value, load, course)  # the host has said nothing: it is what it was
     change = load.value - load.was
     slope = change / max(t - load.before, end - t) if change != 0.0 and t > load.before else 0.0
     course.t0, course.c[0], course.c[1] = load.point, load.value, slope
@@ -63,7 +63,7 @@ def load_departs(t: float, end: float, load: Any, course: Any) -> bool:
 
 
 @kernel
-def pass_by_load(t: float, load: Any, course: Any) -> None:
+def skip_load_point(t: float, load: Any, course: Any) -> None:
     """Note a point, t (s), at which the load stayed as it is."""
-    if load_settled(course) and not t <= load.point:
-        give_load(t, load.value, load, course)
+    if load_finished(course) and not t <= load.point:
+        set_load_input(t, load.value, load, course)

@@ -17,20 +17,20 @@ from solvers.system import Array
 
 from .compile import GRAVITY_SIGNAL, Numbering
 from .points import (
-    GOES_ON,
-    HOLDS,
-    MOVES,
-    WEIGHS,
+    EXTRAPOLATED_LOAD,
+    GRAVITY_LOAD,
+    HELD_LOAD,
+    SUPPORT_MOTION,
     InputRecords,
-    all_settled,
+    all_finished,
     begin_inputs,
-    depart,
-    pass_by,
-    perturb,
-    recall,
+    begin_support_motions,
+    perturb_motions,
+    restore_motions,
     set_input,
-    set_out,
+    skip_points,
     start_input,
+    start_motions,
 )
 from .scale import joint_sizes
 
@@ -134,17 +134,17 @@ class Inputs:
 
     def _role(self, signal: int) -> int:
         if signal == GRAVITY_SIGNAL:
-            return WEIGHS
-        return MOVES if signal in self._supports else HOLDS
+            return GRAVITY_LOAD
+        return SUPPORT_MOTION if signal in self._supports else HELD_LOAD
 
     def _begin(self, own: InputRecords) -> None:
         """Take up records whose inputs are zero, and begin."""
         loads = 0
         for record, slot, role, course in zip(own.inputs, self._slots, self._roles, self._courses, strict=True):
             record["role"], record["number"], record["coefficient"] = role, course, slot.coefficient
-            if role == MOVES:
+            if role == SUPPORT_MOTION:
                 record["number"] = list(self._supports).index(slot.signal)
-            elif role == GOES_ON:
+            elif role == EXTRAPOLATED_LOAD:
                 record["number"], own.loads[loads]["course"] = loads, course
                 loads += 1
         self.own, self._held = own, pin(own)
@@ -154,9 +154,9 @@ class Inputs:
         """Extrapolate loads between points, see :mod:`.extrapolated`; not gravity, nor where the host gives a rate."""
         rated = {slot.signal for slot in self._slots if slot.coefficient}
         for index, slot in enumerate(self._slots):
-            if self._roles[index] == HOLDS and slot.signal not in rated:
-                self._roles[index] = GOES_ON
-        sizes = len(self._slots), self._roles.count(GOES_ON), len(self._supports)
+            if self._roles[index] == HELD_LOAD and slot.signal not in rated:
+                self._roles[index] = EXTRAPOLATED_LOAD
+        sizes = len(self._slots), self._roles.count(EXTRAPOLATED_LOAD), len(self._supports)
         own = InputRecords.allocate(*sizes, self.own.courses, self.own.world)
         self._begin(own._replace(supports=self.own.supports))
 
@@ -193,7 +193,7 @@ class Inputs:
 
     def moves_support(self, index: int) -> bool:
         """Whether an input is the position or the rate of a driven coordinate."""
-        return self._roles[index] == MOVES
+        return self._roles[index] == SUPPORT_MOTION
 
     def positions(self) -> list[int]:
         """Return the numbers of the inputs that are the position of a driven coordinate."""
@@ -211,9 +211,9 @@ class Inputs:
             return follows >= Follows.GRAVITY
         return not slot.coefficient and not self.moves_support(index) and follows >= Follows.LOADS
 
-    def weighs(self, index: int) -> bool:
+    def is_gravity(self, index: int) -> bool:
         """Whether an input is gravity, which changes the potential energy where it is set."""
-        return self._roles[index] == WEIGHS
+        return self._roles[index] == GRAVITY_LOAD
 
     def start(self, index: int, value: float, t: float = 0.0) -> None:
         """Set the value of an input at the start, t; raises UserError if it is not finite."""
@@ -232,22 +232,22 @@ class Inputs:
         set_input(self._held, index, finite(self._names[index], value), t)
 
     @property
-    def remember(self) -> bool:
+    def has_state(self) -> bool:
         """Whether any of them remembers what it was at points before."""
         return bool(len(self.own.supports) or len(self.own.loads))
 
     @property
-    def settled(self) -> bool:
+    def motions_finished(self) -> bool:
         """Whether every support and every load continues unchanged until an input is set."""
-        return bool(all_settled(self._held))
+        return bool(all_finished(self._held))
 
-    def pass_by(self, t: float) -> None:
+    def skip_points(self, t: float) -> None:
         """Note a communication point at which nothing changed."""
-        pass_by(self._held, t)
+        skip_points(self._held, t)
 
-    def set_out(self, t: float, end: float) -> int:
+    def begin_support_motions(self, t: float, end: float) -> int:
         """Begin a step from t to ``end``, s; return the sum of what applies of ``points.CHANGED``, DEPARTS, JUMPS."""
-        return int(set_out(self._held, t, end))
+        return int(begin_support_motions(self._held, t, end))
 
     def impulse(self, t: float, accelerations: Callable[[], Array]) -> Array:
         """Return the jump of the free velocities (n,) where rates of supports that depart do, all at once.
@@ -257,10 +257,10 @@ class Inputs:
         found = []
         try:
             for part in (0.0, 1.0):
-                perturb(self._held, t, part)
+                perturb_motions(self._held, t, part)
                 found.append(accelerations())
         finally:
-            recall(self._held)
+            restore_motions(self._held)
         dv: Array = found[1] - found[0]
         return dv
 
@@ -269,12 +269,12 @@ class Inputs:
         both = zip(self._supports.values(), self.own.supports, strict=True)
         return [name for name, support in both if support["departs"] and support["jump"] != 0.0]
 
-    def depart(self, tolerance: float) -> list[tuple[str, str]]:
+    def start_motions(self, tolerance: float) -> list[tuple[str, str]]:
         """Let supports depart; return name and size of every jump of a position, farther than its rate explains.
 
         ``tolerance``: of a jump that is none, in units of the coordinate.
         """
-        if not depart(self._held, tolerance):
+        if not start_motions(self._held, tolerance):
             return []
         found, units = [], {v.name: v.unit for v in self.variables}
         for name, support, ahead in zip(self._supports.values(), self.own.supports, self.own.ahead, strict=True):

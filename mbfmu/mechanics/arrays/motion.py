@@ -95,7 +95,7 @@ def start_motion(support: Any, segment: Any, course: Any) -> None:
 
 
 @kernel
-def give_motion(coefficient: int, value: float, support: Any) -> None:
+def set_motion_input(coefficient: int, value: float, support: Any) -> None:
     """Take a position (coefficient 0), a rate (1) or an acceleration (2) for the point the host stands at."""
     if coefficient == 0:
         support.position, support.given = value, 1
@@ -126,17 +126,17 @@ def plan_motion(t: float, end: float, support: Any, segment: Any, course: Any, a
     if support.given == 0 and same and t < segment.end and end <= segment.end:
         return
     x, v = position_and_rate(t, segment, course)
-    lead_on(t, end, x, support, segment, ahead)
+    continue_motion(t, end, x, support, segment, ahead)
     path, c = ahead.path, course.c
     straight = path[0] == x and path[2] == 0.0 and path[3] == 0.0 and c[2] == 0.0 and c[3] == 0.0
     if straight and path[1] == v:
-        take_up(ahead, support, segment)
+        adopt_segment(ahead, support, segment)
     else:
         support.departs, support.jump = 1, path[1] - v
 
 
 @kernel
-def lead_on(t: float, end: float, x: float, support: Any, last: Any, ahead: Any) -> None:
+def continue_motion(t: float, end: float, x: float, support: Any, last: Any, ahead: Any) -> None:
     """Find the segment ``ahead`` from x at t to ``end``, see the module's docstring; ``last`` is the one before."""
     h, v, before = end - t, support.rate, t - last.begin
     u = support.position if support.given == 1 or support.rated == 0 else x
@@ -172,7 +172,7 @@ def lead_on(t: float, end: float, x: float, support: Any, last: Any, ahead: Any)
 
 
 @inlined
-def take_up(ahead: Any, support: Any, segment: Any) -> None:
+def adopt_segment(ahead: Any, support: Any, segment: Any) -> None:
     """Note that a segment has begun."""
     segment.begin, segment.end, segment.goal = ahead.begin, ahead.end, ahead.goal
     segment.position, segment.rate, segment.average = ahead.position, ahead.rate, ahead.average
@@ -184,7 +184,7 @@ def take_up(ahead: Any, support: Any, segment: Any) -> None:
 
 
 @inlined
-def follow(t: float, path: Any, course: Any) -> None:
+def follow_path(t: float, path: Any, course: Any) -> None:
     """Let the polynomial be that of ``path`` (4,) about t."""
     course.t0 = t
     for k in range(4):
@@ -200,7 +200,7 @@ def perturb_motion(t: float, acceleration: float, segment: Any, course: Any) -> 
 
 
 @kernel
-def motion_settled(support: Any, segment: Any) -> bool:
+def motion_finished(support: Any, segment: Any) -> bool:
     """Whether the motion continues unchanged until the importing tool sets another."""
     path = segment.path
     arrived = path[1] == 0.0 and segment.goal == support.position

@@ -16,7 +16,7 @@ from mbfmu.mechanics.records import Arrays, State
 from mbfmu.util.errors import UserError
 from solvers.system import Array
 
-from .tables import Called
+from .tables import CalledKernel
 
 EPSILON = 1e-30  # of the complex step
 DERIVATIVE_TOLERANCE, POSE_TOLERANCE = 1e-6, 1e-11  # deviation from the derivative, relative to it and to the pose
@@ -29,7 +29,7 @@ FIXES = {
 
 
 def check_joints(
-    mechanism: Mechanism, called: list[Called | None], foreign: set[int], arrays: Arrays, state: State
+    mechanism: Mechanism, called: list[CalledKernel | None], foreign: set[int], arrays: Arrays, state: State
 ) -> None:
     """Raise UserError if the kernels of a user-defined joint contradict each other at the start or near it.
 
@@ -43,7 +43,7 @@ def check_joints(
         first, count = int(own["qi"]), body.joint.nv
         at = int(own["at"])
         record = arrays.memory[at : at + place.record.itemsize].view(place.record).view(np.recarray)[0]
-        joint = _Joint(record, place.function, bias.function if bias is not None else None, count, state)
+        joint = _JointProbe(record, place.function, bias.function if bias is not None else None, count, state)
         near = state.q[first : first + count]
         wrong = [name for q in (near, near + CHECK_DISTANCE) for name in joint.contradictions(q)]
         if wrong:
@@ -54,7 +54,7 @@ def check_joints(
             )
 
 
-class _Joint:
+class _JointProbe:
     """Kernels of a joint as plain Python in complex numbers."""
 
     def __init__(self, record: Any, place: Any, bias: Any, count: int, state: State) -> None:

@@ -24,7 +24,7 @@ from solvers.system import Array, System
 
 from .assembly import Assembly, start_positions
 from .behind import SignalDependence
-from .bending import Bend, measure_bending
+from .bending import BendingAngles, measure_bending
 from .bounds import check_bounds
 from .coincident import find_coincident
 from .compile import Compiled, Numbering, Variable, check_rows
@@ -33,12 +33,12 @@ from .given import Courses
 from .initial_contact import check_surface_contacts, misplaced_nips, undersampled_edges
 from .inputs import Drives, Inputs
 from .redundant import Course, drive_courses
-from .rounded import left_out, measure_rows
+from .rounded import describe_omitted, measure_rows
 from .rounding import Rounding
 from .rows import VANISHING_TOLERANCE, find_vanishing_rows, first_lines, row_names
 from .scale import characteristic_length
 from .systems import Systems
-from .tables import Called
+from .tables import CalledKernel
 
 
 class Plant:
@@ -115,7 +115,7 @@ class Plant:
         slack, why = measures.allowed(mechanism.assembly_tolerance) / system.row_size, measures.axes
         vanishing, gaps = find_vanishing_rows(system, start, self.drives, self.inputs, signals, units, slack, why)
         for i in np.flatnonzero(vanishing & (gaps > VANISHING_TOLERANCE)):
-            self.rounded_rows[names[i]] = left_out(
+            self.rounded_rows[names[i]] = describe_omitted(
                 names[i], f"{gaps[i] * system.row_size[i]:.2g} {units[i]}", mechanism.assembly_tolerance, why[i]
             )
         self.data.arrays.memory[:] = before
@@ -213,7 +213,7 @@ class Plant:
         """Arrays and state for kernels; see :mod:`solvers.compiled.tuple_pointer`."""
         return unpin(self.system.pinned_data)
 
-    def called(self) -> list[Called | None]:
+    def called(self) -> list[CalledKernel | None]:
         """Return the kernels of element types whose addresses are in the arrays of this plant."""
         return self._compiled.called()
 
@@ -302,7 +302,7 @@ class Plant:
         self.energy(t, q, np.zeros(self.system.n))  # places the bodies
         return find_coincident(self.mechanism, self.data.state.bodies, self.length)
 
-    def bend(self, t: float, q: Array) -> Bend | None:
+    def measure_bending(self, t: float, q: Array) -> BendingAngles | None:
         """Return the bending of plates at free positions q (nq,); None if there are no plates."""
         if not len(self._cells):
             return None

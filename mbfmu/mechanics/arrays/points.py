@@ -1,11 +1,13 @@
 """What communication points do with the inputs of a mechanism: kernels over the records of all its inputs.
 
-A host sets inputs at a point (:func:`set_input`), and lets the mechanism :func:`set_out` for the next one. Loads that
-are extrapolated do so from there. Supports receive their target, and :func:`depart` is called once its effect is known.
+A host sets inputs at a point (:func:`set_input`); :func:`begin_support_motions` is called for the step to the next one.
+Loads that are extrapolated are so from there. Supports receive their target, and :func:`start_motions` is called once
+its effect is known.
 
 Where rates of supports jump, the free velocities do so all at once. Over an instant only what is unbounded counts:
 M dv + J^T dlambda = -m du, J dv = dnu, where m du is the part of h that the drives' accelerations make. The same
-equations give v' by accelerations of du, less that by none: :func:`perturb` makes the drives have a part of them.
+equations give v' by accelerations of du, less that by none: :func:`perturb_motions` gives the drives
+a part of them.
 """
 
 from __future__ import annotations
@@ -20,21 +22,23 @@ from mbfmu.mechanics.records import WORLD
 from mbfmu.mechanics.signals import Input
 from solvers.compiled.kernel import kernel, records
 
-from .extrapolated import LOAD, give_load, load_departs, load_settled, pass_by_load, start_load
+from .extrapolated import LOAD, load_finished, load_starts, set_load_input, skip_load_point, start_load
 from .motion import (
     SEGMENT,
     SUPPORT,
-    follow,
-    give_motion,
-    motion_settled,
+    adopt_segment,
+    follow_path,
+    motion_finished,
     perturb_motion,
     plan_motion,
+    set_motion_input,
     start_motion,
-    take_up,
 )
 
-HOLDS, WEIGHS, GOES_ON, MOVES = 0, 1, 2, 3  # roles: load that is held, gravity, load that is extrapolated, support
-CHANGED, DEPARTS, JUMPS = 1, 2, 4  # at a point: loads go on otherwise; supports depart; rates of them jump
+# Roles of inputs
+HELD_LOAD, GRAVITY_LOAD, EXTRAPOLATED_LOAD, SUPPORT_MOTION = 0, 1, 2, 3
+# At a point: extrapolated loads change; a support motion starts; a rate of one jumps
+LOADS_CHANGED, MOTION_STARTS, RATE_JUMPS = 1, 2, 4
 
 INPUT = np.dtype(
     [
@@ -86,7 +90,7 @@ def begin_inputs(i: Any) -> None:
 
 
 @kernel
-def hold(coefficient: int, value: float, t: float, course: Any) -> None:
+def hold_value(coefficient: int, value: float, t: float, course: Any) -> None:
     """Set a coefficient from t on; a polynomial with a rate continues from its present value."""
     course.c[0] += (t - course.t0) * course.c[1]
     course.t0 = t
@@ -104,13 +108,13 @@ def begin_course(coefficient: int, value: float, t: float, course: Any) -> None:
 def start_input(i: Any, index: int, value: float, t: float) -> None:
     """Set the value of an input at the start time t, s. A motion of the input begins at t, whatever t is."""
     own = i.inputs[index]
-    if own.role == WEIGHS:
+    if own.role == GRAVITY_LOAD:
         i.world[0].gravity[own.coefficient] = value
-    elif own.role == MOVES:
+    elif own.role == SUPPORT_MOTION:
         support = i.supports[own.number]
         begin_course(own.coefficient, value, t, i.courses[support.course])
         start_motion(support, i.segments[own.number], i.courses[support.course])
-    elif own.role == GOES_ON:
+    elif own.role == EXTRAPOLATED_LOAD:
         load = i.loads[own.number]
         begin_course(own.coefficient, value, t, i.courses[load.course])
         start_load(load, i.courses[load.course])
@@ -123,63 +127,63 @@ def set_input(i: Any, index: int, value: float, t: float) -> None:
     """Take the value of an input at time t.
 
     A load is held or extrapolated from t on; one with a rate continues from its present value. The target of a
-    support is recorded for :func:`set_out`.
+    support is recorded for :func:`begin_support_motions`.
     """
     own = i.inputs[index]
-    if own.role == WEIGHS:
+    if own.role == GRAVITY_LOAD:
         i.world[0].gravity[own.coefficient] = value
-    elif own.role == MOVES:
-        give_motion(own.coefficient, value, i.supports[own.number])
-    elif own.role == GOES_ON:
+    elif own.role == SUPPORT_MOTION:
+        set_motion_input(own.coefficient, value, i.supports[own.number])
+    elif own.role == EXTRAPOLATED_LOAD:
         load = i.loads[own.number]
-        give_load(t, value, load, i.courses[load.course])
+        set_load_input(t, value, load, i.courses[load.course])
     else:
-        hold(own.coefficient, value, t, i.courses[own.number])
+        hold_value(own.coefficient, value, t, i.courses[own.number])
 
 
 @kernel
-def set_out(i: Any, t: float, end: float) -> int:
+def begin_support_motions(i: Any, t: float, end: float) -> int:
     """Begin a step from t to ``end``, s; return the sum of what applies of CHANGED, DEPARTS and JUMPS."""
     found = 0
     for k in range(i.loads.shape[0]):
         load = i.loads[k]
-        if load_departs(t, end, load, i.courses[load.course]):
-            found |= CHANGED
+        if load_starts(t, end, load, i.courses[load.course]):
+            found |= LOADS_CHANGED
     for k in range(i.supports.shape[0]):
         support = i.supports[k]
         plan_motion(t, end, support, i.segments[k], i.courses[support.course], i.ahead[k])
         if support.departs == 1:
-            found |= DEPARTS
+            found |= MOTION_STARTS
             if support.jump != 0.0:
-                found |= JUMPS
+                found |= RATE_JUMPS
     return found
 
 
 @kernel
-def perturb(i: Any, t: float, part: float) -> None:
+def perturb_motions(i: Any, t: float, part: float) -> None:
     """Let supports that depart have, at t, an acceleration of a part of the jump of their rate.
 
-    The first part is zero; :func:`recall` takes all back.
+    The first part is zero; :func:`restore_motions` takes all back.
     """
     for k in range(i.supports.shape[0]):
         support = i.supports[k]
         if support.departs == 1:
             course = i.courses[support.course]
             if part == 0.0:
-                follow(course.t0, course.c, i.before[k])
+                follow_path(course.t0, course.c, i.before[k])
             perturb_motion(t, part * support.jump, i.segments[k], course)
 
 
 @kernel
-def recall(i: Any) -> None:
+def restore_motions(i: Any) -> None:
     """Let supports that depart be on their way still."""
     for k in range(i.supports.shape[0]):
         if i.supports[k].departs == 1:
-            follow(i.before[k].t0, i.before[k].c, i.courses[i.supports[k].course])
+            follow_path(i.before[k].t0, i.before[k].c, i.courses[i.supports[k].course])
 
 
 @kernel
-def depart(i: Any, tolerance: float) -> bool:
+def start_motions(i: Any, tolerance: float) -> bool:
     """Let supports depart; whether the position of one jumps, farther than its rate explains.
 
     ``tolerance``: of a jump that is none, in units of the coordinate.
@@ -188,8 +192,8 @@ def depart(i: Any, tolerance: float) -> bool:
     for k in range(i.supports.shape[0]):
         support, ahead = i.supports[k], i.ahead[k]
         if support.departs == 1:
-            follow(ahead.begin, ahead.path, i.courses[support.course])
-            take_up(ahead, support, i.segments[k])
+            follow_path(ahead.begin, ahead.path, i.courses[support.course])
+            adopt_segment(ahead, support, i.segments[k])
             if abs(ahead.position - ahead.path[0]) <= tolerance * support.size:
                 ahead.jumps = 0
             jumps = jumps or ahead.jumps == 1
@@ -197,18 +201,18 @@ def depart(i: Any, tolerance: float) -> bool:
 
 
 @kernel
-def pass_by(i: Any, t: float) -> None:
+def skip_points(i: Any, t: float) -> None:
     """Note a communication point at which nothing changed."""
     for k in range(i.loads.shape[0]):
-        pass_by_load(t, i.loads[k], i.courses[i.loads[k].course])
+        skip_load_point(t, i.loads[k], i.courses[i.loads[k].course])
 
 
 @kernel
-def all_settled(i: Any) -> bool:
+def all_finished(i: Any) -> bool:
     """Whether every support and every load continues unchanged until an input is set."""
     settled = True
     for k in range(i.supports.shape[0]):
-        settled = settled and motion_settled(i.supports[k], i.segments[k])
+        settled = settled and motion_finished(i.supports[k], i.segments[k])
     for k in range(i.loads.shape[0]):
-        settled = settled and load_settled(i.courses[i.loads[k].course])
+        settled = settled and load_finished(i.courses[i.loads[k].course])
     return settled

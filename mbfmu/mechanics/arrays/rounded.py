@@ -84,7 +84,7 @@ def measure_rows(mechanism: Mechanism, state: State, row_size: Array) -> Measure
     return Measures(units, relative, names, axes)
 
 
-def left_out(name: str, violation: str, tolerance: float, axes: str) -> str:
+def describe_omitted(name: str, violation: str, tolerance: float, axes: str) -> str:
     """Return a message on a constraint equation that is left out."""
     why = f": {axes}" if axes else ""
     return coded(

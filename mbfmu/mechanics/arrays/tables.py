@@ -25,7 +25,7 @@ from solvers.compiled.kernel import COMPILED, records, types
 from solvers.compiled.tuple_pointer import pointer_type
 
 
-class Numbers(NamedTuple):
+class NumberTypes(NamedTuple):
     """Which numbers kernels work on, and which kernels those are."""
 
     arrays: type
@@ -34,10 +34,12 @@ class Numbers(NamedTuple):
 
 
 MOVING = frozenset(("place", "bias", "evaluate", "longest_step", "apply", "potential", "power", "gap", "read"))
-REAL = Numbers(float, float, MOVING)
-COMPLEX = Numbers(complex, complex, MOVING - {"power", "longest_step"})  # derivatives by all that is in both
-TANGENT = Numbers(float, complex, frozenset(("place", "evaluate", "apply", "gap", "tangent")))  # ... by the state alone
-COMPLEX_STEP = Numbers(
+REAL = NumberTypes(float, float, MOVING)
+COMPLEX = NumberTypes(complex, complex, MOVING - {"power", "longest_step"})  # derivatives by all that is in both
+TANGENT = NumberTypes(
+    float, complex, frozenset(("place", "evaluate", "apply", "gap", "tangent"))
+)  # ... by the state alone
+COMPLEX_STEP = NumberTypes(
     float, complex, frozenset(("place", "bias", "evaluate", "apply", "gap"))
 )  # ... along one direction
 
@@ -49,7 +51,7 @@ class UsedType(NamedTuple):
     kernels: tuple[tuple[str, str, Any], ...]
 
 
-class Called(NamedTuple):
+class CalledKernel(NamedTuple):
     """A kernel that is called by its address."""
 
     function: Any
@@ -100,7 +102,7 @@ class Tables:
         found = [k for k, used in enumerate(self._used) if used == used_type(kind)]
         return self.tables[found[0]] if found else records(0, record_of(kind))
 
-    def kernels(self, numbers: Numbers = REAL) -> NDArray[np.int64]:
+    def kernels(self, numbers: NumberTypes = REAL) -> NDArray[np.int64]:
         """Return the addresses of all kernels, KERNELS for each kind, compiled for these numbers."""
         table = np.zeros((max(1, len(self._used)), MAX_KERNELS), np.int64)
         for own, kind in zip(table, self._used, strict=False):
@@ -111,13 +113,13 @@ class Tables:
                     own[k] = compiled(function, kind.record, signature, name, numbers)
         return table.ravel()
 
-    def called(self) -> list[Called | None]:
+    def called(self) -> list[CalledKernel | None]:
         """Return what the addresses of :meth:`kernels` are of, in real numbers; None where there is none."""
-        found: list[Called | None] = [None] * (max(1, len(self._used)) * MAX_KERNELS)
+        found: list[CalledKernel | None] = [None] * (max(1, len(self._used)) * MAX_KERNELS)
         for i, kind in enumerate(self._used):
             for k, own in enumerate(kind.kernels):
                 if own[2] is not None and own[0] in REAL.names:
-                    found[MAX_KERNELS * i + k] = Called(own[2], kind.record, own[1])
+                    found[MAX_KERNELS * i + k] = CalledKernel(own[2], kind.record, own[1])
         return found
 
     def complex_memory(self) -> tuple[NDArray[np.uint8], list[int]]:
@@ -133,7 +135,7 @@ def used_type(item: ElementType | type[ElementType]) -> UsedType:
 
 
 @cache
-def compiled(function: Any, record: np.dtype[Any], signature: str, name: str, numbers: Numbers) -> int:
+def compiled(function: Any, record: np.dtype[Any], signature: str, name: str, numbers: NumberTypes) -> int:
     """Return the address of a kernel, compiled for the words of a signature."""
     state = float if name == "tangent" else numbers.state
     own = record if numbers.arrays is float else complex_dtype(record)

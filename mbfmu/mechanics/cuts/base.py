@@ -130,15 +130,15 @@ class AxisCut(Cut):
 
 
 @kernel
-def coincide(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
+def constrain_point(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """Three rows: Q stays on P along each axis of the cut frame in body a."""
-    way = between(cut, A, B)
+    motion = relative_motion(cut, A, B)
     for k in range(3):
-        hold_along(cut, k, A, way, state.rows[row + k])
+        constrain_along(cut, k, A, motion, state.rows[row + k])
 
 
 @kernel
-def between(cut: Any, A: Any, B: Any) -> Any:
+def relative_motion(cut: Any, A: Any, B: Any) -> Any:
     """The arms of Q from b's and from a's origin, the way d from P to Q, d', and d'' without angular accelerations."""
     ax, ay, az = arm(A, cut.Pa)
     bx, by, bz = arm(B, cut.Pb)
@@ -154,8 +154,9 @@ def between(cut: Any, A: Any, B: Any) -> Any:
 
 
 @kernel
-def hold_along(cut: Any, k: int, A: Any, way: Any, row: Any) -> None:
-    """One row: Phi = n.d, n axis k of the cut frame in body a, d from P on a to Q on b; ``way`` of :func:`between`.
+def constrain_along(cut: Any, k: int, A: Any, motion: Any, row: Any) -> None:
+    """One row: Phi = n.d, n axis k of the cut frame in body a, d from P on a to Q on b; ``motion`` is
+    what :func:`relative_motion` returns.
 
     Phi' = n.d' + (w_a x n).d,     Phi'' = n.d'' + (w'_a x n).d + (w_a x (w_a x n)).d + 2 (w_a x n).d'
 
@@ -163,7 +164,7 @@ def hold_along(cut: Any, k: int, A: Any, way: Any, row: Any) -> None:
     (that it is trivially satisfied, the size of its multiplier) apply in all.
     """
     nx, ny, nz = arm(A, cut.Ra[:, k])
-    (bx, by, bz), (x, y, z), (dx, dy, dz), (ux, uy, uz), (ex, ey, ez) = way
+    (bx, by, bz), (x, y, z), (dx, dy, dz), (ux, uy, uz), (ex, ey, ez) = motion
     w = A.Y
     mx, my, mz = w[4] * nz - w[5] * ny, w[5] * nx - w[3] * nz, w[3] * ny - w[4] * nx  # n turns at m = w_a x n
     row.Phi = nx * dx + ny * dy + nz * dz
@@ -184,7 +185,7 @@ def hold_along(cut: Any, k: int, A: Any, way: Any, row: Any) -> None:
 
 
 @kernel
-def perpendicular(cut: Any, i: int, j: int, A: Any, B: Any, row: Any) -> None:
+def constrain_perpendicular(cut: Any, i: int, j: int, A: Any, B: Any, row: Any) -> None:
     """One row: axis i of the cut frame in body a stays perpendicular to axis j of that in body b.
 
     Phi = p.s, Phi' = (w_a - w_b).(p x s), and with p' = w_a x p, s' = w_b x s:

@@ -7,17 +7,17 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .base import AxisCut, between, hold_along, perpendicular
+from .base import AxisCut, constrain_along, constrain_perpendicular, relative_motion
 
 
 @kernel
 def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`. z_a is perpendicular to x_b and y_b."""
-    way = between(cut, A, B)
-    hold_along(cut, 0, A, way, state.rows[row])
-    hold_along(cut, 1, A, way, state.rows[row + 1])
-    perpendicular(cut, 2, 0, A, B, state.rows[row + 2])
-    perpendicular(cut, 2, 1, A, B, state.rows[row + 3])
+    motion = relative_motion(cut, A, B)
+    constrain_along(cut, 0, A, motion, state.rows[row])
+    constrain_along(cut, 1, A, motion, state.rows[row + 1])
+    constrain_perpendicular(cut, 2, 0, A, B, state.rows[row + 2])
+    constrain_perpendicular(cut, 2, 1, A, B, state.rows[row + 3])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,15 +7,15 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .base import AxisCut, between, hold_along, perpendicular
+from .base import AxisCut, constrain_along, constrain_perpendicular, relative_motion
 
 
 @kernel
 def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`. z_b is perpendicular to x_a and y_a."""
-    hold_along(cut, 2, A, between(cut, A, B), state.rows[row])
-    perpendicular(cut, 0, 2, A, B, state.rows[row + 1])
-    perpendicular(cut, 1, 2, A, B, state.rows[row + 2])
+    constrain_along(cut, 2, A, relative_motion(cut, A, B), state.rows[row])
+    constrain_perpendicular(cut, 0, 2, A, B, state.rows[row + 1])
+    constrain_perpendicular(cut, 1, 2, A, B, state.rows[row + 2])
 
 
 @dataclass(frozen=True, kw_only=True)

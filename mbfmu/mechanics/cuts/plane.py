@@ -7,13 +7,13 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .base import AxisCut, between, hold_along
+from .base import AxisCut, constrain_along, relative_motion
 
 
 @kernel
 def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`."""
-    hold_along(cut, 2, A, between(cut, A, B), state.rows[row])
+    constrain_along(cut, 2, A, relative_motion(cut, A, B), state.rows[row])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,15 +7,15 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .base import AxisCut, coincide, perpendicular
+from .base import AxisCut, constrain_perpendicular, constrain_point
 
 
 @kernel
 def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`. z_a is perpendicular to x_b and y_b."""
-    coincide(cut, A, B, row, state)
-    perpendicular(cut, 2, 0, A, B, state.rows[row + 3])
-    perpendicular(cut, 2, 1, A, B, state.rows[row + 4])
+    constrain_point(cut, A, B, row, state)
+    constrain_perpendicular(cut, 2, 0, A, B, state.rows[row + 3])
+    constrain_perpendicular(cut, 2, 1, A, B, state.rows[row + 4])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,13 +7,13 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .base import Cut, coincide
+from .base import Cut, constrain_point
 
 
 @kernel
 def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`."""
-    coincide(cut, A, B, row, state)
+    constrain_point(cut, A, B, row, state)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,16 +7,16 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .base import Cut, coincide, perpendicular
+from .base import Cut, constrain_perpendicular, constrain_point
 
 
 @kernel
 def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`. x_a, y_a, z_a are perpendicular to y_b, z_b, x_b."""
-    coincide(cut, A, B, row, state)
-    perpendicular(cut, 0, 1, A, B, state.rows[row + 3])
-    perpendicular(cut, 1, 2, A, B, state.rows[row + 4])
-    perpendicular(cut, 2, 0, A, B, state.rows[row + 5])
+    constrain_point(cut, A, B, row, state)
+    constrain_perpendicular(cut, 0, 1, A, B, state.rows[row + 3])
+    constrain_perpendicular(cut, 1, 2, A, B, state.rows[row + 4])
+    constrain_perpendicular(cut, 2, 0, A, B, state.rows[row + 5])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -124,7 +124,7 @@ SHORT_SERIES_LIMIT, LONG_SERIES_LIMIT = 0.004, 0.1  # 1 - cos theta up to which 
 
 
 @kernel
-def lean(c: Any) -> Any:
+def slope_factor(c: Any) -> Any:
     """F = theta / sin theta and its first two derivatives by c = cos theta; analytic about c = 1.
 
     About c = 1 the series in u = 1 - c, with coefficients n!/(2n+1)!!, is summed with its derivatives.
@@ -174,7 +174,7 @@ def shape(plate: Any, bodies: Any, here: Any) -> None:
         A = bodies[plate.node[i]].A
         for k in range(3):
             d[i, k] = E[k, 0] * A[0, 1] + E[k, 1] * A[1, 1] + E[k, 2] * A[2, 1]
-        here.F[i], here.dF[i], here.ddF[i] = lean(d[i, 1])
+        here.F[i], here.dF[i], here.ddF[i] = slope_factor(d[i, 1])
         here.w[i, 0], here.w[i, 1] = -here.F[i] * d[i, 0], -here.F[i] * d[i, 2]
 
 

@@ -40,9 +40,9 @@ def stiffness(plate: Any, part: float, bodies: Any, here: Any, K: Any) -> None:
         differentiate(plate, here)
         change_of_gradient(plate, part, here)
         for j in range(4):
-            turned(m, omega, j, dm)
+            rotated_column(m, omega, j, dm)
         for j in range(3):
-            turned(n, omega, j, dn)
+            rotated_column(n, omega, j, dn)
         spread(E, dm, dn, 1.0, column, K)
 
 
@@ -117,7 +117,7 @@ def change_of_moment(here: Any, i: int) -> None:
 
 
 @kernel
-def turned(x: Any, omega: Any, j: int, dx: Any) -> None:
+def rotated_column(x: Any, omega: Any, j: int, dx: Any) -> None:
     """dx[j] += omega x x[j]: from the change of components to the change of the vector."""
     dx[j, 0] += omega[1] * x[j, 2] - omega[2] * x[j, 1]
     dx[j, 1] += omega[2] * x[j, 0] - omega[0] * x[j, 2]

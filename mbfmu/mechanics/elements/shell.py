@@ -16,7 +16,7 @@ from mbfmu.mechanics.numbers import array_of, not_negative
 from mbfmu.util.errors import UserError
 
 from .shell_energy import SHELL, apply, potential
-from .shell_stiffness import Matrix, assumed, bending, curvature, drilling, flat_axes, membrane, stresses
+from .shell_stiffness import Matrix, assumed_strains, bending, curvature, drilling, flat_axes, membrane, stresses
 from .shell_tangent import tangent
 from .stress_recovery import Recovered, recover
 
@@ -104,7 +104,7 @@ class Shell(Load):
         (E, natural), A = self._flat, np.asarray(self.stretching, float)
         X, xi, eta = natural[:, [0, 2]], 2.0 * x - 1.0, 2.0 * z - 1.0
         stretched, bent, drawn = np.zeros((3, 4, 6)), np.zeros((3, 4, 6)), np.zeros((4, 6))
-        stretched[:, :, 0::2] = np.linalg.solve(A, assumed(X, xi, eta) @ stresses(X, A)[0]).reshape(3, 4, 3)
+        stretched[:, :, 0::2] = np.linalg.solve(A, assumed_strains(X, xi, eta) @ stresses(X, A)[0]).reshape(3, 4, 3)
         bent[:, :, 1::2] = curvature(X, xi, eta).reshape(3, 4, 3)
         drawn[:, 1] = natural[:, 1]  # how it is drawn: its corners lifted from the plane, and its normals leaning
         along, up, across = E @ self._axes[:, :, 1].T

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.elements.plate_energy import lean
+from mbfmu.mechanics.elements.plate_energy import slope_factor
 from solvers.compiled.kernel import kernel
 
 SHELL = np.dtype(
@@ -108,15 +108,15 @@ def deform(shell: Any, bodies: Any, here: Any) -> None:
             a2 = E[k, 0] * A[0, 2] + E[k, 1] * A[1, 2] + E[k, 2] * A[2, 2]
             for j in range(3):
                 R[k, j] = a0 * B[0, j] + a1 * B[1, j] + a2 * B[2, j]
-        turn(here, i)
+        rotate_corner(here, i)
 
 
 @kernel
-def turn(here: Any, i: int) -> None:
+def rotate_corner(here: Any, i: int) -> None:
     """d[i, 3:6] = axis and angle of R[i], and H[i] of its change by a spin."""
     R, d, H, a, F = here.R[i], here.d[i], here.H[i], here.sine[i], here.F[i]
     trace = R[0, 0] + R[1, 1] + R[2, 2]
-    F[0], F[1], F[2] = lean(0.5 * (trace - 1.0))
+    F[0], F[1], F[2] = slope_factor(0.5 * (trace - 1.0))
     a[0], a[1], a[2] = 0.5 * (R[2, 1] - R[1, 2]), 0.5 * (R[0, 2] - R[2, 0]), 0.5 * (R[1, 0] - R[0, 1])
     for k in range(3):
         d[3 + k] = F[0] * a[k]
@@ -126,7 +126,7 @@ def turn(here: Any, i: int) -> None:
 
 
 @kernel
-def move(shell: Any, bodies: Any, here: Any) -> None:
+def update_rates(shell: Any, bodies: Any, here: Any) -> None:
     """Motions dr of the corners and rotations phi of the bodies, as they are from the velocities."""
     E = here.E
     for i in range(4):
@@ -226,7 +226,7 @@ def load(shell: Any, here: Any, bodies: Any) -> None:
 
 
 @kernel
-def work(f: Any, d: Any) -> Any:
+def strain_work(f: Any, d: Any) -> Any:
     """f . d."""
     total = 0.0 * d[0, 0]
     for i in range(4):
@@ -236,7 +236,7 @@ def work(f: Any, d: Any) -> Any:
 
 
 @kernel
-def clear(f: Any) -> None:
+def clear_vector(f: Any) -> None:
     """f = 0."""
     for i in range(4):
         for k in range(6):
@@ -248,12 +248,12 @@ def apply(shell: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta d'^T K d', is a by-product."""
     bodies, here = state.bodies, state.shell[0]
     deform(shell, bodies, here)
-    clear(here.f)
+    clear_vector(here.f)
     if shell.damped == 1:
-        move(shell, bodies, here)
+        update_rates(shell, bodies, here)
         differentiate(shell, here)
         resist(shell, here.rate, shell.damping, here.f)
-        state.cached_power[0] -= work(here.f, here.rate)
+        state.cached_power[0] -= strain_work(here.f, here.rate)
     resist(shell, here.d, 1.0, here.f)
     gradient(shell, here)
     load(shell, here, bodies)
@@ -264,6 +264,6 @@ def potential(shell: Any, arrays: Any, state: Any) -> float:
     """Elastic energy, J."""
     here = state.shell[0]
     deform(shell, state.bodies, here)
-    clear(here.f)
+    clear_vector(here.f)
     resist(shell, here.d, 1.0, here.f)
-    return 0.5 * work(here.f, here.d)
+    return 0.5 * strain_work(here.f, here.d)

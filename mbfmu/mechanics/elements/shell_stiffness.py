@@ -98,7 +98,7 @@ def bending(X: Matrix, D: Matrix) -> Matrix:
     return K
 
 
-def assumed(X: Matrix, xi: float, eta: float) -> Matrix:
+def assumed_strains(X: Matrix, xi: float, eta: float) -> Matrix:
     """Return the five assumed stresses at a point, (3, 5)."""
     a1, a3 = 0.25 * XI @ X, 0.25 * ETA @ X  # derivatives of (x, z) by xi and by eta in the middle
     P = np.zeros((3, 5))
@@ -118,7 +118,7 @@ def stresses(X: Matrix, A: Matrix) -> tuple[Matrix, Matrix]:
         by = inverse @ dN
         B = np.zeros((3, 12))
         B[0, 0::3], B[1, 1::3], B[2, 0::3], B[2, 1::3] = by[0], by[1], by[1], by[0]
-        P = assumed(X, xi, eta)
+        P = assumed_strains(X, xi, eta)
         H += area * P.T @ S @ P
         G += area * P.T @ B
     return np.asarray(np.linalg.solve(H, G), np.float64), G

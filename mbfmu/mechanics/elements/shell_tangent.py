@@ -12,8 +12,8 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .plate_tangent import turned
-from .shell_energy import assemble, clear, deform, differentiate, gradient, resist
+from .plate_tangent import rotated_column
+from .shell_energy import assemble, clear_vector, deform, differentiate, gradient, resist
 
 
 @kernel
@@ -21,25 +21,25 @@ def tangent(shell: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: A
     """See :mod:`mbfmu.mechanics.loads.base`."""
     here = state.shell[0]
     deform(shell, state.bodies, here)
-    clear(here.f)
+    clear_vector(here.f)
     resist(shell, here.d, 1.0, here.f)
     gradient(shell, here)
     for column in range(24):
         shifts = direction(shell, here, column // 6, column % 6)
-        clear(here.df)
+        clear_vector(here.df)
         if shifts:
             resist(shell, here.rate, 1.0, here.df)
             change_by_shift(shell, here)
             for i in range(4):
-                turned(here.n, here.omega, i, here.dn)
-                turned(here.m, here.omega, i, here.dm)
+                rotated_column(here.n, here.omega, i, here.dn)
+                rotated_column(here.m, here.omega, i, here.dm)
         else:
             resist_turn(shell, here, column // 6, 1.0, here.df)
             change_by_turn(shell, here, column // 6)
         spread(here.E, here.dn, here.dm, 1.0, column, K)
     if shell.damped == 1 and c1 != 0.0:
         for column in range(24):
-            clear(here.f)
+            clear_vector(here.f)
             if direction(shell, here, column // 6, column % 6):
                 resist(shell, here.rate, shell.damping, here.f)
             else:
@@ -62,7 +62,7 @@ def direction(shell: Any, here: Any, i: int, k: int) -> bool:
             here.dr[i, j] = here.E[j, k]
         differentiate(shell, here)
         return True
-    clear(here.rate)
+    clear_vector(here.rate)
     for j in range(3):
         here.phi[i, j], here.omega[j] = here.E[j, k - 3], 0.0
     for j in range(3):

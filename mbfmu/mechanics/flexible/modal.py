@@ -97,7 +97,7 @@ def row_times(G: Any, k: int, size: int, x: Any, i: int) -> float:
 
 
 @kernel
-def bend(body: Any, node: Any, parent: Any, here: Any, state: Any) -> None:
+def place_section(body: Any, node: Any, parent: Any, here: Any, state: Any) -> None:
     """Position r, A of a node and its rows of the motion subspaces; ``parent`` is the body's frame E."""
     qi, C, A = body.qi, parent.A, here.A
     w, turn = 0.0 * state.q[qi], 0.0 * state.q[qi]
@@ -119,7 +119,7 @@ def bend(body: Any, node: Any, parent: Any, here: Any, state: Any) -> None:
 
 
 @kernel
-def bend_bias(body: Any, node: Any, frame: Any, state: Any, beta: Any) -> None:
+def add_section_bias(body: Any, node: Any, frame: Any, state: Any, beta: Any) -> None:
     """Add to a node's velocity products what the changing of its subspace adds, -p'^T G p' along the axis."""
     back = quadratic(node.G, node.shortens, state.v, body.vi, state.v, body.vi)
     for i in range(3):
@@ -127,7 +127,7 @@ def bend_bias(body: Any, node: Any, frame: Any, state: Any, beta: Any) -> None:
 
 
 @kernel
-def into(A: Any, x: Any, i: int) -> tuple[float, float, float]:
+def to_body_axis(A: Any, x: Any, i: int) -> tuple[float, float, float]:
     """A^T x[i:i+3]: a vector of global axes in the body's."""
     return (
         A[0, 0] * x[i] + A[1, 0] * x[i + 1] + A[2, 0] * x[i + 2],
@@ -137,7 +137,7 @@ def into(A: Any, x: Any, i: int) -> tuple[float, float, float]:
 
 
 @kernel
-def out_of(A: Any, x: float, y: float, z: float, out: Any, i: int) -> None:
+def add_from_body_axes(A: Any, x: float, y: float, z: float, out: Any, i: int) -> None:
     """out[i:i+3] += A (x, y, z)."""
     for k in range(3):
         out[i + k] += A[k, 0] * x + A[k, 1] * y + A[k, 2] * z
@@ -188,17 +188,17 @@ def coupling(elastic: Any, k: int, here: Any, q: Any, out: Any) -> None:
     """out = momentum wrench of p'_k = 1 about the origin, global axes: (S_k, h_k)."""
     for i in range(6):
         out[i] = 0.0
-    out_of(here.A, shift_rate(elastic, k, q), elastic.a[k], 0.0, out, 0)
-    out_of(here.A, 0.0, 0.0, elastic.c[k], out, 3)
+    add_from_body_axes(here.A, shift_rate(elastic, k, q), elastic.a[k], 0.0, out, 0)
+    add_from_body_axes(here.A, 0.0, 0.0, elastic.c[k], out, 3)
 
 
 @kernel
 def inertia(elastic: Any, here: Any, state: Any) -> None:
     """Add f and n to the wrench W of the frame and the tau_k to State.tau (module docstring)."""
     A, q, v, a, qi, vi = here.A, state.q, state.v, state.a, elastic.qi, elastic.vi
-    ax, ay, az = into(A, here.dY, 0)
-    bx, by, bz = into(A, here.dY, 3)
-    wx, wy, wz = into(A, here.Y, 3)
+    ax, ay, az = to_body_axis(A, here.dY, 0)
+    bx, by, bz = to_body_axis(A, here.dY, 3)
+    wx, wy, wz = to_body_axis(A, here.Y, 3)
     sx, sy, pxx, pxy, pyy = moments(elastic, q)
     # rates by p' and what p'' moves
     dsx, dsy, dpxy, dpyy = 0.0 * sx, 0.0 * sx, 0.0 * sx, 0.0 * sx
@@ -230,16 +230,16 @@ def inertia(elastic: Any, here: Any, state: Any) -> None:
     nx = sy * az + pyy * bx - pxy * by + wy * jz - wz * jy + dpyy * wx - dpxy * wy + wy * dpxy
     ny = -sx * az + pxx * by - pxy * bx + wz * jx - wx * jz + dpxx * wy - dpxy * wx - wx * dpxy
     nz = sx * ay - sy * ax + (pxx + pyy) * bz + wx * jy - wy * jx + (dpxx + dpyy) * wz + hz
-    out_of(A, fx, fy, fz, here.W, 0)
-    out_of(A, nx, ny, nz, here.W, 3)
+    add_from_body_axes(A, fx, fy, fz, here.W, 0)
+    add_from_body_axes(A, nx, ny, nz, here.W, 3)
 
 
 @kernel
 def momentum(elastic: Any, here: Any, state: Any, out: Any) -> None:
     """out += momentum and angular momentum about the frame's origin, global axes."""
     A, v, vi = here.A, state.v, elastic.vi
-    vx, vy, vz = into(A, here.Y, 0)
-    wx, wy, wz = into(A, here.Y, 3)
+    vx, vy, vz = to_body_axis(A, here.Y, 0)
+    wx, wy, wz = to_body_axis(A, here.Y, 3)
     sx, sy, pxx, pxy, pyy = moments(elastic, state.q)
     dx, dy, h = 0.0 * sx, 0.0 * sx, 0.0 * sx
     for k in range(elastic.modes):
@@ -247,8 +247,8 @@ def momentum(elastic: Any, here: Any, state: Any, out: Any) -> None:
         dy += elastic.a[k] * v[vi + k]
         h += elastic.c[k] * v[vi + k]
     m = elastic.mass
-    out_of(A, m * vx - wz * sy + dx, m * vy + wz * sx + dy, m * vz + wx * sy - wy * sx, out, 0)
-    out_of(
+    add_from_body_axes(A, m * vx - wz * sy + dx, m * vy + wz * sx + dy, m * vz + wx * sy - wy * sx, out, 0)
+    add_from_body_axes(
         A,
         sy * vz + pyy * wx - pxy * wy,
         -sx * vz + pxx * wy - pxy * wx,
@@ -261,8 +261,8 @@ def momentum(elastic: Any, here: Any, state: Any, out: Any) -> None:
 @kernel
 def modal_momentum(elastic: Any, k: int, here: Any, state: Any) -> float:
     """dT/dp'_k."""
-    _, _, wz = into(here.A, here.Y, 3)
-    vx, vy, _ = into(here.A, here.Y, 0)
+    _, _, wz = to_body_axis(here.A, here.Y, 3)
+    vx, vy, _ = to_body_axis(here.A, here.Y, 0)
     back = shift_rate(elastic, k, state.q)
     return back * vx + elastic.a[k] * vy + elastic.c[k] * wz + elastic.mu[k] * state.v[elastic.vi + k]
 
@@ -282,7 +282,7 @@ def kinetic(elastic: Any, here: Any, state: Any, scratch: Any) -> float:
 
 
 @kernel
-def load(elastic: Any, state: Any) -> None:
+def apply_elastic_forces(elastic: Any, state: Any) -> None:
     """Modal stiffness and damping among the forces along the coordinates."""
     for k in range(elastic.modes):
         p, rate = state.q[elastic.qi + k], state.v[elastic.vi + k]
@@ -308,7 +308,7 @@ def power(elastic: Any, state: Any) -> float:
 
 
 @kernel
-def weight(elastic: Any, here: Any, state: Any, g: Any) -> float:
+def gravity_potential(elastic: Any, here: Any, state: Any, g: Any) -> float:
     """Energy in the gravity field g, zero at the global origin, J."""
     sx, sy, _, _, _ = moments(elastic, state.q)
     total = 0.0 * sx

@@ -14,7 +14,7 @@ import numpy as np
 
 from mbfmu.mechanics.axes import Vector, unit_axis
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.spatial import axis_matrix, turned
+from mbfmu.mechanics.spatial import axis_matrix, rotated
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
@@ -30,18 +30,18 @@ def place(joint: Any, qi: int, state: Any) -> None:
     axis_matrix(m, np.cos(q[qi + 1]), np.sin(q[qi + 1]), rel, 6)
     c, s = np.cos(q[qi]), np.sin(q[qi])
     for k in range(3):
-        rel[6, k], rel[7, k], rel[8, k] = turned(n, c, s, rel[6, k], rel[7, k], rel[8, k])
+        rel[6, k], rel[7, k], rel[8, k] = rotated(n, c, s, rel[6, k], rel[7, k], rel[8, k])
         rel[6 + k, 3] = 0.0
         rel[0, k], rel[0, 3 + k] = 0.0, n[k]
         rel[1, k] = 0.0
-    rel[1, 3], rel[1, 4], rel[1, 5] = turned(n, c, s, m[0], m[1], m[2])
+    rel[1, 3], rel[1, 4], rel[1, 5] = rotated(n, c, s, m[0], m[1], m[2])
 
 
 @kernel
 def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
     """See :mod:`.base`: q_0' q_1' n x A_n m."""
     q, v, n, m, out = state.q, state.v, joint.axis, joint.second, state.bias
-    x, y, z = turned(n, np.cos(q[qi]), np.sin(q[qi]), m[0], m[1], m[2])
+    x, y, z = rotated(n, np.cos(q[qi]), np.sin(q[qi]), m[0], m[1], m[2])
     turn = v[vi] * v[vi + 1]
     for k in range(3):
         out[k] = 0.0

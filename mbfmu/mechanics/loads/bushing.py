@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import array_of
-from mbfmu.mechanics.spatial import add_force, arm, quaternion_of, way, way_rate
+from mbfmu.mechanics.spatial import add_force, arm, point_offset, point_offset_rate, quaternion_of
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
@@ -54,7 +54,7 @@ def _attitude(force: Any, A: Any, B: Any) -> Any:
 @kernel
 def _stretch(force: Any, A: Any, B: Any) -> tuple[float, float, float, float, float, float]:
     """(d, p)."""
-    d, _, _ = way(A, B, force.Pa, force.Pb)
+    d, _, _ = point_offset(A, B, force.Pa, force.Pb)
     ex, ey, ez = _axes(A, force.Ea)
     _, x, y, z = _attitude(force, A, B)
     return _dot(ex, d), _dot(ey, d), _dot(ez, d), 2.0 * x, 2.0 * y, 2.0 * z
@@ -63,7 +63,7 @@ def _stretch(force: Any, A: Any, B: Any) -> tuple[float, float, float, float, fl
 @kernel
 def _stretch_rate(force: Any, A: Any, B: Any) -> tuple[float, float, float, float, float, float]:
     """(d, p)', seen from the frame."""
-    rise = way_rate(A, B, force.Pa, force.Pb)
+    rise = point_offset_rate(A, B, force.Pa, force.Pb)
     ex, ey, ez = _axes(A, force.Ea)
     Ya, Yb = A.Y, B.Y
     spin = (Yb[3] - Ya[3], Yb[4] - Ya[4], Yb[5] - Ya[5])
@@ -94,7 +94,7 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     gx = ex[0] * px + ey[0] * py + ez[0] * pz
     gy = ex[1] * px + ey[1] * py + ez[1] * pz
     gz = ex[2] * px + ey[2] * py + ez[2] * pz
-    _, (x, y, z), (bx, by, bz) = way(A, B, force.Pa, force.Pb)
+    _, (x, y, z), (bx, by, bz) = point_offset(A, B, force.Pa, force.Pb)
     add_force(A.F, x, y, z, gx, gy, gz)
     add_force(B.F, bx, by, bz, -gx, -gy, -gz)
     for i in range(3):

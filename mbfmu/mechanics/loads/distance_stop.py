@@ -13,16 +13,16 @@ from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
 
 from .base import Force, Points, fill_points
-from .spring import pull
-from .stops import LIMITS, check_limits, fill_limits, lost, push, stored
+from .spring import connecting_line
+from .stops import LIMITS, check_limits, dissipated_power, fill_limits, stop_energy, stop_force
 
 
 @kernel
 def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
     A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
-    f = push(force, length, rate) if length != 0.0 else 0.0 * length
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
+    f = stop_force(force, length, rate) if length != 0.0 else 0.0 * length
     add_force(A.F, ax, ay, az, -f * dx, -f * dy, -f * dz)
     add_force(B.F, bx, by, bz, f * dx, f * dy, f * dz)
 
@@ -30,15 +30,15 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
 @kernel
 def potential(force: Any, arrays: Any, state: Any) -> float:
     """k x^2 / 2."""
-    _, _, _, length, _ = pull(force, state.bodies[force.a], state.bodies[force.b])
-    return stored(force, length)
+    _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
+    return stop_energy(force, length)
 
 
 @kernel
 def power(force: Any, t: float, arrays: Any, state: Any) -> float:
     """-(f - k x) x'."""
-    _, _, _, length, rate = pull(force, state.bodies[force.a], state.bodies[force.b])
-    return lost(force, length, rate) if length != 0.0 else 0.0 * length
+    _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
+    return dissipated_power(force, length, rate) if length != 0.0 else 0.0 * length
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from .base import Load, zero_tangent
 
 
 @kernel
-def flow(drag: Any, bodies: Any) -> tuple[float, float, float, float]:
+def normal_flow(drag: Any, bodies: Any) -> tuple[float, float, float, float]:
     """v_n, and the normal of a plate element, g2 x g1."""
     n1, n2, n3, n4 = bodies[drag.node[0]], bodies[drag.node[1]], bodies[drag.node[2]], bodies[drag.node[3]]
     r1, r2, r3, r4 = n1.r, n2.r, n3.r, n4.r
@@ -39,7 +39,7 @@ def flow(drag: Any, bodies: Any) -> tuple[float, float, float, float]:
 def apply(drag: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`."""
     bodies = state.bodies
-    speed, nx, ny, nz = flow(drag, bodies)
+    speed, nx, ny, nz = normal_flow(drag, bodies)
     f = 0.25 * drag.coefficient * speed * speed
     if speed.real > 0.0:
         f = -f
@@ -53,7 +53,7 @@ def apply(drag: Any, t: float, arrays: Any, state: Any) -> None:
 @kernel
 def power(drag: Any, t: float, arrays: Any, state: Any) -> float:
     """-rho c area |v_n|^3 / 2, W."""
-    speed, _, _, _ = flow(drag, state.bodies)
+    speed, _, _, _ = normal_flow(drag, state.bodies)
     return -drag.coefficient * speed * speed * (speed if speed.real > 0.0 else -speed)
 
 

@@ -11,25 +11,25 @@ from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
 from .base import Force
-from .stops import LIMITS, check_limits, fill_limits, lost, push, stored
+from .stops import LIMITS, check_limits, dissipated_power, fill_limits, stop_energy, stop_force
 
 
 @kernel
 def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`."""
-    state.Q[force.v] += push(force, state.q[force.q], state.v[force.v])
+    state.Q[force.v] += stop_force(force, state.q[force.q], state.v[force.v])
 
 
 @kernel
 def potential(force: Any, arrays: Any, state: Any) -> float:
     """k x^2 / 2."""
-    return stored(force, state.q[force.q])
+    return stop_energy(force, state.q[force.q])
 
 
 @kernel
 def power(force: Any, t: float, arrays: Any, state: Any) -> float:
     """-(f - k x) x'."""
-    return lost(force, state.q[force.q], state.v[force.v])
+    return dissipated_power(force, state.q[force.q], state.v[force.v])
 
 
 @dataclass(frozen=True, kw_only=True)

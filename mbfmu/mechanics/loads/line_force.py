@@ -13,14 +13,14 @@ from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
 
 from .base import Force, Points, fill_points
-from .spring import pull
+from .spring import connecting_line
 
 
 @kernel
 def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`. Points that coincide have no line of action: there is no force."""
     A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, _ = pull(force, A, B)
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, _ = connecting_line(force, A, B)
     f = signal_value(force.signal, t, arrays) if length != 0.0 else 0.0 * length
     add_force(A.F, ax, ay, az, -f * dx, -f * dy, -f * dz)
     add_force(B.F, bx, by, bz, f * dx, f * dy, f * dz)
@@ -29,7 +29,7 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
 @kernel
 def power(force: Any, t: float, arrays: Any, state: Any) -> float:
     """Force times rate of the distance."""
-    _, _, _, length, rate = pull(force, state.bodies[force.a], state.bodies[force.b])
+    _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return signal_value(force.signal, t, arrays) * rate if length != 0.0 else 0.0 * length
 
 

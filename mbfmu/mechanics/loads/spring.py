@@ -23,7 +23,7 @@ from .elastic import ElasticForce, table_energy, table_force
 
 
 @kernel
-def pull(force: Any, A: Any, B: Any) -> Any:
+def connecting_line(force: Any, A: Any, B: Any) -> Any:
     """Direction from a to b, or of the velocity where points coincide, arms of the points, length and its rate."""
     ax, ay, az = arm(A, force.Pa)
     bx, by, bz = arm(B, force.Pb)
@@ -47,7 +47,7 @@ def pull(force: Any, A: Any, B: Any) -> Any:
 def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
     f = force.damping * rate
     if length != 0.0:
         f += force.stiffness * (length - force.free)
@@ -58,7 +58,7 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
 @kernel
 def potential(force: Any, arrays: Any, state: Any) -> float:
     """k (l - l0)^2 / 2."""
-    _, _, _, length, _ = pull(force, state.bodies[force.a], state.bodies[force.b])
+    _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     stretch = length - force.free
     return 0.5 * force.stiffness * stretch * stretch
 
@@ -66,7 +66,7 @@ def potential(force: Any, arrays: Any, state: Any) -> float:
 @kernel
 def power(force: Any, t: float, arrays: Any, state: Any) -> float:
     """-c l'^2."""
-    _, _, _, _, rate = pull(force, state.bodies[force.a], state.bodies[force.b])
+    _, _, _, _, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return -force.damping * rate * rate
 
 
@@ -74,7 +74,7 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
 def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
     f = force.damping * rate
     if length != 0.0:
         f += table_force(force, length - force.free, arrays)
@@ -85,7 +85,7 @@ def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
 @kernel
 def table_potential(force: Any, arrays: Any, state: Any) -> float:
     """The integral of the force, from no stretch on."""
-    _, _, _, length, _ = pull(force, state.bodies[force.a], state.bodies[force.b])
+    _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return table_energy(force, length - force.free, arrays)
 
 
@@ -96,7 +96,7 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
 
     def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
         A, B = state.bodies[force.a], state.bodies[force.b]
-        (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
+        (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
         f_x = force.damping * rate
         if length != 0.0:
             f_x += at(f, t, length - force.free, rate)
@@ -104,7 +104,7 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
         add_force(B.F, bx, by, bz, -f_x * dx, -f_x * dy, -f_x * dz)
 
     def power(force: Any, t: float, arrays: Any, state: Any) -> Any:
-        _, _, _, length, rate = pull(force, state.bodies[force.a], state.bodies[force.b])
+        _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
         f_x = force.damping * rate
         if length != 0.0:
             f_x += at(f, t, length - force.free, rate)

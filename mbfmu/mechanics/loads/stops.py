@@ -56,7 +56,7 @@ def penetration(force: Any, q: float, v: float) -> tuple[float, float, float]:
 
 
 @kernel
-def push(force: Any, q: float, v: float) -> float:
+def stop_force(force: Any, q: float, v: float) -> float:
     """Force of a stop along q."""
     x, rate, way = penetration(force, q, v)
     share = 1.0 + force.damping * rate
@@ -64,17 +64,17 @@ def push(force: Any, q: float, v: float) -> float:
 
 
 @kernel
-def stored(force: Any, q: float) -> float:
+def stop_energy(force: Any, q: float) -> float:
     """k x^2 / 2."""
     x, _, _ = penetration(force, q, 0.0 * q)
     return 0.5 * force.stiffness * x * x
 
 
 @kernel
-def lost(force: Any, q: float, v: float) -> float:
+def dissipated_power(force: Any, q: float, v: float) -> float:
     """Power of what is not stored, -(f - k x) x', never positive."""
     x, _, way = penetration(force, q, v)
-    return (push(force, q, v) - way * force.stiffness * x) * v
+    return (stop_force(force, q, v) - way * force.stiffness * x) * v
 
 
 def check_limits(what: str, stop: Limits) -> None:

@@ -46,7 +46,7 @@ def _twist(force: Any, A: Any, B: Any) -> Any:
 
 
 @kernel
-def turn_back(A: Any, B: Any, torque: Any, g: Any) -> None:
+def apply_torque(A: Any, B: Any, torque: Any, g: Any) -> None:
     """Let a torque act along g on a, and against it on b."""
     gx, gy, gz = g
     A.F[3] += torque * gx
@@ -62,7 +62,7 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     phi, rate, g = _twist(force, A, B)
-    turn_back(A, B, force.stiffness * (phi - force.free) + force.damping * rate, g)
+    apply_torque(A, B, force.stiffness * (phi - force.free) + force.damping * rate, g)
 
 
 @kernel
@@ -84,7 +84,7 @@ def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     phi, rate, g = _twist(force, A, B)
-    turn_back(A, B, table_force(force, phi - force.free, arrays) + force.damping * rate, g)
+    apply_torque(A, B, table_force(force, phi - force.free, arrays) + force.damping * rate, g)
 
 
 @kernel
@@ -102,7 +102,7 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
     def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
         A, B = state.bodies[force.a], state.bodies[force.b]
         phi, rate, g = _twist(force, A, B)
-        turn_back(A, B, at(f, t, phi - force.free, rate) + force.damping * rate, g)
+        apply_torque(A, B, at(f, t, phi - force.free, rate) + force.damping * rate, g)
 
     def power(force: Any, t: float, arrays: Any, state: Any) -> Any:
         phi, rate, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])

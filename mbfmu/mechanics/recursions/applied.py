@@ -22,7 +22,7 @@ def apply_loads(t: float, arrays: Any, state: Any) -> None:
     for i in range(arrays.loads.shape[0]):
         apply_load(arrays.loads[i], t, arrays, state)
     for i in range(arrays.flexibles.shape[0]):
-        modal.load(arrays.flexibles[i], state)
+        modal.apply_elastic_forces(arrays.flexibles[i], state)
     state.time[0] = t
 
 

@@ -47,7 +47,7 @@ def potential_energy(arrays: Any, state: Any) -> float:
         for k in range(3):
             total -= arrays.bodies[i].mass * g[k] * (here.r[k] + here.com[k])
     for i in range(arrays.flexibles.shape[0]):
-        total += modal.weight(arrays.flexibles[i], state.bodies[arrays.flexibles[i].body], state, g)
+        total += modal.gravity_potential(arrays.flexibles[i], state.bodies[arrays.flexibles[i].body], state, g)
     return total
 
 

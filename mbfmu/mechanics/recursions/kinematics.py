@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import Any
 
 from mbfmu.mechanics.dispatch import has_bias, joint_bias, place_child, signal
-from mbfmu.mechanics.flexible.modal import bend, bend_bias
+from mbfmu.mechanics.flexible.modal import add_section_bias, place_section
 from mbfmu.mechanics.records import RIGID
 from mbfmu.mechanics.spatial import multiply, rotate, rotate_row, shift_motion
 from solvers.compiled.kernel import inlined
@@ -49,7 +49,7 @@ def update_positions(arrays: Any, state: Any) -> None:
         here = state.bodies[i]
         parent = state.bodies[body.parent]
         if body.role != RIGID:
-            bend(body, arrays.nodes[body.node], parent, here, state)
+            place_section(body, arrays.nodes[body.node], parent, here, state)
             continue
         place_child(body, arrays, state)
         multiply(parent.A, body.R, C)
@@ -112,7 +112,7 @@ def update_velocities(arrays: Any, state: Any) -> None:
             joint_bias(body, arrays, state)
             add_bias(body, parent, state.bias, beta)
         if body.role != RIGID and arrays.nodes[body.node].shortens > 0:
-            bend_bias(body, arrays.nodes[body.node], parent, state, beta)
+            add_section_bias(body, arrays.nodes[body.node], parent, state, beta)
         Y[0] += Yj[0] + px
         Y[1] += Yj[1] + py
         Y[2] += Yj[2] + pz

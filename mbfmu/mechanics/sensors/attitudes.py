@@ -32,7 +32,7 @@ def cosine(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def spin(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def angular_velocity(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`. Of component 3 to 5: in the body's axes."""
     here, k = state.bodies[sensor.index], sensor.component
     if k < 3:
@@ -73,4 +73,4 @@ class AngularVelocity(Sensor):
     """Component of a body's angular velocity along a global axis, from component 3 on along one of the body."""
 
     unit: str = "rad/s"
-    read = spin
+    read = angular_velocity

@@ -16,7 +16,7 @@ from .base import Follows, Sensor
 
 
 @kernel
-def _taken(F: Any) -> Any:
+def _take_wrench(F: Any) -> Any:
     """Six numbers of a wrench, which is zero then."""
     kept = (F[0], F[1], F[2], F[3], F[4], F[5])
     for k in range(6):
@@ -28,7 +28,7 @@ def _taken(F: Any) -> Any:
 def wrench(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`. Component 0 to 5: on body a, 6 to 11: on body b."""
     Fa, Fb, k = state.bodies[sensor.a].F, state.bodies[sensor.b].F, sensor.component
-    kept_a, kept_b, power = _taken(Fa), _taken(Fb), state.cached_power[0]
+    kept_a, kept_b, power = _take_wrench(Fa), _take_wrench(Fb), state.cached_power[0]
     apply_load(arrays.loads[sensor.index], state.time[0].real, arrays, state)
     found = Fa[k] if k < 6 else Fb[k - 6]
     for i in range(6):  # b first: what they were is that of a where both are one

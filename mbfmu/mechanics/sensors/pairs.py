@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.spatial import angle_of, arm, way, way_rate
+from mbfmu.mechanics.spatial import angle_of, arm, point_offset, point_offset_rate
 from solvers.compiled.kernel import kernel
 
 from .base import Sensor
@@ -17,7 +17,7 @@ from .base import Sensor
 @kernel
 def distance(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`."""
-    (x, y, z), _, _ = way(state.bodies[sensor.a], state.bodies[sensor.b], sensor.Pa, sensor.Pb)
+    (x, y, z), _, _ = point_offset(state.bodies[sensor.a], state.bodies[sensor.b], sensor.Pa, sensor.Pb)
     return np.sqrt(x * x + y * y + z * z)
 
 
@@ -25,8 +25,8 @@ def distance(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 def distance_rate(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`. In the frame of a: a rotation does not change the distance. Coincident points: zero."""
     A, B = state.bodies[sensor.a], state.bodies[sensor.b]
-    (x, y, z), _, _ = way(A, B, sensor.Pa, sensor.Pb)
-    vx, vy, vz = way_rate(A, B, sensor.Pa, sensor.Pb)
+    (x, y, z), _, _ = point_offset(A, B, sensor.Pa, sensor.Pb)
+    vx, vy, vz = point_offset_rate(A, B, sensor.Pa, sensor.Pb)
     length = np.sqrt(x * x + y * y + z * z)
     return (x * vx + y * vy + z * vz) / length if length.real > 0.0 else length
 
@@ -41,18 +41,18 @@ def angle(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def place(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def relative_position(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`."""
     A, k = state.bodies[sensor.a], sensor.component
-    (x, y, z), _, _ = way(A, state.bodies[sensor.b], sensor.Pa, sensor.Pb)
+    (x, y, z), _, _ = point_offset(A, state.bodies[sensor.b], sensor.Pa, sensor.Pb)
     return A.A[0, k] * x + A.A[1, k] * y + A.A[2, k] * z
 
 
 @kernel
-def place_rate(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def relative_velocity(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`."""
     A, k = state.bodies[sensor.a], sensor.component
-    x, y, z = way_rate(A, state.bodies[sensor.b], sensor.Pa, sensor.Pb)
+    x, y, z = point_offset_rate(A, state.bodies[sensor.b], sensor.Pa, sensor.Pb)
     return A.A[0, k] * x + A.A[1, k] * y + A.A[2, k] * z
 
 
@@ -100,11 +100,11 @@ class AngleBetween(Distance):
 class RelativePosition(Distance):
     """Component of the way from a's point to b's along an axis of a."""
 
-    read = place
+    read = relative_position
 
 
 @dataclass(frozen=True, kw_only=True)
 class RelativeVelocity(Distance):
     """Its rate: the velocity of b's point relative to body a."""
 
-    read = place_rate
+    read = relative_velocity
