@@ -367,7 +367,9 @@ def linearization(at: Plant, q: Any, lam: Any) -> Any:
         moved, step = q.astype(complex), np.zeros(n, complex)
         step[k] = 1e-30j
         twin.apply(moved, step)
-        inverse_dynamics_at_solution(0.0, moved, np.zeros(n, complex), np.zeros(n, complex), lam.astype(complex), twin.pinned_data)
+        inverse_dynamics_at_solution(
+            0.0, moved, np.zeros(n, complex), np.zeros(n, complex), lam.astype(complex), twin.pinned_data
+        )
         gather_free(twin.data.state.tau, twin.data.arrays, tau)
         K[:, k] = tau.imag / 1e-30
     return K
