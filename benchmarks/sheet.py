@@ -15,7 +15,7 @@ import numpy as np
 import without_effects
 
 from fmus.sheet import Sheet
-from fmus.sheet.model import RELEASE
+from fmus.sheet.model import RELEASE_DATA
 from mbfmu.mechanics import Plant
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.steady.equilibrium import equilibrium
@@ -73,7 +73,7 @@ def statics() -> None:
 
 def releases() -> None:
     """CPU time of half a second, and the largest error as a part of the swing."""
-    data = np.genfromtxt(RELEASE, delimiter=",", names=True)
+    data = np.genfromtxt(RELEASE_DATA, delimiter=",", names=True)
     lines = []
     for (nx, nz), solver, tolerance in RELEASES:
         model = Sheet(nx=nx, nz=nz)

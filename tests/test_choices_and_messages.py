@@ -17,7 +17,7 @@ from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.ensemble.study_target import make_target
 from mbfmu.fmi import export
-from mbfmu.fmi.native_fmu import SOLVERS, _with_solver, describe_constants
+from mbfmu.fmi.native_fmu import NATIVE_SOLVERS, _with_solver, describe_constants
 from mbfmu.modeling.model import as_model
 from mbfmu.native.data import native_model
 from mbfmu.plotting.steady_states import STABILITY_STYLES
@@ -105,11 +105,11 @@ class Preferred(FourBar):
     default_solver = "adams"
 
 
-@pytest.mark.parametrize("solver", sorted(set(SOLVER_NAMES) - set(SOLVERS)))
+@pytest.mark.parametrize("solver", sorted(set(SOLVER_NAMES) - set(NATIVE_SOLVERS)))
 def test_a_solver_that_was_requested_and_is_not_native_is_refused(
     solver: str, command: Callable[..., Any], tmp_path: Path
 ) -> None:
-    path, message = tmp_path / "out.fmu", f"solver is {solver!r}; allowed in a native FMU: {', '.join(SOLVERS)}"
+    path, message = tmp_path / "out.fmu", f"solver is {solver!r}; allowed in a native FMU: {', '.join(NATIVE_SOLVERS)}"
     code, _, err = command("export", "fourbar", "--native", "--solver", solver, "-o", str(path))
     assert (code, message in err) == (2, True)
     with pytest.raises(mb.UserError, match=message) as refused:
@@ -120,7 +120,7 @@ def test_a_solver_that_was_requested_and_is_not_native_is_refused(
 
 def test_the_default_of_a_model_is_replaced_with_a_message() -> None:
     told: list[str] = []
-    assert _with_solver(FourBar(), mb.Settings(), told.append).solver in SOLVERS
+    assert _with_solver(FourBar(), mb.Settings(), told.append).solver in NATIVE_SOLVERS
     assert [text.partition(":")[0] for text in told] == ["solver changed from 'ida' to 'adams'"]
 
 

@@ -22,10 +22,10 @@ from mbfmu.session.run import run
 from mbfmu.studies import work_precision
 from mbfmu.studies.compare import Comparison, Row, compare, solvers_of
 from mbfmu.studies.comparison_report import as_text
-from mbfmu.studies.recommendation import one_digit, read_target, recommend_solver
-from mbfmu.studies.reference import driven
+from mbfmu.studies.recommendation import read_target, recommend_solver, round_to_digit
+from mbfmu.studies.reference import driven_outputs
 from mbfmu.studies.resolution import limit, moving_places, resolutions_of
-from mbfmu.studies.timing import Budget, Spent, TooLong, in_turn
+from mbfmu.studies.timing import Budget, BudgetExceeded, CpuTimes, time_interleaved
 from mbfmu.util.errors import UserError
 from mbfmu.util.text_table import format_tolerance
 
@@ -100,11 +100,14 @@ def test_the_best_choices_are_a_front(swings: Comparison) -> None:
 
 
 def test_driven_outputs_judge_nobody() -> None:
-    assert driven(SpinningArm().plant()) == {"hub.angle", "hub.speed"}
-    assert {"crank.angle", "crank.speed"} <= driven(SwingPendulum().plant())
-    assert "rod.angle" not in driven(SwingPendulum().plant())
+    assert driven_outputs(SpinningArm().plant()) == {"hub.angle", "hub.speed"}
+    assert {"crank.angle", "crank.speed"} <= driven_outputs(SwingPendulum().plant())
+    assert "rod.angle" not in driven_outputs(SwingPendulum().plant())
     found = compare(short(SpinningArm(), 2.0), solvers=["adams"], tolerances=[1e-4], resolutions=[{}], repeats=1)
-    assert {name for name, why in found.reference.unjudged.items() if why == "driven"} == {"hub.angle", "hub.speed"}
+    assert {name for name, why in found.reference.not_evaluated.items() if why == "driven"} == {
+        "hub.angle",
+        "hub.speed",
+    }
     assert found.rows[0].error > 1e-9  # type: ignore[operator]
 
 
@@ -149,18 +152,18 @@ def test_runs_are_timed_in_turn() -> None:
 
         return call
 
-    spent = in_turn([timed("a"), timed("b")], 3)
+    spent = time_interleaved([timed("a"), timed("b")], 3)
     assert said == ["a", "b", "a", "b", "a", "b"]
     assert spent[0].times == (1.0, 3.0, 5.0)
 
 
 def test_dear_runs_are_timed_once_where_little_time_is_left() -> None:
-    spent = in_turn([lambda: 5.0, lambda: 0.1], 4, expected=[5.0, 0.1], left=lambda: 1.0)
+    spent = time_interleaved([lambda: 5.0, lambda: 0.1], 4, expected=[5.0, 0.1], left=lambda: 1.0)
     assert [len(own.times) for own in spent] == [1, 4]
 
 
 def test_median_and_spread() -> None:
-    spent = Spent((1.0, 2.0, 3.0, 4.0, 100.0))
+    spent = CpuTimes((1.0, 2.0, 3.0, 4.0, 100.0))
     assert spent.median == 3.0
     assert spent.spread == pytest.approx(2.0 / 3.0)
 
@@ -168,7 +171,7 @@ def test_median_and_spread() -> None:
 def test_a_run_that_takes_too_long_is_stopped() -> None:
     account = Budget(10.0)
     times = np.arange(1001) * 0.01
-    with pytest.raises(TooLong):
+    with pytest.raises(BudgetExceeded):
         account.run(FourBar(), Settings(solver="ida", tolerance=1e-10), times, 0.02)
     assert 0.02 < account.spent < 1.0
 
@@ -287,7 +290,7 @@ def test_an_absolute_target_is_a_part_of_a_range() -> None:
 
 @pytest.mark.parametrize(("tolerance", "said"), [(3.7e-5, 3e-5), (1e-6, 1e-6), (9.99e-3, 9e-3)])
 def test_tolerances_that_are_tried_have_one_digit(tolerance: float, said: float) -> None:
-    assert one_digit(tolerance) == said
+    assert round_to_digit(tolerance) == said
 
 
 @pytest.mark.parametrize(("target", "output"), [(1e-5, "crank.rate"), ("0.01 mm", "coupler.position.x")])

@@ -22,7 +22,7 @@ from mbfmu.modeling import Model, parameter
 from mbfmu.modeling.scene import Scene
 from mbfmu.session.run import Result, communication_points, run
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.studies.compare import compare, outcome
+from mbfmu.studies.compare import compare, describe_outcome
 from mbfmu.studies.reference import reference
 from mbfmu.studies.timing import Budget
 from mbfmu.util.errors import UserError
@@ -175,7 +175,7 @@ def test_compare_marks_the_row(monkeypatch: Any) -> None:
         compare(scene, solvers=["adams"], tolerances=[1e-6], repeats=1)
     monkeypatch.setattr("mbfmu.studies.compare.reference", lambda *_: right)
     found = compare(scene, solvers=["adams"], tolerances=[1e-6], repeats=1)
-    assert outcome(found.rows[0]).startswith("inaccurate")
+    assert describe_outcome(found.rows[0]).startswith("inaccurate")
     assert found.best() == []
     assert found.rows[0].energy_error == np.abs(found.energies["adams"][1]).max() > 0.0
 

@@ -11,7 +11,7 @@ from fmpy import simulate_fmu
 
 import mbfmu as mb
 from fmus.feeder import Feeder
-from fmus.feeder.path import Arc, Path, lay
+from fmus.feeder.path import Arc, Path, lay_out
 from mbfmu.fmi import export
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact
@@ -105,7 +105,7 @@ def test_paths_go_on_where_their_parts_end(kind: str) -> None:
 
 
 def test_an_s_bend_lifts_the_path_as_its_arcs_say() -> None:
-    route = lay(0.1, [0.05, (0.04, 0.6), (0.04, -0.6), 0.2])
+    route = lay_out(0.1, [0.05, (0.04, 0.6), (0.04, -0.6), 0.2])
     (_, y), _ = route.at(route.length)
     assert y == pytest.approx(2.0 * 0.04 * (1.0 - np.cos(0.6)))
     arc = route.parts[1]

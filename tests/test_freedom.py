@@ -9,7 +9,7 @@ import pytest
 
 from fmus.sheet import Sheet
 from mbfmu.mechanics import Plant
-from mbfmu.steady.rigid_body_modes import in_words
+from mbfmu.steady.rigid_body_modes import describe_motions
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def described(plant: Plant, *twists: Any) -> str:
     """The motions of the master node alone, (velocity, angular velocity) each."""
     motions = np.zeros((plant.system.n, len(twists)))
     motions[:6] = np.transpose(twists)
-    return in_words(plant, plant.assembly.start_positions(), motions)
+    return describe_motions(plant, plant.assembly.start_positions(), motions)
 
 
 @pytest.mark.parametrize(
@@ -46,6 +46,6 @@ def test_other_motions_are_told_by_their_coordinates(plant: Plant) -> None:
     names = plant.system.coordinate_names
     moving = [names.index(name) for name in ("sheet.0.0.alpha", "sheet.0.4.alpha", "sheet.1.1.theta_x")]
     motion[moving, 0] = 1.0, -2.0, 0.5
-    assert in_words(plant, plant.assembly.start_positions(), motion) == (
+    assert describe_motions(plant, plant.assembly.start_positions(), motion) == (
         "a motion that is largest in 'sheet.1.1.theta_x', 'sheet.0.0.alpha', 'sheet.0.4.alpha'"
     )

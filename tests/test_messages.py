@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import mbfmu as mb
-from mbfmu.util.codes import TITLES, code_of, coded
+from mbfmu.util.codes import MESSAGE_TITLES, code_of, coded
 from mbfmu.util.errors import AssemblyError, UserError
 from solvers.outcome import KEYS, Code, Status
 
@@ -35,13 +35,13 @@ def used() -> set[str]:
 
 
 def test_codes_of_the_sources_are_those_of_the_table() -> None:
-    assert used() == set(TITLES)
+    assert used() == set(MESSAGE_TITLES)
 
 
 def test_each_code_has_a_section_with_meaning_cause_and_remedy() -> None:
     sections = re.split(r"^### ", PAGE, flags=re.MULTILINE)[1:]
     names = [section.partition("\n")[0].strip("`") for section in sections]
-    assert sorted(names) == sorted(TITLES)
+    assert sorted(names) == sorted(MESSAGE_TITLES)
     for section in sections:
         for part in ("**Meaning.**", "**Cause.**", "**What to do.**"):
             assert section.count(part) == 1, section

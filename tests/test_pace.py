@@ -98,8 +98,8 @@ def test_a_run_that_ends_soon_is_not_remarked() -> None:
 def test_the_command_line_prints_the_remark(
     way: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(step_count, "MANY_STEPS", 3000)
-    monkeypatch.setattr(step_count, "UNKNOWN_END", EARLY)
+    monkeypatch.setattr(step_count, "MIN_EXPECTED_STEPS", 3000)
+    monkeypatch.setattr(step_count, "MIN_STEPS_UNKNOWN_END", EARLY)
     sets = [f"--set={name}={value}" for name, value in (STRIP | {"curl_x": 5.0}).items()]
     times, wanted = ["--stop-time=0.004", "--interval=0.001"], ["--tolerance=1e-6", f"--output={tmp_path / 'out'}"]
     code = main(["run", "sheet", *filter(None, [way]), *sets, *times, "--solver=ida", *wanted])

@@ -10,7 +10,7 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from fmus.sheet import Sheet
-from fmus.sheet.model import RELEASE
+from fmus.sheet.model import RELEASE_DATA
 from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import Mechanism, Plant, Plate, Weld
 from mbfmu.mechanics.loads import Drag
@@ -138,7 +138,7 @@ def test_frequencies_flat(support: str, expected: list[float], rigid: int) -> No
 
 def release(grid: tuple[int, int], solver: str, tolerance: float) -> tuple[Any, Any]:
     """Return a run of half a second and the tip's errors relative to its swing."""
-    table = np.genfromtxt(RELEASE, delimiter=",", names=True)
+    table = np.genfromtxt(RELEASE_DATA, delimiter=",", names=True)
     result = run(Sheet(nx=grid[0], nz=grid[1]), Settings(solver=solver, tolerance=tolerance), table["t_s"])
     assert not result.failure
     return result, (result["tip.y"] - table["y_shell_m"]) / np.ptp(table["y_shell_m"])

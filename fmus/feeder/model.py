@@ -20,15 +20,16 @@ from mbfmu.sheets import NipHandle, SurfaceContactHandle, add_contact, add_nip, 
 from mbfmu.sheets import Sheet as SheetHandle
 from mbfmu.util.errors import UserError
 
-from .guides import beside, chute
-from .path import Path, lay
+from .guides import chute, guide_surface
+from .path import Path, lay_out
 
 SIDES = ("left", "right")  # at z < 0 and z > 0
-MARGIN = 5e-3  # m, between a line of nips and a bend
-COARSEST = 0.6  # side of a cell in parts of a bend's inner radius
-SINK = 0.25  # of the thickness, that a leading edge which bends the sheet to a sixth of its length sinks into a guide
-POINTS = (4, 2)  # of a cell that touch; a sheet in a feeder bends one way, along the first
-BEYOND = 1.2  # widths of the sheet: width of the guides
+BEND_MARGIN = 5e-3  # m, between a line of nips and a bend
+MAX_CELL_RADIUS_RATIO = 0.6  # side of a cell in parts of a bend's inner radius
+# of the thickness, that a leading edge which bends the sheet to a sixth of its length sinks into a guide
+EDGE_PENETRATION_RATIO = 0.25
+CONTACT_POINTS = (4, 2)  # of a cell that touch; a sheet in a feeder bends one way, along the first
+GUIDE_WIDTH_RATIO = 1.2  # widths of the sheet: width of the guides
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +164,7 @@ class Feeder(Model):
 
     def build(self) -> Mechanism:
         """Return the mechanism."""
-        self._refuse()
+        self._check_options()
         route = self.route()
         weight = Input(
             name="gravity.y", unit="m/s2", description="Acceleration of gravity along y", start=self.gravity_y
@@ -225,32 +226,36 @@ class Feeder(Model):
         before, after = self.length, 1.3 * self.length
         rest = (self.nips - 2) * self.spacing + after  # behind line 2
         if self.path == "chute":
-            return lay(before, [(self.nips - 1) * self.spacing + self.chute_distance])
+            return lay_out(before, [(self.nips - 1) * self.spacing + self.chute_distance])
         if self.path == "straight":
-            return lay(before, [(self.nips - 1) * self.spacing + after])
+            return lay_out(before, [(self.nips - 1) * self.spacing + after])
         turns = [self.bend_angle, -self.bend_angle] if self.path == "s_bend" else [self.bend_angle]
         gap = 0.5 * (self.spacing - self._bent())
-        return lay(before, [gap, *((self.bend_radius, turn) for turn in turns), gap + rest])
+        return lay_out(before, [gap, *((self.bend_radius, turn) for turn in turns), gap + rest])
 
     def _bent(self) -> float:
         """Return the length of the arcs between lines 1 and 2, m."""
         return {"s_bend": 2.0, "turn": 1.0}.get(self.path, 0.0) * self.bend_radius * self.bend_angle
 
-    def _refuse(self) -> None:
+    def _check_options(self) -> None:
         """Refuse what does not go together, with what would."""
         bends = self.path in ("s_bend", "turn")
         if bends and self.nips < 2:
             raise UserError(f"nips is {self.nips}; allowed with path {self.path!r}: 2 to 4, it bends between two lines")
-        if bends and self.spacing < self._bent() + 2.0 * MARGIN:
+        if bends and self.spacing < self._bent() + 2.0 * BEND_MARGIN:
             raise UserError(
-                f"spacing is {self.spacing:g} m; allowed: at least {self._bent() + 2.0 * MARGIN:.4g} m, for the arcs "
+                f"spacing is {self.spacing:g} m; allowed: at least {self._bent() + 2.0 * BEND_MARGIN:.4g} m, "
+                "for the arcs "
                 f"between lines 1 and 2"
             )
         inner = self.bend_radius - self.clearance - 0.5 * self.thickness
         side = max(self.length / (self.nx - 1), self.width / (self.nz - 1))
-        if bends and side > COARSEST * inner:
-            least = side / COARSEST + self.clearance + 0.5 * self.thickness
-            counts = [ceil(size / (COARSEST * inner)) + 1 if inner > 0.0 else 0 for size in (self.length, self.width)]
+        if bends and side > MAX_CELL_RADIUS_RATIO * inner:
+            least = side / MAX_CELL_RADIUS_RATIO + self.clearance + 0.5 * self.thickness
+            counts = [
+                ceil(size / (MAX_CELL_RADIUS_RATIO * inner)) + 1 if inner > 0.0 else 0
+                for size in (self.length, self.width)
+            ]
             finer = f", or nx {counts[0]} and nz {counts[1]} at least" if inner > 0.0 else ""
             raise UserError(
                 f"bend_radius is {self.bend_radius:g} m; allowed with cells of {side:.3g} m: {least:.3g} m at "
@@ -280,9 +285,9 @@ class Feeder(Model):
                 f"of the path, {self.route().length:.3g} m"
             )
 
-    def _across(self, route: Path, s: float) -> dict[str, Any]:
+    def _across(self, route: Path, distance: float) -> dict[str, Any]:
         """Return place and normal of what stands across the path."""
-        (x, y), angle = route.at(s)
+        (x, y), angle = route.at(distance)
         return {"at": (x, y, 0.0), "normal": (-cos(angle), -sin(angle), 0.0)}
 
     def _line(self, m: Mechanism, sheet: SheetHandle, route: Path, line: int) -> list[NipHandle]:
@@ -369,9 +374,9 @@ class Feeder(Model):
 
     def _guide(self, m: Mechanism, sheet: SheetHandle, route: Path) -> list[SurfaceContactHandle]:
         """Add what is above and below each part of the path."""
-        off, wide = self.clearance + 0.5 * self.thickness, BEYOND * self.width
+        off, wide = self.clearance + 0.5 * self.thickness, GUIDE_WIDTH_RATIO * self.width
         surfaces: dict[str, Surface] = {
-            f"{name}[{number}]": beside(part, hand, off, wide)
+            f"{name}[{number}]": guide_surface(part, hand, off, wide)
             for number, part in enumerate(route.parts, 1)
             for name, hand in (("lower", -1.0), ("upper", 1.0))
         }
@@ -385,7 +390,7 @@ class Feeder(Model):
         """Add contact of the sheet with a surface, and the outputs of its force."""
         if stiffness is None:  # that of a contact by itself goes with the longer of the two spacings
             bent = float(sheet.plate.bending[0, 0]) * (6.0 / self.length) ** 2
-            stiffness = bent / (sheet.a / POINTS[0] * SINK * self.thickness)
+            stiffness = bent / (sheet.a / CONTACT_POINTS[0] * EDGE_PENETRATION_RATIO * self.thickness)
         contact = add_contact(
             m,
             name,
@@ -394,7 +399,7 @@ class Feeder(Model):
             friction=self.mu_guide,
             stiffness=stiffness,
             damping=self.guide_damping,
-            points=POINTS,
+            points=CONTACT_POINTS,
         )
         for axis in "xyz":
             m.output(f"{name}.force.{axis}", contact.force(axis), "Force of this surface on the sheet")

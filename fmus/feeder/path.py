@@ -21,10 +21,10 @@ class Straight:
     start: Frame
     length: float
 
-    def at(self, s: float) -> Frame:
-        """Return the frame ``s`` m behind the start."""
+    def at(self, distance: float) -> Frame:
+        """Return the frame ``distance`` m behind the start."""
         (x, y), angle = self.start
-        return (x + s * cos(angle), y + s * sin(angle)), angle
+        return (x + distance * cos(angle), y + distance * sin(angle)), angle
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,10 @@ class Arc:
         angle = self.start[1] + 0.5 * self.turn
         return self.side * sin(angle), -self.side * cos(angle)
 
-    def at(self, s: float) -> Frame:
-        """Return the frame ``s`` m behind the start."""
+    def at(self, distance: float) -> Frame:
+        """Return the frame ``distance`` m behind the start."""
         x, y = self.center
-        angle = self.start[1] + self.side * s / self.radius
+        angle = self.start[1] + self.side * distance / self.radius
         return (x + self.side * self.radius * sin(angle), y - self.side * self.radius * cos(angle)), angle
 
 
@@ -76,9 +76,9 @@ class Path:
         """What is behind s = 0, m."""
         return sum(part.length for part in self.parts) - self.before
 
-    def at(self, s: float) -> Frame:
+    def at(self, distance: float) -> Frame:
         """Return the frame at s; the last part has no end."""
-        left = s + self.before
+        left = distance + self.before
         for part in self.parts[:-1]:
             if left < part.length:
                 return part.at(left)
@@ -86,7 +86,7 @@ class Path:
         return self.parts[-1].at(left)
 
 
-def lay(before: float, pieces: Sequence[float | tuple[float, float]]) -> Path:
+def lay_out(before: float, pieces: Sequence[float | tuple[float, float]]) -> Path:
     """Return the path of these pieces behind s = 0: lengths of straight ones, and (radius, turn) of arcs."""
     frame: Frame = ((-before, 0.0), 0.0)
     parts: list[Straight | Arc] = []

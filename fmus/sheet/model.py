@@ -34,14 +34,20 @@ from mbfmu.sheets import Support, add_sheet
 from mbfmu.sheets.sheet import Sheet as SheetHandle
 from mbfmu.util.errors import UserError
 
-RELEASE = Path(__file__).with_name("release.csv")  # the default, by a shell code
+RELEASE_DATA = Path(__file__).with_name("release.csv")  # the default, by a shell code
 RELEASE_DOUBT = 0.05e-3  # m; by how much two shell codes differ at rest
 FIELDS = tuple(
     f"{kind}.{component}"
     for kind in ("curvature", "moment", "strain", "force", "stress_top", "stress_bottom")
     for component in ("xx", "zz", "xz")
 )
-HELD = {"clamped": "clamped", "moved": "clamped", "turned": "clamped", "pinned": "pinned", "two_edges": "pinned"}
+SUPPORT_BY_CHOICE = {
+    "clamped": "clamped",
+    "moved": "clamped",
+    "turned": "clamped",
+    "pinned": "pinned",
+    "two_edges": "pinned",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +177,7 @@ class Sheet(Model):
             half = 0.5 * self.held_part * self.width
             span = (0.5 * self.width - half, 0.5 * self.width + half)
             at = (-self.length, 0.0, -0.5 * self.width)
-            supports = [Support("x1", HELD[self.support], span=span, body=edge, at=at)]
+            supports = [Support("x1", SUPPORT_BY_CHOICE[self.support], span=span, body=edge, at=at)]
             if self.support == "two_edges":
                 supports.append(Support("x0", hinged))
             m.shape(edge, Box(size=(0.02 * self.length, 0.01 * self.length, self.held_part * self.width)))
@@ -219,7 +225,7 @@ class Sheet(Model):
         default = replace(Sheet(), nx=self.nx, nz=self.nz, tree=self.tree)
         if self != replace(default, grid_outputs=self.grid_outputs, field=self.field):
             return None
-        table = np.genfromtxt(RELEASE, delimiter=",", names=True)
+        table = np.genfromtxt(RELEASE_DATA, delimiter=",", names=True)
         rows = np.searchsorted(table["t_s"], times - 1e-9)
         if rows[-1] == len(table) or np.abs(table["t_s"][rows] - times).max() > 1e-9:
             return None
@@ -327,10 +333,10 @@ class Sheet(Model):
         if self._field:
             for i in range(self.nx - 1):
                 for k in range(self.nz - 1):
-                    felt = self._felt(sheet, (i + 0.5) * sheet.a, (k + 0.5) * sheet.b)
+                    felt = self._field_sensor(sheet, (i + 0.5) * sheet.a, (k + 0.5) * sheet.b)
                     m.output(f"{self.field}[{i},{k}]", felt, f"{self.field} in the middle of element {i}, {k}")
 
-    def _felt(self, sheet: SheetHandle, x: float, z: float) -> Sensor:
+    def _field_sensor(self, sheet: SheetHandle, x: float, z: float) -> Sensor:
         """Return the sensor of the field at a place of the flat sheet."""
         kind, component = self.field.split(".")
         if kind.startswith("stress"):

@@ -56,11 +56,11 @@ otherwise: difficulties are findings and no failures, and neither is the end of 
 
 def command_check(options: argparse.Namespace) -> int:
     """Check a scene and print the findings; return 1 if it fails or its energy error is too large."""
-    from mbfmu.studies.check import PATIENCE, check
+    from mbfmu.studies.check import DEFAULT_PATIENCE, check
 
     if options.json:
         writable(options.json)
-    found = check(scene_of(options), patience=PATIENCE if options.patience is None else options.patience)
+    found = check(scene_of(options), patience=DEFAULT_PATIENCE if options.patience is None else options.patience)
     if options.json:
         write_json(found.as_dict(), options.json)
     if not options.json or str(options.json) != "-":

@@ -14,7 +14,7 @@ from typing import Any
 from tqdm import tqdm
 
 from mbfmu.modeling.parameters import Parameter, declared
-from mbfmu.modeling.scene import SETTINGS, Scene, load_scene
+from mbfmu.modeling.scene import SETTING_NAMES, Scene, load_scene
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.run import check_interval
 from mbfmu.util.errors import UserError
@@ -172,7 +172,7 @@ def scene_of(options: argparse.Namespace) -> Scene:
     scene = load_scene(options.scene)
     changed = scene.changed(
         model=scene.model.with_values(assignments("--set", options.set)),
-        **{name: getattr(options, name, None) for name in SETTINGS},
+        **{name: getattr(options, name, None) for name in SETTING_NAMES},
         stop_time=getattr(options, "stop_time", None),
         output_interval=getattr(options, "interval", None),
     )

@@ -195,7 +195,7 @@ def counting(options: argparse.Namespace, shown: Any) -> Callable[[str, float], 
 
 def command_table(options: argparse.Namespace, scene: Scene) -> int:
     """Compare, print the table and draw the plots."""
-    from mbfmu.studies.compare import TOLERANCES, compare, solvers_of
+    from mbfmu.studies.compare import DEFAULT_TOLERANCES, compare, solvers_of
     from mbfmu.studies.comparison_report import as_text
     from mbfmu.studies.settling import Settled, settle
     from mbfmu.studies.settling import as_text as settled_as_text
@@ -209,7 +209,7 @@ def command_table(options: argparse.Namespace, scene: Scene) -> int:
                 scene, **common_arguments(options), repeats=options.repeats, progress=counting(options, shown)
             )
         if settling:
-            tolerances, solvers = options.tolerance or TOLERANCES, options.solver or solvers_of(plant)
+            tolerances, solvers = options.tolerance or DEFAULT_TOLERANCES, options.solver or solvers_of(plant)
             total = options.repeats * (1 + len(tolerances) * len(solvers))
             with bar(total, "settling", options.quiet) as shown:
                 settled = settle(

@@ -38,7 +38,7 @@ def add(commands: Commands) -> None:
 
 def command_effects(options: argparse.Namespace) -> int:
     """Print the costs."""
-    from mbfmu.studies.effects import ROUNDS, as_text, costs
+    from mbfmu.studies.effects import EFFECT_ROUNDS, as_text, costs
 
     scene = scene_of(options)
     known = [variable.name for variable in scene.model.plant().outputs]
@@ -47,7 +47,7 @@ def command_effects(options: argparse.Namespace) -> int:
             raise UserError(f"--show: there is no output {name!r}{suggest(name, known)}")
     first = ["tip.y"] if "tip.y" in known else known[:1]
     shown = options.show or [*first, *({"energy"}.intersection(known).difference(first))]
-    total = (1 + len(scene.model.effects)) * (1 + ROUNDS)
+    total = (1 + len(scene.model.effects)) * (1 + EFFECT_ROUNDS)
     with bar(total, "effects", options.quiet) as seen:
         entries = costs(
             scene.model, scene.settings, scene.stop_time, start_of(options), lambda _: seen.update(), options.show

@@ -12,7 +12,7 @@ from mbfmu.modeling.scene import Scene
 from mbfmu.plotting.steady_states import plot_branches
 from mbfmu.steady.equilibrium import build_problem, equilibrium
 from mbfmu.steady.state import Equilibrium
-from mbfmu.steady.supports import FOLLOWED
+from mbfmu.steady.supports import FOLLOWED_TEXT
 from mbfmu.steady.sweep import Branch, sweep
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.files import replacing
@@ -82,7 +82,7 @@ def command_equilibrium(options: argparse.Namespace) -> int:
     if options.sweep:
         return swept(scene, options)
     found = equilibrium(scene.model, start_of(options))
-    others = [] if found.found_from == FOLLOWED else build_problem(scene.model).others(found, options.others)
+    others = [] if found.found_from == FOLLOWED_TEXT else build_problem(scene.model).others(found, options.others)
     if options.json:
         write_json({**found.as_dict(), "others": [other.as_dict() for other in others]}, options.json)
     if not options.json or str(options.json) != "-":

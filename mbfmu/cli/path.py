@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from mbfmu.plotting.steady_states import plot_path
-from mbfmu.steady.path import STEPS, EquilibriumPath, equilibrium_path
+from mbfmu.steady.path import MAX_BRANCH_STATES, EquilibriumPath, equilibrium_path
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.text_table import format_table
 
@@ -56,9 +56,9 @@ Use `mbfmu equilibrium --sweep` for parameters, which require a new model for ea
     p.add_argument(
         "--steps",
         type=reader(int),
-        default=STEPS,
+        default=MAX_BRANCH_STATES,
         metavar="N",
-        help=f"maximum number of steps of a branch (default {STEPS})",
+        help=f"maximum number of steps of a branch (default {MAX_BRANCH_STATES})",
     )
     shown = p.add_argument(
         "--plot", metavar="OUTPUT", help="output to plot (default: that of --until, or the first of the model)"

@@ -46,14 +46,14 @@ def add_platforms(parser: argparse.ArgumentParser, about: str) -> None:
 
 def command_runtime(options: argparse.Namespace) -> int:
     """Build runtimes, or list them."""
-    from mbfmu.native.runtime import library, pack, there
+    from mbfmu.native.runtime import cached_library, library, pack
     from mbfmu.native.targets import TARGETS, host
 
     if options.what is None:
         if options.platforms or options.pack:
             raise UserError("--platforms and --pack are options of `mbfmu runtime build` only; leave them out")
         for name in TARGETS:
-            path = there(name)
+            path = cached_library(name)
             print(f"{name}: {path if path else 'not built'}")
         return 0
     for name in options.platforms or [host()]:

@@ -20,7 +20,7 @@ from mbfmu.util.errors import UserError, suggest
 from solvers.system import Array
 
 Take = Callable[..., float]
-DIRECTIONS = ("any", "up", "down")
+CROSSING_DIRECTIONS = ("any", "up", "down")
 
 
 def end(t: Array, y: Array) -> float:
@@ -223,11 +223,11 @@ def _options(what: str, take: str, given: dict[str, Any]) -> tuple[tuple[str, An
         number = isinstance(value, int | float) and not isinstance(value, bool) and not isnan(value)
         number = number and not (key == "within" and value < 0.0)
         whole = isinstance(value, int) and not isinstance(value, bool) and value >= 1
-        if {float: not number, int: not whole, str: value not in DIRECTIONS}[known[key]]:
+        if {float: not number, int: not whole, str: value not in CROSSING_DIRECTIONS}[known[key]]:
             allowed = {
                 float: "a number" + (", at least 0" if key == "within" else ""),
                 int: "a whole number from 1 on",
-                str: ", ".join(DIRECTIONS),
+                str: ", ".join(CROSSING_DIRECTIONS),
             }[known[key]]
             raise UserError(f"{what}: {key} is {value!r}; allowed: {allowed}")
     if take == "crossing" and "threshold" not in given:

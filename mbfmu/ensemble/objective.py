@@ -18,9 +18,9 @@ from .variation import Drawn, Variation
 
 OPTIMIZATION_METHODS = ("differential_evolution", "L-BFGS-B", "least_squares")
 OBJECTIVE_KEYS = ("minimize", "maximize", "target", "method", "most")
-DIFFERENCE_STEP = 1e-3  # of the range: steps of finite differences, well above the noise of a tolerance
+OBJECTIVE_DIFFERENCE_STEP = 1e-3  # of the range: steps of finite differences, well above the noise of a tolerance
 RANGE_END_TOLERANCE = 1e-4  # of a range, within which a point is at its end
-TARGET_TOLERANCE = 1e-3  # of targets, relative to their size
+MAX_TARGET_MISS = 1e-3  # of targets, relative to their size
 FAILED_RUN_COST = 1e30  # a failed run, for optimizers that cannot take infinity
 # probabilities between which a number with an endless distribution is looked for
 UNBOUNDED_RANGE_PROBABILITIES = (1e-3, 1.0 - 1e-3)
@@ -73,7 +73,7 @@ class Optimum:
     def doubts(self, objective: Objective) -> list[str]:
         """Return in sentences why this may not be what was wanted."""
         missed = self.cost**0.5 if objective.targets else 0.0
-        found = [f"the targets are missed by {100.0 * missed:.3g} % of their size"] if missed > TARGET_TOLERANCE else []
+        found = [f"the targets are missed by {100.0 * missed:.3g} % of their size"] if missed > MAX_TARGET_MISS else []
         ends = " and ".join(map(repr, self.at_ends))
         return found + (
             [f"it is at the limit of the range of {ends}; a wider range may give a better value"] if ends else []
@@ -191,7 +191,7 @@ def _descend(objective: Objective, start: Array, measured: Measured, _: int) -> 
 
     def around(at: Array) -> tuple[list[dict[str, float]], Array]:
         """Return the measures at a point and at its neighbors, and the steps to them; inward at the upper ends."""
-        steps = np.where(at + DIFFERENCE_STEP <= 1.0, DIFFERENCE_STEP, -DIFFERENCE_STEP)
+        steps = np.where(at + OBJECTIVE_DIFFERENCE_STEP <= 1.0, OBJECTIVE_DIFFERENCE_STEP, -OBJECTIVE_DIFFERENCE_STEP)
         return measured(np.vstack([at, at + np.diag(steps)])), steps
 
     def jacobian(u: Array) -> Array:

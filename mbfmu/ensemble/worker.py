@@ -310,13 +310,13 @@ def forget_job(job: ModelJob | FmuJob) -> None:
         shutil.rmtree(known.runner._folder.parent, ignore_errors=True)
 
 
-def run_batch(job: ModelJob | FmuJob, points: Sequence[tuple[int, Point]], enough: float = inf) -> list[Outcome]:
+def run_batch(job: ModelJob | FmuJob, points: Sequence[tuple[int, Point]], max_time: float = inf) -> list[Outcome]:
     """Make runs and measure them; the outcome of a run contains its error message.
 
-    No run is begun after ``enough`` seconds, but the first: outcomes may be fewer than points.
+    No run is begun after ``max_time`` seconds, but the first: outcomes may be fewer than points.
     """
     known, found = prepare(job), list[Outcome]()
-    end = time.monotonic() + enough
+    end = time.monotonic() + max_time
     for number, point in points:
         found.append(_run_one(known, number, point))
         if time.monotonic() > end:

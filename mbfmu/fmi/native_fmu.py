@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element, indent, tostring
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import AUTO, Settings
 from mbfmu.native.data import native_model
-from mbfmu.native.families import SOLVERS
+from mbfmu.native.families import NATIVE_SOLVERS
 from mbfmu.native.layout import signed
 from mbfmu.native.runtime import library
 from mbfmu.native.targets import TARGETS, host
@@ -46,7 +46,7 @@ def build_native_fmu(
     made = native_model(model, settings, for_one_run)
     for text in made.remarks:
         report(text)
-    for text in describe_constants(made.frozen):
+    for text in describe_constants(made.fixed):
         report(text)
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
     identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
@@ -72,7 +72,7 @@ def build_native_fmu(
 
 
 def describe_constants(frozen: Mapping[str, str]) -> list[str]:
-    """Return messages on the parameters that are constant, one for each reason; ``frozen``: reasons by name."""
+    """Return messages on the parameters that are constant, one for each reason; ``fixed``: reasons by name."""
     found = []
     for why in dict.fromkeys(frozen.values()):
         names = [repr(name) for name, own in frozen.items() if own == why]
@@ -110,7 +110,7 @@ def _known() -> str:
 
 def refuse_solver(solver: str) -> None:
     """Raise UserError if a solver that was requested is not in native FMUs; ``auto`` selects one that is."""
-    if solver not in (*SOLVERS, AUTO):
+    if solver not in (*NATIVE_SOLVERS, AUTO):
         raise UserError(
             f"solver is {solver!r}; allowed in a native FMU: {_solvers()}, or {AUTO}. Choose one of these, or export "
             "without --native",
@@ -126,14 +126,14 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[str], None]
     UserError
         Another solver was requested that they do not support, or none of those that they support suits the model.
     """
-    if settings.solver in SOLVERS:
+    if settings.solver in NATIVE_SOLVERS:
         return settings
     if settings.solver not in (AUTO, model.default_solver):
         refuse_solver(settings.solver)
     plant = model.plant()
     found = select_solver(plant, [(0.0, *plant.assemble())], settings.options(model.stop_time))
     implicit = "radau" if plant.system.has_matrices else "adams"  # which is all that large trees have
-    solver = found.solver if found.solver in SOLVERS else implicit
+    solver = found.solver if found.solver in NATIVE_SOLVERS else implicit
     if refused := describe_refusal(solver, plant.system):
         why = f", since {plant.system.stiffness_reason}" if plant.system.stiffness_reason else f" ({refused})"
         raise UserError(
@@ -141,7 +141,7 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[str], None]
             "export it without --native",
             "not-native",
         )
-    why = found.reason if found.solver in SOLVERS else f"{found.solver!r} would be better, but is not supported"
+    why = found.reason if found.solver in NATIVE_SOLVERS else f"{found.solver!r} would be better, but is not supported"
     if settings.solver == AUTO:
         report(f"solver {solver!r} selected: {why}")
     else:
@@ -154,4 +154,4 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[str], None]
 
 
 def _solvers() -> str:
-    return ", ".join(SOLVERS)
+    return ", ".join(NATIVE_SOLVERS)

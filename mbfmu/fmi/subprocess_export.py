@@ -17,8 +17,8 @@ from pathlib import Path
 
 from mbfmu.modeling.scene import Scene, as_toml, read_scene
 from mbfmu.modeling.settings import Settings
-from mbfmu.native.families import SOLVERS
-from mbfmu.native.runtime import there
+from mbfmu.native.families import NATIVE_SOLVERS
+from mbfmu.native.runtime import cached_library
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.session.run import loops
 from mbfmu.util.errors import UserError
@@ -77,8 +77,8 @@ def _needs_no_compiler(settings: Settings, platforms: Sequence[str]) -> bool:
     """Whether the runtimes are there, and nothing is to be found out that takes long in plain Python: which solver to
     take, or a steady state.
     """
-    known = settings.solver in SOLVERS and not settings.start_at_equilibrium
-    return known and all(name in TARGETS and there(name) is not None for name in platforms)
+    known = settings.solver in NATIVE_SOLVERS and not settings.start_at_equilibrium
+    return known and all(name in TARGETS and cached_library(name) is not None for name in platforms)
 
 
 def _run_subprocess(scene: Scene, path: Path, *more: str) -> subprocess.CompletedProcess[str]:

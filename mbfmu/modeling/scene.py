@@ -37,8 +37,8 @@ from .parameters import declared
 from .registry import at_defaults, find
 from .settings import Settings
 
-SETTINGS = tuple(p.name for p in declared(Settings))
-SCENE_KEYS = ("model", *SETTINGS, "stop_time", "output_interval", "parameters")
+SETTING_NAMES = tuple(p.name for p in declared(Settings))
+SCENE_KEYS = ("model", *SETTING_NAMES, "stop_time", "output_interval", "parameters")
 MAX_OUTPUTS = 1e7  # of a run
 DEFAULT_SCENE = "default"  # the scene of a model as it is
 
@@ -70,7 +70,7 @@ class Scene:
 
     def changed(self, **changes: Any) -> Scene:
         """Return a copy with the given fields; None leaves one as it is."""
-        settings = {k: changes.pop(k) for k in SETTINGS if k in changes}
+        settings = {k: changes.pop(k) for k in SETTING_NAMES if k in changes}
         given = {k: v for k, v in settings.items() if v is not None}
         rest = {k: v for k, v in changes.items() if v is not None}
         return replace(self, settings=replace(self.settings, **given), **rest)
@@ -182,7 +182,7 @@ def as_toml(scene: Scene) -> str:
             f"scene {scene.name!r} has a model without name or file, which a scene file cannot contain; write "
             "the model in a file"
         )
-    settings = {name: getattr(scene.settings, name) for name in SETTINGS}
+    settings = {name: getattr(scene.settings, name) for name in SETTING_NAMES}
     times = {name: getattr(scene, name) for name in ("stop_time", "output_interval")}
     parameters = {p.name: getattr(scene.model, p.name) for p in scene.model.parameters()}
     head = assignments({"model": scene.reference} | settings | times)

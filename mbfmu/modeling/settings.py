@@ -13,7 +13,7 @@ from solvers.steppers import SOLVER_NAMES, describe_order_refusal
 from .parameters import check, declared, parameter, span
 
 AUTO = "auto"  # of the solvers: the one that :mod:`mbfmu.session.solver_selection` takes for the model
-MIN_TOLERANCE = 1e-15  # absolute tolerance: numbers of size one are no finer
+MIN_ABSOLUTE_TOLERANCE = 1e-15  # absolute tolerance: numbers of size one are no finer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,8 +63,10 @@ class Settings:
             object.__setattr__(self, p.name, check_setting(p.name, getattr(self, p.name)))
         if refused := describe_order_refusal(self.solver, self.max_order or None):
             raise UserError(refused)
-        if 0.0 < self.absolute_tolerance < MIN_TOLERANCE:
-            raise UserError(f"absolute_tolerance is {self.absolute_tolerance!r}; allowed: 0, or {MIN_TOLERANCE:g} to 1")
+        if 0.0 < self.absolute_tolerance < MIN_ABSOLUTE_TOLERANCE:
+            raise UserError(
+                f"absolute_tolerance is {self.absolute_tolerance!r}; allowed: 0, or {MIN_ABSOLUTE_TOLERANCE:g} to 1"
+            )
 
     def options(self, duration: float = Options.duration) -> Options:
         """Return the options of the stepper.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-POLYNOMIAL = 0xC96C5795D7870F42
-ALL = (1 << 64) - 1
+CRC_POLYNOMIAL = 0xC96C5795D7870F42
+CRC_MASK = (1 << 64) - 1
 
 
 def crc64(data: bytes) -> int:
@@ -15,10 +15,10 @@ def crc64(data: bytes) -> int:
     for k in range(256):
         crc = k
         for _ in range(8):
-            crc = crc >> 1 ^ POLYNOMIAL if crc & 1 else crc >> 1
+            crc = crc >> 1 ^ CRC_POLYNOMIAL if crc & 1 else crc >> 1
         table.append(crc)
-    crc = ALL
+    crc = CRC_MASK
     for byte in data:
         crc = table[(crc ^ byte) & 255] ^ crc >> 8
-    crc ^= ALL
+    crc ^= CRC_MASK
     return crc - (1 << 64) if crc >> 63 else crc

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from solvers.system import Array
 
-from .monomials import GOOD, Fit, products
+from .monomials import FIT_TOLERANCE, Fit, products
 
-ROOT = 4  # powers are multiples of a quarter
-STEP = 0.99  # of the value of a parameter, for its power about a point
-WHOLE = 1e-8  # off a whole number
+POWER_ROOT = 4  # powers are multiples of a quarter
+POWER_STEP_RATIO = 0.99  # of the value of a parameter, for its power about a point
+POWER_TOLERANCE = 1e-8  # off a whole number
 
 Read = Callable[[Mapping[str, float]], Array]
 
@@ -47,8 +47,8 @@ def fit_clipped(
     for exponents in np.unique(inner[0], axis=0):
         own = np.flatnonzero(np.all(inner[0] == exponents, axis=1))
         first = Fit(columns[own], exponents[np.newaxis], inner[1][np.newaxis, own])
-        wanted = first.values(x)[0] ** (1.0 / ROOT)
-        off = np.any(np.abs(wanted - y[:, own]) > GOOD * y[:, own], axis=1)
+        wanted = first.values(x)[0] ** (1.0 / POWER_ROOT)
+        off = np.any(np.abs(wanted - y[:, own]) > FIT_TOLERANCE * y[:, own], axis=1)
         k = int(np.argmax(off))
         outer = _products(read, points[k], names, columns[own])
         if outer is None or np.any(outer[0] != outer[0][0]):
@@ -56,7 +56,7 @@ def fit_clipped(
         sign = -1 if off[k] and y[k, own[0]] < wanted[k, 0] else 1
         both = ((exponents, inner[1][own]), (outer[0][0], outer[1]))
         fits = tuple(Fit(columns[own], sign * e[np.newaxis], c[np.newaxis] ** sign) for e, c in both)
-        found.append(Clipped(fits, sign * ROOT))
+        found.append(Clipped(fits, sign * POWER_ROOT))
     return found
 
 
@@ -69,9 +69,13 @@ def _products(
     with np.errstate(all="ignore"):
         for k, (name, x) in enumerate(point.items()):
             if name in names:
-                powers[k] = ROOT * np.log(read(point | {name: STEP * x})[columns] / y) / np.log(STEP)
+                powers[k] = (
+                    POWER_ROOT
+                    * np.log(read(point | {name: POWER_STEP_RATIO * x})[columns] / y)
+                    / np.log(POWER_STEP_RATIO)
+                )
     exponents = np.round(powers)
-    if not np.all(np.abs(powers - exponents) < WHOLE):
+    if not np.all(np.abs(powers - exponents) < POWER_TOLERANCE):
         return None
     scale = np.array([products(np.array([list(point.values())]), e[np.newaxis])[0, 0] for e in exponents.T])
-    return exponents.T, y**ROOT / scale
+    return exponents.T, y**POWER_ROOT / scale

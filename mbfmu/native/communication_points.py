@@ -14,7 +14,7 @@ from solvers.compiled.kernel import kernel
 from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
 from solvers.outcome import OK
 
-TOLD = np.dtype(
+RUN_STATUS = np.dtype(
     [
         ("code", np.int64),  # how the last advance ended
         ("unknown", np.int64),  # 1: the rate of a support that departs jumps where its impulse is not known
@@ -33,91 +33,102 @@ TOLD = np.dtype(
 
 
 @kernel
-def energy_at(s: Any) -> float:
+def energy_at(instance: Any) -> float:
     """Kinetic and potential energy at the reported state, J."""
-    done: float = energy(s.clock[0], s.given.q, s.given.v, s.given.eqs.data)
+    done: float = energy(instance.clock[0], instance.given.q, instance.given.v, instance.given.eqs.data)
     return done
 
 
 @kernel
-def begin_points(s: Any, code: int) -> None:
+def begin_points(instance: Any, code: int) -> None:
     """Begin at the reported state; ``code`` is the result of its assembly."""
-    told, b, bodies, mass = s.told[0], s.balance[0], s.given.eqs.data.arrays.bodies, 0.0
-    begin_inputs(s.inputs)
-    told.code, told.unknown, told.jumps, told.lost, told.bent = code, 0, 0, 0, 0.0
+    status, balance, bodies, mass = (
+        instance.run_status[0],
+        instance.balance[0],
+        instance.given.eqs.data.arrays.bodies,
+        0.0,
+    )
+    begin_inputs(instance.inputs)
+    status.code, status.unknown, status.jumps, status.lost, status.bent = code, 0, 0, 0, 0.0
     for k in range(bodies.shape[0]):
         mass += bodies[k].mass
-    b.last_passage_energy = 0.0
-    b.reference_energy, b.energy_floor = energy_at(s), energy_floor(mass, s.known[2], s.known[0], b.tolerance)
+    balance.last_passage_energy = 0.0
+    balance.reference_energy, balance.energy_floor = (
+        energy_at(instance),
+        energy_floor(mass, instance.known[2], instance.known[0], balance.tolerance),
+    )
 
 
 @kernel
-def take(s: Any, index: int, value: float) -> int:
+def apply_input(instance: Any, index: int, value: float) -> int:
     """Take the value of an input at the reported time; return its role."""
-    role: int = s.inputs.inputs[index].role
-    before = energy_at(s) if role == GRAVITY_LOAD else 0.0
-    set_input(s.inputs, index, value, s.clock[0])
+    role: int = instance.inputs.inputs[index].role
+    before = energy_at(instance) if role == GRAVITY_LOAD else 0.0
+    set_input(instance.inputs, index, value, instance.clock[0])
     if role == GRAVITY_LOAD:
-        s.balance[0].reference_energy += energy_at(s) - before
+        instance.balance[0].reference_energy += energy_at(instance) - before
     return role
 
 
 @kernel
-def note_rates(s: Any, k: int) -> None:
-    """Put into ``s.dv`` by how much the accelerations are others at the second of two motions of the supports."""
-    for i in range(s.dv.shape[0]):
-        s.dv[i] = s.a[i] - (s.dv[i] if k == 1 else 0.0)
+def store_velocity_jump(instance: Any, k: int) -> None:
+    """Put into ``instance.dv`` the difference of the accelerations at two motions of the supports, ``k`` = 0 and 1."""
+    for i in range(instance.dv.shape[0]):
+        instance.dv[i] = instance.a[i] - (instance.dv[i] if k == 1 else 0.0)
 
 
 @kernel
-def leave(s: Any, before: float, jumps: bool) -> None:
-    """Let supports depart, with the impulse ``s.dv`` where rates of them jump; its work is no energy error.
+def start_support_motion(instance: Any, before: float, jumps: bool) -> None:
+    """Let supports depart, with the impulse ``instance.dv`` where rates of them jump; its work is no energy error.
 
     ``before`` is the energy until then, J.
     """
-    if start_motions(s.inputs, s.options[0].rtol):
-        s.told[0].jumps = 1
+    if start_motions(instance.inputs, instance.options[0].rtol):
+        instance.run_status[0].jumps = 1
     if jumps:
-        for i in range(s.dv.shape[0]):
-            s.given.v[i] += s.dv[i]
-    s.balance[0].reference_energy += energy_at(s) - before
+        for i in range(instance.dv.shape[0]):
+            instance.given.v[i] += instance.dv[i]
+    instance.balance[0].reference_energy += energy_at(instance) - before
 
 
 @kernel
-def arrive(s: Any, t: float, code: int) -> None:
+def record_outcome(instance: Any, t: float, code: int) -> None:
     """Note how an advance to t (s) has ended."""
-    s.clock[0] = t if code == OK else s.given.memory.control[0].t
-    s.told[0].code = code
+    instance.clock[0] = t if code == OK else instance.given.memory.control[0].t
+    instance.run_status[0].code = code
 
 
 @kernel
-def look(s: Any, now: float) -> float:
+def check_energy(instance: Any, now: float) -> float:
     """Hold the reported state, of energy ``now``, to its balance; return the energy error, J."""
-    energy_error, found = check_energy_balance(s.balance, now, s.given.energy_account)
-    told = s.told[0]
-    if found != BALANCE_OK and told.lost == BALANCE_OK:
-        told.lost, told.lost_at = found, s.clock[0]
-        told.energy_error, told.exchanged, told.passage = (
+    energy_error, found = check_energy_balance(instance.balance, now, instance.given.energy_account)
+    status = instance.run_status[0]
+    if found != BALANCE_OK and status.lost == BALANCE_OK:
+        status.lost, status.lost_at = found, instance.clock[0]
+        status.energy_error, status.exchanged, status.passage = (
             energy_error,
-            s.given.energy_account[EXCHANGED_ENERGY],
-            s.given.energy_account[PASSAGE_ENERGY],
+            instance.given.energy_account[EXCHANGED_ENERGY],
+            instance.given.energy_account[PASSAGE_ENERGY],
         )
     return energy_error
 
 
 @kernel
-def look_at_plates(s: Any) -> None:
+def measure_plate_bending(instance: Any) -> None:
     """Note how sharply plates bend at the reported state."""
-    if s.cells.shape[0] > 0:
-        energy_at(s)  # places the bodies
-        s.told[0].bent = find_largest_angle(s.cells, s.given.eqs.data.state.bodies)
+    if instance.cells.shape[0] > 0:
+        energy_at(instance)  # places the bodies
+        instance.run_status[0].bent = find_largest_angle(instance.cells, instance.given.eqs.data.state.bodies)
 
 
 @kernel
-def tell_balance(s: Any) -> None:
+def fill_energy_outputs(instance: Any) -> None:
     """Put energy error and throughput in place of the energies that the outputs end in; NaN without energy check."""
-    out, last = s.out, s.out.shape[0] - 1
-    if s.balance[0].is_checked == 1:
-        out[last - 1], out[last] = look(s, out[last - 1]), s.given.energy_account[EXCHANGED_ENERGY]
+    out, last = instance.out, instance.out.shape[0] - 1
+    if instance.balance[0].is_checked == 1:
+        out[last - 1], out[last] = (
+            check_energy(instance, out[last - 1]),
+            instance.given.energy_account[EXCHANGED_ENERGY],
+        )
     else:
         out[last - 1], out[last] = np.nan, np.nan

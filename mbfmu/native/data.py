@@ -27,12 +27,12 @@ from solvers.steppers import ORDER_LIMITS
 from . import layout, start_checks
 from .entries import Instance, family_of, image_of
 from .families import FAMILIES
-from .image import Image
+from .image import MemoryImage
 from .model_numbers import Place
-from .parameter_map import LENGTH, Entry, Term
-from .parameters import Live, find_live
+from .parameter_map import LENGTH_NAME, Entry, Term
+from .parameters import SettableParameters, find_settable
 
-BAKED = {  # settings that are decided by the export, and why
+FIXED_AT_EXPORT = {  # settings that are decided by the export, and why
     "solver": "it selects the machine code",
     "input_interpolation": "it changes the structure of the model",
     "start_at_equilibrium": "the steady state is computed at export",
@@ -49,7 +49,7 @@ class NativeModel(NamedTuple):
     arrays
         Outputs that are one variable in FMI 3; their value references come after that of the time, which comes after
         those of the variables.
-    frozen
+    fixed
         Parameters that are constant, though a model that is built could change them, and why.
     remarks
         On a singular or an unstable start.
@@ -57,7 +57,7 @@ class NativeModel(NamedTuple):
 
     variables: tuple[ScalarVariable, ...]
     arrays: tuple[ArrayVariable, ...]
-    frozen: dict[str, str]
+    fixed: dict[str, str]
     remarks: list[str]
     data: bytes
 
@@ -77,38 +77,40 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     why = "the FMU is made for one run" if for_one_run else ""
     if settings.start_at_equilibrium:
         why = "the initial steady state, which is computed at export, depends on it"
-    live = _nothing_live(model, why) if why else find_live(model)
-    frozen = {name: why for name, why in live.frozen.items() if not _structural(model, name)}
+    settable = _nothing_settable(model, why) if why else find_settable(model)
+    frozen = {name: why for name, why in settable.fixed.items() if not _structural(model, name)}
     variables = tuple(
-        _native(v, model, live, settings.solver) for v in list_variables(model, settings, simulation.plant)
+        _native_variable(v, model, settable, settings.solver) for v in list_variables(model, settings, simulation.plant)
     )
     several = arrays(model, variables)
-    file = _File(simulation, instance, image, live, variables, several)
+    file = _File(simulation, instance, image, settable, variables, several)
     return NativeModel(variables, several, frozen, simulation.start_remarks(), file.write())
 
 
-def _nothing_live(model: Model, why: str) -> Live:
+def _nothing_settable(model: Model, why: str) -> SettableParameters:
     """Return that no parameter of a model stays settable."""
-    return Live((), {p.name: why for p in model.parameters()}, {}, (), {})
+    return SettableParameters((), {p.name: why for p in model.parameters()}, {}, (), {})
 
 
 def _structural(model: Model, name: str) -> bool:
     return next(p.structural for p in model.parameters() if p.name == name)
 
 
-def _native(v: ScalarVariable, model: Model, live: Live, solver: str) -> ScalarVariable:
+def _native_variable(v: ScalarVariable, model: Model, settable: SettableParameters, solver: str) -> ScalarVariable:
     """Return a variable as it is without Python: what is baked is a constant, and ranges may be narrower."""
-    baked = v.name in BAKED if v.role is Role.SETTING else v.role is Role.PARAMETER and v.name in live.frozen
+    constant = (
+        v.name in FIXED_AT_EXPORT if v.role is Role.SETTING else v.role is Role.PARAMETER and v.name in settable.fixed
+    )
     if v.role is Role.SETTING and v.name == "max_order":
         lowest, highest = ORDER_LIMITS[solver]
         if lowest < highest:
             return replace(v, max=highest, allowed=f"0, or {lowest} to {highest} with solver {solver!r}")
-        baked = True  # the method has one order
-    if baked:
+        constant = True  # the method has one order
+    if constant:
         return replace(v, causality="local", variability="constant", allowed="")
-    if v.role is not Role.PARAMETER or v.name not in live.ranges:
+    if v.role is not Role.PARAMETER or v.name not in settable.ranges:
         return v
-    low, high = live.ranges[v.name]
+    low, high = settable.ranges[v.name]
     own = next(p for p in model.parameters() if p.name == v.name)
     return replace(v, min=low, max=high, allowed=span(replace(own, min=low, max=high)))
 
@@ -120,19 +122,19 @@ class _File:
         self,
         simulation: Simulation,
         instance: Instance,
-        image: Image,
-        live: Live,
+        image: MemoryImage,
+        settable: SettableParameters,
         variables: Sequence[ScalarVariable],
         several: Sequence[ArrayVariable],
     ) -> None:
-        self._simulation, self._instance, self._image, self._live = simulation, instance, image, live
+        self._simulation, self._instance, self._image, self._settable = simulation, instance, image, settable
         self._variables, self._arrays, self._text = variables, several, bytearray()
         self._block = image.block()
         self._references = {v.name: k for k, v in enumerate(variables)}
         self._places = {
             "clock": image.at(instance.clock), "out": image.at(instance.out), "options": image.at(instance.options),
             "counts": image.at(instance.counts), "length": image.at(instance.known) + 16,
-            "told": image.at(instance.told), "worst": image.at(instance.start.scratch.worst),
+            "run_status": image.at(instance.run_status), "worst": image.at(instance.start.scratch.worst),
             "massless": image.at(instance.start.scratch.massless),
         }  # fmt: skip
 
@@ -141,15 +143,15 @@ class _File:
         rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in ("members", "sums", "terms", "factors")}
         rows["variables"] = [self._variable(v) for v in self._variables]
         rows["arrays"] = [self._array(a, rows["members"]) for a in self._arrays]
-        rows["entries"] = [self._entry(entry, rows) for entry in self._live.entries]
-        rows["places"], rows["kernels"] = list(self._image.places), list(self._image.kernels)
-        rows["sentences"] = [self._sentence(code) for code in CODES]
+        rows["entries"] = [self._entry(entry, rows) for entry in self._settable.entries]
+        rows["relocations"], rows["kernels"] = list(self._image.relocations), list(self._image.kernels)
+        rows["sentences"] = [self._message(code) for code in CODES]
         system = self._simulation.plant.system
-        said = CLOSURE_MESSAGES | start_checks.SENTENCES
+        said = CLOSURE_MESSAGES | start_checks.START_MESSAGES
         rows["failures"] = [self._failure(said.get(outcome, "")) for outcome in (*Outcome, *start_checks.Flaw)]
-        rows["rows"] = [(self._say(name),) for name in system.constraint_names]
-        rows["coordinates"] = [(self._say(name),) for name in system.coordinate_names]
-        rows["cuts"] = [(self._say(handle.name),) for handle in self._simulation.plant.mechanism.cuts]
+        rows["rows"] = [(self._add_text(name),) for name in system.constraint_names]
+        rows["coordinates"] = [(self._add_text(name),) for name in system.coordinate_names]
+        rows["cuts"] = [(self._add_text(handle.name),) for handle in self._simulation.plant.mechanism.cuts]
         rows["text"] = [(byte,) for byte in self._text]
         header = np.zeros(1, layout.HEADER)
         at, parts = layout.HEADER.itemsize, []
@@ -158,7 +160,7 @@ class _File:
             header[name], header[f"{name}_count"] = at, len(section)
             parts.append(_padded(section.tobytes()))
             at += len(parts[-1])
-        header["magic"], header["block"] = layout.MAGIC, at
+        header["magic"], header["block"] = layout.FILE_MAGIC, at
         header["family"] = list(FAMILIES).index(family_of(self._simulation))
         header["size"], header["saved"], header["root"] = self._image.size, self._image.saved, self._image.root
         plant, freedom = self._simulation.plant, self._simulation.stepper.freedom
@@ -167,7 +169,7 @@ class _File:
             header[f"{name}_at"] = place
         return b"".join((header.tobytes(), *parts, self._block))
 
-    def _say(self, text: str) -> int:
+    def _add_text(self, text: str) -> int:
         """Return the place of a text."""
         at = len(self._text)
         self._text += text.encode() + b"\0"
@@ -189,8 +191,8 @@ class _File:
         rests = v.role is Role.INPUT and self._simulation.settings.start_at_equilibrium
         rest_scale = max(abs(start), v.nominal or 0.0) if rests else 0.0
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)
-        told = self._say(v.name), self._say(v.allowed)
-        return (*told, kinds, roles, number, layout.SETTABLE.index(when), moves, start, low, high, rest_scale)
+        texts = self._add_text(v.name), self._add_text(v.allowed)
+        return (*texts, kinds, roles, number, layout.SETTABLE.index(when), moves, start, low, high, rest_scale)
 
     def _array(self, array: ArrayVariable, members: list[tuple[Any, ...]]) -> tuple[int, int]:
         first = len(members)
@@ -213,7 +215,9 @@ class _File:
         return at, owner, once, entry.root, first, len(entry.sums), base
 
     def _factors(self, term: Term) -> list[tuple[int, float]]:
-        return [(layout.LENGTH if n == LENGTH else self._references[n], power) for n, power in term.powers]
+        return [
+            (layout.LENGTH_VARIABLE if n == LENGTH_NAME else self._references[n], power) for n, power in term.powers
+        ]
 
     def _place(self, place: Place) -> int:
         """Return where a number is in the block."""
@@ -221,23 +225,23 @@ class _File:
         known = {"rate": 0, "loop_rate": 8, "length": 16}
         if place.array in known:
             return self._image.at(self._instance.known) + known[place.array]
-        told: dict[str, NDArray[Any]] = {"q": start.q, "v": start.v}
-        told |= {"size": start.scratch.size, "row_size": start.scratch.row}
+        texts: dict[str, NDArray[Any]] = {"q": start.q, "v": start.v}
+        texts |= {"size": start.scratch.size, "row_size": start.scratch.row}
         arrays = self._simulation.plant.data.arrays._asdict()
-        array = told[place.array] if place.array in told else arrays[place.array]
+        array = texts[place.array] if place.array in texts else arrays[place.array]
         return self._image.at(array) + place.offset
 
-    def _sentence(self, code: Any) -> tuple[int, int]:
+    def _message(self, code: Any) -> tuple[int, int]:
         others = tuple(name for name in self._simulation.stepper.fallback_solvers if name != "ida")
         status = Status(code, 0.0, others)
         advice = advise(self._simulation.plant, status) or status.remedy
         remedy = coded(KEYS[code], advice) if code in KEYS else ""
-        return self._say(MESSAGES[code][0]), self._say(remedy)
+        return self._add_text(MESSAGES[code][0]), self._add_text(remedy)
 
     def _failure(self, template: str) -> tuple[int, int, int]:
         """Return the parts of a sentence around a name and a number."""
         parts = re.split(r"\{[^}]*\}", template)
-        before, between, after = (self._say(part) for part in (*parts, "", "")[:3])
+        before, between, after = (self._add_text(part) for part in (*parts, "", "")[:3])
         return before, between, after
 
 

@@ -46,26 +46,26 @@ from solvers.steppers.compiled_loop import Integration
 from solvers.system import Array
 
 from .communication_points import (
-    TOLD,
-    arrive,
+    RUN_STATUS,
+    apply_input,
     begin_points,
+    check_energy,
     energy_at,
-    leave,
-    look,
-    look_at_plates,
-    note_rates,
-    take,
-    tell_balance,
+    fill_energy_outputs,
+    measure_plate_bending,
+    record_outcome,
+    start_support_motion,
+    store_velocity_jump,
 )
-from .families import FAMILIES, SOLVERS
-from .image import Image
-from .start_checks import Frames, judge_start
+from .families import FAMILIES, NATIVE_SOLVERS
+from .image import MemoryImage
+from .start_checks import Frames, check_resolution
 
-ROLES: dict[ModuleType, type[ElementType]] = {
+COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
     joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, elements: loads.Load,
     signals: signals.Signal, sensors: sensors.Sensor,
 }  # fmt: skip
-KINDS = "mb_kinds"  # symbol of the addresses of all kernels of kinds
+KERNEL_TABLE_SYMBOL = "mb_kinds"  # symbol of the addresses of all kernels of kinds
 
 
 class Start(NamedTuple):
@@ -90,7 +90,7 @@ class Instance(NamedTuple):
     counts: NDArray[np.int64]  # of the solver, by COUNTERS
     inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords
     balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
-    told: NDArray[Any]  # (1,) TOLD
+    run_status: NDArray[Any]  # (1,) RUN_STATUS
     dv: Array  # (n,) jump of the velocities
     cells: NDArray[np.int64]  # (P, 4) bodies at the corners of all plates
     frames: Any  # mbfmu.native.start_checks.Frames
@@ -129,15 +129,15 @@ def instance_of(simulation: Simulation) -> Instance:
     scales = EnergyScales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Integration(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ACCOUNT_SIZE))
     known = np.array([system.rate, system.loop_rate if system.has_matrices else 0.0, plant.length])
-    rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
+    buffers = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
     settings = stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     balance = simulation.energy_check.balance.copy() if simulation.energy_check else records(1, BALANCE)
-    books = plant.inputs.own, balance, records(1, TOLD), np.zeros(system.n), plant.mechanism.cells
+    accounts = plant.inputs.own, balance, records(1, RUN_STATUS), np.zeros(system.n), plant.mechanism.cells
     places = Frames.of(plant), system.placed
-    return Instance(own, start, *rooms, np.array([simulation.t]), known, *settings, *books, *places)  # type: ignore[arg-type]
+    return Instance(own, start, *buffers, np.array([simulation.t]), known, *settings, *accounts, *places)  # type: ignore[arg-type]
 
 
-def image_of(simulation: Simulation) -> tuple[Instance, Image]:
+def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     """Return the instance of a simulation that has just been made, and its block.
 
     Raises
@@ -148,7 +148,8 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
     family, system = family_of(simulation), simulation.plant.system
     if not family:
         raise UserError(
-            f"native FMUs do not support the solver {simulation.solver_choice.solver!r}; allowed: {', '.join(SOLVERS)}",
+            f"native FMUs do not support the solver {simulation.solver_choice.solver!r}; allowed: "
+            f"{', '.join(NATIVE_SOLVERS)}",
             "not-native",
         )
     if family != "tree" and not system.has_matrices:
@@ -158,7 +159,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
             f"constraints; this one has {what}. Export it without --native",
             "not-native",
         )
-    known, numbers = {own: k for k, own in enumerate(kinds())}, []
+    known, numbers = {own: k for k, own in enumerate(shipped_kernels())}, []
     for own in simulation.plant.called():
         if own is not None and own not in known:
             what = f"{own.function.__module__}.{own.function.__qualname__}"
@@ -183,9 +184,9 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
         *own.scales,
     ]
     state += [start.q, start.v, own.work.size, own.work.size_q, start.scratch.row, instance.known, instance.options]
-    state += [*instance.inputs.memory(), instance.balance, instance.told]
+    state += [*instance.inputs.memory(), instance.balance, instance.run_status]
     state += [array for array in arrays if array is not arrays.kernels]
-    return instance, Image(instance, state, arrays.kernels, numbers)
+    return instance, MemoryImage(instance, state, arrays.kernels, numbers)
 
 
 def example(name: str) -> Any:
@@ -199,8 +200,15 @@ def example(name: str) -> Any:
     start = Start(z(1), z(1), Scratch.allocate(1, 1))
     settings = records(1, OPTIONS), np.zeros(1, np.int64), InputRecords.example()
     frames = Frames(z(1, np.int64), z(1))
-    books: tuple[Any, ...] = records(1, BALANCE), records(1, TOLD), z(1), z((1, 4), np.int64), frames, positions
-    return pin(Instance(given, start, z(1), z(1), z(1), z(1), z(3), *settings, *books))
+    accounts: tuple[Any, ...] = (
+        records(1, BALANCE),
+        records(1, RUN_STATUS),
+        z(1),
+        z((1, 4), np.int64),
+        frames,
+        positions,
+    )
+    return pin(Instance(given, start, z(1), z(1), z(1), z(1), z(3), *settings, *accounts))
 
 
 _named = cache(as_kernel)  # what two families call is compiled once
@@ -211,124 +219,128 @@ def entries(name: str) -> dict[str, Entry]:
     family = FAMILIES[name]
     advance_reported, limit = family.loop.advance_reported, family.limit
     assembled, begun, evaluated = family.assemble, family.begin, family.evaluate
-    renewed, counted = family.renew, family.count
+    continued, counted = family.continue_at_state, family.count
 
     @jit_uncached
-    def go(s: Any, t: float) -> int:
+    def advance_in_pieces(instance: Any, t: float) -> int:
         """Go to t, s, in pieces in each of which no step may miss a signal, as ``Stepper.advance`` does."""
-        g, reached, code = s.given, s.clock[0], OK
+        problem, reached, code = instance.given, instance.clock[0], OK
         while code == OK:
-            longest, until = input_step_limit(reached, g.eqs.data)
-            limit(g, reached, min(longest, s.options[0].max_step))
+            longest, until = input_step_limit(reached, problem.eqs.data)
+            limit(problem, reached, min(longest, instance.options[0].max_step))
             reached = min(t, until)
-            code = advance_reported(g, reached)
+            code = advance_reported(problem, reached)
             if not until < t:
                 break
         return code
 
     @jit_uncached
-    def impulse(s: Any) -> int:
-        """Put the jump of the velocities into ``s.dv``, see :mod:`mbfmu.mechanics.arrays.points`."""
+    def impulse(instance: Any) -> int:
+        """Put the jump of the velocities into ``instance.dv``, see :mod:`mbfmu.mechanics.arrays.points`."""
         code: int = OK
         for k in range(2):
             if code == OK:
-                perturb_motions(s.inputs, s.clock[0], float(k))
-                code = evaluated(s)
-                note_rates(s, k)
-        restore_motions(s.inputs)
+                perturb_motions(instance.inputs, instance.clock[0], float(k))
+                code = evaluated(instance)
+                store_velocity_jump(instance, k)
+        restore_motions(instance.inputs)
         return code
 
-    def start(s: Any, index: int, value: float) -> int:
+    def start(instance: Any, index: int, value: float) -> int:
         """Let an input have another value at the start, before :func:`begin`."""
         if not abs(value) < np.inf:
             return NOT_FINITE
-        start_input(s.inputs, index, value, s.clock[0])
+        start_input(instance.inputs, index, value, instance.clock[0])
         return OK
 
-    def assemble(s: Any, t: float) -> int:
+    def assemble(instance: Any, t: float) -> int:
         """Let the reported state be the start with its loops closed at t (s); return a code of solvers.assembly.
 
         If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state.
         It may be TURNED too.
         """
-        code: int = assembled(s, t)
+        code: int = assembled(instance, t)
         return code
 
-    def begin(s: Any, t: float) -> int:
+    def begin(instance: Any, t: float) -> int:
         """Begin at t (s) and the reported state, as a stepper that is constructed there."""
-        g = s.given
-        s.clock[0], g.scales.rtol[0] = t, s.options[0].rtol
-        code, rate = begun(s, t)
-        renewed(s, True)
-        s.balance[0].is_checked = 1 if s.options[0].energy_check == 1 and g.v.shape[0] > g.memory.control[0].rank else 0
-        s.balance[0].tolerance = s.options[0].rtol
-        begin_points(s, code)
-        s.told[0].flaw = judge_start(t, rate, g.q, g.work.size_q, g.scales.rtol[0], s.start.scratch.worst[0])
+        problem = instance.given
+        instance.clock[0], problem.scales.rtol[0] = t, instance.options[0].rtol
+        code, rate = begun(instance, t)
+        continued(instance, True)
+        instance.balance[0].is_checked = (
+            1 if instance.options[0].energy_check == 1 and problem.v.shape[0] > problem.memory.control[0].rank else 0
+        )
+        instance.balance[0].tolerance = instance.options[0].rtol
+        begin_points(instance, code)
+        instance.run_status[0].flaw = check_resolution(
+            t, rate, problem.q, problem.work.size_q, problem.scales.rtol[0], instance.start.scratch.worst[0]
+        )
         return int(code)
 
-    def renew(s: Any) -> int:
+    def continue_at_state(instance: Any) -> int:
         """Go on where loads have changed."""
-        renewed(s, False)
+        continued(instance, False)
         return OK
 
-    def weigh(s: Any) -> int:
+    def note_energy(instance: Any) -> int:
         """Note the energy, before parameters change; :func:`retune` comes after that."""
-        s.told[0].before = energy_at(s)
+        instance.run_status[0].before = energy_at(instance)
         return OK
 
-    def retune(s: Any) -> int:
+    def retune(instance: Any) -> int:
         """Restart with other parameters, like ``Simulation.retune``."""
-        s.balance[0].reference_energy += energy_at(s) - s.told[0].before
-        renewed(s, True)
+        instance.balance[0].reference_energy += energy_at(instance) - instance.run_status[0].before
+        continued(instance, True)
         return OK
 
-    def take_input(s: Any, index: int, value: float) -> int:
+    def take_input(instance: Any, index: int, value: float) -> int:
         """Take the value of an input at the time reached, as ``Simulation.set_input`` does."""
         if not abs(value) < np.inf:
             return NOT_FINITE
-        if take(s, index, value) != SUPPORT_MOTION:
-            renewed(s, False)
+        if apply_input(instance, index, value) != SUPPORT_MOTION:
+            continued(instance, False)
         return OK
 
-    def advance(s: Any, t: float) -> int:
+    def advance(instance: Any, t: float) -> int:
         """Go to t, s; on failure the last good state stays."""
-        arrive(s, t, go(s, t))
-        return int(s.told[0].code)
+        record_outcome(instance, t, advance_in_pieces(instance, t))
+        return int(instance.run_status[0].code)
 
-    def step(s: Any, end: float) -> int:
+    def step(instance: Any, end: float) -> int:
         """Go to a communication point, s, as ``Simulation.advance`` does; on failure the last good state stays."""
-        t = s.clock[0]
+        t = instance.clock[0]
         if end > t:
-            found = begin_support_motions(s.inputs, t, end)
+            found = begin_support_motions(instance.inputs, t, end)
             if found & LOADS_CHANGED:
-                renewed(s, False)
+                continued(instance, False)
             if found & MOTION_STARTS:
-                jumps, before = found & RATE_JUMPS != 0, energy_at(s)
-                code: int = impulse(s) if jumps else OK
-                s.told[0].unknown = 1 if code != OK else 0
+                jumps, before = found & RATE_JUMPS != 0, energy_at(instance)
+                code: int = impulse(instance) if jumps else OK
+                instance.run_status[0].unknown = 1 if code != OK else 0
                 if code != OK:
                     return code
-                leave(s, before, jumps)
-                renewed(s, False)
-        if end > t or s.told[0].code != OK:
-            arrive(s, end, go(s, end))
-        if s.balance[0].is_checked == 1:
-            look(s, energy_at(s))
-        look_at_plates(s)
-        return int(s.told[0].code)
+                start_support_motion(instance, before, jumps)
+                continued(instance, False)
+        if end > t or instance.run_status[0].code != OK:
+            record_outcome(instance, end, advance_in_pieces(instance, end))
+        if instance.balance[0].is_checked == 1:
+            check_energy(instance, energy_at(instance))
+        measure_plate_bending(instance)
+        return int(instance.run_status[0].code)
 
-    def read(s: Any) -> int:
+    def read(instance: Any) -> int:
         """Read all outputs at the reported state."""
-        g, t = s.given, s.clock[0]
-        code: int = evaluated(s)
+        problem, t = instance.given, instance.clock[0]
+        code: int = evaluated(instance)
         if code == OK:
-            observe(t, g.q, g.v, s.a, s.lam, g.eqs.data, s.out)
-            tell_balance(s)
+            observe(t, problem.q, problem.v, instance.a, instance.lam, problem.eqs.data, instance.out)
+            fill_energy_outputs(instance)
         return code
 
-    def count(s: Any) -> int:
+    def count(instance: Any) -> int:
         """Write the cost of the run so far."""
-        counted(s.given, s.counts)
+        counted(instance.given, instance.counts)
         return OK
 
     timed, given = (types.float64,), (types.int64, types.float64)
@@ -339,21 +351,21 @@ def entries(name: str) -> dict[str, Entry]:
         "set": Entry(take_input, given),
         "step": Entry(step, timed),
         "advance": Entry(advance, timed),
-        "renew": Entry(renew, ()),
-        "weigh": Entry(weigh, ()),
+        "continue_at_state": Entry(continue_at_state, ()),
+        "note_energy": Entry(note_energy, ()),
         "retune": Entry(retune, ()),
         "read": Entry(read, ()),
         "count": Entry(count, ()),
     }
 
 
-def kinds() -> tuple[CalledKernel, ...]:
+def shipped_kernels() -> tuple[CalledKernel, ...]:
     """Return the kernels of all kinds that ship, in the order of their addresses in the runtime."""
-    return tuple(dict.fromkeys(called for room, role in ROLES.items() for called in _kernels(room, role)))
+    return tuple(dict.fromkeys(called for module, role in COMPONENT_ROLES.items() for called in _kernels(module, role)))
 
 
-def _kernels(room: ModuleType, role: type[ElementType]) -> Iterator[CalledKernel]:
-    for kind in element_types_of(room, role):
+def _kernels(module: ModuleType, role: type[ElementType]) -> Iterator[CalledKernel]:
+    for kind in element_types_of(module, role):
         for name, signature in kind.kernels.items():
             function = kernel_of(kind, name)
             if function is not None and name in REAL.names:

@@ -32,9 +32,9 @@ from solvers.system import Equations, Terms
 
 from .start_checks import find_turned
 
-SMALL = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
-LARGE = {name: getattr(recursions, name) for name in tree_loop.TreeEquations._fields[:-1]}
-LARGE["power"] = recursions.solved_power
+DENSE_KERNELS = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
+TREE_KERNELS = {name: getattr(recursions, name) for name in tree_loop.TreeEquations._fields[:-1]}
+TREE_KERNELS["power"] = recursions.solved_power
 
 
 class Family(NamedTuple):
@@ -45,162 +45,205 @@ class Family(NamedTuple):
     equations: Callable[..., Any]  # (callbacks, data, nq, n, m)
     memory: Callable[..., Any]  # (nq, n, m): what is remembered from step to step
     work: Callable[..., Any]  # (nq, n, m, positions): scratch, with units ``size``
-    assemble: Any  # (s, t) -> code of solvers.assembly: the reported state is the start with its loops closed
-    begin: Any  # (s, t) -> code and rate (1/s): options, units and paces as a stepper's constructor takes them
-    evaluate: Any  # (s) -> code: accelerations and multipliers at the reported state
-    renew: Any  # (s, fresh): go on at the reported state; fresh: nothing is kept of what was known
-    limit: Any  # (g, t, longest): no step from the reported state at t on is longer, s
-    count: Any  # (g, counts): what the run has cost, in the order of COUNTERS
+    assemble: Any  # (instance, t) -> code of solvers.assembly: the reported state is the start with its loops closed
+    begin: Any  # (instance, t) -> code and rate (1/s): options, units and paces as a stepper's constructor takes them
+    evaluate: Any  # (instance) -> code: accelerations and multipliers at the reported state
+    continue_at_state: Any  # (instance, restart): continue at the reported state; restart: no history is kept
+    limit: Any  # (problem, t, longest): no step from the reported state at t on is longer, s
+    count: Any  # (problem, counts): what the run has cost, in the order of COUNTERS
 
 
 @kernel
-def assemble_small(s: Any, t: float) -> int:
+def assemble_dense(instance: Any, t: float) -> int:
     """If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state."""
-    g, start, work = s.given, s.start, s.start.scratch
-    code: int = find_closed_positions(g.eqs, t, start.q, g.q, work)
+    problem, start, work = instance.given, instance.start, instance.start.scratch
+    code: int = find_closed_positions(problem.eqs, t, start.q, problem.q, work)
     if code == ASSEMBLED:
-        code = find_turned(s.frames, g.eqs.data, work.worst[0])
+        code = find_turned(instance.frames, problem.eqs.data, work.worst[0])
     if code == ASSEMBLED:
-        code = find_consistent_velocities(g.eqs, t, g.q, start.v, s.known[0], g.v, work)
+        code = find_consistent_velocities(problem.eqs, t, problem.q, start.v, instance.known[0], problem.v, work)
     if code == ASSEMBLED:
-        g.eqs.dynamics(t, g.q, g.v, g.eqs.data, g.eqs.terms)
-        code = check_mobile_mass(g.eqs.terms, g.work.mass, work)
+        problem.eqs.dynamics(t, problem.q, problem.v, problem.eqs.data, problem.eqs.terms)
+        code = check_mobile_mass(problem.eqs.terms, problem.work.mass, work)
     return code
 
 
 @kernel
-def assemble_tree(s: Any, t: float) -> int:
+def assemble_tree(instance: Any, t: float) -> int:
     """Nothing is to be closed; whether all that moves has inertia the solver finds out."""
-    g, start = s.given, s.start
-    for i in range(g.q.shape[0]):
-        g.q[i] = start.q[i]
-    for i in range(g.v.shape[0]):
-        g.v[i] = start.v[i]
+    problem, start = instance.given, instance.start
+    for i in range(problem.q.shape[0]):
+        problem.q[i] = start.q[i]
+    for i in range(problem.v.shape[0]):
+        problem.v[i] = start.v[i]
     return ASSEMBLED
 
 
 @kernel
-def find_out(s: Any, t: float) -> tuple[int, int]:
+def project_and_scale(instance: Any, t: float) -> tuple[int, int]:
     """Close the reported state, and find units and paces there; return how it was closed, and the rank."""
-    g = s.given
-    position_sizes(s.positions, g.work.size, g.work.size_q)
-    rank = find_normal_rank(g.eqs, t, g.q, g.v, g.work)
-    code = project(g.eqs, t, g.q, g.v, rank, g.work)
-    estimate_rates(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], s.options[0].duration, g.work)
+    problem = instance.given
+    position_sizes(instance.positions, problem.work.size, problem.work.size_q)
+    rank = find_normal_rank(problem.eqs, t, problem.q, problem.v, problem.work)
+    code = project(problem.eqs, t, problem.q, problem.v, rank, problem.work)
+    estimate_rates(
+        problem.eqs,
+        t,
+        problem.q,
+        problem.v,
+        rank,
+        instance.known[0],
+        instance.known[1],
+        instance.options[0].duration,
+        problem.work,
+    )
     return code, rank
 
 
 @kernel
-def begin_adams(s: Any, t: float) -> tuple[int, float]:
+def begin_adams(instance: Any, t: float) -> tuple[int, float]:
     """As ``AdamsStepper`` is made."""
-    adams.set_options(s.options, s.given.settings)
-    code, rank = find_out(s, t)
-    adams.set_up(s.given, rank, s.options[0].absolute)
-    return code, s.given.work.rate[0]
+    adams.set_options(instance.options, instance.given.settings)
+    code, rank = project_and_scale(instance, t)
+    adams.set_up(instance.given, rank, instance.options[0].absolute)
+    return code, instance.given.work.rate[0]
 
 
 @kernel
-def begin_radau(s: Any, t: float) -> tuple[int, float]:
+def begin_radau(instance: Any, t: float) -> tuple[int, float]:
     """As ``RadauStepper`` is made."""
-    radau.set_options(s.options, s.given.settings)
-    code, rank = find_out(s, t)
-    radau.set_up(s.given, rank, s.options[0].absolute)
-    return code, s.given.work.rate[0]
+    radau.set_options(instance.options, instance.given.settings)
+    code, rank = project_and_scale(instance, t)
+    radau.set_up(instance.given, rank, instance.options[0].absolute)
+    return code, instance.given.work.rate[0]
 
 
 @kernel
-def begin_tree(s: Any, t: float) -> tuple[int, float]:
+def begin_tree(instance: Any, t: float) -> tuple[int, float]:
     """As ``TreeAdamsStepper`` is made."""
-    adams.set_options(s.options, s.given.settings)
-    tree_loop.set_up(s.given, t, s.known[0], s.options[0].duration)
-    return OK, s.given.settings[0].rate
+    adams.set_options(instance.options, instance.given.settings)
+    tree_loop.set_up(instance.given, t, instance.known[0], instance.options[0].duration)
+    return OK, instance.given.settings[0].rate
 
 
 @kernel
-def evaluate_small(s: Any) -> int:
-    """Fill ``s.a`` and ``s.lam``."""
-    g = s.given
-    code: int = evaluate_state(g.eqs, s.clock[0], g.q, g.v, g.memory.control[0].rank, g.work, s.a, s.lam)
+def evaluate_dense(instance: Any) -> int:
+    """Fill ``instance.a`` and ``instance.lam``."""
+    problem = instance.given
+    code: int = evaluate_state(
+        problem.eqs,
+        instance.clock[0],
+        problem.q,
+        problem.v,
+        problem.memory.control[0].rank,
+        problem.work,
+        instance.a,
+        instance.lam,
+    )
     return code
 
 
 @kernel
-def evaluate_tree(s: Any) -> int:
-    """Fill ``s.a``."""
-    code: int = tree_loop.evaluate(s.given, s.clock[0], s.a)
+def evaluate_tree(instance: Any) -> int:
+    """Fill ``instance.a``."""
+    code: int = tree_loop.evaluate(instance.given, instance.clock[0], instance.a)
     return code
 
 
 @kernel
-def renew_history(s: Any, fresh: bool, watched: bool) -> None:
-    """As ``ExplicitStepper.continue_after_event`` does; ``fresh``: as its ``restart``; ``watched``: work is to be
+def continue_history(instance: Any, restart: bool, watched: bool) -> None:
+    """As ``ExplicitStepper.continue_after_event`` does; ``restart``: as its ``restart``; ``watched``: work is to be
     booked.
     """
-    g, keeps_position, rk_steps = s.given, not fresh and s.told[0].code == OK, 0 if fresh else TRUNCATED_STEPS
-    g.settings[0].works = 1 if watched and g.eqs.data.arrays.world[0].nonconservative == 1 else 0
-    restart_history(g.memory, s.clock[0], g.q, g.v, g.energy_account[WORK], rk_steps, 0 if fresh else 1, keeps_position)
-
-
-@kernel
-def renew_adams(s: Any, fresh: bool) -> None:
-    """See :func:`renew_history`."""
-    o = s.given.settings[0]
-    renew_history(s, fresh, o.energy_check == 1 or o.partition == HYBRID)
-
-
-@kernel
-def renew_tree(s: Any, fresh: bool) -> None:
-    """See :func:`renew_history`."""
-    renew_history(s, fresh, s.given.settings[0].energy_check == 1)
-
-
-@kernel
-def renew_radau(s: Any, fresh: bool) -> None:
-    """As ``RadauStepper.continue_after_event`` does; ``fresh``: as its ``restart``."""
-    g, keeps_position = s.given, not fresh and s.told[0].code == OK
-    o = g.settings[0]
-    o.works = 1 if o.energy_check == 1 and g.eqs.data.arrays.world[0].nonconservative == 1 else 0
-    radau.restart_at_state(
-        g.memory, s.clock[0], g.q, g.v, g.energy_account[WORK], 0 if fresh else TRUNCATED_STEPS, keeps_position
+    problem, keeps_position, rk_steps = (
+        instance.given,
+        not restart and instance.run_status[0].code == OK,
+        0 if restart else TRUNCATED_STEPS,
     )
-    if fresh:
-        g.memory.control[0].has_derivatives = 0
+    problem.settings[0].works = 1 if watched and problem.eqs.data.arrays.world[0].nonconservative == 1 else 0
+    restart_history(
+        problem.memory,
+        instance.clock[0],
+        problem.q,
+        problem.v,
+        problem.energy_account[WORK],
+        rk_steps,
+        0 if restart else 1,
+        keeps_position,
+    )
 
 
 @kernel
-def limit_history(g: Any, t: float, longest: float) -> None:
+def continue_adams(instance: Any, restart: bool) -> None:
+    """See :func:`continue_history`."""
+    settings = instance.given.settings[0]
+    continue_history(instance, restart, settings.energy_check == 1 or settings.partition == HYBRID)
+
+
+@kernel
+def continue_tree(instance: Any, restart: bool) -> None:
+    """See :func:`continue_history`."""
+    continue_history(instance, restart, instance.given.settings[0].energy_check == 1)
+
+
+@kernel
+def continue_radau(instance: Any, restart: bool) -> None:
+    """As ``RadauStepper.continue_after_event`` does; ``restart``: as its ``restart``."""
+    problem, keeps_position = instance.given, not restart and instance.run_status[0].code == OK
+    settings = problem.settings[0]
+    settings.works = 1 if settings.energy_check == 1 and problem.eqs.data.arrays.world[0].nonconservative == 1 else 0
+    radau.restart_at_state(
+        problem.memory,
+        instance.clock[0],
+        problem.q,
+        problem.v,
+        problem.energy_account[WORK],
+        0 if restart else TRUNCATED_STEPS,
+        keeps_position,
+    )
+    if restart:
+        problem.memory.control[0].has_derivatives = 0
+
+
+@kernel
+def limit_history(problem: Any, t: float, longest: float) -> None:
     """As ``ExplicitStepper._limit`` does."""
-    limit_steps(g.memory, g.settings, t, g.q, g.v, g.energy_account[WORK], longest)
+    limit_steps(problem.memory, problem.settings, t, problem.q, problem.v, problem.energy_account[WORK], longest)
 
 
 @kernel
-def limit_radau(g: Any, t: float, longest: float) -> None:
+def limit_radau(problem: Any, t: float, longest: float) -> None:
     """As ``RadauStepper._limit`` does."""
-    g.settings[0].max_step = longest
+    problem.settings[0].max_step = longest
 
 
 @kernel
-def count_adams(g: Any, counts: Any) -> None:
+def count_adams(problem: Any, counts: Any) -> None:
     """As ``statistics`` of steppers on Adams formulas."""
-    c = g.memory.control[0]
-    left = c.by_turn + c.by_flicker + c.by_energy + c.by_collapse
-    counts[0], counts[1], counts[2], counts[3] = c.steps, c.rejected, c.evaluations, left + c.returns
-    counts[4], counts[5] = max(0, c.starts - 1), c.stability_limited
+    control = problem.memory.control[0]
+    left = control.by_turn + control.by_flicker + control.by_energy + control.by_collapse
+    counts[0], counts[1], counts[2], counts[3] = (
+        control.steps,
+        control.rejected,
+        control.evaluations,
+        left + control.returns,
+    )
+    counts[4], counts[5] = max(0, control.starts - 1), control.stability_limited
 
 
 @kernel
-def count_radau(g: Any, counts: Any) -> None:
+def count_radau(problem: Any, counts: Any) -> None:
     """As ``RadauStepper.statistics``."""
-    c = g.memory.control[0]
-    counts[0], counts[1], counts[2] = c.steps, c.rejected, c.evaluations
-    counts[4] = max(0, c.starts - 1)
+    control = problem.memory.control[0]
+    counts[0], counts[1], counts[2] = control.steps, control.rejected, control.evaluations
+    counts[4] = max(0, control.starts - 1)
 
 
-def _by_matrices(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> Equations:
+def _dense_equations(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> Equations:
     return Equations(**callbacks, data=data, terms=Terms.allocate(nq, n, m))
 
 
-def _by_recursions(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> tree_loop.TreeEquations:
+def _tree_equations(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> tree_loop.TreeEquations:
     return tree_loop.TreeEquations(**callbacks, data=data)
 
 
@@ -210,16 +253,17 @@ def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
 
 FAMILIES = {  # by the prefix of their entry points
     "adams": Family(
-        adams, SMALL, _by_matrices, History.allocate, _workspace,
-        assemble_small, begin_adams, evaluate_small, renew_adams, limit_history, count_adams,
+        adams, DENSE_KERNELS, _dense_equations, History.allocate, _workspace,
+        assemble_dense, begin_adams, evaluate_dense, continue_adams, limit_history, count_adams,
     ),
     "radau": Family(
-        radau, SMALL, _by_matrices, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
-        assemble_small, begin_radau, evaluate_small, renew_radau, limit_radau, count_radau,
+        radau, DENSE_KERNELS, _dense_equations, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
+        assemble_dense, begin_radau, evaluate_dense, continue_radau, limit_radau, count_radau,
     ),
     "tree": Family(
-        tree_loop, LARGE, _by_recursions, History.allocate, lambda nq, n, m, p: tree_loop.Scratch.allocate(nq, n, p),
-        assemble_tree, begin_tree, evaluate_tree, renew_tree, limit_history, count_adams,
+        tree_loop, TREE_KERNELS, _tree_equations, History.allocate,
+        lambda nq, n, m, p: tree_loop.Scratch.allocate(nq, n, p),
+        assemble_tree, begin_tree, evaluate_tree, continue_tree, limit_history, count_adams,
     ),
 }  # fmt: skip
-SOLVERS = ("adams", "hybrid", "adams-lu", "radau")  # that they serve
+NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau")  # that they serve

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from solvers.compiled.tuple_pointer import unpin
 
-ALIGNED = 64  # bytes
-DATA = 4  # word of an array that holds its address
+ALIGNMENT_BYTES = 64  # bytes
+ADDRESS_WORD = 4  # word of an array that holds its address
 
 
 class Relocation(NamedTuple):
@@ -33,7 +33,7 @@ class Relocation(NamedTuple):
     target: int  # bytes from the beginning of the block, or the number of a kernel
 
 
-class Image:
+class MemoryImage:
     """The block of a tuple, of arrays, whole numbers, functions (zero) and other tuples that are held.
 
     Parameters
@@ -68,11 +68,11 @@ class Image:
         self._arrays: dict[int, tuple[int, NDArray[Any]]] = {}  # place and array, by address in this process
         self._tuples: dict[int, tuple[int, Any]] = {}  # place and tuple, by address
         self._words: list[tuple[int, bytes]] = []
-        self.places: list[Relocation] = []
+        self.relocations: list[Relocation] = []
         for array in state:
-            self._place(array)
+            self._emit_array(array)
         self.saved = self.size
-        self.root = self._lay(root)
+        self.root = self._emit_tuple(root)
         begin = self.at(addresses)
         self.kernels = [Relocation(begin + 8 * k, number) for k, number in enumerate(numbers) if number >= 0]
 
@@ -94,7 +94,7 @@ class Image:
             block[relocation.at : relocation.at + 8] = bytes(8)
         return bytes(block)
 
-    def _place(self, array: NDArray[Any]) -> int:
+    def _emit_array(self, array: NDArray[Any]) -> int:
         if not array.flags.c_contiguous:
             raise ValueError("kernels take arrays without gaps")
         if not array.nbytes:
@@ -110,10 +110,10 @@ class Image:
 
     def _grow(self, count: int) -> int:
         at = self.size
-        self.size += -(-count // ALIGNED) * ALIGNED
+        self.size += -(-count // ALIGNMENT_BYTES) * ALIGNMENT_BYTES
         return at
 
-    def _lay(self, held: tuple[Any, ...]) -> int:
+    def _emit_tuple(self, held: tuple[Any, ...]) -> int:
         """Lay a tuple and all it holds; return where it is."""
         if id(held) not in self._tuples:
             at = self._grow(8 * sum(words_of(field) for field in held))
@@ -121,22 +121,22 @@ class Image:
             words: list[bytes] = []
             for field in held:
                 here = at + sum(map(len, words))
-                words.append(self._field(here, field))
+                words.append(self._emit_field(here, field))
             self._words.append((at, b"".join(words)))
         return self._tuples[id(held)][0]
 
-    def _field(self, at: int, field: Any) -> bytes:
+    def _emit_field(self, at: int, field: Any) -> bytes:
         """Return the words of a field, and note its address."""
         own = unpin(field)
         if isinstance(own, tuple):
-            self.places.append(Relocation(at, self._lay(own)))
+            self.relocations.append(Relocation(at, self._emit_tuple(own)))
             return bytes(8)
         if isinstance(own, np.ndarray):
-            self.places.append(Relocation(at + 8 * DATA, self._place(own)))
+            self.relocations.append(Relocation(at + 8 * ADDRESS_WORD, self._emit_array(own)))
             return struct.pack(f"={words_of(own)}q", 0, 0, own.size, own.itemsize, 0, *own.shape, *own.strides)
         return struct.pack("=q", own or 0)
 
 
 def words_of(field: Any) -> int:
     """Return how many words a field of a tuple takes."""
-    return DATA + 1 + 2 * field.ndim if isinstance(field, np.ndarray) else 1
+    return ADDRESS_WORD + 1 + 2 * field.ndim if isinstance(field, np.ndarray) else 1

@@ -15,7 +15,7 @@ from solvers.compiled.indirect_call import record_type
 from solvers.compiled.kernel import jit_uncached, types
 from solvers.compiled.tuple_pointer import pointer_type
 
-from .entries import KINDS, entries, example, kinds
+from .entries import KERNEL_TABLE_SYMBOL, entries, example, shipped_kernels
 from .families import FAMILIES
 from .targets import TARGETS
 
@@ -31,7 +31,7 @@ def compiled() -> tuple[dict[str, tuple[Any, Any]], list[str]]:
             kernel.compile(types.int64(*arguments))
             found[f"mb_{family}_{name}"] = kernel, arguments
     numbered = []
-    for i, kind in enumerate(kinds()):
+    for i, kind in enumerate(shipped_kernels()):
         words, returned = types_of(kind.signature)
         arguments = record_type(kind.record), *words
         kind.function.compile(returned(*arguments))
@@ -43,7 +43,7 @@ def compiled() -> tuple[dict[str, tuple[Any, Any]], list[str]]:
 def main(folder: Path, targets: list[str]) -> None:
     """Write the object files."""
     found, numbered = compiled()
-    module = link_module(found, {KINDS: numbered})
+    module = link_module(found, {KERNEL_TABLE_SYMBOL: numbered})
     for name in targets:
         target = TARGETS[name]
         (folder / f"{name}.o").write_bytes(emit_object(module, target.triple, target.processor))

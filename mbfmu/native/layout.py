@@ -25,13 +25,13 @@ from solvers.options import OPTIONS
 from solvers.outcome import Code
 
 from .checksum import crc64
-from .communication_points import TOLD
-from .entries import Entry, kinds
+from .communication_points import RUN_STATUS
+from .entries import Entry, shipped_kernels
 from .start_checks import Flaw
 
-WORDS = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
-MAGIC = int.from_bytes(b"mbfmu19a", "little")
-TOKEN = 40  # bytes of the identity of an FMU
+ENTRY_C_TYPES = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
+FILE_MAGIC = int.from_bytes(b"mbfmu19a", "little")
+TOKEN_BYTES = 40  # bytes of the identity of an FMU
 
 RELOCATION = np.dtype([("at", "i8"), ("target", "i8")])  # see image.Relocation
 VARIABLE = np.dtype(
@@ -66,10 +66,10 @@ ENTRY = np.dtype(  # a number that follows parameters, see table.Entry
 SUM = np.dtype([("terms", "i8"), ("count", "i8")])
 TERM = np.dtype([("factors", "i8"), ("count", "i8"), ("coefficient", "f8")])
 FACTOR = np.dtype([("variable", "i8"), ("power", "f8")])  # of variable LENGTH the characteristic length
-LENGTH = -1
+LENGTH_VARIABLE = -1
 SENTENCE = np.dtype([("what", "i8"), ("remedy", "i8")])  # places in the text, by solvers.outcome.Code
 FAILURE = np.dtype([("before", "i8"), ("between", "i8"), ("after", "i8")])  # by Outcome, then start_checks.Flaw
-NAME = np.dtype([("name", "i8")])  # place in the text
+NAME_RECORD = np.dtype([("name", "i8")])  # place in the text
 
 SECTIONS = {
     "variables": VARIABLE,
@@ -79,29 +79,29 @@ SECTIONS = {
     "sums": SUM,
     "terms": TERM,
     "factors": FACTOR,
-    "places": RELOCATION,
+    "relocations": RELOCATION,
     "kernels": RELOCATION,
     "sentences": SENTENCE,
     "failures": FAILURE,
-    "rows": NAME,
-    "coordinates": NAME,
-    "cuts": NAME,
+    "rows": NAME_RECORD,
+    "coordinates": NAME_RECORD,
+    "cuts": NAME_RECORD,
     "text": np.dtype("u1"),
 }
-PLACES = (
+HEADER_OFFSETS = (
     "clock",
     "out",
     "options",
     "counts",
     "length",
-    "told",
+    "run_status",
     "worst",
     "massless",
 )  # of arrays that C looks at, in the block
 HEADER = np.dtype(
     [
         ("magic", "i8"),
-        ("token", f"S{TOKEN}"),
+        ("token", f"S{TOKEN_BYTES}"),
         ("table_sum", "i8"),  # CRC-64 of header and sections, with zero in its place
         ("block_sum", "i8"),  # CRC-64 of the block
         ("family", "i8"),  # place in entries.FAMILIES
@@ -110,14 +110,14 @@ HEADER = np.dtype(
         ("saved", "i8"),  # of it, what is saved and restored
         ("root", "i8"),
         ("reports_coarse", "i8"),  # 1: a coarse tolerance is reported at the start
-        *((f"{name}_at", "i8") for name in PLACES),
+        *((f"{name}_at", "i8") for name in HEADER_OFFSETS),
         *(field for name in SECTIONS for field in ((name, "i8"), (f"{name}_count", "i8"))),
     ]
 )
 STRUCTS = {
     "Header": HEADER, "Variable": VARIABLE, "Array": ARRAY, "Member": MEMBER, "Entry": ENTRY, "Sum": SUM, "Term": TERM,
-    "Factor": FACTOR, "Relocation": RELOCATION, "Sentence": SENTENCE, "Failure": FAILURE, "Name": NAME,
-    "Options": OPTIONS, "Told": TOLD, "Worst": WORST,
+    "Factor": FACTOR, "Relocation": RELOCATION, "Sentence": SENTENCE, "Failure": FAILURE, "Name": NAME_RECORD,
+    "Options": OPTIONS, "RunStatus": RUN_STATUS, "Worst": WORST,
 }  # fmt: skip
 
 
@@ -133,14 +133,14 @@ def signed(data: bytes, token: str) -> bytes:
 
 def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) -> str:
     """Return the C header of these records, and of the entry points that all families have, by their names."""
-    known = [(name, [WORDS[word] for word in entry.more]) for name, entry in entries]
+    known = [(name, [ENTRY_C_TYPES[word] for word in entry.more]) for name, entry in entries]
     lines = ["/* Made of mbfmu/native/layout.py. */", "#include <stdint.h>", ""]
-    lines += [f"#define MAGIC INT64_C({MAGIC})", f"#define LENGTH ({LENGTH})"]
+    lines += [f"#define MAGIC INT64_C({FILE_MAGIC})", f"#define LENGTH ({LENGTH_VARIABLE})"]
     lines += [f"#define COARSE {float(MAX_ACCURATE_ANGLE)!r} /* rad */", f"#define FOLDED {float(MAX_VALID_ANGLE)!r}"]
     lines.append(f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}")
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     lines.append(f"#define COARSE_TEXT {json.dumps(coded('coarse-tolerance', COARSE_TEXT))}")
-    lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(kinds())}", ""]
+    lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(shipped_kernels())}", ""]
     lines += [_struct(name, record) for name, record in STRUCTS.items()]
     lines += [
         _enum("TYPE", (t.name for t in Type)),

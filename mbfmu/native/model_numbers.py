@@ -14,7 +14,7 @@ from mbfmu.modeling.model import Model
 from mbfmu.util.errors import UserError
 from solvers.system import Array
 
-STRUCTURE = "it changes the structure of the mechanism"
+STRUCTURE_REASON = "it changes the structure of the mechanism"
 
 
 class Place(NamedTuple):
@@ -62,9 +62,9 @@ class Reader:
         self._real = np.concatenate(list(masks.values()))
         self._whole = _words(plant)[~self._real]
         self.inputs = _input_places(plant)
-        self._told = {name: len(values) for name, values in _told(plant).items()}
+        self._solver_columns = {name: len(values) for name, values in _solver_data(plant).items()}
         self.places = [Place(name, 8 * int(k)) for name, mask in masks.items() for k in np.flatnonzero(mask)]
-        self.places += [Place(name, 8 * k) for name, count in self._told.items() for k in range(count)]
+        self.places += [Place(name, 8 * k) for name, count in self._solver_columns.items() for k in range(count)]
         arrays_of = np.array([place.array for place in self.places])
         self._columns = {name: np.flatnonzero(arrays_of == name) for name in np.unique(arrays_of).tolist()}
         self.guesses = np.zeros(len(self.places), bool)
@@ -98,13 +98,13 @@ class Reader:
             plant = self._model.with_values(values).plant()
             words = _words(plant)
             if len(words) != len(self._real) or np.any(words[~self._real] != self._whole):
-                raise UserError(STRUCTURE)
+                raise UserError(STRUCTURE_REASON)
             return self._numbers(plant)
 
     def _numbers(self, plant: Plant) -> Array:
-        told = _told(plant)
-        if {name: len(values) for name, values in told.items()} != self._told:
-            raise UserError(STRUCTURE)
+        told = _solver_data(plant)
+        if {name: len(values) for name, values in told.items()} != self._solver_columns:
+            raise UserError(STRUCTURE_REASON)
         found = np.concatenate([_words(plant)[self._real].view(np.float64), *told.values()])
         if not np.isfinite(found).all():
             raise UserError("other values lead to numbers that are not finite")
@@ -142,7 +142,7 @@ def _real_fields(dtype: np.dtype[Any]) -> NDArray[np.bool_]:
     return mask
 
 
-def _told(plant: Plant) -> dict[str, Array]:
+def _solver_data(plant: Plant) -> dict[str, Array]:
     """Return the data of solvers besides the arrays, and the components of lengths and rates."""
     system, drives = plant.system, plant.drives
     squares = spans(plant.mechanism, plant.data.arrays) ** 2

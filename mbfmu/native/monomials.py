@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from solvers.system import Array
 
-GOOD = 3e-13  # error of a fit, relative to the sum of its terms without their signs
-LOST = 1e-11  # of the largest term: a term that is rounding
-MOST = 32  # terms of a sum
+FIT_TOLERANCE = 3e-13  # error of a fit, relative to the sum of its terms without their signs
+NEGLIGIBLE_TERM_RATIO = 1e-11  # of the largest term: a term that is rounding
+MAX_TERMS = 32  # terms of a sum
 
-CONSTANT = (0.0,)
-SINGLE = [(0.5 * k,) for k in (2, 4, 6, 8, -2, -4, -6, 1, -1, 3, -3, 5)]
-SUMS: list[tuple[int, ...]] = [(0, 1), (0, 2), (0, -1), (0, 3), (1, 2), (0, -2), (1, 3), (1, -1), (2, 4), (0, 4)]
-SUMS += [(2, 3), (0, 1, 2), (1, 2, 3), (0, 2, 4), (0, 1, 2, 3), (0, 1, 2, 3, 4)]
+CONSTANT_POWERS = (0.0,)
+SINGLE_POWERS = [(0.5 * k,) for k in (2, 4, 6, 8, -2, -4, -6, 1, -1, 3, -3, 5)]
+SUM_POWERS: list[tuple[int, ...]] = [(0, 1), (0, 2), (0, -1), (0, 3), (1, 2), (0, -2), (1, 3), (1, -1), (2, 4), (0, 4)]
+SUM_POWERS += [(2, 3), (0, 1, 2), (1, 2, 3), (0, 2, 4), (0, 1, 2, 3), (0, 1, 2, 3, 4)]
 
 Powers = tuple[float, ...]
 
@@ -49,9 +49,9 @@ def single(u: Array, y: Array) -> list[Powers | None]:
     """
     found: list[Powers | None] = [None] * y.shape[1]
     left = np.arange(y.shape[1])
-    for powers in (CONSTANT, *SINGLE):
+    for powers in (CONSTANT_POWERS, *SINGLE_POWERS):
         wanted = y[0, left] * u[:, np.newaxis] ** powers[0]
-        tolerance = GOOD * np.abs(wanted) if powers != CONSTANT else 0.0
+        tolerance = FIT_TOLERANCE * np.abs(wanted) if powers != CONSTANT_POWERS else 0.0
         done = np.all(np.abs(y[:, left] - wanted) <= tolerance, axis=0)
         for i in left[done]:
             found[i] = powers
@@ -63,10 +63,10 @@ def sums(u: Array, y: Array) -> list[Powers | None]:
     """Return the powers of u (points,) whose sum every column of y (points, k) is; None where it is none."""
     found: list[Powers | None] = [None] * y.shape[1]
     left = np.arange(y.shape[1])
-    for powers in SUMS:
+    for powers in SUM_POWERS:
         terms = u[:, np.newaxis] ** np.array(powers, float)
         c = np.linalg.lstsq(terms, y[:, left], rcond=None)[0]
-        done = np.all(np.abs(terms @ c - y[:, left]) <= GOOD * (np.abs(terms) @ np.abs(c)), axis=0)
+        done = np.all(np.abs(terms @ c - y[:, left]) <= FIT_TOLERANCE * (np.abs(terms) @ np.abs(c)), axis=0)
         for i in left[done]:
             found[i] = tuple(map(float, powers))
         left = left[~done]
@@ -87,7 +87,7 @@ def fit_sums(columns: NDArray[np.int64], exponents: Array, x: Array, center: Arr
         return []
     terms, scale = products(x / center, exponents), np.prod(center**exponents, axis=1)
     c = np.linalg.lstsq(terms, y, rcond=None)[0]
-    kept = np.abs(c) > LOST * np.abs(c).max(axis=0, initial=0.0)
+    kept = np.abs(c) > NEGLIGIBLE_TERM_RATIO * np.abs(c).max(axis=0, initial=0.0)
     fits = []
     for pattern in np.unique(kept, axis=1).T:
         own = np.flatnonzero(np.all(kept == pattern[:, np.newaxis], axis=0))

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from .model_numbers import Place
 from .monomials import Fit
-from .parameter_dependence import Search
+from .parameter_dependence import ParameterDependence
 
-LENGTH = "characteristic length"  # of the mechanism, m, among the names of parameters; no parameter has this name
+LENGTH_NAME = "characteristic length"  # of the mechanism, m, among the names of parameters; no parameter has this name
 
-SCALES = {"span", "drive size", "drive rate"}  # what lengths and rates are made of
+SCALE_ARRAYS = {"span", "drive size", "drive rate"}  # what lengths and rates are made of
 
 
 @dataclass(frozen=True)
@@ -71,19 +71,19 @@ class Entry:
         return float(largest if self.root == 1 else largest ** (1.0 / self.root))
 
 
-def find_entries(search: Search) -> list[Entry]:
+def find_entries(dependence: ParameterDependence) -> list[Entry]:
     """Return what follows the live parameters of a search; the length first, of which others are made."""
-    return _Found(search).entries()
+    return _Found(dependence).entries()
 
 
 class _Found:
     """What a search has found, as sums by column."""
 
-    def __init__(self, search: Search) -> None:
-        self._search, self._reader = search, search.reader
-        every = {int(i): _sum(search, fit, k) for fit in search.fits for k, i in enumerate(fit.columns)}
+    def __init__(self, dependence: ParameterDependence) -> None:
+        self._search, self._reader = dependence, dependence.reader
+        every = {int(i): _sum(dependence, fit, k) for fit in dependence.fits for k, i in enumerate(fit.columns)}
         self._moved = {i: own for i, own in every.items() if any(term.powers for term in own)}
-        self._scales = {i for i, place in enumerate(self._reader.places) if place.array in SCALES}
+        self._scales = {i for i, place in enumerate(self._reader.places) if place.array in SCALE_ARRAYS}
 
     def entries(self) -> list[Entry]:
         """Return all entries."""
@@ -111,7 +111,7 @@ class _Found:
     def _length(self, power: float) -> Term:
         """Return a power of the characteristic length."""
         if self._moves(self._reader.columns("span")):
-            return Term(1.0, ((LENGTH, power),))
+            return Term(1.0, ((LENGTH_NAME, power),))
         return Term(float(self._reader.base[self._reader.columns("length")[0]]) ** power, ())
 
     def _lengths(self) -> list[Entry]:
@@ -135,14 +135,14 @@ class _Found:
             long = size in self._search.lengths
             unit = self._length(-4.0) if long else Term(float(reader.base[size]) ** -4.0, ())
             rates.append(tuple(unit * term for term in self._of(rate)))
-        carried = tuple(rate for rate, known in zip(rates, self._search.carried, strict=True) if known)
+        carried = tuple(rate for rate, known in zip(rates, self._search.rate_sources, strict=True) if known)
         found = [(reader.columns("rate"), tuple(rates)), (reader.columns("loop_rate"), carried)]
         return [self._entry(int(i), sums, 4) for columns, sums in found for i in columns if sums]
 
 
-def _sum(search: Search, fit: Fit, k: int) -> Sum:
+def _sum(dependence: ParameterDependence, fit: Fit, k: int) -> Sum:
     """Return one of the sums of a fit, as text with the parameters."""
     return tuple(
-        Term(float(c), tuple((n, float(e)) for n, e in zip(search.live, exponents, strict=True) if e))
+        Term(float(c), tuple((n, float(e)) for n, e in zip(dependence.settable, exponents, strict=True) if e))
         for c, exponents in zip(fit.coefficients[:, k], fit.exponents, strict=True)
     )

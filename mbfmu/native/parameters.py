@@ -1,10 +1,10 @@
 """Which parameters of a model stay settable without its ``build()``, and what they do to a compiled mechanism.
 
 >>> from fmus.pendulum import SwingPendulum
->>> live = find_live(SwingPendulum())
->>> live.frozen
+>>> settable = find_settable(SwingPendulum())
+>>> settable.fixed
 {}
->>> live.apply({"start_distance": 2.0})[Place("q", 8)]
+>>> settable.apply({"start_distance": 2.0})[Place("q", 8)]
 2.0
 """
 
@@ -18,19 +18,19 @@ import numpy as np
 from mbfmu.modeling.model import Model
 
 from .model_numbers import Place
-from .parameter_dependence import Search
-from .parameter_map import LENGTH, Entry, find_entries
+from .parameter_dependence import ParameterDependence
+from .parameter_map import LENGTH_NAME, Entry, find_entries
 
 
 @dataclass(frozen=True)
-class Live:
+class SettableParameters:
     """What parameters of one model stay settable without its ``build()``.
 
     Attributes
     ----------
     parameters
         Their names.
-    frozen
+    fixed
         All others, and why.
     ranges
         Of each that is settable, from where to where; never more than the model allows.
@@ -41,7 +41,7 @@ class Live:
     """
 
     parameters: tuple[str, ...]
-    frozen: dict[str, str]
+    fixed: dict[str, str]
     ranges: dict[str, tuple[float, float]]
     entries: tuple[Entry, ...]
     start: dict[str, float]
@@ -52,11 +52,11 @@ class Live:
         for entry in self.entries:
             found[entry.place] = entry.value(known)
             if entry.place.array == "length":
-                known[LENGTH] = found[entry.place]
+                known[LENGTH_NAME] = found[entry.place]
         return found
 
 
-def find_live(model: Model) -> Live:
+def find_settable(model: Model) -> SettableParameters:
     """Return which parameters of a model stay settable, and what they do; it is built some hundred times.
 
     Raises
@@ -64,30 +64,30 @@ def find_live(model: Model) -> Live:
     UserError
         The model as it is cannot be built.
     """
-    search = Search(model)
-    names = search.live
-    return Live(
+    dependence = ParameterDependence(model)
+    names = dependence.settable
+    return SettableParameters(
         tuple(names),
-        {p.name: search.frozen[p.name] for p in model.parameters() if p.name in search.frozen},
-        {name: _range(search, name, getattr(model, name)) for name in names},
-        tuple(find_entries(search)),
+        {p.name: dependence.fixed[p.name] for p in model.parameters() if p.name in dependence.fixed},
+        {name: _range(dependence, name, getattr(model, name)) for name in names},
+        tuple(find_entries(dependence)),
         {name: getattr(model, name) for name in names},
     )
 
 
-def _range(search: Search, name: str, value: float) -> tuple[float, float]:
+def _range(dependence: ParameterDependence, name: str, value: float) -> tuple[float, float]:
     """Return from where to where a parameter is settable.
 
     Of one that is a factor of whatever it moves it is all that the model allows, but for a side on which that failed.
     Lengths and rates are sums by their nature, and no reason to narrow it.
     """
-    column, declared = search.live.index(name), search.declared[name]
-    parts = search.reader.columns("span", "drive rate")
-    own = [fit.exponents[:, column] for fit in search.fits if not np.isin(fit.columns, parts).all()]
+    column, declared = dependence.settable.index(name), dependence.declared[name]
+    parts = dependence.reader.columns("span", "drive rate")
+    own = [fit.exponents[:, column] for fit in dependence.fits if not np.isin(fit.columns, parts).all()]
     single = not any(np.ptp(powers) for powers in own if len(powers))
     limits = (declared.min, declared.max)
     low, high = (
         limit if single and free else end
-        for limit, free, end in zip(limits, search.open[name], search.ends[name], strict=True)
+        for limit, free, end in zip(limits, dependence.may_extend[name], dependence.ends[name], strict=True)
     )
     return min(low, value), max(high, value)

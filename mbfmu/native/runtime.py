@@ -36,27 +36,27 @@ from .layout import declarations
 from .targets import TARGETS, host
 
 COMPILERS = ("cc", "gcc", "clang")
-HERE = Path(__file__).parent
-PACKED = HERE / "runtimes"  # that a wheel brings along
+PACKAGE_DIR = Path(__file__).parent
+PACKED_RUNTIMES = PACKAGE_DIR / "runtimes"  # that a wheel brings along
 # sources of the machine code, in addition to the kernels of other packages
-KERNELS = ("entries.py", "families.py", "kernels.py", "communication_points.py", "start_checks.py", "targets.py")
-STRICT = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
-EXPORTED = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
+KERNEL_SOURCES = ("entries.py", "families.py", "kernels.py", "communication_points.py", "start_checks.py", "targets.py")
+COMPILER_FLAGS = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
+EXPORTED_SYMBOLS = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
 
 
 @cache
-def place(*sources: str) -> Path:
+def build_dir(*sources: str) -> Path:
     """Return the folder of what is built of these sources, and of all kernels."""
-    told = sha256()
+    digest = sha256()
     for source in sources:
-        told.update((HERE / source).read_bytes())
-    return shared_cache_dir() / f"native-{told.hexdigest()[:16]}"
+        digest.update((PACKAGE_DIR / source).read_bytes())
+    return shared_cache_dir() / f"native-{digest.hexdigest()[:16]}"
 
 
-def _of_c() -> tuple[str, ...]:
+def _runtime_sources() -> tuple[str, ...]:
     """Return all sources of a runtime."""
-    found = sorted([*HERE.glob("*.py"), *HERE.glob("c/*")])
-    return tuple(path.relative_to(HERE).as_posix() for path in found)
+    found = sorted([*PACKAGE_DIR.glob("*.py"), *PACKAGE_DIR.glob("c/*")])
+    return tuple(path.relative_to(PACKAGE_DIR).as_posix() for path in found)
 
 
 def objects(names: Sequence[str]) -> dict[str, Path]:
@@ -70,10 +70,10 @@ def objects(names: Sequence[str]) -> dict[str, Path]:
     for name in names:
         if name not in TARGETS:
             raise UserError(f"target {name!r} is not known; allowed: {', '.join(TARGETS)}")
-    found = {name: place(*KERNELS) / f"{name}.o" for name in names}
+    found = {name: build_dir(*KERNEL_SOURCES) / f"{name}.o" for name in names}
     if not all(path.is_file() for path in found.values()):
         notify_listeners()
-        with _alone(place(*KERNELS)):
+        with build_lock(build_dir(*KERNEL_SOURCES)):
             _build([path for path in found.values() if not path.is_file()])
     return found
 
@@ -86,11 +86,11 @@ def _build(paths: Sequence[Path]) -> None:
         own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": f"{work}/cache"}
         _run([sys.executable, "-m", "mbfmu.native.kernels", work, *(path.stem for path in paths)], own)
         for path in paths:
-            _keep(Path(work) / path.name, path)
+            install_atomically(Path(work) / path.name, path)
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
+def build_lock(folder: Path) -> Iterator[None]:
     """Let one process at a time build what goes into a folder: it takes minutes of every processor."""
     folder.mkdir(parents=True, exist_ok=True)
     with open(folder / "lock", "w") as lock:  # noqa: PTH123  # it is locked as a file
@@ -101,21 +101,21 @@ def _alone(folder: Path) -> Iterator[None]:
 
 def library(name: str) -> Path:
     """Return the runtime of a target as a shared library; see :func:`objects`."""
-    return there(name) or _linked(name)
+    return cached_library(name) or _linked(name)
 
 
-def there(name: str) -> Path | None:
+def cached_library(name: str) -> Path | None:
     """Return the runtime of a target if it has been built for these sources."""
-    built = place(*_of_c())
-    paths = (PACKED / f"{shared_cache_dir().name}-{built.name}" / _file(name), built / _file(name))
+    built = build_dir(*_runtime_sources())
+    paths = (PACKED_RUNTIMES / f"{shared_cache_dir().name}-{built.name}" / _file(name), built / _file(name))
     return next((path for path in paths if path.is_file()), None)
 
 
 def pack(name: str) -> Path:
     """Put the runtime of a target into the package, and return its place there."""
-    path = PACKED / f"{shared_cache_dir().name}-{place(*_of_c()).name}" / _file(name)
+    path = PACKED_RUNTIMES / f"{shared_cache_dir().name}-{build_dir(*_runtime_sources()).name}" / _file(name)
     if not path.is_file():
-        _keep(library(name), path)
+        install_atomically(library(name), path)
     return path
 
 
@@ -123,24 +123,24 @@ def _file(name: str) -> str:
     return f"{name}{TARGETS[name].suffix}"
 
 
-def ingredients(name: str, work: Path) -> list[str]:
+def compiler_arguments(name: str, work: Path) -> list[str]:
     """Return the arguments of a C compiler for a runtime's sources; generated headers are written to ``work``."""
     code = objects([name])[name]
     (work / "layout.h").write_text(declarations(FAMILIES, entries(next(iter(FAMILIES))).items()))
-    looked_at = (work, HERE / "c", Path(fmpy.__file__).parent / "c-code")
-    sources = sorted(HERE.glob("c/*.c"))
-    return [*STRICT, *(f"-I{place}" for place in looked_at), *map(str, (*sources, code))]
+    include_dirs = (work, PACKAGE_DIR / "c", Path(fmpy.__file__).parent / "c-code")
+    sources = sorted(PACKAGE_DIR.glob("c/*.c"))
+    return [*COMPILER_FLAGS, *(f"-I{place}" for place in include_dirs), *map(str, (*sources, code))]
 
 
 def _linked(name: str) -> Path:
-    command, path = compiler(name), place(*_of_c()) / _file(name)
+    command, path = compiler(name), build_dir(*_runtime_sources()) / _file(name)
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
         work = Path(folder)
         made = work / path.name
-        (work / "exported").write_text(EXPORTED)
+        (work / "exported").write_text(EXPORTED_SYMBOLS)
         linked = ["-shared", "-s", *([f"-Wl,--version-script={work}/exported"] if path.suffix == ".so" else [])]
-        _run([*command, *ingredients(name, work), *linked, "-o", str(made), "-lm"], {})
-        _keep(made, path)
+        _run([*command, *compiler_arguments(name, work), *linked, "-o", str(made), "-lm"], {})
+        install_atomically(made, path)
     return path
 
 
@@ -157,11 +157,11 @@ def compiler(name: str) -> list[str]:
 def _run(command: list[str], more: dict[str, str]) -> None:
     done = subprocess.run(command, env={**os.environ, **more}, capture_output=True, text=True, check=False)
     if done.returncode:
-        said = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
-        raise UserError(f"the runtime cannot be built: {Path(command[0]).name} reports {said[0]!r}")
+        errors = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
+        raise UserError(f"the runtime cannot be built: {Path(command[0]).name} reports {errors[0]!r}")
 
 
-def _keep(made: Path, path: Path) -> None:
+def install_atomically(made: Path, path: Path) -> None:
     """Put a file in its place at once: two processes may build it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_bytes(path, made.read_bytes())

@@ -19,11 +19,11 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.stepper import MAX_SPACING_IN_TOLERANCES
 from solvers.system import Array
 
-WAYS = ("", "z", "xyz")  # what of two frames is parallel, see Cut.parallel
-Z = WAYS.index("z")
+PARALLEL_AXES = ("", "z", "xyz")  # what of two frames is parallel, see Cut.parallel
+Z_AXIS = PARALLEL_AXES.index("z")
 RA, RB = (np.dtype(CUT).fields[name][1] // 8 for name in ("Ra", "Rb"))  # type: ignore[index]  # words into a record
-ROUND = float(np.cos(1.0))  # closed frames are turned by zero, or by 120 degrees at least
-NEXT = 2.0**-53 * (1.0 + 2.0**-52)  # of a number, which it is less than one step away from
+MIN_AGREEING_COSINE = float(np.cos(1.0))  # closed frames are turned by zero, or by 120 degrees at least
+SPACING_FACTOR = 2.0**-53 * (1.0 + 2.0**-52)  # of a number, which it is less than one step away from
 
 
 class Flaw(IntEnum):
@@ -36,7 +36,7 @@ class Flaw(IntEnum):
 
 TURNED, UNRESOLVED, UNPLACED = map(int, Flaw)  # for kernels
 
-SENTENCES = {
+START_MESSAGES = {
     Flaw.TURNED: coded(
         "cannot-assemble",
         "loop {name!r} closes with a wrong orientation: the frames of its cut joint are rotated by {gap:.0f} deg from "
@@ -65,7 +65,7 @@ class Frames(NamedTuple):
     @staticmethod
     def of(plant: Plant) -> Frames:
         """Return those of a plant."""
-        ways = [WAYS.index(handle.cut.parallel) for handle in plant.mechanism.cuts]
+        ways = [PARALLEL_AXES.index(handle.cut.parallel) for handle in plant.mechanism.cuts]
         return Frames(np.array(ways, np.int64), plant.data.arrays.memory.view(np.float64))
 
 
@@ -76,7 +76,7 @@ def find_turned(frames: Any, data: Any, worst: Any) -> int:
         if frames.ways[k] == 0:
             continue
         cosine = cosine_between(frames, k, data)
-        if not cosine > ROUND:
+        if not cosine > MIN_AGREEING_COSINE:
             worst.row, worst.gap = k, np.floor(np.degrees(np.arccos(min(1.0, max(-1.0, cosine)))) + 0.5)
             return TURNED
     return ASSEMBLED
@@ -87,7 +87,7 @@ def cosine_between(frames: Any, k: int, data: Any) -> float:
     """Cosine of the angle between the z axes of a cut joint's frames; or of that by which one frame is turned."""
     cut, numbers, total = data.arrays.cuts[k], frames.numbers, 0.0
     A, B, first = data.state.bodies[cut.a].A, data.state.bodies[cut.b].A, cut.at // 8
-    hinge = frames.ways[k] == Z
+    hinge = frames.ways[k] == Z_AXIS
     for axis in range(2 if hinge else 0, 3):
         for i in range(3):
             a, b = 0.0, 0.0
@@ -101,11 +101,11 @@ def cosine_between(frames: Any, k: int, data: Any) -> float:
 @inlined
 def spacing(x: float) -> float:
     """How far the next number is from x."""
-    return (abs(x) + NEXT * abs(x)) - abs(x)
+    return (abs(x) + SPACING_FACTOR * abs(x)) - abs(x)
 
 
 @kernel
-def judge_start(t: float, rate: float, q: Any, size_q: Any, rtol: float, worst: Any) -> int:
+def check_resolution(t: float, rate: float, q: Any, size_q: Any, rtol: float, worst: Any) -> int:
     """Whether numbers resolve t (s) and q (nq,), in units ``size_q``, to the tolerance; ``rate`` in 1/s."""
     code, most = ASSEMBLED, MAX_SPACING_IN_TOLERANCES * rtol
     for k in range(q.shape[0]):

@@ -18,7 +18,7 @@ SEARCH_INTERVALS = 100  # intervals of the requested time, in which loops are cl
 REACHED_TIME_TOLERANCE = 1e-9  # of that time, to which the last position they reach is found
 # of that time: where they are tried after it, as a run may pass a singular configuration
 TIMES_BEYOND_STOP = (1e-6, 1e-4, 1e-2)
-ZERO_SINGULAR_VALUE_RATIO = 1e-10  # singular values below this part of the largest are zero
+NULL_SPACE_RATIO = 1e-10  # singular values below this part of the largest are zero
 # mass of a body, relative to the heaviest that it carries, below which the inertia is nearly singular
 LIGHT_BODY_MASS_RATIO = 1e-3
 MIN_RATE_PARTICIPATION = 1e-6  # of the largest: what a joint has to do with a motion
@@ -152,7 +152,7 @@ def explain_rates(plant: Plant, t: float, q: Array, v: Array, tolerance: float) 
     terms = system.allocate_terms()
     system.fill(t, q, v, terms)
     U, sigma, _ = np.linalg.svd(terms.J * system.size / system.row_size[:, None])
-    left = U[:, int(np.sum(sigma > ZERO_SINGULAR_VALUE_RATIO * sigma[0])) :]
+    left = U[:, int(np.sum(sigma > NULL_SPACE_RATIO * sigma[0])) :]
     off = np.abs(left.T @ (terms.gamma / system.row_size)).max(initial=0.0)
     rates = np.square(v / system.size).sum() + np.square(terms.nu / system.row_size).sum()
     if off <= tolerance * rates:
@@ -173,7 +173,7 @@ def find_undetermined_rates(plant: Plant, t: float, q: Array) -> tuple[str, ...]
     terms = system.allocate_terms()
     system.fill_position(t, q, terms)
     _, sigma, V = np.linalg.svd(terms.J * system.size / system.row_size[:, None])
-    null = V[int(np.sum(sigma > ZERO_SINGULAR_VALUE_RATIO * sigma[0])) :]
+    null = V[int(np.sum(sigma > NULL_SPACE_RATIO * sigma[0])) :]
     moved = np.linalg.norm(null, axis=0) > MIN_RATE_PARTICIPATION
     first, names = 0, []
     for body in free_bodies(plant.mechanism):

@@ -9,11 +9,13 @@ from mbfmu.util.errors import AssemblyError, EquilibriumError
 from solvers.statics.newton import EquilibriumSolver, Solution
 from solvers.system import Array
 
-STEADY = 1e-8  # residual and gaps elsewhere on the drive's way, in units of the force of stiffness and of the rows
-CLOSED = 1e-8  # largest gap of a steady state, in units of the rows
-NUDGE = 1e-6  # in units of the coordinates, for that force
-WRENCH = 1e-6  # change of a cut joint's force there, relative to the largest
-TURNS = (0.7, 1.9, 3.4)  # rad or m of the drive (s where nothing is driven) at which the balance must hold too
+# residual and gaps elsewhere on the drive's way, in units of the force of stiffness and of the rows
+STEADY_TOLERANCE = 1e-8
+CLOSED_TOLERANCE = 1e-8  # largest gap of a steady state, in units of the rows
+STIFFNESS_STEP = 1e-6  # in units of the coordinates, for that force
+WRENCH_TOLERANCE = 1e-6  # change of a cut joint's force there, relative to the largest
+# rad or m of the drive (s where nothing is driven) at which the balance must hold too
+CHECKED_DRIVE_POSITIONS = (0.7, 1.9, 3.4)
 
 
 def check(name: str, plant: Plant, solver: EquilibriumSolver, v: Array, solution: Solution, *, lasts: bool) -> None:
@@ -27,16 +29,16 @@ def check(name: str, plant: Plant, solver: EquilibriumSolver, v: Array, solution
         terms = system.allocate_terms()
         system.fill(0.0, solution.q, v, terms)
         gaps = np.abs(solution.gaps) / system.row_size
-        if gaps.max() > CLOSED:
+        if gaps.max() > CLOSED_TOLERANCE:
             worst = int(gaps.argmax())
             raise EquilibriumError(
                 f"the state found for {name!r} leaves {system.constraint_names[worst]!r} open by "
-                f"{gaps[worst]:.2g} of its size, allowed is {CLOSED:g}: try another start (--from)"
+                f"{gaps[worst]:.2g} of its size, allowed is {CLOSED_TOLERANCE:g}: try another start (--from)"
             )
         opening = np.abs(terms.J @ v - terms.nu)
         rates = max(fastest, float(np.abs(v / system.size).max()))
         worst = int(np.argmax(opening / system.row_size))
-        if opening[worst] > STEADY * rates * system.row_size[worst]:
+        if opening[worst] > STEADY_TOLERANCE * rates * system.row_size[worst]:
             raise EquilibriumError(
                 f"{name!r} has no steady state: with the free joints at rest the drive violates the constraints "
                 f"of a loop, {system.constraint_names[worst]!r} by {opening[worst]:.3g} per second"
@@ -46,7 +48,7 @@ def check(name: str, plant: Plant, solver: EquilibriumSolver, v: Array, solution
         except AssemblyError as error:
             raise EquilibriumError(f"what was found for {name!r} is not a steady state: {error}") from error
     if lasts or fastest:
-        for turn in TURNS:
+        for turn in CHECKED_DRIVE_POSITIONS:
             check_turned(name, plant, solver, v, solution, turn, turn / (fastest or 1.0))
 
 
@@ -59,7 +61,7 @@ def check_turned(
     """
     lam, q = solution.lam, solution.q.copy()
     plant.system.apply(q, t * v)
-    size, small = plant.system.size, STEADY * stiffness(plant, solver, solution)
+    size, small = plant.system.size, STEADY_TOLERANCE * stiffness(plant, solver, solution)
     forces, gaps = solver.residual(t, q, lam)
     forces -= solution.forces  # what rounding leaves there is no change with the drive
     changed = ""
@@ -73,21 +75,21 @@ def check_turned(
         before = plant.cut_wrenches(0.0, solution.q, v, solution.lam) * arms
         after = plant.cut_wrenches(t, q, v, lam) * arms
         change = np.abs(after - before).max(axis=2).min(axis=1)
-        if change.max(initial=0.0) > small + WRENCH * np.abs(before).max(initial=0.0):
+        if change.max(initial=0.0) > small + WRENCH_TOLERANCE * np.abs(before).max(initial=0.0):
             worst = int(np.argmax(change))
             changed = f"change by {change[worst]:.3g} N m in cut joint {plant.mechanism.cuts[worst].name!r}"
         own = plant.data.arrays.kept[plant.data.arrays.couplings["row"]]
         own = own[own >= 0]
         sizes = plant.system.row_size[own]
         change = np.abs(lam - solution.lam)[own] * sizes
-        if change.max(initial=0.0) > small + WRENCH * np.abs(solution.lam[own] * sizes).max(initial=0.0):
+        if change.max(initial=0.0) > small + WRENCH_TOLERANCE * np.abs(solution.lam[own] * sizes).max(initial=0.0):
             coupling = plant.system.constraint_names[own[int(np.argmax(change))]]
             changed = f"change by {change.max():.3g} N m in coupling {coupling!r}"
     if np.abs(forces * size).max() > small:
         worst = int(np.argmax(np.abs(forces * size)))
         changed = f"leave {abs(forces[worst]):.3g} N or N m at {plant.system.coordinate_names[worst]!r}"
     open_by = (np.abs(gaps - solution.gaps) / plant.system.row_size).max(initial=0.0)
-    if changed or open_by > STEADY:
+    if changed or open_by > STEADY_TOLERANCE:
         changed = changed or f"go with a loop that opens by {open_by:.3g} of its size"
         if not any(plant.drives.rates()):
             raise EquilibriumError(
@@ -105,6 +107,6 @@ def stiffness(plant: Plant, solver: EquilibriumSolver, solution: Solution) -> fl
     """Return what forces change by where all coordinates change by their units, at most, times the unit: J."""
     size = plant.system.size
     beside = solution.q.copy()
-    plant.system.apply(beside, NUDGE * size * np.random.default_rng(3).uniform(-1.0, 1.0, len(size)))
+    plant.system.apply(beside, STIFFNESS_STEP * size * np.random.default_rng(3).uniform(-1.0, 1.0, len(size)))
     change = solver.residual(0.0, beside, solution.lam)[0] - solution.forces
-    return float(np.abs(change * size).max()) / NUDGE
+    return float(np.abs(change * size).max()) / STIFFNESS_STEP

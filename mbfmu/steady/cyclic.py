@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from solvers.projection.products import Products
 from solvers.system import Array, TreeSystem
 
-CYCLIC = 1e-10  # change with a coordinate, relative to the largest entry, below which there is none
-ROUNDING = 1e-14  # of the largest change with any motion
+CYCLIC_TOLERANCE = 1e-10  # change with a coordinate, relative to the largest entry, below which there is none
+CYCLIC_ROUNDING = 1e-14  # of the largest change with any motion
 GENERAL_DISTANCE = 0.01  # distance of the general position from the start, in units of the coordinates
-POSITION, ACCELERATION = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)  # coefficients of the products
+POSITION_COEFFICIENTS, ACCELERATION_COEFFICIENTS = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)  # coefficients of the products
 
 
 def find_cyclic(system: TreeSystem, start: Array) -> NDArray[np.bool_]:
@@ -30,13 +30,16 @@ def find_cyclic(system: TreeSystem, start: Array) -> NDArray[np.bool_]:
     rate = system.rate or 1.0
     lam = random.uniform(-1.0, 1.0, m)
     products.set_state(0.0, q, np.zeros(n), np.zeros(n), lam)
-    change = np.abs(products.apply(motion, *POSITION)) * system.size
-    candidates = np.flatnonzero(change <= CYCLIC * change.max(initial=0.0))
+    change = np.abs(products.apply(motion, *POSITION_COEFFICIENTS)) * system.size
+    candidates = np.flatnonzero(change <= CYCLIC_TOLERANCE * change.max(initial=0.0))
     products.set_state(0.0, q, rate * v, rate**2 * a, lam)
-    largest = np.abs(products.apply(motion, *POSITION) * system.size).max(initial=0.0)
+    largest = np.abs(products.apply(motion, *POSITION_COEFFICIENTS) * system.size).max(initial=0.0)
     for k in candidates:
         unit = np.zeros(n)
         unit[k] = system.size[k]
-        change, inertia = (np.abs(products.apply(unit, *c) * system.size).max() for c in (POSITION, ACCELERATION))
-        cyclic[k] = change <= CYCLIC * rate**2 * inertia + ROUNDING * largest
+        change, inertia = (
+            np.abs(products.apply(unit, *c) * system.size).max()
+            for c in (POSITION_COEFFICIENTS, ACCELERATION_COEFFICIENTS)
+        )
+        cyclic[k] = change <= CYCLIC_TOLERANCE * rate**2 * inertia + CYCLIC_ROUNDING * largest
     return cyclic

@@ -29,8 +29,8 @@ from mbfmu.util.text_table import format_table
 from solvers.projection.products import COMPLEX_STEP
 from solvers.system import Array
 
-ROUNDING = 1e-12  # of the largest eigenvalue
-NOTHING = 1e-12  # of the largest entry of the state matrices
+EIGENVALUE_ROUNDING = 1e-12  # of the largest eigenvalue
+ZERO_ENTRY_RATIO = 1e-12  # of the largest entry of the state matrices
 DERIVATIVES = ("position", "rate", "acceleration")
 
 Direction = tuple[Array, Array, "tuple[Any, int, float] | None"]  # of coordinates, of rates, and where numbers change
@@ -126,7 +126,7 @@ class StateSpace:
 
 def slowest_first(values: Any) -> list[int]:
     """Return the order of eigenvalues (k,) by size, without those below the real axis."""
-    floor = ROUNDING * np.abs(values).max(initial=0.0)
+    floor = EIGENVALUE_ROUNDING * np.abs(values).max(initial=0.0)
     return [int(k) for k in np.argsort(np.abs(values), kind="stable") if values[k].imag >= -floor]
 
 
@@ -155,7 +155,7 @@ class Mode:
 
 def modes_as_text(modes: list[Mode]) -> str:
     """Return a table of eigenvalues for people; a real part that is rounding is written as zero."""
-    floor = ROUNDING * max((abs(m.eigenvalue) for m in modes), default=0.0)
+    floor = EIGENVALUE_ROUNDING * max((abs(m.eigenvalue) for m in modes), default=0.0)
     rows = [
         (
             f"{m.eigenvalue.real:.6g}" + (f" ± {m.frequency:.6g}i" if m.frequency else ""),
@@ -193,7 +193,7 @@ def linearize(
     Raises EquilibriumError where a slope is not finite, AssemblyError where a free motion has no inertia.
     """
     check_inertia(plant.system, t, q, v)
-    line = _Line(plant, t, q, v, rows, independent)
+    line = LinearizedPlant(plant, t, q, v, rows, independent)
     freedom = len(line.independent)
     free, inputs = line.unit_states(), [line.along_input(k) for k in range(len(plant.inputs))]
     supports = plant.inputs.supports()
@@ -205,7 +205,7 @@ def linearize(
         raise EquilibriumError(
             "the linearized motion is not finite, because forces and masses differ by too many orders of magnitude"
         )
-    least = NOTHING * np.abs(slope[np.isfinite(slope)]).max(initial=0.0)
+    least = ZERO_ENTRY_RATIO * np.abs(slope[np.isfinite(slope)]).max(initial=0.0)
     matters = [True] * len(free) + [bool((np.abs(slope[:, len(free) + k]) > least).any()) for k in range(len(speeds))]
     if driven is not None:
         matters[len(free) :] = [plant.drives.name(k) in driven for k in speeds]
@@ -236,7 +236,7 @@ def linearize(
     )
 
 
-class _Line:
+class LinearizedPlant:
     """First-order changes of a plant's motion along one state or input at a time."""
 
     def __init__(

@@ -17,7 +17,7 @@ from solvers.statics.modes import lowest_modes
 from solvers.statics.spectrum import Spectrum, spectrum_of
 from solvers.system import Array
 
-LOWEST = 8  # modes of a large model by which its stability is evaluated, and that are listed
+LISTED_MODES = 8  # modes of a large model by which its stability is evaluated, and that are listed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ class ModeShapes(list[ModeShape]):
         return modes_as_text([shape.mode for shape in self])
 
 
-def find_spectrum(plant: Plant, q: Array, v: Array, lam: Array, count: int = LOWEST) -> Spectrum:
+def find_spectrum(plant: Plant, q: Array, v: Array, lam: Array, count: int = LISTED_MODES) -> Spectrum:
     """Return the eigenvalues of the motion about a steady state q (nq,), v (n,), lam (m,).
 
     All of them, of a tree with more than LARGEST_ASSEMBLED coordinates the lowest ``count`` at least.

@@ -24,7 +24,7 @@ from solvers.statics.matrices import MAX_ASSEMBLED_COORDINATES
 from solvers.statics.path import Follower, Load, State
 from solvers.statics.spectrum import Stability
 
-STEPS = 500  # of a branch, at most
+MAX_BRANCH_STATES = 500  # of a branch, at most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,8 +130,8 @@ class EquilibriumPath:
             writer.writerow(["branch", f"{self.input} [{self.unit}]", *outputs, "stability", "unstable", "kind"])
             for k, branch in enumerate(self.branches, 1):
                 for s in branch.states:
-                    told = (repr(s.outputs[name]) for name in self.units)
-                    writer.writerow([k, repr(s.value), *told, s.stability, s.unstable, s.kind])
+                    texts = (repr(s.outputs[name]) for name in self.units)
+                    writer.writerow([k, repr(s.value), *texts, s.stability, s.unstable, s.kind])
 
 
 class PathProblem:
@@ -174,11 +174,11 @@ class PathProblem:
             raise UserError(f"until {name!r}: model {model!r} has no such output{suggest(name, names)}")
 
         def above(at: State) -> float:
-            return self.told(at).outputs[name] - limit
+            return self.evaluate_state(at).outputs[name] - limit
 
         return above
 
-    def told(self, at: State) -> PathState:
+    def evaluate_state(self, at: State) -> PathState:
         """Return what is known of a state; EquilibriumError where it is no steady one."""
         self.apply(at.p)
         found = self.problem.state(at.q, at.lam, "the path")
@@ -201,7 +201,7 @@ def equilibrium_path(
     until: tuple[str, float] | None = None,
     second: bool = False,
     start: Mapping[str, float] | None = None,
-    steps: int = STEPS,
+    steps: int = MAX_BRANCH_STATES,
     progress: Callable[[float], None] | None = None,
 ) -> EquilibriumPath:
     """Return the steady states of a model or a mechanism along a path over one of its inputs.
@@ -271,10 +271,10 @@ def follow(
     progress: Callable[[float], None] | None,
 ) -> tuple[PathBranch, list[State]]:
     """Return a branch, and the bifurcations on it."""
-    states, crossings, ended = [problem.told(start)], [], ""
+    states, crossings, ended = [problem.evaluate_state(start)], [], ""
     try:
         for at in islice(follower.follow(start, stop), steps):
-            states.append(problem.told(at))
+            states.append(problem.evaluate_state(at))
             if at.kind == "bifurcation":
                 crossings.append(at)
             if progress is not None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant
-from mbfmu.steady.checks import TURNS
+from mbfmu.steady.checks import CHECKED_DRIVE_POSITIONS
 from mbfmu.steady.linear import StateSpace, linearize
 from mbfmu.util.errors import EquilibriumError
 from solvers.linalg.blocks import one_thread
@@ -23,18 +23,21 @@ from solvers.statics.matrices import MAX_ASSEMBLED_COORDINATES, Matrices, linear
 from solvers.statics.spectrum import Spectrum
 from solvers.system import Array
 
-CHANGED = 1e-8  # of a matrix at another position of the drives, relative, from which on it is periodic
-LARGEST_RATIO, COMMON = 200, 1e-9  # of speeds that have a common period, and by how much their ratio may be off one
+PERIODIC_TOLERANCE = 1e-8  # of a matrix at another position of the drives, relative, from which on it is periodic
+# of speeds that have a common period, and by how much their ratio may be off one
+MAX_SPEED_RATIO, SPEED_RATIO_TOLERANCE = 200, 1e-9
 
-NOTE = (
+PERIODIC_NOTE = (
     "periodic coefficients: the linearized motion changes with the positions of the drives; modes are characteristic "
     "exponents of the monodromy matrix over {period:.6g} s (Floquet), whose frequencies are known but for multiples of "
     "{frequency:.6g} rad/s"
 )
-UNKNOWN = "periodic coefficients: the linearized motion changes with the positions of the drives; {reason}"
+UNKNOWN_STABILITY_TEXT = (
+    "periodic coefficients: the linearized motion changes with the positions of the drives; {reason}"
+)
 
 
-class Turned:
+class PeriodicLinearization:
     """The linearized motion of a plant at other positions of its drives.
 
     Parameters
@@ -69,16 +72,16 @@ class Turned:
         fastest = max(self.plant.drives.rates(), default=0.0)
         if not fastest:
             return False
-        times = [turn / fastest for turn in TURNS]
+        times = [turn / fastest for turn in CHECKED_DRIVE_POSITIONS]
         if not self.plant.system.has_matrices and self.plant.system.n > MAX_ASSEMBLED_COORDINATES:
             return self._products_change(times)
         first = self.matrices(0.0)
         stiff = np.sqrt(np.abs(np.diag(first.K)) + first.rate**2 * np.diag(first.M))
         heavy = np.sqrt(np.abs(np.diag(first.M)))
         bounds = (
-            CHANGED * np.outer(heavy, heavy),
-            first.rounding[1] + CHANGED * (np.outer(stiff, heavy) + np.outer(heavy, stiff)),
-            first.rounding[0] + CHANGED * np.outer(stiff, stiff),
+            PERIODIC_TOLERANCE * np.outer(heavy, heavy),
+            first.rounding[1] + PERIODIC_TOLERANCE * (np.outer(stiff, heavy) + np.outer(heavy, stiff)),
+            first.rounding[0] + PERIODIC_TOLERANCE * np.outer(stiff, stiff),
         )
         for t in times:
             if self._constraints_turn(t, first.basis):
@@ -97,7 +100,7 @@ class Turned:
         terms = system.allocate_terms()
         system.fill_position(t, self.at(t)[0], terms)
         opening = np.abs(terms.J @ basis) / system.row_size[:, np.newaxis]
-        return bool(opening.max(initial=0.0) > CHANGED)
+        return bool(opening.max(initial=0.0) > PERIODIC_TOLERANCE)
 
     def _products_change(self, times: list[float]) -> bool:
         """Whether products with a random motion differ; of a tree without constraints."""
@@ -113,7 +116,7 @@ class Turned:
         size = np.abs(found[0]).max(axis=1, keepdims=True) + system.rate ** np.array([[2.0], [1.0], [0.0]]) * np.abs(
             found[0][2]
         )
-        return any((np.abs(other - found[0]) > CHANGED * size).any() for other in found[1:])
+        return any((np.abs(other - found[0]) > PERIODIC_TOLERANCE * size).any() for other in found[1:])
 
     def spectrum(self) -> Spectrum:
         """Return the characteristic exponents; EquilibriumError where they are not found."""
@@ -121,7 +124,7 @@ class Turned:
         cycles = period * sum(abs(speed) for _, speed, _ in self.plant.drives.speeds()) / (2.0 * pi)
         if not system.has_matrices and system.n > MAX_ASSEMBLED_COORDINATES:
             raise EquilibriumError(
-                UNKNOWN.format(
+                UNKNOWN_STABILITY_TEXT.format(
                     reason=f"they are computed for up to {MAX_ASSEMBLED_COORDINATES} coordinates, but the model has "
                     f"{system.n}"
                 )
@@ -132,7 +135,9 @@ class Turned:
                     return self._constrained(period, cycles)
                 return characteristic_exponents(self._state_matrix, period, cycles, np.diag(system.size))
             except np.linalg.LinAlgError as reason:
-                raise EquilibriumError(UNKNOWN.format(reason=f"its exponents were not found: {reason}")) from reason
+                raise EquilibriumError(
+                    UNKNOWN_STABILITY_TEXT.format(reason=f"its exponents were not found: {reason}")
+                ) from reason
 
     def _state_matrix(self, t: float) -> Array:
         """Return A (2n, 2n) of a mechanism without constraints, coordinates in units."""
@@ -159,11 +164,11 @@ class Turned:
         fastest = max(self.plant.drives.rates(), default=0.0)
         if not fastest:
             return first
-        others = [self._linearized(turn / fastest, first) for turn in TURNS]
+        others = [self._linearized(turn / fastest, first) for turn in CHECKED_DRIVE_POSITIONS]
         changed = []
         for name in "ABCD":
             here = getattr(first, name)
-            bound = CHANGED * np.abs(here).max(initial=0.0)
+            bound = PERIODIC_TOLERANCE * np.abs(here).max(initial=0.0)
             if any((np.abs(getattr(other, name) - here) > bound).any() for other in others):
                 changed.append(name)
         return replace(first, periodic=tuple(changed))
@@ -175,7 +180,7 @@ def describe_period(plant: Plant) -> str:
         period = common_period(plant)
     except EquilibriumError as error:
         return str(error)
-    return NOTE.format(period=period, frequency=2.0 * pi / period)
+    return PERIODIC_NOTE.format(period=period, frequency=2.0 * pi / period)
 
 
 def common_period(plant: Plant) -> float:
@@ -184,15 +189,15 @@ def common_period(plant: Plant) -> float:
     moving = [(name, abs(speed)) for name, speed, _ in plant.drives.speeds() if speed]
     for name, _ in moving:
         if units[name] != "rad":
-            raise EquilibriumError(UNKNOWN.format(reason=f"the drive of {name!r} is not periodic"))
+            raise EquilibriumError(UNKNOWN_STABILITY_TEXT.format(reason=f"the drive of {name!r} is not periodic"))
     fastest = max(speed for _, speed in moving)
-    ratios = [Fraction(speed / fastest).limit_denominator(LARGEST_RATIO) for _, speed in moving]
+    ratios = [Fraction(speed / fastest).limit_denominator(MAX_SPEED_RATIO) for _, speed in moving]
     for (name, speed), ratio in zip(moving, ratios, strict=True):
-        if abs(float(ratio) - speed / fastest) > COMMON:
+        if abs(float(ratio) - speed / fastest) > SPEED_RATIO_TOLERANCE:
             raise EquilibriumError(
-                UNKNOWN.format(
+                UNKNOWN_STABILITY_TEXT.format(
                     reason=f"the speed of {name!r} and the fastest one, {fastest:g} rad/s, have no ratio of whole "
-                    f"numbers up to {LARGEST_RATIO}, so there is no period that could be followed"
+                    f"numbers up to {MAX_SPEED_RATIO}, so there is no period that could be followed"
                 )
             )
     below = reduce(lcm, (ratio.denominator for ratio in ratios), 1)

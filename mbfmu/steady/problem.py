@@ -25,9 +25,9 @@ from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.tangent.inertia import even_negative
 from mbfmu.modeling.model import Model
-from mbfmu.steady.checks import STEADY, check
-from mbfmu.steady.cyclic import CYCLIC, find_cyclic
-from mbfmu.steady.periodic import Turned, describe_period
+from mbfmu.steady.checks import STEADY_TOLERANCE, check
+from mbfmu.steady.cyclic import CYCLIC_TOLERANCE, find_cyclic
+from mbfmu.steady.periodic import PeriodicLinearization, describe_period
 from mbfmu.steady.rigid_body_modes import describe_pushed
 from mbfmu.steady.state import Equilibrium, position_names
 from mbfmu.steady.supports import Supports
@@ -40,10 +40,10 @@ from solvers.statics.spectrum import Stability
 from solvers.statics.tree import TreeEquilibriumSolver
 from solvers.system import Array
 
-SMALLEST_STEP = 1e-3  # of the continuation, relative to the full speed
-SAME = 1e-6  # states closer than this, in units of the coordinates, are one
+MIN_CONTINUATION_STEP = 1e-3  # of the continuation, relative to the full speed
+SAME_STATE_DISTANCE = 1e-6  # states closer than this, in units of the coordinates, are one
 
-REASONS = {
+OUTCOME_TEXTS = {
     Outcome.NO_PROGRESS: "neither Newton iteration nor pseudo-transient continuation converged",
     Outcome.SINGULAR: "the Jacobian is singular, and no position nearby balances the remaining force",
     Outcome.UNDETERMINED: "the search ended in a singular configuration, in which the forces of the loop-closing "
@@ -51,7 +51,7 @@ REASONS = {
     Outcome.NOT_FINITE: "the equations gave a value that is not finite",
 }
 
-SLIDES = (
+SLIDING_TEXT = (
     "the friction of contacts is proportional to slip and holds nothing at rest, so that a sheet without "
     "supports has no unique steady state: add a support, try another start (--from), or run it until it has "
     "settled"
@@ -94,7 +94,7 @@ class EquilibriumProblem:
             self._v = self._steady_velocities()
             self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
             self._solver.run_trial(self._start)
-            supports.add_twin(data.arrays, plant.signals(data))
+            supports.add_complex_copy(data.arrays, plant.signals(data))
         self.signals = plant.signals(data)
         self._full_speeds = plant.drives.full_speeds()
 
@@ -172,7 +172,7 @@ class EquilibriumProblem:
             system.fill(0.0, changed, v, terms)
             parts = (terms.M, terms.h, terms.J, terms.nu, terms.gamma)
             change = [np.abs(x.imag).max(initial=0.0) / (1.0 + np.abs(x.real).max(initial=0.0)) for x in parts]
-            cyclic[k] = max(change) <= CYCLIC * COMPLEX_STEP
+            cyclic[k] = max(change) <= CYCLIC_TOLERANCE * COMPLEX_STEP
         return cyclic
 
     def _steady_velocities(self) -> Array:
@@ -228,7 +228,7 @@ class EquilibriumProblem:
     def _checked(self, solution: Solution, found_from: str, elapsed: float, *, continued: bool) -> Equilibrium:
         """Return what was found, if it is a steady state."""
         check(self.model.name, self.plant, self._solver, self._v, solution, lasts=self.supports.finishes)
-        periodic = Turned(self.plant, solution.q, self._v, solution.lam, self._solver.rows).changes()
+        periodic = PeriodicLinearization(self.plant, solution.q, self._v, solution.lam, self._solver.rows).changes()
         found = Equilibrium(
             model=self.model,
             plant=self.plant,
@@ -299,7 +299,7 @@ class EquilibriumProblem:
                     raise EquilibriumError(self._failure(solution, "no steady state was found, nor one at rest"))
                 else:
                     step *= 0.5
-                    if step < SMALLEST_STEP:
+                    if step < MIN_CONTINUATION_STEP:
                         text = (
                             f"no steady state was found: followed from rest it ends at {reached:.1%} of the drive speed"
                         )
@@ -317,9 +317,10 @@ class EquilibriumProblem:
                 f"{what} for {self.model.name!r}: at the start nothing resists {pushed}, on which the loads act; "
                 "add a support, or try another start (--from)"
             )
-        advice = SLIDES if self.plant.system.nonsmooth_reason else "try another start (--from)"
+        advice = SLIDING_TEXT if self.plant.system.nonsmooth_reason else "try another start (--from)"
         return (
-            f"{what} for {self.model.name!r}: {REASONS[solution.outcome]}; residual {abs(solution.forces[worst]):.3g} "
+            f"{what} for {self.model.name!r}: {OUTCOME_TEXTS[solution.outcome]}; residual "
+            f"{abs(solution.forces[worst]):.3g} "
             f"N or N m at {self.plant.system.coordinate_names[worst]!r}, loops open by {gap:.3g} m; "
             f"{advice}"
         )
@@ -329,7 +330,7 @@ class EquilibriumProblem:
         if self.plant.system.has_matrices:
             return ""
         forces, _ = self._solver.residual(0.0, self._start, np.zeros(self.plant.system.m))
-        return describe_pushed(self.plant, self._start, forces, STEADY)
+        return describe_pushed(self.plant, self._start, forces, STEADY_TOLERANCE)
 
     def others(self, found: Equilibrium, count: int | None = None) -> list[Equilibrium]:
         """Return further steady states, each once: from scattered starts (24, 4 on a large tree), and where the one
@@ -354,7 +355,7 @@ class EquilibriumProblem:
         """Whether two positions are one: whole turns of a joint do not count, nor cyclic coordinates."""
         change = self.difference(a, b)
         change[self._plain[0]] /= self.plant.system.size[self._plain[1]]
-        return bool(np.abs(change).max() < SAME)
+        return bool(np.abs(change).max() < SAME_STATE_DISTANCE)
 
     def difference(self, a: Array, b: Array) -> Array:
         """Return a - b (nq,): angles within half a turn, quaternions with one sign.

@@ -14,16 +14,16 @@ from mbfmu.steady.modes import shapes
 from mbfmu.util.errors import EquilibriumError
 from solvers.system import Array
 
-COUNT = 8  # modes evaluated: the six rigid ones of a free body, and two for its stiffness
-RIGID = 1e-3  # what is left of a motion, relative, when the nearest rigid one is taken away
-EXACT = 1e-3  # components of directions below which they are nought
+EVALUATED_MODES = 8  # modes evaluated: the six rigid ones of a free body, and two for its stiffness
+RIGID_TOLERANCE = 1e-3  # what is left of a motion, relative, when the nearest rigid one is taken away
+ZERO_COMPONENT_TOLERANCE = 1e-3  # components of directions below which they are nought
 
 Matrix = NDArray[np.float64]
 
 
 def free_motions(plant: Plant, q: Array, lam: Array) -> Matrix:
     """Return the motions (n, k) about a state q (nq,), lam (m,) that nothing resists, of unit modal mass."""
-    found = [in_phase(s.motion) for s in shapes(plant, q, COUNT, lam) if s.mode.eigenvalue == 0.0]
+    found = [in_phase(s.motion) for s in shapes(plant, q, EVALUATED_MODES, lam) if s.mode.eigenvalue == 0.0]
     return np.array(found).reshape(len(found), plant.system.n).T
 
 
@@ -32,7 +32,7 @@ def in_phase(motion: NDArray[Any]) -> Matrix:
     return np.asarray((motion * np.exp(-1j * np.angle(motion[np.argmax(np.abs(motion))]))).real)
 
 
-def in_words(plant: Plant, q: Array, motions: Matrix) -> str:
+def describe_motions(plant: Plant, q: Array, motions: Matrix) -> str:
     """Describe motions (n, k) about positions q (nq,), rigid ones together by what spans them."""
     names = plant.system.coordinate_names
     place, size, twists = _twists(plant, q, motions)
@@ -43,7 +43,7 @@ def in_words(plant: Plant, q: Array, motions: Matrix) -> str:
     for motion, twist in zip(motions.T, twists, strict=True):
         if twist is None:
             largest = np.argsort(-np.abs(motion), kind="stable")[:3]
-            largest = largest[np.abs(motion[largest]) > EXACT * np.abs(motion).max()]
+            largest = largest[np.abs(motion[largest]) > ZERO_COMPONENT_TOLERANCE * np.abs(motion).max()]
             words.append(f"a motion that is largest in {', '.join(repr(names[k]) for k in sorted(largest))}")
     return "; ".join(words)
 
@@ -60,7 +60,7 @@ def describe_pushed(plant: Plant, q: Array, forces: Array, least: float) -> str:
     along = motions.T @ forces
     if np.abs(along).max(initial=0.0) <= least * float(np.linalg.norm(forces)):
         return ""
-    return in_words(plant, q, motions @ along[:, np.newaxis])
+    return describe_motions(plant, q, motions @ along[:, np.newaxis])
 
 
 def _twists(plant: Plant, q: Array, motions: Matrix) -> tuple[Matrix, float, list[Matrix | None]]:
@@ -87,7 +87,7 @@ def _twists(plant: Plant, q: Array, motions: Matrix) -> tuple[Matrix, float, lis
         Y[:, 3:] *= size
         twist = np.linalg.lstsq(flat, Y.reshape(-1), rcond=None)[0]
         left = np.linalg.norm(flat @ twist - Y.reshape(-1))
-        found.append(twist if left <= RIGID * np.linalg.norm(Y) else None)
+        found.append(twist if left <= RIGID_TOLERANCE * np.linalg.norm(Y) else None)
     return place, size, found
 
 
@@ -95,7 +95,7 @@ def _rigid(twists: Matrix, place: Matrix, size: float) -> list[str]:
     """Describe the rigid motions that twists (k, 6) span: translations first, then rotations."""
     basis = np.linalg.svd(twists, full_matrices=False)[2]
     left, turning, _ = np.linalg.svd(basis[:, 3:])
-    turns, sorted_ = int(np.sum(turning > RIGID)), left.T @ basis  # those that turn, then those that do not
+    turns, sorted_ = int(np.sum(turning > RIGID_TOLERANCE)), left.T @ basis  # those that turn, then those that do not
     slides = _reduced(sorted_[turns:, :3])
     words = [f"translation along {_axis(d)}" for d in slides]
     if turns == 3 and len(slides) == 3:
@@ -106,7 +106,11 @@ def _rigid(twists: Matrix, place: Matrix, size: float) -> list[str]:
             v = v - np.linalg.pinv(slides) @ slides @ v  # what translations do anyway
         point = place + size * np.cross(w, v) / (w @ w)
         text = ", ".join(f"{x:.4g}" for x in np.round(point, 12) + 0.0)
-        pitch = f", with {size * (w @ v) / (w @ w):.4g} m along it a radian" if abs(w @ v) > RIGID * (w @ w) else ""
+        pitch = (
+            f", with {size * (w @ v) / (w @ w):.4g} m along it a radian"
+            if abs(w @ v) > RIGID_TOLERANCE * (w @ w)
+            else ""
+        )
         words.append(f"rotation about {_axis(w)} through ({text}) m{pitch}")
     return words
 
@@ -130,6 +134,6 @@ def _axis(d: Matrix) -> str:
     """Return ``x``, ``y``, ``z``, or the direction by its components."""
     unit = d / np.linalg.norm(d)
     k = int(np.argmax(np.abs(unit)))
-    if np.abs(np.delete(unit, k)).max() < EXACT:
+    if np.abs(np.delete(unit, k)).max() < ZERO_COMPONENT_TOLERANCE:
         return "xyz"[k]
-    return "(" + ", ".join(f"{x:.3g}" for x in np.where(np.abs(unit) < EXACT, 0.0, unit)) + ")"
+    return "(" + ", ".join(f"{x:.3g}" for x in np.where(np.abs(unit) < ZERO_COMPONENT_TOLERANCE, 0.0, unit)) + ")"

@@ -16,15 +16,15 @@ from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.bending import MAX_ACCURATE_ANGLE
 from mbfmu.modeling.model import Model
 from mbfmu.steady.linear import Mode, StateSpace, modes_as_text
-from mbfmu.steady.modes import LOWEST, ModeShapes, find_spectrum, shapes_of
-from mbfmu.steady.periodic import Turned
-from mbfmu.steady.rigid_body_modes import free_motions, in_words
+from mbfmu.steady.modes import LISTED_MODES, ModeShapes, find_spectrum, shapes_of
+from mbfmu.steady.periodic import PeriodicLinearization
+from mbfmu.steady.rigid_body_modes import describe_motions, free_motions
 from mbfmu.util.errors import EquilibriumError
 from mbfmu.util.text_table import format_table
 from solvers.statics.spectrum import Spectrum, Stability
 from solvers.system import Array
 
-SHOWN = 60  # modes that are printed
+MAX_PRINTED_MODES = 60  # modes that are printed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +84,7 @@ class Equilibrium:
                 f"model {self.model.name!r} has {self.plant.system.n} coordinates: too many for state matrices; "
                 "its lowest modes are known (mbfmu modes)"
             )
-        return Turned(self.plant, self.q, self.v, self.lam, self.rows).state_space()
+        return PeriodicLinearization(self.plant, self.q, self.v, self.lam, self.rows).state_space()
 
     @cached_property
     def spectrum(self) -> Spectrum:
@@ -92,7 +92,7 @@ class Equilibrium:
         periodic, its characteristic exponents.
         """
         if self.periodic:
-            return Turned(self.plant, self.q, self.v, self.lam, self.rows).spectrum()
+            return PeriodicLinearization(self.plant, self.q, self.v, self.lam, self.rows).spectrum()
         return find_spectrum(self.plant, self.q, self.v, self.lam)
 
     @cached_property
@@ -115,7 +115,7 @@ class Equilibrium:
         count
             Largest number of modes.
         """
-        enough = self.spectrum.complete or count <= LOWEST
+        enough = self.spectrum.complete or count <= LISTED_MODES
         found = self.spectrum if enough else find_spectrum(self.plant, self.q, self.v, self.lam, count)
         return ModeShapes(shapes_of(found)[:count])
 
@@ -137,7 +137,7 @@ class Equilibrium:
         """Message on the motions of a large model without resistance; empty if there are none."""
         if self.stability is not Stability.NEUTRAL or self.plant.system.has_matrices:
             return ""
-        return in_words(self.plant, self.q, free_motions(self.plant, self.q, self.lam))
+        return describe_motions(self.plant, self.q, free_motions(self.plant, self.q, self.lam))
 
     def __str__(self) -> str:
         """Return outputs with their units, stability and modes as tables."""
@@ -151,9 +151,11 @@ class Equilibrium:
             self.stability.text + (f"; no force resists {self.free}" if self.free else ""),
         ]
         modes = self.known_modes
-        lines += [modes_as_text(modes[:SHOWN])] if modes else []
-        if len(modes) > SHOWN:
-            lines.append(f"{len(modes) - SHOWN} modes of higher frequency not shown; as_dict() and --json have all")
+        lines += [modes_as_text(modes[:MAX_PRINTED_MODES])] if modes else []
+        if len(modes) > MAX_PRINTED_MODES:
+            lines.append(
+                f"{len(modes) - MAX_PRINTED_MODES} modes of higher frequency not shown; as_dict() and --json have all"
+            )
         if self.warning:
             lines += ["", f"warning: {self.warning}"]
         return "\n".join(lines)

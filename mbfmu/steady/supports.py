@@ -31,9 +31,9 @@ from solvers.system import Array
 if TYPE_CHECKING:
     from mbfmu.steady.problem import EquilibriumProblem
 
-STEPS = 400  # states on a path, at most
-PATHS, LARGEST_COUNT = 8, 800  # paths that are followed, and states on all of them, at most
-FOLLOWED = "the supports where they start, by following their motion"
+MAX_SUPPORT_PATH_STATES = 400  # states on a path, at most
+MAX_SUPPORT_PATHS, MAX_SUPPORT_STATES = 8, 800  # paths that are followed, and states on all of them, at most
+FOLLOWED_TEXT = "the supports where they start, by following their motion"
 
 
 class Supports:
@@ -55,7 +55,7 @@ class Supports:
         self._steps, self._plant, self._inputs = [steps], plant, plant.inputs.positions()
         self._places = [plant.inputs.places(plant.data.arrays, signals)]
 
-    def add_twin(self, arrays: Any, signals: list[InUse]) -> None:
+    def add_complex_copy(self, arrays: Any, signals: list[InUse]) -> None:
         """Let the supports of the complex twin of the plant move as well."""
         if self._before:
             self._steps.append([step.record for step in self._plant.drives.steps(signals)])
@@ -117,7 +117,7 @@ def follow_supports(problem: EquilibriumProblem, begin: Array) -> Equilibrium:
             )
     finally:
         apply(1.0)
-    found = problem.state(end.q, end.lam, FOLLOWED)
+    found = problem.state(end.q, end.lam, FOLLOWED_TEXT)
     return replace(found, solve_time=time.perf_counter() - started)
 
 
@@ -127,9 +127,9 @@ def find_end(follower: Follower) -> State | None:
     From each path whose end is unstable or not reached, the path that crosses it first is followed, until a stable
     end, a path without a bifurcation, or the limits of paths and states.
     """
-    end, start, left = None, follower.start, LARGEST_COUNT
-    for _ in range(PATHS):
-        states = list(islice(follower.follow(start), min(STEPS, left)))
+    end, start, left = None, follower.start, MAX_SUPPORT_STATES
+    for _ in range(MAX_SUPPORT_PATHS):
+        states = list(islice(follower.follow(start), min(MAX_SUPPORT_PATH_STATES, left)))
         left -= len(states)
         end = arrived(states) or end
         crossing = next((state for state in states if state.kind == "bifurcation"), None)

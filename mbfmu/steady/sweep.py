@@ -51,7 +51,7 @@ def sweep(
         except EquilibriumError as error:
             found, failure = [], error
         for state in found:
-            if not taken(problem, state.q, values[i], branches):
+            if not is_known_state(problem, state.q, values[i], branches):
                 branches.append(traced_back(state, i, values, problems, branches))
         if progress is not None:
             progress(values[i])
@@ -69,14 +69,14 @@ def extend(branch: Branch, problem: EquilibriumProblem, value: float, branches: 
         state = problem.solve(q, "the branch's last state", branch.states[-1].lam)
     except EquilibriumError:
         return False
-    if state.continued or taken(problem, state.q, value, branches):
+    if state.continued or is_known_state(problem, state.q, value, branches):
         return False
     branch.values.append(value)
     branch.states.append(state)
     return True
 
 
-def taken(problem: EquilibriumProblem, q: Array, value: float, branches: list[Branch]) -> bool:
+def is_known_state(problem: EquilibriumProblem, q: Array, value: float, branches: list[Branch]) -> bool:
     """Whether a branch has this state at this value already."""
     return any(
         problem.same(state.q, q)

@@ -10,7 +10,7 @@ from mbfmu.mechanics.dispatch import signal as signal_at
 from mbfmu.mechanics.signals import Function, InUse
 from mbfmu.util.errors import EquilibriumError
 
-AT_REST = 1e-6  # change of a drive by its speed and acceleration within its pace, in units of its coordinate
+REST_TOLERANCE = 1e-6  # change of a drive by its speed and acceleration within its pace, in units of its coordinate
 
 
 def finish(name: str, plant: Plant) -> None:
@@ -55,7 +55,7 @@ def hold_start(plant: Plant) -> None:
             continue
         _, speed, acceleration = now[term.number]
         pace = term.pace(size)
-        if max(abs(speed) * pace, abs(acceleration) * pace * pace) > AT_REST * size:
+        if max(abs(speed) * pace, abs(acceleration) * pace * pace) > REST_TOLERANCE * size:
             raise EquilibriumError(
                 f"the drive of {body!r} is {describe(term)} with the speed {speed:.4g} and the acceleration "
                 f"{acceleration:.4g} at t = 0, so that a run cannot start in a steady state; allowed: constant speed, "

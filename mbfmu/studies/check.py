@@ -22,17 +22,17 @@ from mbfmu.session.result import join_messages
 from mbfmu.session.simulation import Simulation
 from mbfmu.session.solver_selection import SolverChoice, State, select_solver
 from mbfmu.session.stiffness import Spectrum, spectrum
-from mbfmu.studies.check_report import in_words, reasons
+from mbfmu.studies.check_report import format_findings, reasons
 from mbfmu.studies.held_inputs import describe_held_inputs
 from mbfmu.studies.loops import Loop, loops, redundant_rows
-from mbfmu.studies.nearest_singularity import Nearest, Watch
+from mbfmu.studies.nearest_singularity import Nearest, SingularityMonitor
 from mbfmu.util.errors import UserError, require_arguments
 from solvers.options import Statistics
 
-SAMPLES, FEW = 200, 40  # states of a run that are looked at; of a large tree
-STATES = 5  # of them about which eigenvalues are taken
-NOISE = 1e-8  # of eigenvalues, and of the squares of those that are zero
-PATIENCE = 10.0  # s; a run that takes longer is left where it is
+MAX_EXAMINED_STATES, MAX_EXAMINED_TREE_STATES = 200, 40  # states of a run that are looked at; of a large tree
+EIGENVALUE_STATES = 5  # of them about which eigenvalues are taken
+EIGENVALUE_NOISE = 1e-8  # of eigenvalues, and of the squares of those that are zero
+DEFAULT_PATIENCE = 10.0  # s; a run that takes longer is left where it is
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,7 +156,7 @@ class Findings:
 
     def as_text(self) -> str:
         """Return the report as text."""
-        return in_words(self)
+        return format_findings(self)
 
 
 def _for_json(value: Any) -> Any:
@@ -168,7 +168,10 @@ def _for_json(value: Any) -> Any:
 
 
 def check(
-    subject: Scene | Model | Mechanism, stop_time: float | None = None, patience: float = PATIENCE, **settings: Any
+    subject: Scene | Model | Mechanism,
+    stop_time: float | None = None,
+    patience: float = DEFAULT_PATIENCE,
+    **settings: Any,
 ) -> Findings:
     """Check whether a scene, a model or a mechanism is numerically difficult, and why.
 
@@ -213,7 +216,7 @@ def check(
         unseen = "singular configurations, stiffness and steps, because the run does not start"
         at_rest = loops(plant, (), np.full(plant.system.m, nan))
         return replace(found, failure=str(error), loops=at_rest, unseen=(unseen,))
-    return _Look(scene, plant, simulation, patience).findings(found)
+    return ExaminedRun(scene, plant, simulation, patience).findings(found)
 
 
 def _of_plant(found: Findings, plant: Plant) -> Findings:
@@ -222,7 +225,7 @@ def _of_plant(found: Findings, plant: Plant) -> Findings:
     return replace(found, coordinates=s.n, rows=s.m, tree=not s.has_matrices, vanishing=vanishing)
 
 
-class _Look:
+class ExaminedRun:
     """One run of a scene, looked at."""
 
     def __init__(self, scene: Scene, plant: Plant, simulation: Simulation, patience: float) -> None:
@@ -237,11 +240,11 @@ class _Look:
         s, run = self.plant.system, self.simulation
         redundant = redundant_rows(self.plant, run.t, run.stepper.q) if s.m else ()
         rank = s.m - len(redundant)
-        watch = Watch(self.plant, rank, run) if rank else None
-        self._go(watch)
+        watch = SingularityMonitor(self.plant, rank, run) if rank else None
+        self._run(watch)
         reached, statistics, failure = run.t, run.statistics, run.failure
         warning = join_messages(run.warning, run.lock)
-        options, some = self.scene.settings.options(self.scene.stop_time), self._some()
+        options, some = self.scene.settings.options(self.scene.stop_time), self._selected_states()
         return replace(
             found,
             solver=run.solver_choice.solver,
@@ -261,17 +264,17 @@ class _Look:
             unseen=self._unseen(reached, failure),
         )
 
-    def _go(self, watch: Watch | None) -> None:
+    def _run(self, watch: SingularityMonitor | None) -> None:
         """Run, and look at what there is to see between steps."""
         run, begin = self.simulation, time.perf_counter()
-        count = SAMPLES if self.plant.system.has_matrices else FEW
+        count = MAX_EXAMINED_STATES if self.plant.system.has_matrices else MAX_EXAMINED_TREE_STATES
         for t in np.linspace(run.t, self.scene.stop_time, count + 1):
             run.advance(float(t))
-            self._look(watch)
+            self._record(watch)
             if run.failure or time.perf_counter() - begin > self.patience:
                 break
 
-    def _look(self, watch: Watch | None) -> None:
+    def _record(self, watch: SingularityMonitor | None) -> None:
         run = self.simulation
         q, v = run.stepper.q, run.stepper.v
         self.states.append((run.t, q, v))
@@ -281,11 +284,11 @@ class _Look:
             self.plant.system.fill_position(run.t, q, terms)
             self.gaps = np.maximum(self.gaps, np.abs(terms.Phi))
         if watch is not None:
-            watch.look(run)
+            watch.record(run)
 
-    def _some(self) -> list[State]:
+    def _selected_states(self) -> list[State]:
         """Return states from all over the run."""
-        return [self.states[k] for k in np.unique(np.linspace(0, len(self.states) - 1, STATES).astype(int))]
+        return [self.states[k] for k in np.unique(np.linspace(0, len(self.states) - 1, EIGENVALUE_STATES).astype(int))]
 
     def _spectra(self, states: list[State]) -> list[Spectrum]:
         found, why = [], ""
@@ -298,14 +301,14 @@ class _Look:
             self.unseen.append(f"eigenvalues at {len(states) - len(found)} of {len(states)} states: {why}")
         return found
 
-    def _limit(self, s: Statistics, reached: float) -> str:
+    def _limit(self, statistics: Statistics, reached: float) -> str:
         """Return what set the length of most steps."""
-        if not s.steps:
+        if not statistics.steps:
             return "nothing"
-        mean = reached / s.steps
-        if 2 * s.stability_limited > s.steps:
+        mean = reached / statistics.steps
+        if 2 * statistics.stability_limited > statistics.steps:
             return "stability"
-        if 5 * s.refused > s.steps or s.coarser > 1.0:
+        if 5 * statistics.refused > statistics.steps or statistics.coarser > 1.0:
             return "singular configurations"
         if self.scene.settings.max_step and mean > 0.5 * self.scene.settings.max_step:
             return "max_step"
@@ -347,6 +350,6 @@ def without_noise(value: complex, own: float) -> complex:
 
     Differences have errors in squares of rates: a double eigenvalue of zero results as the root of that.
     """
-    if abs(value) ** 2 <= NOISE * own**2:
+    if abs(value) ** 2 <= EIGENVALUE_NOISE * own**2:
         return 0j
-    return complex(*(part if abs(part) > NOISE * abs(value) else 0.0 for part in (value.real, value.imag)))
+    return complex(*(part if abs(part) > EIGENVALUE_NOISE * abs(value) else 0.0 for part in (value.real, value.imag)))

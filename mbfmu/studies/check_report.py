@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from mbfmu.studies.nearest_singularity import Nearest
     from solvers import Statistics
 
-TOLD = 6  # loops that are reported one by one
-MANY = 3  # outputs to a step from which on they cost more than it
+MAX_LISTED_NAMES = 6  # loops that are reported one by one
+OUTPUTS_PER_STEP_LIMIT = 3  # outputs to a step from which on they cost more than it
 
 
 def reasons(found: Findings) -> tuple[str, ...]:
@@ -38,7 +38,7 @@ def reasons(found: Findings) -> tuple[str, ...]:
     return tuple(text for text, true in known.items() if true)
 
 
-def in_words(found: Findings) -> str:
+def format_findings(found: Findings) -> str:
     """Return the findings as text, one per line."""
     why = "; ".join(found.hard)
     head = f"{found.name}: {f'numerically difficult: {why}' if why else 'no numerical difficulties'}"
@@ -57,18 +57,18 @@ def lines(found: Findings) -> Iterator[str]:
     if found.warning:
         yield f"warning: {found.warning}"
     if found.nearest:
-        yield f"singular configurations: {of_nearest(found.nearest)}"
+        yield f"singular configurations: {describe_nearest(found.nearest)}"
     if (found.rows or found.vanishing) and found.freedom is not None:
-        yield f"redundant constraints: {of_rows(found)}"
+        yield f"redundant constraints: {describe_redundant(found)}"
     if found.statistics and found.statistics.rate_growth > LARGE_GROWTH:
         yield f"mass matrix: {describe_growth(found.statistics)}"
     if found.stiffness:
-        yield f"stiffness: {of_stiffness(found.stiffness)}"
+        yield f"stiffness: {describe_stiffness(found.stiffness)}"
     if found.statistics and found.statistics.steps:
-        yield f"steps: {of_steps(found, found.statistics)}"
-    yield from (f"loop {of_loop(loop)}" for loop in found.loops[:TOLD])
-    if len(found.loops) > TOLD:
-        yield f"and {len(found.loops) - TOLD} more loops"
+        yield f"steps: {describe_step_limit(found, found.statistics)}"
+    yield from (f"loop {describe_loop(loop)}" for loop in found.loops[:MAX_LISTED_NAMES])
+    if len(found.loops) > MAX_LISTED_NAMES:
+        yield f"and {len(found.loops) - MAX_LISTED_NAMES} more loops"
     if found.suits:
         yield f"recommended solver: {found.suits.solver!r}; {found.suits.reason}"
     yield from (f"not examined: {text}" for text in found.unseen)
@@ -79,9 +79,9 @@ def degrees(count: int) -> str:
     return f"{count} degree{'s' * (count != 1)}"
 
 
-def of_nearest(near: Nearest) -> str:
+def describe_nearest(near: Nearest) -> str:
     """Report the nearest singular configuration."""
-    names = some(near.loops)
+    names = list_first(near.loops)
     where = (
         f"smallest singular value of the constraint Jacobian {near.ratio:.1e} (relative to the largest) at "
         f"t = {near.t:.6g} s, loop {names}"
@@ -100,79 +100,79 @@ def of_nearest(near: Nearest) -> str:
     return f"{what}; {where}"
 
 
-def describe_growth(s: Statistics) -> str:
+def describe_growth(statistics: Statistics) -> str:
     """Describe when the mass matrix is nearly singular."""
     return (
-        f"nearly singular at t = {s.rate_growth_at:.6g} s, as if a light body carries a heavy one; errors of "
+        f"nearly singular at t = {statistics.rate_growth_at:.6g} s, as if a light body carries a heavy one; errors of "
         "velocities "
-        f"are amplified by a factor of {s.rate_growth:.2g}, and the solver uses a smaller tolerance"
+        f"are amplified by a factor of {statistics.rate_growth:.2g}, and the solver uses a smaller tolerance"
     )
 
 
-def of_rows(found: Findings) -> str:
+def describe_redundant(found: Findings) -> str:
     """Report redundant constraint equations."""
     if not found.rows:
         return f"none ({format_count(len(found.vanishing), 'constraint')} always satisfied and removed)"
-    which = f" ({some(found.redundant)})" if found.redundant else ""
+    which = f" ({list_first(found.redundant)})" if found.redundant else ""
     more = f"; {len(found.vanishing)} further always satisfied and removed" if found.vanishing else ""
     return f"{len(found.redundant) or 'none'} of {found.rows}{which}{more}"
 
 
-def of_stiffness(s: Stiffness) -> str:
+def describe_stiffness(stiffness: Stiffness) -> str:
     """Report the fastest motion relative to the motion that is resolved."""
-    value = s.eigenvalue
+    value = stiffness.eigenvalue
     imaginary = f" ± {abs(value.imag):.4g}i" if value.imag else ""
-    examined = f"{format_count(s.states, 'state')} examined"
+    examined = f"{format_count(stiffness.states, 'state')} examined"
     if not value:
-        return f"none: all eigenvalues are zero; the motion changes at {s.own:.3g} 1/s ({examined})"
+        return f"none: all eigenvalues are zero; the motion changes at {stiffness.own:.3g} 1/s ({examined})"
     swing = f", {abs(value.imag) / (2.0 * pi):.3g} Hz" if value.imag else ""
-    ratio = f"ratio {s.ratio:.3g}" if s.ratio > 1.0 else "none"
+    ratio = f"ratio {stiffness.ratio:.3g}" if stiffness.ratio > 1.0 else "none"
     return (
-        f"{ratio}; largest eigenvalue {value.real:.4g}{imaginary} 1/s (mainly {s.coordinate!r}{swing}, "
-        f"t = {s.t:.4g} s), the motion with amplitudes above {format_tolerance(s.tolerance)} changes "
-        f"at {s.followed:.3g} 1/s "
+        f"{ratio}; largest eigenvalue {value.real:.4g}{imaginary} 1/s (mainly {stiffness.coordinate!r}{swing}, "
+        f"t = {stiffness.t:.4g} s), the motion with amplitudes above {format_tolerance(stiffness.tolerance)} changes "
+        f"at {stiffness.followed:.3g} 1/s "
         f"({examined})"
     )
 
 
-def of_steps(found: Findings, s: Statistics) -> str:
+def describe_step_limit(found: Findings, statistics: Statistics) -> str:
     """Report what limits the step size."""
     why = {
         "accuracy": "step size limited by accuracy",
-        "stability": f"step size of {s.stability_limited} limited by stability, which no tolerance changes",
-        "singular configurations": f"step size limited by singular configurations, {s.refused} rejected there",
+        "stability": f"step size of {statistics.stability_limited} limited by stability, which no tolerance changes",
+        "singular configurations": f"step size limited by singular configurations, {statistics.refused} rejected there",
         "max_step": "step size limited by max_step",
         "drives": "step size limited by time-dependent drives and loads, so that no change is missed",
     }[found.limit]
     run = (
-        f"{s.steps} ({s.rejected} rejected) with {found.solver!r} at tolerance "
+        f"{statistics.steps} ({statistics.rejected} rejected) with {found.solver!r} at tolerance "
         f"{format_tolerance(found.tolerance)} until "
         f"t = {found.reached:.4g} s"
     )
     parts = [run, why]
-    if s.coarser > 1.0:
+    if statistics.coarser > 1.0:
         parts.append(
-            f"tolerance increased to {s.coarser * found.tolerance:.0e} near a singular configuration because of "
-            "rounding"
+            f"tolerance increased to {statistics.coarser * found.tolerance:.0e} near a singular configuration because "
+            "of rounding"
         )
-    if found.outputs > MANY * s.steps:
+    if found.outputs > OUTPUTS_PER_STEP_LIMIT * statistics.steps:
         parts.append(
             f"{found.outputs} outputs take more time than the steps: a longer output interval saves most of it"
         )
     return "; ".join(parts)
 
 
-def some(names: Sequence[str]) -> str:
+def list_first(names: Sequence[str]) -> str:
     """Return the first few of the names."""
-    told = [repr(name) for name in names[:TOLD]]
-    if len(names) > TOLD:
-        told.append(f"{len(names) - TOLD} more")
-    return " and ".join(filter(None, (", ".join(told[:-1]), told[-1])))
+    listed = [repr(name) for name in names[:MAX_LISTED_NAMES]]
+    if len(names) > MAX_LISTED_NAMES:
+        listed.append(f"{len(names) - MAX_LISTED_NAMES} more")
+    return " and ".join(filter(None, (", ".join(listed[:-1]), listed[-1])))
 
 
-def of_loop(loop: Loop) -> str:
+def describe_loop(loop: Loop) -> str:
     """Report a loop."""
-    path = " - ".join(loop.bodies) if len(loop.bodies) <= 2 * TOLD else f"{len(loop.bodies)} bodies"
+    path = " - ".join(loop.bodies) if len(loop.bodies) <= 2 * MAX_LISTED_NAMES else f"{len(loop.bodies)} bodies"
     size = f"{loop.size:.4g} m"
     closed = f", largest residual {loop.gap:.1e} of its size" if isfinite(loop.gap) else ""
     return f"{loop.name!r}: {path}; size {size}{closed}"

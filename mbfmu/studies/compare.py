@@ -17,8 +17,8 @@ from mbfmu.session.result import Result
 from mbfmu.session.run import communication_points
 from mbfmu.studies.held_inputs import describe_held_inputs
 from mbfmu.studies.reference import Reference, reference
-from mbfmu.studies.resolution import Resolution, in_words, resolutions_of
-from mbfmu.studies.timing import Budget, Spent, TooLong, check_repeats, in_turn
+from mbfmu.studies.resolution import Resolution, resolution_text, resolutions_of
+from mbfmu.studies.timing import Budget, BudgetExceeded, CpuTimes, check_repeats, time_interleaved
 from mbfmu.util.errors import UserError
 from mbfmu.util.text_table import format_tolerance
 from solvers.steppers import (
@@ -30,13 +30,13 @@ from solvers.steppers import (
     size_limit,
 )
 
-TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
-COARSE = (1e-4, 1e-6)  # at several resolutions
-LOOSE = (1e-2, 1e-3, 1e-4)  # of large trees
+DEFAULT_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
+RESOLUTION_TOLERANCES = (1e-4, 1e-6)  # at several resolutions
+TREE_TOLERANCES = (1e-2, 1e-3, 1e-4)  # of large trees
 BRANCH_TOLERANCE = 0.05  # rad; twice the error that the loosest tolerance leaves on the right branch
-BUDGET = 120.0  # s
-SHARE = 1.0 / 20.0  # of the budget, for one run
-REPEATS = 5
+COMPARISON_BUDGET = 120.0  # s
+MAX_RUN_SHARE = 1.0 / 20.0  # of the budget, for one run
+TIMED_REPEATS = 5
 
 History = tuple[NDArray[np.float64], NDArray[np.float64]]
 Progress = Callable[[str, float], None]  # what is done, and the share of the whole that this makes
@@ -146,12 +146,12 @@ class Comparison:
         for row in sorted(
             (row for row in self.rows if row.trusted and row.error), key=lambda row: (row.cpu_s, row.error)
         ):
-            if not front or known(row.error) < known(front[-1].error):
+            if not front or error_of_complete(row.error) < error_of_complete(front[-1].error):
                 front.append(row)
         return front
 
 
-def known(error: float | None) -> float:
+def error_of_complete(error: float | None) -> float:
     """Return the error of a run that reached its end."""
     assert error is not None
     return error
@@ -168,7 +168,7 @@ def solvers_of(plant: Plant) -> tuple[str, ...]:
     return (*TREE_SOLVERS, *(name for name in SOLVERS if name not in TREE_SOLVERS and system.n <= size_limit(name)))
 
 
-def of_subject(subject: Scene | Model | Mechanism) -> Scene:
+def as_scene(subject: Scene | Model | Mechanism) -> Scene:
     """Return a scene: itself, or that of a model or a mechanism."""
     return subject if isinstance(subject, Scene) else default_scene(as_model(subject))
 
@@ -180,8 +180,8 @@ def compare(
     tolerances: Sequence[float] | None = None,
     resolutions: Sequence[Resolution] | None = None,
     outputs: Sequence[str] = (),
-    repeats: int = REPEATS,
-    budget: float = BUDGET,
+    repeats: int = TIMED_REPEATS,
+    budget: float = COMPARISON_BUDGET,
     progress: Progress | None = None,
 ) -> Comparison:
     """Run solvers at tolerances and resolutions: a scene, or a model for its default time.
@@ -220,37 +220,42 @@ def compare(
     UserError
         A name or number is not allowed, nothing can run, or there is no reference.
     """
-    scene = of_subject(subject)
-    steps, chosen, refused = asked(scene, solvers, tolerances, resolutions)
+    scene = as_scene(subject)
+    steps, chosen, refused = plan_runs(scene, solvers, tolerances, resolutions)
     check_repeats(repeats)
     account = Budget(budget)
     count = len(steps) + sum(map(len, chosen.values())) * (1 + repeats)
-    told: Progress = progress or (lambda _what, _share: None)
+    report: Progress = progress or (lambda _what, _share: None)
     times = communication_points(scene.stop_time, scene.output_interval)
     finest = min(setting[1] for settings in chosen.values() for setting in settings)
-    right = reference(scene, steps, times, finest, account, outputs, lambda what: told(what, 1.0 / count))
-    cases, left_out = _first_runs(scene, steps, chosen, right, times, account, lambda what: told(what, 1.0 / count))
-    spent = in_turn(
+    reference_data = reference(scene, steps, times, finest, account, outputs, lambda what: report(what, 1.0 / count))
+    cases, left_out = _first_runs(
+        scene, steps, chosen, reference_data, times, account, lambda what: report(what, 1.0 / count)
+    )
+    spent = time_interleaved(
         [partial(account.time, case.scene) for case in cases],
         repeats,
         expected=[case.taken for case in cases],
         left=lambda: account.left,
-        progress=lambda what: told(what, 1.0 / count),
+        progress=lambda what: report(what, 1.0 / count),
     )
-    rows, left_out = [judge(case, own, right) for case, own in zip(cases, spent, strict=True)], refused + left_out
+    rows, left_out = (
+        [evaluate_run(case, own, reference_data) for case, own in zip(cases, spent, strict=True)],
+        refused + left_out,
+    )
     tolerance = min({row.rtol for row in rows}, key=lambda tol: abs(np.log(tol / scene.settings.tolerance)))
     shown = [case for case in cases if case.scene.settings.tolerance == tolerance]
     energies = {case.scene.settings.solver: _history(case.result) for case in sorted(shown, key=lambda c: c.number)}
     held = describe_held_inputs(scene.model.plant().inputs.variables)
     return Comparison(
-        rows=rows, energies=energies, tolerance=tolerance, reference=right, left_out=left_out, held_inputs=held
+        rows=rows, energies=energies, tolerance=tolerance, reference=reference_data, left_out=left_out, held_inputs=held
     )
 
 
 Chosen = dict[int, list[tuple[str, float]]]  # solvers and tolerances by the number of a resolution
 
 
-def asked(
+def plan_runs(
     scene: Scene,
     solvers: Sequence[str] | None,
     tolerances: Sequence[float] | None,
@@ -265,7 +270,7 @@ def asked(
     steps = resolutions_of(scene.model, values)
     plants = [scene.model.with_values(step).plant() for step in steps]
     small = all(plant.system.has_matrices for plant in plants)
-    usual = LOOSE if not small else TOLERANCES if len(steps) == 1 else COARSE
+    usual = TREE_TOLERANCES if not small else DEFAULT_TOLERANCES if len(steps) == 1 else RESOLUTION_TOLERANCES
     tried = dict.fromkeys(usual if tolerances is None else tolerances)
     if not tried or (solvers is not None and not solvers):
         raise UserError(
@@ -304,33 +309,33 @@ class Case:
     @property
     def words(self) -> str:
         """Solver, tolerance and resolution."""
-        return in_full(self.scene, self.resolution)
+        return describe_run(self.scene, self.resolution)
 
 
-def in_full(scene: Scene, resolution: Resolution) -> str:
+def describe_run(scene: Scene, resolution: Resolution) -> str:
     """Return solver, tolerance and resolution for people."""
-    return f"{scene.settings.solver} {format_tolerance(scene.settings.tolerance)} {in_words(resolution)}".strip()
+    return f"{scene.settings.solver} {format_tolerance(scene.settings.tolerance)} {resolution_text(resolution)}".strip()
 
 
 def _first_runs(
     scene: Scene,
     steps: Sequence[Resolution],
     chosen: Chosen,
-    right: Reference,
+    reference_data: Reference,
     times: NDArray[np.float64],
     budget: Budget,
     progress: Callable[[str], None],
 ) -> tuple[list[Case], list[str]]:
     """Run each once, cheap ones first; return those that ran, and what was left out."""
-    most = SHARE * budget.seconds
+    most = MAX_RUN_SHARE * budget.seconds
     cases, left_out, slow = [], [], dict[str, tuple[float, int]]()  # tolerance and resolution by solver
     order = [(k, *what) for k, settings in chosen.items() for what in settings]
     for k, solver, tolerance in sorted(order, key=lambda what: (-what[2], what[0])):
         own = scene.changed(model=scene.model.with_values(steps[k]), solver=solver, tolerance=tolerance)
-        named = in_full(own, steps[k])
+        named = describe_run(own, steps[k])
         at = slow.get(solver)
         try:
-            if right.tight[k] is None:
+            if reference_data.tight[k] is None:
                 left_out.append(f"{named}: no reference")
             elif at and tolerance <= at[0] and k >= at[1]:
                 left_out.append(f"{named}: a run with a larger tolerance or coarser mesh took too long")
@@ -339,7 +344,7 @@ def _first_runs(
             else:
                 result, taken = budget.run(own.model, own.settings, times, most)
                 cases.append(Case(scene=own, number=k, resolution=steps[k], result=result, taken=taken))
-        except TooLong:
+        except BudgetExceeded:
             slow[solver] = min(slow.get(solver, (tolerance, k)), (tolerance, k), key=lambda s: s[1])
             left_out.append(f"{named}: took more than {most:.3g} s")
         except UserError as error:
@@ -354,31 +359,31 @@ def _history(result: Result) -> History:
     return result.t, result["energy_error"]
 
 
-def judge(case: Case, spent: Spent, right: Reference) -> Row:
+def evaluate_run(case: Case, cpu_times: CpuTimes, reference_data: Reference) -> Row:
     """Measure one run."""
     result, outputs = case.result, case.result.as_dict()
-    own = right.tight[case.number]
+    own = reference_data.tight[case.number]
     assert own is not None
     ended = not result.failure
-    errors = right.errors(outputs) if ended else {}
+    errors = reference_data.errors(outputs) if ended else {}
     worst = max(errors, key=lambda name: errors[name], default="")
-    resolved = own is not right.motion
+    resolved = own is not reference_data.motion
     gap = case.scene.model.branch_gap(outputs)
     energy_error = float(np.abs(outputs["energy_error"]).max())
     return Row(
         solver=case.scene.settings.solver,
         rtol=case.scene.settings.tolerance,
         resolution=dict(case.resolution),
-        cpu_s=spent.median,
-        spread=spent.spread,
-        runs=len(spent.times),
+        cpu_s=cpu_times.median,
+        spread=cpu_times.spread,
+        runs=len(cpu_times.times),
         steps=result.statistics.steps or None,
         rhs_evals=result.statistics.rhs_evals,
         error=errors[worst] if ended else None,
         worst=worst,
-        time_error=max(right.errors(outputs, own).values()) if ended else None,
-        space_error=max(right.errors(own.values).values()) if resolved else None,
-        errors={name: error * right.motion.scale[name] for name, error in errors.items()},
+        time_error=max(reference_data.errors(outputs, own).values()) if ended else None,
+        space_error=max(reference_data.errors(own.values).values()) if resolved else None,
+        errors={name: error * reference_data.motion.scale[name] for name, error in errors.items()},
         energy_error=energy_error if np.isfinite(energy_error) else None,
         position_residual=largest(outputs, "position_residual"),
         velocity_residual=largest(outputs, "velocity_residual"),
@@ -395,7 +400,7 @@ def largest(outputs: dict[str, NDArray[np.float64]], name: str) -> float:
     return float(outputs[name].max()) if name in outputs else 0.0
 
 
-def outcome(row: Row) -> str:
+def describe_outcome(row: Row) -> str:
     """Say in a few words how a run ended."""
     jump = "wrong branch" if row.branch_jump else ""
     lost = "inaccurate" if row.warning else ""

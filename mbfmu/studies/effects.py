@@ -21,21 +21,21 @@ from mbfmu.modeling.settings import Settings
 from mbfmu.session.result import Result
 from mbfmu.session.run import communication_points, run
 from mbfmu.steady.equilibrium import equilibrium
-from mbfmu.studies.reference import scales, still
-from mbfmu.studies.timing import Budget, Spent, cpu_time, in_turn
+from mbfmu.studies.reference import constant_outputs, scales
+from mbfmu.studies.timing import Budget, CpuTimes, cpu_time, time_interleaved
 from mbfmu.util.errors import EquilibriumError, UserError
 from mbfmu.util.text_table import format_table
 from solvers.compiled.kernel import kernel
 from solvers.system import Equations
 
-EVALUATIONS = 200
-REPEATS = 7
-ROUNDS = 3
-BUDGET = 60.0  # s; for the timed runs after the first round
-SMALL = 1e-3  # of the largest range in a unit: what moves less is compared with that
-LEAST = 1e-3  # of the range of an output: a change that counts
-TIGHTER = 0.1  # of the tolerance
-TIGHTEST = 1e-12
+TIMED_EVALUATIONS = 200
+EVALUATION_REPEATS = 7
+EFFECT_ROUNDS = 3
+EFFECTS_BUDGET = 60.0  # s; for the timed runs after the first round
+MIN_RANGE_RATIO = 1e-3  # of the largest range in a unit: what moves less is compared with that
+MIN_CHANGE = 1e-3  # of the range of an output: a change that counts
+EFFECT_TOLERANCE_FACTOR = 0.1  # of the tolerance
+MIN_EFFECT_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,8 +68,8 @@ class Entry:
 
     case: str
     values: str
-    evaluation: Spent
-    run: Spent
+    evaluation: CpuTimes
+    run: CpuTimes
     frequency: float | None
     stability: str
     result: Result
@@ -101,19 +101,19 @@ def cases(model: Model) -> list[Case]:
         active = any(getattr(model, name) != 0 for name in on)
         off = {name: type(getattr(model, name))(0) for name in on}
         other = model.with_values(off if active else on)
-        on_now += [in_words(model, on)] if active else []
-        name, values = f"{'without' if active else 'with'} {effect}", in_words(other, on)
+        on_now += [parameters_text(model, on)] if active else []
+        name, values = f"{'without' if active else 'with'} {effect}", parameters_text(other, on)
         found.append(Case(name=name, effect=effect, was_on=active, values=values, model=other))
     as_is = Case(name="as defined", effect="", was_on=True, values=", ".join(on_now) or "all off", model=model)
     return [as_is, *found]
 
 
-def in_words(model: Model, names: Mapping[str, Any]) -> str:
+def parameters_text(model: Model, names: Mapping[str, Any]) -> str:
     """Return parameters of a model with their values and units."""
     units = {p.name: "" if p.unit == "1" else f" {p.unit}" for p in model.parameters()}
     values = {name: getattr(model, name) for name in names}
-    told = {name: str(value).lower() if isinstance(value, bool) else f"{value:g}" for name, value in values.items()}
-    return ", ".join(f"{name} = {value}{units[name]}" for name, value in told.items())
+    texts = {name: str(value).lower() if isinstance(value, bool) else f"{value:g}" for name, value in values.items()}
+    return ", ".join(f"{name} = {value}{units[name]}" for name, value in texts.items())
 
 
 def costs(
@@ -122,7 +122,7 @@ def costs(
     end: float,
     start: Mapping[str, float] | None = None,
     progress: Callable[[str], None] | None = None,
-    judged: Sequence[str] = (),
+    relevant: Sequence[str] = (),
 ) -> list[Entry]:
     """Return an entry for the model as it is and one for each of its effects turned over.
 
@@ -134,7 +134,7 @@ def costs(
         Coordinates by name that the steady states are looked for from, instead of the model's own.
     progress
         Called with every case that is done, and every timed run.
-    judged
+    relevant
         Outputs by which the benefit of an effect is evaluated; by default all.
 
     Raises
@@ -146,21 +146,25 @@ def costs(
         raise UserError(
             f"model {model.name!r} has no optional effects; a model declares them in its class attribute effects"
         )
-    told = progress or (lambda _: None)
+    report = progress or (lambda _: None)
     times = communication_points(end, min(model.output_interval, end))
     found = cases(model)
     steady = [oscillation(case.model, start or {}) for case in found]
     results = []
     for case in found:
         results.append(run(case.model, settings, times))
-        told(case.name)
+        report(case.name)
     plants = [case.model.plant() for case in found]
-    tighter = run(model, replace(settings, tolerance=max(TIGHTEST, TIGHTER * settings.tolerance)), times)
+    tighter = run(
+        model,
+        replace(settings, tolerance=max(MIN_EFFECT_TOLERANCE, EFFECT_TOLERANCE_FACTOR * settings.tolerance)),
+        times,
+    )
     others = zip([tighter, *results[1:]], plants, strict=True)
     differences = [changes(results[0], other, plants[0], own) for other, own in others]
-    single = in_turn([evaluations(plant) for plant in plants], REPEATS)
+    single = time_interleaved([evaluations(plant) for plant in plants], EVALUATION_REPEATS)
     scenes = [replace(default_scene(case.model), settings=settings, stop_time=end) for case in found]
-    whole = timed(scenes, [result.wall_time for result in results], told)
+    whole = timed(scenes, [result.wall_time for result in results], report)
     noise = {name: change for name, (change, _) in differences[0].items()}
     entries = []
     for case, result, own, evaluation, spent, (frequency, stability) in zip(
@@ -177,17 +181,17 @@ def costs(
                 result=result,
                 changes={name: change for name, (change, _) in own.items()},
                 scale={name: scale for name, (_, scale) in own.items()},
-                advice=advice(case, result, {name: change for name, (change, _) in own.items()}, noise, judged),
+                advice=advice(case, result, {name: change for name, (change, _) in own.items()}, noise, relevant),
             )
         )
     return entries
 
 
-def timed(scenes: Sequence[Scene], expected: Sequence[float], told: Callable[[str], None]) -> list[Spent]:
+def timed(scenes: Sequence[Scene], expected: Sequence[float], report: Callable[[str], None]) -> list[CpuTimes]:
     """Return the CPU times of the runs of scenes, in turn."""
-    account = Budget(BUDGET)
+    account = Budget(EFFECTS_BUDGET)
     runs = [partial(account.time, scene) for scene in scenes]
-    return in_turn(runs, ROUNDS, expected=expected, left=lambda: account.left, progress=told)
+    return time_interleaved(runs, EFFECT_ROUNDS, expected=expected, left=lambda: account.left, progress=report)
 
 
 def changes(before: Result, after: Result, plant: Plant, other: Plant) -> dict[str, tuple[float, float]]:
@@ -198,23 +202,23 @@ def changes(before: Result, after: Result, plant: Plant, other: Plant) -> dict[s
     if before.failure or after.failure:
         return {}
     first, second = scales(before), scales(after)
-    moved, moves = set(first) - still(before, plant), set(second) - still(after, other)
+    moved, moves = set(first) - constant_outputs(before, plant), set(second) - constant_outputs(after, other)
     names = [name for name in first if name in second and (name in moved or name in moves)]
     largest = {unit: max(first[n] for n in names if before.unit(n) == unit) for unit in map(before.unit, names)}
-    ranges = {name: max(first[name], second[name], SMALL * largest[before.unit(name)]) for name in names}
+    ranges = {name: max(first[name], second[name], MIN_RANGE_RATIO * largest[before.unit(name)]) for name in names}
     return {name: (float(np.abs(after[name] - before[name]).max()) / ranges[name], ranges[name]) for name in names}
 
 
 def advice(
-    case: Case, result: Result, found: Mapping[str, float], noise: Mapping[str, float], judged: Sequence[str]
+    case: Case, result: Result, found: Mapping[str, float], noise: Mapping[str, float], relevant: Sequence[str]
 ) -> str:
     """Return the recommendation for an effect: keep it, switch it on or off, or leave it off."""
     if not case.effect:
         return ""
     if not found:
         return f"{case.effect}: {case.name} the run ends early: {result.failure.partition('. ')[0]}"
-    seen = {name: change for name, change in found.items() if name in (judged or found)}
-    large = {name: change for name, change in seen.items() if change > LEAST}
+    seen = {name: change for name, change in found.items() if name in (relevant or found)}
+    large = {name: change for name, change in seen.items() if change > MIN_CHANGE}
     clear = {name: change for name, change in large.items() if change > 2.0 * noise.get(name, 0.0)}
     if clear:
         name = max(clear, key=lambda name: clear[name])
@@ -227,7 +231,7 @@ def advice(
             f"range of {name}: use a smaller tolerance to decide"
         )
     what = "switch it off" if case.was_on else "leave it off"
-    return f"{case.effect} changes no output by more than {100.0 * LEAST:g} %: {what}"
+    return f"{case.effect} changes no output by more than {100.0 * MIN_CHANGE:g} %: {what}"
 
 
 def oscillation(model: Model, start: Mapping[str, float]) -> tuple[float | None, str]:
@@ -243,7 +247,7 @@ def oscillation(model: Model, start: Mapping[str, float]) -> tuple[float | None,
 def time_of_evaluation(plant: Plant) -> float:
     """Return the CPU time of one evaluation in a compiled loop, s, in a random state near the start."""
     call = evaluations(plant)
-    return min(call() for _ in range(REPEATS))  # what disturbs it only adds
+    return min(call() for _ in range(EVALUATION_REPEATS))  # what disturbs it only adds
 
 
 def evaluations(plant: Plant) -> Callable[[], float]:
@@ -258,12 +262,12 @@ def evaluations(plant: Plant) -> Callable[[], float]:
     system.apply(q, 0.01 * random.normal(size=system.n) * system.size)
     if system.has_matrices:
         equations = Equations.of(system, system.allocate_terms())
-        loop = partial(_dynamics, equations, q, v, EVALUATIONS)
+        loop = partial(_dynamics, equations, q, v, TIMED_EVALUATIONS)
     else:
         a, lam, qdot, tau = (np.zeros(size) for size in (system.n, system.m, system.nq, system.n))
-        loop = partial(_inverses, system.inverse, q, v, a, lam, system.pinned_data, qdot, tau, EVALUATIONS)
+        loop = partial(_inverses, system.inverse, q, v, a, lam, system.pinned_data, qdot, tau, TIMED_EVALUATIONS)
     loop()  # compiled now
-    return lambda: cpu_time(loop) / EVALUATIONS
+    return lambda: cpu_time(loop) / TIMED_EVALUATIONS
 
 
 @kernel
@@ -288,21 +292,21 @@ def as_text(entries: Sequence[Entry], shown: Sequence[str]) -> str:
             f"{1e6 * e.evaluation.median:.3g}{more(e.evaluation, bare.evaluation)}",
             f"{e.run.median:.3g}{more(e.run, bare.run)}",
             "unstable" if e.stability == "unstable" else "-" if e.frequency is None else f"{e.frequency:.5g}",
-            *(change_in_words(e, name) for name in shown),
+            *(change_text(e, name) for name in shown),
         )
         for e in entries
     ]
     units = {v.name: v.unit for e in entries for v in e.result.variables}
     heads = [f"{name} (range {bare.scale[name]:.3g} {units[name]})" if name in bare.scale else name for name in shown]
     header = ("case", "parameters", "evaluation [us]", "CPU time of the run [s]", "first mode [Hz]", *heads)
-    told = (
+    explanation = (
         "changes: largest difference from the first line over the whole run, relative to the range of the output; in "
         "the first line the integration error"
     )
-    return "\n".join([format_table(header, rows), "", told, *(e.advice for e in entries if e.advice)])
+    return "\n".join([format_table(header, rows), "", explanation, *(e.advice for e in entries if e.advice)])
 
 
-def more(own: Spent, bare: Spent) -> str:
+def more(own: CpuTimes, bare: CpuTimes) -> str:
     """Return by how much a time differs from that of the model as it is, with the spread of both."""
     if own is bare:
         return f" (+-{50.0 * own.spread:.0f} %)"
@@ -310,6 +314,6 @@ def more(own: Spent, bare: Spent) -> str:
     return f" ({100.0 * (own.median / bare.median - 1.0):+.0f} +-{spread:.0f} %)"
 
 
-def change_in_words(entry: Entry, name: str) -> str:
+def change_text(entry: Entry, name: str) -> str:
     """Return what an effect changes of an output."""
     return f"{100.0 * entry.changes[name]:.2g} %" if name in entry.changes else "-"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from mbfmu.mechanics import Variable
 
-SHOWN = 3  # inputs that are named
+MAX_NAMED_INPUTS = 3  # inputs that are named
 
 
 def describe_held_inputs(inputs: Sequence[Variable]) -> str:
@@ -19,8 +19,10 @@ def describe_held_inputs(inputs: Sequence[Variable]) -> str:
     """
     if not inputs:
         return ""
-    values = [f"{v.name!r} ({v.start or 0.0:g}{f' {v.unit}' if v.unit != '1' else ''})" for v in inputs[:SHOWN]]
-    more = f" and {len(inputs) - SHOWN} more" if len(inputs) > SHOWN else ""
+    values = [
+        f"{v.name!r} ({v.start or 0.0:g}{f' {v.unit}' if v.unit != '1' else ''})" for v in inputs[:MAX_NAMED_INPUTS]
+    ]
+    more = f" and {len(inputs) - MAX_NAMED_INPUTS} more" if len(inputs) > MAX_NAMED_INPUTS else ""
     return (
         f"other values of {'inputs' if inputs[1:] else 'input'} {', '.join(values)}{more}, which kept this value; to "
         "examine a varying input, replace it in the model by a signal"

@@ -21,11 +21,12 @@ from solvers.options import Options
 from solvers.steppers import stepper
 from solvers.steppers.dense import DenseStepper
 
-CLOSE = 0.3  # ratio between samples from which on its minimum is looked for
-MOST = 20  # minima that are looked for
-NOISE = 1e-4  # part of a ratio by which another one must be less
-EXACT = 1e-7  # of the time between samples, to which a minimum is looked for
-SAME, ZERO = 3.0, 1e-5  # times the smallest ratio another one is as near, and below this they are all nothing
+REFINED_RATIO_LIMIT = 0.3  # ratio between samples from which on its minimum is looked for
+MAX_REFINED_MINIMA = 20  # minima that are looked for
+RATIO_NOISE = 1e-4  # part of a ratio by which another one must be less
+MINIMUM_TIME_TOLERANCE = 1e-7  # of the time between samples, to which a minimum is looked for
+# times the smallest ratio another one is as near, and below this they are all nothing
+EQUAL_RATIO_FACTOR, ZERO_RATIO = 3.0, 1e-5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +55,7 @@ class Nearest:
     passes: int
 
 
-class Watch:
+class SingularityMonitor:
     """Measures the distance of singular configurations along a run.
 
     Parameters
@@ -72,12 +73,12 @@ class Watch:
         start = simulation.t, simulation.stepper.q, simulation.stepper.v
         rtol = max(Options().rtol, simulation.settings.tolerance)  # accepts what the run accepts
         coarse = Options(rtol=rtol, duration=simulation.stepper.options.duration)
-        self._judge = stepper("adams", plant.system, *start, coarse) if plant.system.has_matrices else None
+        self._stepper = stepper("adams", plant.system, *start, coarse) if plant.system.has_matrices else None
         self._times: list[float] = []
         self._ratios: list[float] = []
         self._states: list[bytes] = []
 
-    def look(self, simulation: Simulation) -> None:
+    def record(self, simulation: Simulation) -> None:
         """Note how near it is where the run stands."""
         if self._times and not simulation.t > self._times[-1]:
             return
@@ -93,24 +94,24 @@ class Watch:
         if not self._times:
             return None
         ratios = np.array([inf, *self._ratios, inf])
-        less = (1.0 - NOISE) * np.minimum(ratios[:-2], ratios[2:])
+        less = (1.0 - RATIO_NOISE) * np.minimum(ratios[:-2], ratios[2:])
         least = np.flatnonzero((ratios[1:-1] < less) | (ratios[1:-1] == ratios.min()))
-        least = least[np.argsort(ratios[1 + least], kind="stable")][:MOST]
+        least = least[np.argsort(ratios[1 + least], kind="stable")][:MAX_REFINED_MINIMA]
         found = [self._refined(simulation, int(k)) for k in least]
         smallest = min(ratio for _, ratio in found)
-        level = max(SAME * smallest, ZERO)
+        level = max(EQUAL_RATIO_FACTOR * smallest, ZERO_RATIO)
         t, ratio = min((f for f in found if f[1] <= level), key=lambda f: f[0])
-        self._go(simulation, int(np.searchsorted(self._times, t, side="right")) - 1, t)
+        self._go_to(simulation, int(np.searchsorted(self._times, t, side="right")) - 1, t)
         q = simulation.stepper.q
         return Nearest(
             t=t,
             ratio=ratio,
             loops=loops_of(self._plant, distance(self._plant, t, q, self._rank)[1]),
-            gap=self._judge.bifurcation_gap(t, q) if isinstance(self._judge, DenseStepper) else nan,
+            gap=self._stepper.bifurcation_gap(t, q) if isinstance(self._stepper, DenseStepper) else nan,
             passes=sum(ratio <= NEAR_SINGULAR_RATIO for _, ratio in found),
         )
 
-    def _go(self, simulation: Simulation, k: int, t: float) -> bool:
+    def _go_to(self, simulation: Simulation, k: int, t: float) -> bool:
         """Take the run from sample k to t."""
         simulation.restore(self._states[k])
         return t <= simulation.t or simulation.advance(t).ok
@@ -118,13 +119,13 @@ class Watch:
     def _refined(self, simulation: Simulation, k: int) -> tuple[float, float]:
         """Return time and ratio of the minimum next to sample k."""
         times, here = self._times, (self._times[k], self._ratios[k])
-        if here[1] > CLOSE or len(times) == 1:
+        if here[1] > REFINED_RATIO_LIMIT or len(times) == 1:
             return here
         first, last = max(k - 1, 0), min(k + 1, len(times) - 1)
 
         def ratio(t: float) -> float:
-            return self._ratio(simulation) if self._go(simulation, first, float(t)) else inf
+            return self._ratio(simulation) if self._go_to(simulation, first, float(t)) else inf
 
-        between, exact = (times[first], times[last]), EXACT * (times[last] - times[first])
+        between, exact = (times[first], times[last]), MINIMUM_TIME_TOLERANCE * (times[last] - times[first])
         best = minimize_scalar(ratio, bounds=between, method="bounded", options={"xatol": exact})
-        return (float(best.x), float(best.fun)) if best.fun < (1.0 - NOISE) * here[1] else here
+        return (float(best.x), float(best.fun)) if best.fun < (1.0 - RATIO_NOISE) * here[1] else here

@@ -15,33 +15,44 @@ from mbfmu.mechanics import Mechanism
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.scene import Scene
 from mbfmu.session.run import communication_points
-from mbfmu.studies.compare import BUDGET, SHARE, Case, Progress, Row, asked, in_full, judge, of_subject
-from mbfmu.studies.comparison_report import in_sentence, label, listed
+from mbfmu.studies.compare import (
+    COMPARISON_BUDGET,
+    MAX_RUN_SHARE,
+    Case,
+    Progress,
+    Row,
+    as_scene,
+    describe_run,
+    evaluate_run,
+    plan_runs,
+)
+from mbfmu.studies.comparison_report import describe_reference, label, listed
 from mbfmu.studies.held_inputs import describe_held_inputs
 from mbfmu.studies.reference import Reference, reference
-from mbfmu.studies.resolution import Resolution, in_words
-from mbfmu.studies.timing import Budget, Spent, TooLong, in_turn
+from mbfmu.studies.resolution import Resolution, resolution_text
+from mbfmu.studies.timing import Budget, BudgetExceeded, CpuTimes, time_interleaved
 from mbfmu.util.errors import MAX_VALUE_LENGTH, UserError, short
 from mbfmu.util.text_table import format_tolerance
 from mbfmu.util.units import read_unit
 
 Array = NDArray[np.float64]
 
-UNIT_FINEST = 1e-4  # tolerance that tight runs of large trees go by where the target is absolute
-TIGHTEST, LOOSEST = 1e-12, 1e-2
-SAFETY = 0.5  # of the target: what the next tolerance aims at, as if errors were proportional to it
-STEP = 0.3  # of a tolerance: the next one is no more than that
-LEAP = 1e-3  # of a tolerance: nor less
-LEEWAY = 0.25  # of the target: runs with a smaller error may use a larger tolerance
-ENOUGH = 0.7  # of the last error: what improves by less is stuck
-FAILED = 30.0  # times the target: what a run that is not to be trusted counts for
-TRIES = 10  # of a solver at a resolution
-MARGIN = 1.5  # times the cheapest: what has taken more is not followed
-QUICK = 1.0  # s; what takes less is not cut short, and run once more for its time
-FINALISTS = 3
-ROUNDS = 5
-SEARCHING = 0.6  # of the whole: share of the search, without the reference
-CLEAR = 0.5  # of the target: largest uncertainty of the reference, which is subtracted from the target
+ABSOLUTE_TARGET_TOLERANCE = 1e-4  # tolerance that tight runs of large trees go by where the target is absolute
+MIN_TRIED_TOLERANCE, MAX_TRIED_TOLERANCE = 1e-12, 1e-2
+TARGET_SAFETY = 0.5  # of the target: what the next tolerance aims at, as if errors were proportional to it
+MAX_TOLERANCE_RATIO = 0.3  # of a tolerance: the next one is no more than that
+MIN_TOLERANCE_RATIO = 1e-3  # of a tolerance: nor less
+LOOSENING_RATIO = 0.25  # of the target: runs with a smaller error may use a larger tolerance
+STAGNATION_RATIO = 0.7  # of the last error: what improves by less is stuck
+FAILED_RUN_RATIO = 30.0  # times the target: what a run that is not to be trusted counts for
+MAX_TRIES = 10  # of a solver at a resolution
+COST_MARGIN = 1.5  # times the cheapest: what has taken more is not followed
+MIN_LIMITED_TIME = 1.0  # s; what takes less is not cut short, and run once more for its time
+MAX_FINALISTS = 3
+FINAL_ROUNDS = 5
+SEARCH_SHARE = 0.6  # of the whole: share of the search, without the reference
+# of the target: largest uncertainty of the reference, which is subtracted from the target
+MAX_REFERENCE_UNCERTAINTY = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +141,7 @@ def recommend_solver(
     tolerances: Sequence[float] | None = None,
     resolutions: Sequence[Resolution] | None = None,
     outputs: Sequence[str] = (),
-    budget: float = BUDGET,
+    budget: float = COMPARISON_BUDGET,
     progress: Progress | None = None,
 ) -> Recommendation:
     """Return the cheapest solver, tolerance and resolution whose error is within a target, of those that were tried.
@@ -167,23 +178,23 @@ def recommend_solver(
         The target is invalid, does not suit the outputs, is smaller than the uncertainty of the reference, or is not
         reached.
     """
-    wanted, scene = read_target(target), of_subject(subject)
-    steps, chosen, refused = asked(scene, solvers, tolerances, resolutions)
-    account, told = Budget(budget), progress or (lambda _what, _share: None)
+    wanted_target, scene = read_target(target), as_scene(subject)
+    steps, chosen, refused = plan_runs(scene, solvers, tolerances, resolutions)
+    account, report = Budget(budget), progress or (lambda _what, _share: None)
     times = communication_points(scene.stop_time, scene.output_interval)
-    finest = UNIT_FINEST if wanted.unit else max(TIGHTEST, 0.1 * wanted.value)
+    finest = ABSOLUTE_TARGET_TOLERANCE if wanted_target.unit else max(MIN_TRIED_TOLERANCE, 0.1 * wanted_target.value)
     every = reference(
-        scene, steps, times, finest, account, outputs, lambda what: told(what, (1.0 - SEARCHING) / len(steps))
+        scene, steps, times, finest, account, outputs, lambda what: report(what, (1.0 - SEARCH_SHARE) / len(steps))
     )
-    right = narrowed(every, wanted, outputs)
-    search = Search(scene, right, wanted, times, account, refused)
+    reference_data = narrow_reference(every, wanted_target, outputs)
+    search = SettingsSearch(scene, reference_data, wanted_target, times, account, refused)
     for k, settings in chosen.items():
         search.add(k, steps[k], list(dict.fromkeys(solver for solver, _ in settings)), tolerances)
-    search.run(told)
+    search.run(report)
     return search.choice()
 
 
-def narrowed(right: Reference, wanted: Target, asked_for: Sequence[str]) -> Reference:
+def narrow_reference(reference_data: Reference, target: Target, outputs: Sequence[str]) -> Reference:
     """Return a reference of the outputs alone that are held to a target.
 
     Raises
@@ -191,28 +202,28 @@ def narrowed(right: Reference, wanted: Target, asked_for: Sequence[str]) -> Refe
     UserError
         The target does not suit them, or is finer than they are known.
     """
-    suited = {name: unit for name, unit in right.units.items() if wanted.suits(unit)}
-    if not suited or (asked_for and len(suited) < len(right.units)):
-        others = [f"{name} [{unit}]" for name, unit in right.units.items() if name not in suited]
-        raise UserError(f"target {wanted} does not suit {listed(others)}; allowed: a unit of theirs, or none")
-    known_to = {name: right.motion.doubt[name] / right.motion.scale[name] for name in suited}
-    limits = {name: wanted.of_range(unit, right.motion.scale[name]) for name, unit in suited.items()}
-    clear = {name: unit for name, unit in suited.items() if known_to[name] <= CLEAR * limits[name]}
-    if not clear or (asked_for and len(clear) < len(suited)):
-        worst = max if asked_for else min  # all of them, or any
+    suited = {name: unit for name, unit in reference_data.units.items() if target.suits(unit)}
+    if not suited or (outputs and len(suited) < len(reference_data.units)):
+        others = [f"{name} [{unit}]" for name, unit in reference_data.units.items() if name not in suited]
+        raise UserError(f"target {target} does not suit {listed(others)}; allowed: a unit of theirs, or none")
+    known_to = {name: reference_data.motion.doubt[name] / reference_data.motion.scale[name] for name in suited}
+    limits = {name: target.of_range(unit, reference_data.motion.scale[name]) for name, unit in suited.items()}
+    clear = {name: unit for name, unit in suited.items() if known_to[name] <= MAX_REFERENCE_UNCERTAINTY * limits[name]}
+    if not clear or (outputs and len(clear) < len(suited)):
+        worst = max if outputs else min  # all of them, or any
         doubt, name = worst((known_to[name] / limits[name], name) for name in suited if name not in clear)
-        least = replace(wanted, value=doubt * wanted.value / CLEAR)
+        least = replace(target, value=doubt * target.value / MAX_REFERENCE_UNCERTAINTY)
         raise UserError(
-            f"target {wanted} is smaller than the uncertainty of the reference: {name} is known to "
+            f"target {target} is smaller than the uncertainty of the reference: {name} is known to "
             f"{known_to[name]:.1g} of its "
             f"range; allowed: from {least} on, or finer resolutions, or a larger budget"
         )
     unclear = {n: f"uncertainty {known_to[n]:.0e} of its range" for n in suited if n not in clear}
-    return replace(right, units=clear, unjudged=right.unjudged | unclear)
+    return replace(reference_data, units=clear, not_evaluated=reference_data.not_evaluated | unclear)
 
 
 @dataclass
-class Track:
+class Candidate:
     """One solver at one resolution on its way to a target; ``given`` are the tolerances to try, loose ones first."""
 
     number: int
@@ -229,106 +240,118 @@ class Track:
     def next(self, ratio: float) -> bool:
         """Set the next tolerance after a run with this error over the target; False: there is none to try."""
         self.tries += 1
-        stuck = not self.loosening and self.tries > 2 and ratio > ENOUGH * self.ratio
+        stuck = not self.loosening and self.tries > 2 and ratio > STAGNATION_RATIO * self.ratio
         within = ratio <= 1.0
         if self.given is not None:
             self.tolerance = self.given.pop(0) if self.given else 0.0
         elif within and self.too_loose:  # between the two, if that is worth a run, and no more
-            between = one_digit((self.tolerance * self.too_loose) ** 0.5)
-            self.loosening = ratio < LEEWAY and not self.loosening
+            between = round_to_digit((self.tolerance * self.too_loose) ** 0.5)
+            self.loosening = ratio < LOOSENING_RATIO and not self.loosening
             self.tolerance = between
         elif within:
-            self.loosening, self.tolerance = True, one_digit(self.tolerance / STEP)
+            self.loosening, self.tolerance = True, round_to_digit(self.tolerance / MAX_TOLERANCE_RATIO)
         else:
             self.too_loose = self.tolerance
-            self.tolerance = one_digit(self.tolerance * max(LEAP, min(STEP, SAFETY / ratio)))
+            self.tolerance = round_to_digit(
+                self.tolerance * max(MIN_TOLERANCE_RATIO, min(MAX_TOLERANCE_RATIO, TARGET_SAFETY / ratio))
+            )
         self.ratio = ratio
-        if within != self.loosening or stuck or self.tries == TRIES:
+        if within != self.loosening or stuck or self.tries == MAX_TRIES:
             return False
-        return TIGHTEST <= self.tolerance <= LOOSEST
+        return MIN_TRIED_TOLERANCE <= self.tolerance <= MAX_TRIED_TOLERANCE
 
 
-class Search:
+class SettingsSearch:
     """Runs that are looked at, cheap ones first, till nothing can be cheaper than what reaches the target."""
 
     def __init__(
-        self, scene: Scene, right: Reference, wanted: Target, times: Array, budget: Budget, notes: Sequence[str] = ()
+        self,
+        scene: Scene,
+        reference_data: Reference,
+        target: Target,
+        times: Array,
+        budget: Budget,
+        notes: Sequence[str] = (),
     ) -> None:
-        self.scene, self.right, self.wanted, self.times, self.budget = scene, right, wanted, times, budget
-        scale, doubt = right.motion.scale, right.motion.doubt  # what is not known may add to an error
+        self.scene, self.reference, self.target, self.times, self.budget = scene, reference_data, target, times, budget
+        scale, doubt = reference_data.motion.scale, reference_data.motion.doubt  # what is not known may add to an error
         self.limits = {
-            name: wanted.of_range(unit, scale[name]) - doubt[name] / scale[name] for name, unit in right.units.items()
+            name: target.of_range(unit, scale[name]) - doubt[name] / scale[name]
+            for name, unit in reference_data.units.items()
         }
         self.rows: list[Row] = []
         self.notes = list(notes)
-        self._tracks: list[Track] = []
+        self._candidates: list[Candidate] = []
         self._within: list[tuple[Case, Row]] = []
 
     def add(self, number: int, resolution: Resolution, solvers: Sequence[str], given: Sequence[float] | None) -> None:
         """Add solvers at a resolution to the search, unless the error of the resolution exceeds the target."""
-        own, words = self.right.tight[number], in_words(resolution) or "the scene"
+        own, words = self.reference.tight[number], resolution_text(resolution) or "the scene"
         if own is None:
             self.notes.append(f"{words}: there is no reference in the time given")
             return
-        ratio = self._ratio(self.right.errors(own.values))
-        if own is not self.right.motion and ratio > 1.0:
+        ratio = self._ratio(self.reference.errors(own.values))
+        if own is not self.reference.motion and ratio > 1.0:
             self.notes.append(f"{words}: at any tolerance {ratio:.2g} times the target")
             return
-        first = one_digit(min(LOOSEST, max(TIGHTEST, *self.limits.values())))
+        first = round_to_digit(min(MAX_TRIED_TOLERANCE, max(MIN_TRIED_TOLERANCE, *self.limits.values())))
         for solver in solvers:
             ordered = sorted(given, reverse=True) if given else None
             begin = ordered.pop(0) if ordered else first
-            self._tracks.append(Track(number, resolution, solver, ordered, begin))
+            self._candidates.append(Candidate(number, resolution, solver, ordered, begin))
 
     def run(self, progress: Progress) -> None:
         """Follow what can be the cheapest; runs that did well before are likely to."""
-        cheapest, told = inf, 0
-        waiting = list(self._tracks)
+        cheapest, reported = inf, 0
+        waiting = list(self._candidates)
         while waiting:
-            track = min(waiting, key=lambda t: (t.taken, t.number))
-            waiting.remove(track)
-            if track.taken > MARGIN * cheapest and not track.loosening:
+            candidate = min(waiting, key=lambda t: (t.taken, t.number))
+            waiting.remove(candidate)
+            if candidate.taken > COST_MARGIN * cheapest and not candidate.loosening:
                 continue
-            found = self._try(track, min(SHARE * self.budget.seconds, MARGIN * max(cheapest, QUICK)))
-            what = f"{track.solver} {format_tolerance(track.tolerance)} {in_words(track.resolution)}".strip()
+            found = self._try(
+                candidate, min(MAX_RUN_SHARE * self.budget.seconds, COST_MARGIN * max(cheapest, MIN_LIMITED_TIME))
+            )
+            resolution = resolution_text(candidate.resolution)
+            what = f"{candidate.solver} {format_tolerance(candidate.tolerance)} {resolution}".strip()
             if found is not None:
                 case, row = found
-                ratio = self._ratio(self._errors(row)) if row.trusted else FAILED
+                ratio = self._ratio(self._errors(row)) if row.trusted else FAILED_RUN_RATIO
                 if ratio <= 1.0:
                     self._within.append(found)
                     cheapest = min(cheapest, case.taken)
-                track.taken = case.taken
-                if track.next(ratio):
-                    waiting.append(track)
-            done = len(self._tracks) - len(waiting)
-            progress(what, SEARCHING * (done - told) / len(self._tracks))
-            told = done
+                candidate.taken = case.taken
+                if candidate.next(ratio):
+                    waiting.append(candidate)
+            done = len(self._candidates) - len(waiting)
+            progress(what, SEARCH_SHARE * (done - reported) / len(self._candidates))
+            reported = done
 
-    def _try(self, track: Track, most: float) -> tuple[Case, Row] | None:
+    def _try(self, candidate: Candidate, most: float) -> tuple[Case, Row] | None:
         """Run a track's next tolerance; None: it cannot, or takes longer than what is there already."""
-        model = self.scene.model.with_values(track.resolution)
-        own = self.scene.changed(model=model, solver=track.solver, tolerance=track.tolerance)
+        model = self.scene.model.with_values(candidate.resolution)
+        own = self.scene.changed(model=model, solver=candidate.solver, tolerance=candidate.tolerance)
         try:
             result, taken = self.budget.run(model, own.settings, self.times, most)
-        except TooLong:
+        except BudgetExceeded:
             why = (
                 f"took more than {most:.3g} s"
                 if self.budget.left
                 else f"the budget of {self.budget.seconds:g} s is used"
             )
-            self.notes.append(f"{in_full(own, track.resolution)}: {why}")
+            self.notes.append(f"{describe_run(own, candidate.resolution)}: {why}")
             return None
         except UserError as error:
-            self.notes.append(f"{in_full(own, track.resolution)}: {error}")
+            self.notes.append(f"{describe_run(own, candidate.resolution)}: {error}")
             return None
-        if taken < QUICK:  # most of it may have gone to the outputs
+        if taken < MIN_LIMITED_TIME:  # most of it may have gone to the outputs
             taken = self.budget.time(own)
-        case = Case(scene=own, number=track.number, resolution=track.resolution, result=result, taken=taken)
-        self.rows.append(judge(case, Spent((taken,)), self.right))
+        case = Case(scene=own, number=candidate.number, resolution=candidate.resolution, result=result, taken=taken)
+        self.rows.append(evaluate_run(case, CpuTimes((taken,)), self.reference))
         return case, self.rows[-1]
 
     def _errors(self, row: Row) -> dict[str, float]:
-        return {name: row.errors[name] / self.right.motion.scale[name] for name in self.right.units}
+        return {name: row.errors[name] / self.reference.motion.scale[name] for name in self.reference.units}
 
     def _ratio(self, errors: dict[str, float]) -> float:
         """Return the largest error over what is allowed of it."""
@@ -337,31 +360,31 @@ class Search:
     def choice(self) -> Recommendation:
         """Return the cheapest settings within the target, by interleaved timing."""
         if not self._within:
-            raise UserError(self._nothing())
-        last = sorted(self._within, key=lambda found: found[0].taken)[:FINALISTS]
-        spent = in_turn(
+            raise UserError(self._describe_no_choice())
+        last = sorted(self._within, key=lambda found: found[0].taken)[:MAX_FINALISTS]
+        spent = time_interleaved(
             [partial(self.budget.time, case.scene) for case, _ in last],
-            ROUNDS,
+            FINAL_ROUNDS,
             expected=[case.taken for case, _ in last],
             left=lambda: self.budget.left,
         )
-        rows = [judge(case, own, self.right) for (case, _), own in zip(last, spent, strict=True)]
+        rows = [evaluate_run(case, own, self.reference) for (case, _), own in zip(last, spent, strict=True)]
         k = min(range(len(rows)), key=lambda i: rows[i].cpu_s)
-        notes = [in_sentence(self.right), *self.notes]
+        notes = [describe_reference(self.reference), *self.notes]
         row, scene = rows[k], last[k][0].scene
         return Recommendation(
-            row=row, scene=scene, sentence=self._say(row), rows=self.rows, notes=notes,
+            row=row, scene=scene, sentence=self._describe_choice(row), rows=self.rows, notes=notes,
             held_inputs=describe_held_inputs(scene.model.plant().inputs.variables),
         )  # fmt: skip
 
-    def _say(self, row: Row) -> str:
-        resolution = f" with {in_words(row.resolution)}" if row.resolution else ""
-        doubt = self.right.motion.doubt[self._worst(row)]
+    def _describe_choice(self, row: Row) -> str:
+        resolution = f" with {resolution_text(row.resolution)}" if row.resolution else ""
+        doubt = self.reference.motion.doubt[self._worst(row)]
         known = f"Uncertainty of the reference {self._amount(self._worst(row), doubt)}" if doubt else "Exact reference"
         return (
             f"recommended: solver {row.solver}, tolerance {format_tolerance(row.rtol)}{resolution} "
-            f"({time_in_words(row.cpu_s)} CPU "
-            f"time). Expected error {self._error(row)}, target {self.wanted}. {known}. {len(self.rows)} runs tried"
+            f"({format_time(row.cpu_s)} CPU "
+            f"time). Expected error {self._error(row)}, target {self.target}. {known}. {len(self.rows)} runs tried"
         )
 
     def _worst(self, row: Row) -> str:
@@ -374,25 +397,25 @@ class Search:
 
     def _amount(self, name: str, error: float) -> str:
         """Return an error (in the unit of its output) in the unit of the target."""
-        if not self.wanted.unit:
-            return f"{error / self.right.motion.scale[name]:.1e} of the range"
-        factor = read_unit(self.right.units[name]).factor / read_unit(self.wanted.unit).factor
-        return f"{error * factor:.2g} {self.wanted.unit}"
+        if not self.target.unit:
+            return f"{error / self.reference.motion.scale[name]:.1e} of the range"
+        factor = read_unit(self.reference.units[name]).factor / read_unit(self.target.unit).factor
+        return f"{error * factor:.2g} {self.target.unit}"
 
-    def _nothing(self) -> str:
+    def _describe_no_choice(self) -> str:
         """Report that no run is within the target, and the error of the nearest one."""
         ended = [row for row in self.rows if row.trusted]
         near = min(ended, key=lambda row: self._ratio(self._errors(row)), default=None)
         nearest = f"The nearest is {near.solver} {label(near)}, error {self._error(near)}. " if near else ""
-        return f"no run reached the target {self.wanted}. {nearest}{'; '.join(self.notes)}".rstrip(";. ")
+        return f"no run reached the target {self.target}. {nearest}{'; '.join(self.notes)}".rstrip(";. ")
 
 
-def one_digit(tolerance: float) -> float:
+def round_to_digit(tolerance: float) -> float:
     """Return a tolerance with one digit, no larger."""
     power_of_ten = floor(log10(tolerance) + 1e-9)
     return float(f"{floor(tolerance / 10.0**power_of_ten + 1e-9)}e{power_of_ten}")
 
 
-def time_in_words(seconds: float) -> str:
+def format_time(seconds: float) -> str:
     """Return a time for people."""
     return f"{seconds:.2g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"

@@ -21,8 +21,8 @@ from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import ENERGY_OUTPUTS
 from mbfmu.plotting.time_series import RESIDUAL_NAME_ENDINGS
 from mbfmu.session.result import Result
-from mbfmu.studies.resolution import Resolution, in_words, limit, moving_places, size
-from mbfmu.studies.timing import Budget, TooLong
+from mbfmu.studies.resolution import Resolution, limit, moving_places, resolution_text, size
+from mbfmu.studies.timing import Budget, BudgetExceeded
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.text_table import format_tolerance
 from solvers.steppers import describe_refusal
@@ -30,22 +30,23 @@ from solvers.steppers import describe_refusal
 Array = NDArray[np.float64]
 Runs = tuple[tuple[str, float], tuple[str, float]]  # solver and tolerance of the reference, and of the second run
 
-KNOWN = 0.01  # of its range: an output with a larger uncertainty is not evaluated,
-SHARP = 100.0  # nor, if others are left, one with an uncertainty above this multiple of the smallest tolerance
-FLAT = 1e-9  # of its size: an output that moves less does not move
-TIGHT: tuple[Runs, ...] = (
+MAX_OUTPUT_UNCERTAINTY = 0.01  # of its range: an output with a larger uncertainty is not evaluated,
+# nor, if others are left, one with an uncertainty above this multiple of the smallest tolerance
+MAX_UNCERTAINTY_FACTOR = 100.0
+CONSTANT_OUTPUT_RATIO = 1e-9  # of its size: an output that moves less does not move
+TIGHT_RUNS: tuple[Runs, ...] = (
     (("adams", 1e-12), ("adams", 1e-11)),
     (("radau", 1e-12), ("radau", 1e-11)),
     (("radau", 1e-10), ("radau", 1e-9)),
     (("ida", 1e-9), ("ida", 1e-8)),
     (("radau", 1e-7), ("radau", 1e-6)),
 )
-EXPLICIT: Runs = (("adams", 1e-9), ("adams", 1e-8))  # of large trees
-TIGHTER = 0.1  # of the finest tolerance: that of the tight runs of large trees, at first
-LOOSEST = 1e-4  # at last
-FINEST = 1e-12
-SHARE = 1.0 / 12.0  # of the budget, for a tight run,
-LAST = 1.0 / 4.0  # and for one of the last pair that there is to try
+TREE_TIGHT_RUNS: Runs = (("adams", 1e-9), ("adams", 1e-8))  # of large trees
+TIGHT_TOLERANCE_FACTOR = 0.1  # of the finest tolerance: that of the tight runs of large trees, at first
+MAX_TIGHT_TOLERANCE = 1e-4  # at last
+MIN_TIGHT_TOLERANCE = 1e-12
+TIGHT_RUN_SHARE = 1.0 / 12.0  # of the budget, for a tight run,
+LAST_PAIR_SHARE = 1.0 / 4.0  # and for one of the last pair that there is to try
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +71,7 @@ class Reference:
         That of the model at each resolution; None: no tight run ended in its time.
     units
         Units of the evaluated outputs, by name.
-    unjudged
+    not_evaluated
         Reasons why outputs are not evaluated, by name.
     orders
         Orders of convergence that were observed, by output.
@@ -79,7 +80,7 @@ class Reference:
     motion: Motion
     tight: list[Motion | None]
     units: dict[str, str]
-    unjudged: dict[str, str]
+    not_evaluated: dict[str, str]
     orders: dict[str, float]
 
     @property
@@ -90,9 +91,9 @@ class Reference:
 
     def errors(self, values: dict[str, Array], other: Motion | None = None) -> dict[str, float]:
         """Return the largest difference of outputs over the run, of their ranges; ``other`` in place of the motion."""
-        right = (other or self.motion).values
+        correct = (other or self.motion).values
         scale = self.motion.scale
-        return {name: float(np.abs(values[name] - right[name]).max()) / scale[name] for name in self.units}
+        return {name: float(np.abs(values[name] - correct[name]).max()) / scale[name] for name in self.units}
 
 
 def scales(result: Result) -> dict[str, float]:
@@ -103,14 +104,14 @@ def scales(result: Result) -> dict[str, float]:
     return {v.name: max(ranges[v.name], exchanged) if v.unit == "J" else ranges[v.name] for v in own}
 
 
-def still(result: Result, plant: Plant) -> set[str]:
+def constant_outputs(result: Result, plant: Plant) -> set[str]:
     """Return the outputs that do not move but for rounding."""
     units = {v.name: v.unit for v in plant.outputs}
     sizes = {name: float(np.abs(result[name]).max()) + plant.nominal(unit) for name, unit in units.items()}
-    return {name for name, scale in scales(result).items() if not scale > FLAT * sizes[name]}
+    return {name for name, scale in scales(result).items() if not scale > CONSTANT_OUTPUT_RATIO * sizes[name]}
 
 
-def driven(plant: Plant) -> set[str]:
+def driven_outputs(plant: Plant) -> set[str]:
     """Return the outputs that nothing free changes at the start."""
     system, random = plant.system, np.random.default_rng(0)
     q, v = plant.assemble()
@@ -130,12 +131,12 @@ def tight_runs(plant: Plant, finest: float) -> tuple[Runs, ...]:
     """Return what to try for the motion of a mechanism, the best first; ``finest`` is its smallest tolerance."""
     system = plant.system
     if system.has_matrices:
-        return tuple(pair for pair in TIGHT if not describe_refusal(pair[0][0], system))
-    tolerance = max(FINEST, TIGHTER * finest)
-    tolerances = [tolerance * 10.0**k for k in range(1 + max(0, round(log10(LOOSEST / tolerance))))]
+        return tuple(pair for pair in TIGHT_RUNS if not describe_refusal(pair[0][0], system))
+    tolerance = max(MIN_TIGHT_TOLERANCE, TIGHT_TOLERANCE_FACTOR * finest)
+    tolerances = [tolerance * 10.0**k for k in range(1 + max(0, round(log10(MAX_TIGHT_TOLERANCE / tolerance))))]
     pairs = (((("esdirk", tol), ("ida", tol)), (("ida", tol), ("ida", 10.0 * tol))) for tol in tolerances)
     implicit = [pair for two in pairs for pair in two]
-    return (*implicit,) if system.m or describe_refusal("adams", system) else (EXPLICIT, *implicit)
+    return (*implicit,) if system.m or describe_refusal("adams", system) else (TREE_TIGHT_RUNS, *implicit)
 
 
 def tight(
@@ -146,12 +147,18 @@ def tight(
     Why a pair cannot is added to ``hopeless``; what is in there is not tried.
     """
     for pair in (pair for pair in runs if pair not in hopeless):
-        share = 0.5 * SHARE if pair is EXPLICIT else LAST if pair == runs[-1] else SHARE
+        share = (
+            0.5 * TIGHT_RUN_SHARE
+            if pair is TREE_TIGHT_RUNS
+            else LAST_PAIR_SHARE
+            if pair == runs[-1]
+            else TIGHT_RUN_SHARE
+        )
         most = share * budget.seconds
         solver, tolerance = pair[0]
         try:
             own, other = (budget.run(scene.model, _tight(scene, *one), times, most)[0] for one in pair)
-        except TooLong:
+        except BudgetExceeded:
             hopeless[pair] = f"{solver} at {format_tolerance(tolerance)} takes more than {min(most, budget.left):.3g} s"
             continue
         wrong = next(filter(None, (own.failure, other.failure, own.verdict, other.verdict)), "")
@@ -177,10 +184,10 @@ def reference(
     times: Array,
     finest: float,
     budget: Budget,
-    asked: Sequence[str] = (),
+    requested: Sequence[str] = (),
     progress: Callable[[str], None] | None = None,
 ) -> Reference:
-    """Return the reference for runs of a scene at these resolutions; ``asked`` are outputs, by default all.
+    """Return the reference for runs of a scene at these resolutions; ``requested`` are outputs, by default all.
 
     Raises
     ------
@@ -188,28 +195,28 @@ def reference(
         No accurate run ends in its time, or no output can be evaluated, or a requested one cannot.
     """
     units = {v.name: v.unit for v in scene.model.with_values(steps[-1]).plant().outputs}
-    for name in asked:
+    for name in requested:
         if name not in units:
             raise UserError(f"model {scene.model.name!r} has no output {name!r}{suggest(name, units)}")
     found: list[Motion | None] = []
-    unjudged: dict[str, str] = {}
+    not_evaluated: dict[str, str] = {}
     hopeless: dict[Runs, str] = {}
     for step in steps:
         own = scene.changed(model=scene.model.with_values(step))
         plant = own.model.plant()
         ran = tight(own, times, tight_runs(plant, finest), budget, hopeless)
         if progress is not None:
-            progress(f"reference {in_words(step)}".strip())
+            progress(f"reference {resolution_text(step)}".strip())
         if ran is None:
             found.append(None)
             continue
         motion, result = ran
-        quiet, held = still(result, plant), driven(plant)
+        quiet, held = constant_outputs(result, plant), driven_outputs(plant)
         for name, doubt in motion.doubt.items():
-            if name in held and doubt <= FLAT * motion.scale[name]:
-                unjudged[name] = "driven"
+            if name in held and doubt <= CONSTANT_OUTPUT_RATIO * motion.scale[name]:
+                not_evaluated[name] = "driven"
             elif name in quiet:
-                unjudged[name] = "does not move"
+                not_evaluated[name] = "does not move"
         found.append(_with_exact(own.model, times, motion))
     there = [(step, motion) for step, motion in zip(steps, found, strict=True) if motion]
     if not there:
@@ -220,37 +227,43 @@ def reference(
     motion, orders = converged(there)
     motion = _with_independent(scene.model.with_values(there[-1][0]), times, motion)
     for name in sorted(moving_places([list(known.values) for _, known in there])):
-        unjudged[name] = "its position depends on the mesh"
-    doubts = {name: doubt / motion.scale[name] for name, doubt in motion.doubt.items() if name not in unjudged}
-    sharp = min(KNOWN, SHARP * finest) if len(there) == 1 and not asked else KNOWN
+        not_evaluated[name] = "its position depends on the mesh"
+    doubts = {name: doubt / motion.scale[name] for name, doubt in motion.doubt.items() if name not in not_evaluated}
+    sharp = (
+        min(MAX_OUTPUT_UNCERTAINTY, MAX_UNCERTAINTY_FACTOR * finest)
+        if len(there) == 1 and not requested
+        else MAX_OUTPUT_UNCERTAINTY
+    )
     if not any(doubt <= sharp for doubt in doubts.values()):
-        sharp = KNOWN
-    unjudged |= {name: f"uncertainty {doubt:.0e} of its range" for name, doubt in doubts.items() if doubt > sharp}
-    judges = [name for name in doubts if name not in unjudged]
+        sharp = MAX_OUTPUT_UNCERTAINTY
+    not_evaluated |= {name: f"uncertainty {doubt:.0e} of its range" for name, doubt in doubts.items() if doubt > sharp}
+    evaluated = [name for name in doubts if name not in not_evaluated]
     return Reference(
         motion=motion,
         tight=found,
-        units={name: units[name] for name in _of_asked(scene.model, judges, unjudged, asked)},
-        unjudged=unjudged,
-        orders={name: order for name, order in orders.items() if name in judges},
+        units={name: units[name] for name in _select_outputs(scene.model, evaluated, not_evaluated, requested)},
+        not_evaluated=not_evaluated,
+        orders={name: order for name, order in orders.items() if name in evaluated},
     )
 
 
-def _of_asked(model: Model, judges: list[str], unjudged: dict[str, str], asked: Sequence[str]) -> list[str]:
-    for name in asked:
-        if name not in judges:
-            why = unjudged.get(name, "it is a residual, whose exact value is zero")
-            raise UserError(f"output {name!r} of model {model.name!r} cannot be compared: {why}; {_allowed(judges)}")
-    if not judges:
-        told = "; ".join(f"{name}: {why}" for name, why in unjudged.items()) or "the model has no output"
+def _select_outputs(
+    model: Model, evaluated: list[str], not_evaluated: dict[str, str], requested: Sequence[str]
+) -> list[str]:
+    for name in requested:
+        if name not in evaluated:
+            why = not_evaluated.get(name, "it is a residual, whose exact value is zero")
+            raise UserError(f"output {name!r} of model {model.name!r} cannot be compared: {why}; {_allowed(evaluated)}")
+    if not evaluated:
+        reasons = "; ".join(f"{name}: {why}" for name, why in not_evaluated.items()) or "the model has no output"
         raise UserError(
-            f"no output of model {model.name!r} distinguishes the runs ({told}); give it one that moves freely"
+            f"no output of model {model.name!r} distinguishes the runs ({reasons}); give it one that moves freely"
         )
-    return list(asked) or judges
+    return list(requested) or evaluated
 
 
-def _allowed(judges: Sequence[str]) -> str:
-    return f"allowed: {', '.join(judges)}" if judges else "nor does any other"
+def _allowed(evaluated: Sequence[str]) -> str:
+    return f"allowed: {', '.join(evaluated)}" if evaluated else "nor does any other"
 
 
 def _with_exact(model: Model, times: Array, motion: Motion) -> Motion:
@@ -265,12 +278,12 @@ def _with_exact(model: Model, times: Array, motion: Motion) -> Motion:
 
 def _with_independent(model: Model, times: Array, motion: Motion) -> Motion:
     """Replace the computed reference by that of another code or an experiment."""
-    told = model.independent(times)
-    if told is None:
+    data = model.independent(times)
+    if data is None:
         return motion
-    values = motion.values | {name: values for name, (values, _) in told.items()}
-    doubt = motion.doubt | {name: doubt for name, (_, doubt) in told.items()}
-    source = f"independent data for {', '.join(told)}, else {motion.source}"
+    values = motion.values | {name: values for name, (values, _) in data.items()}
+    doubt = motion.doubt | {name: doubt for name, (_, doubt) in data.items()}
+    source = f"independent data for {', '.join(data)}, else {motion.source}"
     return replace(motion, values=values, doubt=doubt, source=source)
 
 

@@ -18,12 +18,12 @@ from mbfmu.util.errors import UserError
 Array = NDArray[np.float64]
 Resolution = Mapping[str, Any]  # values by the names of parameters; none: the model as it is
 
-ORDERS = (0.5, 8.0)  # that are believed where they are observed
-ALIKE = 0.5  # cosine between two steps of refinement that lead the same way
-UNKNOWN_ORDER = 3.0  # times the last difference is the doubt where none is
+PLAUSIBLE_ORDERS = (0.5, 8.0)  # that are believed where they are observed
+MIN_REFINEMENT_COSINE = 0.5  # cosine between two steps of refinement that lead the same way
+UNKNOWN_ORDER_FACTOR = 3.0  # times the last difference is the doubt where none is
 
 
-def resolutions_of(model: Model, asked: Sequence[Resolution] | None) -> list[Resolution]:
+def resolutions_of(model: Model, requested: Sequence[Resolution] | None) -> list[Resolution]:
     """Return what to run a model at, coarse to fine: as asked, or as its parameters declare; else as it is.
 
     Raises
@@ -32,12 +32,12 @@ def resolutions_of(model: Model, asked: Sequence[Resolution] | None) -> list[Res
         The request is no parameter of resolution, or not allowed for it.
     """
     declared = {p.name: p.resolution for p in model.parameters() if p.resolution}
-    if asked is None:
+    if requested is None:
         resolved = declared and all(getattr(model, name) for name in declared)
         columns = zip(*declared.values(), strict=True)
         return [dict(zip(declared, values, strict=True)) for values in columns] if resolved else [{}]
     found: list[Resolution] = []
-    for resolution in asked:
+    for resolution in requested:
         for name in resolution:
             if name not in declared:
                 allowed = ", ".join(declared) or "none; a model declares them with parameter(..., resolution=...)"
@@ -47,7 +47,7 @@ def resolutions_of(model: Model, asked: Sequence[Resolution] | None) -> list[Res
     return sorted(found, key=size, reverse=True) or [{}]
 
 
-def in_words(resolution: Resolution) -> str:
+def resolution_text(resolution: Resolution) -> str:
     """Return a resolution for people; empty for the model as it is."""
     return " ".join(f"{name}={value:g}" for name, value in resolution.items())
 
@@ -88,22 +88,22 @@ def limit(values: Sequence[Array], sizes: Sequence[float]) -> tuple[Array, float
     last = finest - values[-2]
     order = observed_order(values[-3:], sizes[-3:]) if len(values) > 2 else None
     if order is None:
-        return finest, UNKNOWN_ORDER * float(np.abs(last).max()), None
+        return finest, UNKNOWN_ORDER_FACTOR * float(np.abs(last).max()), None
     coarse, fine = sizes[-2] ** order, sizes[-1] ** order
     correction = fine / (coarse - fine) * last
     return finest + correction, float(np.abs(correction).max()), order
 
 
 def observed_order(values: Sequence[Array], sizes: Sequence[float]) -> float | None:
-    """Return p of error = C size^p from three solutions, coarse to fine; None where there is none within ``ORDERS``."""
+    """Return p of error = C size^p from three solutions, coarse to fine; None if it is not plausible."""
     steps = [b - a for a, b in pairwise(values)]
     first, last = (float(np.linalg.norm(step)) for step in steps)
-    if not (np.vdot(*steps) > ALIKE * first * last and sizes[0] > sizes[1] > sizes[2]):
+    if not (np.vdot(*steps) > MIN_REFINEMENT_COSINE * first * last and sizes[0] > sizes[1] > sizes[2]):
         return None
 
     def off(p: float) -> float:
         a, b, c = (h**p for h in sizes)
         return float((a - b) / (b - c) - first / last)
 
-    low, high = ORDERS
+    low, high = PLAUSIBLE_ORDERS
     return float(brentq(off, low, high)) if off(low) * off(high) < 0.0 else None

@@ -16,12 +16,12 @@ from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.simulation import Simulation
 from mbfmu.steady.equilibrium import build_problem, find_state
-from mbfmu.studies.timing import Spent, cpu_time, in_turn
+from mbfmu.studies.timing import CpuTimes, cpu_time, time_interleaved
 from mbfmu.util.text_table import format_table, format_tolerance
 from solvers import SOLVERS
 
-LEFT = 1e-10  # of the first deviation, when the slowest mode has settled
-NEWTON = "newton"
+SETTLED_RATIO = 1e-10  # of the first deviation, when the slowest mode has settled
+NEWTON_METHOD = "newton"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ def settle(
     found = find_state(balance)
     exact = model.exact_equilibrium()
     decay = -max(mode.eigenvalue.real for mode in found.modes)
-    end = float(-np.log(LEFT) / decay)
+    end = float(-np.log(SETTLED_RATIO) / decay)
 
     def error(outputs: dict[str, float]) -> float:
         target = exact or found.outputs
@@ -84,9 +84,9 @@ def settle(
     runs = [_Run(model, own) for own in settings]
     newtons: list[Callable[[], float]] = [lambda: find_state(balance).solve_time]
     methods = newtons + [partial(run.settle, end) for run in runs]
-    times = in_turn(methods, repeats, progress=progress)
+    times = time_interleaved(methods, repeats, progress=progress)
     newton = Settled(
-        solver=NEWTON,
+        solver=NEWTON_METHOD,
         rtol=None,
         cpu_s=times[0].median,
         spread=times[0].spread,
@@ -109,7 +109,7 @@ class _Run:
         self.simulation = Simulation(self.model, self.settings)
         return cpu_time(lambda: self.simulation.advance(end))
 
-    def row(self, spent: Spent, end: float, error: Callable[[dict[str, float]], float]) -> Settled:
+    def row(self, spent: CpuTimes, end: float, error: Callable[[dict[str, float]], float]) -> Settled:
         """Measure the last run."""
         simulation = self.simulation
         outputs = dict(zip((v.name for v in simulation.variables), map(float, simulation.outputs()), strict=True))
@@ -127,7 +127,7 @@ class _Run:
 
 def as_text(rows: Sequence[Settled]) -> str:
     """Return the rows as a table for people, times also in those of Newton."""
-    newton = next(row.cpu_s for row in rows if row.solver == NEWTON)
+    newton = next(row.cpu_s for row in rows if row.solver == NEWTON_METHOD)
     lines = [
         (
             row.solver,

@@ -28,7 +28,7 @@ from solvers.linalg.blocks import one_thread
 
 
 @dataclass(frozen=True)
-class Spent:
+class CpuTimes:
     """CPU times of the runs of one thing, s."""
 
     times: tuple[float, ...]
@@ -45,7 +45,7 @@ class Spent:
         return float((high - low) / self.median) if self.median else 0.0
 
 
-class TooLong(Exception):
+class BudgetExceeded(Exception):
     """A run took longer than it was given."""
 
 
@@ -72,7 +72,7 @@ class Budget:
 
         Raises
         ------
-        TooLong
+        BudgetExceeded
             It has taken ``most`` s, or what is left.
         UserError
             It cannot begin.
@@ -83,7 +83,7 @@ class Budget:
             nonlocal begin
             begin = begin or time.process_time()
             if time.process_time() - begin > most:
-                raise TooLong
+                raise BudgetExceeded
 
         try:
             with one_thread():
@@ -111,14 +111,14 @@ def cpu_time(function: Callable[[], object]) -> float:
         return time.process_time() - begin
 
 
-def in_turn(
+def time_interleaved(
     functions: Sequence[Callable[[], float]],
     rounds: int,
     *,
     expected: Sequence[float] = (),
     left: Callable[[], float] = lambda: inf,
     progress: Callable[[str], None] | None = None,
-) -> list[Spent]:
+) -> list[CpuTimes]:
     """Return the times that functions give, round by round.
 
     The first round has all of them; of a later one those are left out, dear ones first, that are ``expected`` (s) to
@@ -132,7 +132,7 @@ def in_turn(
                 times[i].append(functions[i]())
             if progress is not None:
                 progress("timed")
-    return [Spent(tuple(own)) for own in times]
+    return [CpuTimes(tuple(own)) for own in times]
 
 
 def check_repeats(repeats: int) -> None:

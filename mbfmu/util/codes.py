@@ -5,11 +5,11 @@ from __future__ import annotations
 from solvers.codes import TITLES as OF_SOLVERS
 from solvers.codes import code_of, coded
 
-__all__ = ["NOTES", "TITLES", "code_of", "coded"]
+__all__ = ["MESSAGE_TITLES", "NOTES", "code_of", "coded"]
 
 NOTES = {"changed-start", "redundant-constraints", "slow-solver"}  # they do not make a result doubtful
 
-TITLES = OF_SOLVERS | {
+MESSAGE_TITLES = OF_SOLVERS | {
     "cannot-assemble": "The loops of the mechanism cannot be closed at the start",
     "changed-start": "Given start values are changed by the assembly",
     "singular-start": "The start is a singular configuration",

@@ -38,7 +38,7 @@ class UserError(ValueError):
     message
         What is wrong (name, value, time), what is allowed or why, and what to do.
     code
-        Key of :data:`mbfmu.util.codes.TITLES`; by default that of the class. A quoted message keeps its own.
+        Key of :data:`mbfmu.util.codes.MESSAGE_TITLES`; by default that of the class. A quoted message keeps its own.
     """
 
     code: ClassVar[str] = "invalid-value"

@@ -14,11 +14,11 @@ from .picture import numbers
 
 Array = NDArray[np.float64]
 
-FIELD = 25.0  # vertical field of view, degrees
-FRAMES = 200  # enough to find the space a motion takes
-DIRECTIONS = 150  # in which the outermost points are looked for
-MARGIN = 0.88  # part of a picture that is filled
-FLAT = 0.15  # thinner than this, against its size, a motion counts as plane
+FIELD_OF_VIEW = 25.0  # vertical field of view, degrees
+STAGE_FRAMES = 200  # enough to find the space a motion takes
+EXTENT_DIRECTIONS = 150  # in which the outermost points are looked for
+FILLED_PART = 0.88  # part of a picture that is filled
+PLANE_MOTION_RATIO = 0.15  # thinner than this, against its size, a motion counts as plane
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,12 @@ class Stage:
     def of(cls, *motions: Motion) -> Stage:
         """Find the stage of one or more motions; up is that of the first."""
         axes = basis(np.array(motions[0].picture.up))
-        clouds = [cloud for motion in motions for cloud in reached(motion)]
+        clouds = [cloud for motion in motions for cloud in points_of_motion(motion)]
         cloud = np.concatenate(clouds or [np.zeros((1, 3))]) @ axes.T
         low, high = cloud.min(axis=0), cloud.max(axis=0)
         half = 0.5 * (high - low)
         half = np.maximum(half, 1e-3 * (half.max() or 1.0))
-        farthest = np.unique(np.argmax(cloud @ np.transpose(directions(DIRECTIONS)), axis=0))
+        farthest = np.unique(np.argmax(cloud @ np.transpose(directions(EXTENT_DIRECTIONS)), axis=0))
         return cls(
             tuple(map(numbers, axes)),
             numbers(0.5 * (low + high)),
@@ -55,7 +55,7 @@ class Stage:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain lists and numbers, for JSON."""
-        return {**asdict(self), "field": FIELD}
+        return {**asdict(self), "field": FIELD_OF_VIEW}
 
 
 @dataclass(frozen=True)
@@ -77,12 +77,12 @@ class Camera:
         points = np.array(stage.outermost) @ own.T
         eye = np.array([0.0, 0.0, -np.inf])
         for k, part in ((0, aspect), (1, 1.0)):  # |x - eye| <= slope (eye_z - z) for all points
-            slope = MARGIN * part * tan(radians(0.5 * FIELD))
+            slope = FILLED_PART * part * tan(radians(0.5 * FIELD_OF_VIEW))
             ahead, behind = np.max(slope * points[:, 2] + points[:, k]), np.max(slope * points[:, 2] - points[:, k])
             eye[k] = 0.5 * (ahead - behind)
             eye[2] = max(eye[2], 0.5 * (ahead + behind) / slope)
         eye = eye @ own
-        return cls(eye @ base, own @ base, 0.5 / tan(radians(0.5 * FIELD)))
+        return cls(eye @ base, own @ base, 0.5 / tan(radians(0.5 * FIELD_OF_VIEW)))
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Return picture coordinates (..., 2), in picture heights from the middle, and depths (...) in m."""
@@ -91,9 +91,9 @@ class Camera:
         return self.focal * seen[..., :2] / depth[..., None], depth
 
 
-def reached(motion: Motion) -> list[Array]:
+def points_of_motion(motion: Motion) -> list[Array]:
     """Return points (k, 3) that a motion reaches, global axes, m."""
-    frames = np.unique(np.linspace(0, len(motion.times) - 1, FRAMES).astype(int))
+    frames = np.unique(np.linspace(0, len(motion.times) - 1, STAGE_FRAMES).astype(int))
     clouds = [motion.point(body, at, frames).reshape(-1, 3) for body, at in motion.picture.points().items()]
     return clouds + [motion.axis(bar, frames).reshape(-1, 3) for bar in motion.picture.bars]
 
@@ -117,6 +117,6 @@ def basis(up: Array) -> Array:
 def direction(half: Array) -> tuple[float, float]:
     """Return azimuth and elevation (degrees): nearly along the normal of a plane motion, else from above a corner."""
     thin = int(np.argmin(half))
-    if half[thin] > FLAT * half.max():
+    if half[thin] > PLANE_MOTION_RATIO * half.max():
         return 35.0, 20.0
     return ((72.0, 12.0), (30.0, 50.0), (18.0, 12.0))[thin]

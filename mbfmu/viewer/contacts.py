@@ -20,12 +20,13 @@ from mbfmu.mechanics.shapes import Shape
 
 Poses = tuple[NDArray[np.float32], NDArray[np.float32]]  # origins (T, nb, 3), m, and axes (T, nb, 3, 3) of all bodies
 
-IDLER = 0.6  # its radius against that of the roller
+IDLER_RADIUS_RATIO = 0.6  # its radius against that of the roller
 RUBBER, IDLE, MARK = "#565e6b", "#a3abb8", "#f2f4f7"
-RODS, ROD = (0.0, np.pi), 0.12  # lie in a roller's surface where its turning is to be seen: angles; radius to its own
+# lie in a roller's surface where its turning is to be seen: angles; radius to its own
+MARK_ANGLES, MARK_RADIUS_RATIO = (0.0, np.pi), 0.12
 
 
-def met(mechanism: Mechanism, poses: Poses | None) -> Iterator[tuple[Body, Shape]]:
+def contact_shapes(mechanism: Mechanism, poses: Poses | None) -> Iterator[tuple[Body, Shape]]:
     """Yield bodies and shapes; without poses planes that have no end are left out."""
     own = {body.index for body, _ in mechanism.shapes if body.index}
     nips: dict[str, tuple[RollerNip, tuple[Body, ...]]] = {}
@@ -59,7 +60,7 @@ def relative(poses: Poses, nodes: list[int], holder: int) -> NDArray[np.float64]
 def above(nip: RollerNip, roller: Body) -> Shape:
     """Return the idler that is no body, in the ground's axes."""
     axis = rotation(f"rotation of {roller.name!r}", roller.joint.rotation) @ roller.joint.direction
-    radius, middle = IDLER * nip.common["radius"], nip.common["place"]
+    radius, middle = IDLER_RADIUS_RATIO * nip.common["radius"], nip.common["place"]
     at = numbers(middle + radius * nip.common["n"])
     return Cylinder(radius=radius, length=nip.common["width"], axis=numbers(axis), at=at, color=IDLE)
 
@@ -73,10 +74,13 @@ def rolling(nip: RollerNip, roller: Body, radius: float, color: str) -> Iterator
         beside = float((nip.common["place"] - joint.at) @ turned @ axis)
     middle, across, axle = beside * axis, along(axis), numbers(axis)
     yield roller, Cylinder(radius=radius, length=width, axis=axle, at=numbers(middle), color=color)
-    for angle in RODS:
+    for angle in MARK_ANGLES:
         out = np.cos(angle) * across[:, 0] + np.sin(angle) * across[:, 1]
-        at = numbers(middle + (1.0 - ROD) * radius * out)
-        yield roller, Cylinder(radius=1.05 * ROD * radius, length=1.02 * width, axis=axle, at=at, color=MARK)
+        at = numbers(middle + (1.0 - MARK_RADIUS_RATIO) * radius * out)
+        yield (
+            roller,
+            Cylinder(radius=1.05 * MARK_RADIUS_RATIO * radius, length=1.02 * width, axis=axle, at=at, color=MARK),
+        )
 
 
 def numbers(values: NDArray[np.float64]) -> tuple[float, ...]:

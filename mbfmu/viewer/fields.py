@@ -19,8 +19,9 @@ from .motion import Motion
 
 Array = NDArray[np.float64]
 
-STOPS = ("#3b4cc0", "#6282ea", "#8db0fe", "#b8d0f9", "#dddddd", "#f5c4ad", "#f49a7b", "#de604d", "#b40426")
-USUAL, PEAK = 95, 10.0  # percent of what is not zero, and times what these reach, above which limits leave it out
+COLOR_STOPS = ("#3b4cc0", "#6282ea", "#8db0fe", "#b8d0f9", "#dddddd", "#f5c4ad", "#f49a7b", "#de604d", "#b40426")
+# percent of what is not zero, and times what these reach, above which limits leave it out
+COLOR_LIMIT_PERCENTILE, MAX_PEAK_RATIO = 95, 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +61,8 @@ def field_with(name: str, unit: str, columns: tuple[int, ...], values: Array) ->
     finite = values[np.isfinite(values)]
     sizes = np.abs(finite[finite != 0.0])
     largest = float(sizes.max(initial=0.0))
-    usual = float(np.percentile(sizes, USUAL)) if len(sizes) else 0.0
-    limit, beyond = (usual, f", up to {largest:.3g}") if largest > PEAK * usual else (largest, "")
+    usual = float(np.percentile(sizes, COLOR_LIMIT_PERCENTILE)) if len(sizes) else 0.0
+    limit, beyond = (usual, f", up to {largest:.3g}") if largest > MAX_PEAK_RATIO * usual else (largest, "")
     title = f"{name}{'' if unit == '1' else f' [{unit}]'}{beyond}"
     return Field(title=title, low=-limit if (finite < 0.0).any() else 0.0, limit=limit, columns=columns)
 
@@ -79,6 +80,6 @@ def fields_of(motion: Motion) -> list[tuple[str, str, tuple[int, ...]] | None]:
 def colored(values: Array, limit: float) -> Array:
     """Return the colors (..., 3), red, green and blue from 0 to 1, of values (...); NaN where one is not finite."""
     parts = np.where(np.isfinite(values), values, np.nan) / (limit or 1.0)
-    stops = np.array([[int(stop[k : k + 2], 16) / 255.0 for k in (1, 3, 5)] for stop in STOPS])
-    places = np.linspace(-1.0, 1.0, len(STOPS))
+    stops = np.array([[int(stop[k : k + 2], 16) / 255.0 for k in (1, 3, 5)] for stop in COLOR_STOPS])
+    places = np.linspace(-1.0, 1.0, len(COLOR_STOPS))
     return np.stack([np.interp(parts, places, stops[:, k]) for k in range(3)], axis=-1)

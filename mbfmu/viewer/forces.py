@@ -18,10 +18,11 @@ from mbfmu.mechanics.recursions.applied import apply_single_load
 
 Array = NDArray[np.float64]
 
-NEGLIGIBLE = 1e-9  # of the largest force, or moment: rounding
-UNITS = ("N", "N.m")
-USUAL = 95  # percentile of the forces that sets the scale: near a singular configuration some are very large
-REACH = 0.15  # of the size of what is shown: about as long is an arrow
+NEGLIGIBLE_FORCE_RATIO = 1e-9  # of the largest force, or moment: rounding
+ARROW_UNITS = ("N", "N.m")
+# percentile of the forces that sets the scale: near a singular configuration some are very large
+FORCE_SCALE_PERCENTILE = 95
+ARROW_LENGTH_RATIO = 0.15  # of the size of what is shown: about as long is an arrow
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,10 +110,10 @@ def shown(found: list[Source], values: Array, size: float) -> tuple[tuple[Arrow,
     finite = np.where(np.isfinite(values), values, 0.0)
     largest = np.linalg.norm(finite, axis=-1).max(axis=0, initial=0.0)  # (sources, 2)
     force, moment = largest.max(axis=0, initial=0.0)
-    least = NEGLIGIBLE * np.array((force, max(moment, force * size)))
+    least = NEGLIGIBLE_FORCE_RATIO * np.array((force, max(moment, force * size)))
     arrows, vectors = [], [np.zeros((len(values), 0, 3))]
     for k, source in enumerate(found):
-        for which, unit in enumerate(UNITS):
+        for which, unit in enumerate(ARROW_UNITS):
             if largest[k, which] > least[which]:
                 arrows.append(Arrow(name=source.name, kind=source.kind, body=source.body, at=source.at, unit=unit))
                 vectors.append(values[:, k, which][:, None])
@@ -122,11 +123,14 @@ def shown(found: list[Source], values: Array, size: float) -> tuple[tuple[Arrow,
 def scales(arrows: tuple[Arrow, ...], vectors: NDArray[Any], size: float) -> dict[str, tuple[float, float]]:
     """Return by unit a round force or moment and the length (m) of its arrow, in a picture ``size`` (m) across."""
     found = {}
-    for unit in UNITS:
+    for unit in ARROW_UNITS:
         own = np.linalg.norm(vectors[:, [arrow.unit == unit for arrow in arrows]].astype(float), axis=-1)
         own = own[np.isfinite(own) & (own > 0.0)]
         if len(own) and size > 0.0:
-            found[unit] = (rounded(float(np.percentile(own, USUAL))), rounded(REACH * size))
+            found[unit] = (
+                rounded(float(np.percentile(own, FORCE_SCALE_PERCENTILE))),
+                rounded(ARROW_LENGTH_RATIO * size),
+            )
     return found
 
 

@@ -25,9 +25,9 @@ from .picture import Link, Part
 
 Array = NDArray[np.float64]
 
-LARGEST = 14_000_000  # bytes of an animation
-FLOAT, SHORT, WHOLE = 5126, 5123, 5125  # component types
-TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+MAX_ANIMATION_BYTES = 14_000_000  # bytes of an animation
+FLOAT_TYPE, SHORT_TYPE, INDEX_TYPE = 5126, 5123, 5125  # component types
+ACCESSOR_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 VERTICES, INDICES = 34962, 34963  # what a part of the buffer is for
 
 
@@ -41,7 +41,7 @@ def write_glb(motion: Motion, path: Path) -> int:
 def glb(motion: Motion) -> tuple[bytes, int]:
     """Return the file and the stride with which it takes frames."""
     size = 4 * len(motion.times) * (7 * len(motion.names) + 10 * len(motion.picture.links) + motion.p.shape[1])
-    stride = ceil(size / LARGEST)
+    stride = ceil(size / MAX_ANIMATION_BYTES)
     seconds = (motion.times - motion.times[0]).astype(np.float32)
     frames = np.unique(np.append(np.arange(0, len(seconds), stride), len(seconds) - 1))
     frames = frames[np.diff(seconds[frames], prepend=-1.0) > 0.0]  # they must ascend in single precision too
@@ -89,19 +89,19 @@ class _Document:
         """Put an array (n,) or (n, components) into the buffer; return the number of its accessor."""
         array = np.asarray(values)
         if array.dtype.kind == "f":
-            array, kind = array.astype("<f4"), FLOAT
+            array, kind = array.astype("<f4"), FLOAT_TYPE
         else:
-            array, kind = (array.astype("<u2"), SHORT) if target == VERTICES else (array.astype("<u4"), WHOLE)
+            array, kind = (array.astype("<u2"), SHORT_TYPE) if target == VERTICES else (array.astype("<u4"), INDEX_TYPE)
         view = {"buffer": 0, "byteOffset": len(self.buffer), "byteLength": array.nbytes}
         self.buffer += array.tobytes()
         self.buffer += bytes(-len(self.buffer) % 4)
         self.content["bufferViews"].append(view | ({"target": target} if target else {}))
         rows = array.reshape(len(array), -1)
-        told: dict[str, Any] = {"bufferView": len(self.content["bufferViews"]) - 1, "componentType": kind}
-        told |= {"count": len(rows), "type": TYPES[rows.shape[1]]}
+        content: dict[str, Any] = {"bufferView": len(self.content["bufferViews"]) - 1, "componentType": kind}
+        content |= {"count": len(rows), "type": ACCESSOR_TYPES[rows.shape[1]]}
         if bounds:
-            told |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
-        self.content["accessors"].append(told)
+            content |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+        self.content["accessors"].append(content)
         return len(self.content["accessors"]) - 1
 
     def material(self, color: str, both_sides: bool = False, opacity: float = 1.0) -> int:
@@ -161,7 +161,7 @@ class _Document:
         """Add the frame of a body."""
         node = self.node(0, name=self.motion.names[body])
         self.animate(node, "translation", self.motion.r[self.frames, body])
-        self.animate(node, "rotation", turns(self.motion.e[self.frames, body]))
+        self.animate(node, "rotation", continuous_quaternions(self.motion.e[self.frames, body]))
 
     def add_part(self, part: Part) -> None:
         """Add what is fixed to a body."""
@@ -184,7 +184,7 @@ class _Document:
             mesh = self.solid(link.solid, link.color)
         node = self.node(0, mesh=mesh)
         self.animate(node, "translation", 0.5 * (a + b))
-        self.animate(node, "rotation", turns(onto(along)))
+        self.animate(node, "rotation", continuous_quaternions(rotations_onto(along)))
         self.animate(node, "scale", np.column_stack((np.full((len(a), 2), link.radius), size)))
 
     def add_bar(self, k: int) -> None:
@@ -212,7 +212,7 @@ class _Document:
 
     def whole(self) -> bytes:
         """Return the file: a header, the description and the numbers."""
-        told: dict[str, Any] = {
+        content: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": "mbfmu"},
             "scene": 0,
             "scenes": [{"name": self.motion.title, "nodes": self.scene}],
@@ -221,15 +221,15 @@ class _Document:
             **{name: things for name, things in self.content.items() if things},
         }
         if self.channels:
-            told["animations"] = [{"name": "motion", "samplers": self.samplers, "channels": self.channels}]
-        text = json.dumps(told, separators=(",", ":")).encode()
+            content["animations"] = [{"name": "motion", "samplers": self.samplers, "channels": self.channels}]
+        text = json.dumps(content, separators=(",", ":")).encode()
         text += b" " * (-len(text) % 4)
         chunks = ((b"JSON", text), (b"BIN\0", bytes(self.buffer)))
         body = b"".join(struct.pack("<I4s", len(content), kind) + content for kind, content in chunks)
         return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
 
-def turns(e: Array) -> Array:
+def continuous_quaternions(e: Array) -> Array:
     """Return unit quaternions (frames, 4), scalar last as glTF has them, from one to the next the short way."""
     e = np.asarray(e, float)
     flips = np.cumprod(np.where(np.einsum("ij,ij->i", e[1:], e[:-1]) < 0.0, -1.0, 1.0))
@@ -237,7 +237,7 @@ def turns(e: Array) -> Array:
     return np.roll(e / np.linalg.norm(e, axis=1, keepdims=True), -1, axis=1)
 
 
-def onto(along: Array) -> Array:
+def rotations_onto(along: Array) -> Array:
     """Return quaternions (n, 4), scalar first, that turn z onto unit vectors (n, 3)."""
     x, y, z = along.T
     e = np.stack((1.0 + z, -y, x, 0.0 * z), axis=1)

@@ -18,15 +18,15 @@ import numpy as np
 from mbfmu.util.files import write_text
 
 from .camera import Stage
-from .fields import STOPS, fields
+from .fields import COLOR_STOPS, fields
 from .forces import scales
 from .motion import Motion
 
 SCRIPTS = (
     "algebra", "solids", "motion", "camera", "renderer", "figure", "arrows", "stage", "clock", "pick", "plot",
-    "hands", "viewer",
+    "input_controls", "viewer",
 )  # fmt: skip
-LARGEST = 14_000_000  # bytes of numbers in a page, before they are packed
+MAX_PAGE_BYTES = 14_000_000  # bytes of numbers in a page, before they are packed
 
 
 def write_html(motion: Motion, path: Path, against: Motion | None = None) -> int:
@@ -42,7 +42,7 @@ def write_html(motion: Motion, path: Path, against: Motion | None = None) -> int
 def page(motion: Motion, against: Motion | None = None) -> tuple[str, int]:
     """Return the page and the stride with which it takes frames."""
     runs = [motion] if against is None else [motion, against]
-    stride = ceil(sum(map(size, runs)) / LARGEST)
+    stride = ceil(sum(map(size, runs)) / MAX_PAGE_BYTES)
     picture, stage = motion.picture, Stage.of(*runs)
     bodies = len(motion.names) - 1 - len(picture.unnamed)
     scene = described(motion, *runs) | {
@@ -51,7 +51,7 @@ def page(motion: Motion, against: Motion | None = None) -> tuple[str, int]:
         "stage": stage.as_dict(),
         "scales": scales(motion.arrows, motion.forces, 2.0 * float(np.linalg.norm(stage.half))),
         "against": described(against, *runs) if against else None,
-        "stops": STOPS,
+        "stops": COLOR_STOPS,
     }
     own, kept = files(__package__) / "page", files(__package__) / "vendor"
     license = (kept / "uPlot.LICENSE").read_text(encoding="utf-8")

@@ -26,9 +26,9 @@ from .motion import Motion, matrices
 Array = NDArray[np.float64]
 
 DPI = 100
-BACKGROUND, INK, GRID, SHADOW = "#eef1f5", "#1d2430", "#c3cad4", "#d3d8e0"
-PANEL = np.array([[(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)]])
-MANY = 300  # parts; more are drawn with fewer faces
+BACKGROUND, INK, GRID_COLOR, SHADOW = "#eef1f5", "#1d2430", "#c3cad4", "#d3d8e0"
+PANEL_FACES = np.array([[(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)]])
+MAX_FINE_PARTS = 300  # parts; more are drawn with fewer faces
 
 
 @dataclass(frozen=True)
@@ -106,8 +106,8 @@ class Artist:
         self.light /= np.linalg.norm(self.light)
         self.floor = stage.center[1] - stage.half[1] - 0.01 * float(np.linalg.norm(stage.half))
         picture = motion.picture
-        fine = len(picture.parts) + len(picture.links) < MANY
-        self.solids = {"sphere": sphere(fine), "cylinder": cylinder(fine), "box": box(fine), "panel": PANEL}
+        fine = len(picture.parts) + len(picture.links) < MAX_FINE_PARTS
+        self.solids = {"sphere": sphere(fine), "cylinder": cylinder(fine), "box": box(fine), "panel": PANEL_FACES}
         self.solids["coil"], self.wire = coil()
         self.colors = {c: np.array(to_rgb(c)) for c in self._colors()}
         ground = "none" if shot.solids_only else BACKGROUND
@@ -130,7 +130,7 @@ class Artist:
         ax.set_xlim(-0.5 * aspect, 0.5 * aspect)
         ax.set_ylim(-0.5, 0.5)
         if not self.shot.solids_only:
-            ax.add_collection(LineCollection(self.grid, colors=GRID, linewidths=0.7, zorder=0))
+            ax.add_collection(LineCollection(self.grid, colors=GRID_COLOR, linewidths=0.7, zorder=0))
         faces, colors, both, opacity = self._faces(frame)
         clear = opacity < 1.0
         if not clear.all() and not self.shot.solids_only:

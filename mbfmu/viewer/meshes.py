@@ -12,9 +12,10 @@ from .picture import Bar, Skin
 
 Array = NDArray[np.float64]
 
-AROUND, ACROSS = 24, 12  # pieces of a circle, and of half of one
-TURNS, LEAD, WIRE = 8, 0.08, 0.16  # of a coil: turns, part of its length at each end, wire against its radius
-SQUARE = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * 0.5
+CIRCLE_PIECES, HALF_CIRCLE_PIECES = 24, 12  # pieces of a circle, and of half of one
+# of a coil: turns, part of its length at each end, wire against its radius
+COIL_TURNS, COIL_LEAD, WIRE_RADIUS_RATIO = 8, 0.08, 0.16
+UNIT_SQUARE = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * 0.5
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ def grid(points: Array, normals: Array) -> Mesh:
     return Mesh(points.reshape(-1, 3), normals.reshape(-1, 3), triangles)
 
 
-def together(*meshes: Mesh) -> Mesh:
+def join_meshes(*meshes: Mesh) -> Mesh:
     """Return several meshes as one."""
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     return Mesh(
@@ -46,7 +47,7 @@ def together(*meshes: Mesh) -> Mesh:
     )
 
 
-def ring(count: int = AROUND) -> Array:
+def ring(count: int = CIRCLE_PIECES) -> Array:
     """Return points (count + 1, 3) around z, the first and the last alike."""
     angle = np.linspace(0.0, 2.0 * np.pi, count + 1)
     return np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=1)
@@ -54,7 +55,7 @@ def ring(count: int = AROUND) -> Array:
 
 def sphere() -> Mesh:
     """Radius 1."""
-    polar = np.linspace(np.pi, 0.0, ACROSS + 1)[:, None, None]
+    polar = np.linspace(np.pi, 0.0, HALF_CIRCLE_PIECES + 1)[:, None, None]
     points = np.sin(polar) * ring() + np.cos(polar) * [0.0, 0.0, 1.0]
     return grid(points, points)
 
@@ -66,9 +67,9 @@ def cylinder() -> Mesh:
     caps = []
     for sign in (-1.0, 1.0):
         disc = np.concatenate((np.zeros((1, 3)), ring()[:: int(sign)])) + sign * z
-        k = np.arange(1, AROUND + 1)
+        k = np.arange(1, CIRCLE_PIECES + 1)
         caps.append(Mesh(disc, np.tile(2.0 * sign * z, (len(disc), 1)), np.stack((0 * k, k, k + 1), axis=1)))
-    return together(side, *caps)
+    return join_meshes(side, *caps)
 
 
 def box() -> Mesh:
@@ -77,27 +78,27 @@ def box() -> Mesh:
     for axis in range(3):
         for sign in (-1.0, 1.0):
             normal = np.roll((sign, 0.0, 0.0), axis)
-            points = np.roll(np.column_stack((np.full(4, 0.5 * sign), SQUARE[:: int(sign)])), axis, axis=1)
+            points = np.roll(np.column_stack((np.full(4, 0.5 * sign), UNIT_SQUARE[:: int(sign)])), axis, axis=1)
             faces.append(Mesh(points, np.tile(normal, (4, 1)), np.array(((0, 1, 2), (0, 2, 3)))))
-    return together(*faces)
+    return join_meshes(*faces)
 
 
 def panel() -> Mesh:
     """A square of side 1 across z; its material shows both sides."""
-    points = np.column_stack((SQUARE, np.zeros(4)))
+    points = np.column_stack((UNIT_SQUARE, np.zeros(4)))
     return Mesh(points, np.tile((0.0, 0.0, 1.0), (4, 1)), np.array(((0, 1, 2), (0, 2, 3))))
 
 
 def coil(slender: float) -> Mesh:
     """Radius 1, length 1 along z; the wire is round where the radius is ``slender`` times the length."""
-    u = np.linspace(0.0, 1.0, 24 * TURNS + 1)
-    angle = 2.0 * np.pi * TURNS * np.clip((u - LEAD) / (1.0 - 2.0 * LEAD), 0.0, 1.0)
+    u = np.linspace(0.0, 1.0, 24 * COIL_TURNS + 1)
+    angle = 2.0 * np.pi * COIL_TURNS * np.clip((u - COIL_LEAD) / (1.0 - 2.0 * COIL_LEAD), 0.0, 1.0)
     out = np.stack((np.cos(angle), np.sin(angle), 0.0 * u), axis=1)
-    reach = np.minimum(1.0, np.minimum(u, 1.0 - u) / LEAD)
+    reach = np.minimum(1.0, np.minimum(u, 1.0 - u) / COIL_LEAD)
     middle = reach[:, None] * out + (u - 0.5)[:, None] * [0.0, 0.0, 1.0]
     about = np.linspace(0.0, 2.0 * np.pi, 9)
     normals = np.cos(about)[:, None] * out[:, None] + np.sin(about)[:, None] * [0.0, 0.0, 1.0]
-    points = middle[:, None] + WIRE * normals * [1.0, 1.0, slender]
+    points = middle[:, None] + WIRE_RADIUS_RATIO * normals * [1.0, 1.0, slender]
     leaning = normals * [1.0, 1.0, 1.0 / slender]
     return grid(points[:, ::-1], (leaning / np.linalg.norm(leaning, axis=-1, keepdims=True))[:, ::-1])
 
@@ -105,7 +106,7 @@ def coil(slender: float) -> Mesh:
 def bar(bar: Bar, scale: float) -> Mesh:
     """Return a straight bar in its frame, and how its modes of amplitude 1 m bend it, ``scale`` times."""
     x, shapes = np.array(bar.x), scale * np.array(bar.shapes)
-    corners = SQUARE * (bar.height, bar.width)
+    corners = UNIT_SQUARE * (bar.height, bar.width)
     slopes = np.gradient(shapes, x, axis=0)
     sides = []
     moved: list[list[Array]] = [[] for _ in range(shapes.shape[1])]
@@ -126,7 +127,7 @@ def bar(bar: Bar, scale: float) -> Mesh:
         for mode, own in enumerate(moved):
             y = yz[:, 0]
             own.append(np.stack((-slopes[end, mode] * y, shapes[end, mode] + 0.0 * y, 0.0 * y), axis=1))
-    whole = together(*sides)
+    whole = join_meshes(*sides)
     return Mesh(whole.points, whole.normals, whole.triangles, [np.concatenate(own) for own in moved])
 
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from .picture import Bar
 
-ROUNDING = 1e-4  # of the largest deflection: less is taken for none
-IN_STEP = 0.01  # of the largest displacement: out of step less than this does not show
+ZERO_DEFLECTION_RATIO = 1e-4  # of the largest deflection: less is taken for none
+IN_PHASE_TOLERANCE = 0.01  # of the largest displacement: out of step less than this does not show
 
 
 def plot_shapes(plant: Plant, q: Array, shapes: Sequence[ModeShape], title: str, path: Path) -> None:
@@ -62,11 +62,11 @@ def without_rounding(share: Array) -> Array:
 
     At a clamped edge rounding alone has a sign, along which a nodal line would go.
     """
-    known = np.abs(share) > ROUNDING
+    known = np.abs(share) > ZERO_DEFLECTION_RATIO
     padded = (np.pad(values, 1) for values in (np.where(known, share, 0.0), known))
     total, count = (sliding_window_view(values, (3, 3)).sum(axis=(-2, -1)) for values in padded)
     mean = total / np.maximum(count, 1)
-    found: Array = np.where(known, share, np.where(np.abs(mean) > ROUNDING, mean, 0.0))
+    found: Array = np.where(known, share, np.where(np.abs(mean) > ZERO_DEFLECTION_RATIO, mean, 0.0))
     return found
 
 
@@ -88,7 +88,7 @@ def plot_bars(plant: Plant, q: Array, shapes: Sequence[ModeShape], title: str, p
             color = PALETTE[k % len(PALETTE)]
             across = displacement[:, 1] / largest
             ax.plot(bar.x, across.real, color=color, label=bar.name)
-            if np.abs(across.imag).max() > IN_STEP:
+            if np.abs(across.imag).max() > IN_PHASE_TOLERANCE:
                 ax.plot(bar.x, across.imag, "--", color=color)
         ax.set_ylim(-1.1, 1.1)
         ax.tick_params(labelsize=7)

@@ -27,8 +27,8 @@ from .picture import Bar, Picture, as_tuples, check_fields, draw
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-FORMAT = 4
-ARRAYS = ("times", "r", "e", "p", "values", "forces")  # of a pose file
+MOTION_FORMAT = 4
+MOTION_ARRAYS = ("times", "r", "e", "p", "values", "forces")  # of a pose file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,10 +73,10 @@ class Motion:
 
     def reading(self, frame: int) -> str:
         """Return what the shown_outputs are at a frame, a line each."""
-        told = {name: (unit, x) for (name, unit), x in zip(self.outputs, self.values[frame], strict=True)}
+        values = {name: (unit, x) for (name, unit), x in zip(self.outputs, self.values[frame], strict=True)}
         lines = []
         for name in self.picture.shown_outputs:
-            unit, value = told[name]
+            unit, value = values[name]
             lines.append(f"{name} {value:.4g}{'' if unit == '1' else f' {unit}'}")
         return "\n".join(lines)
 
@@ -101,7 +101,7 @@ class Motion:
     def save(self, path: Path) -> None:
         """Write a pose file."""
         about = {
-            "format": FORMAT,
+            "format": MOTION_FORMAT,
             "title": self.title,
             "names": self.names,
             "parents": self.parents,
@@ -111,7 +111,7 @@ class Motion:
             "picture": self.picture.as_dict(),
         }
         with replacing(path) as unfinished, unfinished.open("wb") as file:
-            np.savez_compressed(file, about=json.dumps(about), **{name: getattr(self, name) for name in ARRAYS})
+            np.savez_compressed(file, about=json.dumps(about), **{name: getattr(self, name) for name in MOTION_ARRAYS})
 
     @classmethod
     def load(cls, path: Path) -> Motion:
@@ -119,7 +119,7 @@ class Motion:
         try:
             with np.load(path) as file:
                 about = json.loads(str(file["about"]))
-                motion = cls._of_file(about, file) if about["format"] == FORMAT else None
+                motion = cls._of_file(about, file) if about["format"] == MOTION_FORMAT else None
         except OSError as error:
             raise UserError(
                 f"pose file {str(path)!r} cannot be read: {error.strerror or error}; check path and permissions"
@@ -142,7 +142,7 @@ class Motion:
             outputs=tuple((name, unit) for name, unit in about["outputs"]),
             arrows=tuple(Arrow(**as_tuples(arrow)) for arrow in about["arrows"]),
             picture=Picture.from_dict(about["picture"]),
-            **{name: arrays[name] for name in ARRAYS},
+            **{name: arrays[name] for name in MOTION_ARRAYS},
         )
 
     @property
@@ -152,11 +152,11 @@ class Motion:
         amplitudes = sum(len(bar.shapes[0]) for bar in self.picture.bars)
         shapes = ((frames, bodies, 3), (frames, bodies, 4), (frames, amplitudes))
         poses = (self.r.shape, self.e.shape, self.p.shape) == shapes
-        told = (frames, len(self.outputs)), (frames, len(self.arrows), 3)
+        value_shapes = (frames, len(self.outputs)), (frames, len(self.arrows), 3)
         outputs = {name for name, _ in self.outputs}
-        asked = (self.picture.shown_outputs, *(skin.outputs for skin in self.picture.skins))
-        seen = all(map(outputs.issuperset, asked))
-        return frames > 0 and poses and seen and (self.values.shape, self.forces.shape) == told
+        requested = (self.picture.shown_outputs, *(skin.outputs for skin in self.picture.skins))
+        complete = all(map(outputs.issuperset, requested))
+        return frames > 0 and poses and complete and (self.values.shape, self.forces.shape) == value_shapes
 
 
 class Recorder:

@@ -24,7 +24,7 @@ from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.joints.section import Section
 from mbfmu.util.errors import UserError
 
-from .contacts import Poses, met
+from .contacts import Poses, contact_shapes
 
 Matrix = NDArray[np.float64]
 Numbers = tuple[float, ...]
@@ -32,9 +32,9 @@ Numbers = tuple[float, ...]
 PALETTE = (
     "#4269d0", "#efb118", "#ff725c", "#3ca951", "#a463f2", "#38b2c4", "#ff8ab7", "#9c6b4e", "#97bbf5", "#8fbf3f",
 )  # fmt: skip
-GROUND, STEEL, PIN = "#6b7280", "#a3abb8", "#3f4654"
-AXES = ("#d9483b", "#3f9b4b", "#3b6fd9")
-PIECES = 64  # an elastic body is drawn with: five and more for every bulge of the highest mode
+GROUND_COLOR, STEEL_COLOR, PIN_COLOR = "#6b7280", "#a3abb8", "#3f4654"
+AXIS_COLORS = ("#d9483b", "#3f9b4b", "#3b6fd9")
+BENT_AXIS_PIECES = 64  # an elastic body is drawn with: five and more for every bulge of the highest mode
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,8 +206,8 @@ class _Artist:
         self.mechanism = mechanism
         self.coils = list(self._coils())
         self.held = self._held_points()
-        self.met = list(met(mechanism, poses))
-        self.rolled = {body.index for body, shape in self.met if body.index and shape.opacity == 1.0}
+        self.contact_shapes = list(contact_shapes(mechanism, poses))
+        self.rolled = {body.index for body, shape in self.contact_shapes if body.index and shape.opacity == 1.0}
         self.shaped = {body.index for body, _ in mechanism.shapes} | self.rolled
         self.surfaces = surfaces_of(mechanism)
         self.skinned = {int(i) for surface in self.surfaces for i in surface.bodies.flat}
@@ -227,13 +227,13 @@ class _Artist:
                 self._bars_and_ball(body)
             if body.index not in self.skinned | self.rolled:
                 self._joint(body)
-        for body, shape in (*self.mechanism.shapes, *self.met):
+        for body, shape in (*self.mechanism.shapes, *self.contact_shapes):
             self._part(shape.solid, body, shape.at, shape.axes(), shape.color or color_of(body), shape.opacity)
         for handle in self.mechanism.cuts:
             self._cut(handle)
         for a, at_a, b, at_b in self.coils:
             if not {a.index, b.index} <= self.skinned:
-                self._link("coil", a, at_a, b, at_b, 2.5 * self.radius, STEEL)
+                self._link("coil", a, at_a, b, at_b, 2.5 * self.radius, STEEL_COLOR)
                 self._feet((a, at_a), (b, at_b))
         skins = tuple(
             Skin(
@@ -266,7 +266,7 @@ class _Artist:
 
     def _bar(self, elastic: FlexibleBody, first: int) -> Bar:
         beam, profile = elastic.beam, self.mechanism.profiles.get(elastic.index)
-        x = np.linspace(0.0, beam.length, PIECES + 1)
+        x = np.linspace(0.0, beam.length, BENT_AXIS_PIECES + 1)
         return Bar(
             name=elastic.name,
             body=elastic.body.index,
@@ -335,7 +335,7 @@ class _Artist:
             ball = self.radius * max(1.4, 3.2 * (body.mass / self.heaviest) ** (1.0 / 3.0))
             self._part("sphere", body, body.com, np.eye(3) * ball, color)
             if not ends and body.joint.quaternion:  # show how it turns
-                for axis, of_axis in zip(np.eye(3), AXES, strict=True):
+                for axis, of_axis in zip(np.eye(3), AXIS_COLORS, strict=True):
                     bar = along(axis) * [0.5 * thick, 0.5 * thick, 1.5 * ball]
                     self._part("cylinder", body, body.com + 1.25 * ball * axis, bar, of_axis)
 
@@ -347,7 +347,7 @@ class _Artist:
         if joint.drawn == "pin":
             self._pin(body, np.zeros(3), joint.direction)
         elif joint.drawn == "ball":
-            self._part("sphere", body, np.zeros(3), np.eye(3) * 1.7 * r, PIN)
+            self._part("sphere", body, np.zeros(3), np.eye(3) * 1.7 * r, PIN_COLOR)
         elif joint.drawn == "slide":
             self._link("cylinder", parent, joint.at, body, (0.0, 0.0, 0.0), 0.7 * r, color_of(parent))
         self._feet((parent, joint.at))
@@ -358,24 +358,24 @@ class _Artist:
         if {a.index, b.index} <= self.skinned:
             return
         if cut.drawn == "rod":
-            self._link("cylinder", a, cut.at_a, b, cut.at_b, 0.6 * r, STEEL)
+            self._link("cylinder", a, cut.at_a, b, cut.at_b, 0.6 * r, STEEL_COLOR)
             for body, at in ((a, cut.at_a), (b, cut.at_b)):
-                self._part("sphere", body, at, np.eye(3) * 1.3 * r, PIN)
+                self._part("sphere", body, at, np.eye(3) * 1.3 * r, PIN_COLOR)
         elif cut.drawn == "ball":
-            self._part("sphere", a, cut.at_a, np.eye(3) * 1.7 * r, PIN)
+            self._part("sphere", a, cut.at_a, np.eye(3) * 1.7 * r, PIN_COLOR)
         else:
             self._pin(a, cut.at_a, cut.frames()[0][:, 2])
         self._feet((a, cut.at_a), (b, cut.at_b))
 
     def _pin(self, body: Body, at: Sequence[float] | Matrix, axis: Matrix) -> None:
         r = self.radius
-        self._part("cylinder", body, at, along(axis) * [1.5 * r, 1.5 * r, 4.0 * r], PIN)
+        self._part("cylinder", body, at, along(axis) * [1.5 * r, 1.5 * r, 4.0 * r], PIN_COLOR)
 
     def _feet(self, *points: tuple[Body, Any]) -> None:
         """Mark those of the points that are on the ground: it carries something there."""
         for body, at in points:
             if body.index == 0:
-                self._part("box", body, at, np.eye(3) * 3.6 * self.radius, GROUND)
+                self._part("box", body, at, np.eye(3) * 3.6 * self.radius, GROUND_COLOR)
 
     def _part(
         self, solid: str, body: Body, at: Sequence[float] | Matrix, axes: Matrix, color: str, opacity: float = 1.0
@@ -433,7 +433,7 @@ def bar_radius(bars: list[float], across: float) -> float:
 
 def color_of(body: Body) -> str:
     """Return the color a body is given."""
-    return PALETTE[(body.index - 1) % len(PALETTE)] if body.index else GROUND
+    return PALETTE[(body.index - 1) % len(PALETTE)] if body.index else GROUND_COLOR
 
 
 def numbers(vector: Any) -> Numbers:

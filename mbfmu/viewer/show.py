@@ -124,9 +124,9 @@ def _run(model: Model, stop_time: float | None, how: dict[str, Any]) -> tuple[Mo
     return recorder.motion(model.name), result
 
 
-def side_by_side(motion: Motion, result: Result, beside: Motion, second: Result) -> tuple[Motion, Motion]:
+def side_by_side(motion: Motion, result: Result, second_result: Motion, second: Result) -> tuple[Motion, Motion]:
     """Return two motions of one mechanism, each with the name of its run and both with one picture."""
-    return replace(motion, title=result.title), replace(beside, title=second.title, picture=motion.picture)
+    return replace(motion, title=result.title), replace(second_result, title=second.title, picture=motion.picture)
 
 
 def changes(text: str) -> dict[str, Any]:

@@ -458,7 +458,7 @@ def test_where_no_worker_is_there_that_is_said(caplog: pytest.LogCaptureFixture,
 def test_a_batch_that_takes_longer_comes_back(monkeypatch: pytest.MonkeyPatch):
     job = define({"scene": "fourbar", **FOURBAR, "measure": FASTEST, "stop_time": 0.01}).job()
     points = [(k, {"gravity": 1.0}) for k in range(3)]
-    assert len(run_batch(job, points, enough=0.0)) == 1
+    assert len(run_batch(job, points, max_time=0.0)) == 1
     assert len(run_batch(job, points)) == 3
     forget_job(job)
 

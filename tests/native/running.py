@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant
-from mbfmu.native.entries import family_of, image_of, kinds
+from mbfmu.native.entries import family_of, image_of, shipped_kernels
 from mbfmu.native.runtime import COMPILERS, objects
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Simulation
@@ -47,13 +47,13 @@ class Running:
         self.block = room[begin : begin + image.size]
         self.block[:] = np.frombuffer(image.block(), np.uint8)
         words, here = self.block.view(np.uint64), self.block.ctypes.data
-        table = (ctypes.c_void_p * len(kinds())).in_dll(runtime(), "mb_kinds")
-        for at, target in image.places:
+        table = (ctypes.c_void_p * len(shipped_kernels())).in_dll(runtime(), "mb_kinds")
+        for at, target in image.relocations:
             words[at // 8] = here + target
         for at, number in image.kernels:
             words[at // 8] = table[number]
         self._root, self._family = here + image.root, family_of(simulation)
-        self.out, self.told = self.view(instance.out), self.view(instance.told)[0]
+        self.out, self.run_status = self.view(instance.out), self.view(instance.run_status)[0]
 
     def view(self, array: NDArray[Any]) -> NDArray[Any]:
         """Return the numbers or records of the block that an array of :func:`image_of` stands for."""

@@ -61,7 +61,7 @@ def follow(simulation: Simulation, native: Running, length: float, first: int = 
         assert native.call("step", (k + 1) * length) == int(status.code) == OK
         assert native.call("read") == OK
         np.testing.assert_array_equal(native.out, simulation.outputs())
-    assert native.told["lost"] == bool(simulation.verdict)
+    assert native.run_status["lost"] == bool(simulation.verdict)
 
 
 @needs_linker
@@ -120,7 +120,7 @@ def test_a_pressure_that_is_tuned():
     simulation, native = pair(lambda: Sheet(**GRID, pressure=0.5))
     follow(simulation, native, 1e-3, last=4)
     other = Sheet(**GRID, pressure=2.0)
-    assert native.call("weigh") == OK
+    assert native.call("note_energy") == OK
     adopt(native, other.plant(), at_work=True)
     assert native.call("retune") == OK
     simulation.retune(other)
@@ -146,7 +146,7 @@ def test_how_sharply_plates_bend_is_told(grid: tuple[int, int]):
         assert native.call("step", t) == int(simulation.advance(t).code) == OK
         bend = simulation.plant.measure_bending(t, simulation.stepper.q)
         assert bend is not None
-        assert native.told["bent"] == bend.largest > 0.0
+        assert native.run_status["bent"] == bend.largest > 0.0
 
 
 @needs_linker

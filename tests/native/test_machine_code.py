@@ -18,7 +18,7 @@ from fmus.pendulum import SwingPendulum
 from mbfmu.fmi import export
 from mbfmu.mechanics import Mechanism, Revolute, Spring, Wall, rod
 from mbfmu.native.entries import image_of
-from mbfmu.native.image import Image
+from mbfmu.native.image import MemoryImage
 from mbfmu.native.runtime import objects
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Settings, Simulation
@@ -81,7 +81,7 @@ def test_no_address_is_left_in_an_image():
     arrays = [*simulation.stepper.arrays(), *simulation.plant.data.arrays]
     assert not words & {array.ctypes.data for array in arrays if array.nbytes}
     assert not words & {int(address) for address in simulation.plant.data.arrays.kernels if address}
-    relocated = [at for at, _ in (*image.places, *image.kernels)]
+    relocated = [at for at, _ in (*image.relocations, *image.kernels)]
     assert not [at for at in relocated if at % 8 or at < image.saved]  # what is saved has none, and may go anywhere
 
 
@@ -152,17 +152,17 @@ def test_a_model_whose_solvers_are_not_in_machine_code_is_told_so(tmp_path: Path
 def test_tuples_are_laid_once_and_arrays_must_not_have_gaps():
     shared = np.arange(4.0)
     addresses = np.zeros(1, np.int64)
-    image = Image(((shared, 7), shared, addresses), [shared], addresses, [-1])
+    image = MemoryImage(((shared, 7), shared, addresses), [shared], addresses, [-1])
     assert image.saved == 64
-    assert len({target for _, target in image.places}) == 3
+    assert len({target for _, target in image.relocations}) == 3
     with pytest.raises(ValueError, match="without gaps"):
-        Image((np.zeros((4, 4))[:, 1], addresses), [], addresses, [-1])
+        MemoryImage((np.zeros((4, 4))[:, 1], addresses), [], addresses, [-1])
 
 
 def test_a_part_of_an_array_is_a_part_of_it_in_the_block():
     whole, addresses = np.arange(8.0), np.zeros(1, np.int64)
-    image = Image((whole, whole[2:5], addresses), [whole], addresses, [-1])
-    targets = [target for _, target in image.places]
+    image = MemoryImage((whole, whole[2:5], addresses), [whole], addresses, [-1])
+    targets = [target for _, target in image.relocations]
     assert targets[1] - targets[0] == 16
     with pytest.raises(ValueError, match="shares memory with one that came first"):
-        Image((whole[2:5], whole, addresses), [], addresses, [-1])
+        MemoryImage((whole[2:5], whole, addresses), [], addresses, [-1])

@@ -23,8 +23,8 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.modeling import Model, parameter
-from mbfmu.native.model_numbers import STRUCTURE, Place, Reader
-from mbfmu.native.parameters import Live, find_live
+from mbfmu.native.model_numbers import STRUCTURE_REASON, Place, Reader
+from mbfmu.native.parameters import SettableParameters, find_settable
 from mbfmu.util.errors import UserError
 
 SHIPPED = {
@@ -59,11 +59,11 @@ NEAR = 0.04  # of first guesses: 2 % of the largest, which is at most twice that
 
 
 @cache
-def searched(model: Model) -> Live:
-    return find_live(model)
+def searched(model: Model) -> SettableParameters:
+    return find_settable(model)
 
 
-def drawn(live: Live, random: np.random.Generator) -> dict[str, float]:
+def drawn(live: SettableParameters, random: np.random.Generator) -> dict[str, float]:
     """Return values at random within the ranges: where these have no end, within a decade."""
     values = {}
     for name in live.parameters:
@@ -73,7 +73,7 @@ def drawn(live: Live, random: np.random.Generator) -> dict[str, float]:
     return values
 
 
-def check_entries(model: Model, live: Live, values: dict[str, float]) -> None:
+def check_entries(model: Model, live: SettableParameters, values: dict[str, float]) -> None:
     """Hold what follows parameters, and what does not, against a plant built with them."""
     reader = Reader(model)
     built = dict(zip(reader.places, reader.read(values), strict=True))
@@ -88,7 +88,7 @@ def check_entries(model: Model, live: Live, values: dict[str, float]) -> None:
         assert abs(wanted - value) <= allowed, (place, wanted, value)
 
 
-def largest_term(live: Live, entry, values: dict[str, float]) -> float:
+def largest_term(live: SettableParameters, entry, values: dict[str, float]) -> float:
     """Return by how much rounding of a sum is judged: its largest term; of one term or a root its value."""
     if entry.root != 1 or len(entry.sums[0]) == 1:
         return 0.0
@@ -109,8 +109,8 @@ def test_entries_are_the_arrays_of_plants_built_with_other_values(name):
 def test_which_parameters_of_shipped_models_stay_settable(name):
     model = SHIPPED[name]
     live = searched(model)
-    assert set(live.frozen) == STRUCTURAL[type(model)] | MORE.get(name, set())
-    assert set(live.parameters) | set(live.frozen) == {p.name for p in model.parameters()}
+    assert set(live.fixed) == STRUCTURAL[type(model)] | MORE.get(name, set())
+    assert set(live.parameters) | set(live.fixed) == {p.name for p in model.parameters()}
     for p in model.parameters():
         if p.name in live.ranges:
             low, high = live.ranges[p.name]
@@ -119,8 +119,8 @@ def test_which_parameters_of_shipped_models_stay_settable(name):
 
 def test_a_parameter_at_zero_that_turns_something_on_is_frozen_with_a_hint():
     live = searched(SHIPPED["small sheet"])
-    assert live.frozen["damping"].startswith(STRUCTURE)
-    assert "export with another value than zero" in live.frozen["damping"]
+    assert live.fixed["damping"].startswith(STRUCTURE_REASON)
+    assert "export with another value than zero" in live.fixed["damping"]
     on = searched(SHIPPED["damped sheet"])
     assert 0.0 < on.ranges["damping"][0] < 0.002
     assert on.ranges["damping"][1] == inf
@@ -211,12 +211,12 @@ class Odd(Model):
 
 def test_what_is_no_product_is_frozen_or_ranged():
     model = Odd()
-    live = find_live(model)
-    assert set(live.frozen) == {"bent", "curved", "whole", "count", "damping"}
-    assert live.frozen["whole"] == STRUCTURE
-    assert "another value than zero" in live.frozen["damping"]
-    assert "cannot be changed after a native export" in live.frozen["count"]
-    assert "sums of products" in live.frozen["curved"]
+    live = find_settable(model)
+    assert set(live.fixed) == {"bent", "curved", "whole", "count", "damping"}
+    assert live.fixed["whole"] == STRUCTURE_REASON
+    assert "another value than zero" in live.fixed["damping"]
+    assert "cannot be changed after a native export" in live.fixed["count"]
+    assert "sums of products" in live.fixed["curved"]
     assert 1.0 < live.ranges["far"][1] <= 5.0
     assert 5.0 < live.ranges["farther"][1] <= 1e5
     assert live.ranges["side"][0] > 0.0
@@ -245,7 +245,7 @@ class Ordered(Model):
 
 
 def test_ranges_of_parameters_that_are_refused_together_are_of_points_that_do():
-    live = find_live(Ordered())
+    live = find_settable(Ordered())
     random = np.random.default_rng(3)
     for _ in range(20):
         check_entries(Ordered(), live, drawn(live, random))
@@ -253,7 +253,7 @@ def test_ranges_of_parameters_that_are_refused_together_are_of_points_that_do():
 
 def test_a_model_that_cannot_be_built_is_refused():
     with pytest.raises(UserError, match=r"refused is 3\.0"):
-        find_live(Odd(refused=3.0))
+        find_settable(Odd(refused=3.0))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -58,7 +58,7 @@ def follow(
         simulation.energy_check is None
         or native.view(native.instance.balance)["reference_energy"] == simulation.energy_check.base
     )
-    assert native.told["lost"] == bool(simulation.verdict)
+    assert native.run_status["lost"] == bool(simulation.verdict)
     assert set(codes) == set(ends)
 
 
@@ -162,8 +162,8 @@ def test_a_hub_that_a_host_turns(solver: str, name: str):
     simulation, native = pair(hub, Settings(solver=solver))
     follow(simulation, native, MOTIONS[name])
     assert simulation.discontinuity_work != 0.0
-    assert native.told["jumps"] == any("its position differs by" in text for text in simulation.remarks)
-    assert native.told["jumps"] == (name in ("jumps of both", "small jumps", "now and then"))
+    assert native.run_status["jumps"] == any("its position differs by" in text for text in simulation.remarks)
+    assert native.run_status["jumps"] == (name in ("jumps of both", "small jumps", "now and then"))
 
 
 @needs_linker
@@ -236,7 +236,7 @@ def test_an_impulse_that_is_not_known_is_told():
     with pytest.raises(UserError, match="where the impulse is not determined"):
         simulation.advance(0.1)
     assert native.call("step", 0.1) == Code.UNDECIDABLE
-    assert native.told["unknown"] == 1
+    assert native.run_status["unknown"] == 1
     memory = simulation_memory(native)
     at = native.image.at(memory)
     np.testing.assert_array_equal(native.block[at : at + memory.nbytes], before[at : at + memory.nbytes])
@@ -253,11 +253,11 @@ def simulation_memory(native: Running) -> NDArray[np.uint8]:
 def test_balance_that_is_lost_is_told():
     simulation, native = pair(FourBar, Settings(solver="adams"))
     follow(simulation, native, torque, last=10)
-    assert not native.told["lost"]
+    assert not native.run_status["lost"]
     native.view(native.instance.balance)["reference_energy"] += 1.0
     simulation.energy_check.base += 1.0
     follow(simulation, native, torque, first=10, last=12)
-    told = native.told
+    told = native.run_status
     assert told["lost"]
     words = f"at t = {told['lost_at']:.6g} s: the energy has changed by {-told['energy_error']:.3g} J less than"
     assert words in simulation.verdict

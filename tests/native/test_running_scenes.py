@@ -106,7 +106,7 @@ def test_what_a_native_fmu_logs_is_a_note_and_not_among_the_paths(runtime: Path,
 
 
 def test_without_a_runtime_the_fmu_calls_python(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(subprocess_export, "there", lambda _: None)
+    monkeypatch.setattr(subprocess_export, "cached_library", lambda _: None)
     _, out, _ = command("run", "fourbar", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
     assert COUPLED in out
 

@@ -17,7 +17,7 @@ from test_model_file import BEYOND, INDICES
 from fmus.fourbar import FourBar
 from mbfmu.fmi import export
 from mbfmu.native import layout
-from mbfmu.native.runtime import COMPILERS, compiler, ingredients
+from mbfmu.native.runtime import COMPILERS, compiler, compiler_arguments
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Settings
 
@@ -43,7 +43,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 def build(folder: Path, *flags: str) -> Path:
     """The host that does anything, with the runtime in it."""
     program, source = folder / "fuzz", Path(__file__).with_name("fuzz.c")
-    made = [*compiler(host()), *ingredients(host(), folder), *flags, str(source), "-o", str(program), "-lm"]
+    made = [*compiler(host()), *compiler_arguments(host(), folder), *flags, str(source), "-o", str(program), "-lm"]
     done = subprocess.run(made, capture_output=True, text=True, check=False)
     if done.returncode and flags:
         pytest.skip(f"the compiler has no sanitizers: {done.stderr.splitlines()[-1]}")

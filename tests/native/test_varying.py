@@ -31,7 +31,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.modeling import Model, parameter
 from mbfmu.native.entries import image_of
-from mbfmu.native.parameters import find_live
+from mbfmu.native.parameters import find_settable
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import unpin
@@ -205,12 +205,12 @@ def test_a_host_changes_parameters_of_signals(solver: str):
     """On the way, with the late push still ahead; what follows parameters to the last digits is put into both."""
     simulation, native = begun(Shaken, Settings(solver=solver))
     follow(simulation, native, TIMES[:4])
-    live = find_live(Shaken())
+    live = find_settable(Shaken())
     assert set(live.parameters) == {"frequency", "height", "begin"}
     changed = {"frequency": 16.0, "height": 1.0, "begin": 8.0}
     simulation.retune(Shaken(**changed))
     arrays, own = simulation.plant.data.arrays, unpin(unpin(native.instance.given.eqs.data).arrays)
-    assert native.call("weigh") == OK
+    assert native.call("note_energy") == OK
     for (name, offset), value in live.apply(changed).items():
         there = getattr(arrays, name).view(np.uint8)
         assert there[offset : offset + 8].view(np.float64)[0] == pytest.approx(value, rel=1e-12)

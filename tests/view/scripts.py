@@ -16,7 +16,7 @@ NODE = shutil.which("node")
 def evaluated(code: str, page: str = "") -> Any:
     """What the body ``code`` of an async function returns, with the modules, uPlot, and the blocks of a page."""
     folder = files("mbfmu.viewer")
-    modules = [folder / "page" / f"{name}.js" for name in html.SCRIPTS if name not in ("hands", "viewer")]
+    modules = [folder / "page" / f"{name}.js" for name in html.SCRIPTS if name not in ("input_controls", "viewer")]
     plot = folder / "vendor" / "uPlot.iife.min.js"
     parts = [
         f"const page = {json.dumps(page)};",

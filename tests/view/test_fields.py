@@ -19,7 +19,7 @@ from mbfmu.mechanics import Floating, Mechanism
 from mbfmu.session.run import simulate
 from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, Recorder, html, images
-from mbfmu.viewer.fields import STOPS, Field, colored, field_with, fields
+from mbfmu.viewer.fields import COLOR_STOPS, Field, colored, field_with, fields
 from mbfmu.viewer.picture import draw
 
 ROWS, COLUMNS = 3, 4
@@ -177,7 +177,7 @@ def test_picture_shows_cells_by_the_sign_of_their_values(tmp_path: Path) -> None
 def test_picture_tells_what_the_colors_mean(tmp_path: Path) -> None:
     corners = {field: pixels(motion_of(RAMP, field), tmp_path / "m.png")[:, 460:] for field in ("push", "")}
     assert not np.array_equal(corners["push"], corners[""])
-    for stop in (STOPS[0], STOPS[-1]):
+    for stop in (COLOR_STOPS[0], COLOR_STOPS[-1]):
         color = [int(stop[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
         close = {field: int((np.abs(corner - color).max(axis=-1) < 0.03).sum()) for field, corner in corners.items()}
         assert close["push"] > 10
@@ -188,7 +188,7 @@ def test_page_of_two_runs_has_one_scale_of_colors() -> None:
     scene = scene_in(html.page(motion_of(RAMP), motion_of(-2.0 * RAMP))[0])
     (own,), (beside,) = scene["fields"], scene["against"]["fields"]
     assert own == beside == {"title": "push [N/m]", "low": -8.0, "limit": 8.0, "columns": [1, 2, 3, 4, 5, 6]}
-    assert scene["stops"] == list(STOPS)
+    assert scene["stops"] == list(COLOR_STOPS)
     assert scene_in(html.page(motion_of(RAMP, ""))[0])["fields"] == [None]
 
 
@@ -256,14 +256,14 @@ def test_surface_without_a_field_has_its_own_color_everywhere() -> None:
 @pytest.mark.parametrize(
     ("low", "limit", "stops", "ticks"),
     [
-        (-0.00456, 0.00456, STOPS, ["-0.00456", "0", "0.00456"]),
-        (0.0, 0.00456, STOPS[4:], ["0", "0.00456"]),
-        (0.0, 0.0, STOPS[4:], ["0"]),
+        (-0.00456, 0.00456, COLOR_STOPS, ["-0.00456", "0", "0.00456"]),
+        (0.0, 0.00456, COLOR_STOPS[4:], ["0", "0.00456"]),
+        (0.0, 0.0, COLOR_STOPS[4:], ["0"]),
     ],
 )
 def test_page_tells_what_the_colors_mean(low: float, limit: float, stops: tuple[str, ...], ticks: list[str]) -> None:
     own = {"title": "push [N/m]", "low": low, "limit": limit}
-    scene = {"fields": [None, own], "stops": STOPS, "against": None}
+    scene = {"fields": [None, own], "stops": COLOR_STOPS, "against": None}
     viewer = (Path(html.__file__).parent / "page" / "viewer.js").read_text().replace("start().catch", "(() => {}).call")
     found = evaluated(
         f"""

@@ -94,7 +94,7 @@ def volume(mesh: Mesh) -> float:
         (meshes.sphere(), 4.0 / 3.0 * np.pi),
         (meshes.cylinder(), np.pi),
         (meshes.box(), 1.0),
-        (meshes.coil(0.1), 2.0 * np.pi * (meshes.TURNS - 1) * np.pi * 0.16**2 * 0.1),
+        (meshes.coil(0.1), 2.0 * np.pi * (meshes.COIL_TURNS - 1) * np.pi * 0.16**2 * 0.1),
     ],
     ids=["sphere", "cylinder", "box", "coil"],
 )
@@ -212,7 +212,7 @@ def test_sheet_is_a_skin_that_its_bodies_carry(tmp_path: Path, up: str) -> None:
 
 def test_large_motion_is_thinned_to_its_last_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     _, motion = recorded(FourBar(), 0.5)
-    monkeypatch.setattr(gltf, "LARGEST", 2_000)
+    monkeypatch.setattr(gltf, "MAX_ANIMATION_BYTES", 2_000)
     content, stride = glb(motion)
     file = File(content)
     times = file.array(file.told["animations"][0]["samplers"][0]["input"]).ravel()

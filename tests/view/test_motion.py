@@ -41,7 +41,7 @@ from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, Recorder
 from mbfmu.viewer.camera import Camera, Stage
 from mbfmu.viewer.motion import matrices
-from mbfmu.viewer.picture import PIN, Picture, draw
+from mbfmu.viewer.picture import PIN_COLOR, Picture, draw
 
 
 class Arm(Model):
@@ -208,7 +208,7 @@ def test_own_joint_and_own_force_are_drawn_as_they_say() -> None:
 
     own, ours = pictured(Hinge(), Rope()), pictured(Revolute(), Spring(at_a=(0.0, 2.0, 0.0), at_b=(0.5, 0.0, 0.0)))
     assert [(link.solid, link.at_a, link.at_b) for link in own.links] == [("coil", (0.0, 2.0, 0.0), (0.5, 0.0, 0.0))]
-    assert [part.body for part in own.parts if part.color == PIN] == [1]
+    assert [part.body for part in own.parts if part.color == PIN_COLOR] == [1]
     assert own == ours
 
 

@@ -205,7 +205,7 @@ def test_page_knows_the_scale_of_the_deflection() -> None:
 
 def test_large_motion_is_thinned_to_its_last_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     _, motion = recorded(FourBar(), 0.5)
-    monkeypatch.setattr(html, "LARGEST", 2_000)
+    monkeypatch.setattr(html, "MAX_PAGE_BYTES", 2_000)
     page, stride = html.page(motion)
     times = embedded(page, "times", "<f8").ravel()
     assert stride > 1

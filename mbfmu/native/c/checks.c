@@ -70,7 +70,7 @@ static bool good_header(const Header *h)
     return is_index(h->family, sizeof families / sizeof families[0]) && fits(h->size, 0, h->saved, 1) &&
            in_block(h, h->root, 1, sizeof(double)) && in_block(h, h->clock_at, 1, sizeof(double)) &&
            in_block(h, h->length_at, 1, sizeof(double)) && in_block(h, h->options_at, 1, sizeof(Options)) &&
-           in_block(h, h->told_at, 1, sizeof(Told)) && in_block(h, h->worst_at, 1, sizeof(Worst)) &&
+           in_block(h, h->run_status_at, 1, sizeof(RunStatus)) && in_block(h, h->worst_at, 1, sizeof(Worst)) &&
            in_block(h, h->massless_at, h->coordinates_count, sizeof(double)) && in_block(h, h->out_at, 0, 1) &&
            in_block(h, h->counts_at, 0, 1) && is_index(h->reports_coarse, 2);
 }
@@ -81,7 +81,7 @@ static bool good_sections(const Header *h)
 {
     return SECTION(variables, Variable) && SECTION(arrays, Array) && SECTION(members, Member) &&
            SECTION(entries, Entry) && SECTION(sums, Sum) && SECTION(terms, Term) && SECTION(factors, Factor) &&
-           SECTION(places, Relocation) && SECTION(kernels, Relocation) && SECTION(sentences, Sentence) &&
+           SECTION(relocations, Relocation) && SECTION(kernels, Relocation) && SECTION(sentences, Sentence) &&
            SECTION(failures, Failure) && SECTION(rows, Name) && SECTION(coordinates, Name) && SECTION(cuts, Name) &&
            SECTION(text, char) && h->sentences_count >= CODE_COUNT && h->failures_count >= ASSEMBLY_COUNT;
 }
@@ -162,10 +162,10 @@ static bool good_formulas(const Instance *own)
 static bool good_addresses(const Instance *own)
 {
     const Header *h = own->header;
-    const Relocation *places = section(own, h->places), *kernels = section(own, h->kernels);
-    for (int64_t k = 0; k < h->places_count; k++)
-        if (places[k].at < h->saved || !in_block(h, places[k].at, 1, sizeof(void *)) ||
-            !in_block(h, places[k].target, 0, 1))
+    const Relocation *relocations = section(own, h->relocations), *kernels = section(own, h->kernels);
+    for (int64_t k = 0; k < h->relocations_count; k++)
+        if (relocations[k].at < h->saved || !in_block(h, relocations[k].at, 1, sizeof(void *)) ||
+            !in_block(h, relocations[k].target, 0, 1))
             return false;
     for (int64_t k = 0; k < h->kernels_count; k++)
         if (kernels[k].at < h->saved || !in_block(h, kernels[k].at, 1, sizeof(void *)) ||

@@ -176,23 +176,23 @@ static bool may_step(Instance *own, double t, double length)
 }
 
 /* Tell what is unusual about a step that was made; a lost balance is the message of every one since. */
-static void look_around(Instance *own, const Told *told)
+static void log_new(Instance *own, const RunStatus *status)
 {
-    if (told->jumps && !own->warned_jump) {
+    if (status->jumps && !own->warned_jump) {
         own->warned_jump = true;
         warn(own, "the position of an input differs from the value that its rate gives; the joint is moved there within "
                   "the next communication step. Set position and rate consistently, or use a smaller communication step "
                   "[input-jump]");
     }
-    if (told->lost) {
-        tell_loss(own, own->message);
+    if (status->lost) {
+        describe_energy_error(own, own->message);
         if (!own->warned_balance)
             warn(own, own->message);
         own->warned_balance = true;
     }
-    if (told->bent > COARSE && !own->warned_coarse) {
+    if (status->bent > COARSE && !own->warned_coarse) {
         char text[SAYS];
-        tell_bend(own, "the mesh is too coarse", " [coarse-mesh]", text);
+        describe_bend(own, "the mesh is too coarse", " [coarse-mesh]", text);
         warn(own, text);
         own->warned_coarse = true;
     }
@@ -210,10 +210,10 @@ static Outcome go(Instance *own, double t, double length)
     memcpy(own->kept, own->block, saved);
     double end = fmax(clock_of(own), t + length); /* the host's clock may be a little slow */
     int64_t code = call_entry_at(own, own->family->step, end);
-    const Told *told = (const Told *)(own->block + own->header->told_at);
+    const RunStatus *status = (const RunStatus *)(own->block + own->header->run_status_at);
     if (code != CODE_OK) {
-        tell_stop(own, code, text);
-        if (told->unknown) {
+        describe_stop(own, code, text);
+        if (status->unknown) {
             char what[SAYS];
             SAY(what, "the rate of an input jumps at a time at which the impulse is not determined: ", text);
             memcpy(text, what, sizeof text);
@@ -221,15 +221,15 @@ static Outcome go(Instance *own, double t, double length)
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
     }
-    if (told->bent > FOLDED) {
-        tell_bend(own, "a cell is folded", ". " UNFOLD " [folded-cell]", text);
+    if (status->bent > FOLDED) {
+        describe_bend(own, "a cell is folded", ". " UNFOLD " [folded-cell]", text);
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
     }
     own->fresh = false;
     own->message[0] = '\0';
     own->reached = end;
-    look_around(own, told);
+    log_new(own, status);
     return OK;
 }
 

@@ -110,9 +110,9 @@ static bool read_block(Instance *own, FILE *file)
     if (fseek(file, (long)h->block, SEEK_SET) || fread(own->block, (size_t)h->size, 1, file) != 1 ||
         crc64(0, own->block, (size_t)h->size) != (uint64_t)h->block_sum)
         return false;
-    const Relocation *places = section(own, h->places), *kernels = section(own, h->kernels);
-    for (int64_t k = 0; k < h->places_count; k++)
-        put_address(own, places[k].at, own->block + places[k].target);
+    const Relocation *relocations = section(own, h->relocations), *kernels = section(own, h->kernels);
+    for (int64_t k = 0; k < h->relocations_count; k++)
+        put_address(own, relocations[k].at, own->block + relocations[k].target);
     for (int64_t k = 0; k < h->kernels_count; k++)
         put_address(own, kernels[k].at, mb_kinds[kernels[k].target]);
     own->untouched = true;

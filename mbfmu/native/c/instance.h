@@ -62,15 +62,15 @@ const Variable *refused_value(const Instance *own);
 Outcome fail_refused(Instance *own, Outcome outcome, const Variable *v);
 void apply_changes(Instance *own);
 
-/* words.c */
+/* messages.c */
 const char *in_digits(char digits[32], double value);
 void add(char text[SAYS], const char *more);
 void add_all(char text[SAYS], const char *const parts[], size_t count);
 Outcome fail(Instance *own, Outcome outcome, const char *text);
-void tell_stop(Instance *own, int64_t code, char text[SAYS]);
-void tell_assembly(Instance *own, int64_t code, char text[SAYS]);
-void tell_loss(const Instance *own, char text[SAYS]);
-void tell_bend(Instance *own, const char *before, const char *after, char text[SAYS]);
+void describe_stop(Instance *own, int64_t code, char text[SAYS]);
+void describe_assembly(Instance *own, int64_t code, char text[SAYS]);
+void describe_energy_error(const Instance *own, char text[SAYS]);
+void describe_bend(Instance *own, const char *before, const char *after, char text[SAYS]);
 void warn(Instance *own, const char *text);
 
 /* Make a text of parts. */

@@ -52,7 +52,7 @@ Outcome evaluate(Instance *own)
     char text[SAYS];
     int64_t code = call_entry(own, own->family->read);
     if (code != CODE_OK) {
-        tell_stop(own, code, text);
+        describe_stop(own, code, text);
         return fail(own, DISCARD, text);
     }
     read_outputs(own);
@@ -114,17 +114,17 @@ Outcome start_anew(Instance *own)
         }
     int64_t code = other ? call_entry_at(own, own->family->assemble, own->start) : ASSEMBLY_ASSEMBLED;
     if (code != ASSEMBLY_ASSEMBLED) {
-        tell_assembly(own, code, text);
+        describe_assembly(own, code, text);
         return fail(own, ERROR, text);
     }
     code = call_entry_at(own, own->family->begin, own->start);
     if (code != CODE_OK) {
-        tell_stop(own, code, text);
+        describe_stop(own, code, text);
         return fail(own, ERROR, text);
     }
-    const Told *told = (const Told *)(own->block + own->header->told_at);
-    if (told->flaw) {
-        tell_assembly(own, told->flaw, text);
+    const RunStatus *status = (const RunStatus *)(own->block + own->header->run_status_at);
+    if (status->flaw) {
+        describe_assembly(own, status->flaw, text);
         return fail(own, ERROR, text);
     }
     own->reached = own->start;

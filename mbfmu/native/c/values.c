@@ -46,7 +46,7 @@ void apply_changes(Instance *own)
     for (size_t k = 0; k < count_of(own); k++)
         tuned = tuned || (own->flags[k] & GIVEN && own->variables[k].role == ROLE_PARAMETER);
     if (tuned) {
-        call_entry(own, own->family->weigh);
+        call_entry(own, own->family->note_energy);
         put_parameters(own, true);
         call_entry(own, own->family->retune);
     }

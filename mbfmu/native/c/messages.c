@@ -9,7 +9,7 @@
 #define DEGREES 57.29577951308232 /* in a radian */
 
 /* Return a number in so many digits, with a point wherever the host is. */
-static const char *in_so_many(char digits[32], int count, double value)
+static const char *with_digits(char digits[32], int count, double value)
 {
     snprintf(digits, 32, "%.*g", count, value);
     for (char *c = digits; *c; c++)
@@ -20,7 +20,7 @@ static const char *in_so_many(char digits[32], int count, double value)
 
 const char *in_digits(char digits[32], double value)
 {
-    return in_so_many(digits, 9, value);
+    return with_digits(digits, 9, value);
 }
 
 /* Append to a text as much as there is room for. */
@@ -72,7 +72,7 @@ Outcome fail(Instance *own, Outcome outcome, const char *text)
 }
 
 /* Say why a solver stopped where it stands, and what to try. */
-void tell_stop(Instance *own, int64_t code, char text[SAYS])
+void describe_stop(Instance *own, int64_t code, char text[SAYS])
 {
     const Sentence *sentence = (const Sentence *)section(own, own->header->sentences) + code;
     const double *clock = (const double *)(own->block + own->header->clock_at);
@@ -83,7 +83,7 @@ void tell_stop(Instance *own, int64_t code, char text[SAYS])
 
 /* Say what is wrong with a start: which row does not close and by what, which coordinates move no mass, which loop is
  * closed the wrong way round, or what numbers are too coarse for. */
-void tell_assembly(Instance *own, int64_t code, char text[SAYS])
+void describe_assembly(Instance *own, int64_t code, char text[SAYS])
 {
     const Header *h = own->header;
     const Failure *f = (const Failure *)section(own, h->failures) + code;
@@ -106,35 +106,35 @@ void tell_assembly(Instance *own, int64_t code, char text[SAYS])
         add_all(text, parts, sizeof parts / sizeof parts[0]);
         return;
     }
-    for (int64_t k = 0, told = 0; k < h->coordinates_count; k++)
+    for (int64_t k = 0, listed = 0; k < h->coordinates_count; k++)
         if (massless[k] != 0.0) {
-            const char *const parts[] = {told++ ? ", '" : "'", text_at(own, coordinates[k].name), "'"};
+            const char *const parts[] = {listed++ ? ", '" : "'", text_at(own, coordinates[k].name), "'"};
             add_all(text, parts, sizeof parts / sizeof parts[0]);
         }
     add(text, text_at(own, f->between));
 }
 
 /* Say when and by how much the balance of energy and work was lost. */
-void tell_loss(const Instance *own, char text[SAYS])
+void describe_energy_error(const Instance *own, char text[SAYS])
 {
-    const Told *told = (const Told *)(own->block + own->header->told_at);
-    double most = fabs(told->energy_error);
+    const RunStatus *status = (const RunStatus *)(own->block + own->header->run_status_at);
+    double most = fabs(status->energy_error);
     char at[32], lost[32], part[32], all[32];
-    if (told->lost == PASSAGE_INACCURATE) {
-        SAY(text, "the energy error is too large at t = ", in_so_many(at, 6, told->lost_at),
-            " s: the energy has changed by ", in_so_many(lost, 3, most), " J ", told->energy_error > 0.0 ? "more" : "less",
-            " than the work done on the mechanism, which is ", in_so_many(part, 2, most / told->passage), " of the ",
-            in_so_many(all, 3, told->passage), " J by which the motion has just passed an unstable equilibrium, or missed ",
+    if (status->lost == PASSAGE_INACCURATE) {
+        SAY(text, "the energy error is too large at t = ", with_digits(at, 6, status->lost_at),
+            " s: the energy has changed by ", with_digits(lost, 3, most), " J ", status->energy_error > 0.0 ? "more" : "less",
+            " than the work done on the mechanism, which is ", with_digits(part, 2, most / status->passage), " of the ",
+            with_digits(all, 3, status->passage), " J by which the motion has just passed an unstable equilibrium, or missed ",
             "it. The time of the passage and the motion after it may be wrong: reduce the tolerance and compare the ",
             "results [slow-passage]");
         return;
     }
-    SAY(text, "the energy error is too large at t = ", in_so_many(at, 6, told->lost_at),
-        " s: the energy has changed by ", in_so_many(lost, 3, most), " J ", told->energy_error > 0.0 ? "more" : "less",
+    SAY(text, "the energy error is too large at t = ", with_digits(at, 6, status->lost_at),
+        " s: the energy has changed by ", with_digits(lost, 3, most), " J ", status->energy_error > 0.0 ? "more" : "less",
         " than the work done on the mechanism");
-    if (told->exchanged != 0.0) {
-        const char *const parts[] = {", ", in_so_many(part, 2, most / told->exchanged), " of the ",
-                                     in_so_many(all, 3, told->exchanged), " J of energy exchanged"};
+    if (status->exchanged != 0.0) {
+        const char *const parts[] = {", ", with_digits(part, 2, most / status->exchanged), " of the ",
+                                     with_digits(all, 3, status->exchanged), " J of energy exchanged"};
         add_all(text, parts, sizeof parts / sizeof parts[0]);
     }
     add(text, ", and more than the tolerance explains. The motion after this time may be wrong: reduce the tolerance or "
@@ -142,13 +142,13 @@ void tell_loss(const Instance *own, char text[SAYS])
 }
 
 /* Say how far cells of a sheet bend where the model stands, too far for their grid. */
-void tell_bend(Instance *own, const char *before, const char *after, char text[SAYS])
+void describe_bend(Instance *own, const char *before, const char *after, char text[SAYS])
 {
-    const Told *told = (const Told *)(own->block + own->header->told_at);
+    const RunStatus *status = (const RunStatus *)(own->block + own->header->run_status_at);
     const double *clock = (const double *)(own->block + own->header->clock_at);
     char most[32], good[32], digits[32];
     SAY(text, before, " at t = ", in_digits(digits, *clock), " s: adjacent cells are rotated by up to ",
-        in_digits(most, round(told->bent * DEGREES)), " deg; allowed: about ", in_digits(good, round(COARSE * DEGREES)),
+        in_digits(most, round(status->bent * DEGREES)), " deg; allowed: about ", in_digits(good, round(COARSE * DEGREES)),
         " deg. Refine the grid", after);
 }
 
