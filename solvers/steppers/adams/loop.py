@@ -153,7 +153,7 @@ def runge_kutta_step(eqs: Any, control: Any, settings: Any, history: Any, work: 
     """
     q, v, last = work.q, work.v, history.y.shape[0] - 1
     set_error_weights(control, settings, history, q.shape[0], v.shape[0], work)
-    shortest = False
+    is_min_step = False
     while True:
         control.h = min(control.h, settings.max_step)
         truncate_step(control, target)
@@ -174,7 +174,7 @@ def runge_kutta_step(eqs: Any, control: Any, settings: Any, history: Any, work: 
             store_stage(history, i)
         if code == OK:
             error = estimate_error(control, history)
-            if error <= 1.0 or shortest:
+            if error <= 1.0 or is_min_step:
                 if accept_branch(eqs, after, control, settings, history, work):
                     accept_runge_kutta_step(control, history, target, error)
                     return OK
@@ -183,10 +183,10 @@ def runge_kutta_step(eqs: Any, control: Any, settings: Any, history: Any, work: 
         adapt_step(control, error)
         smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], settings.max_step, control.t)
         if not control.h > smallest:
-            if shortest or code != OK or not is_discontinuity(settings.max_step, control.t):
+            if is_min_step or code != OK or not is_discontinuity(settings.max_step, control.t):
                 control.rk_step_size = 0.0
                 return COLLAPSED if code == OK else code
-            control.h, shortest = smallest, True
+            control.h, is_min_step = smallest, True
 
 
 @kernel
@@ -194,7 +194,7 @@ def adams_step(eqs: Any, control: Any, settings: Any, history: Any, work: Any, s
     """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
     q, v = work.q, work.v
     set_error_weights(control, settings, history, q.shape[0], v.shape[0], work)
-    cuts, shortest = 0, False
+    cuts, is_min_step = 0, False
     while True:
         update_coefficients(control)
         predict(control, history)
@@ -204,7 +204,7 @@ def adams_step(eqs: Any, control: Any, settings: Any, history: Any, work: Any, s
         code = evaluate_derivative(eqs, after, False, control, settings, history, work)
         if code == OK:
             error = estimate_errors(control, history)
-            if error <= 1.0 or shortest:
+            if error <= 1.0 or is_min_step:
                 correct_state(control, history)
                 unpack_state(history.trial, q, v)
                 code = evaluate_derivative(eqs, after, True, control, settings, history, work)
@@ -224,9 +224,9 @@ def adams_step(eqs: Any, control: Any, settings: Any, history: Any, work: Any, s
             control.by_collapse += 1
         smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], settings.max_step, control.t)
         if not control.h > smallest:
-            if shortest or code != OK or not is_discontinuity(settings.max_step, control.t):
+            if is_min_step or code != OK or not is_discontinuity(settings.max_step, control.t):
                 return COLLAPSED if code == OK else code
-            control.h, control.k, shortest = smallest, 1, True
+            control.h, control.k, is_min_step = smallest, 1, True
 
 
 @kernel

@@ -174,7 +174,7 @@ def runge_kutta_step(
     """One step by the formulas of :mod:`solvers.steppers.adams.one_step`, not past ``target``; or why there is none."""
     last = history.y.shape[0] - 1
     set_error_weights(settings, history, scratch)
-    shortest = False
+    is_min_step = False
     while True:
         control.h = min(control.h, settings.max_step)
         truncate_step(control, target)
@@ -191,7 +191,7 @@ def runge_kutta_step(
             store_stage(history, i)
         if code == OK:
             error = estimate_error(control, history)
-            if error <= 1.0 or shortest:
+            if error <= 1.0 or is_min_step:
                 history.trial[last] = history.p[last]
                 pack_state(scratch.q, scratch.v, history.trial)
                 record_energy(eqs, control.t + control.h, control, settings, scales, scratch)
@@ -201,24 +201,24 @@ def runge_kutta_step(
         adapt_step(control, error)
         smallest = min_step_length(MIN_STEP_RATIO, settings.rate, settings.max_step, control.t)
         if not control.h > smallest:
-            if shortest or code != OK or not is_discontinuity(settings.max_step, control.t):
+            if is_min_step or code != OK or not is_discontinuity(settings.max_step, control.t):
                 control.rk_step_size = 0.0
                 return COLLAPSED if code == OK else code
-            control.h, shortest = smallest, True
+            control.h, is_min_step = smallest, True
 
 
 @kernel
 def adams_step(eqs: Any, control: Any, settings: Any, history: Any, scratch: Any, scales: Any) -> int:
     """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
     set_error_weights(settings, history, scratch)
-    cuts, shortest = 0, False
+    cuts, is_min_step = 0, False
     while True:
         update_coefficients(control)
         predict(control, history)
         unpack_state(history.p, scratch.q, scratch.v)
         control.erk = 0.0
         code = evaluate_derivative(eqs, control.t + control.h, control, history, scratch)
-        if code == OK and (estimate_errors(control, history) <= 1.0 or shortest):
+        if code == OK and (estimate_errors(control, history) <= 1.0 or is_min_step):
             correct_state(control, history)
             unpack_state(history.trial, scratch.q, scratch.v)
             eqs.retract(scratch.q, scratch.zero, eqs.data)
@@ -234,9 +234,9 @@ def adams_step(eqs: Any, control: Any, settings: Any, history: Any, scratch: Any
         shorten_step(cuts, control, history)
         smallest = min_step_length(MIN_STEP_RATIO, settings.rate, settings.max_step, control.t)
         if not control.h > smallest:
-            if shortest or code != OK or not is_discontinuity(settings.max_step, control.t):
+            if is_min_step or code != OK or not is_discontinuity(settings.max_step, control.t):
                 return COLLAPSED if code == OK else code
-            control.h, control.k, shortest = smallest, 1, True
+            control.h, control.k, is_min_step = smallest, 1, True
 
 
 @kernel

@@ -57,16 +57,14 @@ def step_until(ida: Any, user_data: Any, t: float) -> int:
     ``ida.accept(t, y, y', user_data)`` checks every step, records the time reached, and returns a code.
     """
     progress, counts = user_data.progress[0], user_data.counts
-    stood, bad, since, first = 0, counts[NONFINITE_RESIDUALS], progress.t_reached, progress.steps
+    returns_without_step, nonfinite_before = 0, counts[NONFINITE_RESIDUALS]
+    t_checked, steps_before = progress.t_reached, progress.steps
     while progress.t_reached < t:
         if progress.steps >= progress.max_steps:
             return MAX_STEPS
-        before, stop, instant = (
-            progress.t_reached,
-            next_stop(progress, t),
-            max(progress.min_step, STANDSTILL_RATIO * abs(progress.t_reached)),
-        )
-        if progress.max_next_step < instant:
+        before, stop = progress.t_reached, next_stop(progress, t)
+        min_step = max(progress.min_step, STANDSTILL_RATIO * abs(progress.t_reached))
+        if progress.max_next_step < min_step:
             return BRANCHES
         if stop < np.inf:
             ida.stop_at(ida.memory, stop)
@@ -74,21 +72,21 @@ def step_until(ida: Any, user_data: Any, t: float) -> int:
             ida.memory, max(t, stop) if stop < np.inf else t, ida.reached_address, ida.yy, ida.yp, IDA_ONE_STEP
         )
         ida.clear_stop(ida.memory)
-        reached, stopped = ida.reached[0], NOT_FINITE if counts[NONFINITE_RESIDUALS] > bad else COLLAPSED
+        reached, stopped = ida.reached[0], NOT_FINITE if counts[NONFINITE_RESIDUALS] > nonfinite_before else COLLAPSED
         if flag < 0:
             return stopped
         if reached <= before:  # it had interpolated, and first reports its time; or t does not advance
-            stood += 1
-            if stood > MAX_RETURNS_WITHOUT_STEP:
+            returns_without_step += 1
+            if returns_without_step > MAX_RETURNS_WITHOUT_STEP:
                 return stopped
             continue
-        stood, progress.last_step = 0, reached - before
+        returns_without_step, progress.last_step = 0, reached - before
         progress.steps += 1
         code = ida.accept(reached, ida.y, ida.slopes, user_data)
         if code != OK:
             return code
-        if (progress.steps - first) % PROGRESS_CHECK_STEPS == 0:
-            if progress.t_reached - since <= instant:
+        if (progress.steps - steps_before) % PROGRESS_CHECK_STEPS == 0:
+            if progress.t_reached - t_checked <= min_step:
                 return stopped
-            since = progress.t_reached
+            t_checked = progress.t_reached
     return OK

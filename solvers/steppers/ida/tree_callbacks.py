@@ -261,8 +261,8 @@ def call_matvec(
 ) -> int:
     """As IDA calls it."""
     n = user_data.n_unknowns
-    given = array_at(vector_data(y), n), array_at(vector_data(slopes), n), array_at(vector_data(x), n)
-    multiply_matrix(t, given[0], given[1], given[2], cj, array_at(vector_data(product), n), user_data)
+    vectors = array_at(vector_data(y), n), array_at(vector_data(slopes), n), array_at(vector_data(x), n)
+    multiply_matrix(t, vectors[0], vectors[1], vectors[2], cj, array_at(vector_data(product), n), user_data)
     return 0
 
 

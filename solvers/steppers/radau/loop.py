@@ -184,7 +184,7 @@ def radau_step(eqs: Any, control: Any, settings: Any, memory: Any, work: Any, sc
     """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
     nq, n = memory.q.shape[0], memory.v.shape[0]
     set_tolerances(control, settings, memory, work)
-    shortest = False
+    is_min_step = False
     while True:
         control.h = min(control.h, settings.max_step)
         h = truncated_step(control, target) if control.truncated_steps > 0 else control.h
@@ -203,7 +203,7 @@ def radau_step(eqs: Any, control: Any, settings: Any, memory: Any, work: Any, sc
             corner = has_corner(control, h, error)
             largest = min(1.0, settings.motion_rtol / (control.inertia_factor * settings.rtol)) if corner else 1.0
             is_accurate = error <= largest
-            if is_accurate or shortest:
+            if is_accurate or is_min_step:
                 for i in range(nq):
                     work.q[i] = memory.Q[N_STAGES - 1, i]
                 for i in range(n):
@@ -237,9 +237,9 @@ def radau_step(eqs: Any, control: Any, settings: Any, memory: Any, work: Any, sc
             control.h = shorter * h
         smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], settings.max_step, control.t)
         if not control.h > smallest:
-            if shortest or is_accurate or not is_discontinuity(settings.max_step, control.t):
+            if is_min_step or is_accurate or not is_discontinuity(settings.max_step, control.t):
                 return code
-            control.h, shortest = smallest, True
+            control.h, is_min_step = smallest, True
 
 
 @inlined
@@ -338,9 +338,9 @@ def advance(
 def set_options(options: Any, settings_array: Any) -> None:
     """Set the options of a run (``solvers.options.OPTIONS``)."""
     requested, settings = options[0], settings_array[0]
-    looser = RTOL_FACTOR * requested.rtol**RTOL_EXPONENT
-    settings.rtol, settings.atol = looser, requested.absolute * looser / requested.rtol
-    settings.motion_rtol, settings.newton_tolerance = requested.rtol, NEWTON_RTOL_RATIO * requested.rtol / looser
+    error_rtol = RTOL_FACTOR * requested.rtol**RTOL_EXPONENT
+    settings.rtol, settings.atol = error_rtol, requested.absolute * error_rtol / requested.rtol
+    settings.motion_rtol, settings.newton_tolerance = requested.rtol, NEWTON_RTOL_RATIO * requested.rtol / error_rtol
     settings.max_step, settings.max_steps, settings.energy_check = (
         requested.max_step,
         requested.max_steps,
