@@ -119,7 +119,8 @@ def test_every_exception_is_needed() -> None:
     for path, texts in EXCEPTIONS.items():
         assert (ROOT / path).exists(), path
         for text, reason in texts.items():
-            assert text in (ROOT / path).read_text(), f"{path}: {text!r} is not there any more"
+            known = identifiers(path) if text.isidentifier() else (ROOT / path).read_text()
+            assert text in known, f"{path}: {text!r} is not there any more"
             assert reason, f"{path}: {text!r} has no reason"
 
 
@@ -177,3 +178,124 @@ def test_messages_of_native_fmus_are_in_plain_technical_english() -> None:
 @pytest.mark.parametrize("text", ["loop 'a': 3 of 5 rows vanish", "an imbalance of 1 J", "what is held"])
 def test_private_words_in_messages_are_found(text: str) -> None:
     assert hits("x", [(1, text)], IN_MESSAGES)
+
+
+# ---- identifiers ----------------------------------------------------------------------------------------------------
+
+PRIVATE_WORDS = frozenset(
+    "told tell tells telling felt feeling look looks looked stray strays strayed judge judges judged seek weave weaver "
+    "woven fabric meet meets meeting meetings anew deaf trouble pace paces swift swiftest hang hangs unfelt pliancy "
+    "entitle rehearse recall depart departs booked books culprits movers baked carried apart beside legible illegible "
+    "leeway leap enough sounds misses silent cornered meshed whence lest dear house room rooms "
+    "stepped twin twins "
+    .split()
+)  # fmt: skip
+ADJECTIVES = frozenset(  # no quantity
+    "ALIKE ALL ALREADY BEYOND BRIEF BRIEFLY CHANGED CLEAR CLOSE CLOSED COARSE COARSEST COMMON CROWD DEEP ENOUGH "
+    "EXACT FAR FEW FINE FINEST FIRST FLAT FRESH GONE GOOD HIGH INSIDE KNOWN LARGE LARGEST LAST LEAST LEFT LIGHT "
+    "LONG LONGEST LOOSE LOOSEST LOST LOW MANY MISSED MOST NEAR NEVER NEXT NOISE NOTHING OFTEN OPEN OTHER OTHERS "
+    "OWN QUICK RARE REACH ROUND ROUNDING SAFE SAME SHARP SHORT SHORTEST SLIGHT SLOW SLOWER SLOWEST SMALL SMALLEST "
+    "SOME SPARE STEADY STRICT THIN TIGHT TIGHTER TIGHTEST TURNS UNKNOWN USUAL WEAK WHOLE WIDE WORST "
+    .split()
+)  # fmt: skip
+SYMBOLS = frozenset(
+    "A B C D E F G J K L M N P Q R S T U V W Y Z a b c d e f h i j k l m n p q r t u v w x y z _".split()
+)
+
+
+def identifiers(path: str) -> dict[str, int]:
+    """Return the names that a module defines, with the line of each: functions, classes, arguments, constants and
+    attributes of ``self``, and its own.
+    """
+    found = {Path(path).stem: 1}
+    for node in ast.walk(ast.parse((ROOT / path).read_text())):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.setdefault(node.name, node.lineno)
+        elif isinstance(node, ast.arg):
+            found.setdefault(node.arg, node.lineno)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id.isupper():
+            found.setdefault(node.id, node.lineno)
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) and ast.unparse(node.value) == "self":
+            found.setdefault(node.attr, node.lineno)
+    return found
+
+
+def parts(name: str) -> list[str]:
+    """Return the words of an identifier in lower case, as written between underscores and changes of case."""
+    return [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)]
+
+
+def arguments(path: str) -> list[tuple[int, str]]:
+    """Return the arguments of one letter of the functions of a module, with the line of each."""
+    tree = ast.parse((ROOT / path).read_text())
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    return [(arg.lineno, arg.arg) for node in functions for arg in ast.walk(node.args)
+            if isinstance(arg, ast.arg) and len(arg.arg) == 1]  # fmt: skip
+
+
+def constants(path: str) -> dict[str, str]:
+    """Return the constants of a module with their values, as written; copies of other names are left out."""
+    found = {}
+    for node in ast.parse((ROOT / path).read_text()).body:
+        if isinstance(node, ast.AnnAssign) and node.value is not None:
+            pairs = [(node.target, node.value)]
+        elif (
+            isinstance(node, ast.Assign)
+            and isinstance(node.targets[0], ast.Tuple)
+            and isinstance(node.value, ast.Tuple)
+        ):
+            pairs = list(zip(node.targets[0].elts, node.value.elts, strict=True))
+        elif isinstance(node, ast.Assign):
+            pairs = [(target, node.value) for target in node.targets]
+        else:
+            continue
+        for target, value in pairs:
+            if isinstance(target, ast.Name) and target.id.isupper() and not isinstance(value, ast.Name | ast.Attribute):
+                found[target.id] = ast.unparse(value)
+    return found
+
+
+def test_identifiers_have_no_private_words() -> None:
+    found = [
+        f"{path}:{line}: {name!r} contains {word!r}, a word that only this project uses"
+        for path in SOURCES
+        for name, line in identifiers(path).items()
+        for word in parts(name)
+        if word in PRIVATE_WORDS and name not in EXCEPTIONS.get(path, {})
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_constants_are_named_by_quantity() -> None:
+    found = [
+        f"{path}: constant {name} is named by an adjective or an adverb; name its quantity and its role"
+        for path in SOURCES
+        for name in constants(path)
+        if name in ADJECTIVES and name not in EXCEPTIONS.get(path, {})
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_a_constant_has_one_value() -> None:
+    values: dict[str, dict[str, list[str]]] = {}
+    for path in SOURCES:
+        for name, value in constants(path).items():
+            if name not in EXCEPTIONS.get(path, {}):
+                values.setdefault(name, {}).setdefault(value, []).append(path)
+    found = [f"{name}: {places}" for name, places in values.items() if len(places) > 1]
+    assert not found, "\n".join(found)
+
+
+def test_arguments_of_one_letter_are_symbols() -> None:
+    found = [
+        f"{path}:{line}: argument {name!r} is no symbol of docs/notation.md; write a word"
+        for path in SOURCES
+        for line, name in arguments(path)
+        if name not in SYMBOLS and name not in EXCEPTIONS.get(path, {})
+    ]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("name", ["_tell_loops", "TOLD", "SheetWeaver", "startAnew", "is_felt"])
+def test_private_words_in_identifiers_are_found(name: str) -> None:
+    assert PRIVATE_WORDS.intersection(parts(name))

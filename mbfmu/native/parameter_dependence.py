@@ -92,8 +92,8 @@ class ParameterDependence:
         self._powers: dict[str, dict[int, Powers]] = {}
         for p in model.parameters():
             self._add_parameter(p, getattr(model, p.name))
-        reason = self.reader.columns("size", "row_size", "residual_scale", "drive size")
-        self.lengths = reason[self._equal_to_length(self.reader.base)[reason]]
+        scales = self.reader.columns("size", "row_size", "residual_scale", "drive size")
+        self.lengths = scales[self._equal_to_length(self.reader.base)[scales]]
         self.rate_sources = np.ones(1 + len(self.reader.columns("drive rate")), bool)
         self._fix_refused()
         for name in list(self.settable):
