@@ -11,7 +11,7 @@ import pytest
 
 import mbfmu
 import solvers
-from mbfmu import mechanics, sheets
+from mbfmu import mechanics, sheets, testing
 from mbfmu.cli import main
 
 ROOT = Path(__file__).parents[1]
@@ -28,7 +28,8 @@ def documented() -> list[str]:
 def test_the_reference_has_every_public_name_once() -> None:
     named = documented()
     assert sorted(named) == sorted(set(named))
-    assert set(named) == set(mbfmu.__all__) | set(mechanics.__all__) | set(sheets.__all__) | set(solvers.__all__)
+    packages = (mbfmu, mechanics, sheets, solvers, testing)
+    assert set(named) == {name for package in packages for name in package.__all__}
 
 
 def test_the_picture_of_the_choice_is_what_its_script_draws() -> None:

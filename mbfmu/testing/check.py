@@ -1,0 +1,228 @@
+"""Check of one user-defined element type in random mechanisms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from traceback import extract_tb
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics import (
+    Coupling,
+    Cut,
+    Cylindrical,
+    Force,
+    Joint,
+    Load,
+    Mechanism,
+    Plant,
+    Revolute,
+    Spherical,
+    Translational,
+)
+from mbfmu.util.errors import UserError
+from mbfmu.util.text_table import format_table
+from solvers.compiled.kernel import COMPILED
+
+from .identities import IDENTITIES, MAX_UNCERTAINTY, TOLERANCE, Deviation, random_state
+
+NAME = "element"  # of what is checked, in its mechanism
+CAUSES = {
+    "positions, velocities and accelerations": "kernel `place` (rel[0:nv] against the pose in rel[6:9]) or `bias` of a "
+    "joint",
+    "kinetic energy and mass matrix": "kernel `place` of a joint",
+    "derivatives of constraints": "residual, axes or their rates of a cut joint; value and derivatives of a coupling",
+    "energy, potential and power": "kernels `apply`, `potential` and `power` of a load: the power of what `apply` adds "
+    "must be `power` minus the rate of `potential`",
+    "complex steps": "a kernel that is not analytic: abs, min, max, arctan2, math, or a comparison without .real",
+    "outputs": "kernel `read` of a sensor that is not analytic, or that depends on an earlier call",
+}
+
+
+@dataclass
+class Outcome:
+    """Result of one identity.
+
+    Attributes
+    ----------
+    examined, skipped
+        Numbers of states that were compared, and of those at which the mechanism is not smooth.
+    worst
+        Largest deviation.
+    error
+        Exception of a kernel, with its file and line; empty: none.
+    """
+
+    examined: int = 0
+    skipped: int = 0
+    worst: Deviation = field(default_factory=lambda: Deviation(0.0, 0.0, 0.0, ""))
+    error: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether no state contradicts the identity."""
+        return not self.error and self.worst.size <= TOLERANCE
+
+    def add(self, deviation: Deviation) -> None:
+        """Take a deviation into account, unless its derivative cannot be trusted."""
+        if deviation.uncertainty > MAX_UNCERTAINTY:
+            self.skipped += 1
+            return
+        self.examined += 1
+        size = deviation.size - 10.0 * deviation.uncertainty
+        if not size <= self.worst.size:
+            self.worst = deviation._replace(size=size)
+
+
+@dataclass(frozen=True)
+class ElementReport:
+    """What :func:`check_element` found; ``print`` shows it as a table.
+
+    Attributes
+    ----------
+    outcomes
+        :class:`Outcome` by the name of the identity.
+    interpreted
+        Whether kernels ran as plain Python, which checks every index.
+    """
+
+    outcomes: dict[str, Outcome]
+    interpreted: bool
+
+    @property
+    def passed(self) -> bool:
+        """Whether all identities hold, and each was examined."""
+        return all(outcome.passed for outcome in self.outcomes.values())
+
+    def __str__(self) -> str:
+        rows = [
+            (
+                name,
+                "passed" if outcome.passed else "FAILED",
+                str(outcome.examined),
+                str(outcome.skipped),
+                f"{max(0.0, outcome.worst.size):.1e}",
+            )
+            for name, outcome in self.outcomes.items()
+        ]
+        how = (
+            "Kernels ran as plain Python: every index was checked."
+            if self.interpreted
+            else "Kernels were compiled, and their indices checked in one call; NUMBA_DISABLE_JIT=1 checks all."
+        )
+        head = ["identity", "result", "states", "not smooth", "deviation"]
+        return "\n".join([format_table(head, rows), how, *self._reasons()])
+
+    def _reasons(self) -> Iterator[str]:
+        for name, outcome in self.outcomes.items():
+            if outcome.error:
+                yield f"{name}: {outcome.error}"
+            elif not outcome.passed:
+                worst = outcome.worst
+                yield (
+                    f"{name}: {worst.where} is {worst.found:.9g} instead of {worst.expected:.9g}. "
+                    f"Possible cause: {CAUSES[name]}"
+                )
+
+
+def check_element(
+    element: Any, *, bodies: int = 2, length: float = 1.0, states: int = 10, seed: int = 0
+) -> ElementReport:
+    """Check the kernels of a user-defined joint, cut joint, coupling, force or load by identities of mechanics.
+
+    The element is placed in a random tree of bodies. At random states its kernels are compared with derivatives of
+    each other: velocities with positions, Jacobians with residuals, power with the rate of the energy, and complex
+    steps with differences. States at which the mechanism is not smooth (a stop is reached) are skipped.
+
+    Parameters
+    ----------
+    element
+        An instance of the type, with realistic parameters; or a mechanism that contains it (for a sensor, or an element
+        that needs certain bodies), whose outputs are checked too.
+    bodies
+        Number of bodies to which a load is applied that is not a force.
+    length
+        Size of the random mechanism and of its displacements, m.
+    states
+        Number of random states.
+    seed
+        Of the random numbers.
+
+    Returns
+    -------
+    ElementReport
+        What was found.
+
+    Raises
+    ------
+    AssertionError
+        An identity does not hold. The message is the report: what deviates, by how much, and what may be the cause.
+    UserError
+        The element cannot be used at all.
+    """
+    rng = np.random.default_rng(seed)
+    mechanism = element if isinstance(element, Mechanism) else around(element, bodies, length, rng)
+    for body in mechanism.bodies[1:]:
+        for axis in "xyz":
+            point = (0.3 * length, -0.2 * length, 0.5 * length)
+            mechanism.output(f"_probe.{body.name}.r{axis}", body.position(axis, point))
+            mechanism.output(f"_probe.{body.name}.v{axis}", body.velocity(axis, point))
+            mechanism.output(f"_probe.{body.name}.a{axis}", body.point_acceleration(axis, point))
+    plant = Plant(mechanism)
+    outcomes = {name: Outcome() for name in IDENTITIES}
+    for _ in range(states):
+        at = random_state(plant, rng, length)
+        for name, identity in IDENTITIES.items():
+            if outcomes[name].error:
+                continue
+            try:
+                with np.errstate(all="ignore"):
+                    for deviation in identity(plant, at):
+                        outcomes[name].add(deviation)
+            except (ArithmeticError, IndexError, TypeError, ValueError) as error:
+                last = extract_tb(error.__traceback__)[-1]
+                outcomes[name].error = f"{type(error).__name__}: {error} ({last.filename}, line {last.lineno})"
+    report = ElementReport(outcomes, interpreted=not COMPILED)
+    if not report.passed:
+        raise AssertionError(f"{type(element).__name__} contradicts itself\n{report}")
+    return report
+
+
+def around(element: Any, bodies: int, length: float, rng: np.random.Generator) -> Mechanism:
+    """Return a random mechanism that contains an element; raises UserError if its role is unknown."""
+
+    def vector(size: float = 1.0) -> tuple[float, float, float]:
+        x, y, z = size * rng.normal(size=3)
+        return float(x), float(y), float(z)
+
+    m = Mechanism(gravity=vector())
+    joints: tuple[Joint, ...] = (
+        Revolute(at=vector(length), axis=vector()),
+        Spherical(at=vector(length)),
+        element if isinstance(element, Joint) else Cylindrical(at=vector(length), axis=vector()),
+        Revolute(at=vector(length), axis=vector()),
+        Translational(at=vector(length), axis=vector()),
+    )
+    chain = [m.ground]
+    for k, joint in enumerate(joints):
+        points = 0.3 * length * rng.normal(size=(5, 3))
+        inertia = sum((p @ p) * np.eye(3) - np.outer(p, p) for p in points)
+        mass = rng.uniform(0.5, 2.0)
+        chain.append(m.body(f"b{k}", chain[-1], joint, mass=mass, com=vector(0.3 * length), inertia=inertia))
+    _, b0, b1, _, b3, b4 = chain
+    if isinstance(element, Cut):
+        m.cut(NAME, element, b4, b0)
+    elif isinstance(element, Coupling):
+        m.couple(NAME, element, b0, b3)
+    elif isinstance(element, Force):
+        m.force(NAME, element, b3, b1)
+    elif isinstance(element, Load):
+        m.load(NAME, element, *chain[1 : 1 + bodies])
+    elif not isinstance(element, Joint):
+        raise UserError(
+            f"element is {element!r}; allowed: an instance of a joint, cut joint, coupling, force or load, or a "
+            "mechanism that contains the element"
+        )
+    return m

@@ -1,0 +1,186 @@
+"""The check of user-defined elements passes right ones, and names what is wrong with wrong ones."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbfmu as mb
+from mbfmu.mechanics import Coupling, Force, Sensor, kernel
+from mbfmu.testing import ElementReport, check_element
+
+RECORD = np.dtype([("body", np.int64), ("c", np.float64)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Uniform(Force):
+    """A spring from the origin of a body to that of the ground, with an error or without."""
+
+    record = RECORD
+    c: float = 3.0
+
+    def fill(self, record: Any, site: Any) -> None:
+        record["body"], record["c"] = site.bodies[0], self.c
+
+
+@kernel
+def pull(force: Any, t: float, arrays: Any, state: Any) -> None:
+    body = state.bodies[force.body]
+    for k in range(3):
+        body.F[k] -= force.c * body.r[k]
+
+
+@kernel
+def stored(force: Any, arrays: Any, state: Any) -> Any:
+    r = state.bodies[force.body].r
+    return 0.5 * force.c * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+
+
+@kernel
+def stored_twice(force: Any, arrays: Any, state: Any) -> Any:
+    r = state.bodies[force.body].r
+    return force.c * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+
+
+@kernel
+def drag(force: Any, t: float, arrays: Any, state: Any) -> None:
+    body = state.bodies[force.body]
+    for k in range(3):
+        body.F[k] -= force.c * body.Y[k]
+
+
+@kernel
+def loss(force: Any, t: float, arrays: Any, state: Any) -> Any:
+    Y = state.bodies[force.body].Y
+    return -force.c * (Y[0] * Y[0] + Y[1] * Y[1] + Y[2] * Y[2])
+
+
+@kernel
+def gain(force: Any, t: float, arrays: Any, state: Any) -> Any:
+    Y = state.bodies[force.body].Y
+    return force.c * (Y[0] * Y[0] + Y[1] * Y[1] + Y[2] * Y[2])
+
+
+@kernel
+def of_real_part(force: Any, t: float, arrays: Any, state: Any) -> None:
+    body = state.bodies[force.body]
+    for k in range(3):
+        body.F[k] -= force.c * body.r[k].real
+
+
+class Right(Uniform):
+    apply, potential = pull, stored
+
+
+class Damper(Uniform):
+    apply, power = drag, loss
+
+
+class WrongPotential(Uniform):
+    apply, potential = pull, stored_twice
+
+
+class WrongPower(Uniform):
+    apply, power = drag, gain
+
+
+class NotAnalytic(Uniform):
+    apply, potential = of_real_part, stored
+
+
+@kernel
+def square(record: Any, x: Any, arrays: Any) -> Any:
+    return x * x, 2.0 * x, 2.0 + 0.0 * x
+
+
+@kernel
+def square_of_slope_x(record: Any, x: Any, arrays: Any) -> Any:
+    return x * x, x, 1.0 + 0.0 * x
+
+
+@dataclass(frozen=True, kw_only=True)
+class Square(Coupling):
+    evaluate = square
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrongSlope(Coupling):
+    evaluate = square_of_slope_x
+
+
+@pytest.mark.parametrize(
+    "element",
+    [Right(), Damper(), Square(), mb.Screw(lead=0.1), mb.SphericalCut()],
+    ids=lambda item: type(item).__name__,
+)
+def test_a_right_element_passes(element: Any) -> None:
+    report = check_element(element, states=3)
+    assert report.passed
+    assert all(outcome.examined for outcome in report.outcomes.values())
+    assert "FAILED" not in str(report)
+
+
+@pytest.mark.parametrize(
+    ("element", "identity", "cause"),
+    [
+        (WrongPotential(), "energy, potential and power", "`potential`"),
+        (WrongPower(), "energy, potential and power", "`power`"),
+        (NotAnalytic(), "complex steps", "not analytic"),
+        (WrongSlope(), "derivatives of constraints", "derivatives of a coupling"),
+    ],
+    ids=["potential", "power", "complex", "slope"],
+)
+def test_a_wrong_element_is_named_with_its_cause(element: Any, identity: str, cause: str) -> None:
+    with pytest.raises(AssertionError) as raised:
+        check_element(element, states=3)
+    text = str(raised.value)
+    failed = [line for line in text.splitlines() if " FAILED " in line]
+    assert any(line.startswith(identity) for line in failed)
+    assert "passed" in text  # not everything fails
+    reason = next(line for line in text.splitlines() if line.startswith(f"{identity}: "))
+    assert "instead of" in reason
+    assert cause in reason
+
+
+def test_the_elements_of_the_page_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
+    pages = dict(re.findall(r"```python file=(\S+)\n(.*?)```", page, flags=re.DOTALL))
+    monkeypatch.chdir(tmp_path)
+    for file, name, options in (("lamp.py", "AirDrag", {"drag": 0.3}), ("roller.py", "Rolling", {"radius": 0.1})):
+        Path(file).write_text(pages[file])
+        element = runpy.run_path(file)[name](**options)
+        assert isinstance(check_element(element, states=2), ElementReport)
+
+
+def test_outputs_of_a_mechanism_are_checked() -> None:
+    @kernel
+    def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> Any:
+        return np.sqrt(state.bodies[sensor.index].r[0].real ** 2)
+
+    @dataclass(frozen=True, kw_only=True)
+    class Distance(Sensor):
+        pass
+
+    Distance.read = read
+    m = mb.Mechanism(gravity=(0, -9.81, 0))
+    arm = m.body("arm", m.ground, mb.Revolute(), **mb.rod(mass=1.0, length=1.0))
+    tip = m.body("tip", arm, mb.Revolute(at=(1.0, 0.0, 0.0)), **mb.rod(mass=1.0, length=1.0))
+    m.output("x", Distance(unit="m", item=tip))
+    with pytest.raises(AssertionError, match="derivative of output 'x'"):
+        check_element(m, states=2)
+
+
+def test_a_stop_is_skipped_where_it_is_reached() -> None:
+    report = check_element(mb.JointStop(lower=-0.1, upper=0.1, stiffness=1e4, damping=0.1), states=4)
+    assert report.passed
+
+
+def test_what_is_no_element_is_refused() -> None:
+    with pytest.raises(mb.UserError, match="allowed: an instance of a joint"):
+        check_element(3.0)
