@@ -12,6 +12,7 @@ from mbfmu.util.errors import UserError
 from .numbers import array_of
 
 Vector = Sequence[float]
+ORIGIN = (0.0, 0.0, 0.0)
 X_AXIS_TOLERANCE = 1e-6  # of the component of a unit vector across x, below which it counts as x
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 

@@ -93,9 +93,9 @@ def law_of(what: str, given: Any, names: tuple[str, ...]) -> Any:
     try:
         return compiled(law, count)
     except NumbaError as error:
-        told = [line.strip() for line in str(error).splitlines() if line.strip() and "nopython" not in line]
+        lines = [line.strip() for line in str(error).splitlines() if line.strip() and "nopython" not in line]
         raise UserError(
-            f"{what} cannot be compiled: {told[0][:200]}; it must be arithmetic of its arguments and of numbers that "
+            f"{what} cannot be compiled: {lines[0][:200]}; it must be arithmetic of its arguments and of numbers that "
             "do not change, with functions of math or NumPy"
         ) from error
 

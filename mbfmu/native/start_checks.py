@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant
-from mbfmu.mechanics.cuts.base import CUT
+from mbfmu.mechanics.cuts.base import CUT_PARAMETERS
 from mbfmu.util.codes import coded
 from solvers.assembly import ASSEMBLED, Outcome
 from solvers.compiled.kernel import inlined, kernel
@@ -21,7 +21,7 @@ from solvers.system import Array
 
 PARALLEL_AXES = ("", "z", "xyz")  # what of two frames is parallel, see Cut.parallel
 Z_AXIS = PARALLEL_AXES.index("z")
-RA, RB = (np.dtype(CUT).fields[name][1] // 8 for name in ("Ra", "Rb"))  # type: ignore[index]  # words into a record
+RA, RB = (np.dtype(CUT_PARAMETERS).fields[name][1] // 8 for name in ("Ra", "Rb"))  # type: ignore[index]  # words into a record
 MIN_AGREEING_COSINE = float(np.cos(1.0))  # closed frames are turned by zero, or by 120 degrees at least
 SPACING_FACTOR = 2.0**-53 * (1.0 + 2.0**-52)  # of a number, which it is less than one step away from
 

@@ -149,8 +149,8 @@ class Assembly:
 
     def nearly_parallel(self) -> str:
         """Say which axes of loops are nearly parallel and most off, where the bodies are; empty: none is so."""
-        told = (nearly_parallel(self._mechanism, self._state, handle) for handle in self._mechanism.cuts)
-        return " and ".join([text for text in told if text][:MAX_LISTED])
+        texts = (nearly_parallel(self._mechanism, self._state, handle) for handle in self._mechanism.cuts)
+        return " and ".join([text for text in texts if text][:MAX_LISTED])
 
     def explain_lock(self, t: float, q: Array, why: str) -> str:
         """Say why nothing can move about q (nq,), where constraints leave no freedom: ``why``, or axes that are nearly

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.dispatch import BIAS, LONGEST_STEP, POTENTIAL, POWER
 from mbfmu.mechanics.records import Arrays, Data, State
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import COMPILED, bounds_checked
@@ -18,7 +19,6 @@ from .own_joints import check_joints
 from .tables import CalledKernel
 
 OWN_PACKAGES = ("mbfmu.", "fmus.")  # modules whose kernels have separate tests
-BIAS, POTENTIAL, POWER, LONGEST_STEP = 1, 1, 2, 1  # places among the kernels of a kind, see mbfmu.mechanics.dispatch
 
 
 class KernelUse(NamedTuple):

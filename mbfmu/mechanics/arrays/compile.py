@@ -40,7 +40,7 @@ from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import records
 
 from .given import Courses
-from .tables import COMPLEX, COMPLEX_STEP, TANGENT, CalledKernel, Tables
+from .tables import COMPLEX, COMPLEX_STEP, TANGENT_NUMBERS, CalledKernel, Tables
 
 
 @dataclass(frozen=True)
@@ -152,8 +152,8 @@ class Numbering:
         for coefficient, (name, unit, description, start) in enumerate(signal.variables()):
             if name:
                 error = signal.force_error if drive and isinstance(signal, Input) and not coefficient else ""
-                told = "; ".join(filter(None, (description, error)))
-                self._slot(Variable(name, unit, told, start), index, coefficient)
+                text = "; ".join(filter(None, (description, error)))
+                self._slot(Variable(name, unit, text, start), index, coefficient)
         return index
 
     def _slot(self, variable: Variable, signal: int, coefficient: int) -> None:
@@ -291,7 +291,7 @@ class Compiled:
 
     def tangent_arrays(self) -> Arrays:
         """Return the same arrays with the kernels that give derivatives by the state."""
-        return self.data.arrays._replace(kernels=self._tables.kernels(TANGENT))
+        return self.data.arrays._replace(kernels=self._tables.kernels(TANGENT_NUMBERS))
 
     def called(self) -> list[CalledKernel | None]:
         """Return what the addresses in ``Arrays.kernels`` are of."""

@@ -99,12 +99,12 @@ def nearly_parallel(mechanism: Mechanism, state: State, handle: CutHandle) -> st
 
     ``state`` places the bodies.
     """
-    worst, told = 0.0, ""
+    worst, description = 0.0, ""
     for (name, axis), (other, another) in combinations(_axes(mechanism, state, handle), 2):
         angle = float(np.arctan2(np.linalg.norm(np.cross(axis, another)), abs(axis @ another)))
         if max(PARALLEL_ANGLE, worst) < angle < MAX_ROUNDED_ANGLE:
-            worst, told = angle, f"the axes of {name} and {other} are {angle:.3g} rad from parallel"
-    return told
+            worst, description = angle, f"the axes of {name} and {other} are {angle:.3g} rad from parallel"
+    return description
 
 
 def _axes(mechanism: Mechanism, state: State, handle: CutHandle) -> list[tuple[str, Array]]:

@@ -48,7 +48,7 @@ class Rounding:
 
     def correct(self) -> list[str]:
         """Correct joint frames so that equations which are redundant within the tolerance close; return messages."""
-        mechanism, tolerance, told = self._mechanism, self._mechanism.assembly_tolerance, []
+        mechanism, tolerance, messages = self._mechanism, self._mechanism.assembly_tolerance, []
         if not self._system.m or tolerance == 0.0:
             return []
         start, rows = start_positions(mechanism), self._rows
@@ -61,8 +61,8 @@ class Rounding:
             placements = Placements(mechanism, self._data, [handles[row] for row in own])
             done = correct(search, placements, part, measures.units[own], own, tolerance)
             if done is not None and part.gap.max() > VANISHING_TOLERANCE:
-                told.append(describe_correction(mechanism, measures, own, part, done))
-        return told
+                messages.append(describe_correction(mechanism, measures, own, part, done))
+        return messages
 
     def explain_open(self, t: float) -> list[str]:
         """Return messages on nearly redundant equations that keep loops from closing at the start."""
@@ -73,7 +73,7 @@ class Rounding:
 
     def explain_lock(self, t: float, q: Array) -> list[str]:
         """Return messages on joints that cannot move at q (nq,) because of nearly redundant equations."""
-        system, told = self._system, []
+        system, messages = self._system, []
         if not system.m:
             return []
         measures = self._measures(t, q)
@@ -85,8 +85,8 @@ class Rounding:
             if len(locked):
                 why = _explain(self._mechanism, measures, self._rows[part.rows], part)
                 names = _listed(system.coordinate_names[k] for k in locked)
-                told.append(coded("locked-loop", f"joints {names} cannot move: {why}"))
-        return told
+                messages.append(coded("locked-loop", f"joints {names} cannot move: {why}"))
+        return messages
 
     @property
     def _rows(self) -> NDArray[np.int64]:

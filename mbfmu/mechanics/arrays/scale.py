@@ -74,13 +74,13 @@ def joint_sizes(name: str, joint: Joint, length: float) -> Array:
     """Return the unit of the coordinates (nv,) of one joint."""
     if joint.nominal is None:
         return np.array([length if unit == "m" else 1.0 for unit in joint.units])
-    told = array_of(f"nominal of body {name!r}", joint.nominal)
-    if told.shape not in ((), (joint.nv,)) or not np.all(np.isfinite(told)) or np.any(told <= 0.0):
+    nominal = array_of(f"nominal of body {name!r}", joint.nominal)
+    if nominal.shape not in ((), (joint.nv,)) or not np.all(np.isfinite(nominal)) or np.any(nominal <= 0.0):
         raise UserError(
             f"nominal of body {name!r} is {joint.nominal!r}; allowed: one number greater than zero, "
             f"or {joint.nv} of them"
         )
-    return np.broadcast_to(told, (joint.nv,))
+    return np.broadcast_to(nominal, (joint.nv,))
 
 
 def row_sizes(handle: CutHandle | CouplingHandle, length: float) -> Array:

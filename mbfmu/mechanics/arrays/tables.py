@@ -36,7 +36,7 @@ class NumberTypes(NamedTuple):
 MOVING = frozenset(("place", "bias", "evaluate", "longest_step", "apply", "potential", "power", "gap", "read"))
 REAL = NumberTypes(float, float, MOVING)
 COMPLEX = NumberTypes(complex, complex, MOVING - {"power", "longest_step"})  # derivatives by all that is in both
-TANGENT = NumberTypes(
+TANGENT_NUMBERS = NumberTypes(
     float, complex, frozenset(("place", "evaluate", "apply", "gap", "tangent"))
 )  # ... by the state alone
 COMPLEX_STEP = NumberTypes(
@@ -107,7 +107,7 @@ class Tables:
         table = np.zeros((max(1, len(self._used)), MAX_KERNELS), np.int64)
         for own, kind in zip(table, self._used, strict=False):
             analytic = any(name == "tangent" and function is not None for name, _, function in kind.kernels)
-            names = numbers.names - ({"apply"} if analytic and numbers is TANGENT else set())
+            names = numbers.names - ({"apply"} if analytic and numbers is TANGENT_NUMBERS else set())
             for k, (name, signature, function) in enumerate(kind.kernels):
                 if function is not None and name in names:
                     own[k] = compiled(function, kind.record, signature, name, numbers)
@@ -130,7 +130,7 @@ class Tables:
 
 def used_type(item: ElementType | type[ElementType]) -> UsedType:
     """Return what an item has in common with others of its kind."""
-    kernels = tuple((name, told, kernel_of(item, name)) for name, told in item.kernels.items())
+    kernels = tuple((name, signature, kernel_of(item, name)) for name, signature in item.kernels.items())
     return UsedType(record_of(item), kernels)
 
 

@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.axes import unit_axis
+from mbfmu.mechanics.axes import ORIGIN, unit_axis
 from mbfmu.mechanics.checks import Vector, lengths, vector
 from mbfmu.mechanics.checks import rotation as rotation_matrix
 from mbfmu.mechanics.numbers import finite, not_negative, positive
 from mbfmu.util.errors import UserError
 
 Axis = str | Sequence[float]
-ORIGIN = (0.0, 0.0, 0.0)
 
 
 def rod(*, mass: float, length: float) -> dict[str, Any]:

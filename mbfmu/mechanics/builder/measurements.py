@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.axes import unit_axis
+from mbfmu.mechanics.axes import ORIGIN, unit_axis
 from mbfmu.mechanics.checks import Vector, rotation, vector
 from mbfmu.mechanics.joints import Revolute, Section
 from mbfmu.mechanics.sensors import (
@@ -24,8 +24,6 @@ from mbfmu.util.errors import UserError
 
 from .bodies import Body
 from .members import Members
-
-ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Measurements(Members):

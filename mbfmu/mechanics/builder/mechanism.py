@@ -44,9 +44,6 @@ if TYPE_CHECKING:
     from mbfmu.sheets.sheet import Sheet
 
 
-ORIGIN = (0.0, 0.0, 0.0)
-
-
 # Numbers of five digits: 1.5708 for a right angle is off by 3.7e-6 rad, and a loop has several.
 ASSEMBLY_TOLERANCE, MAX_ASSEMBLY_TOLERANCE = 2e-5, 1e-2
 

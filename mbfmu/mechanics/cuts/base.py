@@ -24,7 +24,7 @@ from mbfmu.mechanics.kind import Attachment, ElementType
 from mbfmu.mechanics.spatial import arm, centripetal
 from solvers.compiled.kernel import kernel
 
-CUT = np.dtype(
+CUT_PARAMETERS = np.dtype(
     [
         ("Pa", np.float64, (3,)),  # point on body a, body axes, m
         ("Pb", np.float64, (3,)),
@@ -55,7 +55,7 @@ class Cut(ElementType):
     rotation_a: Any = None
     rotation_b: Any = None
 
-    record = CUT
+    record = CUT_PARAMETERS
     kernels: ClassVar = {"evaluate": "motion, motion, index, state"}
     evaluate: ClassVar[Any]
     rows: ClassVar[tuple[str, ...]]  # suffix of each row's name

@@ -16,7 +16,7 @@ from mbfmu.mechanics.spatial import arm, centripetal
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
-from .base import CUT, Cut
+from .base import CUT_PARAMETERS, Cut
 
 
 @kernel
@@ -54,7 +54,7 @@ class DistanceCut(Cut):
         Length of the rod, m.
     """
 
-    record = np.dtype([*CUT.descr, ("length", np.float64)], align=True)
+    record = np.dtype([*CUT_PARAMETERS.descr, ("length", np.float64)], align=True)
     rows = ("",)
     units = ("N",)
     drawn = "rod"

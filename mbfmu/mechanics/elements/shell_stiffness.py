@@ -29,7 +29,7 @@ DRILLING_RATIO = 1e-2
 # the bending, 0.16 (curvature times thickness)^2 / DRILLING on a twisted strip, which no mesh makes smaller. So the
 # spring grows with that square, up to the shear stiffness itself; the part stays below 0.3 %, and thin shells do not
 # notice.
-CURVATURE_LIMIT, MAX_STIFFNESS_RATIO = 50.0, 1.0
+CURVATURE_LIMIT, MAX_DRILLING_RATIO = 50.0, 1.0
 
 
 def bilinear(xi: float, eta: float) -> tuple[Matrix, Matrix]:
@@ -132,9 +132,7 @@ def drilling(corners: Any, normals: Any, A: Matrix, D: Matrix) -> float:
     """
     edges, turns = (np.roll(x, -1, 0) - x for x in (np.asarray(corners, float), np.asarray(normals, float)))
     squared = float((np.sum(turns**2, 1) / np.sum(edges**2, 1)).max())
-    return min(
-        DRILLING_RATIO + CURVATURE_LIMIT * squared * 12.0 * float(np.trace(D) / np.trace(A)), MAX_STIFFNESS_RATIO
-    )
+    return min(DRILLING_RATIO + CURVATURE_LIMIT * squared * 12.0 * float(np.trace(D) / np.trace(A)), MAX_DRILLING_RATIO)
 
 
 def membrane(X: Matrix, A: Matrix, drilling: float = DRILLING_RATIO) -> Matrix:

@@ -72,13 +72,13 @@ def cell_of(mechanism: Mechanism, moving: list[bool]) -> tuple[dict[int, int], l
     for body in mechanism.bodies[1:]:
         pair = (body.index, body.parent)
         if body.joint.nv == 0 and all(moving[i] for i in pair) and len(in_sheets.intersection(pair)) == 1:
-            carrier, node = pair if pair[1] in in_sheets else pair[::-1]
-            if cells[carrier] == carrier:
-                cells[carrier] = cells[node]
+            holder, node = pair if pair[1] in in_sheets else pair[::-1]
+            if cells[holder] == holder:
+                cells[holder] = cells[node]
     for body in reversed(mechanism.bodies[1:]):  # a chain of those without mass ends in the cell of what it carries
-        carrier = body.parent
-        if moving[carrier] and cells[carrier] == carrier and is_massless(mechanism.bodies[carrier]):
-            cells[carrier] = cells[body.index]
+        holder = body.parent
+        if moving[holder] and cells[holder] == holder and is_massless(mechanism.bodies[holder]):
+            cells[holder] = cells[body.index]
     return cells, columns
 
 

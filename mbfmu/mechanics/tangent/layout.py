@@ -83,14 +83,16 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
         sizes.append(size)
     flat = flat_list(members)
     on = [[] if a.load.on_joint else [body.index for body in a.bodies] for a in acting]
-    told = [kernel_of(a.load, "tangent") for a in acting]
+    tangents = [kernel_of(a.load, "tangent") for a in acting]
     tied = [own[: len(own) - a.load.n_untied_bodies] for a, own in zip(acting, on, strict=True)]
-    loads = by_group([[] if t in (None, zero_tangent) else own for t, own in zip(told, tied, strict=True)], role, found)
+    loads = by_group(
+        [[] if t in (None, zero_tangent) else own for t, own in zip(tangents, tied, strict=True)], role, found
+    )
     home, column, columns = np.full(len(acting), -1), np.full(nb, -1), np.zeros(nb, np.int64)
     for g, own in enumerate(loads):
         home[own] = g
     for e, (all_of, own) in enumerate(zip(on, tied, strict=True)):
-        if told[e] not in (None, zero_tangent):
+        if tangents[e] not in (None, zero_tangent):
             at_home = {home[e], inward[home[e]]} if home[e] >= 0 else set()
             away = [i for i in all_of[len(own) :] if role[i] != FIXED and groups[i] not in at_home]
             for g in {int(groups[i]) for i in away}:
@@ -100,7 +102,7 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
                     column[i] = columns.sum()
                     alone = arrays.bodies[i]["nv"] == 1 and role[arrays.bodies[i]["parent"]] == FIXED
                     columns[i] = 1 if alone else 6
-    steps = by_group([[] if t is not None else own for t, own in zip(told, on, strict=True)], role, found)
+    steps = by_group([[] if t is not None else own for t, own in zip(tangents, on, strict=True)], role, found)
     ties = [[int(cut["a"]), int(cut["b"])] for cut in arrays.cuts]
     cuts = by_group(ties, role, found)
     pairs = [[i for end in "ab" for i in coupled_bodies(arrays, coupling, end)] for coupling in arrays.couplings]
