@@ -208,7 +208,7 @@ SCRIPT = """
 import signal, sys
 import mbfmu.ensemble.engine as engine, mbfmu.ensemble.records as records
 from mbfmu.cli import main
-records.OFTEN, engine.BATCH = 0.1, 0.1
+records.WRITE_INTERVAL, engine.BATCH_TIME = 0.1, 0.1
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has it ignored by what it runs in the background
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))
