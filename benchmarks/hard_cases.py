@@ -79,7 +79,7 @@ tolerances are compared for a longer time, so that an error may be larger in a c
 
 If a singular configuration is missed by 1e-7 m or less, rounding errors may exceed a small tolerance. `adams`,
 `hybrid` and `radau` then use a larger tolerance and report it. They are compared at that tolerance, which is in the
-cell: *3e-5 at 8e-9*. `ida` uses a tolerance of at least 1e-9 for all mechanisms with loops, but is compared at the
+cell: *3e-5 at 8e-9*. `ida` uses a tolerance of at least 1e-9 for small models with loops, but is compared at the
 tolerance of the column."""
 
 LOOPS = """## Loops that are singular, redundant, driven or long
