@@ -195,7 +195,7 @@ def test_states_and_modes_are_printed_as_the_command_prints_them(command: Callab
 
 def test_a_reason_is_given_once_for_all_parameters() -> None:
     settings = mb.Settings(solver="adams", start_at_equilibrium=True)
-    frozen = native_model(Governor(), settings).frozen
+    frozen = native_model(Governor(), settings).fixed
     assert len(frozen) > 3
     (text,) = describe_constants(frozen)
     assert text.startswith(f"parameters {', '.join(map(repr, frozen))} are constants in this FMU: ")

@@ -58,7 +58,9 @@ def missing(found: Any) -> list[str]:
     """Return the parameters of a callable that its docstring does not describe."""
     if found is mechanics.Surface:  # its constructor is that of its subclasses
         return []
-    names = [n for n in inspect.signature(found).parameters if n not in ("self", "cls") and not n.startswith("_")]
+    begun = is_class(found) and inspect.isfunction(found.__init__)  # not by __new__, which only checks names
+    called = inspect.signature(found.__init__ if begun else found)
+    names = [n for n in called.parameters if n not in ("self", "cls") and not n.startswith("_")]
     known = set[str]().union(*map(described, texts(found)), commented(found))
     return [name for name in names if name not in known]
 

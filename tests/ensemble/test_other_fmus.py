@@ -127,11 +127,11 @@ def test_a_process_ends_where_a_run_hangs(oscillator: Path, tmp_path: Path):
     """The run within its limit is made, the one that hangs ends the process by a signal."""
     script = tmp_path / "script.py"
     script.write_text(
-        "from mbfmu.ensemble.definition import define\nfrom mbfmu.ensemble.worker import batch\n"
+        "from mbfmu.ensemble.definition import define\nfrom mbfmu.ensemble.worker import run_batch\n"
         f"study = define({{'fmu': {str(oscillator)!r}, 'vary': {{'k': [1.0, 321.0]}}, 'measure': {{'end': 'end x'}}, "
         "'time_limit': 1.0})\n"
         "for k, point in enumerate(study.points()):\n"
-        "    print(batch(study.job(), [(k, point)])[0].status, flush=True)\n"
+        "    print(run_batch(study.job(), [(k, point)])[0].status, flush=True)\n"
     )
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=120.0)
     assert done.stdout == "ok\n"

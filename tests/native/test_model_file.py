@@ -81,7 +81,7 @@ INDICES = {  # fields of records that are indices, with what decides how many th
     "sums": ("terms", "count"),
     "terms": ("factors", "count"),
     "factors": ("variable",),
-    "places": ("at", "target"),
+    "relocations": ("at", "target"),
     "kernels": ("at", "target"),
     "sentences": ("what", "remedy"),
     "failures": ("before", "between", "after"),
