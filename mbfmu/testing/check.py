@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import dataclass, field
+from math import isnan
 from traceback import extract_tb
 from typing import Any
 
@@ -22,6 +24,8 @@ from mbfmu.mechanics import (
     Spherical,
     Translational,
 )
+from mbfmu.mechanics.checks import whole
+from mbfmu.mechanics.numbers import positive
 from mbfmu.util.errors import UserError
 from mbfmu.util.text_table import format_table
 from solvers.compiled.kernel import COMPILED
@@ -62,8 +66,8 @@ class Outcome:
 
     @property
     def passed(self) -> bool:
-        """Whether no state contradicts the identity."""
-        return not self.error and self.worst.size <= TOLERANCE
+        """Whether some state was compared, and none contradicts the identity."""
+        return not self.error and self.examined > 0 and self.worst.size <= TOLERANCE
 
     def add(self, deviation: Deviation) -> None:
         """Take a deviation into account, unless its derivative cannot be trusted."""
@@ -72,7 +76,7 @@ class Outcome:
             return
         self.examined += 1
         size = deviation.size - 10.0 * deviation.uncertainty
-        if not size <= self.worst.size:
+        if not (size <= self.worst.size or isnan(self.worst.size)):  # a number that is none stays
             self.worst = deviation._replace(size=size)
 
 
@@ -119,6 +123,8 @@ class ElementReport:
         for name, outcome in self.outcomes.items():
             if outcome.error:
                 yield f"{name}: {outcome.error}"
+            elif not outcome.examined:
+                yield f"{name}: the mechanism is not smooth at any state; change the parameters, or examine more states"
             elif not outcome.passed:
                 worst = outcome.worst
                 yield (
@@ -160,10 +166,13 @@ def check_element(
     AssertionError
         An identity does not hold. The message is the report: what deviates, by how much, and what may be the cause.
     UserError
-        The element cannot be used at all.
+        The element cannot be used at all, or an argument is not allowed.
     """
+    length, states = positive("length", length), whole("states", states)
+    if states < 1:
+        raise UserError(f"states are {states}; allowed: one or more")
     rng = np.random.default_rng(seed)
-    mechanism = element if isinstance(element, Mechanism) else around(element, bodies, length, rng)
+    mechanism = deepcopy(element) if isinstance(element, Mechanism) else around(element, bodies, length, rng)
     for body in mechanism.bodies[1:]:
         for axis in "xyz":
             point = (0.3 * length, -0.2 * length, 0.5 * length)
