@@ -20,10 +20,9 @@ import numpy as np
 
 from fmus.feeder import Feeder
 from mbfmu.fmi import Fmu, export
-from mbfmu.mechanics import Wall
 from mbfmu.modeling.scene import load_scene
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.sheets import add_contact
+from mbfmu.sheets import Wall, add_contact
 from mbfmu.util.text_table import format_table
 
 FREE: dict[str, Any] = {"path": "straight", "nips": 1, "guides": False, "gravity_y": 0.0, "speed": 0.3, "lead": 0.1}
@@ -77,7 +76,7 @@ def scenes() -> Iterator[Row]:
         model = Feeder(**FREE, speed_difference=part)
         yield from cost(f"free, {part:.0%} apart", model, 1.0)
         m = replace(model, gravity_y=-9.81, mu_guide=0.2).build()
-        add_contact(m, "table", m.sheets[0], Wall(at=(0.0, -1e-4, 0.0)), friction=0.2)
+        add_contact(m, "table", m.meshes[0], Wall(at=(0.0, -1e-4, 0.0)), friction=0.2)
         yield from cost(f"on a table, {part:.0%} apart", m, 1.0)
 
 

@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import Body, Drum, Guide, Mechanism, PointForce, Polynomial, Ramp, Revolute, RunUp, Signal, Wall
+from mbfmu.mechanics import Body, Mechanism, PointForce, Polynomial, Ramp, Revolute, RunUp, Signal
 from mbfmu.session.result import Result
 from mbfmu.session.run import simulate
-from mbfmu.sheets import NipHandle, Sheet, Support, add_contact, add_nip, add_sheet
+from mbfmu.sheets import Drum, Guide, NipHandle, Sheet, Support, Wall, add_contact, add_nip, add_sheet
 from mbfmu.util.text_table import format_table
 
 LENGTH, WIDTH, THICKNESS, RADIUS = 0.297, 0.03, 1e-4, 0.01

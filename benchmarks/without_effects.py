@@ -23,7 +23,7 @@ EFFECTS = (
     "plate.grain == 2",
     "plate.curled == 1",
 )
-SOURCES = ("mbfmu/mechanics/elements/plate_energy.py",)
+SOURCES = ("mbfmu/sheets/elements/plate_energy.py",)
 REPEATS = 201
 WORKER = """
 import sys

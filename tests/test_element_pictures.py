@@ -13,7 +13,8 @@ from element_pictures import FOLDER, PICTURES
 from PIL import Image
 
 from mbfmu import mechanics
-from mbfmu.mechanics import Coupling, Cut, Force, Joint, Surface
+from mbfmu.mechanics import Coupling, Cut, Force, Joint
+from mbfmu.sheets import Surface
 
 ROOT = Path(__file__).parents[1]
 BASES = (Joint, Cut, Coupling, Force, Surface)

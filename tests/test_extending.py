@@ -11,23 +11,11 @@ import pytest
 import mbfmu
 from mbfmu import mechanics
 from mbfmu.cli import main
-from mbfmu.mechanics import (
-    Coupling,
-    Cut,
-    Force,
-    Joint,
-    Signal,
-    Surface,
-    couplings,
-    cuts,
-    elements,
-    joints,
-    loads,
-    signals,
-)
-from mbfmu.mechanics.contact import surfaces
+from mbfmu.mechanics import Coupling, Cut, Force, Joint, Signal, couplings, cuts, elements, joints, loads, signals
 from mbfmu.mechanics.kind import element_types_of
 from mbfmu.modeling.variables import arrays, list_variables
+from mbfmu.sheets import Surface
+from mbfmu.sheets.contact import surfaces
 from mbfmu.studies.resolution import resolutions_of
 
 DOCS = Path(__file__).parents[1] / "docs"

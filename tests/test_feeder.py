@@ -14,10 +14,10 @@ from fmus.feeder import Feeder
 from fmus.feeder.path import Arc, Path, lay_out
 from mbfmu.fmi import export
 from mbfmu.mechanics import Mechanism
-from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.modeling.scene import load_scene, scenes
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.sheets import add_sheet, jammed
+from mbfmu.sheets.contact.surface_contact import SurfaceContact
 from mbfmu.util.errors import UserError
 
 SMALL: dict[str, Any] = {"nx": 7, "nz": 5, "bend_radius": 0.1, "spacing": 0.2}  # cells that follow their bends

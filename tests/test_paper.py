@@ -13,8 +13,8 @@ from scipy.special import fresnel
 
 import mbfmu as mb
 from fmus.sheet import Sheet
-from mbfmu.mechanics import Mechanism, Plant, Plate
-from mbfmu.sheets import Crease, Support, add_sheet
+from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.sheets import Crease, Plate, Support, add_sheet
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.modes import shapes
 

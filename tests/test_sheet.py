@@ -12,12 +12,12 @@ from fmpy.validation import validate_fmu
 from fmus.sheet import Sheet
 from fmus.sheet.model import RELEASE_DATA
 from mbfmu.fmi import Fmu, export
-from mbfmu.mechanics import Mechanism, Plant, Plate, Weld
+from mbfmu.mechanics import Mechanism, Plant, Weld
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.recursions.rnea import momentum
 from mbfmu.session.run import run
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.sheets import Support, add_sheet
+from mbfmu.sheets import Plate, Support, add_sheet
 from mbfmu.steady import rigid_body_modes
 from mbfmu.steady.equilibrium import build_problem, equilibrium
 from mbfmu.util.errors import EquilibriumError, UserError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import cos, isclose, sin
 
-from mbfmu.mechanics import Drum, Guide, Surface, Trough
+from mbfmu.sheets import Drum, Guide, Surface, Trough
 
 from .path import Arc, Path, Straight
 

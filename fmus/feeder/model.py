@@ -14,9 +14,19 @@ from math import ceil, cos, sin
 from types import MappingProxyType
 from typing import Any
 
-from mbfmu.mechanics import Body, Input, JointSpring, Mechanism, Product, Revolute, SpeedInput, Surface, Wall, cylinder
+from mbfmu.mechanics import Body, Input, JointSpring, Mechanism, Product, Revolute, SpeedInput, cylinder
 from mbfmu.modeling import Model, parameter
-from mbfmu.sheets import NipHandle, SurfaceContactHandle, add_contact, add_nip, add_sheet, contact_pressure, jammed
+from mbfmu.sheets import (
+    NipHandle,
+    Surface,
+    SurfaceContactHandle,
+    Wall,
+    add_contact,
+    add_nip,
+    add_sheet,
+    contact_pressure,
+    jammed,
+)
 from mbfmu.sheets import Sheet as SheetHandle
 from mbfmu.util.errors import UserError
 

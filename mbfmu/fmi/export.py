@@ -113,13 +113,13 @@ def check_start(model: Model, settings: Settings, plant: Plant, native: bool) ->
         singular start, or no steady state.
     """
     if native:  # which chooses its own solver, and builds the start
-        plant.check_initial_contact(0.0, plant.assemble()[0])
+        plant.check_start(0.0, plant.assemble()[0])
         return []
     if refused := describe_refusal(settings.solver, plant.system):
         raise UserError(f"model {model.name!r}: {refused}")
     if plant.system.m or settings.start_at_equilibrium:
         return UnstartedSimulation(model, settings).start_remarks()
-    plant.check_initial_contact(0.0, plant.assemble()[0])
+    plant.check_start(0.0, plant.assemble()[0])
     return []
 
 

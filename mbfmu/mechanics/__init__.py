@@ -10,7 +10,6 @@ from .builder.chain import add_chain
 from .builder.handles import CouplingHandle, CutHandle, ForceHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.mechanism import Mechanism
-from .contact.surfaces import Drum, Guide, Surface, Trough, Wall
 from .couplings import Cam, Coupling, Gear
 from .cuts import (
     Cut,
@@ -23,25 +22,22 @@ from .cuts import (
     TranslationalCut,
     WeldCut,
 )
-from .dispatch import signal_value
-from .elements import BeamElement, Plate, Shell
+from .dispatch import part_value, scratch_record, signal_value
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
     Floating,
-    Geodesic,
     Joint,
-    OutOfPlane,
     Planar,
     Revolute,
     Screw,
     Spherical,
-    Stretching,
     Translational,
     Universal,
     Weld,
 )
 from .loads import (
+    BeamElement,
     Bushing,
     DistanceStop,
     Force,
@@ -55,6 +51,7 @@ from .loads import (
     Torque,
     TorsionSpring,
 )
+from .loads.base import limit_ratio
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Panel, Sphere
 from .signals import Function, Harmonic, Input, Polynomial, Product, Ramp, RunUp, Signal, SpeedInput, Step, Sum, Table
@@ -77,15 +74,12 @@ __all__ = [
     "CylindricalCut",
     "DistanceCut",
     "DistanceStop",
-    "Drum",
     "FlexibleBody",
     "Floating",
     "Force",
     "ForceHandle",
     "Function",
     "Gear",
-    "Geodesic",
-    "Guide",
     "Harmonic",
     "Input",
     "Joint",
@@ -95,13 +89,11 @@ __all__ = [
     "LineForce",
     "Load",
     "Mechanism",
-    "OutOfPlane",
     "Panel",
     "Planar",
     "PlanarCut",
     "PlaneCut",
     "Plant",
-    "Plate",
     "PointForce",
     "Polynomial",
     "Product",
@@ -111,7 +103,6 @@ __all__ = [
     "RunUp",
     "Screw",
     "Sensor",
-    "Shell",
     "Signal",
     "SpeedInput",
     "Sphere",
@@ -119,26 +110,25 @@ __all__ = [
     "SphericalCut",
     "Spring",
     "Step",
-    "Stretching",
     "Sum",
-    "Surface",
     "Table",
     "Torque",
     "TorsionSpring",
     "Translational",
     "TranslationalCut",
-    "Trough",
     "Universal",
     "UserError",
     "Variable",
-    "Wall",
     "Weld",
     "WeldCut",
     "add_chain",
     "box",
     "cylinder",
     "kernel",
+    "limit_ratio",
+    "part_value",
     "rod",
+    "scratch_record",
     "signal_value",
     "sphere",
     "tube",

@@ -12,12 +12,12 @@ import numpy as np
 
 from solvers.compiled.indirect_call import call_f, call_ff, call_fff, call_void
 from solvers.compiled.kernel import inlined
+from solvers.compiled.record_view import record_at
 
 PLACE, BIAS = 0, 1  # of a joint
 EVALUATE = 0  # of a cut joint, of a coupling, of a signal
-GAP = 0  # of a surface
 LONGEST_STEP = 1  # of a signal
-APPLY, POTENTIAL, POWER, TANGENT = 0, 1, 2, 3  # of a load
+APPLY, POTENTIAL, POWER, TANGENT, MONITOR = 0, 1, 2, 3, 4  # of a load
 READ = 0  # of a sensor
 
 
@@ -108,10 +108,28 @@ def longest_step(k: int, t: float, arrays: Any) -> tuple[float, float]:
 
 
 @inlined
-def surface_gap(k: int, arrays: Any, state: Any) -> float:
-    """Distance of State.meeting's point from surface k; see :mod:`.contact.surfaces.base`."""
-    item = arrays.surfaces[k]
-    return call_f(arrays.kernels[item.kind + GAP], arrays.memory, item.at, state.time, (state,))
+def load_monitor(load: Any, arrays: Any, state: Any) -> float:
+    """How far a load is from the limits of its theory; see :mod:`.loads.base`. Zero where it does not say."""
+    address = arrays.kernels[load.kind + MONITOR]
+    if address == 0:
+        return 0.0
+    return call_f(address, arrays.memory, load.at, state.time, (arrays, state))
+
+
+@inlined
+def part_value(k: int, kernel: int, arrays: Any, state: Any, argument: Any) -> float:
+    """What kernel number ``kernel`` of part k returns, called with one record."""
+    item = arrays.parts[k]
+    return call_f(arrays.kernels[item.kind + kernel], arrays.memory, item.at, state.time, (argument,))
+
+
+@inlined
+def scratch_record(place: int, dtype: Any, state: Any) -> Any:
+    """Scratch memory of an element type in a state: a record of ``dtype``, where its ``fill`` got the ``place`` of it.
+
+    Its numbers are complex if the state is. It keeps what was written last, and is zero at first.
+    """
+    return record_at(state.scratch, place, dtype, state.time)
 
 
 @inlined

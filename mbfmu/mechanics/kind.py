@@ -1,12 +1,10 @@
 """Base class of element types: joints, cut joints, couplings, loads, signals, sensors and surfaces.
 
 An element type (kind) is a class in a separate file, of this package or of a user. It has a *record* of parameters,
-which ``fill``
-writes, and *kernels*, which read them; its role (:class:`.joints.Joint`, :class:`.cuts.Cut`,
-:class:`.couplings.Coupling`, :class:`.loads.Load`, :class:`.signals.Signal`, :class:`.sensors.Sensor`,
-:class:`.contact.surfaces.Surface`) specifies
-them. The rest of the package is independent of the existing element types: the recursions call kernels by their
-address (:mod:`.dispatch`).
+which ``fill`` writes, and *kernels*, which read them; its role (:class:`.joints.Joint`, :class:`.cuts.Cut`,
+:class:`.couplings.Coupling`, :class:`.loads.Load`, :class:`.signals.Signal`, :class:`.sensors.Sensor`, or one of
+another package) specifies them. The rest of the package is independent of the existing element types: the recursions
+call kernels by their address (:mod:`.dispatch`).
 """
 
 from __future__ import annotations
@@ -32,8 +30,13 @@ class Attachment(Protocol):
     def signal(self, value: Any, what: str) -> int:
         """Return the number of a signal that is used here: a number, a signal, an input or a function of time."""
 
-    def surface(self, surface: Any) -> int:
-        """Return the number of a surface that is touched here."""
+    def part(self, part: Any) -> int:
+        """Return the number of a part that is used here: an element of a role that the package or a user adds."""
+
+    def scratch(self, dtype: np.dtype[Any]) -> int:
+        """Return the place of scratch memory with these fields, see :func:`.dispatch.scratch_record`; kernels that
+        declare the same fields share it.
+        """
 
     def numbers(self, values: Any) -> int:
         """Keep numbers, as many as there are, in ``Arrays.numbers``; return where they begin."""
@@ -48,10 +51,13 @@ class ElementType:
         Fields of the parameters: whole numbers and real ones, of any shape.
     kernels
         Of a role: names of the kernels and what they are called with after the record, see :mod:`.dispatch`.
+    records
+        Of a role: further words that this may have, each a record with these fields.
     """
 
     record: ClassVar[np.dtype[Any]] = EMPTY_RECORD
     kernels: ClassVar[dict[str, str]]
+    records: ClassVar[dict[str, np.dtype[Any]]] = {}
 
     def __new__(cls, *_: Any, **given: Any) -> Self:
         """Check the names of the parameters; raises UserError."""

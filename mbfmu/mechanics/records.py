@@ -15,13 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.contact.contact_scratch import CONTACT_SCRATCH, NIP_SCRATCH
-from mbfmu.mechanics.elements.plate_energy import PLATE_SCRATCH
-from mbfmu.mechanics.elements.shell_energy import SHELL_SCRATCH
 from mbfmu.mechanics.flexible.modal import FLEXIBLE, MODES, NODE
 from solvers.compiled.kernel import records
+from solvers.compiled.record_view import COMPLEX_FACTOR, aligned_bytes, complex_dtype
 
-MAX_KERNELS = 4  # most that a role has
+MAX_KERNELS = 5  # most that a role has
 
 RIGID, MODAL, SECTION = 0, 1, 2  # roles of a body: moved by its joint; first section of a flexible body, whose
 # amplitudes are its coordinates and do not move it; another section, which shares them
@@ -80,7 +78,7 @@ COUPLING = np.dtype(
     align=True,
 )
 
-ITEM = np.dtype([("kind", np.int64), ("at", np.int64)], align=True)  # a load, a signal, a surface: kernels and record
+ITEM = np.dtype([("kind", np.int64), ("at", np.int64)], align=True)  # a load, a signal, a part: kernels and record
 SENSOR = np.dtype([("kind", np.int64), ("at", np.int64), ("energy", np.int64)], align=True)  # 1: it reads State.energy
 
 WORLD = np.dtype(
@@ -102,7 +100,7 @@ class Arrays(NamedTuple):
     couplings: NDArray[Any]  # COUPLING
     loads: NDArray[Any]  # ITEM
     signals: NDArray[Any]  # ITEM
-    surfaces: NDArray[Any]  # ITEM
+    parts: NDArray[Any]  # ITEM, what loads and sensors are made of
     sensors: NDArray[Any]  # SENSOR
     kept: NDArray[np.int64]  # (rows,) number among the constraints, cuts before couplings; -1: trivially satisfied
     residual_scale: NDArray[np.float64]  # (rows,) m: length of the mechanism divided by the unit of the row
@@ -161,10 +159,6 @@ class State(NamedTuple):
     bodies: NDArray[Any]  # (nb,) MOTION
     rows: NDArray[Any]  # (constraint equations of cut joints,) ROW
     coupled: NDArray[Any]  # (couplings,) COUPLED
-    element: NDArray[Any]  # (1,) ELEMENT, a plate element at work
-    shell: NDArray[Any]  # (1,) WORK, a shell element at work
-    contact: NDArray[Any]  # (1,) CONTACT_SCRATCH
-    nip: NDArray[Any]  # (1,) NIP_SCRATCH
     S: NDArray[np.float64]  # (subspaces, 6) joint motion subspaces, columns of B2
     q: NDArray[np.float64]  # (nq,) every joint position, driven ones included
     v: NDArray[np.float64]  # (nv,)
@@ -178,6 +172,7 @@ class State(NamedTuple):
     wrench: NDArray[np.float64]  # (6,) a wrench on its way inward
     U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
     D: NDArray[np.float64]  # (nv, MODES + 1) articulated body: a joint's Cholesky factor, and last its right-hand side
+    scratch: NDArray[np.uint8]  # scratch memory of element types, see mbfmu.mechanics.dispatch.scratch_record
     time: NDArray[np.float64]  # (1,) s, when the forces were applied last
     cached_power: NDArray[np.float64]  # (1,) W, non-conservative power that loads have evaluated with their forces
     energy: NDArray[np.float64]  # (2,) J, kinetic and potential, where sensors are read
@@ -190,17 +185,13 @@ class Data(NamedTuple):
     state: State
 
 
-def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspaces: int) -> State:
-    """Return zeroed scratch for ``nb`` bodies (ground included), with the ground placed."""
+def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspaces: int, scratch: int) -> State:
+    """Return zeroed memory for ``nb`` bodies (ground included), with the ground placed; ``scratch`` is in bytes."""
     z = np.zeros
     state = State(
         bodies=records(nb, MOTION),
         rows=records(rows, ROW),
         coupled=records(couplings, COUPLED),
-        element=records(1, PLATE_SCRATCH),
-        shell=records(1, SHELL_SCRATCH),
-        contact=records(1, CONTACT_SCRATCH),
-        nip=records(1, NIP_SCRATCH),
         S=z((subspaces, 6)),
         q=z(nq),
         v=z(nv),
@@ -214,6 +205,7 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
         wrench=z(6),
         U=z((nv, 6)),
         D=z((nv, MODES + 1)),
+        scratch=aligned_bytes(scratch),
         time=z(1),
         cached_power=z(1),
         energy=z(2),
@@ -232,7 +224,7 @@ def empty_data() -> Data:
         couplings=records(1, COUPLING),
         loads=records(1, ITEM),
         signals=records(1, ITEM),
-        surfaces=records(1, ITEM),
+        parts=records(1, ITEM),
         sensors=records(1, SENSOR),
         kept=whole,
         residual_scale=np.zeros(1),
@@ -242,7 +234,7 @@ def empty_data() -> Data:
         memory=np.zeros(1, np.uint8),
         numbers=np.zeros(1),
     )
-    return Data(arrays, allocate_state(1, 1, 1, 1, 1, 1))
+    return Data(arrays, allocate_state(1, 1, 1, 1, 1, 1, 0))
 
 
 def to_complex_data(data: Data) -> Data:
@@ -256,7 +248,15 @@ def to_complex_data(data: Data) -> Data:
 
 def to_complex_state(state: State) -> State:
     """Return a copy whose real numbers are complex."""
-    return State(*map(to_complex, state))
+    scratch = aligned_bytes(COMPLEX_FACTOR * len(state.scratch))
+    arrays: Any = map(to_complex, state)
+    return State(*arrays)._replace(scratch=scratch)
+
+
+def copy_state(state: State) -> State:
+    """Return a state with arrays of its own."""
+    arrays: Any = (array.copy() for array in state)
+    return State(*arrays)
 
 
 def to_complex(array: NDArray[Any]) -> NDArray[Any]:
@@ -267,13 +267,3 @@ def to_complex(array: NDArray[Any]) -> NDArray[Any]:
     for name in array.dtype.names:
         copy[name] = array[name]
     return copy
-
-
-def complex_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """Return the fields of a record with complex numbers for real ones."""
-    fields = [(name, *_complex_field(dtype[name])) for name in dtype.names or ()]
-    return np.dtype(fields, align=True)
-
-
-def _complex_field(dtype: np.dtype[Any]) -> tuple[type, tuple[int, ...]]:
-    return (np.complex128 if dtype.base == np.float64 else np.int64), dtype.shape

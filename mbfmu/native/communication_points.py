@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.arrays.bending import find_largest_angle
+from mbfmu.mechanics.arrays.load_groups import largest_ratio
 from mbfmu.mechanics.arrays.points import GRAVITY_LOAD, begin_inputs, set_input, start_motions
 from mbfmu.mechanics.recursions.dynamics import energy
 from solvers.balance import BALANCE_OK, check_energy_balance, energy_floor
@@ -26,7 +26,10 @@ RUN_STATUS = np.dtype(
         ("exchanged", np.float64),
         ("passage", np.float64),  # J, of the last slow passage until then, see solvers.energy_account
         ("before", np.float64),  # J, energy before parameters change
-        ("bent", np.float64),  # rad, the sharpest angle of a plate's edge at the last communication point
+        (
+            "limit_ratio",
+            np.float64,
+        ),  # of elements at the last communication point, see mbfmu.mechanics.loads.base
     ],
     align=True,
 )
@@ -49,7 +52,7 @@ def begin_points(instance: Any, code: int) -> None:
         0.0,
     )
     begin_inputs(instance.inputs)
-    status.code, status.unknown, status.jumps, status.lost, status.bent = code, 0, 0, 0, 0.0
+    status.code, status.unknown, status.jumps, status.lost, status.limit_ratio = code, 0, 0, 0, 0.0
     for k in range(bodies.shape[0]):
         mass += bodies[k].mass
     balance.last_passage_energy = 0.0
@@ -114,11 +117,12 @@ def check_energy(instance: Any, now: float) -> float:
 
 
 @kernel
-def measure_plate_bending(instance: Any) -> None:
-    """Note how sharply plates bend at the reported state."""
-    if instance.cells.shape[0] > 0:
+def measure_limit_ratio(instance: Any) -> None:
+    """Note how far elements are from the limits of their theory at the reported state."""
+    if instance.monitored.shape[0] > 0:
         energy_at(instance)  # places the bodies
-        instance.run_status[0].bent = find_largest_angle(instance.cells, instance.given.eqs.data.state.bodies)
+        data = instance.given.eqs.data
+        instance.run_status[0].limit_ratio = largest_ratio(instance.monitored, data.arrays, data.state)
 
 
 @kernel

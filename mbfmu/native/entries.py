@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import couplings, cuts, elements, joints, loads, sensors, signals
+from mbfmu.mechanics import couplings, cuts, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.points import (
     LOADS_CHANGED,
     MOTION_STARTS,
@@ -29,10 +29,13 @@ from mbfmu.mechanics.arrays.points import (
 )
 from mbfmu.mechanics.arrays.tables import REAL, CalledKernel
 from mbfmu.mechanics.kind import ElementType, element_types_of, kernel_of, record_of
-from mbfmu.mechanics.records import empty_data
+from mbfmu.mechanics.records import ITEM, empty_data
 from mbfmu.mechanics.recursions.dynamics import input_step_limit, observe
 from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.simulation import Simulation
+from mbfmu.sheets import elements as sheet_elements
+from mbfmu.sheets import joints as sheet_joints
+from mbfmu.sheets import sensors as sheet_sensors
 from mbfmu.util.errors import UserError
 from solvers.assembly import Scratch
 from solvers.balance import BALANCE
@@ -52,7 +55,7 @@ from .communication_points import (
     check_energy,
     energy_at,
     fill_energy_outputs,
-    measure_plate_bending,
+    measure_limit_ratio,
     record_outcome,
     start_support_motion,
     store_velocity_jump,
@@ -62,8 +65,9 @@ from .image import MemoryImage
 from .start_checks import Frames, check_resolution
 
 COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
-    joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, elements: loads.Load,
-    signals: signals.Signal, sensors: sensors.Sensor,
+    joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, signals: signals.Signal,
+    sensors: sensors.Sensor,
+    sheet_joints: joints.Joint, sheet_elements: loads.Load, sheet_sensors: sensors.Sensor,
 }  # fmt: skip
 KERNEL_TABLE_SYMBOL = "mb_kinds"  # symbol of the addresses of all kernels of kinds
 
@@ -92,7 +96,7 @@ class Instance(NamedTuple):
     balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
     run_status: NDArray[Any]  # (1,) RUN_STATUS
     dv: Array  # (n,) jump of the velocities
-    cells: NDArray[np.int64]  # (P, 4) bodies at the corners of all plates
+    monitored: NDArray[Any]  # mbfmu.mechanics.records.ITEM: loads with limits of their theory
     frames: Any  # mbfmu.native.start_checks.Frames
     positions: Any  # solvers.positions.Positions
 
@@ -132,7 +136,7 @@ def instance_of(simulation: Simulation) -> Instance:
     buffers = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
     settings = stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     balance = simulation.energy_check.balance.copy() if simulation.energy_check else records(1, BALANCE)
-    accounts = plant.inputs.own, balance, records(1, RUN_STATUS), np.zeros(system.n), plant.mechanism.cells
+    accounts = plant.inputs.own, balance, records(1, RUN_STATUS), np.zeros(system.n), plant.monitored
     places = Frames.of(plant), system.placed
     return Instance(own, start, *buffers, np.array([simulation.t]), known, *settings, *accounts, *places)  # type: ignore[arg-type]
 
@@ -204,7 +208,7 @@ def example(name: str) -> Any:
         records(1, BALANCE),
         records(1, RUN_STATUS),
         z(1),
-        z((1, 4), np.int64),
+        records(1, ITEM),
         frames,
         positions,
     )
@@ -326,7 +330,7 @@ def entries(name: str) -> dict[str, Entry]:
             record_outcome(instance, end, advance_in_pieces(instance, end))
         if instance.balance[0].is_checked == 1:
             check_energy(instance, energy_at(instance))
-        measure_plate_bending(instance)
+        measure_limit_ratio(instance)
         return int(instance.run_status[0].code)
 
     def read(instance: Any) -> int:
@@ -368,5 +372,5 @@ def _kernels(module: ModuleType, role: type[ElementType]) -> Iterator[CalledKern
     for kind in element_types_of(module, role):
         for name, signature in kind.kernels.items():
             function = kernel_of(kind, name)
-            if function is not None and name in REAL.names:
-                yield CalledKernel(function, record_of(kind), signature)
+            if function is not None and name not in REAL.left_out:
+                yield CalledKernel(function, record_of(kind), signature, tuple(kind.records.items()))

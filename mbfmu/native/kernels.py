@@ -32,7 +32,7 @@ def compiled() -> tuple[dict[str, tuple[Any, Any]], list[str]]:
             found[f"mb_{family}_{name}"] = kernel, arguments
     numbered = []
     for i, kind in enumerate(shipped_kernels()):
-        words, returned = types_of(kind.signature)
+        words, returned = types_of(kind)
         arguments = record_type(kind.record), *words
         kind.function.compile(returned(*arguments))
         numbered.append(f"mb_kind_{i}")

@@ -11,12 +11,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from mbfmu.mechanics.arrays.bending import MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE
 from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import Role, Type
 from mbfmu.session.tolerances import COARSE_TEXT, COARSE_TOLERANCE
-from mbfmu.sheets.bending_monitor import ADVICE
+from mbfmu.sheets.elements.bending import ADVICE, MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE
 from mbfmu.util.codes import coded
 from solvers.assembly import WORST, Outcome
 from solvers.balance import PASSAGE_INACCURATE
@@ -136,7 +135,8 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     known = [(name, [ENTRY_C_TYPES[word] for word in entry.more]) for name, entry in entries]
     lines = ["/* Made of mbfmu/native/layout.py. */", "#include <stdint.h>", ""]
     lines += [f"#define MAGIC INT64_C({FILE_MAGIC})", f"#define LENGTH ({LENGTH_VARIABLE})"]
-    lines += [f"#define COARSE {float(MAX_ACCURATE_ANGLE)!r} /* rad */", f"#define FOLDED {float(MAX_VALID_ANGLE)!r}"]
+    limits = {"MAX_ACCURATE_ANGLE": MAX_ACCURATE_ANGLE, "MAX_VALID_ANGLE": MAX_VALID_ANGLE}  # of shipped elements
+    lines += [f"#define {name} {float(np.degrees(angle))!r} /* degrees */" for name, angle in limits.items()]
     lines.append(f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}")
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     lines.append(f"#define COARSE_TEXT {json.dumps(coded('coarse-tolerance', COARSE_TEXT))}")

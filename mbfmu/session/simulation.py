@@ -18,7 +18,6 @@ from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
 from mbfmu.modeling.variables import ENERGY_OUTPUTS, require_unique
-from mbfmu.sheets.bending_monitor import Folds, Sharpest
 from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
 from mbfmu.util.codes import code_of, coded
 from mbfmu.util.errors import UserError
@@ -27,6 +26,7 @@ from solvers.compiled.kernel import COMPILED
 from solvers.energy_account import EXCHANGED_ENERGY
 from solvers.stepper import Samples, Stepper
 
+from .element_monitor import ElementMonitor, Furthest
 from .energy_check import EnergyCheck
 from .failure_diagnosis import describe_free_rates, explain_failure, explain_rates
 from .result import join_messages
@@ -50,7 +50,7 @@ class Checkpoint(NamedTuple):
     inputs: dict[str, list[Any]] | None  # where they remember anything
     discontinuity_work: float  # J
     balance: tuple[float, str, float] | None  # state of the energy check
-    sharpest: Sharpest
+    furthest: Furthest
     remarks: int  # how many there were
 
 
@@ -129,7 +129,7 @@ class Simulation:
             unstable = report_unstable(found)
         self.plant.inputs.begin(t0, given)
         q, v = (found.q, found.v) if settings.start_at_equilibrium else self.plant.assemble(t0)
-        beside = self.plant.check_initial_contact(t0, q) if begins else []
+        beside = self.plant.check_start(t0, q) if begins else []
         self.start, found_out = (q, v), settings.solver == AUTO
         if duration is not None and finite("duration", duration) < 0.0:
             raise UserError(f"duration is {duration!r}; allowed: at least 0 s (0: the stop time of the model)")
@@ -171,7 +171,7 @@ class Simulation:
         self.energy_check = (
             EnergyCheck(self.plant, settings.tolerance, self.energy(), self.stepper.freedom) if checked else None
         )
-        self._folds, self._reported_undetermined, self._end = Folds(self.plant, t0, q), False, t0
+        self._element_monitor, self._reported_undetermined, self._end = ElementMonitor(self.plant, t0, q), False, t0
         self._warm_up(t0, q, v)
 
     def _starts(self, inputs: Mapping[Any, Any], t0: float) -> dict[int, float]:
@@ -264,7 +264,7 @@ class Simulation:
         """Reason why the last :meth:`advance` or :meth:`record` ended early, and advice; empty: it did not."""
         stepper = self.stepper
         if stepper.status.ok:
-            return self._folds.folded
+            return self._element_monitor.folded
         return explain_failure(self.plant, stepper.status, stepper.q, self._end, stepper.starts_singular)
 
     @property
@@ -275,7 +275,7 @@ class Simulation:
     @property
     def coarse(self) -> str:
         """Place, time and angle of the largest bending of cells, if it is too large for the grid; empty: it is not."""
-        return self._folds.coarse
+        return self._element_monitor.coarse
 
     @property
     def warning(self) -> str:
@@ -314,7 +314,7 @@ class Simulation:
         t, q = stepper.t, stepper.q
         if self.energy_check:
             self._balance(t, q, self.plant.energy(t, q, stepper.v), stepper.energy_account)
-        self._folds.look(t, q)
+        self._element_monitor.look(t, q)
         self._remark(stepper.warning)
         return status
 
@@ -440,7 +440,7 @@ class Simulation:
             self._begin_support_motion(times[done])
             ahead = times[done:] if self.plant.inputs.motions_finished else times[done : done + 1]
             samples = self.stepper.sample(ahead, values[done : done + len(ahead)])
-            count = self._folds.unfolded(ahead, samples.q)
+            count = self._element_monitor.unfolded(ahead, samples.q)
             rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
             if count > 1:
                 self.plant.inputs.skip_points(float(ahead[count - 2]))
@@ -540,7 +540,9 @@ class Simulation:
         inputs = self.plant.inputs.state() if self.plant.inputs.has_state else None
         balance = self.energy_check.state if self.energy_check else None
         place = self.stepper.save()
-        return Checkpoint(place, inputs, self.discontinuity_work, balance, self._folds.sharpest, len(self.remarks))
+        return Checkpoint(
+            place, inputs, self.discontinuity_work, balance, self._element_monitor.furthest, len(self.remarks)
+        )
 
     def rollback(self, checkpoint: Checkpoint) -> None:
         """Return to a checkpoint and discard everything after it, except values of inputs that were set.
@@ -558,7 +560,7 @@ class Simulation:
         self.stepper.restore(checkpoint.stepper)
         del self.remarks[checkpoint.remarks :]
         self.discontinuity_work = checkpoint.discontinuity_work
-        self._folds.rewind(checkpoint.sharpest)
+        self._element_monitor.rewind(checkpoint.furthest)
         if self.energy_check and checkpoint.balance:
             self.energy_check.state = checkpoint.balance
 
@@ -583,7 +585,7 @@ class Simulation:
         inputs, work = self.plant.inputs.state(), self.discontinuity_work
         balance = list(self.energy_check.state) if self.energy_check else []
         head = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
-        head["bent"] = self._folds.state()
+        head["bent"] = self._element_monitor.state()
         head["pick"] = self.solver_choice
         return encode_state(self._state_key, head, self.stepper.save())
 
@@ -614,7 +616,7 @@ class Simulation:
         self.stepper.restore(body)
         if self.energy_check:
             self.energy_check.state = head["balance"]
-        self._folds.restore(head["bent"], self.t, self.stepper.q)
+        self._element_monitor.restore(head["bent"], self.t, self.stepper.q)
 
 
 class UnstartedSimulation(Simulation):

@@ -34,6 +34,6 @@ def describe_coarse(plant: Plant, tolerance: float, freedom: int) -> str:
     The growth of errors is not estimated: at 1e-3 a growth of 3, that of a pendulum in a few swings, makes an error of
     0.3 rad possible. Sheets are left out: the solvers report their errors.
     """
-    if tolerance < COARSE_TOLERANCE or freedom == 0 or plant.mechanism.sheets:
+    if tolerance < COARSE_TOLERANCE or freedom == 0 or plant.mechanism.meshes:
         return ""
     return coded("coarse-tolerance", f"the tolerance is {tolerance:g}: {COARSE_TEXT}")

@@ -13,9 +13,9 @@ from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Matrix, Vector, rotation, vector
 from mbfmu.mechanics.cuts import Cut, PlaneCut
-from mbfmu.mechanics.elements import Plate, Shell
 from mbfmu.mechanics.joints import Floating, Joint, Planar, Revolute, Weld
 from mbfmu.mechanics.numbers import is_finite
+from mbfmu.sheets.elements import Plate, Shell
 from mbfmu.util.errors import UserError
 
 from .grid import Link, Node, around, from_edge, on_edge
@@ -164,7 +164,7 @@ class SheetMeshBuilder:
             for k in range(self.shape[1] - 1):
                 corners = node[i, k], node[i + 1, k], node[i + 1, k + 1], node[i, k + 1]
                 self.cells[i, k] = element((i, k)), corners
-                self.mechanism.plate(self.cells[i, k][0], *corners)
+                self.mechanism.element(self.cells[i, k][0], *corners)
         if pressure != 0.0:
             self.mechanism.pressure(self.name, pressure, [corners for _, corners in self.cells.values()])
         self.cuts += [cut for support in supports for cut in self._close(support)]

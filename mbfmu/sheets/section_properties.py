@@ -19,8 +19,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mbfmu.mechanics.checks import one_of
-from mbfmu.mechanics.elements import Plate, Shell
 from mbfmu.mechanics.numbers import array_of, finite, positive
+from mbfmu.sheets.elements import Plate, Shell
 from mbfmu.util.errors import UserError
 
 from .grid import Node

@@ -53,10 +53,12 @@ from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Vector, flag, one_of, vector
-from mbfmu.mechanics.elements import Plate
-from mbfmu.mechanics.joints import Geodesic, Joint, OutOfPlane, Stretching
+from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.numbers import array_of, is_finite, is_whole, positive
-from mbfmu.mechanics.sensors import Covered, InPlate, InShell, Sensor, SheetPosition, Skew, axis_index
+from mbfmu.mechanics.sensors import Sensor, axis_index
+from mbfmu.sheets.elements import Plate
+from mbfmu.sheets.joints import Geodesic, OutOfPlane, Stretching
+from mbfmu.sheets.sensors import Covered, InPlate, InShell, SheetPosition, Skew
 from mbfmu.util.errors import UserError
 
 from .grid import Node
@@ -471,7 +473,7 @@ def add_sheet(
     nodes = tuple(tuple(builder.bodies[i, k] for k in range(shape[1])) for i in range(shape[0]))
     cuts = tuple(builder.cuts)
     sheet = Sheet(name, nodes, plate.a, plate.b, properties.middle, properties, builder.cells, cuts, builder.along)
-    mechanism.sheets.append(sheet)
+    mechanism.meshes.append(sheet)
     return sheet
 
 

@@ -16,16 +16,16 @@ from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Vector, one_of, rotation, vector
-from mbfmu.mechanics.contact.nip import RollerNip
-from mbfmu.mechanics.contact.surface_contact import SurfaceContact
-from mbfmu.mechanics.contact.surfaces import Surface
 from mbfmu.mechanics.joints import Revolute
 from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import finite, not_negative, positive
 from mbfmu.util.errors import UserError, short
 
-from .contacts import NipHandle, SurfaceContactHandle
+from .contact.nip import RollerNip
+from .contact.surface_contact import SurfaceContact
+from .contact.surfaces import Surface
+from .contact_handles import NipHandle, SurfaceContactHandle
 from .sheet import Sheet
 
 MAX_CELL_CURVATURE = 0.6  # side of a cell times the curvature of a surface, above which the sheet does not follow it
@@ -326,7 +326,9 @@ def _refuse_overlapping_nips(
     """Refuse a nip that stands where another of the sheet does, as rollers cannot; ``axes``: feed, across, normal."""
     ours = {id(body) for row in sheet.nodes for body in row}
     others = {
-        load.name: load.common for _, load, on in mechanism.others if isinstance(load, RollerNip) and id(on[0]) in ours
+        acting.name: acting.load.common
+        for acting in mechanism.others
+        if isinstance(acting.load, RollerNip) and id(acting.bodies[0]) in ours
     }
     for other, nip in others.items():
         near = radius + nip["radius"], 0.5 * (width + nip["width"]), radius + nip["radius"]
@@ -354,7 +356,7 @@ def _cells(sheet: Sheet) -> Iterator[tuple[Any, tuple[Body, ...], Any]]:
 
 def _check_sheet(mechanism: Mechanism, sheet: Any, what: str) -> None:
     """Refuse what is no sheet of the mechanism."""
-    if not isinstance(sheet, Sheet) or not any(sheet is own for own in mechanism.sheets):
+    if not isinstance(sheet, Sheet) or not any(sheet is own for own in mechanism.meshes):
         given = repr(sheet.name) if isinstance(sheet, Sheet | Body) else short(sheet)
         raise UserError(f"sheet of {what} is {given}; allowed: a sheet of this mechanism")
 

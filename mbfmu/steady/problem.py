@@ -118,7 +118,7 @@ class EquilibriumProblem:
         if given:
             held[:] = [name in given for name in self.plant.system.coordinate_names]
         q = self.plant.assembly.close(0.0, q, held)
-        self.plant.check_corners(0.0, q)
+        self.plant.check_positions(0.0, q)
         return q
 
     def set_input(self, index: int, value: float) -> None:

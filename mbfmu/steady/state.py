@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant
-from mbfmu.mechanics.arrays.bending import MAX_ACCURATE_ANGLE
 from mbfmu.modeling.model import Model
 from mbfmu.steady.linear import Mode, StateSpace, modes_as_text
 from mbfmu.steady.modes import LISTED_MODES, ModeShapes, find_spectrum, shapes_of
@@ -171,8 +170,8 @@ class Equilibrium:
     @cached_property
     def warning(self) -> str:
         """Why the state is not to be trusted; empty: nothing speaks against it."""
-        bent = self.plant.measure_bending(0.0, self.q)
-        return str(bent) if bent is not None and bent.largest > MAX_ACCURATE_ANGLE else ""
+        accurate = self.plant.limit_ratio(0.0, self.q) <= 1.0
+        return "" if accurate else self.plant.describe_limit(0.0, self.q)
 
     def positions(self) -> dict[str, float]:
         """Return the coordinates by name; those of an orientation as its quaternion."""

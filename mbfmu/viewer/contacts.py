@@ -14,9 +14,9 @@ from mbfmu.mechanics import Cylinder, Mechanism
 from mbfmu.mechanics.axes import along
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.checks import rotation
-from mbfmu.mechanics.contact.nip import RollerNip
-from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.shapes import Shape
+from mbfmu.sheets.contact.nip import RollerNip
+from mbfmu.sheets.contact.surface_contact import SurfaceContact
 
 Poses = tuple[NDArray[np.float32], NDArray[np.float32]]  # origins (T, nb, 3), m, and axes (T, nb, 3, 3) of all bodies
 
@@ -31,7 +31,8 @@ def contact_shapes(mechanism: Mechanism, poses: Poses | None) -> Iterator[tuple[
     own = {body.index for body, _ in mechanism.shapes if body.index}
     nips: dict[str, tuple[RollerNip, tuple[Body, ...]]] = {}
     contacts: dict[tuple[int, int], tuple[SurfaceContact, Body, set[int]]] = {}
-    for _, load, bodies in mechanism.others:
+    for acting in mechanism.others:
+        load, bodies = acting.load, acting.bodies
         holder = bodies[4] if isinstance(load, RollerNip) else bodies[-1]
         if isinstance(load, RollerNip) and holder.index not in own:
             nips[load.name] = load, bodies[4:]

@@ -290,7 +290,8 @@ class _Artist:
 
     def _coils(self) -> Iterator[tuple[Body, Any, Body, Any]]:
         """Yield the two bodies that every coil is between, with the points on them, body axes."""
-        for _, load, bodies in self.mechanism.loads():
+        for acting in self.mechanism.loads():
+            load, bodies = acting.load, acting.bodies
             if load.drawn != "coil":
                 continue
             body, joint = bodies[0], bodies[0].joint
@@ -390,13 +391,13 @@ class _Artist:
 
 
 def surfaces_of(mechanism: Mechanism) -> list[Surface]:
-    """Return the surfaces of a mechanism, and those of its sheets that it gives none."""
+    """Return the surfaces of a mechanism, and those of its meshes that it gives none."""
     found = list(mechanism.surfaces)
     drawn = {int(i) for surface in found for i in surface.bodies.flat}
-    for sheet in mechanism.sheets:
-        nodes = np.array([[node.index for node in row] for row in sheet.nodes], np.int64)
+    for mesh in mechanism.meshes:
+        nodes = np.array([[node.index for node in row] for row in mesh.nodes], np.int64)
         if not drawn.intersection(map(int, nodes.flat)):
-            found.append(Surface(sheet.name, nodes, np.zeros(3), ""))
+            found.append(Surface(mesh.name, nodes, np.zeros(3), ""))
     return found
 
 

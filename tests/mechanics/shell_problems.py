@@ -30,13 +30,12 @@ from mbfmu.mechanics import (
     PointForce,
     Product,
     Revolute,
-    Shell,
     Torque,
     Translational,
     Weld,
 )
-from mbfmu.mechanics.elements.material import PlaneStress
-from mbfmu.sheets import Support, add_sheet
+from mbfmu.sheets import Shell, Support, add_sheet
+from mbfmu.sheets.elements.material import PlaneStress
 from mbfmu.steady.equilibrium import equilibrium
 
 Node = tuple[int, int]
@@ -138,7 +137,7 @@ class Surface:
                     stretching=material,
                     bending=material * self.thickness**2 / 12.0,
                 )
-                self.mechanism.plate(shell, *(self.bodies[c] for c in cell))
+                self.mechanism.element(shell, *(self.bodies[c] for c in cell))
 
     def _hang(self, node: Node, held: Any) -> None:
         """Add the body of a node, of a density of 1 kg/m^3; statics only see that it is there."""

@@ -16,8 +16,8 @@ from scipy.optimize import brentq, root
 from scipy.special import ellipe, ellipk
 
 import mbfmu as mb
-from mbfmu.mechanics import Body, Guide, Mechanism, Revolute, Signal
-from mbfmu.sheets import NipHandle, Sheet, add_contact, add_nip, add_sheet
+from mbfmu.mechanics import Body, Mechanism, Revolute, Signal
+from mbfmu.sheets import Guide, NipHandle, Sheet, add_contact, add_nip, add_sheet
 
 LENGTH, WIDTH, THICKNESS, DENSITY, GRAVITY, RADIUS = 0.297, 0.03, 1e-4, 800.0, 9.81, 0.01
 BENDING = 4e9 * THICKNESS**3 / 12.0  # N m

@@ -10,23 +10,9 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.mechanics import (
-    Body,
-    Drum,
-    Guide,
-    Input,
-    Mechanism,
-    Plant,
-    Polynomial,
-    Revolute,
-    SpeedInput,
-    Surface,
-    Translational,
-    Trough,
-    Wall,
-)
+from mbfmu.mechanics import Body, Input, Mechanism, Plant, Polynomial, Revolute, SpeedInput, Translational
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.sheets import Sheet, add_contact, add_nip, add_sheet
+from mbfmu.sheets import Drum, Guide, Sheet, Surface, Trough, Wall, add_contact, add_nip, add_sheet
 from mbfmu.util.errors import UserError
 
 PAPER: dict[str, Any] = {

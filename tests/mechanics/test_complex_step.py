@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from random_mechanisms import COUPLINGS, CUTS, JOINTS, Case, build, cases
 
-from mbfmu.mechanics import Geodesic, Revolute, Universal
+from mbfmu.mechanics import Revolute, Universal
+from mbfmu.sheets import Geodesic
 from solvers.system import Terms
 
 E = 1e-30

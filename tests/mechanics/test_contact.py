@@ -9,30 +9,17 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.mechanics import (
-    Drum,
-    Floating,
-    Guide,
-    Mechanism,
-    Plant,
-    PointForce,
-    Polynomial,
-    Revolute,
-    Surface,
-    Translational,
-    Trough,
-    Wall,
-)
+from mbfmu.mechanics import Floating, Mechanism, Plant, PointForce, Polynomial, Revolute, Translational
 from mbfmu.mechanics.arrays import systems
-from mbfmu.mechanics.contact import patch
-from mbfmu.mechanics.contact.stations import clamped_beam_compliance
 from mbfmu.mechanics.dispatch import apply_load, load_tangent
 from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import allocate_state, to_complex_state
 from mbfmu.mechanics.recursions.dynamics import update_kinematics
 from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.sheets import add_contact, add_nip, add_sheet, contact_pressure
+from mbfmu.sheets import Drum, Guide, Surface, Trough, Wall, add_contact, add_nip, add_sheet, contact_pressure
+from mbfmu.sheets.contact import patch
+from mbfmu.sheets.contact.stations import clamped_beam_compliance
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel, records
 from solvers.compiled.tuple_pointer import pin, unpin

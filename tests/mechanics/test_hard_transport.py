@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.mechanics import Drum, Guide, Input, Mechanism, PointForce, Polynomial, Revolute, RunUp, SpeedInput, Wall
-from mbfmu.sheets import add_contact, add_nip, add_sheet
+from mbfmu.mechanics import Input, Mechanism, PointForce, Polynomial, Revolute, RunUp, SpeedInput
+from mbfmu.sheets import Drum, Guide, Wall, add_contact, add_nip, add_sheet
 
 from .strips import (
     GRAVITY,

@@ -19,9 +19,8 @@ from mbfmu.mechanics import (
     SphericalCut,
     Torque,
     Translational,
-    Wall,
 )
-from mbfmu.sheets import Support, add_contact, add_nip, add_sheet
+from mbfmu.sheets import Support, Wall, add_contact, add_nip, add_sheet
 from solvers.compiled.kernel import COMPILED
 from solvers.steppers.ida import tree
 from solvers.steppers.ida.tree_callbacks import multiply_matrix, residual

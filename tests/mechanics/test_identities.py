@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from random_mechanisms import COUPLINGS, CUTS, JOINTS, MOVING, Case, build, cases, distance
 
-from mbfmu.mechanics import Geodesic, Mechanism, Plant, Screw, Stretching
+from mbfmu.mechanics import Mechanism, Plant, Screw
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution, update_kinematics
 from mbfmu.mechanics.recursions.kinematics import update_positions as place_joints
 from mbfmu.mechanics.recursions.rnea import momentum
+from mbfmu.sheets import Geodesic, Stretching
 
 TOLERANCE = 1e-9
 STENCIL = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}  # sixth order

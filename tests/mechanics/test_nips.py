@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.mechanics import Drum, Mechanism, Plant, Polynomial, Revolute, Wall
+from mbfmu.mechanics import Mechanism, Plant, Polynomial, Revolute
 from mbfmu.mechanics.tangent import find_groups
-from mbfmu.sheets import Sheet, add_contact, add_nip, add_sheet
+from mbfmu.sheets import Drum, Sheet, Wall, add_contact, add_nip, add_sheet
 from mbfmu.util.errors import UserError
 
 from .test_contact import PAPER

@@ -9,12 +9,13 @@ import pytest
 from plate_oracles import CORNERS, E, acm_stiffness, grain, isotropic
 from random_mechanisms import random_rotation
 
-from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Polynomial, Shell
+from mbfmu.mechanics import Floating, Mechanism, Plant, Polynomial
 from mbfmu.mechanics.dispatch import load_tangent
-from mbfmu.mechanics.elements.plate_energy import bending_strain, slope_factor, stress
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.records import to_complex_state
 from mbfmu.mechanics.recursions.dynamics import energy, update_kinematics
+from mbfmu.sheets import Plate, Shell
+from mbfmu.sheets.elements.plate_energy import bending_strain, slope_factor, stress
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import pin, unpin
@@ -40,7 +41,7 @@ def element(**options: Any) -> Plant:
     """Four floating bodies with a plate between them."""
     m = Mechanism()
     nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
-    m.plate(Plate(**(BENDING | options)), *nodes)
+    m.element(Plate(**(BENDING | options)), *nodes)
     return Plant(m)
 
 
@@ -476,7 +477,7 @@ def test_bodies_that_do_not_span_a_plate_are_named(element: Any, order: str, lif
         name: m.body(name, m.ground, Floating(at=place, start=(0, 0, 0, 1, 0, 0, 0)), **inertia)
         for name, place in zip("abcd", places, strict=True)
     }
-    m.plate(element, *(nodes[name] for name in order))
+    m.element(element, *(nodes[name] for name in order))
     if not message:
         Plant(m).assemble()
         return
@@ -489,7 +490,7 @@ def test_bodies_that_do_not_span_a_plate_are_named(element: Any, order: str, lif
 def test_bodies_at_one_place_span_no_plate() -> None:
     m = Mechanism()
     nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
-    m.plate(Plate(**BENDING), *nodes)
+    m.element(Plate(**BENDING), *nodes)
     with pytest.raises(UserError, match="from 'n0' to 'n1' the direction of its edge differs by 90"):
         Plant(m).assemble()
 
@@ -498,6 +499,6 @@ def test_corners_are_four_bodies_of_the_mechanism() -> None:
     m = Mechanism()
     a = m.body("a", m.ground, Floating(), mass=1.0)
     with pytest.raises(UserError, match="it needs four bodies"):
-        m.plate(Plate(**BENDING), a, a, m.ground, a)
+        m.element(Plate(**BENDING), a, a, m.ground, a)
     with pytest.raises(UserError, match=r"corners of a face of pressure 'wind' are .* it needs four bodies"):
         m.pressure("wind", 1.0, [(a, a, m.ground, a)])

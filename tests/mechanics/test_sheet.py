@@ -23,14 +23,14 @@ from random_mechanisms import Case, random_rotation
 from test_complex_step import check as check_complex_step
 from test_identities import close
 
-from mbfmu.mechanics import Floating, Harmonic, Mechanism, Plant, Plate, Revolute, Translational, Weld
+from mbfmu.mechanics import Floating, Harmonic, Mechanism, Plant, Revolute, Translational, Weld
 from mbfmu.mechanics.arrays.rows import dependent_rows
-from mbfmu.mechanics.elements.plate_energy import shape, strain
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution, update_kinematics
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.modeling import Model
-from mbfmu.sheets import Sheet, Support, add_sheet
+from mbfmu.sheets import Plate, Sheet, Support, add_sheet
+from mbfmu.sheets.elements.plate_energy import shape, strain
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.util.errors import UserError
 

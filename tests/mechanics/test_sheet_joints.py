@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from plate_oracles import bodies_at
 
-from mbfmu.mechanics import Geodesic, Mechanism, OutOfPlane, Plant
+from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.sheets import Geodesic, OutOfPlane
 from mbfmu.util.errors import UserError
 
 

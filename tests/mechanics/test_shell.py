@@ -20,9 +20,10 @@ from test_plate import (
     wrenches,
 )
 
-from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Shell
-from mbfmu.mechanics.elements.material import PlaneStress
-from mbfmu.mechanics.elements.shell_stiffness import bending, flat_axes, membrane
+from mbfmu.mechanics import Floating, Mechanism, Plant
+from mbfmu.sheets import Plate, Shell
+from mbfmu.sheets.elements.material import PlaneStress
+from mbfmu.sheets.elements.shell_stiffness import bending, flat_axes, membrane
 from mbfmu.sheets.section_properties import shell_of
 from mbfmu.util.errors import UserError
 
@@ -40,7 +41,7 @@ def element(material: str = "isotropic", **options: Any) -> Plant:
     m = Mechanism()
     nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
     stretching, bent = MATERIALS[material]
-    m.plate(Shell(**({"corners": CORNERS, "stretching": stretching, "bending": bent} | options)), *nodes)
+    m.element(Shell(**({"corners": CORNERS, "stretching": stretching, "bending": bent} | options)), *nodes)
     return Plant(m)
 
 
@@ -100,7 +101,7 @@ def test_a_curled_shell_feels_the_curvatures_that_are_left(grain: dict[str, Any]
     options: dict[str, Any] = {"a": SIDE_X, "b": SIDE_Z, "thickness": T, "youngs_modulus": E}
     plate = Plate(**(options | grain), curl=tuple(own))
     m = Mechanism()
-    m.plate(shell_of(plate), *(m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0,) * 3) for i in range(4)))
+    m.element(shell_of(plate), *(m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0,) * 3) for i in range(4)))
     plant, left = Plant(m), (k - own) * (1.0, 1.0, 2.0)
     expected = 0.5 * left @ plate.bending @ left * plate.area
     assert plant.energy(0.0, curved(k), np.zeros(24)) == pytest.approx(expected, rel=1e-5)

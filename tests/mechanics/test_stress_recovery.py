@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.mechanics import Mechanism, Plate, PointForce, Shell, Weld
-from mbfmu.mechanics.elements.material import PlaneStress
-from mbfmu.mechanics.elements.plate_curvature import curvature
-from mbfmu.mechanics.elements.shell_stiffness import GAUSS_POINTS
-from mbfmu.sheets import Support, add_sheet
+from mbfmu.mechanics import Mechanism, PointForce, Weld
+from mbfmu.sheets import Plate, Shell, Support, add_sheet
+from mbfmu.sheets.elements.material import PlaneStress
+from mbfmu.sheets.elements.plate_curvature import curvature
+from mbfmu.sheets.elements.shell_stiffness import GAUSS_POINTS
 
 L, W, T, E, NU, RHO = 0.3, 0.2, 0.5e-3, 1e10, 0.3, 1000.0
 A = PlaneStress(E, NU).Q * T

@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.sheet import Sheet
-from mbfmu.mechanics import Bushing, Floating, Geodesic, Mechanism, Plant, Revolute, Stretching, Translational, Weld
+from mbfmu.mechanics import Bushing, Floating, Mechanism, Plant, Revolute, Translational, Weld
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.recursions import dynamics as dy
 from mbfmu.mechanics.recursions.kinematics import update_accelerations
 from mbfmu.mechanics.recursions.rnea import inverse_dynamics
 from mbfmu.mechanics.tangent import Groups, find_groups, groups
 from mbfmu.mechanics.tangent.layout import OUTER
-from mbfmu.sheets import Support, add_sheet
+from mbfmu.sheets import Geodesic, Stretching, Support, add_sheet
 from solvers.system import TreeSystem
 
 from .random_mechanisms import Case, build, cases

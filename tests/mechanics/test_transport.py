@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbfmu.mechanics import Body, Drum, Floating, Mechanism, PointForce, Polynomial, Ramp, Revolute, RunUp, Wall
-from mbfmu.sheets import Sheet, Support, add_contact, add_nip, add_sheet
+from mbfmu.mechanics import Body, Floating, Mechanism, PointForce, Polynomial, Ramp, Revolute, RunUp
+from mbfmu.sheets import Drum, Sheet, Support, Wall, add_contact, add_nip, add_sheet
 
 from .strips import (
     BENDING,

@@ -16,13 +16,13 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.fmi import export
-from mbfmu.mechanics import Mechanism, Revolute, Spring, Wall, rod
+from mbfmu.mechanics import Mechanism, Revolute, Spring, rod
 from mbfmu.native.entries import image_of
 from mbfmu.native.image import MemoryImage
 from mbfmu.native.runtime import objects
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.sheets import add_contact, add_sheet
+from mbfmu.sheets import Wall, add_contact, add_sheet
 from mbfmu.util.errors import UserError
 
 TIMES = 0.01 * np.arange(1, 201)
@@ -135,7 +135,7 @@ def test_contact_is_refused_as_what_is_not_there():
     paper = {"thickness": 1e-3, "youngs_modulus": 1e6, "density": 800.0, "grid": (4, 3), "tree": "master"}
     add_contact(m, "table", add_sheet(m, "s", length=0.3, width=0.2, **paper), Wall(at=(0.0, -0.1, 0.0)))
     with pytest.raises(
-        UserError, match=r"kernel mbfmu.mechanics.contact.surface_contact.apply is not in the runtime, and"
+        UserError, match=r"kernel mbfmu.sheets.contact.surface_contact.apply is not in the runtime, and"
     ):
         image_of(Simulation(m, Settings(solver="adams")))
 

@@ -13,12 +13,12 @@ from scripts import NODE, evaluated
 from test_gltf import File
 from test_page import browser, opened
 
-from mbfmu.mechanics import Box, Drum, Floating, Guide, Mechanism, Panel, Revolute, Sphere, Surface, Trough, Wall
-from mbfmu.mechanics.contact.surfaces.guide import gap as guide_gap
-from mbfmu.mechanics.contact.surfaces.trough import gap as trough_gap
+from mbfmu.mechanics import Box, Floating, Mechanism, Panel, Revolute, Sphere
 from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import allocate_state
-from mbfmu.sheets import add_contact, add_nip, add_sheet
+from mbfmu.sheets import Drum, Guide, Surface, Trough, Wall, add_contact, add_nip, add_sheet
+from mbfmu.sheets.contact.surfaces.guide import gap as guide_gap
+from mbfmu.sheets.contact.surfaces.trough import gap as trough_gap
 from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, html, images
 from mbfmu.viewer.gltf import glb
@@ -81,7 +81,7 @@ def test_a_wall_is_drawn_where_a_sheet_comes_near() -> None:
 def test_a_wall_on_a_turned_body_is_below_the_sheet() -> None:
     """The body is turned by a right angle about z and off by 0.7 m: its wall of normal x lies across y."""
     mechanism = feeder(Wall(at=(0.1, 0.0, 0.0), normal=(1.0, 0.0, 0.0)))
-    arm, nodes = mechanism.bodies[-1], [node.index for row in mechanism.sheets[0].nodes for node in row]
+    arm, nodes = mechanism.bodies[-1], [node.index for row in mechanism.meshes[0].nodes for node in row]
     count = len(mechanism.bodies)
     r, A = np.zeros((3, count, 3), np.float32), np.tile(np.eye(3, dtype=np.float32), (3, count, 1, 1))
     A[:, arm.index] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.dispatch import BIAS, LONGEST_STEP, POTENTIAL, POWER
-from mbfmu.mechanics.records import Arrays, Data, State
+from mbfmu.mechanics.dispatch import BIAS, LONGEST_STEP, MONITOR, POTENTIAL, POWER
+from mbfmu.mechanics.records import MAX_KERNELS, Arrays, Data, State, copy_state
 from mbfmu.util.errors import UserError
-from solvers.compiled.kernel import COMPILED, bounds_checked
+from solvers.compiled.kernel import COMPILED, bounds_checked, records
 from solvers.compiled.tuple_pointer import pin
 
 from .own_joints import check_joints
@@ -27,7 +27,7 @@ class KernelUse(NamedTuple):
     what: str  # of messages
     kernel: int  # place in ``Arrays.kernels``
     at: int  # place of the record in ``Arrays.memory``
-    arguments: tuple[Any, ...]
+    arguments: tuple[Any, ...] | None  # None: by the words of its signature
 
 
 def check_bounds(mechanism: Mechanism, called: list[CalledKernel | None], data: Data) -> None:
@@ -41,20 +41,28 @@ def check_bounds(mechanism: Mechanism, called: list[CalledKernel | None], data: 
     if not foreign:
         return
     given: Any = data.arrays
-    arrays, state = Arrays(*(array.copy() for array in given)), State(*(array.copy() for array in data.state))
+    arrays, state = Arrays(*(array.copy() for array in given)), copy_state(data.state)
     state.bodies["A"][:] = np.eye(3)
     for use in _uses(mechanism, arrays, state):
         own = called[use.kernel] if use.kernel in foreign else None
         if own is not None:
-            _call(use, own, arrays)
-    check_joints(mechanism, called, foreign, arrays, State(*(array.copy() for array in data.state)))
+            _call(use, own, arrays, state)
+    check_joints(mechanism, called, foreign, arrays, copy_state(data.state))
 
 
-def _call(use: KernelUse, own: CalledKernel, arrays: Arrays) -> None:
+def _by_words(own: CalledKernel, arrays: Arrays, state: State) -> tuple[Any, ...]:
+    """Return what a kernel of a part is called with."""
+    known = {word: records(1, dtype)[0] for word, dtype in own.words}
+    known |= {"time": 0.0, "arrays": pin(arrays), "state": pin(state)}
+    return tuple(known[word] for word in own.signature.partition(" -> ")[0].split(", "))
+
+
+def _call(use: KernelUse, own: CalledKernel, arrays: Arrays, state: State) -> None:
+    arguments = _by_words(own, arrays, state) if use.arguments is None else use.arguments
     record = arrays.memory[use.at : use.at + own.record.itemsize].view(own.record)
     try:
         with np.errstate(all="ignore"):
-            _checked(own.function)(record[0] if COMPILED else record.view(np.recarray)[0], *use.arguments)
+            _checked(own.function)(record[0] if COMPILED else record.view(np.recarray)[0], *arguments)
     except IndexError as error:
         name = own.function.__name__
         raise UserError(
@@ -89,11 +97,13 @@ def _uses(mechanism: Mechanism, arrays: Arrays, state: State) -> Iterator[Kernel
         yield KernelUse(acting.what, kind, at, (t, a, s))
         yield KernelUse(acting.what, kind + POTENTIAL, at, (a, s))
         yield KernelUse(acting.what, kind + POWER, at, (t, a, s))
+        yield KernelUse(acting.what, kind + MONITOR, at, (a, s))
     for own in arrays.signals:
         yield KernelUse("a signal", int(own["kind"]), int(own["at"]), (t, a))
         yield KernelUse("a signal", int(own["kind"]) + LONGEST_STEP, int(own["at"]), (t, a))
-    for own in arrays.surfaces:
-        yield KernelUse("a surface", int(own["kind"]), int(own["at"]), (s,))
+    for own in arrays.parts:
+        for k in range(MAX_KERNELS):
+            yield KernelUse("a part", int(own["kind"]) + k, int(own["at"]), None)
     names = [f"output {name!r}" for name, *_ in mechanism.outputs]
     for what, own in zip(names, arrays.sensors, strict=False):  # the last two are energies
         yield KernelUse(what, int(own["kind"]), int(own["at"]), (np.zeros(len(arrays.kept)), a, s))

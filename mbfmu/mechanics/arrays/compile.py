@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation, signal_of, vector
-from mbfmu.mechanics.contact.surfaces import Surface
 from mbfmu.mechanics.flexible.modal import FLEXIBLE, NODE
 from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.kind import ElementType, check_element_type, record_of
@@ -29,7 +28,6 @@ from mbfmu.mechanics.records import (
     Arrays,
     Data,
     allocate_state,
-    complex_dtype,
     to_complex_data,
     to_complex_state,
 )
@@ -38,6 +36,7 @@ from mbfmu.mechanics.signals import Input, InUse, Signal, SpeedInput
 from mbfmu.mechanics.signals.followed import Followed
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import records
+from solvers.compiled.record_view import complex_dtype, round_up
 
 from .given import Courses
 from .tables import COMPLEX, COMPLEX_STEP, TANGENT_NUMBERS, CalledKernel, Tables
@@ -72,7 +71,9 @@ class Numbering:
     def __init__(self, mechanism: Mechanism, courses: Courses | None = None) -> None:
         self._courses = courses
         self.signals: list[Signal] = []
-        self.surfaces: list[Surface] = []
+        self.parts: list[ElementType] = []
+        self.scratch_places: list[tuple[np.dtype[Any], int]] = []
+        self.scratch_size = 0
         self.slots: list[Slot] = []
         self.q: list[int] = []
         self.v: list[int] = []
@@ -137,6 +138,15 @@ class Numbering:
         """Number a signal and, if it is an input, its slots; one input object may load several things."""
         return self._number(self._given(signal_of(value, what), what))
 
+    def scratch(self, dtype: np.dtype[Any]) -> int:
+        """Return the place of scratch memory with these fields, bytes; every one has its own."""
+        for known, place in self.scratch_places:
+            if known == dtype:
+                return place
+        place, self.scratch_size = self.scratch_size, self.scratch_size + round_up(dtype.itemsize)
+        self.scratch_places.append((dtype, place))
+        return place
+
     def _number(self, signal: Signal, *, drive: bool = False) -> int:
         if isinstance(signal, Input) and signal.acceleration_name and not drive:
             raise UserError(
@@ -186,14 +196,18 @@ class CompiledAttachment:
         self.used.append(self._known[what])
         return self._known[what]
 
-    def surface(self, surface: Surface) -> int:
-        """Number a surface, each object once."""
-        known = self._numbering.surfaces
+    def part(self, part: ElementType) -> int:
+        """Number a part, each object once."""
+        known = self._numbering.parts
         for index, other in enumerate(known):
-            if other is surface:
+            if other is part:
                 return index
-        known.append(surface)
+        known.append(part)
         return len(known) - 1
+
+    def scratch(self, dtype: np.dtype[Any]) -> int:
+        """Return the place of scratch memory with these fields, bytes."""
+        return self._numbering.scratch(dtype)
 
     def numbers(self, values: Any) -> int:
         """Keep numbers; return where they begin."""
@@ -245,12 +259,12 @@ class Compiled:
             sites.append((signal, CompiledAttachment("a signal", (), numbering, {})))
             filled.append(filled_record(*sites[-1]))
         self.ends = np.append(self.ends, len(sites))
-        for surface in numbering.surfaces:
-            sites.append((surface, CompiledAttachment("a surface", (), numbering, {})))
+        for part in numbering.parts:
+            sites.append((part, CompiledAttachment(f"part {type(part).__name__}", (), numbering, {})))
             filled.append(filled_record(*sites[-1]))
         self.used = [place.used for _, place in sites]
         self._tables = tables = Tables([item for item, _ in sites], filled)
-        joints, cuts, couplings, acting, sensors, signals, surfaces = np.split(
+        joints, cuts, couplings, acting, sensors, signals, parts = np.split(
             np.column_stack((MAX_KERNELS * np.array(tables.kinds), tables.places)), self.ends
         )
         world = records(1, WORLD)
@@ -270,7 +284,7 @@ class Compiled:
             couplings=coupling_records(mechanism, numbering, couplings, rows),
             loads=item_records(acting, ITEM),
             signals=item_records(signals, ITEM),
-            surfaces=item_records(surfaces, ITEM),
+            parts=item_records(parts, ITEM),
             sensors=observing,
             kept=np.arange(rows + len(couplings)),
             residual_scale=np.ones(rows + len(couplings)),
@@ -280,7 +294,7 @@ class Compiled:
             memory=tables.memory,
             numbers=np.array(numbering.numbers, float),
         )
-        sizes = (numbering.nq_full, numbering.nv_full, numbering.subspaces)
+        sizes = (numbering.nq_full, numbering.nv_full, numbering.subspaces, numbering.scratch_size)
         self.data = Data(arrays, allocate_state(len(mechanism.bodies), rows, len(couplings), *sizes))
         self.signals = self.signals_in(self.data)
 
@@ -312,7 +326,7 @@ class Compiled:
         memory, places = self._tables.complex_memory()
         joints, *others = np.split(np.array(places, np.int64), self.ends)
         arrays.bodies["at"][arrays.bodies["role"] == RIGID] = joints
-        tables = (arrays.cuts, arrays.couplings, arrays.loads, arrays.sensors, arrays.signals, arrays.surfaces)
+        tables = (arrays.cuts, arrays.couplings, arrays.loads, arrays.sensors, arrays.signals, arrays.parts)
         for table, own in zip(tables, others, strict=True):
             table["at"] = own
         arrays = arrays._replace(memory=memory, kernels=self._tables.kernels(COMPLEX))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from math import log10, prod
 from typing import Any
 
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.kind import ElementType
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import energy, observe
@@ -24,14 +24,12 @@ from solvers.system import Array, System
 
 from .assembly import Assembly, start_positions
 from .behind import SignalDependence
-from .bending import BendingAngles, measure_bending
 from .bounds import check_bounds
 from .coincident import find_coincident
 from .compile import Compiled, Numbering, Variable, check_rows
-from .corners import check_corners
 from .given import Courses
-from .initial_contact import check_surface_contacts, misplaced_nips, undersampled_edges
 from .inputs import Drives, Inputs
+from .load_groups import LoadGroup, largest_ratio, load_groups
 from .redundant import Course, drive_courses
 from .rounded import describe_omitted, measure_rows
 from .rounding import Rounding
@@ -75,7 +73,7 @@ class Plant:
         if len(mechanism.bodies) == 1:
             raise UserError("the mechanism has no bodies; add at least one with Mechanism.body")
         mechanism.compiled = True
-        self.mechanism, self._cells = mechanism, mechanism.cells
+        self.mechanism = mechanism
         numbering = Numbering(mechanism, courses)
         try:
             self._compiled = compiled = Compiled(mechanism, numbering)
@@ -139,13 +137,13 @@ class Plant:
         AssemblyError
             A loop cannot be closed (with its name and the residual), or a free motion has no inertia.
         UserError
-            The bodies at the corners of a plate do not span it.
+            The bodies of an element are not where it needs them.
         """
         try:
             q, v = self.assembly.assemble(t)
         except AssemblyError as error:
             raise AssemblyError(". ".join([str(error), *self._rounding.explain_open(t)])) from error
-        self.check_corners(t, q)
+        self.check_positions(t, q)
         return q, v
 
     def explain_lock(self, t: float, q: Array, freedom: int) -> str:
@@ -155,23 +153,22 @@ class Plant:
         locked = ". ".join(self._rounding.explain_lock(t, q))
         return (self.assembly.explain_lock(t, q, locked) if freedom == 0 else "") or locked
 
-    def check_corners(self, t: float, q: Array) -> None:
-        """Raise UserError if bodies at free positions q (nq,) do not span the plates between them."""
-        if len(self._cells):
-            self.energy(t, q, np.zeros(self.system.n))  # places them
-            check_corners(self.mechanism, self.data.state)
+    def check_positions(self, t: float, q: Array) -> None:
+        """Raise UserError if at free positions q (nq,) bodies are not where the elements between them need them."""
+        for group in self._load_groups("check_positions", t, q):
+            type(group.acting[0].load).check_positions(group)
 
-    def check_initial_contact(self, t: float, q: Array) -> list[str]:
-        """Raise UserError if a sheet that starts at free positions q (nq,) penetrates a surface; return
-        messages on nips that are not on their sheet, and on edges that are too narrow to be detected.
-        """
-        if not self.mechanism.others:
-            return []
-        self.energy(t, q, np.zeros(self.system.n))  # places them
-        gravity = float(np.linalg.norm(self.data.arrays.world[0]["gravity"]))
-        arrays, state = self.kernel_data
-        check_surface_contacts(self.mechanism, self.records(SurfaceContact), arrays, state, gravity)
-        return [*misplaced_nips(self.mechanism, self.data.state), *undersampled_edges(self.mechanism, self.data.state)]
+    def check_start(self, t: float, q: Array) -> list[str]:
+        """Return what loads warn of where a run starts at free positions q (nq,); UserError where it cannot."""
+        groups = self._load_groups("check_start", t, q)
+        return [warning for group in groups for warning in type(group.acting[0].load).check_start(group)]
+
+    def _load_groups(self, hook: str, t: float, q: Array) -> list[LoadGroup]:
+        """Return the loads of every type with this hook, with the bodies at free positions q (nq,)."""
+        found = list(load_groups(self.mechanism, self.data, self.kernel_data, hook))
+        if found:
+            self.energy(t, q, np.zeros(self.system.n))  # places the bodies
+        return found
 
     def feedthrough(self) -> list[tuple[int, ...]]:
         """Return for every output the numbers of the inputs with direct feedthrough."""
@@ -302,12 +299,31 @@ class Plant:
         self.energy(t, q, np.zeros(self.system.n))  # places the bodies
         return find_coincident(self.mechanism, self.data.state.bodies, self.length)
 
-    def measure_bending(self, t: float, q: Array) -> BendingAngles | None:
-        """Return the bending of plates at free positions q (nq,); None if there are no plates."""
-        if not len(self._cells):
-            return None
-        self.energy(t, q, np.zeros(self.system.n))  # places them
-        return measure_bending(self.mechanism, self._cells, self.data.state)
+    @cached_property
+    def monitored(self) -> NDArray[Any]:
+        """The loads that say how far they are from the limits of their theory, records of :data:`.records.ITEM`."""
+        found = load_groups(self.mechanism, self.data, self.kernel_data, "monitor")
+        numbers = np.concatenate([np.zeros(0, np.int64), *(group.numbers for group in found)])
+        return self.data.arrays.loads[numbers]
+
+    def limit_ratio(self, t: float, q: Array) -> float:
+        """Return the largest ratio of :func:`.loads.base.limit_ratio` at free positions q (nq,); zero: no load has
+        one.
+        """
+        if not len(self.monitored):
+            return 0.0
+        self.energy(t, q, np.zeros(self.system.n))  # places the bodies
+        return float(largest_ratio(self.monitored, *self.kernel_data))
+
+    def describe_limit(self, t: float, q: Array, when: str = "") -> str:
+        """Return which elements are beyond the limits of their theory at free positions q (nq,), and what to do.
+
+        ``when`` is the time, as it stands in a sentence.
+        """
+        groups = self._load_groups("monitor", t, q)
+        ratios = [largest_ratio(self.data.arrays.loads[group.numbers], *self.kernel_data) for group in groups]
+        worst = int(np.argmax(ratios))
+        return type(groups[worst].acting[0].load).describe_limit(groups[worst], float(ratios[worst]), when)
 
     def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
         """Largest constraint residual in position, m, and velocity, m/s, of the residual outputs."""

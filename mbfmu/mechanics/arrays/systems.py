@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.contact.nip import RollerNip
-from mbfmu.mechanics.contact.surface_contact import SurfaceContact
-from mbfmu.mechanics.elements import Shell
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import (
     callbacks,
@@ -131,7 +128,7 @@ class Systems:
         return Stepped(inverse, position, retract, self._compiled.complex_step_data())
 
     def _meshed(self) -> NDArray[np.bool_]:
-        """Return which coordinates are of joints between nodes of a sheet."""
+        """Return which coordinates are of joints between nodes of a mesh."""
         found = [np.full(body.joint.nv, self._in_mesh(body)) for body in free_bodies(self._mechanism)]
         return np.concatenate([np.zeros(0, bool), *found])
 
@@ -140,19 +137,16 @@ class Systems:
 
     @cached_property
     def _nodes(self) -> set[int]:
-        """The bodies that are nodes of sheets."""
-        return {body.index for sheet in self._mechanism.sheets for row in sheet.nodes for body in row}
+        """The bodies that are nodes of meshes."""
+        return {body.index for mesh in self._mechanism.meshes for row in mesh.nodes for body in row}
 
     def _slip(self) -> Array:
-        """Return rates (n,) that move sheets as a whole, or bodies in contact with them, by the slip at which friction
+        """Return rates (n,) that move meshes as a whole, or bodies that rub on them, by the slip at which friction
         turns over.
 
-        A node that carries a sheet by six coordinates rotates with its vibrations, which do not describe the whole.
+        A node that carries a mesh by six coordinates rotates with its vibrations, which do not describe the whole.
         """
-        loads = (acting.load for acting in self._mechanism.others)
-        slowest = min(
-            (load.slip_scale for load in loads if isinstance(load, SurfaceContact | RollerNip)), default=np.inf
-        )
+        slowest = min((acting.load.slip_scale for acting in self._mechanism.others), default=np.inf)
         carrying = find_ancestors(self._mechanism, self._nodes)
         found = [np.zeros(0)]
         for body in free_bodies(self._mechanism):
@@ -174,8 +168,8 @@ class Systems:
             "row_size": self.row_size[kept >= 0] if constraint_names else np.zeros(0),
             "positions": self._positions(),
             "rate": self._rate(),
-            "nonsmooth_reason": self._cornered(),
-            "stiffness_reason": self._stiff(),
+            "nonsmooth_reason": self._first_reason("nonsmooth_reason"),
+            "stiffness_reason": self._first_reason("stiffness_reason"),
             "observe": observe_all,
             "works": self._works,
             "input_step_limit": self._resolves,
@@ -183,19 +177,9 @@ class Systems:
             "constraint_names": tuple(constraint_names),
         }
 
-    def _cornered(self) -> str:
-        """Return where forces change within short distances; empty: nowhere."""
-        if any(isinstance(acting.load, SurfaceContact | RollerNip) for acting in self._mechanism.others):
-            return "contact forces change within micrometers, and friction forces within millimeters per second"
-        return ""
-
-    def _stiff(self) -> str:
-        """Return what makes the system too stiff for explicit solvers; empty: nothing does."""
-        if any(isinstance(plate, Shell) for plate, _ in self._mechanism.plates):
-            return "shell elements vibrate in their plane hundreds of times faster than in bending"
-        if any(isinstance(acting.load, RollerNip) for acting in self._mechanism.others):
-            return "the contact stiffness of nips is thousands of times the bending stiffness of the sheet"
-        return ""
+    def _first_reason(self, which: str) -> str:
+        """Return the first reason of this name that a load gives; empty: none does."""
+        return next(filter(None, (getattr(acting.load, which) for acting in self._mechanism.loads())), "")
 
     def tangent(self, groups: Groups | None = None) -> Tangent:
         """Return the structured tangent over these groups of bodies, or those that joints and loads tie."""

@@ -13,7 +13,6 @@ from mbfmu.mechanics.kind import ElementType, kernel_of, record_of
 from mbfmu.mechanics.records import (
     MAX_KERNELS,
     MOTION,
-    complex_dtype,
     empty_data,
     to_complex,
     to_complex_data,
@@ -22,26 +21,26 @@ from mbfmu.mechanics.records import (
 from mbfmu.util.errors import UserError
 from solvers.compiled.indirect_call import address_of, pack_records, record_type
 from solvers.compiled.kernel import COMPILED, records, types
+from solvers.compiled.record_view import complex_dtype
 from solvers.compiled.tuple_pointer import pointer_type
 
 
 class NumberTypes(NamedTuple):
-    """Which numbers kernels work on, and which kernels those are."""
+    """Which numbers kernels work on, and which kernels are not called with those."""
 
     arrays: type
     state: type
-    names: frozenset[str]
+    left_out: frozenset[str]
 
 
-MOVING = frozenset(("place", "bias", "evaluate", "longest_step", "apply", "potential", "power", "gap", "read"))
-REAL = NumberTypes(float, float, MOVING)
-COMPLEX = NumberTypes(complex, complex, MOVING - {"power", "longest_step"})  # derivatives by all that is in both
-TANGENT_NUMBERS = NumberTypes(
-    float, complex, frozenset(("place", "evaluate", "apply", "gap", "tangent"))
-)  # ... by the state alone
-COMPLEX_STEP = NumberTypes(
-    float, complex, frozenset(("place", "bias", "evaluate", "apply", "gap"))
-)  # ... along one direction
+UNMOVED = frozenset(("longest_step", "power", "monitor"))  # nothing is derived from these
+REAL = NumberTypes(float, float, frozenset(("tangent",)))
+COMPLEX = NumberTypes(complex, complex, UNMOVED | {"tangent"})  # derivatives by all that is in both
+TANGENT_NUMBERS = NumberTypes(float, complex, UNMOVED | {"bias", "potential", "read"})  # ... by the state alone
+COMPLEX_STEP = NumberTypes(float, complex, UNMOVED | {"potential", "read", "tangent"})  # ... along one direction
+
+
+Words = tuple[tuple[str, np.dtype[Any]], ...]  # records that the words of a role stand for
 
 
 class UsedType(NamedTuple):
@@ -49,6 +48,7 @@ class UsedType(NamedTuple):
 
     record: np.dtype[Any]
     kernels: tuple[tuple[str, str, Any], ...]
+    words: Words
 
 
 class CalledKernel(NamedTuple):
@@ -57,6 +57,7 @@ class CalledKernel(NamedTuple):
     function: Any
     record: np.dtype[Any]
     signature: str  # the words of what it is called with after the record, and what it returns
+    words: Words = ()
 
 
 class Tables:
@@ -65,7 +66,7 @@ class Tables:
     Parameters
     ----------
     items
-        Joints, cut joints, couplings, loads, signals, surfaces and sensors.
+        Joints, cut joints, couplings, loads, signals, parts and sensors.
     filled
         Their records, filled, one (1,) array each.
 
@@ -107,10 +108,10 @@ class Tables:
         table = np.zeros((max(1, len(self._used)), MAX_KERNELS), np.int64)
         for own, kind in zip(table, self._used, strict=False):
             analytic = any(name == "tangent" and function is not None for name, _, function in kind.kernels)
-            names = numbers.names - ({"apply"} if analytic and numbers is TANGENT_NUMBERS else set())
+            left_out = numbers.left_out | ({"apply"} if analytic and numbers is TANGENT_NUMBERS else set())
             for k, (name, signature, function) in enumerate(kind.kernels):
-                if function is not None and name in names:
-                    own[k] = compiled(function, kind.record, signature, name, numbers)
+                if function is not None and name not in left_out:
+                    own[k] = compiled(CalledKernel(function, kind.record, signature, kind.words), name, numbers)
         return table.ravel()
 
     def called(self) -> list[CalledKernel | None]:
@@ -118,8 +119,8 @@ class Tables:
         found: list[CalledKernel | None] = [None] * (max(1, len(self._used)) * MAX_KERNELS)
         for i, kind in enumerate(self._used):
             for k, own in enumerate(kind.kernels):
-                if own[2] is not None and own[0] in REAL.names:
-                    found[MAX_KERNELS * i + k] = CalledKernel(own[2], kind.record, own[1])
+                if own[2] is not None and own[0] not in REAL.left_out:
+                    found[MAX_KERNELS * i + k] = CalledKernel(own[2], kind.record, own[1], kind.words)
         return found
 
     def complex_memory(self) -> tuple[NDArray[np.uint8], list[int]]:
@@ -131,15 +132,16 @@ class Tables:
 def used_type(item: ElementType | type[ElementType]) -> UsedType:
     """Return what an item has in common with others of its kind."""
     kernels = tuple((name, signature, kernel_of(item, name)) for name, signature in item.kernels.items())
-    return UsedType(record_of(item), kernels)
+    return UsedType(record_of(item), kernels, tuple(item.records.items()))
 
 
 @cache
-def compiled(function: Any, record: np.dtype[Any], signature: str, name: str, numbers: NumberTypes) -> int:
-    """Return the address of a kernel, compiled for the words of a signature."""
+def compiled(called: CalledKernel, name: str, numbers: NumberTypes) -> int:
+    """Return the address of a kernel, compiled for the words of its signature."""
+    function, record, signature, _ = called
     state = float if name == "tangent" else numbers.state
     own = record if numbers.arrays is float else complex_dtype(record)
-    arguments, returned = types_of(signature, numbers.arrays, state)
+    arguments, returned = types_of(called, numbers.arrays, state)
     try:
         return address_of(function, own, arguments, returned)
     except Exception as error:  # of numba's many, whatever a user's kernel meets
@@ -151,11 +153,13 @@ def compiled(function: Any, record: np.dtype[Any], signature: str, name: str, nu
         raise UserError(f"kernel {name!r} ({where}) cannot be compiled: {reason}; {wanted}") from error
 
 
-def types_of(signature: str, arrays: type = float, state: type = float) -> tuple[list[Any], Any]:
+def types_of(called: CalledKernel, arrays: type = float, state: type = float) -> tuple[list[Any], Any]:
     """Return numba's types of what a signature's words stand for: arguments after the record, and what is returned."""
-    words, _, result = signature.partition(" -> ")
+    words, _, result = called.signature.partition(" -> ")
     known = word_types(arrays, state) if COMPILED else {}
-    moving = not {"state", "coordinate"}.isdisjoint(words.split(", "))
+    for word, dtype in called.words if COMPILED else ():
+        known = {**known, word: record_type(complex_dtype(dtype) if state is complex else dtype)}
+    moving = not {"state", "coordinate", *dict(called.words)}.isdisjoint(words.split(", "))
     number = types.complex128 if (state if moving else arrays) is complex else types.float64
     pair, triple = (types.UniTuple(number, count) for count in (2, 3))  # type: ignore[no-untyped-call]
     returned = {"": types.void, "number": number, "two": pair, "three": triple}

@@ -12,8 +12,8 @@ from typing import Any
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import whole
-from mbfmu.mechanics.elements import BeamElement
 from mbfmu.mechanics.joints import Joint, Revolute, Translational
+from mbfmu.mechanics.loads import BeamElement
 from mbfmu.mechanics.numbers import positive
 from mbfmu.util.errors import UserError
 

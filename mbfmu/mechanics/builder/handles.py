@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.couplings import Coupling
@@ -25,6 +26,22 @@ from mbfmu.util.errors import UserError
 from .bodies import Body, effort_unit
 
 BETWEEN_POINTS = (DistanceStop, LineForce, Spring)  # forces along the line that joins their two points
+
+
+class Mesh(Protocol):
+    """Bodies that elements connect to one another: nodes in rows, which move together more than by themselves."""
+
+    @property
+    def name(self) -> str:
+        """Name."""
+
+    @property
+    def nodes(self) -> Sequence[Sequence[Body]]:
+        """Nodes by row and column."""
+
+    @property
+    def along(self) -> int:
+        """Which way the tree of its joints grows: its columns lie across the rows (0) or along them (1)."""
 
 
 @dataclass(frozen=True, eq=False)

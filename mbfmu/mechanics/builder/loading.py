@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mbfmu.mechanics.elements import Plate, Shell
 from mbfmu.mechanics.kind import check_element_type
-from mbfmu.mechanics.loads import Drag, Force, Load, Pressure
+from mbfmu.mechanics.loads import Force, Load, Pressure
 from mbfmu.util.errors import UserError
 
 from .bodies import Body
@@ -19,11 +15,12 @@ from .members import Members
 
 
 class Acting(NamedTuple):
-    """A load, what messages call it, and the bodies it acts on."""
+    """A load, what messages call it, the bodies it acts on, and the name that it was given."""
 
     what: str
     load: Load
     bodies: tuple[Body, ...]
+    name: str = ""
 
     @property
     def tied(self) -> tuple[Body, ...]:
@@ -32,12 +29,12 @@ class Acting(NamedTuple):
 
 
 class Loading(Members):
-    """Base of :class:`.Mechanism`: forces, plate elements, pressures and other loads."""
+    """Base of :class:`.Mechanism`: forces, elements of meshes, pressures and other loads."""
 
     def __init__(self) -> None:
         super().__init__()
         self.forces: list[tuple[str, Load, Body, Body]] = []
-        self.plates: list[tuple[Plate | Shell, tuple[Body, Body, Body, Body]]] = []
+        self.elements: list[Acting] = []  # loads without a name
         self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
         self.others: list[Acting] = []  # loads, by their name
 
@@ -77,22 +74,21 @@ class Loading(Members):
         self.forces.append((name, force, a, other))
         return ForceHandle(name, len(self.forces) - 1, force, a, other)
 
-    def plate(self, plate: Plate | Shell, a: Body, b: Body, c: Body, d: Body) -> None:
-        """Add a plate element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane.
+    def element(self, element: Load, *bodies: Body) -> None:
+        """Add an element of a mesh between its bodies; unlike a :meth:`load` it has no name.
 
         Parameters
         ----------
-        plate
-            Plate or shell element.
-        a, b, c, d
-            Four different bodies at the corners, in this order.
+        element
+            Element, such as :class:`mbfmu.Plate`.
+        bodies
+            Different bodies of this mechanism, in the order that the element requires.
         """
-        if not isinstance(plate, Plate | Shell):
-            raise UserError(f"plate is {plate!r}; it must be a Plate or a Shell")
-        plate.check("a plate")
-        nodes = (a, b, c, d)
-        self._corners("a plate", nodes)
-        self.plates.append((plate, nodes))
+        what = element.title if isinstance(element, Load) else "an element"
+        check_element_type(what, element, Load)
+        element.check(what)
+        self._check_nodes(what, bodies, element.n_bodies)
+        self.elements.append(Acting(what, element, bodies))
 
     def pressure(self, name: str, magnitude: Any, faces: Iterable[Sequence[Body]]) -> None:
         """Add a pressure on surfaces, along their normals in the deformed position.
@@ -104,16 +100,16 @@ class Loading(Members):
         magnitude
             Pressure, Pa: number, signal or input; positive along y of a flat face.
         faces
-            Four bodies per face, in the order of the corners of a plate.
+            Four bodies per face, at the corners (0, 0), (a, 0), (a, b), (0, b) of its x-z plane.
         """
         self._new_name("pressure", name, [p[0] for p in self.pressures])
         quads = [tuple(face) for face in faces]
         for corners in quads:
-            self._corners(f"a face of pressure {name!r}", corners)
+            self._check_nodes(f"a face of pressure {name!r}", corners, 4)
         self.pressures.append((name, Pressure(magnitude=magnitude), quads))
 
     def load(self, name: str, load: Load, *bodies: Body) -> None:
-        """Add a load of any type on the required number of bodies; :meth:`force` and :meth:`plate` are shorter.
+        """Add a load of any type on the required number of bodies; :meth:`force` and :meth:`element` are shorter.
 
         Parameters
         ----------
@@ -131,10 +127,12 @@ class Loading(Members):
         if not bodies:
             raise UserError(f"load {name!r} acts on no body; give it the bodies it acts on")
         load.check(f"load {name!r}")
-        self.others.append(Acting(name, load, bodies))
+        if load.n_bodies is not None:
+            self._check_nodes(f"load {name!r}", bodies, load.n_bodies)
+        self.others.append(Acting(f"load {name!r}", load, bodies, name))
 
     def load_all(self, name: str, loads: Sequence[tuple[Load, tuple[Body, ...]]]) -> int:
-        """Add loads of one name, each on its bodies, such as those of the cells of a sheet.
+        """Add loads of one name, each on its bodies, such as those of the cells of a mesh.
 
         Parameters
         ----------
@@ -153,35 +151,30 @@ class Loading(Members):
             check_element_type(f"load {name!r}", load, Load)
             for body in bodies:
                 self._member(body, f"a body of load {name!r}")
-        self.others += [Acting(name, load, bodies) for load, bodies in loads]
+        self.others += [Acting(f"load {name!r}", load, bodies, name) for load, bodies in loads]
         return len(self.others) - len(loads)
 
     def _loads_named(self) -> list[str]:
-        return [*(f[0] for f in self.forces), *(a.what for a in self.others)]
+        return [*(f[0] for f in self.forces), *(a.name for a in self.others)]
 
     def loads(self) -> Iterator[Acting]:
-        """Yield the loads: forces, then plates, then pressures, then other loads."""
+        """Yield the loads: forces, then elements, then what comes with those, then pressures, then other loads."""
         for name, force, a, b in self.forces:
             yield Acting(f"force {name!r}", force, (a, b))
-        for plate, corners in self.plates:
-            yield Acting("a plate", plate, corners)
-        for plate, corners in self.plates:
-            if plate.drag > 0.0:
-                yield Acting("drag on a plate", Drag(density=plate.drag, area=plate.area), corners)
+        yield from self.elements
+        for acting in self.elements:
+            for companion in acting.load.companions():
+                yield Acting(f"{type(companion).__name__.lower()} on {acting.what}", companion, acting.bodies)
         for name, pressure, faces in self.pressures:
             for face in faces:
                 yield Acting(f"pressure {name!r}", pressure, face)
-        for name, load, bodies in self.others:
-            yield Acting(f"load {name!r}", load, bodies)
+        yield from self.others
 
-    @property
-    def cells(self) -> NDArray[np.int64]:
-        """(P, 4), bodies at the corners of the plates."""
-        return np.array([[body.index for body in corners] for _, corners in self.plates], np.int64).reshape(-1, 4)
-
-    def _corners(self, what: str, nodes: tuple[Body, ...]) -> None:
-        """Refuse what does not span a surface."""
+    def _check_nodes(self, what: str, nodes: tuple[Body, ...], count: int | None) -> None:
+        """Refuse bodies that are not of this mechanism, not all different, or not as many as an element has."""
         for body in nodes:
             self._member(body, f"corner of {what}")
-        if len({body.index for body in nodes}) < 4 or len(nodes) > 4:
-            raise UserError(f"corners of {what} are {[body.name for body in nodes]}; it needs four bodies")
+        wanted = len(nodes) if count is None else count
+        if len({body.index for body in nodes}) != wanted or len(nodes) != wanted or not nodes:
+            names, needed = [body.name for body in nodes], "one or more" if count is None else count
+            raise UserError(f"corners of {what} are {names}; it needs {needed} different bodies")

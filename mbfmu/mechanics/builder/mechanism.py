@@ -12,7 +12,7 @@ The tree joint places the frame of a body: if all coordinates are zero it coinci
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -36,13 +36,9 @@ from mbfmu.util.errors import UserError, missing_attribute
 
 from .appearance import Appearance
 from .bodies import Body, FlexibleBody, coordinate_of
-from .handles import CouplingHandle, CutHandle, ForceHandle
+from .handles import CouplingHandle, CutHandle, ForceHandle, Mesh
 from .loading import Loading
 from .measurements import Measurements
-
-if TYPE_CHECKING:
-    from mbfmu.sheets.sheet import Sheet
-
 
 # Numbers of five digits: 1.5708 for a right angle is off by 3.7e-6 rad, and a loop has several.
 ASSEMBLY_TOLERANCE, MAX_ASSEMBLY_TOLERANCE = 2e-5, 1e-2
@@ -90,7 +86,7 @@ class Mechanism(Appearance, Loading, Measurements):
         self.couplings: list[CouplingHandle] = []
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
         self.shown_outputs: list[str] = []  # outputs, by name
-        self.sheets: list[Sheet] = []  # what add_sheet has made
+        self.meshes: list[Mesh] = []  # bodies that elements connect to one another
         self.energy: Sensor = Energy()
         self.kinetic_energy: Sensor = KineticEnergy()
         self.potential_energy: Sensor = PotentialEnergy()

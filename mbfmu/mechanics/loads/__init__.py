@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .base import Force, Load
+from .beam import BeamElement
 from .bushing import Bushing
 from .distance_stop import DistanceStop
 from .drag import Drag
@@ -17,6 +18,7 @@ from .torque import Torque
 from .torsion_spring import TorsionSpring
 
 __all__ = [
+    "BeamElement",
     "Bushing",
     "DistanceStop",
     "Drag",

@@ -11,21 +11,31 @@ Its kernels:
             perturbed, K)                    ``apply`` adds by the motions of its bodies and c1 times that by their
                                              velocities, and returns 1.0, or 0.0 if there is none; ``perturbed`` is a
                                              complex state, scratch, for complex steps
+    monitor(load, arrays, state)             returns how far it is from the limits of its theory, see
+                                             :func:`limit_ratio`; None: it does not say
 
 A load without ``tangent`` is differentiated by complex steps, so ``apply`` is analytic in every real
 number it reads. A load whose tangent is negligible has ``zero_tangent``. A load that a scene does not call for has no
 record, and so no cost.
+
+A type of load may say more about itself, which the rest of the package asks for but does not know: loads that come with
+it, why it is not smooth or stiff, and what to check of the positions and of the start. See :class:`Load`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
 
 from mbfmu.mechanics.checks import vector
 from mbfmu.mechanics.kind import Attachment, ElementType
 from mbfmu.mechanics.spatial import arm
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import inlined, kernel
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.arrays.load_groups import LoadGroup
 
 Points = tuple[Any, ...]
 FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
@@ -35,6 +45,14 @@ FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 def zero_tangent(load: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
     """Tangent of a load whose stiffness is negligible in the implicit solvers of large trees."""
     return 0.0
+
+
+@inlined
+def limit_ratio(value: float, accurate: float, valid: float) -> float:
+    """What a ``monitor`` returns of a measure: up to 1 results are accurate, up to 2 they mean something, beyond they
+    mean nothing; ``accurate`` and ``valid`` are the largest values with these properties.
+    """
+    return value / accurate if value <= accurate else 1.0 + (value - accurate) / (valid - accurate)
 
 
 @kernel
@@ -61,15 +79,21 @@ class Load(ElementType):
         "potential": "arrays, state -> number",
         "power": "time, arrays, state -> number",
         "tangent": "time, arrays, state, perturbed, matrix -> number",
+        "monitor": "arrays, state -> number",
     }
     apply: ClassVar[Any]
     potential: ClassVar[Any] = None
     power: ClassVar[Any] = None
     tangent: ClassVar[Any] = None
+    monitor: ClassVar[Any] = None
     drawings: ClassVar = ("", "coil")
     drawn: ClassVar[str] = ""  # how pictures show it: one of these; a coil is between its points, or along its joint
     symmetric: ClassVar[bool] = True  # its tangent is, so nearly that who takes it to be so is corrected soon
     on_joint: ClassVar[bool] = False  # acts along the coordinate of the first body's joint, not on bodies
+    n_bodies: ClassVar[int | None] = None  # how many different bodies it acts on; None: any number
+    title: ClassVar[str] = "an element"  # as messages call one that the mechanism gives no name
+    nonsmooth_reason: ClassVar[str] = ""  # why its force changes sharply within the tolerance; empty: it does not
+    stiffness_reason: ClassVar[str] = ""  # why it makes explicit solvers unsuitable; empty: it does not
 
     @property
     def is_nonconservative(self) -> bool:
@@ -80,6 +104,39 @@ class Load(ElementType):
     def n_untied_bodies(self) -> int:
         """Number of trailing bodies whose coupling to the others is left out of the groups of the tangent (border)."""
         return 0
+
+    @property
+    def slip_scale(self) -> float:
+        """Slip at which its friction turns over, m/s; infinite: it has none."""
+        return np.inf
+
+    def companions(self) -> tuple[Load, ...]:
+        """Return loads that come with it, on the same bodies."""
+        return ()
+
+    @classmethod
+    def check_positions(cls, group: LoadGroup) -> None:
+        """Raise UserError where bodies are not where the loads of this type need them; ``group`` has those."""
+
+    @classmethod
+    def check_start(cls, group: LoadGroup) -> list[str]:
+        """Return warnings about the loads of this type at the start of a run, or raise UserError."""
+        return []
+
+    @classmethod
+    def describe_limit(cls, group: LoadGroup, ratio: float, when: str = "") -> str:
+        """Say which of the loads of this type has passed a limit, and what to do.
+
+        Parameters
+        ----------
+        group
+            Loads of this type, with the bodies where they are.
+        ratio
+            Largest value of ``monitor`` among them: more than 1.
+        when
+            Time, as it stands in a sentence: ``" at t = 0.3 s"``.
+        """
+        return f"an element of type {cls.__name__} is deformed beyond the limits of its theory{when}"
 
     def points(self) -> Points:
         """Return its points on the bodies, m, body axes, as far as they indicate the size of the bodies."""

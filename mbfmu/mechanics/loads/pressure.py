@@ -1,7 +1,7 @@
 """Pressure on the surface between four bodies, along its normal wherever that turns (a follower load).
 
 The corners span the bilinear surface r = r_c + g1 x + g2 z + 4 t x z, -1/2 <= x, z <= 1/2, with g1, g2, t of
-:mod:`mbfmu.mechanics.elements.plate_energy`. Its virtual work, p times the volume that the surface sweeps, gives the
+:mod:`mbfmu.sheets.elements.plate_energy`. Its virtual work, p times the volume that the surface sweeps, gives the
 forces on the corners
 
     f_i = p Int N_i dA = p [(g2 x g1) / 4 + z_i (g2 x t) / 3 + x_i (t x g1) / 3],    x_i, z_i = -1/2, 1/2.

@@ -4,27 +4,21 @@ from __future__ import annotations
 
 from .attitudes import AngularVelocity, DirectionCosine, Quaternion
 from .base import Follows, Sensor, axis_index
-from .contacts import ContactForceSum, ContactSum
 from .coordinates import Acceleration, Coordinate, Effort, Rate, Turn
 from .energies import Energy, JacobiIntegral, KineticEnergy, PotentialEnergy, Residual, largest_residual
 from .forces import CouplingEffort, CutForce, JointForce, RowForce
 from .loads import LoadEffort, LoadWrench
 from .pairs import AngleBetween, Distance, DistanceRate, RelativePosition, RelativeVelocity
-from .plates import InPlate, InShell
 from .points import PointAcceleration, PointPosition, PointVelocity
 from .sections import BendingMoment, Deflection
-from .sheets import Covered, Jammed, SheetPosition, Skew
 
 __all__ = [
     "Acceleration",
     "AngleBetween",
     "AngularVelocity",
     "BendingMoment",
-    "ContactForceSum",
-    "ContactSum",
     "Coordinate",
     "CouplingEffort",
-    "Covered",
     "CutForce",
     "Deflection",
     "DirectionCosine",
@@ -33,10 +27,7 @@ __all__ = [
     "Effort",
     "Energy",
     "Follows",
-    "InPlate",
-    "InShell",
     "JacobiIntegral",
-    "Jammed",
     "JointForce",
     "KineticEnergy",
     "LoadEffort",
@@ -52,8 +43,6 @@ __all__ = [
     "Residual",
     "RowForce",
     "Sensor",
-    "SheetPosition",
-    "Skew",
     "Turn",
     "axis_index",
     "largest_residual",

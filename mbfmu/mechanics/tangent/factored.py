@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.records import Arrays, State, to_complex_state
+from mbfmu.mechanics.records import Arrays, State, copy_state, to_complex_state
 from solvers.compiled.kernel import COMPILED, callback, kernel, types
 from solvers.compiled.tuple_pointer import pin, pointer_type, unpin
 from solvers.linalg.blocks import BlockTree, one_thread, solve_blocks
@@ -241,7 +241,7 @@ class Tangent:
         )
         free = int(arrays.bodies["nv"][arrays.bodies["vf"] >= 0].sum())
         self._border = Border.of(self.layout, free)
-        self._state = State(*(array.copy() for array in state))
+        self._state = copy_state(state)
         self._held = tuple(map(pin, (arrays, self._state, self.layout, self._scratch)))
         arrays_, state_, layout, _ = self._held
         self.data = pin(SolveContext(layout, arrays_, state_, self._tree.factors, self._unknowns, pin(self._border)))

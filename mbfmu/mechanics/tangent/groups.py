@@ -5,7 +5,7 @@ together by way of layers further out are one group, and every group has one nei
 (a layering tree: Chepoi and Dragan 2000), a chain's a path, a star's a star. Then neighbors are merged into blocks:
 the elimination costs some calls a group, and condensation within a group costs little.
 
-The columns of a sheet's grid are groups as they are.
+The columns of a mesh's grid are groups as they are.
 """
 
 from __future__ import annotations
@@ -56,23 +56,23 @@ def moving_bodies(mechanism: Mechanism) -> list[bool]:
 
 
 def cell_of(mechanism: Mechanism, moving: list[bool]) -> tuple[dict[int, int], list[list[int]]]:
-    """Return a number for every moving body, one for those that are to stay together, and the numbers of every sheet.
+    """Return a number for every moving body, one for those that are to stay together, and the numbers of every mesh.
 
-    Together stay the columns of a sheet, each with what is welded to it, and a body without mass and one it carries. A
+    Together stay the columns of a mesh, each with what is welded to it, and a body without mass and one it carries. A
     number is that of one of the bodies.
     """
     cells = {i: i for i, moves in enumerate(moving) if moves}
     columns: list[list[int]] = []
-    for sheet in mechanism.sheets:
-        nodes = sheet.nodes if sheet.along == 0 else tuple(zip(*sheet.nodes, strict=True))
+    for mesh in mechanism.meshes:
+        nodes = mesh.nodes if mesh.along == 0 else tuple(zip(*mesh.nodes, strict=True))
         own = [[body.index for body in column if moving[body.index]] for column in nodes]
         columns.append([column[0] for column in own if column])
         cells |= {i: column[0] for column in own for i in column}
-    in_sheets = {body.index for sheet in mechanism.sheets for row in sheet.nodes for body in row}
+    in_meshes = {body.index for mesh in mechanism.meshes for row in mesh.nodes for body in row}
     for body in mechanism.bodies[1:]:
         pair = (body.index, body.parent)
-        if body.joint.nv == 0 and all(moving[i] for i in pair) and len(in_sheets.intersection(pair)) == 1:
-            holder, node = pair if pair[1] in in_sheets else pair[::-1]
+        if body.joint.nv == 0 and all(moving[i] for i in pair) and len(in_meshes.intersection(pair)) == 1:
+            holder, node = pair if pair[1] in in_meshes else pair[::-1]
             if cells[holder] == holder:
                 cells[holder] = cells[node]
     for body in reversed(mechanism.bodies[1:]):  # a chain of those without mass ends in the cell of what it carries

@@ -190,7 +190,7 @@ static void log_new(Instance *own, const RunStatus *status)
             warn(own, own->message);
         own->warned_balance = true;
     }
-    if (status->bent > COARSE && !own->warned_coarse) {
+    if (status->limit_ratio > 1.0 && !own->warned_coarse) {
         char text[SAYS];
         describe_bend(own, "the mesh is too coarse", " [coarse-mesh]", text);
         warn(own, text);
@@ -221,7 +221,7 @@ static Outcome go(Instance *own, double t, double length)
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
     }
-    if (status->bent > FOLDED) {
+    if (status->limit_ratio > 2.0) {
         describe_bend(own, "a cell is folded", ". " UNFOLD " [folded-cell]", text);
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);

@@ -141,14 +141,18 @@ void describe_energy_error(const Instance *own, char text[SAYS])
               "use another solver, and compare the results [energy-balance]");
 }
 
-/* Say how far cells of a sheet bend where the model stands, too far for their grid. */
+/* Say how far cells of a sheet bend where the model stands, too far for their grid: limit_ratio is 1 where plates are
+   accurate, 2 where they are valid. */
 void describe_bend(Instance *own, const char *before, const char *after, char text[SAYS])
 {
     const RunStatus *status = (const RunStatus *)(own->block + own->header->run_status_at);
     const double *clock = (const double *)(own->block + own->header->clock_at);
+    double ratio = status->limit_ratio;
+    double angle = ratio <= 1.0 ? ratio * MAX_ACCURATE_ANGLE
+                                : MAX_ACCURATE_ANGLE + (ratio - 1.0) * (MAX_VALID_ANGLE - MAX_ACCURATE_ANGLE);
     char most[32], good[32], digits[32];
     SAY(text, before, " at t = ", in_digits(digits, *clock), " s: adjacent cells are rotated by up to ",
-        in_digits(most, round(status->bent * DEGREES)), " deg; allowed: about ", in_digits(good, round(COARSE * DEGREES)),
+        in_digits(most, round(angle)), " deg; allowed: about ", in_digits(good, round(MAX_ACCURATE_ANGLE)),
         " deg. Refine the grid", after);
 }
 

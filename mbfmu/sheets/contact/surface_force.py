@@ -1,4 +1,4 @@
-"""SurfaceContact: a cell of a sheet against a rigid surface, by points that are fixed in the cell.
+"""Forces of a cell of a sheet against a rigid surface, by points that are fixed in the cell.
 
 A point stands for its share w of the area. Where it is deeper than the surface by d, the pressure of Hunt and Crossley
 (1975) on a law without a corner, and Coulomb's friction, regularized at the slip v_r:
@@ -10,24 +10,20 @@ v the velocity relative to the surface, v_n > 0 where it leaves. An impact so lo
 order, whatever phi is. Points lie on edges of the sheet too, with half their share: an edge that no point is on would
 pass through a wall.
 
-``result`` of State.contact: the force on the sheet (0..2), N; stored energy (3), J; power of what is not stored (4), W;
-depth of the deepest point (5), m.
+``result`` of the scratch memory: the force on the sheet (0..2), N; stored energy (3), J; power of what is not stored
+(4), W; depth of the deepest point (5), m.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.dispatch import surface_gap
-from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.loads.base import Load
+from mbfmu.mechanics.dispatch import part_value
 from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
 from solvers.compiled.kernel import kernel
 
-from .contact_scratch import ALL_POINTS, OWN_SHARE
 from .patch import (
     apply_reaction,
     apply_to_nodes,
@@ -40,12 +36,15 @@ from .patch import (
     point_velocity,
     sagitta,
 )
-from .surfaces import Surface
+from .scratch import ALL_POINTS, OWN_SHARE, contact_scratch
+
+GAP = 0  # number of that kernel of a surface
 
 SURFACE_CONTACT = np.dtype(
     [
         ("body", np.int64),  # that the surface is fixed to
-        ("surface", np.int64),  # its number
+        ("surface", np.int64),  # its number among the parts
+        ("scratch", np.int64),  # place of the scratch memory
         ("convex", np.int64),  # 1: it is
         ("samples", np.int64, (2,)),  # along x and z of the cell
         ("ends", np.int64, (2, 2)),  # along x, along z: 1 where the cell begins, where it ends on an edge of the sheet
@@ -66,19 +65,19 @@ SURFACE_CONTACT = np.dtype(
 @kernel
 def gap(contact: Any, arrays: Any, state: Any) -> Any:
     """Distance of the sheet's face at here.r from the surface; the normal in global axes is left in here.f."""
-    here, body = state.contact[0], state.bodies[contact.body]
+    here, body = contact_scratch(contact, state), state.bodies[contact.body]
     here.part = 1.0
     if contact.body == 0:  # the ground
         for k in range(3):
             here.p[k] = here.r[k]
-        found = surface_gap(contact.surface, arrays, state) - contact.half
+        found = part_value(contact.surface, GAP, arrays, state, here) - contact.half
         for k in range(3):
             here.f[k] = here.n[k]
         return found
     x, y, z = here.r[0] - body.r[0], here.r[1] - body.r[1], here.r[2] - body.r[2]
     for k in range(3):
         here.p[k] = body.A[0, k] * x + body.A[1, k] * y + body.A[2, k] * z
-    found = surface_gap(contact.surface, arrays, state) - contact.half
+    found = part_value(contact.surface, GAP, arrays, state, here) - contact.half
     for k in range(3):
         here.f[k] = body.A[k, 0] * here.n[0] + body.A[k, 1] * here.n[1] + body.A[k, 2] * here.n[2]
     return found
@@ -99,7 +98,7 @@ def is_separated(contact: Any, distance: Any, bodies: Any, here: Any) -> bool:
 @kernel
 def evaluate_contact(contact: Any, arrays: Any, state: Any) -> None:
     """Add the forces at all points to ``here.result``, and unless ``accumulate_only`` to the bodies."""
-    here, bodies = state.contact[0], state.bodies
+    here, bodies = contact_scratch(contact, state), state.bodies
     evaluate_center(contact, bodies, here.r)
     if is_separated(contact, gap(contact, arrays, state), bodies, here):
         return
@@ -167,7 +166,7 @@ def point_force(contact: Any, share: float, d: Any, body: Any, here: Any) -> Non
 @kernel
 def tangent(contact: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: the law by complex steps of a point, the point by its weights."""
-    here, bodies, there = state.contact[0], state.bodies, perturbed.contact[0]
+    here, there, bodies = contact_scratch(contact, state), contact_scratch(contact, perturbed), state.bodies
     body, moved = bodies[contact.body], perturbed.bodies[contact.body]
     step(body, moved, -1, c1)
     evaluate_center(contact, bodies, here.r)
@@ -210,7 +209,7 @@ def tangent(contact: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K:
 @kernel
 def point_force_perturbed(contact: Any, share: float, j: int, arrays: Any, here: Any, perturbed: Any) -> None:
     """perturbed.contact.f <- force at a point after an imaginary step of position (j < 3), velocity (j < 6) or none."""
-    there = perturbed.contact[0]
+    there = contact_scratch(contact, perturbed)
     for k in range(3):
         there.r[k] = here.r[k] + (COMPLEX_STEP_SIZE * 1j if k == j else 0.0)
         there.v[k] = here.v[k] + (COMPLEX_STEP_SIZE * 1j if k + 3 == j else 0.0)
@@ -273,13 +272,13 @@ def add_columns(contact: Any, first: int, bodies: Any, here: Any, K: Any) -> Non
 
 
 @kernel
-def evaluate_quantity(load: Any, arrays: Any, state: Any, k: int) -> Any:
+def evaluate_quantity(contact: Any, arrays: Any, state: Any, k: int) -> Any:
     """Entry k of ``result`` by one cell alone, the bodies left as they are."""
-    here = state.contact[0]
+    here = contact_scratch(contact, state)
     for j in range(8):
         here.result[j] = 0.0
     here.accumulate_only = ALL_POINTS
-    evaluate_contact(load, arrays, state)
+    evaluate_contact(contact, arrays, state)
     here.accumulate_only = 0
     return here.result[k]
 
@@ -290,9 +289,10 @@ def find_max_penetration(contacts: Any, points: Any, arrays: Any, state: Any, fo
 
     ``points`` (k, 2) is their number along x and z.
     """
-    here, bodies = state.contact[0], state.bodies
+    bodies = state.bodies
     for e in range(found.shape[0]):
         contact, nx, nz = contacts[e], points[e, 0], points[e, 1]
+        here = contact_scratch(contact, state)
         for j in range(4):
             found[e, j] = 0.0
         evaluate_center(contact, bodies, here.r)
@@ -312,7 +312,8 @@ def find_max_penetration(contacts: Any, points: Any, arrays: Any, state: Any, fo
 @kernel
 def apply(contact: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The dissipated power is a by-product."""
-    here, result = state.contact[0], state.contact[0].result
+    here = contact_scratch(contact, state)
+    result = here.result
     if here.accumulate_only == 0:  # else sensors add up the values of several contacts
         result[4] = 0.0
     evaluate_contact(contact, arrays, state)
@@ -323,46 +324,3 @@ def apply(contact: Any, t: float, arrays: Any, state: Any) -> None:
 def potential(contact: Any, arrays: Any, state: Any) -> float:
     """Energy that the law of pressure stores, J."""
     return evaluate_quantity(contact, arrays, state, 3)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SurfaceContact(Load):
-    """One cell of a sheet against a surface; :func:`.add_contact` makes those of a sheet."""
-
-    record = SURFACE_CONTACT
-    apply = apply
-    potential = potential
-    tangent = tangent
-    symmetric = False  # friction
-
-    surface: Surface
-    sides: tuple[float, float]
-    ends: tuple[tuple[bool, bool], tuple[bool, bool]]
-    thickness: float
-    samples: tuple[int, int]
-    stiffness: float
-    depth: float
-    damping: float
-    friction: float
-    friction_velocity: float
-
-    @property
-    def slip_scale(self) -> float:
-        """Slip at which friction turns over, m/s."""
-        return self.friction_velocity if self.friction > 0.0 else np.inf
-
-    @property
-    def is_nonconservative(self) -> bool:
-        """It does: by friction and by what is lost as the sheet leaves."""
-        return True
-
-    def fill(self, record: Any, site: Attachment) -> None:
-        """Write the nodes, the surface and the law; the last of its bodies has the surface."""
-        record["node"], record["body"] = site.bodies[:4], site.bodies[4]
-        record["surface"] = site.surface(self.surface)
-        record["convex"] = self.surface.convex
-        record["samples"], record["ends"] = self.samples, self.ends
-        record["a"], record["b"] = self.sides
-        record["half"] = 0.5 * self.thickness
-        for key in ("stiffness", "depth", "damping", "friction", "friction_velocity"):
-            record[key] = getattr(self, key)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.sensors import ContactForceSum, ContactSum, Jammed, axis_index
+from mbfmu.mechanics.sensors import axis_index
+from mbfmu.sheets.sensors import ContactForceSum, ContactSum, Jammed
+from mbfmu.sheets.sheet import Sheet
 from mbfmu.util.errors import UserError
-
-from .sheet import Sheet
 
 
 @dataclass(frozen=True, eq=False)

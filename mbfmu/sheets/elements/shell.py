@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.loads.base import Load
+from mbfmu.mechanics.loads import Drag, Load
 from mbfmu.mechanics.numbers import array_of, not_negative
 from mbfmu.util.errors import UserError
 
-from .shell_energy import SHELL, apply, potential
+from .bending import describe_limit, monitor
+from .corners import check_corners
+from .shell_energy import SHELL, SHELL_SCRATCH, apply, potential
 from .shell_stiffness import Matrix, assumed_strains, bending, curvature, drilling, flat_axes, membrane, stresses
 from .shell_tangent import tangent
 from .stress_recovery import Recovered, recover
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.arrays.load_groups import LoadGroup
 
 MIN_CORNER_SINE = 1e-3  # sine of the least angle at a corner
 MAX_CORNER_ANGLE = np.radians(
@@ -50,6 +55,10 @@ class Shell(Load):
     apply = apply
     potential = potential
     tangent = tangent
+    monitor = monitor
+    n_bodies = 4
+    title = "a plate"
+    stiffness_reason = "shell elements vibrate in their plane hundreds of times faster than in bending"
 
     corners: Any
     stretching: Any
@@ -89,7 +98,7 @@ class Shell(Load):
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write corners, attitudes and stiffness; see :mod:`.shell_stiffness`."""
-        record["node"], record["X"] = site.bodies, self._flat[1]
+        record["node"], record["scratch"], record["X"] = site.bodies, site.scratch(SHELL_SCRATCH), self._flat[1]
         record["B"] = [(self._flat[0] @ axes).T for axes in self._axes]
         record["plane"], record["bent"] = self._stiffness
         record["damped"], record["damping"] = self.damping > 0.0, self.damping
@@ -145,6 +154,20 @@ class Shell(Load):
     def is_nonconservative(self) -> bool:
         """Whether its material is damped."""
         return self.damping > 0.0
+
+    def companions(self) -> tuple[Load, ...]:
+        """Return the drag of the air."""
+        return (Drag(density=self.drag, area=self.area),) if self.drag > 0.0 else ()
+
+    @classmethod
+    def check_positions(cls, group: LoadGroup) -> None:
+        """See the base: the bodies are at the corners."""
+        check_corners(group)
+
+    @classmethod
+    def describe_limit(cls, group: LoadGroup, ratio: float, when: str = "") -> str:
+        """See the base."""
+        return describe_limit(group, ratio, when)
 
 
 def _matrix(what: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -7,22 +7,24 @@ rotate the element as it is when nothing strains it, and each of its edges must 
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.records import State
 from mbfmu.util.errors import UserError
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.arrays.load_groups import LoadGroup
 
 MAX_EDGE_ANGLE = np.radians(45.0)  # of an edge: no element is good that far from its own shape
 
 
-def check_corners(mechanism: Mechanism, state: State) -> None:
-    """Raise UserError for an element whose bodies, as ``state`` has placed them, do not span it."""
-    if not mechanism.plates:
-        return
-    cells, (r, A) = mechanism.cells, (state.bodies[name][mechanism.cells] for name in ("r", "A"))
-    shapes = {id(plate): plate.natural for plate, _ in mechanism.plates}
-    corners, axes = (np.array([shapes[id(plate)][k] for plate, _ in mechanism.plates]) for k in (0, 1))
+def check_corners(group: LoadGroup) -> None:
+    """Raise UserError for an element whose bodies do not span it."""
+    cells = np.array([[body.index for body in acting.bodies] for acting in group.acting])
+    r, A = (group.bodies[name][cells] for name in ("r", "A"))
+    shapes = {id(acting.load): acting.load.natural for acting in group.acting}  # type: ignore[attr-defined]
+    corners, axes = (np.array([shapes[id(acting.load)][k] for acting in group.acting]) for k in (0, 1))
     turned = np.einsum("pcij,pckj->pik", A.real, axes)  # the sum over its bodies
     wanted = np.einsum("pij,pcj->pci", turned, np.roll(corners, -1, 1) - corners)
     edges = np.roll(r.real, -1, 1) - r.real
@@ -30,7 +32,7 @@ def check_corners(mechanism: Mechanism, state: State) -> None:
     off = np.arccos(np.clip(along / np.where(sizes > 0.0, sizes, np.inf), -1.0, 1.0))  # a right angle of no length
     p, c = np.unravel_index(off.argmax(), off.shape)
     if off[p, c] > MAX_EDGE_ANGLE:
-        names = [mechanism.bodies[k].name for k in cells[p]]
+        names = [group.mechanism.bodies[k].name for k in cells[p]]
         raise UserError(
             f"corners of a plate are {names}: from {names[c]!r} to {names[(c + 1) % 4]!r} the direction of its "
             f"edge differs by {np.degrees(off[p, c]):.0f} degrees from the one that the orientations of its "

@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbfmu.mechanics.contact.contact_scratch import ALL_POINTS
-from mbfmu.mechanics.contact.patch import (
+from mbfmu.mechanics.kind import Attachment
+from mbfmu.mechanics.sensors.base import Follows, Sensor
+from mbfmu.mechanics.spatial import angle_of
+from mbfmu.sheets.contact.patch import (
     bounding_radius,
     evaluate_center,
     evaluate_ruled_weights,
@@ -17,11 +19,9 @@ from mbfmu.mechanics.contact.patch import (
     interpolate_point,
     smooth_step,
 )
-from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.spatial import angle_of
+from mbfmu.sheets.contact.scratch import ALL_POINTS, CONTACT_SCRATCH, contact_scratch
 from solvers.compiled.kernel import kernel
 
-from .base import Follows, Sensor
 from .contacts import sum_contact_results
 
 EDGE_BLUR_WIDTH = 0.5e-3  # m, on either side of an edge, within which a beam is partly covered
@@ -42,7 +42,7 @@ class Cell(NamedTuple):
 @kernel
 def position(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`."""
-    r = state.contact[0].r
+    r = contact_scratch(sensor, state).r
     interpolate_point(sensor, sensor.weight, state.bodies, r)
     return r[sensor.component]
 
@@ -61,7 +61,7 @@ def skew(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 @kernel
 def covered(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`: the most that any cell covers."""
-    here, P, d = state.contact[0], sensor.place, sensor.direction
+    here, P, d = contact_scratch(sensor, state), sensor.place, sensor.direction
     most = 0.0 * here.r[0]
     for e in range(sensor.cells):
         k = sensor.first + 6 * e
@@ -142,11 +142,11 @@ def find_beam_intersection(cell: Any, beam: Any, bodies: Any, here: Any) -> Any:
 @kernel
 def jammed(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`: 1 if any of the nips slips."""
-    here = state.contact[0]
+    here = contact_scratch(sensor, state)
     for e in range(sensor.nips):
         k = sensor.first + 5 * e
         first, count = int(arrays.numbers[k].real), int(arrays.numbers[k + 1].real)
-        sum_contact_results(first, count, ALL_POINTS, arrays, state)
+        sum_contact_results(first, count, ALL_POINTS, arrays, state, here)
         loaded, Y = here.result[0].real, state.bodies[int(arrays.numbers[k + 2].real)].Y
         surface = 0.0
         for j in range(3):
@@ -172,7 +172,9 @@ class SheetPosition(Sensor):
         xi and zeta, 0 to 1.
     """
 
-    record = np.dtype([("component", np.int64), ("node", np.int64, (4,)), ("weight", np.float64, (4, 3))])
+    record = np.dtype(
+        [("component", np.int64), ("node", np.int64, (4,)), ("scratch", np.int64), ("weight", np.float64, (4, 3))]
+    )
     read = position
 
     sides: tuple[float, float]
@@ -181,6 +183,7 @@ class SheetPosition(Sensor):
     def fill(self, record: Any, site: Attachment) -> None:
         """Write the nodes and their weights."""
         record["component"], record["node"] = self.component, site.bodies
+        record["scratch"] = site.scratch(CONTACT_SCRATCH)
         getattr(evaluate_weights, "py_func", evaluate_weights)(
             Cell((0, 1, 2, 3), *self.sides), *self.at, record["weight"]
         )
@@ -218,6 +221,7 @@ class Covered(Sensor):
         [
             ("first", np.int64),  # of the numbers: six for every cell
             ("cells", np.int64),
+            ("scratch", np.int64),
             ("a", np.float64),
             ("b", np.float64),
             ("place", np.float64, (3,)),
@@ -239,7 +243,7 @@ class Covered(Sensor):
         u = np.cross(d, np.eye(3)[np.argmin(abs(d))])
         record["place"], record["direction"] = self.place, d
         record["u"], record["w"] = u / np.linalg.norm(u), np.cross(d, u / np.linalg.norm(u))
-        record["a"], record["b"] = self.sides
+        record["scratch"], (record["a"], record["b"]) = site.scratch(CONTACT_SCRATCH), self.sides
         nodes, flags = np.reshape(site.bodies, (-1, 4)), np.reshape(self.ends, (-1, 2, 2)) @ [1, 2]
         record["first"], record["cells"] = site.numbers(np.hstack((nodes, flags))), len(nodes)
 
@@ -251,7 +255,7 @@ class Jammed(Sensor):
     ``bodies`` are the rollers; ``nips`` have for each the handle, the radius (m) and the number of stations.
     """
 
-    record = np.dtype([("first", np.int64), ("nips", np.int64)])
+    record = np.dtype([("first", np.int64), ("nips", np.int64), ("scratch", np.int64)])
     read = jammed
     follows = Follows.FORCES
 
@@ -264,3 +268,4 @@ class Jammed(Sensor):
             for (nip, radius, stations), roller in zip(self.nips, site.bodies, strict=True)
         ]
         record["first"], record["nips"] = site.numbers(rows), len(rows)
+        record["scratch"] = site.scratch(CONTACT_SCRATCH)

@@ -47,7 +47,7 @@ In the strains above, of t only what is off the plane,
     11: gamma = g1.g2 / (a b),
 
 E of an edge that is a geodesic joint is zero to fourth order, and so is gamma, free of the term curvature times twist
-times a^2, where such joints carry a surface that bends and twists (:mod:`mbfmu.mechanics.joints.geodesic`).
+times a^2, where such joints carry a surface that bends and twists (:mod:`mbfmu.sheets.joints.geodesic`).
 
 **Damping** (Kelvin, Voigt): stress = K (e + beta e'), with the exact rates e', so rigid motions are not damped.
 
@@ -63,11 +63,13 @@ from typing import Any
 
 import numpy as np
 
-from solvers.compiled.kernel import kernel
+from mbfmu.mechanics.dispatch import scratch_record
+from solvers.compiled.kernel import inlined, kernel
 
 PLATE = np.dtype(
     [
         ("node", np.int64, (4,)),  # bodies at the corners 1 (0, 0), 2 (a, 0), 3 (a, b), 4 (0, b)
+        ("scratch", np.int64),  # place of the scratch memory
         ("membrane", np.int64),  # 1: resists stretching in its plane
         ("damped", np.int64),  # 1: has material damping
         ("grain", np.int64),  # 0: has none, 1: along a side, 2: askew, which couples normal strains with shear
@@ -121,6 +123,12 @@ SERIES_RATIOS = tuple(
     n / (2.0 * n + 1.0) for n in range(13)
 )  # of successive coefficients of F in powers of 1 - cos theta
 SHORT_SERIES_LIMIT, LONG_SERIES_LIMIT = 0.004, 0.1  # 1 - cos theta up to which 6 and 12 terms are exact to rounding
+
+
+@inlined
+def plate_scratch(item: Any, state: Any) -> Any:
+    """Scratch memory of an element or a sensor of it."""
+    return scratch_record(item.scratch, PLATE_SCRATCH, state)
 
 
 @kernel
@@ -394,7 +402,7 @@ def differentiate(plate: Any, here: Any) -> None:
 @kernel
 def apply(plate: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta e'^T K e', is a by-product."""
-    bodies, here = state.bodies, state.element[0]
+    bodies, here = state.bodies, plate_scratch(plate, state)
     shape(plate, bodies, here)
     strain(plate, here)
     clear_stress(here)
@@ -414,7 +422,7 @@ def apply(plate: Any, t: float, arrays: Any, state: Any) -> None:
 @kernel
 def potential(plate: Any, arrays: Any, state: Any) -> float:
     """Elastic energy, J."""
-    here = state.element[0]
+    here = plate_scratch(plate, state)
     shape(plate, state.bodies, here)
     strain(plate, here)
     clear_stress(here)

@@ -22,9 +22,9 @@ EDGE_PANELS = 8  # panels that a rounded edge is drawn with
 
 
 @kernel
-def gap(guide: Any, state: Any) -> float:
+def gap(guide: Any, contact: Any) -> float:
     """See :mod:`.base`: distance from the segment less the radius."""
-    x, y, z = to_frame_axes(guide, state)
+    x, y, z = to_frame_axes(guide, contact)
     if x.real > guide.length.real:
         x = x - guide.length
     elif x.real > 0.0:
@@ -32,8 +32,8 @@ def gap(guide: Any, state: Any) -> float:
     distance = np.sqrt(x * x + y * y)
     if distance.real <= 0.0:
         return distance - guide.radius
-    set_normal(guide, x / distance, y / distance, state)
-    state.contact[0].part = edge_factor(z, 0.5 * guide.width)
+    set_normal(guide, x / distance, y / distance, contact)
+    contact.part = edge_factor(z, 0.5 * guide.width)
     return distance - guide.radius
 
 

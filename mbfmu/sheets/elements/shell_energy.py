@@ -24,12 +24,15 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.elements.plate_energy import slope_factor
-from solvers.compiled.kernel import kernel
+from mbfmu.mechanics.dispatch import scratch_record
+from solvers.compiled.kernel import inlined, kernel
+
+from .plate_energy import slope_factor
 
 SHELL = np.dtype(
     [
         ("node", np.int64, (4,)),  # bodies at the corners
+        ("scratch", np.int64),  # place of the scratch memory
         ("damped", np.int64),  # 1: has material damping
         ("damping", np.float64),  # beta, s
         ("X", np.float64, (4, 3)),  # natural corners in natural element axes, m
@@ -65,6 +68,12 @@ SHELL_SCRATCH = np.dtype(  # an element at work, everything in element axes
     ],
     align=True,
 )
+
+
+@inlined
+def shell_scratch(item: Any, state: Any) -> Any:
+    """Scratch memory of an element or a sensor of it."""
+    return scratch_record(item.scratch, SHELL_SCRATCH, state)
 
 
 @kernel
@@ -246,7 +255,7 @@ def clear_vector(f: Any) -> None:
 @kernel
 def apply(shell: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta d'^T K d', is a by-product."""
-    bodies, here = state.bodies, state.shell[0]
+    bodies, here = state.bodies, shell_scratch(shell, state)
     deform(shell, bodies, here)
     clear_vector(here.f)
     if shell.damped == 1:
@@ -262,7 +271,7 @@ def apply(shell: Any, t: float, arrays: Any, state: Any) -> None:
 @kernel
 def potential(shell: Any, arrays: Any, state: Any) -> float:
     """Elastic energy, J."""
-    here = state.shell[0]
+    here = shell_scratch(shell, state)
     deform(shell, state.bodies, here)
     clear_vector(here.f)
     resist(shell, here.d, 1.0, here.f)

@@ -36,14 +36,15 @@ sheet passes the length of entry. So long roller and idler are a wedge to it: at
 edge into the plane. The roller creeps: v_r^2 = least^2 + (creep v_roller)^2, and under a load F along the feed
 the slip is v_r F / sqrt(mu^2 N^2 - F^2). Without a memory the law cannot stick: a stopped sheet creeps too.
 
-``result`` of State.contact: sums over stations of part (0), of part times the slip s_d (1), of -f_d (2), of f_e (3) and
-of f (4), N; power of these forces on sheet and rollers but for what the rubber stores (5), W; stored energy (6), J.
+``result`` of the scratch memory: sums over stations of part (0), of part times the slip s_d (1), of -f_d (2), of f_e
+(3) and of f (4), N; power of these forces on sheet and rollers but for what the rubber stores (5), W; stored energy
+(6), J.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -53,7 +54,7 @@ from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
 from solvers.compiled.kernel import inlined, kernel
 
-from .contact_scratch import ALL_POINTS
+from .initial_contact import misplaced_nips
 from .patch import (
     apply_reaction,
     apply_to_nodes,
@@ -63,6 +64,7 @@ from .patch import (
     interpolate_point,
     point_velocity,
 )
+from .scratch import ALL_POINTS, CONTACT_REASON, CONTACT_SCRATCH, NIP_SCRATCH, contact_scratch, nip_scratch
 from .stations import (
     cell_share,
     clamped_beam_compliance,
@@ -74,6 +76,9 @@ from .stations import (
     station_position,
 )
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.arrays.load_groups import LoadGroup
+
 SEAM_WIDTH = (
     1e-6  # sides of a cell: where a station passes from one to the next, both have it, with parts that add up to one
 )
@@ -83,6 +88,8 @@ NIP = np.dtype(
         ("roller", np.int64),  # number of its body
         ("idler", np.int64),  # of its body, 0: it has none
         ("force", np.int64),  # number of the signal N
+        ("scratch", np.int64),  # places of the scratch memory
+        ("pair_scratch", np.int64),
         ("pairs", np.int64),  # of stations, across the width
         ("way", np.int64),  # the feed is along x (0) or z (1) of the sheet
         ("ends", np.int64, (2, 2)),  # as those of a surface contact
@@ -114,7 +121,7 @@ NIP = np.dtype(
 @kernel
 def evaluate_contact(nip: Any, t: float, arrays: Any, state: Any) -> None:
     """Add the forces at all stations in this cell to ``here.result``, and unless ``accumulate_only`` to the bodies."""
-    here, bodies, pair = state.contact[0], state.bodies, state.nip[0]
+    here, bodies, pair = contact_scratch(nip, state), state.bodies, nip_scratch(nip, state)
     evaluate_center(nip, bodies, here.r)
     x, y, z = here.r[0].real, here.r[1].real, here.r[2].real
     far = bounding_radius(nip) + nip.half + 0.5 * nip.width
@@ -287,7 +294,7 @@ def tangent(nip: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any
 @kernel
 def evaluate_quantity(nip: Any, t: float, arrays: Any, state: Any, k: int) -> Any:
     """Entry k of ``result`` by one cell alone, the bodies left as they are."""
-    here = state.contact[0]
+    here = contact_scratch(nip, state)
     for j in range(8):
         here.result[j] = 0.0
     here.accumulate_only = ALL_POINTS
@@ -299,7 +306,8 @@ def evaluate_quantity(nip: Any, t: float, arrays: Any, state: Any, k: int) -> An
 @kernel
 def apply(nip: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power on sheet and roller is a by-product."""
-    here, result = state.contact[0], state.contact[0].result
+    here = contact_scratch(nip, state)
+    result = here.result
     if here.accumulate_only == 0:  # else sensors add up the values of several contacts
         result[5] = 0.0
     evaluate_contact(nip, t, arrays, state)
@@ -321,6 +329,8 @@ class RollerNip(Load):
     potential = potential
     tangent = tangent
     symmetric = False  # friction
+    nonsmooth_reason = CONTACT_REASON
+    stiffness_reason = "the contact stiffness of nips is thousands of times the bending stiffness of the sheet"
 
     name: str
     force: Any
@@ -343,11 +353,17 @@ class RollerNip(Load):
         """It does: by friction and by damping."""
         return True
 
+    @classmethod
+    def check_start(cls, group: LoadGroup) -> list[str]:
+        """See the base: it is on its sheet."""
+        return misplaced_nips(group)
+
     def fill(self, record: Any, site: Attachment) -> None:
         """Write the nodes, the roller and the idler, if there is one, and what every cell has in common."""
         record["node"], record["roller"] = site.bodies[:4], site.bodies[4]
         record["idler"] = site.bodies[5] if len(site.bodies) > 5 else 0
         record["ends"], (record["a"], record["b"]) = self.ends, self.sides
         record["force"] = site.signal(self.force, f"force of nip {self.name!r}")
+        record["scratch"], record["pair_scratch"] = site.scratch(CONTACT_SCRATCH), site.scratch(NIP_SCRATCH)
         for key, value in self.common.items():
             record[key] = value

@@ -8,18 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.contact.contact_scratch import ALL_POINTS, OWN_SHARE
 from mbfmu.mechanics.dispatch import apply_load
 from mbfmu.mechanics.kind import Attachment
+from mbfmu.mechanics.sensors.base import Follows, Sensor
+from mbfmu.sheets.contact.scratch import ALL_POINTS, CONTACT_SCRATCH, OWN_SHARE, contact_scratch
 from solvers.compiled.kernel import kernel
-
-from .base import Follows, Sensor
 
 
 @kernel
-def sum_contact_results(first: int, count: int, accumulate_only: int, arrays: Any, state: Any) -> None:
-    """``State.contact.result`` <- values of ``count`` loads from ``first`` on, ``accumulate_only`` as there."""
-    here, power = state.contact[0], state.cached_power[0]
+def sum_contact_results(first: int, count: int, accumulate_only: int, arrays: Any, state: Any, here: Any) -> None:
+    """``here.result`` <- values of ``count`` loads from ``first`` on; ``here`` is their scratch memory."""
+    power = state.cached_power[0]
     for k in range(here.result.shape[0]):
         here.result[k] = 0.0
     here.accumulate_only = accumulate_only
@@ -31,8 +30,8 @@ def sum_contact_results(first: int, count: int, accumulate_only: int, arrays: An
 @kernel
 def read_sum(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`: a sum over loads, or the ratio of two."""
-    here = state.contact[0]
-    sum_contact_results(sensor.index, sensor.count, ALL_POINTS, arrays, state)
+    here = contact_scratch(sensor, state)
+    sum_contact_results(sensor.index, sensor.count, ALL_POINTS, arrays, state, here)
     found = sensor.scale * here.result[sensor.component]
     if sensor.over < 0:
         return found
@@ -43,9 +42,10 @@ def read_sum(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 @kernel
 def read_force_sum(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`: the sizes of the forces of single contacts on their cells, added."""
-    result, total = state.contact[0].result, 0.0
+    here, total = contact_scratch(sensor, state), 0.0
+    result = here.result
     for e in range(sensor.first, sensor.first + sensor.count):
-        sum_contact_results(int(arrays.numbers[e].real), 1, OWN_SHARE, arrays, state)
+        sum_contact_results(int(arrays.numbers[e].real), 1, OWN_SHARE, arrays, state, here)
         total = total + np.sqrt(result[0] * result[0] + result[1] * result[1] + result[2] * result[2])
     return sensor.scale * total
 
@@ -55,7 +55,14 @@ class ContactSum(Sensor):
     """Sum of ``component`` of the contacts, times ``scale``, divided by the sum of ``over`` if that is not negative."""
 
     record = np.dtype(
-        [("index", np.int64), ("component", np.int64), ("count", np.int64), ("over", np.int64), ("scale", np.float64)]
+        [
+            ("index", np.int64),
+            ("component", np.int64),
+            ("count", np.int64),
+            ("over", np.int64),
+            ("scratch", np.int64),
+            ("scale", np.float64),
+        ]
     )
     read = read_sum
     follows = Follows.FORCES
@@ -72,13 +79,14 @@ class ContactSum(Sensor):
         """Write the loads too."""
         super().fill(record, site)
         record["count"], record["over"], record["scale"] = self.count, self.over, self.scale
+        record["scratch"] = site.scratch(CONTACT_SCRATCH)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactForceSum(Sensor):
     """Sizes of the forces of single contacts, added, times ``scale``; ``own``: their numbers in Mechanism.others."""
 
-    record = np.dtype([("first", np.int64), ("count", np.int64), ("scale", np.float64)])
+    record = np.dtype([("first", np.int64), ("count", np.int64), ("scratch", np.int64), ("scale", np.float64)])
     read = read_force_sum
     follows = Follows.FORCES
 
@@ -93,4 +101,4 @@ class ContactForceSum(Sensor):
     def fill(self, record: Any, site: Attachment) -> None:
         """Write the numbers of the loads."""
         record["first"], record["count"] = site.numbers(self.loads()), len(self.own)
-        record["scale"] = self.scale
+        record["scratch"], record["scale"] = site.scratch(CONTACT_SCRATCH), self.scale

@@ -23,16 +23,16 @@ PANEL_ANGLE = np.pi / 24.0  # rad of the arc that a panel is drawn for
 
 
 @kernel
-def gap(trough: Any, state: Any) -> float:
+def gap(trough: Any, contact: Any) -> float:
     """See :mod:`.base`: the radius less the distance from the axis, between two planes through that."""
-    x, y, z = to_frame_axes(trough, state)
+    x, y, z = to_frame_axes(trough, contact)
     distance = np.sqrt(x * x + y * y)
     if distance.real <= 0.0 or distance.real > (1.0 + BACK_DISTANCE_RATIO) * trough.radius.real:
         return abs(trough.radius - distance.real) + 0.0 * x
-    set_normal(trough, -x / distance, -y / distance, state)
+    set_normal(trough, -x / distance, -y / distance, contact)
     # from the middle of the arc, along it; beyond a quarter turn as far as that
     beside = trough.radius * y / distance if x.real >= 0.0 else 2.0 * trough.radius * (1.0 if y.real > 0.0 else -1.0)
-    state.contact[0].part = edge_factor(beside, trough.half) * edge_factor(z, 0.5 * trough.length)
+    contact.part = edge_factor(beside, trough.half) * edge_factor(z, 0.5 * trough.length)
     return trough.radius - distance
 
 

@@ -12,13 +12,26 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .plate_energy import add_arcs, by_slopes, clear_stress, differentiate, gradient, resist, shape, strain, stress
+from .plate_energy import (
+    add_arcs,
+    by_slopes,
+    clear_stress,
+    differentiate,
+    gradient,
+    plate_scratch,
+    resist,
+    shape,
+    strain,
+    stress,
+)
 
 
 @kernel
 def tangent(plate: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
-    stiffness(plate, 1.0 + c1 * plate.damping if plate.damped == 1 else 1.0, state.bodies, state.element[0], K)
+    stiffness(
+        plate, 1.0 + c1 * plate.damping if plate.damped == 1 else 1.0, state.bodies, plate_scratch(plate, state), K
+    )
     return 1.0
 
 

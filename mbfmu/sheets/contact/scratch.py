@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+
+from mbfmu.mechanics.dispatch import scratch_record
+from solvers.compiled.kernel import inlined
 
 # Results are added up without forces on bodies: of the points that the cell owns; of all its points, those on borders
 # with half their share.
 ALL_POINTS, OWN_SHARE = 1, 2
+
+CONTACT_REASON = "contact forces change within micrometers, and friction forces within millimeters per second"
 
 CONTACT_SCRATCH = np.dtype(  # of one contact point
     [
@@ -43,3 +50,15 @@ NIP_SCRATCH = np.dtype(  # of a pair of stations
     ],
     align=True,
 )
+
+
+@inlined
+def contact_scratch(item: Any, state: Any) -> Any:
+    """Scratch memory of the contact of a load or a sensor."""
+    return scratch_record(item.scratch, CONTACT_SCRATCH, state)
+
+
+@inlined
+def nip_scratch(nip: Any, state: Any) -> Any:
+    """Scratch memory of a pair of stations."""
+    return scratch_record(nip.pair_scratch, NIP_SCRATCH, state)

@@ -17,9 +17,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from mbfmu.mechanics.joints.base import Joint
 from solvers.compiled.kernel import kernel
-
-from .base import Joint
 
 
 @kernel

@@ -20,9 +20,9 @@ DRAWING_MARGIN_RATIO = 0.1  # of the space that a sheet takes: it is drawn where
 
 
 @kernel
-def gap(wall: Any, state: Any) -> float:
+def gap(wall: Any, contact: Any) -> float:
     """See :mod:`.base`: (p - at) . normal."""
-    p, n, total = state.contact[0].p, state.contact[0].n, 0.0 * state.time[0]
+    p, n, total = contact.p, contact.n, 0.0 * contact.p[0]
     for k in range(3):
         n[k] = wall.normal[k]
         total += (p[k] - wall.origin[k]) * wall.normal[k]

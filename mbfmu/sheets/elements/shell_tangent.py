@@ -13,13 +13,13 @@ from typing import Any
 from solvers.compiled.kernel import kernel
 
 from .plate_tangent import rotated_column
-from .shell_energy import assemble, clear_vector, deform, differentiate, gradient, resist
+from .shell_energy import assemble, clear_vector, deform, differentiate, gradient, resist, shell_scratch
 
 
 @kernel
 def tangent(shell: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
-    here = state.shell[0]
+    here = shell_scratch(shell, state)
     deform(shell, state.bodies, here)
     clear_vector(here.f)
     resist(shell, here.d, 1.0, here.f)

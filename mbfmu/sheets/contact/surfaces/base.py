@@ -1,10 +1,10 @@
 """Interface of surfaces: rigid, fixed to a body, in contact with a sheet.
 
-Its kernel ``gap(surface, state)`` returns the distance of the point ``state.contact[0].p`` from it, m, positive
-outside, and writes the unit normal there, towards the outside, into ``state.contact[0].n``, both in the axes of the
-body. The distance is that to the nearest point, so that it bounds the distances of all points of a ball about the
-point. Where a surface ends, ``state.contact[0].part``, which is one, falls to zero over :data:`FADE_LENGTH`. The
-kernel is analytic in p.
+Its kernel ``gap(surface, contact)`` returns the distance of the point ``contact.p`` from it, m, positive outside, and
+writes the unit normal there, towards the outside, into ``contact.n``, both in the axes of the body. The distance is
+that to the nearest point, so that it bounds the distances of all points of a ball about the point. Where a surface
+ends, ``contact.part``, which is one, falls to zero over :data:`FADE_LENGTH`. The kernel is analytic in p. ``contact``
+is a record of :data:`.scratch.CONTACT_SCRATCH`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mbfmu.mechanics.contact.patch import smooth_step
 from mbfmu.mechanics.kind import ElementType
 from mbfmu.mechanics.shapes import Matrix, Shape
+from mbfmu.sheets.contact.patch import smooth_step
+from mbfmu.sheets.contact.scratch import CONTACT_SCRATCH
 from solvers.compiled.kernel import kernel
 
 FADE_LENGTH = 1e-3  # m
@@ -30,9 +31,9 @@ def edge_factor(along: Any, half: float) -> Any:
 
 
 @kernel
-def to_frame_axes(frame: Any, state: Any) -> Any:
+def to_frame_axes(frame: Any, contact: Any) -> Any:
     """The point in a frame's plane, (x, y), and along its third axis, z; ``frame`` has ``origin`` and ``axes``."""
-    p, o, A = state.contact[0].p, frame.origin, frame.axes
+    p, o, A = contact.p, frame.origin, frame.axes
     x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
     return (
         A[0, 0] * x + A[1, 0] * y + A[2, 0] * z,
@@ -42,9 +43,9 @@ def to_frame_axes(frame: Any, state: Any) -> Any:
 
 
 @kernel
-def set_normal(frame: Any, x: Any, y: Any, state: Any) -> None:
+def set_normal(frame: Any, x: Any, y: Any, contact: Any) -> None:
     """Write a normal that has these components in the plane of a frame."""
-    n, A = state.contact[0].n, frame.axes
+    n, A = contact.n, frame.axes
     for k in range(3):
         n[k] = A[k, 0] * x + A[k, 1] * y
 
@@ -55,7 +56,8 @@ FRAME_FIELDS = (("origin", np.float64, (3,)), ("axes", np.float64, (3, 3)))  # o
 class Surface(ElementType):
     """Rigid surface: a frozen dataclass in a separate file, like all element types."""
 
-    kernels: ClassVar = {"gap": "state -> number"}
+    kernels: ClassVar = {"gap": "contact -> number"}
+    records: ClassVar = {"contact": CONTACT_SCRATCH}
     gap: ClassVar[Any]
     convex: ClassVar[bool] = False  # what it bounds is: cells that it is not near to are then known without a look
 

@@ -19,14 +19,14 @@ from .base import FRAME_FIELDS, Surface, edge_factor, set_normal, to_frame_axes
 
 
 @kernel
-def gap(drum: Any, state: Any) -> float:
+def gap(drum: Any, contact: Any) -> float:
     """See :mod:`.base`: distance from the axis less the radius."""
-    x, y, z = to_frame_axes(drum, state)
+    x, y, z = to_frame_axes(drum, contact)
     distance = np.sqrt(x * x + y * y)
     if distance.real <= 0.0:
         return distance - drum.radius
-    set_normal(drum, x / distance, y / distance, state)
-    state.contact[0].part = edge_factor(z, 0.5 * drum.length)
+    set_normal(drum, x / distance, y / distance, contact)
+    contact.part = edge_factor(z, 0.5 * drum.length)
     return distance - drum.radius
 
 

@@ -11,18 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.elements.plate_energy import PLATE, shape, strain
-from mbfmu.mechanics.elements.shell_energy import SHELL, deform
 from mbfmu.mechanics.kind import Attachment
+from mbfmu.mechanics.sensors.base import Sensor
+from mbfmu.sheets.elements.plate_energy import PLATE, plate_scratch, shape, strain
+from mbfmu.sheets.elements.shell_energy import SHELL, deform, shell_scratch
 from solvers.compiled.kernel import kernel
-
-from .base import Sensor
 
 
 @kernel
 def in_plate(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`. Weights times the generalized strains."""
-    here = state.element[0]
+    here = plate_scratch(sensor, state)
     shape(sensor, state.bodies, here)
     strain(sensor, here)
     total = sensor.start + 0.0 * here.strain[0]
@@ -34,7 +33,7 @@ def in_plate(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 @kernel
 def in_shell(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`. Weights times the displacements and turns of the corners."""
-    here = state.shell[0]
+    here = shell_scratch(sensor, state)
     deform(sensor, state.bodies, here)
     total = sensor.start + 0.0 * here.d[0, 0]
     for i in range(4):

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbfmu.mechanics.checks import flag
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.loads.base import Load
+from mbfmu.mechanics.loads import Drag, Load
 from mbfmu.mechanics.numbers import array_of, not_negative, positive
 from mbfmu.util.errors import UserError
 
+from .bending import describe_limit, monitor
+from .corners import check_corners
 from .material import Matrix, PlaneStress, add_crease_compliance
 from .plate_curvature import curvature
-from .plate_energy import PLATE, apply, potential
+from .plate_energy import PLATE, PLATE_SCRATCH, apply, potential
 from .plate_tangent import tangent
 from .stress_recovery import Recovered, recover
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.arrays.load_groups import LoadGroup
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +56,9 @@ class Plate(Load):
     apply = apply
     potential = potential
     tangent = tangent
+    monitor = monitor
+    n_bodies = 4
+    title = "a plate"
 
     a: float
     b: float
@@ -120,7 +128,7 @@ class Plate(Load):
         D = Et * self.thickness**2 / (12.0 * material.rest)
         C = add_crease_compliance(material.ratios, self._softness(D))
         (C11, C12, C16), (_, C22, C26), (_, _, C66) = C.tolist()
-        record["node"], record["a"], record["b"] = site.bodies, a, b
+        record["node"], record["scratch"], record["a"], record["b"] = site.bodies, site.scratch(PLATE_SCRATCH), a, b
         record["bending"] = [
             4.0 * D * C11 / slim,
             4.0 * D * C22 * slim,
@@ -181,3 +189,17 @@ class Plate(Load):
     def is_nonconservative(self) -> bool:
         """Whether its material is damped."""
         return self.damping > 0.0
+
+    def companions(self) -> tuple[Load, ...]:
+        """Return the drag of the air."""
+        return (Drag(density=self.drag, area=self.area),) if self.drag > 0.0 else ()
+
+    @classmethod
+    def check_positions(cls, group: LoadGroup) -> None:
+        """See the base: the bodies are at the corners."""
+        check_corners(group)
+
+    @classmethod
+    def describe_limit(cls, group: LoadGroup, ratio: float, when: str = "") -> str:
+        """See the base."""
+        return describe_limit(group, ratio, when)

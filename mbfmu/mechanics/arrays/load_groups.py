@@ -1,0 +1,88 @@
+"""All loads of one type, with the bodies where they are: what a type is asked about itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.builder.loading import Acting
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.dispatch import load_monitor
+from mbfmu.mechanics.kind import kernel_of, record_of
+from mbfmu.mechanics.loads import Load
+from mbfmu.mechanics.records import Data
+from solvers.compiled.kernel import kernel, records
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadGroup:
+    """All loads of one type in a mechanism.
+
+    Attributes
+    ----------
+    mechanism
+        Mechanism.
+    acting
+        The loads, their names and bodies, in the order of addition.
+    numbers
+        Their numbers among all loads.
+    data
+        Arrays and state of the mechanism, with the bodies where they are.
+    kernel_data
+        The same as kernels take them.
+    """
+
+    mechanism: Mechanism
+    acting: Sequence[Acting]
+    numbers: NDArray[np.int64]
+    data: Data
+    kernel_data: Any
+
+    @property
+    def records(self) -> NDArray[Any]:
+        """Copies of their records, in this order."""
+        dtype, memory = record_of(self.acting[0].load), self.data.arrays.memory
+        found = records(len(self.acting), dtype)
+        for k, place in enumerate(self.data.arrays.loads["at"][self.numbers]):
+            found[k] = memory[place : place + dtype.itemsize].view(dtype)[0]
+        return found
+
+    @property
+    def bodies(self) -> NDArray[Any]:
+        """Where the bodies are, by their numbers; fields of :data:`.records.MOTION`."""
+        return self.data.state.bodies
+
+    @property
+    def gravity(self) -> float:
+        """Magnitude of gravity, m/s^2."""
+        return float(np.linalg.norm(self.data.arrays.world[0]["gravity"]))
+
+    def mesh_of(self, body: Any) -> Any:
+        """Return the mesh that a body is a node of; None: it is none."""
+        own = (mesh for mesh in self.mechanism.meshes if any(body is node for row in mesh.nodes for node in row))
+        return next(own, None)
+
+
+def load_groups(mechanism: Mechanism, data: Data, kernel_data: Any, hook: str) -> Iterator[LoadGroup]:
+    """Yield the loads of every type that has this hook of its own, or this kernel."""
+    by_type: dict[type[Load], list[tuple[int, Acting]]] = {}
+    for number, acting in enumerate(mechanism.loads()):
+        if kernel_of(acting.load, hook) not in (None, kernel_of(Load, hook)):
+            by_type.setdefault(type(acting.load), []).append((number, acting))
+    for found in by_type.values():
+        numbers, loads = zip(*found, strict=True)
+        own = np.array(numbers, np.int64)
+        yield LoadGroup(mechanism=mechanism, acting=loads, numbers=own, data=data, kernel_data=kernel_data)
+
+
+@kernel
+def largest_ratio(loads: Any, arrays: Any, state: Any) -> float:
+    """The largest value of ``monitor`` of these loads (k,), records of ITEM, where the bodies are."""
+    largest = 0.0
+    for k in range(loads.shape[0]):
+        largest = max(largest, load_monitor(loads[k], arrays, state))
+    return largest

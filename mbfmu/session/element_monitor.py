@@ -1,0 +1,72 @@
+"""How far elements are from the limits of their theory in a run: results past the first limit carry a warning, and
+past the second, beyond which they mean nothing, the run ends.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics import Plant
+from mbfmu.util.codes import coded
+from solvers.system import Array
+
+ACCURATE, VALID = 1.0, 2.0  # limits of mbfmu.mechanics.limit_ratio
+Furthest = tuple[float, float, Array]
+
+
+class ElementMonitor:
+    """Watches the elements of a plant; one whose elements have no limits costs nothing.
+
+    Attributes
+    ----------
+    furthest
+        Largest ratio so far, when (s), and at which positions (nq,).
+    folded
+        That an element is invalid at the positions looked at last, and what to do; empty: none is.
+    """
+
+    def __init__(self, plant: Plant, t: float, q: Array) -> None:
+        self._plant, self.folded = plant, ""
+        self.furthest: Furthest = (plant.limit_ratio(t, q), t, q)
+
+    @property
+    def coarse(self) -> str:
+        """Where, when and how far elements have been beyond what is accurate; empty: they have not."""
+        ratio, t, q = self.furthest
+        return coded("coarse-mesh", self._describe(t, q)) if ratio > ACCURATE else ""
+
+    def look(self, t: float, q: Array) -> bool:
+        """Note how far elements are at positions q (nq,); False where one is invalid."""
+        if not len(self._plant.monitored):
+            return True
+        ratio = self._plant.limit_ratio(t, q)
+        if ratio > self.furthest[0]:
+            self.furthest = ratio, t, q
+        self.folded = coded("folded-cell", self._describe(t, q)) if ratio > VALID else ""
+        return not self.folded
+
+    def _describe(self, t: float, q: Array) -> str:
+        return self._plant.describe_limit(t, q, f" at t = {t:.9g} s")
+
+    def unfolded(self, times: Array, q: Array) -> int:
+        """Return how many of the positions q (k, nq) at ``times`` come before the first with an invalid element."""
+        if not len(self._plant.monitored):
+            return len(q)
+        return next((i for i in range(len(q)) if not self.look(float(times[i]), q[i])), len(q))
+
+    def rewind(self, furthest: Furthest) -> None:
+        """Forget what came after ``furthest``."""
+        self.furthest, self.folded = furthest, ""
+
+    def state(self) -> list[Any]:
+        """Return time and positions of what is worth a warning, for JSON; empty: there was none."""
+        ratio, t, q = self.furthest
+        return [t, q.tolist()] if ratio > ACCURATE else []
+
+    def restore(self, state: list[Any], t: float, q: Array) -> None:
+        """Take up a :meth:`state` at the positions q (nq,) of time t."""
+        then, there = (state[0], np.array(state[1])) if state else (t, q)
+        self.furthest = self._plant.limit_ratio(then, there), then, there
+        self.look(t, q)
