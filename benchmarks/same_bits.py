@@ -1,6 +1,6 @@
 """Whether two versions of the sources compute the same numbers, to the last bit, and how long each takes to compile.
 
-A change of the house must not change what it computes. Run this on both commits and compare the files:
+A change of structure must not change what the program computes. Run this on both commits and compare the files:
 
     git worktree add ../before <commit>
     PYTHONPATH=../before python benchmarks/same_bits.py > before.txt

@@ -94,7 +94,7 @@ CHECK_EVERY_STEP_TOLERANCE = 5e-4  # tolerance from which every step is examined
 CHECK_INTERVAL_STEPS, INITIAL_CHECK_STEPS, RENEWED_CHECK_STEPS = 8, 24, 3
 WORK_ERROR_SAFETY = 12.0  # estimates of errors are multiplied by this where forces have corners
 # In tolerances: error of a mesh's vibrations that is no reason for a warning, as of other motions that count as right
-# in tests; and the largest such error in units of the coordinates: at 1e-2 the whole motion of a sheet is 50 to 120
+# in tests; and the largest such error in units of the coordinates: at 1e-2 the whole motion of a mesh is 50 to 120
 # tolerances.
 MAX_MESH_ERROR_IN_TOLERANCES, MAX_MESH_ERROR_IN_SIZES = 100.0, 1e-2
 REPORTED_BOUND_FACTOR = 4.0  # in step bounds: a reported state is interpolated and projected

@@ -3,7 +3,7 @@
 The equations of motion of a constrained mechanical system in relative coordinates::
 
     q' = N(q) v                               positions q (nq), velocities v (n)
-    M(q) v' + h(t, q, v) + J(q)^T lambda = 0  (14) of the sheet paper, h holds every force but M v'
+    M(q) v' + h(t, q, v) + J(q)^T lambda = 0  (14) of Bae and Cho 2004, h holds every force but M v'
     Phi(t, q) = 0                             m constraints of cut joints and couplings, J = dPhi/dq N
     J v = nu,  J v' = gamma                   its first and second time derivative
 
@@ -169,7 +169,7 @@ class AnySystem(ABC):
     row_size: Array  # (m,) unit of each constraint residual, see size
     positions: Positions | None = None  # which positions are quaternions; None: none is
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
-    nonsmooth_reason: str = ""  # why forces change sharply within the tolerance, as those of contact; empty: smooth
+    nonsmooth_reason: str = ""  # why forces change sharply within the tolerance, as where bodies touch; empty: smooth
     stiffness_reason: str = ""  # why explicit solvers are unsuitable; empty: they are suitable
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
@@ -330,7 +330,7 @@ class TreeSystem(AnySystem):
     dense: Callable[[], System] | None = None  # (): the same mechanism with its matrices
     stepped: Callable[[], Stepped] | None = None  # (): the same on complex numbers
     mesh_mask: NDArray[np.bool_] | None = None  # (n,) coordinates of which a mesh has many like them; None: all
-    friction_velocity: Array | None = None  # (n,) rates at which friction of contact turns over; infinite: at none
+    friction_velocity: Array | None = None  # (n,) rates at which friction turns over; infinite: at none
     inertia_parts: Callable[..., None] | None = None  # (data, out): v . M v and the diagonal of M where inverse or
     # forward was called for last; it may overwrite their results
     moves: Callable[[], bool] = is_never_true  # (): whether drives move: then inertia forces change with the positions

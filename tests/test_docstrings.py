@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import mbfmu
-from mbfmu import mechanics
+from mbfmu import mechanics, sheets
 from mbfmu.mechanics.kind import ElementType
 from mbfmu.mechanics.sensors import Sensor
 from mbfmu.mechanics.shapes import Shape
@@ -56,7 +56,7 @@ def is_class(found: Any) -> bool:
 
 def missing(found: Any) -> list[str]:
     """Return the parameters of a callable that its docstring does not describe."""
-    if found is mechanics.Surface:  # its constructor is that of its subclasses
+    if found is sheets.Surface:  # its constructor is that of its subclasses
         return []
     begun = is_class(found) and inspect.isfunction(found.__init__)  # not by __new__, which only checks names
     called = inspect.signature(found.__init__ if begun else found)
@@ -67,7 +67,7 @@ def missing(found: Any) -> list[str]:
 
 def public() -> Iterator[tuple[str, Any]]:
     """Yield the public classes and functions by name."""
-    for module in (mbfmu, mechanics):
+    for module in (mbfmu, mechanics, sheets):
         for name in module.__all__:
             found = getattr(module, name)
             if inspect.isclass(found) or inspect.isfunction(found):

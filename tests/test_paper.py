@@ -164,7 +164,7 @@ def test_cells_share_the_angle_of_a_crease_by_where_it_lies() -> None:
         m, "s", length=0.3, width=0.2, thickness=1e-4, youngs_modulus=E, density=DENSITY, grid=(4, 3),
         supports=[Support("x0")], creases=creases,
     )  # fmt: skip
-    softness = np.array([plate.creases for plate, _ in m.plates]).reshape(3, 2, 2)  # by cells along x and z
+    softness = np.array([acting.load.creases for acting in m.elements]).reshape(3, 2, 2)  # by cells along x and z
     assert sheet.plate.creases == (0.0, 0.0)
     np.testing.assert_allclose(softness[:, 0, 0], [0.1, 0.4 + 0.125, 0.125])
     np.testing.assert_allclose(softness[0, :, 1], [0.125, 0.2])
@@ -242,7 +242,7 @@ def test_the_model_takes_grain_and_curl_and_leaves_out_what_is_zero() -> None:
     assert not record["grain"].any()
     assert not record["curled"].any()
     grained = plain.with_values({"youngs_modulus_cross": 4e9, "angle": 0.5, "shear_modulus": 3e9})
-    (plate, *_), _ = zip(*grained.build().plates, strict=True)
+    plate = grained.build().elements[0].load
     assert (plate.youngs_modulus, plate.shear_modulus, plate.angle) == ((1e10, 4e9), 3e9, 0.5)
     right, left = (equilibrium(grained.with_values({"angle": angle})).outputs for angle in (0.5, -0.5))
     assert right["corner1.y"] == pytest.approx(left["corner2.y"], abs=1e-9)

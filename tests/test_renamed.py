@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 import mbfmu as mb
-from mbfmu import mechanics
+from mbfmu import mechanics, sheets
 from mbfmu.cli import main
 from mbfmu.modeling.scene import SCENE_KEYS, read_scene
-from mbfmu.util.errors import RENAMED, UserError
+from mbfmu.util.errors import RENAMED, SHEET_NAMES, UserError
 
 ATTRIBUTES: dict[str, Callable[[], object]] = {
     "recommend_solver": lambda: mb.choose,
@@ -19,6 +19,7 @@ ATTRIBUTES: dict[str, Callable[[], object]] = {
     "add_contact": lambda: mechanics.add_touch,
     "SurfaceContactHandle": lambda: mechanics.TouchHandle,
     "show_outputs": lambda: mb.Mechanism().readout,
+    "element": lambda: mb.Mechanism().plate,
 }
 ARGUMENTS: dict[str, Callable[[], object]] = {
     "energy_check": lambda: mb.Settings(audit=False),
@@ -32,6 +33,13 @@ ARGUMENTS: dict[str, Callable[[], object]] = {
 def test_an_attribute_that_was_renamed(name: str) -> None:
     with pytest.raises(AttributeError, match=f"it is now called '{name}'"):
         ATTRIBUTES[name]()
+
+
+@pytest.mark.parametrize("name", SHEET_NAMES)
+def test_a_name_that_is_in_another_package_now(name: str) -> None:
+    assert hasattr(sheets, name)
+    with pytest.raises(AttributeError, match=r"it is now in mbfmu\.sheets"):
+        getattr(mechanics, name)
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)

@@ -4,6 +4,7 @@ from mbfmu.util.errors import AssemblyError, UserError, missing_attribute
 from solvers.compiled.kernel import kernel
 
 from .arrays.compile import Variable
+from .arrays.load_groups import LoadGroup
 from .arrays.plant import Plant
 from .builder.bodies import Body, FlexibleBody
 from .builder.chain import add_chain
@@ -88,6 +89,7 @@ __all__ = [
     "JointStop",
     "LineForce",
     "Load",
+    "LoadGroup",
     "Mechanism",
     "Panel",
     "Planar",

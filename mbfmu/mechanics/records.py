@@ -254,7 +254,7 @@ def to_complex_state(state: State) -> State:
 
 
 def copy_state(state: State) -> State:
-    """Return a state with arrays of its own."""
+    """Return a copy of a state and its arrays."""
     arrays: Any = (array.copy() for array in state)
     return State(*arrays)
 

@@ -24,7 +24,7 @@ from .numbers import finite, positive
 Vector = Sequence[float]
 Matrix = NDArray[np.float64]
 
-SURFACE_OPACITY = 0.12  # opacity of surfaces that sheets touch: what they lead is seen through them
+SURFACE_OPACITY = 0.12  # opacity of surfaces that others touch: those are seen through them
 PANEL_THICKNESS_RATIO = 1e-3  # of a panel's shorter side: its thickness to a click
 
 

@@ -37,7 +37,7 @@ class ElementMonitor:
         ratio, t, q = self.furthest
         return coded("coarse-mesh", self._describe(t, q)) if ratio > ACCURATE else ""
 
-    def look(self, t: float, q: Array) -> bool:
+    def update(self, t: float, q: Array) -> bool:
         """Note how far elements are at positions q (nq,); False where one is invalid."""
         if not len(self._plant.monitored):
             return True
@@ -54,7 +54,7 @@ class ElementMonitor:
         """Return how many of the positions q (k, nq) at ``times`` come before the first with an invalid element."""
         if not len(self._plant.monitored):
             return len(q)
-        return next((i for i in range(len(q)) if not self.look(float(times[i]), q[i])), len(q))
+        return next((i for i in range(len(q)) if not self.update(float(times[i]), q[i])), len(q))
 
     def rewind(self, furthest: Furthest) -> None:
         """Forget what came after ``furthest``."""
@@ -69,4 +69,4 @@ class ElementMonitor:
         """Take up a :meth:`state` at the positions q (nq,) of time t."""
         then, there = (state[0], np.array(state[1])) if state else (t, q)
         self.furthest = self._plant.limit_ratio(then, there), then, there
-        self.look(t, q)
+        self.update(t, q)

@@ -314,7 +314,7 @@ class Simulation:
         t, q = stepper.t, stepper.q
         if self.energy_check:
             self._balance(t, q, self.plant.energy(t, q, stepper.v), stepper.energy_account)
-        self._element_monitor.look(t, q)
+        self._element_monitor.update(t, q)
         self._remark(stepper.warning)
         return status
 

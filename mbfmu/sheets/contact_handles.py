@@ -38,7 +38,7 @@ class Contact:
         own = self.mechanism.others
         return sum(1 for _ in self.mechanism.loads()) - len(own) + self.first
 
-    def _told(self, unit: str, component: int, over: int = -1, scale: float = 1.0) -> ContactSum:
+    def _sensor(self, unit: str, component: int, over: int = -1, scale: float = 1.0) -> ContactSum:
         return ContactSum(unit=unit, item=self, component=component, count=self.count, over=over, scale=scale)
 
 
@@ -56,15 +56,15 @@ class SurfaceContactHandle(Contact):
         axis
             Global axis: ``"x"``, ``"y"`` or ``"z"``.
         """
-        return self._told("N", axis_index(axis, f"of the force of contact {self.name!r}"))
+        return self._sensor("N", axis_index(axis, f"of the force of contact {self.name!r}"))
 
     def depth(self) -> ContactSum:
         """Largest penetration of the sheet into the surface, m; zero: no contact."""
-        return self._told("m", 5)
+        return self._sensor("m", 5)
 
     def heat(self) -> ContactSum:
         """Power dissipated by friction and damping of the contact, W."""
-        return self._told("W", 4, scale=-1.0)
+        return self._sensor("W", 4, scale=-1.0)
 
     def pressure(self, i: int, k: int) -> ContactForceSum:
         """Pressure of this contact on a cell of the sheet, Pa; see :func:`.contact_pressure`.
@@ -87,27 +87,27 @@ class NipHandle(Contact):
 
     def slip(self) -> ContactSum:
         """Speed of the sheet along the feed minus that of the roller, mean over the loaded part, m/s."""
-        return self._told("m/s", 1, over=0)
+        return self._sensor("m/s", 1, over=0)
 
     def traction(self) -> ContactSum:
         """Force of the sheet on the roller along the feed, N."""
-        return self._told("N", 2)
+        return self._sensor("N", 2)
 
     def lateral(self) -> ContactSum:
         """Force on the sheet across the feed, N."""
-        return self._told("N", 3)
+        return self._sensor("N", 3)
 
     def normal(self) -> ContactSum:
         """Normal force that keeps the sheet in the plane of the nip, towards the idler, N."""
-        return self._told("N", 4)
+        return self._sensor("N", 4)
 
     def heat(self) -> ContactSum:
         """Power dissipated by friction and damping of the nip, W."""
-        return self._told("W", 5, scale=-1.0)
+        return self._sensor("W", 5, scale=-1.0)
 
     def loaded(self) -> ContactSum:
         """Part of the nip that the sheet covers, 0 to 1."""
-        return self._told("1", 0, scale=1.0 / self.stations)
+        return self._sensor("1", 0, scale=1.0 / self.stations)
 
 
 def contact_pressure(contacts: Sequence[SurfaceContactHandle], i: int, k: int) -> ContactForceSum:

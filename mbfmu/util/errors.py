@@ -21,11 +21,16 @@ RENAMED = {  # names of earlier versions, and what each is called now
     "energy_imbalance": "energy_error",
     "imbalance": "energy_error",
     "inputs": "input_interpolation",
+    "plate": "element",
     "readout": "show_outputs",
     "tell": "report",
     "turning_damping": "rotational_damping",
     "turning_stiffness": "rotational_stiffness",
 }
+SHEET_NAMES = (  # that were in mbfmu.mechanics
+    "Drum", "Geodesic", "Guide", "OutOfPlane", "Plate", "Shell", "Stretching", "Surface", "Trough", "Wall",
+)  # fmt: skip
+MOVED = {("mbfmu.mechanics", name): "mbfmu.sheets" for name in SHEET_NAMES}
 MAX_MESSAGE_LENGTH = 3000  # characters that the command prints of an error
 MAX_VALUE_LENGTH = 200  # characters of a value in a message
 
@@ -98,8 +103,10 @@ def suggest(name: str, known: Iterable[str]) -> str:
 
 
 def missing_attribute(owner: str, name: str) -> AttributeError:
-    """Return the error for an attribute that ``owner`` does not have; it gives the new name of a renamed one."""
+    """Return the error for an attribute that ``owner`` does not have; with the new name or package of an old one."""
     now = f"; it is now called {RENAMED[name]!r}" if name in RENAMED else ""
+    if (owner, name) in MOVED:
+        now = f"; it is now in {MOVED[owner, name]}"
     return AttributeError(f"{owner} has no attribute {name!r}{now}")
 
 

@@ -117,6 +117,6 @@ def has_raise(function: Any) -> bool:
     return code is not None and _has_raise(code)
 
 
-@lru_cache(maxsize=1024)  # a sheet asks for the same few kernels hundreds of times
+@lru_cache(maxsize=1024)  # a mesh asks for the same few kernels hundreds of times
 def _has_raise(code: CodeType) -> bool:
     return any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(code))

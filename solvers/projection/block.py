@@ -12,7 +12,7 @@ symmetry, represents all of them: if every entry of L_22 is zero so is c^T L_22;
 The derivative of c^T L_22 in the directions Q_2 is square and symmetric. If it does not have full rank, as along curves
 of critical points, the step of minimum norm is used.
 
-The point may also lie in a surface of critical points in which fewer rows are zero, for example if a plate on
+The point may also lie in a surface of critical points in which fewer rows are zero, for example if a slab on
 two folding legs lies flat and each leg may rotate by itself. Then the search ends in one of those, and one combination
 of rows is zero along curves. In that case a second search keeps the number of rows and uses several combinations c, by
 the method of Gauss and Newton.

@@ -16,7 +16,7 @@ singular. Then the start is relaxed first, by implicit Euler steps of the motion
 each solved by Newton: exactly where that is cheap, on a large tree as far as the way on needs it. s grows where Newton
 finds a step easy, and shrinks where it fails. A step against which the forces do work, by the trapezoidal rule, does
 not count: where it is long, Newton may find a root uphill. The continuation mostly ends at a stable state where there
-is one, and Newton finishes there. A thin sheet, whose stiffness against stretching is a million times that against
+is one, and Newton finishes there. A thin strip, whose stiffness against stretching is a million times that against
 bending, gets from flat to hanging straight down in some thirty factorizations.
 
 **Families of states.** If a motion changes no force, such as that of a free spindle, the Jacobian is singular at every

@@ -22,7 +22,7 @@ from .newton import (
 
 STEP_TOLERANCE_RATIO = 0.2  # a pseudo-transient step ends with a correction this small against its first
 # Where a correction is this part of the one before, the next step is as long as this one; how fast corrections shrink
-# goes with some third power of the duration. Measured on shells held by a third of an edge, which crease where the
+# goes with some third power of the duration. Measured on thin meshes held by a third of an edge, which crease where the
 # clamp ends: half the factorizations of steps that are converged.
 TARGET_CONTRACTION = 0.1
 MIN_CONTINUATION_DAMPING = 0.01  # damping of Newton alone, below which the continuation is cheaper

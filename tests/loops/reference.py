@@ -137,7 +137,7 @@ def integrate(
     The nudge is relative to 1 + |v|, in the mechanism's units, as the errors of a solver's steps are; positions are
     pushed by what such an error makes in a step.
     """
-    if mechanism.flexible_bodies or mechanism.plates or mechanism.pressures:
+    if mechanism.flexible_bodies or mechanism.elements or mechanism.pressures:
         raise NotCovered("elastic bodies")
     times = np.asarray(times, float)
     unit = units(mechanism, start[1])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from mbfmu.mechanics import Cam, Mechanism, Plant, Screw, Table, Universal, couplings, cuts, elements, joints, loads
+from mbfmu.mechanics import Cam, Mechanism, Plant, Screw, Table, Universal, couplings, cuts, joints, loads
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import Cut, DistanceCut
 from mbfmu.mechanics.cuts.base import AxisCut
@@ -24,7 +24,7 @@ JOINTS, CUTS, COUPLINGS = (
     element_types_of(cuts, Cut),
     element_types_of(couplings, Coupling),
 )
-FORCES = element_types_of(loads, Force) + element_types_of(elements, Force)
+FORCES = element_types_of(loads, Force)
 TURNING = ("rotational_stiffness", "rotational_damping")
 NUMBERS = ("stiffness", "damping", *TURNING, "free", "axial", "torsion", "bending_y", "bending_z")
 

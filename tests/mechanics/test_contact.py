@@ -13,12 +13,13 @@ from mbfmu.mechanics import Floating, Mechanism, Plant, PointForce, Polynomial, 
 from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.dispatch import apply_load, load_tangent
 from mbfmu.mechanics.kind import record_of
-from mbfmu.mechanics.records import allocate_state, to_complex_state
+from mbfmu.mechanics.records import to_complex_state
 from mbfmu.mechanics.recursions.dynamics import update_kinematics
 from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.sheets import Drum, Guide, Surface, Trough, Wall, add_contact, add_nip, add_sheet, contact_pressure
 from mbfmu.sheets.contact import patch
+from mbfmu.sheets.contact.scratch import CONTACT_SCRATCH
 from mbfmu.sheets.contact.stations import clamped_beam_compliance
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel, records
@@ -279,13 +280,12 @@ def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: st
 def test_a_surface_tells_its_distance_and_normal(name: str) -> None:
     """The normal is the gradient of the distance; as far along it the surface is met."""
     surface, rng = SURFACES[name], np.random.default_rng(7)
-    record, state = records(1, record_of(surface)), allocate_state(1, 0, 0, 0, 0, 0)
+    record, contact = records(1, record_of(surface)), records(1, CONTACT_SCRATCH)
     surface.fill(record[0], None)  # type: ignore[arg-type]
-    held = pin(state)
 
     def met(p: Any) -> tuple[float, Any]:
-        state.contact["p"][0] = p
-        return float(distance(type(surface).gap, record[0], held)), state.contact["n"][0].copy()
+        contact["p"][0] = p
+        return float(distance(type(surface).gap, record[0], contact[0])), contact["n"][0].copy()
 
     middle = np.array((0.12, 0.0, 0.1))
     for _ in range(20):

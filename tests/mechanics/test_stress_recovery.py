@@ -26,6 +26,9 @@ class Anywhere:
 
     bodies = (1, 2, 3, 4)
 
+    def scratch(self, dtype: Any) -> int:
+        return 0
+
 
 def sheet(gravity: Any, **options: Any) -> tuple[Mechanism, Any]:
     """A sheet clamped at x = 0."""

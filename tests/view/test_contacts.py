@@ -15,8 +15,8 @@ from test_page import browser, opened
 
 from mbfmu.mechanics import Box, Floating, Mechanism, Panel, Revolute, Sphere
 from mbfmu.mechanics.kind import record_of
-from mbfmu.mechanics.records import allocate_state
 from mbfmu.sheets import Drum, Guide, Surface, Trough, Wall, add_contact, add_nip, add_sheet
+from mbfmu.sheets.contact.scratch import CONTACT_SCRATCH
 from mbfmu.sheets.contact.surfaces.guide import gap as guide_gap
 from mbfmu.sheets.contact.surfaces.trough import gap as trough_gap
 from mbfmu.util.errors import UserError
@@ -24,7 +24,6 @@ from mbfmu.viewer import Motion, html, images
 from mbfmu.viewer.gltf import glb
 from mbfmu.viewer.picture import Part, draw
 from solvers.compiled.kernel import kernel, records
-from solvers.compiled.tuple_pointer import pin
 
 NONE = np.zeros((1, 3))
 GUIDE = Guide(start=(0.1, 0.0, 0.0), end=(0.1, 0.3, 0.4), radius=0.02, width=0.2, across="x")
@@ -51,16 +50,16 @@ def corners(shape: Any) -> Any:
     ids=["guide", "trough"],
 )
 def test_what_is_drawn_of_a_surface_is_where_it_is_felt(surface: Surface, gap: Any, area: float) -> None:
-    record, state = records(1, record_of(surface)), allocate_state(1, 0, 0, 0, 0, 0)
+    record, contact = records(1, record_of(surface)), records(1, CONTACT_SCRATCH)
     surface.fill(record[0], SimpleNamespace())  # type: ignore[arg-type]
-    held, panels = pin(state), surface.shapes(NONE)
+    panels = surface.shapes(NONE)
     for panel in panels:
         assert panel.opacity < 1.0
         for corner in corners(panel):
-            state.contact["p"][0] = corner
-            state.contact["part"][0] = 1.0
-            assert abs(distance(gap, record[0], held)) < 1e-12
-            assert state.contact["part"][0] > 0.249  # of one: half is left at an end, a quarter where two meet
+            contact["p"][0] = corner
+            contact["part"][0] = 1.0
+            assert abs(distance(gap, record[0], contact[0])) < 1e-12
+            assert contact["part"][0] > 0.249  # of one: half is left at an end, a quarter where two meet
     sizes = [np.linalg.norm(np.cross(c[1] - c[0], c[3] - c[0])) for c in map(corners, panels)]
     assert sum(sizes) == pytest.approx(area, rel=2e-3)
 

@@ -62,13 +62,24 @@ class LoadGroup:
         return float(np.linalg.norm(self.data.arrays.world[0]["gravity"]))
 
     def mesh_of(self, body: Any) -> Any:
-        """Return the mesh that a body is a node of; None: it is none."""
+        """Return the mesh that a body is a node of.
+
+        Parameters
+        ----------
+        body
+            Body of the mechanism.
+
+        Returns
+        -------
+        Mesh or None
+            Mesh; None: the body is a node of none.
+        """
         own = (mesh for mesh in self.mechanism.meshes if any(body is node for row in mesh.nodes for node in row))
         return next(own, None)
 
 
 def load_groups(mechanism: Mechanism, data: Data, kernel_data: Any, hook: str) -> Iterator[LoadGroup]:
-    """Yield the loads of every type that has this hook of its own, or this kernel."""
+    """Yield the loads of every type that defines this method or has this kernel."""
     by_type: dict[type[Load], list[tuple[int, Acting]]] = {}
     for number, acting in enumerate(mechanism.loads()):
         if kernel_of(acting.load, hook) not in (None, kernel_of(Load, hook)):

@@ -318,7 +318,7 @@ class Plant:
     def describe_limit(self, t: float, q: Array, when: str = "") -> str:
         """Return which elements are beyond the limits of their theory at free positions q (nq,), and what to do.
 
-        ``when`` is the time, as it stands in a sentence.
+        ``when`` is text about the time, such as ``" at t = 0.3 s"``.
         """
         groups = self._load_groups("monitor", t, q)
         ratios = [largest_ratio(self.data.arrays.loads[group.numbers], *self.kernel_data) for group in groups]

@@ -80,7 +80,7 @@ class Loading(Members):
         Parameters
         ----------
         element
-            Element, such as :class:`mbfmu.Plate`.
+            Element.
         bodies
             Different bodies of this mechanism, in the order that the element requires.
         """

@@ -1,6 +1,6 @@
 """Floating: six free motions. Position in the joint frame, orientation as a unit quaternion.
 
-The sheet paper (eq. 1-3, 7-8) uses A = A_x A_y A_z, singular at theta_y = +-90 deg; a body that tumbles passes
+Bae and Cho 2004 (eq. 1-3, 7-8) use A = A_x A_y A_z, singular at theta_y = +-90 deg; a body that tumbles passes
 through that, so we do not. Velocities: the origin's velocity in the joint frame, then the angular velocity in the
 child's axes.
 """

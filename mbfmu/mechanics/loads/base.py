@@ -134,7 +134,7 @@ class Load(ElementType):
         ratio
             Largest value of ``monitor`` among them: more than 1.
         when
-            Time, as it stands in a sentence: ``" at t = 0.3 s"``.
+            Text about the time, such as ``" at t = 0.3 s"``.
         """
         return f"an element of type {cls.__name__} is deformed beyond the limits of its theory{when}"
 

@@ -53,9 +53,9 @@ class DistanceStop(Force):
         Limits of the distance, m; upper alone is a rope of that length, lower alone a buffer. None: no limit on that
         side.
     stiffness
-        Contact stiffness, N/m.
+        Stiffness, N/m.
     damping
-        Damping c of the contact (Hunt and Crossley), s/m; see :class:`.JointStop`.
+        Damping c (Hunt and Crossley), s/m; see :class:`.JointStop`.
     """
 
     record = np.dtype(

@@ -18,7 +18,7 @@ from .base import Load, zero_tangent
 
 @kernel
 def normal_flow(drag: Any, bodies: Any) -> tuple[float, float, float, float]:
-    """v_n, and the normal of a plate element, g2 x g1."""
+    """v_n, and the normal of the area, g2 x g1."""
     n1, n2, n3, n4 = bodies[drag.node[0]], bodies[drag.node[1]], bodies[drag.node[2]], bodies[drag.node[3]]
     r1, r2, r3, r4 = n1.r, n2.r, n3.r, n4.r
     # the diagonals span the same plane: 2 g2 x g1 = (r3 - r1) x (r2 - r4)
@@ -63,7 +63,7 @@ class Drag(Load):
 
     record = np.dtype(
         [
-            ("node", np.int64, (4,)),  # bodies at the corners, as those of a plate
+            ("node", np.int64, (4,)),  # bodies at the corners, in the order of those of a pressure
             ("coefficient", np.float64),  # rho c area / 2, kg/m
         ],
         align=True,

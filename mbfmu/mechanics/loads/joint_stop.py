@@ -41,9 +41,9 @@ class JointStop(Force):
     lower, upper
         Limits of the coordinate, rad or m; None: no limit on that side.
     stiffness
-        Contact stiffness, N m/rad for an angle, N/m for a displacement.
+        Stiffness, N m/rad for an angle, N/m for a displacement.
     damping
-        Damping c of the contact force k x (1 + c x') (Hunt and Crossley), s/rad or s/m. After an impact at a velocity
+        Damping c of the force k x (1 + c x') (Hunt and Crossley), s/rad or s/m. After an impact at a velocity
         v much smaller than 1 / c, the rebound velocity is about v (1 - 2 c v / 3).
     """
 

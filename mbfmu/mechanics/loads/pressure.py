@@ -1,8 +1,11 @@
 """Pressure on the surface between four bodies, along its normal wherever that turns (a follower load).
 
-The corners span the bilinear surface r = r_c + g1 x + g2 z + 4 t x z, -1/2 <= x, z <= 1/2, with g1, g2, t of
-:mod:`mbfmu.sheets.elements.plate_energy`. Its virtual work, p times the volume that the surface sweeps, gives the
-forces on the corners
+The corners r1 (0, 0), r2 (a, 0), r3 (a, b), r4 (0, b) span the bilinear surface
+
+    r = r_c + g1 x + g2 z + 4 t x z,    -1/2 <= x, z <= 1/2,
+    g1 = ((r2 - r1) + (r3 - r4)) / 2,    g2 = ((r4 - r1) + (r3 - r2)) / 2,    t = (r1 - r2 + r3 - r4) / 4.
+
+Its virtual work, p times the volume that the surface sweeps, gives the forces on the corners
 
     f_i = p Int N_i dA = p [(g2 x g1) / 4 + z_i (g2 x t) / 3 + x_i (t x g1) / 3],    x_i, z_i = -1/2, 1/2.
 
@@ -92,7 +95,7 @@ def tangent(load: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: An
 class Pressure(Load):
     """Pressure of ``magnitude`` (Pa: number, signal or input) along y of a flat face."""
 
-    record = np.dtype([("node", np.int64, (4,)), ("signal", np.int64)])  # bodies at the corners, as those of a plate
+    record = np.dtype([("node", np.int64, (4,)), ("signal", np.int64)])  # bodies at the corners r1 ... r4
     apply = apply
     power = power
     tangent = tangent

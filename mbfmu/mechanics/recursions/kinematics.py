@@ -2,7 +2,7 @@
 
 In global axes a motion is handed from a parent's origin to its child's by a shift alone, with rho = r_i - r_j:
 
-    Y_i  = B1 Y_j + S v,         B1 = [[I, -skew(rho)], [0, I]]                            (6) of the sheet paper
+    Y_i  = B1 Y_j + S v,         B1 = [[I, -skew(rho)], [0, I]]                            (6) of Bae and Cho 2004
     Y'_i = B1 Y'_j + S v' + beta                                                           (11)
     beta = (w_j x (w_j x rho) + 2 w_j x u ;  w_j x w_rel) + C b
 

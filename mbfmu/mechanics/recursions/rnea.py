@@ -1,4 +1,4 @@
-"""Recursive Newton-Euler: inverse dynamics, F = B^T (M Y' - Q), (14) of the sheet paper without its constraint part.
+"""Recursive Newton-Euler: inverse dynamics, F = B^T (M Y' - Q), (14) of Bae and Cho 2004 without its constraints.
 
 Featherstone 2008, section 5.3, in global axes. Per body, with c from its origin to its center of mass:
 

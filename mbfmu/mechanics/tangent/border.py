@@ -1,4 +1,4 @@
-"""Bodies that loads tie to many groups at once, such as the roller of a nip that turns freely: a border of T.
+"""Bodies that loads tie to many groups at once, such as a free roller that rubs on a mesh: a border of T.
 
 Such a body is in no cell's group, and what is between it and the others, u in its column and w in its row, is not in
 the blocks. With e . dq (e: n) its coordinate, or one of its six motions where its parent moves, T + sum (u e^T + e w^T)
@@ -6,7 +6,7 @@ is solved by the factors of T (Woodbury):
 
     x = T^-1 (b - sum (u p + e s)),    p = e . x,  s = w . x,    two equations for each.
 
-Without it a sheet and its free rollers are hardly moved as one by a correction: friction holds each as if the other
+Without it a mesh and its free rollers are hardly moved as one by a correction: friction holds each as if the other
 were at rest, and what is left of such a motion looks small to who weighs it by T.
 """
 

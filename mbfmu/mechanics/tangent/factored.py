@@ -282,8 +282,9 @@ class Tangent:
     def _factor(self, c1: float, c2: float, symmetric: bool, averaged: bool) -> bool:
         arrays, state, layout, held_scratch = self._held
         scratch, perturbed = self._scratch, self._perturbed
-        for received, given in zip(self._state, self._moving, strict=True):
-            received[...] = given
+        received: Any = self._state
+        for own, given in zip(received, self._moving, strict=True):
+            own[...] = given
         self._steps.q[:], self._steps.v[:] = self._state.q, self._state.v
         joint_stiffness(c1, layout, arrays, state, perturbed, scratch.along)
         scratch.coupling_block[:] = 0.0
