@@ -54,8 +54,8 @@ def add_solver(parser: argparse.ArgumentParser) -> None:
         if isinstance(setting.default, bool):
             group.add_argument(option, action=argparse.BooleanOptionalAction, help=about)
         elif setting.choices:
-            named = group.add_argument(option, metavar="NAME", help=f"{about}: {', '.join(setting.choices)}")
-            complete(named, list(setting.choices))
+            named = group.add_argument(option, metavar="NAME", help=f"{about}: {', '.join(setting.listed_choices)}")
+            complete(named, list(setting.listed_choices))
         else:
             kind, metavar = (int, "N") if isinstance(setting.default, int) else (float, METAVARS.get(setting.unit, "X"))
             group.add_argument(option, type=reader(kind), metavar=metavar, help=about)

@@ -73,7 +73,7 @@ and the expected error; --save writes the recommendation as a scene.""",
     add_scene(p)
     add_set(p)
     add_times(p, "stop time", "interval between outputs")
-    names = next(setting.choices for setting in declared(Settings) if setting.name == "solver")
+    names = next(setting.listed_choices for setting in declared(Settings) if setting.name == "solver")
     named = p.add_argument(
         "--solver",
         action="append",

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from mbfmu.util.errors import UserError, require_arguments, suggest
 from solvers import Options
-from solvers.steppers import SOLVER_NAMES, describe_order_refusal
+from solvers.steppers import SOLVER_NAMES, UNLISTED_SOLVERS, describe_order_refusal, drop_unlisted
 
 from .parameters import check, declared, parameter, span
 
@@ -31,7 +31,7 @@ class Settings:
         There is no such setting, or its value is not allowed.
     """
 
-    solver: str = parameter("ida", choices=(*SOLVER_NAMES, AUTO), doc="Integration method")
+    solver: str = parameter("ida", choices=(*SOLVER_NAMES, AUTO), unlisted=UNLISTED_SOLVERS, doc="Integration method")
     tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="Relative tolerance of the solver")
     absolute_tolerance: float = parameter(
         0.0, min=0.0, max=1.0, doc="Absolute tolerance in units of each coordinate; 0: equal to the relative tolerance"
@@ -56,9 +56,10 @@ class Settings:
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
-        known = (*SOLVER_NAMES, AUTO)
-        if not isinstance(self.solver, str) or self.solver not in known:
-            raise UserError(f"solver is {self.solver!r}{suggest(str(self.solver), known)}")
+        if not isinstance(self.solver, str) or self.solver not in (*SOLVER_NAMES, AUTO):
+            raise UserError(
+                f"solver is {self.solver!r}{suggest(str(self.solver), drop_unlisted((*SOLVER_NAMES, AUTO)))}"
+            )
         for p in declared(Settings):
             object.__setattr__(self, p.name, check_setting(p.name, getattr(self, p.name)))
         if refused := describe_order_refusal(self.solver, self.max_order or None):

@@ -182,7 +182,7 @@ class _File:
             number = [p.name for p in declared(Settings)].index(v.name)
         between = v.role is Role.INPUT or v.variability == "tunable"
         when = "never" if not v.settable else "between" if between else "before"
-        low, high = (1.0, float(len(v.choices))) if v.choices else (v.min, v.max)
+        low, high = (float(min(v.choices)), float(max(v.choices))) if v.choices else (v.min, v.max)
         if v.type is Type.BOOLEAN:
             low, high = 0.0, 1.0
         unknown = nan if v.type is Type.REAL else 0.0

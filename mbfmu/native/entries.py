@@ -42,6 +42,7 @@ from solvers.energy_account import ACCOUNT_SIZE, EnergyScales
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
+from solvers.steppers import drop_unlisted
 from solvers.steppers.compiled_loop import Integration
 from solvers.system import Array
 
@@ -149,7 +150,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     if not family:
         raise UserError(
             f"native FMUs do not support the solver {simulation.solver_choice.solver!r}; allowed: "
-            f"{', '.join(NATIVE_SOLVERS)}",
+            f"{', '.join(drop_unlisted(NATIVE_SOLVERS))}",
             "not-native",
         )
     if family != "tree" and not system.has_matrices:

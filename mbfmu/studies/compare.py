@@ -27,6 +27,7 @@ from solvers.steppers import (
     UNCONSTRAINED_SOLVERS,
     describe_order_refusal,
     describe_refusal,
+    drop_unlisted,
     size_limit,
 )
 
@@ -158,14 +159,15 @@ def error_of_complete(error: float | None) -> float:
 
 
 def solvers_of(plant: Plant) -> tuple[str, ...]:
-    """Return the solvers that differ from each other on a mechanism."""
+    """Return the solvers offered to users that differ from each other on a mechanism."""
     system = plant.system
     same = () if system.m else tuple(UNCONSTRAINED_SOLVERS)[1:]  # where nothing is partitioned
     if system.has_matrices:
-        return tuple(name for name in SOLVERS if name not in same)
+        return drop_unlisted(name for name in SOLVERS if name not in same)
     if not system.m:
-        return (*TREE_SOLVERS, *(name for name in UNCONSTRAINED_SOLVERS if name not in same))
-    return (*TREE_SOLVERS, *(name for name in SOLVERS if name not in TREE_SOLVERS and system.n <= size_limit(name)))
+        return drop_unlisted((*TREE_SOLVERS, *(name for name in UNCONSTRAINED_SOLVERS if name not in same)))
+    dense = (name for name in SOLVERS if name not in TREE_SOLVERS and system.n <= size_limit(name))
+    return drop_unlisted((*TREE_SOLVERS, *dense))
 
 
 def as_scene(subject: Scene | Model | Mechanism) -> Scene:

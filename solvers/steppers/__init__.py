@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from solvers.codes import coded
@@ -46,6 +46,7 @@ UNCONSTRAINED_SOLVERS: dict[str, Callable[..., Stepper]] = dict.fromkeys(
     ("adams", "hybrid", "adams-lu"), TreeAdamsStepper
 )
 SOLVER_NAMES = tuple(dict.fromkeys((*SOLVERS, *TREE_SOLVERS)))
+UNLISTED_SOLVERS = ("adams-lu",)  # accepted by name, for comparison with a paper; in no list of solvers for users
 ORDER_LIMITS = {  # lowest and highest order that a run can be limited to; one number: the method has this order
     "ida": (1, 5),
     "adams": (1, 12),
@@ -56,6 +57,11 @@ ORDER_LIMITS = {  # lowest and highest order that a run can be limited to; one n
 }
 # joint coordinates; a Newton matrix of that size takes seconds, and its time grows with more than the third power
 MAX_RADAU_COORDINATES = 200
+
+
+def drop_unlisted(names: Iterable[str]) -> tuple[str, ...]:
+    """Return those solvers that are offered to users."""
+    return tuple(name for name in names if name not in UNLISTED_SOLVERS)
 
 
 def size_limit(name: str) -> int:
@@ -116,7 +122,7 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     if these would be too large, for an order that the solver does not have, and for an unknown name.
     """
     if name not in SOLVER_NAMES:
-        raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, SOLVER_NAMES))}")
+        raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, drop_unlisted(SOLVER_NAMES)))}")
     if refused := describe_refusal(name, system) or describe_order_refusal(
         name, options.max_order if options else None
     ):
