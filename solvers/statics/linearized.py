@@ -21,7 +21,7 @@ from .matrices import MAX_ASSEMBLED_COORDINATES, allowed_motions
 
 # eigenvalues of a large tree that are requested: more as long as all of them are negative
 REQUESTED_EIGENVALUES = (12, 24, 48, 96)
-MIN_KRYLOV_DIMENSION, MAX_RESTARTS = 40, 4
+MIN_KRYLOV_DIMENSION, MAX_SIGN_RESTARTS = 40, 4
 EIGENVALUE_SIGN_TOLERANCE = 1e-2  # relative error of eigenvalues of which only the sign counts
 SYMMETRY_TOLERANCE = 1e-8  # of the largest entry: what is less is rounding
 ZERO_EIGENVALUE_RATIO = 1e-12  # of the largest eigenvalue of the inverse
@@ -175,7 +175,7 @@ class TreeLinearized(Linearized):
                     which="SR",
                     v0=np.random.default_rng(1).normal(size=n),
                     ncv=dimension,
-                    maxiter=MAX_RESTARTS,
+                    maxiter=MAX_SIGN_RESTARTS,
                     tol=EIGENVALUE_SIGN_TOLERANCE,
                     return_eigenvectors=False,
                 )
