@@ -251,8 +251,10 @@ def parameters(model: Model) -> Iterator[ScalarVariable]:
 
 
 def solver_settings(settings: Settings) -> Iterator[ScalarVariable]:
-    """Yield the settings."""
+    """Yield the settings; a solver from outside the package is one of the choices if it is in use."""
     for p in declared(Settings):
+        if p.name == "solver" and settings.solver not in p.choices:
+            p = replace(p, choices=(*p.choices, settings.solver))  # noqa: PLW2901
         yield parameter(p, Role.SETTING, getattr(settings, p.name), "fixed")
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from math import isnan, nan
 from typing import Any, NamedTuple
@@ -26,6 +27,8 @@ from solvers import SolverError, Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.energy_account import EXCHANGED_ENERGY
 from solvers.stepper import Samples, Stepper
+from solvers.steppers import SOLVER_NAMES
+from solvers.steppers.plugins import errors_named
 
 from .energy_check import EnergyCheck
 from .failure_diagnosis import describe_free_rates, explain_failure, explain_rates
@@ -210,6 +213,19 @@ class Simulation:
                 )
             raise UserError(f"model {self.model.name!r}: {reason}") from error
 
+    @contextmanager
+    def _errors_of_plugin(self) -> Iterator[None]:
+        """Raise UserError with the name of a solver from outside the package for an exception in its code."""
+        name = self.solver_choice.solver
+        if name in SOLVER_NAMES:
+            yield
+            return
+        try:
+            with errors_named(name, self.t):
+                yield
+        except ValueError as error:
+            raise UserError(f"model {self.model.name!r}: {error}") from error
+
     def _copy_plant(self) -> Plant:
         """Return another plant of the same model, whose inputs are what they are now."""
         plant = self.model.plant(self._courses)
@@ -229,9 +245,10 @@ class Simulation:
         if kind in _compiled or not COMPILED:
             return
         options = replace(self._options, max_steps=MAX_WARMUP_STEPS)
-        trial = stepper(self.solver_choice.solver, self.plant.system, t0, q, v, options)
-        if compile_kernels(trial, self.plant, len(self._out)):
-            _compiled.add(kind)
+        with self._errors_of_plugin():
+            trial = stepper(self.solver_choice.solver, self.plant.system, t0, q, v, options)
+            if compile_kernels(trial, self.plant, len(self._out)):
+                _compiled.add(kind)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """Refuse to be copied or pickled, as its stepper does."""
@@ -310,7 +327,8 @@ class Simulation:
         self._end = t
         self._begin_support_motion(t)
         stepper = self.stepper
-        status = stepper.advance(t)
+        with self._errors_of_plugin():
+            status = stepper.advance(t)
         t, q = stepper.t, stepper.q
         if self.energy_check:
             self._balance(t, q, self.plant.energy(t, q, stepper.v), stepper.energy_account)
@@ -439,7 +457,8 @@ class Simulation:
         while done < len(times):
             self._begin_support_motion(times[done])
             ahead = times[done:] if self.plant.inputs.motions_finished else times[done : done + 1]
-            samples = self.stepper.sample(ahead, values[done : done + len(ahead)])
+            with self._errors_of_plugin():
+                samples = self.stepper.sample(ahead, values[done : done + len(ahead)])
             count = self._folds.unfolded(ahead, samples.q)
             rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
             if count > 1:

@@ -1,7 +1,4 @@
-"""Tables for people.
-
-``tabulate`` would save ten lines for a further dependency, and removes leading and trailing blanks of cells.
-"""
+"""Tables for people."""
 
 from __future__ import annotations
 
