@@ -134,7 +134,7 @@ class _File:
         self._places = {
             "clock": image.at(instance.clock), "out": image.at(instance.out), "options": image.at(instance.options),
             "counts": image.at(instance.counts), "length": image.at(instance.known) + 16,
-            "run_status": image.at(instance.run_status), "worst": image.at(instance.start.scratch.worst),
+            "run_status": image.at(instance.session.status), "worst": image.at(instance.start.scratch.worst),
             "massless": image.at(instance.start.scratch.massless),
         }  # fmt: skip
 

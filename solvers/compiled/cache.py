@@ -26,7 +26,8 @@ from numba.core.caching import FunctionCache, NullCache, _CacheLocator
 from numba.core.event import TimingListener, install_listener
 
 SOLVERS_DIR = Path(__file__).resolve().parent.parent
-KERNEL_DIRS = (SOLVERS_DIR, SOLVERS_DIR.parent / "mbfmu" / "mechanics")  # of the kernels
+PACKAGE_DIR = SOLVERS_DIR.parent / "mbfmu"
+KERNEL_DIRS = (SOLVERS_DIR, PACKAGE_DIR / "mechanics", PACKAGE_DIR / "session" / "kernels")  # of the kernels
 IMPORT_STATEMENT = re.compile(
     r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE
 )
