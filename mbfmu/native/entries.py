@@ -165,7 +165,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
         *own.scales,
     ]
     state += [start.q, start.v, own.work.size, own.work.size_q, start.scratch.row, instance.known, instance.options]
-    state += [*instance.inputs.memory(), *instance.session.memory()]
+    state += instance.session.memory()
     state += [array for array in arrays if array is not arrays.kernels]
     return instance, MemoryImage(instance, state, arrays.kernels, numbers)
 

@@ -35,7 +35,7 @@ class EnergyCheck:
     """
 
     def __init__(self, plant: Plant, status: NDArray[Any]) -> None:
-        self.plant, self.verdict, self._status = plant, "", status
+        self.plant, self.verdict, self._status, self._lost = plant, "", status, status["lost"]
         self._last: Place | None = None
 
     def describe_state(self, t: float, q: Array) -> None:
@@ -55,7 +55,7 @@ class EnergyCheck:
     @property
     def _is_new(self) -> bool:
         """Whether a violation was detected that is not described yet."""
-        return self._status["lost"][0] != BALANCE_OK and not self.verdict
+        return self._lost[0] != BALANCE_OK and not self.verdict
 
     def _describe(self, before: Place | None, here: Place) -> str:
         """Return the message on a violation here; ``before`` is the last state without one, if there is any."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from math import isnan, nan
 from typing import Any, NamedTuple
@@ -54,11 +54,12 @@ class Checkpoint(NamedTuple):
     """State that a simulation can be rolled back to."""
 
     stepper: bytes  # state of the stepper, with history and counters
-    inputs: dict[str, list[Any]] | None  # where they remember anything
-    session: bytes  # arrays of the session, see Session.memory
+    session: bytes  # state of the inputs and of the energy check
     verdict: str  # of the energy check
     sharpest: Sharpest
     remarks: int  # how many there were
+    reported_jumps: frozenset[str]  # names of inputs
+    reported_undetermined: bool
 
 
 class Simulation:
@@ -151,6 +152,10 @@ class Simulation:
         own = self.plant.inputs.own, self.plant.mechanism.cells
         self.session = Session.allocate(self.plant.system.pinned_data, *own)
         self._pinned = pin(self.session)
+        self._session_arrays = [*self.session.memory(), *self.session.inputs.values()]
+        self._impulse_is_unknown, self._supports_jump, self._bent = (
+            self.session.status[name] for name in ("unknown", "jumps", "bent")
+        )
         self._run = StepperRun(self._pinned, self.plant.inputs.pinned, self._stepper(t0, q, v), len(self.variables))
         self._out = self._run.out
         self.remarks: list[str] = []
@@ -219,15 +224,14 @@ class Simulation:
                 )
             raise UserError(f"model {self.model.name!r}: {reason}") from error
 
-    @contextmanager
-    def _errors_of_plugin(self) -> Iterator[None]:
+    def _errors_of_plugin(self) -> AbstractContextManager[None]:
         """Raise UserError with the name of a solver from outside the package for an exception in its code."""
-        name = self.solver_choice.solver
-        if name in SOLVER_NAMES:
-            yield
-            return
+        return nullcontext() if self.solver_choice.solver in SOLVER_NAMES else self._named_errors()
+
+    @contextmanager
+    def _named_errors(self) -> Iterator[None]:
         try:
-            with errors_named(name, self.t):
+            with errors_named(self.solver_choice.solver, self.t):
                 yield
         except ValueError as error:
             raise UserError(f"model {self.model.name!r}: {error}") from error
@@ -360,20 +364,20 @@ class Simulation:
 
     def _check_bending(self, t: float, q: Array) -> None:
         """Describe how plates bend at t, s, with positions q (nq,), if that is more than so far or too much."""
-        most, bent = self._folds.sharpest[0], float(self.session.status["bent"][0])
-        if most is not None and (bent > min(most.largest, MAX_VALID_ANGLE) or self._folds.folded):
+        most = self._folds.sharpest[0]
+        if most is not None and (self._bent[0] > min(most.largest, MAX_VALID_ANGLE) or self._folds.folded):
             self._folds.look(t, q)
 
     def _report_support_motions(self, t: float) -> None:
         """Report what is unusual about the support motions that have started at t, s; raise if they cannot start."""
-        status, inputs = self.session.status[0], self.plant.inputs
-        if status["unknown"]:
+        inputs = self.plant.inputs
+        if self._impulse_is_unknown[0]:
             names = ", ".join(map(repr, inputs.jumping()))
             raise UserError(
                 f"the rate of input {names} jumps at t = {t:.9g} s, where the impulse is not determined: "
                 f"{self._run.error}"
             ) from self._run.error
-        for name, size in inputs.jumped() if status["jumps"] else []:
+        for name, size in inputs.jumped() if self._supports_jump[0] else []:
             if name not in self._reported_jumps:
                 self._reported_jumps.add(name)
                 self._remark(
@@ -546,12 +550,12 @@ class Simulation:
 
     def checkpoint(self) -> Checkpoint:
         """Return a checkpoint of the present state for :meth:`rollback`; it costs less than :meth:`save`."""
-        inputs = self.plant.inputs.state() if self.plant.inputs.has_state else None
-        session, place = pack(self.session.memory()), self.stepper.save()
-        return Checkpoint(place, inputs, session, self.verdict, self._folds.sharpest, len(self.remarks))
+        session, place = pack(self._session_arrays), self.stepper.save()
+        reported = len(self.remarks), frozenset(self._reported_jumps), self._reported_undetermined
+        return Checkpoint(place, session, self.verdict, self._folds.sharpest, *reported)
 
     def rollback(self, checkpoint: Checkpoint) -> None:
-        """Return to a checkpoint and discard everything after it, except values of inputs that were set.
+        """Return to a checkpoint and discard everything after it, the values of inputs among it.
 
         Solvers that keep their history in arrays continue bit for bit as if the discarded advance had not been tried.
         ``ida``, whose history is inside SUNDIALS, is reinitialized at the state of the checkpoint.
@@ -561,16 +565,16 @@ class Simulation:
         checkpoint
             Checkpoint of this simulation.
         """
-        if checkpoint.inputs is not None:
-            self.plant.inputs.restore(checkpoint.inputs)
         self.stepper.restore(checkpoint.stepper)
         del self.remarks[checkpoint.remarks :]
+        self._reported_jumps = set(checkpoint.reported_jumps)
+        self._reported_undetermined = checkpoint.reported_undetermined
         self._folds.rewind(checkpoint.sharpest)
         self._restore_session(checkpoint.session, checkpoint.verdict)
 
     def _restore_session(self, session: bytes, verdict: str) -> None:
         """Restore the arrays of the session, and the message on the violation that they contain."""
-        unpack(session, self.session.memory())
+        unpack(session, self._session_arrays)
         if self.energy_check:
             self.energy_check.verdict = verdict
 
@@ -592,8 +596,7 @@ class Simulation:
             State of solver, inputs and tunable parameters, for :meth:`restore` in this or another process.
         """
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
-        session = pack(self.session.memory()).hex()
-        head: dict[str, Any] = {"parameters": changed, "inputs": self.plant.inputs.state(), "session": session}
+        head: dict[str, Any] = {"parameters": changed, "session": pack(self._session_arrays).hex()}
         head |= {"verdict": self.verdict, "bent": self._folds.state(), "pick": self.solver_choice}
         return encode_state(self._state_key, head, self.stepper.save())
 
@@ -615,13 +618,12 @@ class Simulation:
         if model != self.model:
             self.plant.adopt(model.plant(self._courses))
             self.model = model
-        self.plant.inputs.restore(head["inputs"])
+        self._restore_session(bytes.fromhex(head["session"]), head["verdict"])
         previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])
         if self.solver_choice.solver != previous.solver:  # auto takes another one at other parameters
             self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(body)
-        self._restore_session(bytes.fromhex(head["session"]), head["verdict"])
         self._folds.restore(head["bent"], self.t, self.stepper.q)
 
 

@@ -34,7 +34,7 @@ class StepperRun:
     @property
     def clock(self) -> tuple[float]:
         """Time reached, s."""
-        return (float(self.stepper.t),)
+        return (self.stepper.t,)
 
     @property
     def q(self) -> Array:

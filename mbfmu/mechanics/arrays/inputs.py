@@ -228,11 +228,6 @@ class Inputs:
         set_input(self.pinned, index, self.checked(index, value), t)
 
     @property
-    def has_state(self) -> bool:
-        """Whether any of them remembers what it was at points before."""
-        return bool(len(self.own.supports) or len(self.own.loads))
-
-    @property
     def motions_finished(self) -> bool:
         """Whether every support and every load continues unchanged until an input is set."""
         return bool(all_finished(self.pinned))

@@ -60,8 +60,8 @@ class Session(NamedTuple):
         return Session(data, inputs, records(1, BALANCE), records(1, RUN_STATUS), cells)
 
     def memory(self) -> list[NDArray[Any]]:
-        """Return the arrays to save, without those of the inputs."""
-        return [self.balance, self.status]
+        """Return the arrays to save, but for the values of inputs."""
+        return [*self.inputs.memory(), self.balance, self.status]
 
 
 @kernel

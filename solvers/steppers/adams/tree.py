@@ -78,6 +78,7 @@ class TreeAdamsStepper(ExplicitStepper):
             self._energy_account,
             self._scales.bound_results,
             *self._history,
+            self._settings["max_step"],
             self._inertia,
         ]
 
