@@ -6,6 +6,7 @@ from .options import Options, Statistics, Switching
 from .outcome import Code, SolverError, Status
 from .stepper import Stepper
 from .steppers import SOLVERS, stepper
+from .steppers.one_step import OneStepSolver
 from .system import AnySystem, Array, System, Terms
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "AnySystem",
     "Array",
     "Code",
+    "OneStepSolver",
     "Options",
     "SolverError",
     "Statistics",

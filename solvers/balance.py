@@ -96,16 +96,3 @@ def check_energy_balance(balance: Any, energy: float, row: Any) -> tuple[float, 
     return error, PASSAGE_INACCURATE if passes and abs(error) > PASSAGE_ERROR_FRACTION * row[
         PASSAGE_ENERGY
     ] else BALANCE_OK
-
-
-@kernel
-def find_violation(balance: Any, energies: Any, rows: Any, found: Any) -> tuple[int, int]:
-    """Put the energy error of states into ``found`` (k,); return the number of the first that is not
-    BALANCE_OK, k if all are, and what :func:`check_energy_balance` finds there.
-    """
-    first, kind = found.shape[0], BALANCE_OK
-    for i in range(found.shape[0]):
-        found[i], here = check_energy_balance(balance, energies[i], rows[i])
-        if here != BALANCE_OK and kind == BALANCE_OK:
-            first, kind = i, here
-    return first, kind

@@ -21,6 +21,7 @@ TITLES = {
     "ill-conditioned-mass": "The mass matrix is nearly singular",
     "large-error": "The global error may be much larger than the tolerance",
     "unsuitable-solver": "The solver cannot be used with this model",
+    "broken-solver": "A solver from another package has an error",
     "invalid-value": "An argument, a name or a file is not valid",
 }
 CODE_PATTERN = re.compile(r" \[([a-z]+(?:-[a-z]+)+)\]")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +99,9 @@ class Samples(NamedTuple):
 class Stepper(ABC):
     """Advances one motion of a :class:`System` in time.
 
-    A solver is a subclass; its contract:
+    A solver is a subclass with the methods :meth:`advance_to`, :meth:`evaluate`, :meth:`limit_step`, :meth:`restart`,
+    :meth:`arrays` and the property :attr:`statistics`. :class:`solvers.OneStepSolver` has all of them for one-step
+    methods. The contract:
 
     1. Construction projects (q0, v0) onto the constraints and evaluates nothing else; wrong sizes raise
        ValueError.
@@ -128,8 +130,12 @@ class Stepper(ABC):
 
     Attributes
     ----------
-    others
+    fallback_solvers
         Names of the solvers to try if this one cannot continue.
+    needs_matrices
+        Whether it is constructed with a :class:`System` even if the model is large.
+    is_explicit
+        Whether it is unsuitable for stiff models, which are then refused.
     undetermined_at
         Last time at which forces were requested so near a singular configuration that they are not resolved, s; else
         nan.
@@ -140,7 +146,9 @@ class Stepper(ABC):
         The reported time in an array (1,), s, as saved last.
     """
 
-    fallback_solvers: tuple[str, ...]
+    fallback_solvers: tuple[str, ...] = ()
+    needs_matrices: ClassVar[bool] = False
+    is_explicit: ClassVar[bool] = False
     starts_singular: bool = False
     undetermined_at: float = math.nan
 
@@ -198,30 +206,48 @@ class Stepper(ABC):
             raise ValueError(f"the time to advance to is {t} s, but it stands at {self._t} s; use restore() to go back")
         if t > self._t or not self.status.ok:
             until = self._limit_steps()
-            code = self._advance(min(float(t), until))
+            code = self.advance_to(min(float(t), until))
             while code is Code.OK and until < t:
                 until = self._limit_steps()
-                code = self._advance(min(float(t), until))
+                code = self.advance_to(min(float(t), until))
             self.status = self._status(code)
         return self.status
 
     def _limit_steps(self) -> float:
         """Apply the step-size limit of time-dependent inputs at the reported time; return when it expires, s."""
         longest, until = self._input_step_limit(self._t)
-        self._limit(min(longest, self.options.max_step))
+        self.limit_step(min(longest, self.options.max_step))
         return until
 
     @abstractmethod
-    def _limit(self, longest: float) -> None:
-        """Limit the length of all later steps, s."""
+    def limit_step(self, longest: float) -> None:
+        """Limit the length of all later steps.
+
+        Parameters
+        ----------
+        longest
+            Largest step that resolves what depends on time explicitly, s. It is called before every
+            :meth:`advance_to`.
+        """
 
     @abstractmethod
-    def _advance(self, t: float) -> Code:
-        """Advance to ``t``, set the reported state, return the result code."""
+    def advance_to(self, t: float) -> Code:
+        """Go to time ``t`` and set the reported state ``_t``, ``_q``, ``_v`` and ``_energy_account``.
+
+        Parameters
+        ----------
+        t
+            Time, later than the reported one, s.
+
+        Returns
+        -------
+        Code
+            ``Code.OK``, or why it has stopped at the last good state, which is the reported one then.
+        """
 
     def accelerations(self) -> tuple[Array, Array]:
         """Return v' (n,) and lambda (m,) of the reported state."""
-        code, a, lam = self._evaluate()
+        code, a, lam = self.evaluate()
         if code is not Code.OK:
             raise SolverError(self._status(code))
         if self._undetermined():
@@ -233,8 +259,8 @@ class Stepper(ABC):
         return False
 
     @abstractmethod
-    def _evaluate(self) -> tuple[Code, Array, Array]:
-        """Return code, v' and lambda of the reported state."""
+    def evaluate(self) -> tuple[Code, Array, Array]:
+        """Return code, v' (n,) and lambda (m,) of the reported state."""
 
     def sample(self, times: Array, outputs: Array | None = None) -> Samples:
         """:meth:`advance` to each of ``times`` (k,), ascending, and return state and accelerations there.
@@ -277,7 +303,7 @@ class Stepper(ABC):
         for i, t in enumerate(times):
             if not self.advance(float(t)).ok:
                 return i
-            code, out.a[i], out.lam[i] = self._evaluate()
+            code, out.a[i], out.lam[i] = self.evaluate()
             out.q[i], out.v[i], out.energy_account[i] = self._q, self._v, self._energy_account
             if code is not Code.OK:
                 self.status = self._status(code)

@@ -177,6 +177,37 @@ def test_what_a_load_was_is_part_of_the_state() -> None:
         held.restore(first.save())
 
 
+@pytest.mark.parametrize("inputs", ["hold", "linear"])
+def test_a_rollback_takes_back_values_of_inputs(inputs: str) -> None:
+    simulation = Simulation(wheel(), Settings(solver="adams", tolerance=1e-9, input_interpolation=inputs))
+    mark = simulation.checkpoint()
+    simulation.set_input("torque", 5.0)
+    simulation.advance(0.1)
+    simulation.rollback(mark)
+    simulation.advance(1.0)
+    assert simulation.outputs()[0] == pytest.approx(0.0, abs=1e-12)  # the torque is zero at the start
+
+
+def test_what_was_reported_of_a_discarded_step_is_reported_again() -> None:
+    m = Mechanism()
+    u = Input(name="u", unit="rad", rate_name="du")
+    m.body("hub", m.ground, Revolute(drive=u), mass=1.0, inertia=(0.1, 0.1, 0.1))
+    m.body("arm", m.bodies[-1], Revolute(), mass=1.0, com=(0.5, 0, 0), inertia=(0.1, 0.1, 0.1))
+    simulation = Simulation(m, Settings(solver="adams"))
+    for k in range(5):
+        simulation.set_input("u", 0.01 * k)
+        simulation.set_input("du", 1.0)
+        simulation.advance(0.01 * (k + 1))
+    mark, reported = simulation.checkpoint(), []
+    for end in (0.06, 0.055):
+        simulation.rollback(mark)
+        simulation.set_input("u", 0.5)
+        simulation.set_input("du", 1.0)
+        simulation.advance(end)
+        reported.append([text for text in simulation.remarks if "its position differs by 0.45 rad" in text])
+    assert [len(texts) for texts in reported] == [1, 1]
+
+
 def wheel() -> Model:
     """A wheel of 1 kg m2 that a torque turns; its speed is the first output."""
 

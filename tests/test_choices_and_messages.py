@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from fmpy import read_model_description
 from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
+from mbfmu.cli import main
 from mbfmu.ensemble.study_target import make_target
 from mbfmu.fmi import export
 from mbfmu.fmi.native_fmu import NATIVE_SOLVERS, _with_solver, describe_constants
@@ -25,7 +28,7 @@ from mbfmu.session.failure_diagnosis import advise
 from mbfmu.util.codes import code_of
 from solvers.outcome import Code, Status
 from solvers.statics.spectrum import Stability
-from solvers.steppers import SOLVER_NAMES
+from solvers.steppers import SOLVER_NAMES, UNLISTED_SOLVERS, drop_unlisted
 
 # exit code of check
 
@@ -109,7 +112,10 @@ class Preferred(FourBar):
 def test_a_solver_that_was_requested_and_is_not_native_is_refused(
     solver: str, command: Callable[..., Any], tmp_path: Path
 ) -> None:
-    path, message = tmp_path / "out.fmu", f"solver is {solver!r}; allowed in a native FMU: {', '.join(NATIVE_SOLVERS)}"
+    path, message = (
+        tmp_path / "out.fmu",
+        f"solver is {solver!r}; allowed in a native FMU: {', '.join(drop_unlisted(NATIVE_SOLVERS))}",
+    )
     code, _, err = command("export", "fourbar", "--native", "--solver", solver, "-o", str(path))
     assert (code, message in err) == (2, True)
     with pytest.raises(mb.UserError, match=message) as refused:
@@ -257,3 +263,25 @@ def test_a_rotation_of_scipy_is_its_matrix() -> None:
 def test_what_is_no_rotation_is_refused_with_what_is_allowed(wrong: Any) -> None:
     with pytest.raises(mb.UserError, match=r"(?s)rotation.* is .*(or one scipy.spatial|needs numbers)"):
         mb.simulate(tilted(wrong), 0.2)
+
+
+# solvers that are accepted and not listed
+
+
+def test_an_unlisted_solver_is_in_no_list_and_is_accepted(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Numbers of the other solvers are those of earlier versions: an importing tool may set them."""
+    with pytest.raises(mb.UserError) as refused:
+        mb.Settings(solver="euler")
+    assert not any(solver in str(refused.value) for solver in UNLISTED_SOLVERS)
+    for words in (("run", "--help"), ("compare", "--help"), ("models", "fourbar")):
+        with suppress(SystemExit):
+            main(words)
+        out = capfd.readouterr().out
+        assert "esdirk" in out
+        assert not any(solver in out for solver in UNLISTED_SOLVERS), words
+    assert mb.Settings(solver="adams-lu").solver == "adams-lu"
+    for solver, numbers in (("ida", [1, 2, 3, 5, 6, 7]), ("adams-lu", [1, 2, 3, 4, 5, 6, 7])):
+        path = mb.export(FourBar(), tmp_path / f"{solver}.fmu", mb.Settings(solver=solver))
+        described = read_model_description(str(path))
+        (kind,) = (own for own in described.typeDefinitions if own.name == "choice of solver")
+        assert [int(item.value) for item in kind.items] == numbers

@@ -35,7 +35,7 @@ from mbfmu.util.errors import UserError
 from solvers import SOLVERS
 from solvers.compiled import cache
 from solvers.compiled.kernel import kernel
-from solvers.steppers import SOLVER_NAMES
+from solvers.steppers import SOLVER_NAMES, drop_unlisted
 
 Command = Callable[..., Any]
 
@@ -270,9 +270,9 @@ def test_compare_writes_rows(command: Command, tmp_path: Path) -> None:
     rows_file = tmp_path / "rows.json"
     code, out, _ = command("compare", str(scene), "--repeats=1", "-o", str(tmp_path), "--json", str(rows_file))
     assert code == 0
-    assert "adams-lu" in out
+    assert "adams-lu" not in out
     rows = json.loads(rows_file.read_text())
-    assert len(rows) == 4 * len(SOLVERS)
+    assert len(rows) == 4 * len(drop_unlisted(SOLVERS))
     folder = tmp_path / "fourbar" / "short-compare"
     assert folders(folder) == ["energy.png", "rows.json", "table.txt", "work_precision.png"]
     assert (folder / "rows.json").read_text() == rows_file.read_text()
@@ -365,7 +365,7 @@ def test_the_cache_is_warmed_for_a_model(command: Command, monkeypatch: pytest.M
     monkeypatch.setattr("mbfmu.cli.cache.Simulation", lambda _model, settings: started.append(settings.solver))
     code, out, _ = command("cache", "warm", "pendulum")
     assert code == 0
-    assert started == list(SOLVER_NAMES)
+    assert started == list(drop_unlisted(SOLVER_NAMES))
     assert "MB of machine code" in out
 
 
@@ -493,7 +493,7 @@ def test_models_and_scenes_are_listed(command: Command) -> None:
 COMPLETED = {
     "mbfmu ru": "run",
     "mbfmu run fourb": "fourbar/paper",
-    "mbfmu run fourbar --solver ad": "adams-lu",
+    "mbfmu run fourbar --solver ad": "adams",
     "mbfmu run fourbar --max-": "--max-order",
     "mbfmu run fourbar --set crank_m": "crank_mass=",
     "mbfmu run fourbar --plot pivot": "pivot.force.x",

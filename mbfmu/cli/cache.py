@@ -11,7 +11,7 @@ from mbfmu.session.simulation import Simulation
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.util.errors import UserError
 from solvers.compiled import cache, storage
-from solvers.steppers import SOLVER_NAMES
+from solvers.steppers import SOLVER_NAMES, drop_unlisted
 
 from .common import Commands, bar, print_if_verbose
 from .completion import complete, scene_names
@@ -94,7 +94,7 @@ def warm(references: list[str], options: argparse.Namespace) -> None:
     from mbfmu.studies.check import check
 
     chosen = [load_scene(reference).model for reference in references]
-    runs = [(model, solver) for model in chosen for solver in (*SOLVER_NAMES, "equilibrium", "check")]
+    runs = [(model, solver) for model in chosen for solver in (*drop_unlisted(SOLVER_NAMES), "equilibrium", "check")]
     for model in chosen:
         model.plant()  # a model that cannot be built is reported, and not skipped
     with bar(len(runs), "warm", options.quiet, "run") as shown:

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from mbfmu.modeling.parameters import Parameter, declared
 from mbfmu.modeling.scene import SETTING_NAMES, Scene, load_scene
-from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.settings import Settings, offered_solvers
 from mbfmu.session.run import check_interval
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import check_writable, write_text
@@ -54,8 +54,9 @@ def add_solver(parser: argparse.ArgumentParser) -> None:
         if isinstance(setting.default, bool):
             group.add_argument(option, action=argparse.BooleanOptionalAction, help=about)
         elif setting.choices:
-            named = group.add_argument(option, metavar="NAME", help=f"{about}: {', '.join(setting.choices)}")
-            complete(named, list(setting.choices))
+            words = offered_solvers() if setting.name == "solver" else setting.listed_choices
+            named = group.add_argument(option, metavar="NAME", help=f"{about}: {', '.join(words)}")
+            complete(named, list(words))
         else:
             kind, metavar = (int, "N") if isinstance(setting.default, int) else (float, METAVARS.get(setting.unit, "X"))
             group.add_argument(option, type=reader(kind), metavar=metavar, help=about)

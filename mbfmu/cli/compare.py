@@ -7,9 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.scene import Scene, as_toml
-from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.settings import offered_solvers
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import write_text
 
@@ -73,7 +72,7 @@ and the expected error; --save writes the recommendation as a scene.""",
     add_scene(p)
     add_set(p)
     add_times(p, "stop time", "interval between outputs")
-    names = next(setting.choices for setting in declared(Settings) if setting.name == "solver")
+    names = offered_solvers()
     named = p.add_argument(
         "--solver",
         action="append",

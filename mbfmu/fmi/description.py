@@ -128,7 +128,7 @@ def _enumerations(variables: Iterable[ScalarVariable]) -> Iterable[Element]:
     for v in chosen:
         simple = SubElement(definitions, "SimpleType", name=type_name(v), description=v.description)
         kind = SubElement(simple, "Enumeration")
-        for i, word in enumerate(v.choices, 1):
+        for i, word in v.choices.items():
             SubElement(kind, "Item", name=word, value=str(i))
     yield definitions
 
@@ -154,8 +154,8 @@ def _variable(parent: Element, reference: int, v: ScalarVariable) -> None:
     kind = SubElement(scalar, v.type.value)
     if v.choices:
         kind.set("declaredType", type_name(v))
-        kind.set("min", "1")
-        kind.set("max", str(len(v.choices)))
+        kind.set("min", str(min(v.choices)))
+        kind.set("max", str(max(v.choices)))
     if v.unit != "1":
         kind.set("unit", v.unit)
     if v.display_unit:

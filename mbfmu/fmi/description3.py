@@ -94,7 +94,7 @@ def _enumerations(variables: Iterable[ScalarVariable]) -> Iterable[Element]:
     definitions = Element("TypeDefinitions")
     for v in chosen:
         kind = SubElement(definitions, "EnumerationType", name=type_name(v))  # older FMPy reads no description here
-        for i, word in enumerate(v.choices, 1):
+        for i, word in v.choices.items():
             SubElement(kind, "Item", name=word, value=str(i))
     yield definitions
 
@@ -106,7 +106,7 @@ def _variable(parent: Element, reference: int, v: ScalarVariable) -> None:
     if v.causality != "input":
         told["initial"] = "calculated" if v.start is None else "exact"
     if v.choices:
-        told |= {"declaredType": type_name(v), "min": "1", "max": str(len(v.choices))}
+        told |= {"declaredType": type_name(v), "min": str(min(v.choices)), "max": str(max(v.choices))}
     if v.unit != "1":
         told["unit"] = v.unit
     if v.display_unit:

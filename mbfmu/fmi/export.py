@@ -16,6 +16,7 @@ from mbfmu.session.simulation import UnstartedSimulation
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import replacing
 from solvers.steppers import describe_refusal
+from solvers.steppers.plugins import is_given
 
 from .description import Experiment
 from .documentation import licenses, page
@@ -115,6 +116,11 @@ def check_start(model: Model, settings: Settings, plant: Plant, native: bool) ->
     if native:  # which chooses its own solver, and builds the start
         plant.check_start(0.0, plant.assemble()[0])
         return []
+    if is_given(settings.solver):
+        raise UserError(
+            f"solver {settings.solver!r} is a class of this program, which an FMU cannot import; allowed: an installed "
+            "solver. Install it in a package with an entry point of the group 'mbfmu.solvers'"
+        )
     if refused := describe_refusal(settings.solver, plant.system):
         raise UserError(f"model {model.name!r}: {refused}")
     if plant.system.m or settings.start_at_equilibrium:

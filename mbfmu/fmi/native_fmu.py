@@ -16,7 +16,7 @@ from mbfmu.native.runtime import library
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.session.solver_selection import select_solver
 from mbfmu.util.errors import UserError
-from solvers.steppers import describe_refusal
+from solvers.steppers import describe_refusal, drop_unlisted
 
 from . import description, description3
 from .description import LOG_CATEGORIES, Experiment, Identity
@@ -154,4 +154,4 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[str], None]
 
 
 def _solvers() -> str:
-    return ", ".join(NATIVE_SOLVERS)
+    return ", ".join(drop_unlisted(NATIVE_SOLVERS))

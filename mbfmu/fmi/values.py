@@ -178,8 +178,8 @@ class Values(Fmi2Slave):  # type: ignore[misc]
         """What is wrong with a value; empty: nothing."""
         if not isfinite(value):
             return f"{v.name!r} was set to {value!r}; allowed: a finite number"
-        if v.choices and not 1 <= value <= len(v.choices):
-            allowed = ", ".join(f"{i} ({word})" for i, word in enumerate(v.choices, 1))
+        if v.choices and value not in v.choices:
+            allowed = ", ".join(f"{i} ({word})" for i, word in v.choices.items())
             return f"{v.name!r} was set to {value!r}; allowed: {allowed}"
         given = v.value_of(value)
         try:

@@ -29,7 +29,13 @@ class Parameter:
     optional: bool
     structural: bool
     choices: tuple[str, ...]
+    unlisted: tuple[str, ...]
     resolution: tuple[float, ...]
+
+    @property
+    def listed_choices(self) -> tuple[str, ...]:
+        """The choices that are offered to users."""
+        return tuple(word for word in self.choices if word not in self.unlisted)
 
     def varies(self, value: Any) -> bool:
         """Whether a run with this value at its start may change it."""
@@ -47,6 +53,7 @@ def parameter(
     optional: bool = False,
     structural: bool = False,
     choices: tuple[str, ...] = (),
+    unlisted: tuple[str, ...] = (),
     resolution: tuple[float, ...] = (),
 ) -> Any:
     """Declare a parameter of a model.
@@ -69,7 +76,10 @@ def parameter(
     structural
         Whether it determines the inputs and outputs; an FMU has it fixed at export.
     choices
-        Allowed words; such a parameter is structural.
+        Allowed words; such a parameter is structural. In an FMU they are numbered from 1 in this order.
+    unlisted
+        Those of the choices that are accepted, but are not in help texts and messages. An FMU has them only if it was
+        exported with this value.
     resolution
         For a parameter of the discretization: values of a comparison, from coarse to
         fine. All such parameters of a model are refined together, the first value of each with the first of all others.
@@ -82,7 +92,7 @@ def parameter(
         Field of the dataclass; errors of the declaration are reported when the model is first used.
     """
     about = {"unit": unit, "min": min, "max": max, "doc": doc, "choices": choices, "resolution": resolution}
-    about |= {"tunable": tunable, "optional": optional}
+    about |= {"tunable": tunable, "optional": optional, "unlisted": unlisted}
     about["structural"] = structural or bool(choices)
     return field(default=default, metadata=about)
 
@@ -170,7 +180,7 @@ def read_text(declared: Parameter, text: str) -> Any:
 def span(declared: Parameter) -> str:
     """Return the allowed range as text."""
     if declared.choices:
-        return ", ".join(map(repr, declared.choices))
+        return ", ".join(map(repr, declared.listed_choices))
     if isinstance(declared.default, bool):
         return "true or false"
     unit = "" if declared.unit == "1" else f" {declared.unit}"

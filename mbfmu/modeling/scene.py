@@ -1,7 +1,7 @@
 """A scene: which model, with which numbers, integrated how, for how long. A TOML file, or a model's name alone.
 
 model = "fourbar"          # registered name, or path/to/file.py:Class
-solver = "adams"           # ida, adams, hybrid, adams-lu, radau, esdirk, auto
+solver = "adams"           # ida, adams, hybrid, radau, esdirk, auto
 tolerance = 1e-6
 absolute_tolerance = 0.0   # in units of each coordinate; 0: the relative one
 max_step = 0.0             # s; 0: no limit

@@ -8,7 +8,14 @@ from typing import Any, Self
 
 from mbfmu.util.errors import UserError, require_arguments, suggest
 from solvers import Options
-from solvers.steppers import SOLVER_NAMES, describe_order_refusal
+from solvers.steppers import (
+    SOLVER_NAMES,
+    UNLISTED_SOLVERS,
+    describe_order_refusal,
+    is_solver,
+    solver_name,
+    solver_names,
+)
 
 from .parameters import check, declared, parameter, span
 
@@ -31,7 +38,7 @@ class Settings:
         There is no such setting, or its value is not allowed.
     """
 
-    solver: str = parameter("ida", choices=(*SOLVER_NAMES, AUTO), doc="Integration method")
+    solver: str = parameter("ida", choices=(*SOLVER_NAMES, AUTO), unlisted=UNLISTED_SOLVERS, doc="Integration method")
     tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="Relative tolerance of the solver")
     absolute_tolerance: float = parameter(
         0.0, min=0.0, max=1.0, doc="Absolute tolerance in units of each coordinate; 0: equal to the relative tolerance"
@@ -56,9 +63,6 @@ class Settings:
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
-        known = (*SOLVER_NAMES, AUTO)
-        if not isinstance(self.solver, str) or self.solver not in known:
-            raise UserError(f"solver is {self.solver!r}{suggest(str(self.solver), known)}")
         for p in declared(Settings):
             object.__setattr__(self, p.name, check_setting(p.name, getattr(self, p.name)))
         if refused := describe_order_refusal(self.solver, self.max_order or None):
@@ -89,9 +93,27 @@ class Settings:
 
 def check_setting(name: str, value: Any) -> Any:
     """Return the value of one setting in its type; raises UserError if it is invalid whatever the others are."""
+    if name == "solver":
+        return check_solver(value)
     declaration = next(p for p in declared(Settings) if p.name == name)
     try:
         return check("the settings", declaration, value)
     except UserError as error:
         finite = "finite, " if declaration.max == inf and not declaration.choices else ""
         raise UserError(f"{name} is {value!r}; allowed: {finite}{span(declaration)}") from error
+
+
+def check_solver(solver: Any) -> str:
+    """Return the name of a solver that is given by its name or as a class; raises UserError if there is none."""
+    try:
+        name = solver_name(solver, reserved=(AUTO,))
+    except ValueError as error:
+        raise UserError(str(error)) from error
+    if name != AUTO and not is_solver(name):
+        raise UserError(f"solver is {name!r}{suggest(name, offered_solvers())}")
+    return str(name)
+
+
+def offered_solvers() -> tuple[str, ...]:
+    """Return the names of the solvers that are offered to users, with those of installed packages."""
+    return (*solver_names(), AUTO)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from math import inf
 from typing import Any
@@ -93,7 +93,7 @@ class ScalarVariable:
     min: float = -inf
     max: float = inf
     nominal: float | None = None
-    choices: tuple[str, ...] = ()
+    choices: dict[int, str] = field(default_factory=dict)  # by their numbers
     allowed: str = ""  # allowed values as text
     depends_on: tuple[str, ...] = ()
 
@@ -118,13 +118,13 @@ class ScalarVariable:
         if self.start is None:
             return ""
         if self.choices:
-            return self.choices[int(self.start) - 1]
+            return self.choices[int(self.start)]
         return str(self.start).lower() if isinstance(self.start, bool) else f"{self.start:.9g}"
 
     def value_of(self, number: float) -> Any:
         """Return what a number that a host has set stands for, in the type that models and settings take."""
         if self.choices:
-            return self.choices[int(number) - 1]
+            return self.choices[int(number)]
         return {Type.BOOLEAN: bool, Type.INTEGER: int}.get(self.type, float)(number)
 
 
@@ -251,8 +251,10 @@ def parameters(model: Model) -> Iterator[ScalarVariable]:
 
 
 def solver_settings(settings: Settings) -> Iterator[ScalarVariable]:
-    """Yield the settings."""
+    """Yield the settings; a solver from outside the package is one of the choices if it is in use."""
     for p in declared(Settings):
+        if p.name == "solver" and settings.solver not in p.choices:
+            p = replace(p, choices=(*p.choices, settings.solver))  # noqa: PLW2901
         yield parameter(p, Role.SETTING, getattr(settings, p.name), "fixed")
 
 
@@ -274,7 +276,7 @@ def parameter(p: Parameter, role: Role, value: Any, variability: str) -> ScalarV
         start=p.choices.index(value) + 1 if p.choices else value,
         min=p.min,
         max=p.max,
-        choices=p.choices,
+        choices={i: word for i, word in enumerate(p.choices, 1) if word in p.listed_choices or word == value},
         allowed=span(p),
     )
 

@@ -134,7 +134,7 @@ class _File:
         self._places = {
             "clock": image.at(instance.clock), "out": image.at(instance.out), "options": image.at(instance.options),
             "counts": image.at(instance.counts), "length": image.at(instance.known) + 16,
-            "run_status": image.at(instance.run_status), "worst": image.at(instance.start.scratch.worst),
+            "run_status": image.at(instance.session.status), "worst": image.at(instance.start.scratch.worst),
             "massless": image.at(instance.start.scratch.massless),
         }  # fmt: skip
 
@@ -182,7 +182,7 @@ class _File:
             number = [p.name for p in declared(Settings)].index(v.name)
         between = v.role is Role.INPUT or v.variability == "tunable"
         when = "never" if not v.settable else "between" if between else "before"
-        low, high = (1.0, float(len(v.choices))) if v.choices else (v.min, v.max)
+        low, high = (float(min(v.choices)), float(max(v.choices))) if v.choices else (v.min, v.max)
         if v.type is Type.BOOLEAN:
             low, high = 0.0, 1.0
         unknown = nan if v.type is Type.REAL else 0.0

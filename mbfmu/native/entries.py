@@ -16,50 +16,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import couplings, cuts, joints, loads, sensors, signals
-from mbfmu.mechanics.arrays.points import (
-    LOADS_CHANGED,
-    MOTION_STARTS,
-    RATE_JUMPS,
-    SUPPORT_MOTION,
-    InputRecords,
-    begin_support_motions,
-    perturb_motions,
-    restore_motions,
-    start_input,
-)
+from mbfmu.mechanics.arrays.points import InputRecords, start_input
 from mbfmu.mechanics.arrays.tables import REAL, CalledKernel
 from mbfmu.mechanics.kind import ElementType, element_types_of, kernel_of, record_of
 from mbfmu.mechanics.records import ITEM, empty_data
-from mbfmu.mechanics.recursions.dynamics import input_step_limit, observe
+from mbfmu.mechanics.recursions.dynamics import input_step_limit
 from mbfmu.modeling.variables import COUNTERS
+from mbfmu.session.kernels.points import Session, begin_session
+from mbfmu.session.kernels.sequence import SolverActions, sequence_of
 from mbfmu.session.simulation import Simulation
 from mbfmu.sheets import elements as sheet_elements
 from mbfmu.sheets import joints as sheet_joints
 from mbfmu.sheets import sensors as sheet_sensors
 from mbfmu.util.errors import UserError
 from solvers.assembly import Scratch
-from solvers.balance import BALANCE
 from solvers.compiled.kernel import as_kernel, jit_uncached, records, types
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.energy_account import ACCOUNT_SIZE, EnergyScales
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
+from solvers.steppers import drop_unlisted
 from solvers.steppers.compiled_loop import Integration
 from solvers.system import Array
 
-from .communication_points import (
-    RUN_STATUS,
-    apply_input,
-    begin_points,
-    check_energy,
-    energy_at,
-    fill_energy_outputs,
-    measure_limit_ratio,
-    record_outcome,
-    start_support_motion,
-    store_velocity_jump,
-)
 from .families import FAMILIES, NATIVE_SOLVERS
 from .image import MemoryImage
 from .start_checks import Frames, check_resolution
@@ -81,22 +61,23 @@ class Start(NamedTuple):
 
 
 class Instance(NamedTuple):
-    """One instance of a model, as the entry points take it."""
+    """One instance of a model, as the entry points take it: a run of :mod:`mbfmu.session.kernels.sequence`."""
 
-    given: Any  # solvers.steppers.compiled_loop.Integration
-    start: Any  # Start
+    session: Any  # mbfmu.session.kernels.points.Session
+    inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords, those of the session
+    clock: Array  # (1,) s, the reported time
+    q: Array  # the reported state and its energy account, those of ``given``
+    v: Array
+    energy_account: Array
     a: Array  # (n,) accelerations
     lam: Array  # (m,) multipliers
+    dv: Array  # (n,) jump of the velocities
     out: Array  # outputs
-    clock: Array  # (1,) s, the reported time
+    given: Any  # solvers.steppers.compiled_loop.Integration
+    start: Any  # Start
     known: Array  # (3,) rates of the system and of its loops, 1/s; the characteristic length, m
     options: NDArray[Any]  # (1,) solvers.options.OPTIONS
     counts: NDArray[np.int64]  # of the solver, by COUNTERS
-    inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords
-    balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
-    run_status: NDArray[Any]  # (1,) RUN_STATUS
-    dv: Array  # (n,) jump of the velocities
-    monitored: NDArray[Any]  # mbfmu.mechanics.records.ITEM: loads with limits of their theory
     frames: Any  # mbfmu.native.start_checks.Frames
     positions: Any  # solvers.positions.Positions
 
@@ -133,12 +114,12 @@ def instance_of(simulation: Simulation) -> Instance:
     scales = EnergyScales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Integration(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ACCOUNT_SIZE))
     known = np.array([system.rate, system.loop_rate if system.has_matrices else 0.0, plant.length])
-    buffers = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
-    settings = stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
-    balance = simulation.energy_check.balance.copy() if simulation.energy_check else records(1, BALANCE)
-    accounts = plant.inputs.own, balance, records(1, RUN_STATUS), np.zeros(system.n), plant.monitored
+    session = Session.allocate(system.pinned_data, plant.inputs.own, plant.monitored)
+    state = np.array([simulation.t]), q, v, own.energy_account
+    buffers = np.zeros(system.n), np.zeros(system.m), np.zeros(system.n), np.zeros(len(simulation.variables))
+    settings = known, stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     places = Frames.of(plant), system.placed
-    return Instance(own, start, *buffers, np.array([simulation.t]), known, *settings, *accounts, *places)  # type: ignore[arg-type]
+    return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places)
 
 
 def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
@@ -153,7 +134,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     if not family:
         raise UserError(
             f"native FMUs do not support the solver {simulation.solver_choice.solver!r}; allowed: "
-            f"{', '.join(NATIVE_SOLVERS)}",
+            f"{', '.join(drop_unlisted(NATIVE_SOLVERS))}",
             "not-native",
         )
     if family != "tree" and not system.has_matrices:
@@ -188,7 +169,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
         *own.scales,
     ]
     state += [start.q, start.v, own.work.size, own.work.size_q, start.scratch.row, instance.known, instance.options]
-    state += [*instance.inputs.memory(), instance.balance, instance.run_status]
+    state += instance.session.memory()
     state += [array for array in arrays if array is not arrays.kernels]
     return instance, MemoryImage(instance, state, arrays.kernels, numbers)
 
@@ -198,32 +179,25 @@ def example(name: str) -> Any:
     family, z = FAMILIES[name], np.zeros
     callbacks = {own: _named(function) for own, function in family.callbacks.items()}
     positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64))
-    eqs = family.equations(callbacks, pin(empty_data()), 1, 1, 1)
+    data = pin(empty_data())
+    eqs = family.equations(callbacks, data, 1, 1, 1)
     own = family.memory(1, 1, 1), family.work(1, 1, 1, positions), EnergyScales.of(1e-6, z(1), z(1))
-    given = Integration(eqs, records(1, family.loop.SETTINGS), *own, z(1), z(1), z(ACCOUNT_SIZE))
-    start = Start(z(1), z(1), Scratch.allocate(1, 1))
-    settings = records(1, OPTIONS), np.zeros(1, np.int64), InputRecords.example()
-    frames = Frames(z(1, np.int64), z(1))
-    accounts: tuple[Any, ...] = (
-        records(1, BALANCE),
-        records(1, RUN_STATUS),
-        z(1),
-        records(1, ITEM),
-        frames,
-        positions,
-    )
-    return pin(Instance(given, start, z(1), z(1), z(1), z(1), z(3), *settings, *accounts))
+    state = z(1), z(1), z(ACCOUNT_SIZE)
+    given = Integration(eqs, records(1, family.loop.SETTINGS), *own, *state)
+    session = Session.allocate(data, InputRecords.example(), records(1, ITEM))
+    start, frames = Start(z(1), z(1), Scratch.allocate(1, 1)), Frames(z(1, np.int64), z(1))
+    settings = z(3), records(1, OPTIONS), z(1, np.int64)
+    run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
+    return pin(Instance(*run, given, start, *settings, frames, positions))
 
 
 _named = cache(as_kernel)  # what two families call is compiled once
 
 
-def entries(name: str) -> dict[str, Entry]:
-    """Return the entry points of a family by their names."""
+def solver_actions(name: str) -> SolverActions:
+    """Return what the solvers of a family do for an instance, as kernels."""
     family = FAMILIES[name]
-    advance_reported, limit = family.loop.advance_reported, family.limit
-    assembled, begun, evaluated = family.assemble, family.begin, family.evaluate
-    continued, counted = family.continue_at_state, family.count
+    advance_reported, limit, continued = family.loop.advance_reported, family.limit, family.continue_at_state
 
     @jit_uncached
     def advance_in_pieces(instance: Any, t: float) -> int:
@@ -239,16 +213,36 @@ def entries(name: str) -> dict[str, Entry]:
         return code
 
     @jit_uncached
-    def impulse(instance: Any) -> int:
-        """Put the jump of the velocities into ``instance.dv``, see :mod:`mbfmu.mechanics.arrays.points`."""
-        code: int = OK
-        for k in range(2):
-            if code == OK:
-                perturb_motions(instance.inputs, instance.clock[0], float(k))
-                code = evaluated(instance)
-                store_velocity_jump(instance, k)
-        restore_motions(instance.inputs)
-        return code
+    def advance(instance: Any, end: float) -> int:
+        """Advance to ``end``, s; on failure the last good state stays."""
+        status = instance.session.status[0]
+        if end > instance.clock[0] or status.code != OK:
+            status.code = advance_in_pieces(instance, end)
+            instance.clock[0] = end if status.code == OK else instance.given.memory.control[0].t
+        return int(status.code)
+
+    @jit_uncached
+    def continue_at_state(instance: Any) -> None:
+        continued(instance, False)
+
+    @jit_uncached
+    def restart(instance: Any) -> None:
+        continued(instance, True)
+
+    @jit_uncached
+    def jump(instance: Any) -> None:
+        for i in range(instance.dv.shape[0]):
+            instance.v[i] += instance.dv[i]
+        continued(instance, False)
+
+    return SolverActions(advance, family.evaluate, continue_at_state, restart, jump)
+
+
+def entries(name: str) -> dict[str, Entry]:
+    """Return the entry points of a family by their names."""
+    family, actions = FAMILIES[name], solver_actions(name)
+    assembled, begun, continued, counted = family.assemble, family.begin, family.continue_at_state, family.count
+    sequence, advanced = sequence_of(actions, jit_uncached), actions.advance
 
     def start(instance: Any, index: int, value: float) -> int:
         """Let an input have another value at the start, before :func:`begin`."""
@@ -272,12 +266,20 @@ def entries(name: str) -> dict[str, Entry]:
         instance.clock[0], problem.scales.rtol[0] = t, instance.options[0].rtol
         code, rate = begun(instance, t)
         continued(instance, True)
-        instance.balance[0].is_checked = (
-            1 if instance.options[0].energy_check == 1 and problem.v.shape[0] > problem.memory.control[0].rank else 0
+        options, freedom = instance.options[0], problem.v.shape[0] - problem.memory.control[0].rank
+        begin_session(
+            instance.session,
+            t,
+            problem.q,
+            problem.v,
+            code,
+            options.energy_check == 1,
+            freedom,
+            options.rtol,
+            instance.known[0],
+            instance.known[2],
         )
-        instance.balance[0].tolerance = instance.options[0].rtol
-        begin_points(instance, code)
-        instance.run_status[0].flaw = check_resolution(
+        instance.session.status[0].flaw = check_resolution(
             t, rate, problem.q, problem.work.size_q, problem.scales.rtol[0], instance.start.scratch.worst[0]
         )
         return int(code)
@@ -287,59 +289,9 @@ def entries(name: str) -> dict[str, Entry]:
         continued(instance, False)
         return OK
 
-    def note_energy(instance: Any) -> int:
-        """Note the energy, before parameters change; :func:`retune` comes after that."""
-        instance.run_status[0].before = energy_at(instance)
-        return OK
-
-    def retune(instance: Any) -> int:
-        """Restart with other parameters, like ``Simulation.retune``."""
-        instance.balance[0].reference_energy += energy_at(instance) - instance.run_status[0].before
-        continued(instance, True)
-        return OK
-
-    def take_input(instance: Any, index: int, value: float) -> int:
-        """Take the value of an input at the time reached, as ``Simulation.set_input`` does."""
-        if not abs(value) < np.inf:
-            return NOT_FINITE
-        if apply_input(instance, index, value) != SUPPORT_MOTION:
-            continued(instance, False)
-        return OK
-
     def advance(instance: Any, t: float) -> int:
-        """Go to t, s; on failure the last good state stays."""
-        record_outcome(instance, t, advance_in_pieces(instance, t))
-        return int(instance.run_status[0].code)
-
-    def step(instance: Any, end: float) -> int:
-        """Go to a communication point, s, as ``Simulation.advance`` does; on failure the last good state stays."""
-        t = instance.clock[0]
-        if end > t:
-            found = begin_support_motions(instance.inputs, t, end)
-            if found & LOADS_CHANGED:
-                continued(instance, False)
-            if found & MOTION_STARTS:
-                jumps, before = found & RATE_JUMPS != 0, energy_at(instance)
-                code: int = impulse(instance) if jumps else OK
-                instance.run_status[0].unknown = 1 if code != OK else 0
-                if code != OK:
-                    return code
-                start_support_motion(instance, before, jumps)
-                continued(instance, False)
-        if end > t or instance.run_status[0].code != OK:
-            record_outcome(instance, end, advance_in_pieces(instance, end))
-        if instance.balance[0].is_checked == 1:
-            check_energy(instance, energy_at(instance))
-        measure_limit_ratio(instance)
-        return int(instance.run_status[0].code)
-
-    def read(instance: Any) -> int:
-        """Read all outputs at the reported state."""
-        problem, t = instance.given, instance.clock[0]
-        code: int = evaluated(instance)
-        if code == OK:
-            observe(t, problem.q, problem.v, instance.a, instance.lam, problem.eqs.data, instance.out)
-            fill_energy_outputs(instance)
+        """Advance to t, s, without what communication points do."""
+        code: int = advanced(instance, t)
         return code
 
     def count(instance: Any) -> int:
@@ -352,13 +304,13 @@ def entries(name: str) -> dict[str, Entry]:
         "start": Entry(start, given),
         "assemble": Entry(assemble, timed),
         "begin": Entry(begin, timed),
-        "set": Entry(take_input, given),
-        "step": Entry(step, timed),
+        "set": Entry(sequence.set_input, given),
+        "step": Entry(sequence.step, timed),
         "advance": Entry(advance, timed),
         "continue_at_state": Entry(continue_at_state, ()),
-        "note_energy": Entry(note_energy, ()),
-        "retune": Entry(retune, ()),
-        "read": Entry(read, ()),
+        "note_energy": Entry(sequence.note_energy, ()),
+        "retune": Entry(sequence.retune, ()),
+        "read": Entry(sequence.read, ()),
         "count": Entry(count, ()),
     }
 

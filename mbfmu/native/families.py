@@ -157,7 +157,7 @@ def continue_history(instance: Any, restart: bool, watched: bool) -> None:
     """
     problem, keeps_position, rk_steps = (
         instance.given,
-        not restart and instance.run_status[0].code == OK,
+        not restart and instance.session.status[0].code == OK,
         0 if restart else TRUNCATED_STEPS,
     )
     problem.settings[0].works = 1 if watched and problem.eqs.data.arrays.world[0].nonconservative == 1 else 0
@@ -189,7 +189,7 @@ def continue_tree(instance: Any, restart: bool) -> None:
 @kernel
 def continue_radau(instance: Any, restart: bool) -> None:
     """As ``RadauStepper.continue_after_event`` does; ``restart``: as its ``restart``."""
-    problem, keeps_position = instance.given, not restart and instance.run_status[0].code == OK
+    problem, keeps_position = instance.given, not restart and instance.session.status[0].code == OK
     settings = problem.settings[0]
     settings.works = 1 if settings.energy_check == 1 and problem.eqs.data.arrays.world[0].nonconservative == 1 else 0
     radau.restart_at_state(

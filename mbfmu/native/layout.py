@@ -14,6 +14,7 @@ import numpy as np
 from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import Role, Type
+from mbfmu.session.kernels.points import RUN_STATUS
 from mbfmu.session.tolerances import COARSE_TEXT, COARSE_TOLERANCE
 from mbfmu.sheets.elements.bending import ADVICE, MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE
 from mbfmu.util.codes import coded
@@ -24,7 +25,6 @@ from solvers.options import OPTIONS
 from solvers.outcome import Code
 
 from .checksum import crc64
-from .communication_points import RUN_STATUS
 from .entries import Entry, shipped_kernels
 from .start_checks import Flaw
 

@@ -39,9 +39,10 @@ class ElementMonitor:
 
     def update(self, t: float, q: Array) -> bool:
         """Note how far elements are at positions q (nq,); False where one is invalid."""
-        if not len(self._plant.monitored):
-            return True
-        ratio = self._plant.limit_ratio(t, q)
+        return self.note(self._plant.limit_ratio(t, q), t, q)
+
+    def note(self, ratio: float, t: float, q: Array) -> bool:
+        """Note that elements are as far as ``ratio`` at positions q (nq,); False where one is invalid."""
         if ratio > self.furthest[0]:
             self.furthest = ratio, t, q
         self.folded = coded("folded-cell", self._describe(t, q)) if ratio > VALID else ""

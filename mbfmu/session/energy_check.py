@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant
 from mbfmu.util.codes import coded
-from solvers.balance import BALANCE, BALANCE_OK, PASSAGE_INACCURATE, check_energy_balance, energy_floor, find_violation
-from solvers.compiled.kernel import records
-from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
+from solvers.balance import BALANCE_OK, PASSAGE_INACCURATE
 
 Array = NDArray[np.float64]
 Place = tuple[float, Array]  # t, q
@@ -28,89 +26,59 @@ NEAR_SINGULAR_RATIO = 0.05  # ratio of singular values of J, scaled by the bodie
 
 
 class EnergyCheck:
-    """Holds the motion of a plant against its balance.
+    """Describes the first violation of the energy balance of a run, which kernels detect.
 
     Attributes
     ----------
     verdict
-        When, by how much and near what the balance was lost; empty while it holds.
-    balance
-        What kernels know of it: records (1,) of ``solvers.balance.BALANCE``.
+        Time, size and place of the first violation; empty: there is none.
     """
 
-    def __init__(self, plant: Plant, tolerance: float, base: float, freedom: int) -> None:
-        self.plant, self.verdict, self.balance = plant, "", records(1, BALANCE)
-        mass = float(plant.data.arrays.bodies["mass"].sum())
-        self.balance["is_checked"], self.balance["reference_energy"], self.balance["tolerance"] = 1, base, tolerance
-        self.balance["energy_floor"] = energy_floor(mass, plant.length, plant.system.rate, tolerance)
-        driven = any(body.joint.drive is not None for body in plant.mechanism.bodies)
-        self.balance["has_one_freedom"] = int(freedom == 1 and not driven)
+    def __init__(self, plant: Plant, status: NDArray[Any]) -> None:
+        self.plant, self.verdict, self._status, self._lost = plant, "", status, status["lost"]
         self._last: Place | None = None
 
-    @property
-    def state(self) -> tuple[float, str, float]:
-        """Base (J), verdict, and energy (J) of the last slow passage that was examined, to go back to."""
-        return self.base, self.verdict, float(self.balance["last_passage_energy"][0])
-
-    @state.setter
-    def state(self, state: tuple[float, str, float]) -> None:
-        self.base, self.verdict, self.balance["last_passage_energy"] = state
-
-    @property
-    def base(self) -> float:
-        """Energy at the start and every jump since, J."""
-        return float(self.balance["reference_energy"][0])
-
-    @base.setter
-    def base(self, base: float) -> None:
-        self.balance["reference_energy"] = base
-
-    def check_state(self, t: float, q: Array, energy: float, energy_account: Array) -> float:
-        """Return the energy_error of one state, J; q (nq,), and an energy account (ACCOUNT_SIZE,)."""
-        energy_error, kind = check_energy_balance(self.balance, energy, energy_account)
-        if kind != BALANCE_OK:
-            self._note((t, q), energy_error, kind, energy_account, self._last)
+    def describe_state(self, t: float, q: Array) -> None:
+        """Describe the violation if it was detected at the time t, s, with positions q (nq,)."""
+        if self._is_new:
+            self.verdict = self._describe(self._last, (t, q))
         self._last = t, q
-        return float(energy_error)
 
-    def check(self, times: Array, q: Array, energies: Array, energy_accounts: Array) -> Array:
-        """Return the energy_error (k,) at ``times`` (k,) with positions q (k, nq), energies and energy accounts (k,
-        ACCOUNT_SIZE), J.
-        """
-        found = np.zeros(len(times))
-        i, kind = find_violation(self.balance, np.ascontiguousarray(energies), energy_accounts, found)
-        if i < len(times):
+    def describe(self, times: Array, q: Array) -> None:
+        """Describe the violation if it was detected at one of ``times`` (k,), s, with positions q (k, nq)."""
+        if self._is_new:
+            i = int(np.searchsorted(times, self._status["lost_at"][0]))
             before = (float(times[i - 1]), q[i - 1]) if i else self._last
-            self._note((float(times[i]), q[i]), float(found[i]), kind, energy_accounts[i], before)
-        if len(times):
-            self._last = float(times[-1]), q[-1].copy()
-        return found
+            self.verdict = self._describe(before, (float(times[i]), q[i]))
+        self._last = float(times[-1]), q[-1].copy()
 
-    def _note(self, here: Place, energy_error: float, kind: int, energy_account: Array, before: Place | None) -> None:
-        """Report once that the energy error is too large here; it was not at ``before``."""
-        if not self.verdict:
-            self.verdict = self._describe(energy_error, kind, energy_account, before or here, here)
+    @property
+    def _is_new(self) -> bool:
+        """Whether a violation was detected that is not described yet."""
+        return self._lost[0] != BALANCE_OK and not self.verdict
 
-    def _describe(self, energy_error: float, kind: int, energy_account: Array, before: Place, here: Place) -> str:
+    def _describe(self, before: Place | None, here: Place) -> str:
+        """Return the message on a violation here; ``before`` is the last state without one, if there is any."""
+        status = self._status[0]
+        energy_error, passage, exchanged = (float(status[name]) for name in ("energy_error", "passage", "exchanged"))
         more = "more" if energy_error > 0.0 else "less"
         change = f"the energy has changed by {abs(energy_error):.3g} J {more} than the work done on the mechanism"
-        if kind == PASSAGE_INACCURATE:
+        if status["lost"] == PASSAGE_INACCURATE:
             return coded(
                 "slow-passage",
                 f"the energy error is too large at t = {here[0]:.6g} s: {change}, which is "
-                f"{abs(energy_error) / energy_account[PASSAGE_ENERGY]:.2g} of the "
-                f"{energy_account[PASSAGE_ENERGY]:.3g} J by which the motion has just passed an unstable "
+                f"{abs(energy_error) / passage:.2g} of the "
+                f"{passage:.3g} J by which the motion has just passed an unstable "
                 "equilibrium, or missed it. The time of the passage and the motion after it may be wrong: reduce "
                 "the tolerance and compare the results",
             )
-        exchanged = energy_account[EXCHANGED_ENERGY]
         part = (
             f", {abs(energy_error) / exchanged:.2g} of the {exchanged:.3g} J of energy exchanged" if exchanged else ""
         )
         return coded(
             "energy-balance",
             f"the energy error is too large at t = {here[0]:.6g} s: {change}{part}, and more than the tolerance "
-            f"explains{nearest(self.plant, before, here)}. The motion after this time may be wrong: reduce the "
+            f"explains{nearest(self.plant, before or here, here)}. The motion after this time may be wrong: reduce the "
             "tolerance or use another solver, and compare the results",
         )
 

@@ -12,7 +12,7 @@ from zlib import crc32
 
 from mbfmu.util.errors import UserError
 
-STATE_MAGIC = b"mbfmu3rd"
+STATE_MAGIC = b"mbfmu4th"
 CHECKSUM_BYTES, KEY_BYTES, LENGTH_BYTES = 4, 16, 8  # bytes
 CHECKED_OFFSET = len(STATE_MAGIC) + CHECKSUM_BYTES  # where what is checked begins
 HEADER_BYTES = CHECKED_OFFSET + KEY_BYTES + LENGTH_BYTES  # what stands before the content

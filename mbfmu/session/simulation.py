@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from math import isnan, nan
 from typing import Any, NamedTuple
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.arrays.given import Courses
-from mbfmu.mechanics.arrays.points import LOADS_CHANGED, MOTION_STARTS, RATE_JUMPS
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
@@ -21,18 +21,24 @@ from mbfmu.modeling.variables import ENERGY_OUTPUTS, require_unique
 from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
 from mbfmu.util.codes import code_of, coded
 from mbfmu.util.errors import UserError
-from solvers import SolverError, Statistics, Status, stepper
+from solvers import Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
+from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import EXCHANGED_ENERGY
-from solvers.stepper import Samples, Stepper
+from solvers.outcome import OK
+from solvers.stepper import Samples, Stepper, pack, unpack
+from solvers.steppers import SOLVER_NAMES
+from solvers.steppers.plugins import errors_named
 
 from .element_monitor import ElementMonitor, Furthest
 from .energy_check import EnergyCheck
 from .failure_diagnosis import describe_free_rates, explain_failure, explain_rates
+from .kernels.points import Session, begin_session, check_energies
 from .result import join_messages
 from .serialization import decode_state, encode_state
 from .solver_selection import SolverChoice, limit_order, select_solver
 from .step_count import StepCountCheck
+from .stepper_run import SEQUENCE, StepperRun
 from .tolerances import describe_coarse, describe_loose
 from .warmup import MAX_WARMUP_STEPS, compile_kernels
 
@@ -47,11 +53,12 @@ class Checkpoint(NamedTuple):
     """State that a simulation can be rolled back to."""
 
     stepper: bytes  # state of the stepper, with history and counters
-    inputs: dict[str, list[Any]] | None  # where they remember anything
-    discontinuity_work: float  # J
-    balance: tuple[float, str, float] | None  # state of the energy check
+    session: bytes  # state of the inputs and of the energy check
+    verdict: str  # of the energy check
     furthest: Furthest
     remarks: int  # how many there were
+    reported_jumps: frozenset[str]  # names of inputs
+    reported_undetermined: bool
 
 
 class Simulation:
@@ -84,9 +91,8 @@ class Simulation:
         Positions (nq,) and velocities (n,) at the start, with closed loops.
     lock
         Reason why nothing can move although nothing is driven; empty: something can move.
-    discontinuity_work
-        Work done on the mechanism by jumps of inputs and of tunable parameters, J: work of impulses of supports, and
-        changes of potential energy at constant position.
+    session
+        State of the run besides its solver: energy balance and what was detected at communication points.
     remarks
         Warnings and notes that do not stop the run.
     step_count_check
@@ -140,11 +146,17 @@ class Simulation:
         self._options, limited = limit_order(self.plant, self.solver_choice.solver, (t0, q, v), options)
         self.step_count_check = StepCountCheck(self._copy_plant, self._options, self._report_step_count)
         self.report: Callable[[str], None] | None = None
-        self.stepper = self._stepper(t0, q, v)
         self.variables = (*self.plant.outputs, *ENERGY_OUTPUTS)
         require_unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
-        self._out = np.zeros(len(self.variables))
-        self.discontinuity_work = 0.0
+        own = self.plant.inputs.own, self.plant.monitored
+        self.session = Session.allocate(self.plant.system.pinned_data, *own)
+        self._pinned = pin(self.session)
+        self._session_arrays = [*self.session.memory(), *self.session.inputs.values()]
+        self._impulse_is_unknown, self._supports_jump, self._limit_ratio = (
+            self.session.status[name] for name in ("unknown", "jumps", "limit_ratio")
+        )
+        self._run = StepperRun(self._pinned, self.plant.inputs.pinned, self._stepper(t0, q, v), len(self.variables))
+        self._out = self._run.out
         self.remarks: list[str] = []
         self._reported_jumps: set[str] = set()  # names of inputs
         self._remark(self.stepper.warning)
@@ -166,11 +178,12 @@ class Simulation:
         coarse = describe_coarse(self.plant, settings.tolerance, self.stepper.freedom)
         for remark in (unstable, self.lock, *self.plant.rounding, *changed, loose, coarse, limited, *beside):
             self._remark(remark)
-        # where nothing is free nothing is integrated but the work, whose error no tolerance controls
-        checked = settings.energy_check and self.stepper.freedom > 0
-        self.energy_check = (
-            EnergyCheck(self.plant, settings.tolerance, self.energy(), self.stepper.freedom) if checked else None
-        )
+        how = settings.energy_check, self.stepper.freedom, settings.tolerance
+        sizes = float(self.plant.system.rate), float(self.plant.length)
+        state = self.t, self.stepper.q, self.stepper.v
+        begin_session(self._pinned, *state, int(self.stepper.status.code), *how, *sizes)
+        is_checked = bool(self.session.balance["is_checked"][0])
+        self.energy_check = EnergyCheck(self.plant, self.session.status) if is_checked else None
         self._element_monitor, self._reported_undetermined, self._end = ElementMonitor(self.plant, t0, q), False, t0
         self._warm_up(t0, q, v)
 
@@ -210,6 +223,18 @@ class Simulation:
                 )
             raise UserError(f"model {self.model.name!r}: {reason}") from error
 
+    def _errors_of_plugin(self) -> AbstractContextManager[None]:
+        """Raise UserError with the name of a solver from outside the package for an exception in its code."""
+        return nullcontext() if self.solver_choice.solver in SOLVER_NAMES else self._named_errors()
+
+    @contextmanager
+    def _named_errors(self) -> Iterator[None]:
+        try:
+            with errors_named(self.solver_choice.solver, self.t):
+                yield
+        except ValueError as error:
+            raise UserError(f"model {self.model.name!r}: {error}") from error
+
     def _copy_plant(self) -> Plant:
         """Return another plant of the same model, whose inputs are what they are now."""
         plant = self.model.plant(self._courses)
@@ -229,13 +254,30 @@ class Simulation:
         if kind in _compiled or not COMPILED:
             return
         options = replace(self._options, max_steps=MAX_WARMUP_STEPS)
-        trial = stepper(self.solver_choice.solver, self.plant.system, t0, q, v, options)
-        if compile_kernels(trial, self.plant, len(self._out)):
-            _compiled.add(kind)
+        with self._errors_of_plugin():
+            trial = stepper(self.solver_choice.solver, self.plant.system, t0, q, v, options)
+            if compile_kernels(trial, self.plant, len(self._out)):
+                _compiled.add(kind)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """Refuse to be copied or pickled, as its stepper does."""
         raise TypeError("a simulation cannot be copied or pickled: make another of the same model, and restore(save())")
+
+    @property
+    def stepper(self) -> Stepper:
+        """Solver at work."""
+        return self._run.stepper
+
+    @stepper.setter
+    def stepper(self, replacement: Stepper) -> None:
+        self._run.stepper = replacement
+
+    @property
+    def discontinuity_work(self) -> float:
+        """Work done on the mechanism by jumps of inputs and of tunable parameters, J: work of impulses of supports, and
+        changes of potential energy at constant position.
+        """
+        return float(self.session.status["discontinuity_work"][0])
 
     @property
     def t(self) -> float:
@@ -307,45 +349,28 @@ class Simulation:
                 f"the time to advance to is {t!r} s, but the simulation has reached {self.t!r} s; restore a saved "
                 "state to go back"
             )
-        self._end = t
-        self._begin_support_motion(t)
+        self._end, begin = t, self.t
+        with self._errors_of_plugin():
+            SEQUENCE.step(self._run, t)
+        self._report_support_motions(begin)
         stepper = self.stepper
-        status = stepper.advance(t)
         t, q = stepper.t, stepper.q
         if self.energy_check:
-            self._balance(t, q, self.plant.energy(t, q, stepper.v), stepper.energy_account)
-        self._element_monitor.update(t, q)
+            self.energy_check.describe_state(t, q)
+        self._element_monitor.note(float(self._limit_ratio[0]), t, q)
         self._remark(stepper.warning)
-        return status
+        return stepper.status
 
-    def _begin_support_motion(self, end: float) -> None:
-        """Start the prescribed motion of input-driven supports over the communication step that ends at ``end``, s.
-
-        Velocity discontinuities of all supports are applied as a single impulse.
-        """
-        inputs, t = self.plant.inputs, self.t
-        if not (inputs.has_state and end > t):
-            return
-        found = inputs.begin_support_motions(t, float(end))
-        if found & LOADS_CHANGED:
-            self.stepper.continue_after_event()
-        if not found & MOTION_STARTS:
-            return
-        before = self.energy()
-        try:
-            dv = inputs.impulse(t, lambda: self.stepper.accelerations()[0]) if found & RATE_JUMPS else None
-        except SolverError as error:
+    def _report_support_motions(self, t: float) -> None:
+        """Report what is unusual about the support motions that have started at t, s; raise if they cannot start."""
+        inputs = self.plant.inputs
+        if self._impulse_is_unknown[0]:
             names = ", ".join(map(repr, inputs.jumping()))
             raise UserError(
-                f"the rate of input {names} jumps at t = {t:.9g} s, where the impulse is not determined: {error}"
-            ) from error
-        jumped = inputs.start_motions(self.settings.tolerance)
-        if dv is None:
-            self.stepper.continue_after_event()
-        else:
-            self.stepper.jump(dv)
-        self._account_discontinuity(before)
-        for name, size in jumped:
+                f"the rate of input {names} jumps at t = {t:.9g} s, where the impulse is not determined: "
+                f"{self._run.error}"
+            ) from self._run.error
+        for name, size in inputs.jumped() if self._supports_jump[0] else []:
             if name not in self._reported_jumps:
                 self._reported_jumps.add(name)
                 self._remark(
@@ -374,42 +399,27 @@ class Simulation:
         UserError
             The accelerations are not determined.
         """
-        stepper = self.stepper
-        try:
-            a, lam = stepper.accelerations()  # the limit along the motion in a singular configuration
-        except SolverError as error:
-            raise UserError(f"model {self.model.name!r}: {error}") from error
-        t, q, out = stepper.t, stepper.q, self._out
-        self.plant.observe(t, q, stepper.v, a, lam, out)
+        if SEQUENCE.read(self._run) != OK:
+            raise UserError(f"model {self.model.name!r}: {self._run.error}") from self._run.error
         self._report_undetermined()
-        out[-2:] = self._balance(t, q, float(out[-2]), stepper.energy_account)
-        return out
+        if self.energy_check:
+            self.energy_check.describe_state(self.t, self.stepper.q)
+        return self._out
 
     @property
     def last_outputs(self) -> Array:
         """Outputs of the last call of :meth:`outputs` or :meth:`record`, in the order of ``variables``."""
         return self._out.copy()
 
-    def _balance(self, t: float, q: Array, energy: float, energy_account: Array) -> tuple[float, float]:
-        """Return energy error and throughput of one state, J; NaN without energy check."""
-        if self.energy_check is None:
-            return nan, nan
-        return self.energy_check.check_state(t, q, energy, energy_account), float(energy_account[EXCHANGED_ENERGY])
-
     def _fill_energy_outputs(self, times: Array, q: Array, energy_accounts: Array, values: Array) -> None:
         """Put what the energy check finds in place of the energies that ``values`` (k, outputs) end in."""
         if self.energy_check is None:
             values[:, -2:] = nan
             return
-        values[:, -2] = self.energy_check.check(times, q, values[:, -2], energy_accounts)
-        values[:, -1] = energy_accounts[:, EXCHANGED_ENERGY]
-
-    def _account_discontinuity(self, before: float) -> None:
-        """Count the change of the energy from ``before``, J, at one state as work: it is no energy error."""
-        work = self.energy() - before
-        self.discontinuity_work += work
-        if self.energy_check:
-            self.energy_check.base += work
+        energies, errors = np.ascontiguousarray(values[:, -2]), np.zeros(len(times))
+        check_energies(self._pinned, times, energies, energy_accounts, errors)
+        self.energy_check.describe(times, q)
+        values[:, -2], values[:, -1] = errors, energy_accounts[:, EXCHANGED_ENERGY]
 
     def record(self, times: Array, values: Array) -> int:
         """Advance through several communication points and store the outputs at each.
@@ -437,9 +447,12 @@ class Simulation:
             raise UserError(f"values have the shape {np.shape(values)}; allowed: {wanted} (times, outputs)")
         done, self._end = 0, float(max(times, default=self._end))
         while done < len(times):
-            self._begin_support_motion(times[done])
+            begin = self.t
+            SEQUENCE.begin_step(self._run, float(times[done]))
+            self._report_support_motions(begin)
             ahead = times[done:] if self.plant.inputs.motions_finished else times[done : done + 1]
-            samples = self.stepper.sample(ahead, values[done : done + len(ahead)])
+            with self._errors_of_plugin():
+                samples = self.stepper.sample(ahead, values[done : done + len(ahead)])
             count = self._element_monitor.unfolded(ahead, samples.q)
             rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
             if count > 1:
@@ -501,15 +514,8 @@ class Simulation:
         UserError
             There is no such input, it is given for the whole run, or the value is not finite.
         """
-        index, inputs = self._input(key), self.plant.inputs
-        if inputs.moves_support(index):
-            inputs.set(index, value)
-            return
-        before = self.energy() if inputs.is_gravity(index) else None
-        inputs.set(index, value, self.stepper.t)
-        if before is not None:
-            self._account_discontinuity(before)
-        self.stepper.continue_after_event()
+        index = self._input(key)
+        SEQUENCE.set_input(self._run, index, self.plant.inputs.checked(index, value))
 
     def retune(self, model: Model) -> None:
         """Change tunable parameters at the time reached.
@@ -529,23 +535,20 @@ class Simulation:
             if before != after and not (p.varies(before) and p.varies(after)):
                 why = f", from {before!r} to {after!r}" if p.tunable else ": it is not tunable"
                 raise UserError(f"parameter {p.name!r} cannot change during a run{why}")
-        before = self.energy()
-        self.plant.adopt(model.plant(self._courses))
-        self._account_discontinuity(before)
+        plant = model.plant(self._courses)
+        SEQUENCE.note_energy(self._run)
+        self.plant.adopt(plant)
+        SEQUENCE.retune(self._run)
         self.model = model
-        self.stepper.restart()
 
     def checkpoint(self) -> Checkpoint:
         """Return a checkpoint of the present state for :meth:`rollback`; it costs less than :meth:`save`."""
-        inputs = self.plant.inputs.state() if self.plant.inputs.has_state else None
-        balance = self.energy_check.state if self.energy_check else None
-        place = self.stepper.save()
-        return Checkpoint(
-            place, inputs, self.discontinuity_work, balance, self._element_monitor.furthest, len(self.remarks)
-        )
+        session, place = pack(self._session_arrays), self.stepper.save()
+        reported = len(self.remarks), frozenset(self._reported_jumps), self._reported_undetermined
+        return Checkpoint(place, session, self.verdict, self._element_monitor.furthest, *reported)
 
     def rollback(self, checkpoint: Checkpoint) -> None:
-        """Return to a checkpoint and discard everything after it, except values of inputs that were set.
+        """Return to a checkpoint and discard everything after it, the values of inputs among it.
 
         Solvers that keep their history in arrays continue bit for bit as if the discarded advance had not been tried.
         ``ida``, whose history is inside SUNDIALS, is reinitialized at the state of the checkpoint.
@@ -555,14 +558,18 @@ class Simulation:
         checkpoint
             Checkpoint of this simulation.
         """
-        if checkpoint.inputs is not None:
-            self.plant.inputs.restore(checkpoint.inputs)
         self.stepper.restore(checkpoint.stepper)
         del self.remarks[checkpoint.remarks :]
-        self.discontinuity_work = checkpoint.discontinuity_work
+        self._reported_jumps = set(checkpoint.reported_jumps)
+        self._reported_undetermined = checkpoint.reported_undetermined
         self._element_monitor.rewind(checkpoint.furthest)
-        if self.energy_check and checkpoint.balance:
-            self.energy_check.state = checkpoint.balance
+        self._restore_session(checkpoint.session, checkpoint.verdict)
+
+    def _restore_session(self, session: bytes, verdict: str) -> None:
+        """Restore the arrays of the session, and the message on the violation that they contain."""
+        unpack(session, self._session_arrays)
+        if self.energy_check:
+            self.energy_check.verdict = verdict
 
     @property
     def _state_key(self) -> str:
@@ -582,11 +589,8 @@ class Simulation:
             State of solver, inputs and tunable parameters, for :meth:`restore` in this or another process.
         """
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
-        inputs, work = self.plant.inputs.state(), self.discontinuity_work
-        balance = list(self.energy_check.state) if self.energy_check else []
-        head = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
-        head["bent"] = self._element_monitor.state()
-        head["pick"] = self.solver_choice
+        head: dict[str, Any] = {"parameters": changed, "session": pack(self._session_arrays).hex()}
+        head |= {"verdict": self.verdict, "bent": self._element_monitor.state(), "pick": self.solver_choice}
         return encode_state(self._state_key, head, self.stepper.save())
 
     def restore(self, state: bytes) -> None:
@@ -607,15 +611,12 @@ class Simulation:
         if model != self.model:
             self.plant.adopt(model.plant(self._courses))
             self.model = model
-        self.plant.inputs.restore(head["inputs"])
-        self.discontinuity_work = head["work_of_jumps"]
+        self._restore_session(bytes.fromhex(head["session"]), head["verdict"])
         previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])
         if self.solver_choice.solver != previous.solver:  # auto takes another one at other parameters
             self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(body)
-        if self.energy_check:
-            self.energy_check.state = head["balance"]
         self._element_monitor.restore(head["bent"], self.t, self.stepper.q)
 
 

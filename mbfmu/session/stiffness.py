@@ -5,8 +5,10 @@
 x are small changes along the motions that the constraints allow, in units of the coordinates, y those of their rates.
 The columns of A are central differences of accelerations, which need nothing but what a solver has: the states of a run
 are not steady, and their number is more important than the last digits. Of up to ``MAX_DENSE_FREEDOM`` degrees of
-freedom all eigenvalues are found, of more the largest, by Arnoldi's iteration. The frames of bodies that turn freely
-are taken as if they stood still: eigenvalues of the size of their rates are not exact.
+freedom all eigenvalues are found, of more the largest, by Arnoldi's iteration. It is written here, because amplitudes
+require all eigenvectors in the space of the state's rates, and ARPACK returns converged eigenvalues only.
+The frames of bodies that turn freely are taken as if they stood still: eigenvalues of the size of their rates are not
+exact.
 """
 
 from __future__ import annotations

@@ -5,18 +5,29 @@ They go over so short a time that nothing moves: what they cost does not depend 
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays import points
 from solvers import SolverError
-from solvers.balance import BALANCE, check_energy_balance, find_violation
-from solvers.compiled.kernel import records
 from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import ACCOUNT_SIZE
 from solvers.stepper import Stepper, start_rate
+
+from .kernels.points import (
+    Session,
+    account_discontinuity,
+    account_parameters,
+    begin_session,
+    check_energies,
+    check_point,
+    energy_at,
+    note_energy,
+    note_impulse,
+    start_support_motions,
+    store_velocity_jump,
+)
+from .stepper_run import SEQUENCE, StepperRun
 
 WARMUP_TIME_FACTOR = 1e-6  # of the time in which the motion changes
 MAX_WARMUP_STEPS = 30  # between two times of a trial
@@ -48,21 +59,29 @@ def compile_kernels(trial: Stepper, plant: Plant, outputs: int) -> bool:
     for k in (3, 4):  # as where loads change, the second time with what is kept across
         trial.continue_after_event()
         ends.append(trial.advance(t0 + k * h))
-    with suppress(SolverError):
-        trial.accelerations()
-    _warm_up_points()
+    _warm_up_points(trial, plant, outputs)
     return len(sampled.q) > 0 and all(status.ok for status in ends)
 
 
-def _warm_up_points() -> None:
-    """Call what communication points call, with inputs and a balance that are nobody's."""
-    inputs, balance = pin(points.InputRecords.example()), records(1, BALANCE)
-    points.set_input(inputs, 0, 0.0, 0.0)
-    points.begin_support_motions(inputs, 0.0, 1.0)
-    points.perturb_motions(inputs, 0.0, 0.0)
-    points.restore_motions(inputs)
-    points.start_motions(inputs, 0.0)
-    points.skip_points(inputs, 0.0)
-    points.all_finished(inputs)
-    check_energy_balance(balance, 0.0, np.zeros(ACCOUNT_SIZE))
-    find_violation(balance, np.zeros(1), np.zeros((1, ACCOUNT_SIZE)), np.zeros(1))
+def _warm_up_points(trial: Stepper, plant: Plant, outputs: int) -> None:
+    """Call what communication points call, with inputs that are nobody's."""
+    inputs = points.InputRecords.example()
+    session, pinned = pin(Session.allocate(plant.system.pinned_data, inputs, plant.monitored)), pin(inputs)
+    run = StepperRun(session, pinned, trial, outputs)
+    state = trial.t, trial.q, trial.v
+    begin_session(session, *state, 0, True, 1, 1e-6, 0.0, 1.0)
+    SEQUENCE.set_input(run, 0, 0.0)
+    SEQUENCE.begin_step(run, trial.t + 1.0)
+    points.perturb_motions(pinned, 0.0, 0.0)
+    points.restore_motions(pinned)
+    points.skip_points(pinned, 0.0)
+    points.all_finished(pinned)
+    start_support_motions(session)
+    note_impulse(session, 0)
+    store_velocity_jump(trial.v, 0, trial.v)
+    account_discontinuity(session, energy_at(session, *state), *state)
+    note_energy(session, *state)
+    account_parameters(session, *state)
+    check_point(session, *state, trial.energy_account)
+    SEQUENCE.read(run)
+    check_energies(session, np.zeros(1), np.zeros(1), np.zeros((1, ACCOUNT_SIZE)), np.zeros(1))

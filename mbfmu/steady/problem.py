@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
-from mbfmu.mechanics.tangent.inertia import even_negative
 from mbfmu.modeling.model import Model
 from mbfmu.steady.checks import STEADY_TOLERANCE, check
 from mbfmu.steady.cyclic import CYCLIC_TOLERANCE, find_cyclic
@@ -137,8 +136,7 @@ class EquilibriumProblem:
         """Return the equations as paths take them, with the inputs as they are at any time."""
         if isinstance(self._solver, DenseEquilibriumSolver):
             return DenseLinearized(self._solver)
-        system = self.plant.system
-        return TreeLinearized(system, self._v, lambda: even_negative(system.tangent))
+        return TreeLinearized(self.plant.system, self._v)
 
     def state(self, q: Array, lam: Array, found_from: str) -> Equilibrium:
         """Return what else found, by the multipliers of the independent rows; EquilibriumError where it is no state."""

@@ -21,12 +21,14 @@ from mbfmu.studies.resolution import Resolution, resolution_text, resolutions_of
 from mbfmu.studies.timing import Budget, BudgetExceeded, CpuTimes, check_repeats, time_interleaved
 from mbfmu.util.errors import UserError
 from mbfmu.util.text_table import format_tolerance
+from solvers.stepper import Stepper
 from solvers.steppers import (
     SOLVERS,
     TREE_SOLVERS,
     UNCONSTRAINED_SOLVERS,
     describe_order_refusal,
     describe_refusal,
+    drop_unlisted,
     size_limit,
 )
 
@@ -158,14 +160,15 @@ def error_of_complete(error: float | None) -> float:
 
 
 def solvers_of(plant: Plant) -> tuple[str, ...]:
-    """Return the solvers that differ from each other on a mechanism."""
+    """Return the solvers offered to users that differ from each other on a mechanism."""
     system = plant.system
     same = () if system.m else tuple(UNCONSTRAINED_SOLVERS)[1:]  # where nothing is partitioned
     if system.has_matrices:
-        return tuple(name for name in SOLVERS if name not in same)
+        return drop_unlisted(name for name in SOLVERS if name not in same)
     if not system.m:
-        return (*TREE_SOLVERS, *(name for name in UNCONSTRAINED_SOLVERS if name not in same))
-    return (*TREE_SOLVERS, *(name for name in SOLVERS if name not in TREE_SOLVERS and system.n <= size_limit(name)))
+        return drop_unlisted((*TREE_SOLVERS, *(name for name in UNCONSTRAINED_SOLVERS if name not in same)))
+    dense = (name for name in SOLVERS if name not in TREE_SOLVERS and system.n <= size_limit(name))
+    return drop_unlisted((*TREE_SOLVERS, *dense))
 
 
 def as_scene(subject: Scene | Model | Mechanism) -> Scene:
@@ -176,7 +179,7 @@ def as_scene(subject: Scene | Model | Mechanism) -> Scene:
 def compare(
     subject: Scene | Model | Mechanism,
     *,
-    solvers: Sequence[str] | None = None,
+    solvers: Sequence[str | type[Stepper]] | None = None,
     tolerances: Sequence[float] | None = None,
     resolutions: Sequence[Resolution] | None = None,
     outputs: Sequence[str] = (),
@@ -195,8 +198,8 @@ def compare(
     subject
         A scene, a model or a mechanism.
     solvers, tolerances
-        Solvers and tolerances. Default: all solvers that differ on this mechanism, and 1e-4 to 1e-10, 1e-4 and 1e-6 at
-        several resolutions, or 1e-2 to 1e-4 for large models.
+        Solvers, by name or as classes, and tolerances. Default: all solvers of mbfmu that differ on this mechanism, and
+        1e-4 to 1e-10, 1e-4 and 1e-6 at several resolutions, or 1e-2 to 1e-4 for large models.
     resolutions
         Values of the model's parameters of resolution by name, such as ``[{"nx": 9, "nz": 7}]``; by default those that
         the model declares, see :func:`mbfmu.parameter`. ``[{}]``: the model unchanged.
@@ -257,7 +260,7 @@ Chosen = dict[int, list[tuple[str, float]]]  # solvers and tolerances by the num
 
 def plan_runs(
     scene: Scene,
-    solvers: Sequence[str] | None,
+    solvers: Sequence[str | type[Stepper]] | None,
     tolerances: Sequence[float] | None,
     values: Sequence[Resolution] | None,
 ) -> tuple[list[Resolution], Chosen, list[str]]:
@@ -278,10 +281,9 @@ def plan_runs(
         )
     for tolerance in tried:
         scene.changed(tolerance=tolerance)
-    for solver in solvers or ():
-        scene.changed(solver=solver)
+    requested = [scene.changed(solver=solver).settings.solver for solver in solvers or ()]
     ordered = sorted(tried, reverse=True)
-    names = [dict.fromkeys(solvers or solvers_of(plant)) for plant in plants]
+    names = [dict.fromkeys(requested or solvers_of(plant)) for plant in plants]
     order = scene.settings.max_order or None
     why = [
         {name: describe_refusal(name, plant.system) or describe_order_refusal(name, order) for name in own}

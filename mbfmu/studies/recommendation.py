@@ -34,6 +34,7 @@ from mbfmu.studies.timing import Budget, BudgetExceeded, CpuTimes, time_interlea
 from mbfmu.util.errors import MAX_VALUE_LENGTH, UserError, short
 from mbfmu.util.text_table import format_tolerance
 from mbfmu.util.units import read_unit
+from solvers.stepper import Stepper
 
 Array = NDArray[np.float64]
 
@@ -137,7 +138,7 @@ def recommend_solver(
     subject: Scene | Model | Mechanism,
     target: float | str | Target,
     *,
-    solvers: Sequence[str] | None = None,
+    solvers: Sequence[str | type[Stepper]] | None = None,
     tolerances: Sequence[float] | None = None,
     resolutions: Sequence[Resolution] | None = None,
     outputs: Sequence[str] = (),

@@ -18,7 +18,7 @@ from mbfmu.session.simulation import Simulation
 from mbfmu.steady.equilibrium import build_problem, find_state
 from mbfmu.studies.timing import CpuTimes, cpu_time, time_interleaved
 from mbfmu.util.text_table import format_table, format_tolerance
-from solvers import SOLVERS
+from solvers.steppers import SOLVERS, drop_unlisted
 
 SETTLED_RATIO = 1e-10  # of the first deviation, when the slowest mode has settled
 NEWTON_METHOD = "newton"
@@ -62,7 +62,7 @@ def settle(
     model: Model,
     *,
     tolerances: Sequence[float],
-    solvers: Sequence[str] = tuple(SOLVERS),
+    solvers: Sequence[str] = drop_unlisted(SOLVERS),
     repeats: int = 5,
     progress: Callable[[str], None] | None = None,
 ) -> list[Settled]:

@@ -1,4 +1,7 @@
-"""Tables for people."""
+"""Tables for people.
+
+``tabulate`` would save ten lines for a further dependency, and removes leading and trailing blanks of cells.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,9 @@
 
 A node a body, with its parts beneath; one a link, which is stretched; a surface is a skin whose joints are the bodies;
 an elastic body has a morph target a mode (its shortening by bending, of second order, is left out).
+
+The file is packed here: pygltflib would save about ten lines for seven further packages, and trimesh writes no
+animations, skins and morph targets.
 """
 
 from __future__ import annotations

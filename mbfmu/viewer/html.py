@@ -1,4 +1,8 @@
-"""The interactive page: one file with the motion, the drawing program and nothing from the network."""
+"""The interactive page: one file with the motion, the drawing program and nothing from the network.
+
+WebGL is used without a library: three.js would replace an estimated 180 of 1840 lines of scripts (shading, shadows,
+lines and the fit of the camera would stay) and add 0.57 MB to every page, which has 0.15 MB without the motion.
+"""
 
 from __future__ import annotations
 

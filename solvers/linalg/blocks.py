@@ -252,13 +252,11 @@ class BlockTree:
         Of every block the arrays to be filled, pinned.
     factors
         What :func:`solve_blocks` takes, pinned.
-    positive
-        Whether the determinant is, where the matrix is not taken as symmetric.
     negative
         Number of negative eigenvalues, where the matrix is taken as symmetric (inertia of the factors).
     """
 
-    positive, negative = True, 0
+    negative = 0
 
     def __init__(self, sizes: Sequence[int], inward: Sequence[int]) -> None:
         n = np.array([*sizes, 0], np.int64)  # the last one stands for no neighbor
@@ -291,7 +289,7 @@ class BlockTree:
         """
         self._factors.symmetric[0] = symmetric or averaged
         self._averaged = averaged
-        self.positive, self.negative = True, 0
+        self.negative = 0
         self._schur_updates: dict[int, Array] = {}  # sum of L_k D_k^-1 U_k, transposed, by the neighbor inward
 
     def eliminate(self, k: int) -> bool:
@@ -327,7 +325,5 @@ class BlockTree:
         else:
             factors, pivots, info = lapack.dgetrf(A, overwrite_a=1)
             if info == 0:
-                sign_changes = np.sum(np.diag(factors) < 0.0) + np.sum(pivots != np.arange(len(D)))
-                self.positive ^= bool(sign_changes % 2)
                 _, info = lapack.dgetri(factors, pivots, lwork=work_size, overwrite_lu=1)
         return bool(info == 0)

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, gmres
 
 from solvers.compiled.kernel import kernel
 from solvers.linalg.blocks import one_thread
@@ -191,26 +191,17 @@ class Saddle:
         return self._products
 
     @property
-    def positive(self) -> bool:
-        """Whether det S > 0 without redundant constraints; det T on J x = 0 is det T_alpha det S / det J J^T."""
-        return bool(np.sum(self._signs() < 0) % 2 == 0)
-
-    @property
     def negative(self) -> int:
         """Number of negative eigenvalues of T on J x = 0, as it was last factored ``averaged``.
 
         By the inertia of [T_alpha, J^T; J, 0] on one side, of T_alpha and -S on the other.
         """
-        return self.system.tangent.negative - int(np.sum(self._signs() < 0))
-
-    def _signs(self) -> NDArray[np.int64]:
-        """Return the signs of the real eigenvalues of S (m,), zero for redundant constraints."""
         if self.system.m == 0:
-            return np.zeros(0, np.int64)
+            return self.system.tangent.negative
         root = np.sqrt(self._alpha)
         values = np.linalg.eigvals(self._inverse / np.outer(root, root))
         floor = ZERO_SCHUR_EIGENVALUE_RATIO * np.abs(values).max()
-        return np.where(values.imag == 0.0, np.sign(values.real) * (np.abs(values) > floor), 0).astype(np.int64)
+        return self.system.tangent.negative - int(np.sum((values.imag == 0.0) & (values.real < -floor)))
 
     def set_penalties(self, t: float, q: Array) -> None:
         """Choose alpha at a position."""
@@ -255,28 +246,11 @@ def solve_gmres(operator: Callable[[Array], Array], b: Array) -> Array:
 
     It is as good as rounding allows, or as MAX_KRYLOV_DIMENSION products.
     """
-    size = float(np.linalg.norm(b))
-    if not 0.0 < size < np.inf:
+    if not np.isfinite(b).all():
         return b
-    basis, H = [b / size], np.zeros((MAX_KRYLOV_DIMENSION + 1, MAX_KRYLOV_DIMENSION))
-    y: Array = np.zeros(0)
-    for k in range(min(MAX_KRYLOV_DIMENSION, len(b))):
-        w = operator(basis[k])
-        whole = float(np.linalg.norm(w))
-        for _ in range(2):  # once more for what rounding left
-            for i, vector in enumerate(basis):
-                part = float(vector @ w)
-                H[i, k] += part
-                w = w - part * vector
-        H[k + 1, k] = float(np.linalg.norm(w))
-        right = np.zeros(k + 2)
-        right[0] = size
-        y = np.asarray(np.linalg.lstsq(H[: k + 2, : k + 1], right, rcond=None)[0], float)
-        left = float(np.linalg.norm(H[: k + 2, : k + 1] @ y - right))
-        if left <= GMRES_TOLERANCE * size or H[k + 1, k] <= GMRES_TOLERANCE * whole:
-            break
-        basis.append(w / H[k + 1, k])
-    return np.asarray(np.array(basis[: len(y)]).T @ y)
+    A = LinearOperator((len(b), len(b)), matvec=operator, dtype=float)
+    restart = min(MAX_KRYLOV_DIMENSION, len(b))
+    return np.asarray(gmres(A, b, rtol=GMRES_TOLERANCE, restart=restart, maxiter=1)[0])
 
 
 def project(system: TreeSystem, t: float, q: Array, v: Array) -> Code:

@@ -8,10 +8,10 @@ A state is statically unstable along as many motions as K has negative eigenvalu
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 
 import numpy as np
 from scipy import linalg
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from solvers.projection.saddle import Saddle
 from solvers.system import Array, TreeSystem
@@ -19,7 +19,10 @@ from solvers.system import Array, TreeSystem
 from .dense import UNDETERMINED_PIVOT_RATIO, DenseEquilibriumSolver
 from .matrices import MAX_ASSEMBLED_COORDINATES, allowed_motions
 
-FIRST_KRYLOV_DIMENSION = 40  # dimension of the space in which a large tree's negative eigenvalues are searched first
+# eigenvalues of a large tree that are requested: more as long as all of them are negative
+REQUESTED_EIGENVALUES = (12, 24, 48, 96)
+MIN_KRYLOV_DIMENSION, MAX_SIGN_RESTARTS = 40, 4
+EIGENVALUE_SIGN_TOLERANCE = 1e-2  # relative error of eigenvalues of which only the sign counts
 SYMMETRY_TOLERANCE = 1e-8  # of the largest entry: what is less is rounding
 ZERO_EIGENVALUE_RATIO = 1e-12  # of the largest eigenvalue of the inverse
 
@@ -115,15 +118,12 @@ class TreeLinearized(Linearized):
     """A large tree.
 
     Its negative eigenvalues are counted by the inertia of the factors where the structured tangent is exact and
-    symmetric, else by those of the assembled matrix. Of more than LARGEST_ASSEMBLED coordinates they are those of the
-    inverse in a Krylov space (Arnoldi), where they are the farthest from the others. Whether their number is even or
-    odd is also determined by the determinant if nothing moves; the space grows until both agree.
-
-    ``even`` returns whether the tangent, as it was last factored, has an even number of them, constraints aside.
+    symmetric, else by those of the assembled matrix. Of more than MAX_ASSEMBLED_COORDINATES coordinates they are found
+    from the left of the spectrum of the inverse by ARPACK (Arnoldi), until one that is not negative has converged too.
     """
 
-    def __init__(self, system: TreeSystem, v: Array, even: Callable[[], bool]) -> None:
-        self._system, self._v, self._even = system, v, even
+    def __init__(self, system: TreeSystem, v: Array) -> None:
+        self._system, self._v = system, v
         self.size, self._still, self._saddle = system.size, np.zeros(system.n), Saddle(system, exact=True)
 
     def residual(self, q: Array, lam: Array) -> tuple[Array, Array]:
@@ -148,7 +148,7 @@ class TreeLinearized(Linearized):
             return 0
         if self._system.n <= MAX_ASSEMBLED_COORDINATES and self._system.stepped is not None:
             return self._count_assembled()
-        return self._count_in_krylov_space(moving)
+        return self._count_by_arnoldi()
 
     def _count_assembled(self) -> int:
         """Return the negative eigenvalues of the exact matrix at the last state."""
@@ -159,42 +159,33 @@ class TreeLinearized(Linearized):
         basis = allowed_motions(self._saddle.terms.J, units, self._system.row_size)
         return count_negative_eigenvalues(basis.T @ K @ basis, UNDETERMINED_PIVOT_RATIO)
 
-    def _count_in_krylov_space(self, moving: bool) -> int:
-        """Return the negative eigenvalues of the inverse in a space that grows."""
-        even, negative = None if moving else self.even(), 0
-        start = np.random.default_rng(1).normal(size=len(self.size))
-        basis, H = [start / np.linalg.norm(start)], np.zeros((1, 0))
-        for dimension in (FIRST_KRYLOV_DIMENSION, 2 * FIRST_KRYLOV_DIMENSION, 4 * FIRST_KRYLOV_DIMENSION):
-            while len(basis) <= dimension:
-                H = self._expand(basis, H)
-            negative = count_negative_eigenvalues(H[:-1], ZERO_EIGENVALUE_RATIO)
-            if even is None or (negative % 2 == 0) == even:
+    def _count_by_arnoldi(self) -> int:
+        """Return the negative eigenvalues of the inverse in units."""
+        n, none = self._system.n, np.zeros(self._system.m)
+        inverse = LinearOperator(
+            (n, n), matvec=lambda z: self._saddle.solve(z / self.size, none)[0] / self.size, dtype=float
+        )
+        negative = 0
+        for count in REQUESTED_EIGENVALUES:
+            dimension = min(max(MIN_KRYLOV_DIMENSION, 2 * count + 1), n)
+            try:
+                values = eigs(
+                    inverse,
+                    k=min(count, dimension - 2),
+                    which="SR",
+                    v0=np.random.default_rng(1).normal(size=n),
+                    ncv=dimension,
+                    maxiter=MAX_SIGN_RESTARTS,
+                    tol=EIGENVALUE_SIGN_TOLERANCE,
+                    return_eigenvectors=False,
+                )
+            except ArpackNoConvergence as partial:
+                values = partial.eigenvalues
+            is_left = values.real < -ZERO_EIGENVALUE_RATIO * np.abs(values).max(initial=0.0)
+            negative = int(np.sum(is_left & (values.imag == 0.0)))
+            if not is_left.all():
                 break
         return negative
-
-    def even(self) -> bool:
-        """Return whether the Jacobian, as it was last factored, has an even number of negative eigenvalues."""
-        return self._even() == self._saddle.positive
-
-    def _expand(self, basis: list[Array], H: Array) -> Array:
-        """Add a vector to an orthonormal basis of the Krylov space; return the inverse in units on it, with its row.
-
-        Where the space is complete it is one of zeros.
-        """
-        k = len(basis) - 1
-        H = np.pad(H, ((0, 1), (0, 1)))
-        w = self._saddle.solve(basis[k] / self.size, np.zeros(self._system.m))[0] / self.size
-        whole = np.linalg.norm(w)
-        for _ in range(2):  # once more for what rounding left
-            for i, vector in enumerate(basis):
-                part = vector @ w
-                H[i, k] += part
-                w = w - part * vector
-        length = np.linalg.norm(w)
-        complete = length <= ZERO_EIGENVALUE_RATIO * whole
-        H[k + 1, k] = 0.0 if complete else length
-        basis.append(0.0 * w if complete else w / length)
-        return H
 
     def solve(self, f: Array, g: Array) -> tuple[Array, Array]:
         """See the base."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from solvers.codes import coded
@@ -13,6 +13,7 @@ from solvers.system import MAX_DENSE_COORDINATES, AnySystem, Array, TreeSystem
 from .adams.dense import AdamsLUStepper, AdamsStepper, HybridStepper
 from .adams.tree import TreeAdamsStepper
 from .esdirk.tree import TreeESDIRKStepper
+from .plugins import create_plugin, give_solver, load_plugin, plugin_names
 from .radau.dense import RadauStepper
 
 
@@ -46,6 +47,7 @@ UNCONSTRAINED_SOLVERS: dict[str, Callable[..., Stepper]] = dict.fromkeys(
     ("adams", "hybrid", "adams-lu"), TreeAdamsStepper
 )
 SOLVER_NAMES = tuple(dict.fromkeys((*SOLVERS, *TREE_SOLVERS)))
+UNLISTED_SOLVERS = ("adams-lu",)  # accepted by name, for comparison with a paper; in no list of solvers for users
 ORDER_LIMITS = {  # lowest and highest order that a run can be limited to; one number: the method has this order
     "ida": (1, 5),
     "adams": (1, 12),
@@ -58,9 +60,35 @@ ORDER_LIMITS = {  # lowest and highest order that a run can be limited to; one n
 MAX_RADAU_COORDINATES = 200
 
 
+def drop_unlisted(names: Iterable[str]) -> tuple[str, ...]:
+    """Return those solvers that are offered to users."""
+    return tuple(name for name in names if name not in UNLISTED_SOLVERS)
+
+
 def size_limit(name: str) -> int:
     """Return how many coordinates of a large tree a solver that factors dense matrices may be given."""
     return min(MAX_RADAU_COORDINATES, MAX_DENSE_COORDINATES) if name == "radau" else MAX_DENSE_COORDINATES
+
+
+def solver_names() -> tuple[str, ...]:
+    """Return the names of all solvers that are offered to users, with those from outside this package."""
+    return (*drop_unlisted(SOLVER_NAMES), *(name for name in plugin_names() if name not in SOLVER_NAMES))
+
+
+def is_solver(name: str) -> bool:
+    """Whether there is a solver of this name, be it from outside this package."""
+    return name in SOLVER_NAMES or name in plugin_names()
+
+
+def solver_name(solver: Any, reserved: tuple[str, ...] = ()) -> Any:
+    """Return the name of a solver that is given as a class, by which it is known from then on; else what was given.
+
+    Raises
+    ------
+    ValueError
+        The class is no solver that can be used, or its name is another one's, or ``reserved``.
+    """
+    return solver if isinstance(solver, str) else give_solver(solver, (*SOLVER_NAMES, *reserved))
 
 
 def describe_refusal(name: str, system: AnySystem) -> str:
@@ -70,11 +98,9 @@ def describe_refusal(name: str, system: AnySystem) -> str:
     ``auto``, is not refused here.
     """
     if name not in SOLVER_NAMES:
-        return ""
-    large = isinstance(system, TreeSystem)
+        return describe_plugin_refusal(name, system) if name in plugin_names() else ""
     if system.stiffness_reason and name in UNCONSTRAINED_SOLVERS:
-        implicit = "'ida' or 'esdirk'" if large else "'radau' or 'ida'"
-        return coded("unsuitable-solver", f"solver {name!r} is explicit, but {system.stiffness_reason}; use {implicit}")
+        return describe_stiffness(name, system)
     if not isinstance(system, TreeSystem):
         if system.n and name not in SOLVERS:
             return coded(
@@ -85,13 +111,44 @@ def describe_refusal(name: str, system: AnySystem) -> str:
         return ""
     if name in TREE_SOLVERS or (not system.m and name in UNCONSTRAINED_SOLVERS):
         return ""
-    if system.dense is None or system.n > size_limit(name):
-        return coded(
-            "unsuitable-solver",
-            f"solver {name!r} is given {system.n} joint coordinates and {system.m} constraints; allowed: at most "
-            f"{size_limit(name)} coordinates; use 'ida'",
-        )
-    return ""
+    return describe_large_size(name, system)
+
+
+def describe_plugin_refusal(name: str, system: AnySystem) -> str:
+    """As :func:`describe_refusal`, of a solver from outside this package; one that cannot be loaded is refused."""
+    try:
+        found = load_plugin(name)
+    except ValueError as error:
+        return str(error)
+    if system.stiffness_reason and found.is_explicit:
+        return describe_stiffness(name, system)
+    return describe_large_size(name, system) if found.needs_matrices and isinstance(system, TreeSystem) else ""
+
+
+def describe_stiffness(name: str, system: AnySystem) -> str:
+    """Return the refusal of an explicit solver for a stiff system."""
+    implicit = "'ida' or 'esdirk'" if isinstance(system, TreeSystem) else "'radau' or 'ida'"
+    return coded("unsuitable-solver", f"solver {name!r} is explicit, but {system.stiffness_reason}; use {implicit}")
+
+
+def describe_large_size(name: str, system: TreeSystem) -> str:
+    """Return the refusal of a solver that needs matrices for a system that is too large for them; empty: it is not."""
+    if system.dense is not None and system.n <= size_limit(name):
+        return ""
+    return coded(
+        "unsuitable-solver",
+        f"solver {name!r} is given {system.n} joint coordinates and {system.m} constraints; allowed: at most "
+        f"{size_limit(name)} coordinates; use 'ida'",
+    )
+
+
+def find_plugin_orders(name: str) -> tuple[int, int]:
+    """Return the lowest and highest order of a solver from outside this package; any if it is not known."""
+    try:
+        order = getattr(load_plugin(name), "order", None)
+    except (KeyError, ValueError):
+        order = None
+    return (order, order) if isinstance(order, int) else (1, 12)
 
 
 def describe_order_refusal(name: str, order: int | None) -> str:
@@ -99,8 +156,10 @@ def describe_order_refusal(name: str, order: int | None) -> str:
 
     A name that is no solver's, such as ``auto``, is not refused here.
     """
-    low, high = ORDER_LIMITS.get(name, (1, 12))
-    if order is None or low <= order <= high:
+    if order is None:
+        return ""
+    low, high = ORDER_LIMITS.get(name) or find_plugin_orders(name)
+    if low <= order <= high:
         return ""
     allowed = f"{low} to {high}" if low < high else f"{high}"
     return (
@@ -115,8 +174,10 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     A large model is advanced by its recursions if the solver supports this, else by its matrices. Raises ValueError
     if these would be too large, for an order that the solver does not have, and for an unknown name.
     """
-    if name not in SOLVER_NAMES:
-        raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, SOLVER_NAMES))}")
+    if not is_solver(name):
+        raise ValueError(
+            f"there is no solver {name!r}; allowed: {', '.join(map(repr, solver_names()))}. Choose another"
+        )
     if refused := describe_refusal(name, system) or describe_order_refusal(
         name, options.max_order if options else None
     ):
@@ -125,10 +186,13 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     if not isinstance(system, TreeSystem):
         if not system.n:
             name = "adams"  # IDA takes no empty system, and nothing is integrated
-        return SOLVERS[name](system, *arguments)
+        return SOLVERS[name](system, *arguments) if name in SOLVERS else create_plugin(name, system, *arguments)
+    if name not in SOLVER_NAMES and not load_plugin(name).needs_matrices:
+        return create_plugin(name, system, *arguments)
     if name in TREE_SOLVERS:
         return TREE_SOLVERS[name](system, *arguments)
     if not system.m and name in UNCONSTRAINED_SOLVERS:
         return UNCONSTRAINED_SOLVERS[name](system, *arguments)
     assert system.dense is not None  # else it is refused
-    return SOLVERS[name](system.dense(), *arguments)
+    dense = system.dense()
+    return SOLVERS[name](dense, *arguments) if name in SOLVERS else create_plugin(name, dense, *arguments)

@@ -54,7 +54,8 @@ class CompiledLoopStepper(DenseStepper):
         self.loop.set_up(self.integration, self._rank, self.options.absolute)
         self.restart()
 
-    def _advance(self, t: float) -> Code:
+    def advance_to(self, t: float) -> Code:
+        """As :meth:`solvers.stepper.Stepper.advance_to`."""
         code = CODES[self.loop.advance_reported(self.integration, t)]
         self._t = t if code is Code.OK else float(self._control["t"])
         return code

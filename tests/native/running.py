@@ -53,7 +53,7 @@ class Running:
         for at, number in image.kernels:
             words[at // 8] = table[number]
         self._root, self._family = here + image.root, family_of(simulation)
-        self.out, self.run_status = self.view(instance.out), self.view(instance.run_status)[0]
+        self.out, self.run_status = self.view(instance.out), self.view(instance.session.status)[0]
 
     def view(self, array: NDArray[Any]) -> NDArray[Any]:
         """Return the numbers or records of the block that an array of :func:`image_of` stands for."""

@@ -41,6 +41,13 @@ def pair(make: Callable[[], Any], settings: Settings) -> Any:
     return Simulation(make(), settings), native
 
 
+def assert_same_record(native: Any, simulation: Any) -> None:
+    """Compare the fields of a record of the session, but for what native runs alone keep there."""
+    for name in native.dtype.names:
+        if name not in ("code", "before"):
+            assert native[name] == simulation[name], name
+
+
 def follow(
     simulation: Simulation, native: Running, given: Given, first: int = 0, last: int = STEPS, ends: Any = (OK,)
 ) -> None:
@@ -54,10 +61,9 @@ def follow(
         assert native.call("step", (k + 1) * H) == codes[-1]
         assert native.call("read") == OK
         np.testing.assert_array_equal(native.out, simulation.outputs())
-    assert (
-        simulation.energy_check is None
-        or native.view(native.instance.balance)["reference_energy"] == simulation.energy_check.base
-    )
+    for array in native.instance.session.memory():
+        here = next(own for own in simulation.session.memory() if own.dtype == array.dtype)
+        assert_same_record(native.view(array)[0], here[0])
     assert native.run_status["lost"] == bool(simulation.verdict)
     assert set(codes) == set(ends)
 
@@ -79,6 +85,17 @@ def test_without_an_energy_check_its_outputs_are_no_numbers():
     simulation, native = pair(FourBar, Settings(solver="adams", energy_check=False))
     follow(simulation, native, torque, last=5)
     assert np.isnan(native.out[-2:]).all()
+
+
+@needs_linker
+def test_an_energy_check_that_a_host_turns_on_is_that_of_a_simulation():
+    """Also in what depends on the mechanism, such as the check of slow passages of one degree of freedom."""
+    native = Running(Simulation(FourBar(), Settings(solver="adams", energy_check=False)))
+    native.view(native.instance.options)["energy_check"] = 1
+    assert native.call("begin", 0.0) == OK
+    simulation = Simulation(FourBar(), Settings(solver="adams"))
+    assert simulation.session.balance["has_one_freedom"]
+    follow(simulation, native, torque, last=5)
 
 
 def weighed() -> Mechanism:
@@ -254,8 +271,8 @@ def test_balance_that_is_lost_is_told():
     simulation, native = pair(FourBar, Settings(solver="adams"))
     follow(simulation, native, torque, last=10)
     assert not native.run_status["lost"]
-    native.view(native.instance.balance)["reference_energy"] += 1.0
-    simulation.energy_check.base += 1.0
+    native.view(native.instance.session.balance)["reference_energy"] += 1.0
+    simulation.session.balance["reference_energy"] += 1.0
     follow(simulation, native, torque, first=10, last=12)
     told = native.run_status
     assert told["lost"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Set
+from collections.abc import Iterable, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -24,13 +24,9 @@ from .points import (
     InputRecords,
     all_finished,
     begin_inputs,
-    begin_support_motions,
-    perturb_motions,
-    restore_motions,
     set_input,
     skip_points,
     start_input,
-    start_motions,
 )
 from .scale import joint_sizes
 
@@ -106,8 +102,8 @@ class Inputs:
         Name, unit, meaning and start of each.
     signals
         Numbers of the signals they are kept in.
-    own
-        Their records.
+    own, pinned
+        Their records; as kernels get them.
     """
 
     def __init__(
@@ -147,8 +143,8 @@ class Inputs:
             elif role == EXTRAPOLATED_LOAD:
                 record["number"], own.loads[loads]["course"] = loads, course
                 loads += 1
-        self.own, self._held = own, pin(own)
-        begin_inputs(self._held)
+        self.own, self.pinned = own, pin(own)
+        begin_inputs(self.pinned)
 
     def extrapolate(self) -> None:
         """Extrapolate loads between points, see :mod:`.extrapolated`; not gravity, nor where the host gives a rate."""
@@ -211,13 +207,13 @@ class Inputs:
             return follows >= Follows.GRAVITY
         return not slot.coefficient and not self.moves_support(index) and follows >= Follows.LOADS
 
-    def is_gravity(self, index: int) -> bool:
-        """Whether an input is gravity, which changes the potential energy where it is set."""
-        return self._roles[index] == GRAVITY_LOAD
-
     def start(self, index: int, value: float, t: float = 0.0) -> None:
         """Set the value of an input at the start, t; raises UserError if it is not finite."""
-        start_input(self._held, index, finite(self._names[index], value), t)
+        start_input(self.pinned, index, self.checked(index, value), t)
+
+    def checked(self, index: int, value: float) -> float:
+        """Return the value of an input; raises UserError if it is not finite."""
+        return finite(self._names[index], value)
 
     def begin(self, t: float, given: Mapping[int, float]) -> None:
         """Let all inputs begin at t (s), with the values ``given`` by number or their start values.
@@ -229,53 +225,26 @@ class Inputs:
 
     def set(self, index: int, value: float, t: float = 0.0) -> None:
         """Set the value of an input at time t; raises UserError if it is not finite."""
-        set_input(self._held, index, finite(self._names[index], value), t)
-
-    @property
-    def has_state(self) -> bool:
-        """Whether any of them remembers what it was at points before."""
-        return bool(len(self.own.supports) or len(self.own.loads))
+        set_input(self.pinned, index, self.checked(index, value), t)
 
     @property
     def motions_finished(self) -> bool:
         """Whether every support and every load continues unchanged until an input is set."""
-        return bool(all_finished(self._held))
+        return bool(all_finished(self.pinned))
 
     def skip_points(self, t: float) -> None:
         """Note a communication point at which nothing changed."""
-        skip_points(self._held, t)
-
-    def begin_support_motions(self, t: float, end: float) -> int:
-        """Begin a step from t to ``end``, s; return the sum of what applies of ``points.CHANGED``, DEPARTS, JUMPS."""
-        return int(begin_support_motions(self._held, t, end))
-
-    def impulse(self, t: float, accelerations: Callable[[], Array]) -> Array:
-        """Return the jump of the free velocities (n,) where rates of supports that depart do, all at once.
-
-        ``accelerations`` returns v' (n,) at t; what it raises leaves the supports on their way.
-        """
-        found = []
-        try:
-            for part in (0.0, 1.0):
-                perturb_motions(self._held, t, part)
-                found.append(accelerations())
-        finally:
-            restore_motions(self._held)
-        dv: Array = found[1] - found[0]
-        return dv
+        skip_points(self.pinned, t)
 
     def jumping(self) -> list[str]:
         """Return the names of the supports that depart with a jump of their rate."""
         both = zip(self._supports.values(), self.own.supports, strict=True)
         return [name for name, support in both if support["departs"] and support["jump"] != 0.0]
 
-    def start_motions(self, tolerance: float) -> list[tuple[str, str]]:
-        """Let supports depart; return name and size of every jump of a position, farther than its rate explains.
-
-        ``tolerance``: of a jump that is none, in units of the coordinate.
+    def jumped(self) -> list[tuple[str, str]]:
+        """Return name and size of every jump of a position with which a support motion has started, farther than its
+        rate explains.
         """
-        if not start_motions(self._held, tolerance):
-            return []
         found, units = [], {v.name: v.unit for v in self.variables}
         for name, support, ahead in zip(self._supports.values(), self.own.supports, self.own.ahead, strict=True):
             size = float(ahead["position"] - ahead["path"][0])

@@ -79,6 +79,10 @@ class InputRecords(NamedTuple):
         """Return their history, without the polynomials and gravity."""
         return [self.loads, self.supports, self.segments]
 
+    def values(self) -> list[NDArray[Any]]:
+        """Return the polynomials and gravity, which are parts of other arrays."""
+        return [self.courses, self.world["gravity"]]
+
 
 @kernel
 def begin_inputs(i: Any) -> None:

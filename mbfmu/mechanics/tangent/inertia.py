@@ -21,11 +21,6 @@ def locked_directions(tangent: Tangent) -> int:
     return (unknowns - free) // 2
 
 
-def even_negative(tangent: Tangent) -> bool:
-    """Whether T has an even number of negative eigenvalues, as it was last factored without symmetry."""
-    return tangent._tree.positive == (locked_directions(tangent) % 2 == 0)
-
-
 def count_negative(tangent: Tangent) -> int:
     """Return the number of negative eigenvalues of T, as it was last factored ``averaged``.
 

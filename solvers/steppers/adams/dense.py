@@ -47,8 +47,9 @@ class AdamsStepper(ExplicitStepper, CompiledLoopStepper):
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        seen = self._scales.bound_results
-        return [*self._history, self.clock, self._q, self._v, self._energy_account, seen, *self._workspace.memory()]
+        seen, limit = self._scales.bound_results, self._settings["max_step"]
+        own = self.clock, self._q, self._v, self._energy_account, seen, limit
+        return [*self._history, *own, *self._workspace.memory()]
 
     @property
     def statistics(self) -> Statistics:

@@ -29,7 +29,8 @@ class ExplicitStepper(Stepper):
     def _needs_work(self) -> bool:
         """Whether work is to be recorded."""
 
-    def _limit(self, longest: float) -> None:
+    def limit_step(self, longest: float) -> None:
+        """As :meth:`solvers.stepper.Stepper.limit_step`."""
         limit_steps(self._pinned, self._settings, self._t, self._q, self._v, float(self._energy_account[WORK]), longest)
 
     def restart(self) -> None:

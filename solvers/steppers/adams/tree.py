@@ -54,12 +54,14 @@ class TreeAdamsStepper(ExplicitStepper):
         require_resolved_position(self._q, work.size_q, options.rtol, system.coordinate_names)
         self.restart()
 
-    def _advance(self, t: float) -> Code:
+    def advance_to(self, t: float) -> Code:
+        """As :meth:`solvers.stepper.Stepper.advance_to`."""
         code = CODES[tree_loop.advance_reported(self.integration, t)]
         self._t = t if code is Code.OK else float(self._control["t"])
         return code
 
-    def _evaluate(self) -> tuple[Code, Array, Array]:
+    def evaluate(self) -> tuple[Code, Array, Array]:
+        """As :meth:`solvers.stepper.Stepper.evaluate`."""
         a = np.zeros(self.system.n)
         return CODES[tree_loop.evaluate(self.integration, self._t, a)], a, np.zeros(0)
 
@@ -76,6 +78,7 @@ class TreeAdamsStepper(ExplicitStepper):
             self._energy_account,
             self._scales.bound_results,
             *self._history,
+            self._settings["max_step"],
             self._inertia,
         ]
 

@@ -134,7 +134,8 @@ class TreeESDIRKStepper(Stepper):
         self.status = self._status(project(system, self._t, self._q, self._v))
         self.restart()
 
-    def _advance(self, t: float) -> Code:
+    def advance_to(self, t: float) -> Code:
+        """As :meth:`solvers.stepper.Stepper.advance_to`."""
         code, taken = Code.OK, 0
         with one_thread():
             while code is Code.OK and self._control["t"] < t:
@@ -359,11 +360,13 @@ class TreeESDIRKStepper(Stepper):
         """In how many ways the constraints let the mechanism move at most."""
         return count_freedom(self.system, self._t, self._q)
 
-    def _evaluate(self) -> tuple[Code, Array, Array]:
+    def evaluate(self) -> tuple[Code, Array, Array]:
+        """As :meth:`solvers.stepper.Stepper.evaluate`."""
         code = self._motion.solve(self._t, self._q, self._v)
         return code, self._motion.a.copy(), self._motion.lam.copy()
 
-    def _limit(self, longest: float) -> None:
+    def limit_step(self, longest: float) -> None:
+        """As :meth:`solvers.stepper.Stepper.limit_step`."""
         self._max_step = longest
 
     def restart(self) -> None:

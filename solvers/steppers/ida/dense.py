@@ -166,7 +166,7 @@ class IDAStepper(IDADriver, DenseStepper):
     def _begin(self) -> Code:
         """Initialize IDA at the reported state with consistent derivatives."""
         system, unknowns, workspace = self.system, self._unknowns, self._workspace
-        code, a, lam = self._evaluate()
+        code, a, lam = self.evaluate()
         if code is not Code.OK:
             return code
         update_growth(self._t, self._terms.M, self._v, self._work)
@@ -242,14 +242,15 @@ class IDAStepper(IDADriver, DenseStepper):
             )
         )
 
-    def _advance(self, t: float) -> Code:
+    def advance_to(self, t: float) -> Code:
+        """As :meth:`solvers.stepper.Stepper.advance_to`."""
         if self._unknowns.velocity_shift[1].any() and not self._is_shift_small(t):
             self.restart()
-        return super()._advance(t)
+        return super().advance_to(t)
 
     def _update_velocity_shift(self) -> bool:
         """Continue IDA's history with the present accelerations, if there are any, and begin a new interval of work."""
-        code, a, lam = self._evaluate()
+        code, a, lam = self.evaluate()
         if code is not Code.OK:
             return False
         here, slopes = self._last_accepted.copy()

@@ -58,7 +58,8 @@ class IDADriver(Stepper):
     def _report_unknowns(self, t: float, y: Array) -> Code:
         """Make IDA's y at t the reported state."""
 
-    def _limit(self, longest: float) -> None:
+    def limit_step(self, longest: float) -> None:
+        """As :meth:`solvers.stepper.Stepper.limit_step`."""
         self._progress["max_step"] = (
             longest if longest < self.options.max_step else np.inf
         )  # which IDA holds to by itself
@@ -99,7 +100,8 @@ class IDADriver(Stepper):
         if not self._pending:
             self._counts[ERROR_TEST_FAILURES] = self._failed_before + self._ida.statistics().rejected
 
-    def _advance(self, t: float) -> Code:
+    def advance_to(self, t: float) -> Code:
+        """As :meth:`solvers.stepper.Stepper.advance_to`."""
         if self._pending:
             code = self._begin()
             if code is not Code.OK:

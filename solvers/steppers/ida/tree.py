@@ -273,9 +273,10 @@ class TreeIDAStepper(IDADriver):
         """As :meth:`solvers.stepper.Stepper.arrays`."""
         return [*super().arrays(), self._growth_data.inertia]
 
-    def _advance(self, t: float) -> Code:
+    def advance_to(self, t: float) -> Code:
+        """As :meth:`solvers.stepper.Stepper.advance_to`."""
         with one_thread():
-            return super()._advance(t)
+            return super().advance_to(t)
 
     def _begin(self) -> Code:
         motion, m = self._motion, self.system.m
@@ -312,6 +313,7 @@ class TreeIDAStepper(IDADriver):
         """In how many ways the constraints let the mechanism move at most."""
         return count_freedom(self.system, self._t, self._q)
 
-    def _evaluate(self) -> tuple[Code, Array, Array]:
+    def evaluate(self) -> tuple[Code, Array, Array]:
+        """As :meth:`solvers.stepper.Stepper.evaluate`."""
         code = self._motion.solve(self._t, self._q, self._v)
         return code, self._motion.a.copy(), self._motion.lam.copy()

@@ -32,7 +32,8 @@ class RadauStepper(CompiledLoopStepper):
         loop.set_options(self.options.record(), self._settings)
         self._set_up(self._memory)
 
-    def _limit(self, longest: float) -> None:
+    def limit_step(self, longest: float) -> None:
+        """As :meth:`solvers.stepper.Stepper.limit_step`."""
         self._settings["max_step"] = longest
 
     def restart(self) -> None:

@@ -1,0 +1,213 @@
+"""The state of a run besides its solver, and the kernels that change it at communication points.
+
+Time, positions and velocities of the reported state come from the solver, whichever it is. The order in which a run
+calls these kernels is in :mod:`.sequence`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.arrays.load_groups import largest_ratio
+from mbfmu.mechanics.arrays.points import (
+    GRAVITY_LOAD,
+    InputRecords,
+    begin_inputs,
+    begin_support_motions,
+    set_input,
+    start_motions,
+)
+from mbfmu.mechanics.recursions.dynamics import energy, observe
+from solvers.balance import BALANCE, BALANCE_OK, check_energy_balance, energy_floor
+from solvers.compiled.kernel import kernel, records
+from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
+from solvers.outcome import OK
+
+RUN_STATUS = np.dtype(
+    [
+        ("code", np.int64),  # result of the last advance of a native run, see solvers.outcome
+        ("unknown", np.int64),  # 1: the rate of a support jumps where its impulse is not determined
+        ("jumps", np.int64),  # 1: a support has jumped in position, farther than its rate explains
+        ("flaw", np.int64),  # what is wrong with the start of a native run, see start_checks.Flaw; zero: nothing
+        ("lost", np.int64),  # first result of the check of the energy balance that is not BALANCE_OK
+        ("lost_at", np.float64),  # s, time of that check; then energy error and exchanged energy there, J
+        ("energy_error", np.float64),
+        ("exchanged", np.float64),
+        ("passage", np.float64),  # J, energy of the last slow passage until then, see solvers.energy_account
+        ("before", np.float64),  # J, energy before parameters change
+        ("limit_ratio", np.float64),  # of elements at the last communication point, see mbfmu.mechanics.loads.base
+        ("discontinuity_work", np.float64),  # J, work done by jumps of inputs and of parameters so far
+    ],
+    align=True,
+)
+
+
+class Session(NamedTuple):
+    """The state of a run besides its solver."""
+
+    data: Any  # mbfmu.mechanics.records.Data, pinned
+    inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords
+    balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
+    status: NDArray[Any]  # (1,) RUN_STATUS
+    monitored: NDArray[Any]  # mbfmu.mechanics.records.ITEM, loads that have limits of their theory
+
+    @staticmethod
+    def allocate(data: Any, inputs: InputRecords, monitored: NDArray[Any]) -> Session:
+        """Return a session that has not begun."""
+        return Session(data, inputs, records(1, BALANCE), records(1, RUN_STATUS), monitored)
+
+    def memory(self) -> list[NDArray[Any]]:
+        """Return the arrays to save, but for the values of inputs."""
+        return [*self.inputs.memory(), self.balance, self.status]
+
+
+@kernel
+def energy_at(session: Any, t: float, q: Any, v: Any) -> float:
+    """Kinetic and potential energy of the state (q, v) at t, J."""
+    found: float = energy(t, q, v, session.data)
+    return found
+
+
+@kernel
+def begin_session(
+    session: Any,
+    t: float,
+    q: Any,
+    v: Any,
+    code: int,
+    is_checked: bool,
+    freedom: int,
+    tolerance: float,
+    rate: float,
+    length: float,
+) -> None:
+    """Begin at the state (q, v) of time t, s, as the inputs say.
+
+    ``code`` is the result of its assembly, ``is_checked`` whether the energy balance is to be checked, ``freedom`` the
+    number of degrees of freedom: if there is none nothing is integrated but the work, whose error no tolerance
+    controls. ``rate`` (1/s) and ``length`` (m) are those of :func:`solvers.balance.energy_floor`.
+    """
+    status, balance, bodies, mass = session.status[0], session.balance[0], session.data.arrays.bodies, 0.0
+    begin_inputs(session.inputs)
+    status.code, status.unknown, status.jumps, status.lost, status.limit_ratio = code, 0, 0, BALANCE_OK, 0.0
+    status.discontinuity_work = 0.0
+    for k in range(bodies.shape[0]):
+        mass += bodies[k].mass
+    balance.is_checked = 1 if is_checked and freedom > 0 else 0
+    balance.has_one_freedom = 1 if freedom == 1 and session.data.arrays.world[0].drives == 0 else 0
+    balance.tolerance, balance.last_passage_energy = tolerance, 0.0
+    balance.reference_energy = energy_at(session, t, q, v)
+    balance.energy_floor = energy_floor(mass, length, rate, tolerance)
+
+
+@kernel
+def account_discontinuity(session: Any, before: float, t: float, q: Any, v: Any) -> None:
+    """Count the change of the energy at one state from ``before``, J, as work: it is no energy error."""
+    work = energy_at(session, t, q, v) - before
+    session.status[0].discontinuity_work += work
+    session.balance[0].reference_energy += work
+
+
+@kernel
+def apply_input(session: Any, index: int, value: float, t: float, q: Any, v: Any) -> int:
+    """Set an input at the time reached; return its role."""
+    role: int = session.inputs.inputs[index].role
+    before = energy_at(session, t, q, v) if role == GRAVITY_LOAD else 0.0
+    set_input(session.inputs, index, value, t)
+    if role == GRAVITY_LOAD:
+        account_discontinuity(session, before, t, q, v)
+    return role
+
+
+@kernel
+def note_energy(session: Any, t: float, q: Any, v: Any) -> None:
+    """Note the energy before parameters change."""
+    session.status[0].before = energy_at(session, t, q, v)
+
+
+@kernel
+def account_parameters(session: Any, t: float, q: Any, v: Any) -> None:
+    """Count the change of the energy since :func:`note_energy` as work."""
+    account_discontinuity(session, session.status[0].before, t, q, v)
+
+
+@kernel
+def plan_step(session: Any, t: float, end: float) -> int:
+    """Plan a step from t to ``end``, s; return what :func:`mbfmu.mechanics.arrays.points.begin_support_motions` finds.
+
+    A step of length zero changes nothing.
+    """
+    session.status[0].unknown = 0
+    found: int = begin_support_motions(session.inputs, t, end) if end > t else 0
+    return found
+
+
+@kernel
+def store_velocity_jump(a: Any, k: int, dv: Any) -> None:
+    """Put into dv (n,) the difference of the accelerations a (n,) for two motions of the supports, ``k`` = 0 and 1."""
+    for i in range(dv.shape[0]):
+        dv[i] = a[i] - (dv[i] if k == 1 else 0.0)
+
+
+@kernel
+def note_impulse(session: Any, code: int) -> None:
+    """Note whether the impulse of the supports is determined; ``code`` is the result of its evaluation."""
+    session.status[0].unknown = 0 if code == OK else 1
+
+
+@kernel
+def start_support_motions(session: Any) -> None:
+    """Start the motions of the supports that are planned."""
+    if start_motions(session.inputs, session.balance[0].tolerance):
+        session.status[0].jumps = 1
+
+
+@kernel
+def check_energy(session: Any, t: float, now: float, account: Any) -> float:
+    """Check the energy balance of a state at t (s) of energy ``now`` (J); return the energy error, J.
+
+    ``account`` (ACCOUNT_SIZE,) is the energy account of the state. The first violation is noted.
+    """
+    energy_error, found = check_energy_balance(session.balance, now, account)
+    status = session.status[0]
+    if found != BALANCE_OK and status.lost == BALANCE_OK:
+        status.lost, status.lost_at = found, t
+        status.energy_error, status.exchanged, status.passage = (
+            energy_error,
+            account[EXCHANGED_ENERGY],
+            account[PASSAGE_ENERGY],
+        )
+    return energy_error
+
+
+@kernel
+def check_energies(session: Any, times: Any, energies: Any, accounts: Any, energy_errors: Any) -> None:
+    """:func:`check_energy` of k states one after the other; put the energy errors into ``energy_errors`` (k,), J."""
+    for i in range(times.shape[0]):
+        energy_errors[i] = check_energy(session, times[i], energies[i], accounts[i])
+
+
+@kernel
+def check_point(session: Any, t: float, q: Any, v: Any, account: Any) -> None:
+    """Check the energy balance of the state reached, and note how far elements are from their limits there."""
+    if session.balance[0].is_checked == 1:
+        check_energy(session, t, energy_at(session, t, q, v), account)
+    if session.monitored.shape[0] > 0:
+        energy_at(session, t, q, v)  # places the bodies
+        session.status[0].limit_ratio = largest_ratio(session.monitored, session.data.arrays, session.data.state)
+
+
+@kernel
+def read_outputs(session: Any, t: float, q: Any, v: Any, a: Any, lam: Any, account: Any, out: Any) -> None:
+    """Put the outputs at the solution (q, v, a, lam) into ``out``, and in place of the energies that they end in the
+    energy error and the exchanged energy, J; nan if the energy balance is not checked.
+    """
+    observe(t, q, v, a, lam, session.data, out)
+    last = out.shape[0] - 1
+    if session.balance[0].is_checked == 1:
+        out[last - 1], out[last] = check_energy(session, t, out[last - 1], account), account[EXCHANGED_ENERGY]
+    else:
+        out[last - 1], out[last] = np.nan, np.nan

@@ -1,0 +1,159 @@
+"""What happens at a communication point, in its order: the one description for Python and for native FMUs.
+
+    set input   set the value; count a jump of the potential energy as work; the solver continues at its state
+    step        extrapolated loads change; support motions start, with the impulse of all velocity jumps;
+                the solver advances; check of the energy balance; bending of plates
+    read        accelerations and multipliers; outputs; check of the energy balance
+    retune      count the change of the energy by parameters as work; the solver restarts
+
+The functions run over a *run*, which has the fields of :class:`Run`. In a native FMU a run is a pinned tuple, the
+actions of its solver are kernels, and the functions are compiled together with them. In Python a run contains a
+:class:`solvers.Stepper` of any kind, the actions are its methods, and the functions are interpreted: they only call
+actions and kernels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.arrays.points import (
+    LOADS_CHANGED,
+    MOTION_STARTS,
+    RATE_JUMPS,
+    SUPPORT_MOTION,
+    perturb_motions,
+    restore_motions,
+)
+from solvers.outcome import NOT_FINITE, OK
+from solvers.system import Array
+
+from .points import (
+    account_discontinuity,
+    account_parameters,
+    apply_input,
+    check_point,
+    energy_at,
+    note_energy,
+    note_impulse,
+    plan_step,
+    read_outputs,
+    start_support_motions,
+    store_velocity_jump,
+)
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class Run(Protocol):
+    """What the functions read of a run; arrays are those of the reported state."""
+
+    session: Any  # .points.Session, pinned
+    inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords, pinned: those of the session
+    clock: Array | tuple[float]  # (1,) s, the time reached
+    q: Array  # (nq,)
+    v: Array  # (n,)
+    energy_account: Array  # (ACCOUNT_SIZE,)
+    a: Array  # (n,) accelerations, filled by the action ``evaluate``
+    lam: Array  # (m,) multipliers, filled by it too
+    dv: Array  # (n,) jump of the velocities, see the action ``jump``
+    out: NDArray[np.float64]  # outputs
+
+
+class SolverActions(NamedTuple):
+    """What a solver does for a run. Codes are those of :mod:`solvers.outcome`."""
+
+    advance: Callable[..., int]  # (run, end) -> code: advance to the time ``end``, s
+    evaluate: Callable[..., int]  # (run) -> code: fill ``run.a`` and ``run.lam``
+    continue_at_state: Callable[..., Any]  # (run): continue after a small change of the equations
+    restart: Callable[..., Any]  # (run): discard the history
+    jump: Callable[..., Any]  # (run): add ``run.dv`` to the velocities, and continue
+
+
+class Sequence(NamedTuple):
+    """What a run does. All functions take a run first and return a code."""
+
+    set_input: Callable[..., int]  # (run, index, value): at the time reached
+    begin_step: Callable[..., int]  # (run, end): the part of ``step`` before the solver advances
+    step: Callable[..., int]  # (run, end): advance to the communication point at ``end``, s
+    read: Callable[..., int]  # (run): fill ``run.out``
+    note_energy: Callable[..., int]  # (run): before parameters change
+    retune: Callable[..., int]  # (run): after parameters have changed
+
+
+def _unchanged(function: F) -> F:
+    return function
+
+
+def sequence_of(solver: SolverActions, compiled: Callable[[F], F] = _unchanged) -> Sequence:
+    """Return what runs of a solver do; ``compiled`` compiles a function that others call."""
+    advance, evaluate, continue_at_state, restart, jump = solver
+
+    def evaluate_impulse(run: Any) -> int:
+        """Put the jump of the velocities into ``run.dv``, see :mod:`mbfmu.mechanics.arrays.points`."""
+        code: int = OK
+        for k in range(2):
+            if code == OK:
+                perturb_motions(run.inputs, run.clock[0], float(k))
+                code = evaluate(run)
+                store_velocity_jump(run.a, k, run.dv)
+        restore_motions(run.inputs)
+        return code
+
+    impulse: Any = compiled(evaluate_impulse)  # type: ignore[arg-type]
+
+    def begin_step(run: Any, end: float) -> int:
+        t = run.clock[0]
+        found = plan_step(run.session, t, end)
+        if found & LOADS_CHANGED:
+            continue_at_state(run)
+        if found & MOTION_STARTS:
+            before, jumps = energy_at(run.session, t, run.q, run.v), found & RATE_JUMPS != 0
+            code: int = impulse(run) if jumps else OK
+            note_impulse(run.session, code)
+            if code != OK:
+                return code
+            start_support_motions(run.session)
+            if jumps:
+                jump(run)
+            else:
+                continue_at_state(run)
+            account_discontinuity(run.session, before, t, run.q, run.v)
+        return OK
+
+    begin: Any = compiled(begin_step)  # type: ignore[arg-type]
+
+    def step(run: Any, end: float) -> int:
+        code: int = begin(run, end)
+        if code != OK:
+            return code
+        code = advance(run, end)
+        check_point(run.session, run.clock[0], run.q, run.v, run.energy_account)
+        return code
+
+    def set_input(run: Any, index: int, value: float) -> int:
+        if not abs(value) < np.inf:
+            return NOT_FINITE
+        if apply_input(run.session, index, value, run.clock[0], run.q, run.v) != SUPPORT_MOTION:
+            continue_at_state(run)
+        return OK
+
+    def read(run: Any) -> int:
+        code: int = evaluate(run)
+        if code == OK:
+            read_outputs(run.session, run.clock[0], run.q, run.v, run.a, run.lam, run.energy_account, run.out)
+        return code
+
+    def note(run: Any) -> int:
+        note_energy(run.session, run.clock[0], run.q, run.v)
+        return OK
+
+    def retune(run: Any) -> int:
+        account_parameters(run.session, run.clock[0], run.q, run.v)
+        restart(run)
+        return OK
+
+    return Sequence(set_input, begin, step, read, note, retune)

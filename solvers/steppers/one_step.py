@@ -1,0 +1,337 @@
+"""One-step methods in Python: the loop over the steps, and the solver whose formulas the user writes.
+
+    y' = f(t, y),    y = (q, v, W)
+
+Positions q (nq), velocities v (n) and the work W are integrated by the same formulas. The accelerations in f are
+tangent to the constraints, so that the stages of a step need not be closed. The end of every step is projected onto
+them, and no step is accepted that may have jumped to another branch (:mod:`solvers.projection.singular`). Steps end at
+the requested time, where inputs may change: a step requires nothing of the step before it.
+
+If the formulas have no error estimate, the step is repeated in two halves: with y1 the result of one step and y2 that
+of two halves, (y2 - y1) / (2^p - 1) is the error of y2 for formulas of order p (Hairer, Norsett, Wanner, *Solving
+Ordinary Differential Equations I*, 1993, section II.4, eq. 4.4).
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled.kernel import records
+from solvers.compiled.tuple_pointer import pin
+from solvers.energy_account import (
+    ACCOUNT_FIELDS,
+    WORK,
+    energy_check_scheduled,
+    fill_account_row,
+    reset_check_schedule,
+)
+from solvers.linalg.blocks import one_thread
+from solvers.options import Options, Statistics
+from solvers.outcome import Code
+from solvers.stepper import Stepper, is_discontinuity, min_step_length, start_rate, validated_vector
+from solvers.system import AnySystem, Array
+
+from .formulation import formulate, record_work
+from .step_control import (
+    FIRST_STEP_RATIO,
+    MIN_CONTROLLED_ERROR,
+    MIN_STEP_CHANGE,
+    MIN_STEP_RATIO,
+    STEP_SAFETY_FACTOR,
+    TARGET_TOLERANCE,
+)
+
+Derivative = Callable[[float, Array], Array]  # (t, y) -> y'
+
+MAX_STEP_CHANGE = 5.0  # next step in units of this one, at most
+CONTROL = np.dtype(
+    [
+        *ACCOUNT_FIELDS,
+        ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # s: time reached, next step, last step
+        ("work", "f8"),  # J, at the time reached
+        ("last_error", "f8"), ("last_error_step", "f8"),  # of the last accepted step, and its size, s; 0: none
+        ("start", "i8"),  # 1: the motion starts or continues after a change
+        ("steps", "i8"), ("rejected", "i8"), ("refused", "i8"), ("evaluations", "i8"), ("starts", "i8"),
+    ],
+    align=True,
+)  # fmt: skip
+
+
+class StageFailure(Exception):
+    """The equations have no solution at a stage; the step is repeated with another length."""
+
+    def __init__(self, code: Code) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+class OneStepSolver(Stepper):
+    """A solver by a one-step method, whose formulas a subclass has in :meth:`step`; the rest is here.
+
+    It integrates small and large models, with closed loops or without, with control of the step size, events, energy
+    check and saved states. An exception in :meth:`step` ends the run with an error that names the solver.
+
+    Attributes
+    ----------
+    order
+        Order of the formulas, for the control of the step size.
+    error_order
+        Order of the estimated error: it is proportional to the step size to the power of ``error_order`` + 1. By
+        default ``order``; of a pair of formulas that of the less accurate ones.
+    name
+        Name of the solver; by default that of the class in lower case. Of an installed solver that of its entry point.
+    is_explicit
+        Whether the formulas are explicit, so that stiff models are refused.
+    """
+
+    order: ClassVar[int]
+    error_order: ClassVar[int] = 0
+    name: ClassVar[str] = ""
+    is_explicit: ClassVar[bool] = True
+    fallback_solvers = ("adams", "ida")
+
+    def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        super().__init__(system, t0, q0, v0, options)
+        self.system, options = system, self.options
+        self.formulation = formulate(system, self._t, self._q, self._v, options)
+        self.starts_singular = self.formulation.starts_singular
+        self.status = self._status(self.formulation.status)
+        self._record = records(1, CONTROL)
+        self._control = self._record[0]
+        self._scales = self.formulation.energy_scales(options)
+        self._pinned_scales = pin(self._scales)
+        units = np.concatenate((self.formulation.position_units, self.formulation.rate_units))
+        self._absolute_tolerances = options.absolute * units
+        self._max_step, self._has_work = options.max_step, False
+        self.restart()
+
+    @abstractmethod
+    def step(self, f: Derivative, t: float, y: Array, h: float) -> Array | tuple[Array, Array]:
+        """Return y at t + h.
+
+        Parameters
+        ----------
+        f
+            Function f(t, y) that returns y' as a new array.
+        t
+            Time at which the step begins, s.
+        y
+            Positions, velocities and work there (nq + n + 1,), not to be changed.
+        h
+            Step size, s.
+
+        Returns
+        -------
+        ndarray or tuple
+            y at the end of the step, or a tuple of this and its estimated error. Without an estimate the step is
+            repeated in two halves.
+        """
+
+    def advance_to(self, t: float) -> Code:
+        """As :meth:`solvers.stepper.Stepper.advance_to`."""
+        control, code, taken = self._control, Code.OK, 0
+        with one_thread():
+            while code is Code.OK and control["t"] < t:
+                if taken >= self.options.max_steps:
+                    code = Code.MAX_STEPS
+                    break
+                code = self._prepare() if control["start"] else Code.OK
+                code = self._take_step(t) if code is Code.OK else code
+                taken += 1
+        self._t = float(control["t"])
+        fill_account_row(control, float(control["work"]), self._energy_account)
+        return code
+
+    def _prepare(self) -> Code:
+        """Evaluate the state at which the motion starts or continues after a change."""
+        control, form, t = self._control, self.formulation, float(self._control["t"])
+        code = form.project(t, self._q, self._v)
+        code = form.evaluate(t, self._q, self._v) if code is Code.OK else code
+        if code is Code.OK:
+            self._record_energy(t)
+            if not control["h"] > 0.0:
+                form.record_step(t, self._q, self._v, 0.0, 0.0)
+                rate = start_rate(form.rate, np.inf, self.system.size, self._v, form.a)
+                control["h"] = FIRST_STEP_RATIO / rate
+            control["start"] = 0
+            control["starts"] += 1
+        return code
+
+    def _record_energy(self, t: float) -> None:
+        is_scheduled = self.options.energy_check and energy_check_scheduled(self._control)
+        self.formulation.record_energy(t, self._q, self._v, self._record, self._pinned_scales, bool(is_scheduled))
+
+    def _take_step(self, target: float) -> Code:
+        """Attempt steps, shorter after each rejection, until one is accepted; or return why the last was rejected."""
+        control, options, is_min_step = self._control, self.options, False
+        t, y = float(control["t"]), np.concatenate((self._q, self._v, [float(control["work"])]))
+        scale = self.formulation.tolerance_scale(options.rtol, 1.0)
+        tolerances = scale * (options.rtol * np.abs(y[:-1]) + self._absolute_tolerances)
+        while True:
+            control["h"] = min(control["h"], self._max_step)
+            h = self._truncated_step(target)
+            after = target if abs(target - t - h) <= TARGET_TOLERANCE * h else t + h
+            code, end, errors = self._attempt(t, y, h, after)
+            error = float(np.linalg.norm(errors[:-1] / tolerances)) if code is Code.OK else np.inf
+            if code is Code.OK and (error <= 1.0 or is_min_step):
+                self._accept(after, h, y, end, error, float(errors[-1]))
+                return Code.OK
+            control["rejected"] += 1
+            control["corner_rejections"] += code is Code.OK
+            control["h"] = h * (self._step_factor(h, error) if np.isfinite(error) else MIN_STEP_CHANGE)
+            smallest = min_step_length(MIN_STEP_RATIO, self.formulation.rate, self._max_step, t)
+            if not control["h"] > smallest:
+                if is_min_step or code is not Code.OK or not is_discontinuity(self._max_step, t):
+                    return Code.COLLAPSED if code is Code.OK else code
+                control["h"], is_min_step = smallest, True
+
+    def _truncated_step(self, target: float) -> float:
+        """Return the length of a step that is to end at ``target``, or half way where another would be shorter."""
+        left, h = target - float(self._control["t"]), float(self._control["h"])
+        if left * (1.0 - TARGET_TOLERANCE) <= h:
+            return left
+        return 0.5 * left if left < 2.0 * h else h
+
+    def _attempt(self, t: float, y: Array, h: float, after: float) -> tuple[Code, Array, Array]:
+        """Return code, y at the end of a step of h, and its error; the state there is projected and evaluated."""
+        form, nq, n = self.formulation, self.system.nq, self.system.n
+        try:
+            end, errors = self._step_with_error(t, y, h)
+        except StageFailure as failure:
+            return failure.code, y, y
+        if not (np.isfinite(end).all() and np.isfinite(errors).all()):
+            return Code.NOT_FINITE, y, y
+        q, v = end[:nq].copy(), end[nq : nq + n].copy()
+        code = form.project(after, q, v)
+        if code is Code.OK and not form.is_on_branch(after, q):
+            self._control["refused"] += 1
+            code = Code.BRANCHES
+        code = form.evaluate(after, q, v) if code is Code.OK else code
+        self._control["evaluations"] += 1
+        return code, np.concatenate((q, v, end[-1:])), errors
+
+    def _step_with_error(self, t: float, y: Array, h: float) -> tuple[Array, Array]:
+        """Return y at the end of a step of h and its error, by the formulas or by two steps of half the length."""
+        found = self.step(self._derivative, t, y, h)
+        if isinstance(found, tuple):
+            end, errors = found
+            return self._checked(end), self._checked(errors)
+        whole = self._checked(found)
+        middle = self._checked(self.step(self._derivative, t, y, 0.5 * h))
+        end = self._checked(self.step(self._derivative, t + 0.5 * h, middle, 0.5 * h))
+        return end, (end - whole) / (2.0**self.order - 1.0)
+
+    def _checked(self, found: Any) -> Array:
+        size = self.system.nq + self.system.n + 1
+        array = np.asarray(found, float)
+        if array.shape != (size,):
+            raise ValueError(
+                f"step() of {type(self).__name__} returns an array of the shape {array.shape}; allowed: that of y, "
+                f"({size},), or a tuple of y and its error"
+            )
+        return array
+
+    def _derivative(self, t: float, y: Array) -> Array:
+        """Return y' (nq + n + 1,) at a state that need not be on the constraints."""
+        form, nq, n = self.formulation, self.system.nq, self.system.n
+        q, v = np.array(y[:nq], float), np.array(y[nq : nq + n], float)
+        code = form.evaluate_stage(t, q, v)
+        self._control["evaluations"] += 1
+        if code is not Code.OK:
+            raise StageFailure(code)
+        power = form.power(t, q, v) if self._has_work else 0.0
+        return np.concatenate((form.qdot, form.a, [power]))
+
+    def _accept(self, after: float, h: float, y: Array, end: Array, error: float, work_error: float) -> None:
+        """Make the end of a step of h, evaluated last, the reported state; the next step is as its error allows."""
+        control, nq, n = self._control, self.system.nq, self.system.n
+        is_whole, longer = h >= control["h"], h * self._step_factor(h, error)
+        control["t"], control["hold"], control["work"] = after, h, end[-1]
+        self._q[:], self._v[:] = end[:nq], end[nq : nq + n]
+        self._record_energy(after)
+        record_work(self._record, float(end[-1] - y[-1]), work_error, h)
+        control["h"] = longer if is_whole else max(control["h"], longer)
+        limit = self.formulation.record_step(after, self._q, self._v, h, float(control["h"]))
+        control["h"] = min(control["h"], limit)
+        control["last_error"], control["last_error_step"] = max(error, 1e-2), h
+        control["steps"] += 1
+
+    def _step_factor(self, h: float, error: float) -> float:
+        """Return the factor of the next step after one of h, from this error and, if it was accepted, the last one."""
+        exponent = 1.0 / ((self.error_order or self.order) + 1.0)
+        error, last, before = (
+            max(error, MIN_CONTROLLED_ERROR),
+            self._control["last_error"],
+            self._control["last_error_step"],
+        )
+        factor = STEP_SAFETY_FACTOR * error**-exponent
+        if before > 0.0 and error <= 1.0:
+            factor = min(factor, STEP_SAFETY_FACTOR * h / before * (last / error**2) ** exponent)
+        return float(min(MAX_STEP_CHANGE, max(MIN_STEP_CHANGE, factor)))
+
+    def evaluate(self) -> tuple[Code, Array, Array]:
+        """As :meth:`solvers.stepper.Stepper.evaluate`."""
+        form = self.formulation
+        code = form.evaluate(self._t, self._q, self._v)
+        return code, form.a.copy(), form.lam.copy()
+
+    def _undetermined(self) -> bool:
+        return self.formulation.has_unresolved_forces(self.options.rtol)
+
+    def limit_step(self, longest: float) -> None:
+        """As :meth:`solvers.stepper.Stepper.limit_step`."""
+        self._max_step = longest
+
+    def restart(self) -> None:
+        """Restart at the reported state with a new step size."""
+        self._control["h"] = 0.0
+        self.continue_after_event()
+
+    def continue_after_event(self) -> None:
+        """Continue at the reported state with the present step size: the method has no history."""
+        control = self._control
+        control["t"], control["work"], control["start"] = self._t, self._energy_account[WORK], 1
+        control["last_error_step"] = 0.0
+        self._has_work = bool(self.options.energy_check and self.system.works())
+        reset_check_schedule(self._record)
+
+    def jump(self, dv: Array) -> None:
+        """Add dv (n,) to the reported velocities, and continue as after :meth:`continue_after_event`."""
+        self._v += validated_vector("dv", dv, self.system.n)
+        self.continue_after_event()
+
+    @property
+    def freedom(self) -> int:
+        """Largest number of degrees of freedom; zero if drives prescribe the motion."""
+        return self.formulation.freedom
+
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
+        own = [self._record, self.clock, self._q, self._v, self._energy_account, self._scales.bound_results]
+        return [*own, *self.formulation.memory()]
+
+    def restore(self, data: bytes) -> None:
+        """Restore the state in which ``data`` was saved, bit for bit."""
+        super().restore(data)
+        self._has_work = bool(self.options.energy_check and self.system.works())
+
+    @property
+    def statistics(self) -> Statistics:
+        """Counters of the run so far."""
+        control, growth = self._control, self.formulation.growth()[0]
+        return Statistics(
+            steps=int(control["steps"]),
+            rejected=int(control["rejected"]),
+            rhs_evals=int(control["evaluations"]),
+            restarts=max(0, int(control["starts"]) - 1),
+            order=self.order,
+            step_size=float(control["hold"]),
+            refused=int(control["refused"]),
+            rate_growth=float(growth["largest"]),
+            rate_growth_at=float(growth["at"]),
+        )

@@ -1,0 +1,170 @@
+"""Solvers from outside this package: classes of installed packages, and classes that a program gives.
+
+An installed package registers a class under the entry-point group ``mbfmu.solvers``, whose entry has the name of the
+solver. A program gives the class itself, whose name is its attribute ``name``, or that of the class in lower case. A
+package is imported when its solver is used, so that an error in it concerns nothing else.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
+
+from solvers.codes import coded
+from solvers.outcome import SolverError
+from solvers.stepper import Stepper
+from solvers.system import AnySystem
+
+from .one_step import OneStepSolver
+
+SOLVER_ENTRY_POINTS = "mbfmu.solvers"
+
+_given: dict[str, type[Stepper]] = {}  # classes that this process was given, by name
+
+
+def give_solver(cls: Any, reserved: tuple[str, ...]) -> str:
+    """Make the class of a solver known in this process, and return its name; ``reserved`` names are refused.
+
+    A class of the name of an earlier one takes its place.
+
+    Raises
+    ------
+    ValueError
+        The object is no class of a solver that can be used, or has a name that is taken.
+    """
+    name = getattr(cls, "name", "") or getattr(cls, "__name__", "").lower()
+    require_solver_class(cls, f"solver is {cls!r}")
+    if not isinstance(name, str) or not name.isprintable():
+        raise ValueError(f"the attribute name of solver {cls.__name__} is {name!r}; allowed: text. Change it")
+    if name in reserved or name in installed_solvers():
+        raise ValueError(
+            f"solver {cls.__name__} has the name {name!r}, which another solver has; give the class another attribute "
+            "name"
+        )
+    _given[name] = cls
+    return name
+
+
+def installed_solvers() -> dict[str, list[EntryPoint]]:
+    """Return the entry points of solvers in installed packages by name; nothing is imported."""
+    found: dict[str, list[EntryPoint]] = {}
+    for point in entry_points(group=SOLVER_ENTRY_POINTS):
+        found.setdefault(point.name, []).append(point)
+    return found
+
+
+def plugin_names() -> tuple[str, ...]:
+    """Return the names of all solvers from outside."""
+    return tuple(dict.fromkeys((*_given, *installed_solvers())))
+
+
+def is_given(name: str) -> bool:
+    """Whether the class of this name was given to this process, so that no other process can find it."""
+    return name in _given
+
+
+def load_plugin(name: str) -> type[Stepper]:
+    """Return the class of a solver from outside.
+
+    Raises
+    ------
+    ValueError
+        The package cannot be imported, has no such class, the class is no solver, or several packages have the name.
+    KeyError
+        There is no such solver.
+    """
+    if name in _given:
+        return _given[name]
+    point, *others = installed_solvers()[name]
+    if others:
+        told = ", ".join(sorted(describe_entry(one) for one in (point, *others)))
+        raise ValueError(
+            coded(
+                "broken-solver", f"solver {name!r} is in several packages: {told}; allowed: one. Uninstall the others"
+            )
+        )
+    try:
+        found = point.load()
+    except Exception as error:
+        raise ValueError(
+            coded(
+                "broken-solver",
+                f"solver {name!r} ({describe_entry(point)}) cannot be loaded: {describe_exception(error)}; repair or "
+                "uninstall the package, or use another solver",
+            )
+        ) from error
+    require_solver_class(found, f"solver {name!r} ({describe_entry(point)}) is {found!r}")
+    return found
+
+
+@contextmanager
+def errors_named(name: str, t: float, passing: type[Exception] = SolverError) -> Iterator[None]:
+    """Raise ValueError with the name of the solver for an exception in its own code, at time ``t`` (s) or later, but
+    for those that are ``passing``.
+    """
+    try:
+        yield
+    except passing:
+        raise
+    except Exception as error:
+        raise ValueError(
+            coded(
+                "broken-solver",
+                f"solver {name!r} ({describe_origin(name)}) fails after t = {t:.9g} s with "
+                f"{describe_exception(error)}; correct the solver, or use another one",
+            )
+        ) from error
+
+
+def create_plugin(name: str, system: AnySystem, t0: float, *arguments: Any) -> Stepper:
+    """Return a solver from outside at a state; ValueError if it cannot be loaded or created."""
+    cls = load_plugin(name)
+    with errors_named(name, t0, passing=ValueError):
+        return cls(system, t0, *arguments)
+
+
+def describe_origin(name: str) -> str:
+    """Return where the class of a solver from outside is."""
+    if name in _given:
+        return f"class {_given[name].__module__}.{_given[name].__qualname__}"
+    return ", ".join(map(describe_entry, installed_solvers().get(name, ())))
+
+
+def describe_entry(point: EntryPoint) -> str:
+    """Return where an entry point leads."""
+    package = f" of package {point.dist.name!r}" if point.dist else ""
+    return f"entry point {point.value!r}{package}"
+
+
+def describe_exception(error: BaseException) -> str:
+    """Return type and message of an exception, and the file and line at which it was raised."""
+    at = traceback.extract_tb(error.__traceback__)[-1:]
+    where = "".join(f" ({Path(one.filename).name}, line {one.lineno})" for one in at)
+    return f"{type(error).__name__}: {error}{where}"
+
+
+def require_solver_class(found: Any, what: str) -> None:
+    """Raise ValueError unless an object is a complete subclass of :class:`solvers.Stepper`."""
+    if not (isinstance(found, type) and issubclass(found, Stepper)):
+        raise ValueError(
+            coded(
+                "broken-solver",
+                f"{what}; allowed: the name of a solver, or a class derived from solvers.OneStepSolver or "
+                "solvers.Stepper. Pass the class itself",
+            )
+        )
+    missing = sorted(getattr(found, "__abstractmethods__", ()))
+    if issubclass(found, OneStepSolver) and not hasattr(found, "order"):
+        missing.append("order")
+    if missing:
+        raise ValueError(
+            coded(
+                "broken-solver",
+                f"solver {found.__name__} has no {', '.join(missing)}; write what the documentation of its base class "
+                "requires",
+            )
+        )
