@@ -27,10 +27,8 @@ from numba.core.event import TimingListener, install_listener
 
 SOLVERS_DIR = Path(__file__).resolve().parent.parent
 PACKAGE_DIR = SOLVERS_DIR.parent / "mbfmu"
-KERNEL_DIRS = (
-    SOLVERS_DIR,
-    *(PACKAGE_DIR / name for name in ("mechanics", "sheets", "session/kernels")),
-)  # of the kernels
+# of the kernels
+KERNEL_DIRS = (SOLVERS_DIR, *(PACKAGE_DIR / name for name in ("mechanics", "sheets", "session/kernels")))
 IMPORT_STATEMENT = re.compile(
     r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE
 )
