@@ -6,13 +6,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from solvers.compiled.indirect_call import call_f, call_ff, call_fff, call_void
 from solvers.compiled.kernel import inlined
 from solvers.compiled.record_view import record_at
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
 
 PLACE, BIAS = 0, 1  # of a joint
 EVALUATE = 0  # of a cut joint, of a coupling, of a signal
@@ -22,45 +25,45 @@ READ = 0  # of a sensor
 
 
 @inlined
-def place_child(body: Any, arrays: Any, state: Any) -> None:
+def place_child(body: Any, arrays: Arrays, state: State) -> None:
     """Let a body's joint write its subspace and placement into State.rel; see :mod:`.joints.base`."""
     call_void(arrays.kernels[body.kind + PLACE], arrays.memory, body.at, (body.qi, state))
 
 
 @inlined
-def has_bias(body: Any, arrays: Any) -> bool:
+def has_bias(body: Any, arrays: Arrays) -> bool:
     """Whether the subspace of a body's joint turns in its frame."""
     return arrays.kernels[body.kind + BIAS] != 0
 
 
 @inlined
-def joint_bias(body: Any, arrays: Any, state: Any) -> None:
+def joint_bias(body: Any, arrays: Arrays, state: State) -> None:
     """Let a body's joint write into State.bias what that adds."""
     call_void(arrays.kernels[body.kind + BIAS], arrays.memory, body.at, (body.qi, body.vi, state))
 
 
 @inlined
-def evaluate_cut(cut: Any, arrays: Any, state: Any) -> None:
+def evaluate_cut(cut: Any, arrays: Arrays, state: State) -> None:
     """Let a cut joint write its rows; see :mod:`.cuts.base`."""
     A, B = state.bodies[cut.a], state.bodies[cut.b]
     call_void(arrays.kernels[cut.kind + EVALUATE], arrays.memory, cut.at, (A, B, cut.row, state))
 
 
 @inlined
-def evaluate_coupling(coupling: Any, arrays: Any, state: Any) -> tuple[float, float, float]:
+def evaluate_coupling(coupling: Any, arrays: Arrays, state: State) -> tuple[float, float, float]:
     """f, f' and f'' of a coupling where its second coordinate is; see :mod:`.couplings.base`."""
     address = arrays.kernels[coupling.kind + EVALUATE]
     return call_fff(address, arrays.memory, coupling.at, state.q, (state.q[coupling.qb], arrays))
 
 
 @inlined
-def apply_load(load: Any, t: float, arrays: Any, state: Any) -> None:
+def apply_load(load: Any, t: float, arrays: Arrays, state: State) -> None:
     """Let a load add its own; see :mod:`.loads.base`."""
     call_void(arrays.kernels[load.kind + APPLY], arrays.memory, load.at, (t, arrays, state))
 
 
 @inlined
-def load_potential(load: Any, arrays: Any, state: Any) -> float:
+def load_potential(load: Any, arrays: Arrays, state: State) -> float:
     """Energy a load stores, J."""
     address = arrays.kernels[load.kind + POTENTIAL]
     if address == 0:
@@ -69,7 +72,7 @@ def load_potential(load: Any, arrays: Any, state: Any) -> float:
 
 
 @inlined
-def load_power(load: Any, t: float, arrays: Any, state: Any) -> float:
+def load_power(load: Any, t: float, arrays: Arrays, state: State) -> float:
     """Power of a load but for what it stores, W."""
     address = arrays.kernels[load.kind + POWER]
     if address == 0:
@@ -78,27 +81,27 @@ def load_power(load: Any, t: float, arrays: Any, state: Any) -> float:
 
 
 @inlined
-def load_tangent(load: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
+def load_tangent(load: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
     """Let a load add its tangent to K; return 1.0, or 0.0 where there is none."""
     address = arrays.kernels[load.kind + TANGENT]
     return call_f(address, arrays.memory, load.at, state.time, (c1, arrays, state, perturbed, K))
 
 
 @inlined
-def signal(k: int, t: float, arrays: Any) -> tuple[float, float, float]:
+def signal(k: int, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """Value and two derivatives of signal k at time t; see :mod:`.signals.base`."""
     item = arrays.signals[k]
     return call_fff(arrays.kernels[item.kind + EVALUATE], arrays.memory, item.at, arrays.world[0].gravity, (t, arrays))
 
 
 @inlined
-def signal_value(k: int, t: float, arrays: Any) -> float:
+def signal_value(k: int, t: float, arrays: Arrays) -> float:
     """Value of signal k at time t."""
     return signal(k, t, arrays)[0]
 
 
 @inlined
-def longest_step(k: int, t: float, arrays: Any) -> tuple[float, float]:
+def longest_step(k: int, t: float, arrays: Arrays) -> tuple[float, float]:
     """The longest step from time t (s) on that signal k allows, and until when, s."""
     item = arrays.signals[k]
     address = arrays.kernels[item.kind + LONGEST_STEP]
@@ -108,7 +111,7 @@ def longest_step(k: int, t: float, arrays: Any) -> tuple[float, float]:
 
 
 @inlined
-def load_monitor(load: Any, arrays: Any, state: Any) -> float:
+def load_monitor(load: Any, arrays: Arrays, state: State) -> float:
     """How far a load is from the limits of its theory; see :mod:`.loads.base`. Zero where it does not say."""
     address = arrays.kernels[load.kind + MONITOR]
     if address == 0:
@@ -117,14 +120,14 @@ def load_monitor(load: Any, arrays: Any, state: Any) -> float:
 
 
 @inlined
-def part_value(k: int, kernel: int, arrays: Any, state: Any, argument: Any) -> float:
+def part_value(k: int, kernel: int, arrays: Arrays, state: State, argument: Any) -> float:
     """What kernel number ``kernel`` of part k returns, called with one record."""
     item = arrays.parts[k]
     return call_f(arrays.kernels[item.kind + kernel], arrays.memory, item.at, state.time, (argument,))
 
 
 @inlined
-def scratch_record(place: int, dtype: Any, state: Any) -> Any:
+def scratch_record(place: int, dtype: Any, state: State) -> Any:
     """Scratch memory of an element type in a state: a record of ``dtype``, where its ``fill`` got the ``place`` of it.
 
     Its numbers are complex if the state is. It keeps what was written last, and is zero at first.
@@ -133,6 +136,6 @@ def scratch_record(place: int, dtype: Any, state: Any) -> Any:
 
 
 @inlined
-def read_sensor(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def read_sensor(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """Value of a sensor; see :mod:`.sensors.base`."""
     return call_f(arrays.kernels[sensor.kind + READ], arrays.memory, sensor.at, state.time, (lam, arrays, state))

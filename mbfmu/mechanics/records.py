@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.flexible.modal import FLEXIBLE, MODES, NODE
 from solvers.compiled.kernel import records
+from solvers.compiled.record import Mat3, Mat6, Record, Table, Vec3, Vec6, f8, i8
 from solvers.compiled.record_view import COMPLEX_FACTOR, aligned_bytes, complex_dtype
 
 MAX_KERNELS = 5  # most that a role has
@@ -24,84 +25,92 @@ MAX_KERNELS = 5  # most that a role has
 RIGID, MODAL, SECTION = 0, 1, 2  # roles of a body: moved by its joint; first section of a flexible body, whose
 # amplitudes are its coordinates and do not move it; another section, which shares them
 
-BODY = np.dtype(
-    [
-        ("role", np.int64),
-        ("parent", np.int64),  # index of the parent; parents come first
-        ("kind", np.int64),  # where the joint's kernels are in Arrays.kernels; of rigid bodies
-        ("at", np.int64),  # where its record is in Arrays.memory
-        ("nq", np.int64),  # positions and velocities of the joint
-        ("nv", np.int64),
-        ("qi", np.int64),  # where they start in State.q and State.v
-        ("vi", np.int64),
-        ("si", np.int64),  # ... in State.S
-        ("qf", np.int64),  # where they start in the solver's free q and v; -1: driven
-        ("vf", np.int64),
-        ("quaternion", np.int64),  # 1: the last four positions are a unit quaternion
-        ("drive", np.int64),  # signal that gives the coordinate; -1: free
-        ("node", np.int64),  # of a section: its node; -1: rigid
-        ("mass", np.float64),  # kg
-        ("com", np.float64, (3,)),  # center of mass from the body's origin, body axes, m
-        ("inertia", np.float64, (3, 3)),  # about the center of mass, body axes, kg m^2
-        ("s", np.float64, (3,)),  # joint frame in the parent: origin s'_j, m
-        ("R", np.float64, (3, 3)),  # ... and axes
-    ],
-    align=True,
-)
 
-CUT = np.dtype(
-    [
-        ("kind", np.int64),  # where its kernel is
-        ("at", np.int64),  # place of its record
-        ("a", np.int64),  # the two bodies
-        ("b", np.int64),
-        ("row", np.int64),  # first of its rows in State.rows
-        ("end", np.int64),  # the one after its last
-    ],
-    align=True,
-)
+class BodyRecord(Record):
+    """A body and its joint, constant."""
 
-COUPLING = np.dtype(
-    [
-        ("kind", np.int64),  # where its kernel is
-        ("at", np.int64),  # place of its record
-        ("a", np.int64),  # the two bodies
-        ("b", np.int64),
-        ("qa", np.int64),  # where their coordinates are in State.q
-        ("qb", np.int64),
-        ("va", np.int64),  # ... in State.v
-        ("vb", np.int64),
-        ("fa", np.int64),  # ... in the solver's free v; -1: driven
-        ("fb", np.int64),
-        ("row", np.int64),  # number of its row, in Arrays.kept
-    ],
-    align=True,
-)
+    role: i8
+    parent: i8  # index of the parent; parents come first
+    kind: i8  # where the joint's kernels are in Arrays.kernels; of rigid bodies
+    at: i8  # where its record is in Arrays.memory
+    nq: i8  # positions and velocities of the joint
+    nv: i8
+    qi: i8  # where they start in State.q and State.v
+    vi: i8
+    si: i8  # ... in State.S
+    qf: i8  # where they start in the solver's free q and v; -1: driven
+    vf: i8
+    quaternion: i8  # 1: the last four positions are a unit quaternion
+    drive: i8  # signal that gives the coordinate; -1: free
+    node: i8  # of a section: its node; -1: rigid
+    mass: f8  # kg
+    com: Vec3  # center of mass from the body's origin, body axes, m
+    inertia: Mat3  # about the center of mass, body axes, kg m^2
+    s: Vec3  # joint frame in the parent: origin s'_j, m
+    R: Mat3  # ... and axes
 
-ITEM = np.dtype([("kind", np.int64), ("at", np.int64)], align=True)  # a load, a signal, a part: kernels and record
-SENSOR = np.dtype([("kind", np.int64), ("at", np.int64), ("energy", np.int64)], align=True)  # 1: it reads State.energy
 
-WORLD = np.dtype(
-    [
-        ("gravity", np.float64, (3,)),  # m/s^2
-        ("nonconservative", np.int64),  # 1: there is work that no potential contains
-        ("drives", np.int64),  # 1: a drive does
-    ],
-    align=True,
-)
+class CutRecord(Record):
+    """A cut joint, constant."""
+
+    kind: i8  # where its kernel is
+    at: i8  # place of its record
+    a: i8  # the two bodies
+    b: i8
+    row: i8  # first of its rows in State.rows
+    end: i8  # the one after its last
+
+
+class CouplingRecord(Record):
+    """A coupling, constant."""
+
+    kind: i8  # where its kernel is
+    at: i8  # place of its record
+    a: i8  # the two bodies
+    b: i8
+    qa: i8  # where their coordinates are in State.q
+    qb: i8
+    va: i8  # ... in State.v
+    vb: i8
+    fa: i8  # ... in the solver's free v; -1: driven
+    fb: i8
+    row: i8  # number of its row, in Arrays.kept
+
+
+class ItemRecord(Record):
+    """A load, a signal or a part: where its kernels and its record are."""
+
+    kind: i8
+    at: i8
+
+
+class SensorRecord(Record):
+    """A sensor: where its kernel and its record are."""
+
+    kind: i8
+    at: i8
+    energy: i8
+
+
+class WorldRecord(Record):
+    """What concerns the whole mechanism."""
+
+    gravity: Vec3  # m/s^2
+    nonconservative: i8  # 1: there is work that no potential contains
+    drives: i8  # 1: a drive does
 
 
 class Arrays(NamedTuple):
     """A compiled mechanism."""
 
-    world: NDArray[Any]  # (1,) WORLD
-    bodies: NDArray[Any]  # (nb,) BODY, ground first
-    cuts: NDArray[Any]  # CUT
-    couplings: NDArray[Any]  # COUPLING
-    loads: NDArray[Any]  # ITEM
-    signals: NDArray[Any]  # ITEM
-    parts: NDArray[Any]  # ITEM, what loads and sensors are made of
-    sensors: NDArray[Any]  # SENSOR
+    world: Table[WorldRecord]  # (1,)
+    bodies: Table[BodyRecord]  # (nb,) ground first
+    cuts: Table[CutRecord]
+    couplings: Table[CouplingRecord]
+    loads: Table[ItemRecord]
+    signals: Table[ItemRecord]
+    parts: Table[ItemRecord]  # what loads and sensors are made of
+    sensors: Table[SensorRecord]
     kept: NDArray[np.int64]  # (rows,) number among the constraints, cuts before couplings; -1: trivially satisfied
     residual_scale: NDArray[np.float64]  # (rows,) m: length of the mechanism divided by the unit of the row
     flexibles: NDArray[Any]  # FLEXIBLE
@@ -111,54 +120,50 @@ class Arrays(NamedTuple):
     numbers: NDArray[np.float64]  # of tables, which are of any length
 
 
-MOTION = np.dtype(
-    [
-        ("r", np.float64, (3,)),  # origin, m
-        ("A", np.float64, (3, 3)),  # orientation, body to global
-        ("Y", np.float64, (6,)),  # velocity (r', w)
-        ("dY", np.float64, (6,)),  # acceleration (r'', w'), less gravity
-        ("beta", np.float64, (6,)),  # acceleration at q'' = 0 and parent's Y' = 0 (velocity products)
-        ("com", np.float64, (3,)),  # center of mass from the origin, global axes
-        ("Jc", np.float64, (3, 3)),  # inertia about the center of mass, global axes
-        ("F", np.float64, (6,)),  # applied wrench
-        ("W", np.float64, (6,)),  # wrench the joint transmits from the parent
-        ("mass", np.float64),  # composite body: mass, first and second moment about the origin
-        ("mc", np.float64, (3,)),
-        ("J", np.float64, (3, 3)),
-        ("IA", np.float64, (6, 6)),  # articulated inertia
-        ("pA", np.float64, (6,)),  # articulated bias wrench
-    ],
-    align=True,
-)
+class MotionRecord(Record):
+    """A body as it moves, in global axes."""
 
-ROW = np.dtype(
-    [
-        ("Phi", np.float64),  # constraint residual
-        ("Ga", np.float64, (6,)),  # Phi' = Ga . Y_a + Gb . Y_b
-        ("Gb", np.float64, (6,)),
-        ("bias", np.float64),  # Phi'' = Ga . Y'_a + Gb . Y'_b + bias
-        ("lam", np.float64),  # multiplier that loaded the bodies last
-    ],
-    align=True,
-)
+    r: Vec3  # origin, m
+    A: Mat3  # orientation, body to global
+    Y: Vec6  # velocity (r', w)
+    dY: Vec6  # acceleration (r'', w'), less gravity
+    beta: Vec6  # acceleration at q'' = 0 and parent's Y' = 0 (velocity products)
+    com: Vec3  # center of mass from the origin, global axes
+    Jc: Mat3  # inertia about the center of mass, global axes
+    F: Vec6  # applied wrench
+    W: Vec6  # wrench the joint transmits from the parent
+    mass: f8  # composite body: mass, first and second moment about the origin
+    mc: Vec3
+    J: Mat3
+    IA: Mat6  # articulated inertia
+    pA: Vec6  # articulated bias wrench
 
-COUPLED = np.dtype(
-    [
-        ("Phi", np.float64),  # q_a - f(q_b)
-        ("slope", np.float64),  # f'
-        ("bend", np.float64),  # f''
-        ("lam", np.float64),  # multiplier that loaded the coordinates last
-    ],
-    align=True,
-)
+
+class RowRecord(Record):
+    """A constraint equation of a cut joint."""
+
+    Phi: f8  # constraint residual
+    Ga: Vec6  # Phi' = Ga . Y_a + Gb . Y_b
+    Gb: Vec6
+    bias: f8  # Phi'' = Ga . Y'_a + Gb . Y'_b + bias
+    lam: f8  # multiplier that loaded the bodies last
+
+
+class CoupledRecord(Record):
+    """The constraint equation of a coupling."""
+
+    Phi: f8  # q_a - f(q_b)
+    slope: f8  # f'
+    bend: f8  # f''
+    lam: f8  # multiplier that loaded the coordinates last
 
 
 class State(NamedTuple):
     """What the recursions read and write."""
 
-    bodies: NDArray[Any]  # (nb,) MOTION
-    rows: NDArray[Any]  # (constraint equations of cut joints,) ROW
-    coupled: NDArray[Any]  # (couplings,) COUPLED
+    bodies: Table[MotionRecord]  # (nb,)
+    rows: Table[RowRecord]  # (constraint equations of cut joints,)
+    coupled: Table[CoupledRecord]  # (couplings,)
     S: NDArray[np.float64]  # (subspaces, 6) joint motion subspaces, columns of B2
     q: NDArray[np.float64]  # (nq,) every joint position, driven ones included
     v: NDArray[np.float64]  # (nv,)
@@ -189,9 +194,9 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
     """Return zeroed memory for ``nb`` bodies (ground included), with the ground placed; ``scratch`` is in bytes."""
     z = np.zeros
     state = State(
-        bodies=records(nb, MOTION),
-        rows=records(rows, ROW),
-        coupled=records(couplings, COUPLED),
+        bodies=MotionRecord.zeros(nb),
+        rows=RowRecord.zeros(rows),
+        coupled=CoupledRecord.zeros(couplings),
         S=z((subspaces, 6)),
         q=z(nq),
         v=z(nv),
@@ -218,14 +223,14 @@ def empty_data() -> Data:
     """Return data of a mechanism of one body: an example of the types that every mechanism has."""
     whole = np.zeros(1, np.int64)
     arrays = Arrays(
-        world=records(1, WORLD),
-        bodies=records(1, BODY),
-        cuts=records(1, CUT),
-        couplings=records(1, COUPLING),
-        loads=records(1, ITEM),
-        signals=records(1, ITEM),
-        parts=records(1, ITEM),
-        sensors=records(1, SENSOR),
+        world=WorldRecord.zeros(1),
+        bodies=BodyRecord.zeros(1),
+        cuts=CutRecord.zeros(1),
+        couplings=CouplingRecord.zeros(1),
+        loads=ItemRecord.zeros(1),
+        signals=ItemRecord.zeros(1),
+        parts=ItemRecord.zeros(1),
+        sensors=SensorRecord.zeros(1),
         kept=whole,
         residual_scale=np.zeros(1),
         flexibles=records(1, FLEXIBLE),
@@ -243,13 +248,14 @@ def to_complex_data(data: Data) -> Data:
     Kernels are written so that each is an analytic function of every real number it reads. Kernels and memory are those
     of the real one still: :class:`.tables.Tables` has the complex ones.
     """
-    return Data(Arrays(*map(to_complex, data.arrays)), to_complex_state(data.state))
+    arrays: Any = [to_complex(array) for array in data.arrays]
+    return Data(Arrays(*arrays), to_complex_state(data.state))
 
 
 def to_complex_state(state: State) -> State:
     """Return a copy whose real numbers are complex."""
     scratch = aligned_bytes(COMPLEX_FACTOR * len(state.scratch))
-    arrays: Any = map(to_complex, state)
+    arrays: Any = [to_complex(array) for array in state]
     return State(*arrays)._replace(scratch=scratch)
 
 

@@ -19,7 +19,7 @@ from mbfmu.mechanics import couplings, cuts, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.points import InputRecords, start_input
 from mbfmu.mechanics.arrays.tables import REAL, CalledKernel
 from mbfmu.mechanics.kind import ElementType, element_types_of, kernel_of, record_of
-from mbfmu.mechanics.records import ITEM, empty_data
+from mbfmu.mechanics.records import ItemRecord, empty_data
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
 from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.kernels.points import Session, begin_session
@@ -184,7 +184,7 @@ def example(name: str) -> Any:
     own = family.memory(1, 1, 1), family.work(1, 1, 1, positions), EnergyScales.of(1e-6, z(1), z(1))
     state = z(1), z(1), z(ACCOUNT_SIZE)
     given = Integration(eqs, records(1, family.loop.SETTINGS), *own, *state)
-    session = Session.allocate(data, InputRecords.example(), records(1, ITEM))
+    session = Session.allocate(data, InputRecords.example(), ItemRecord.zeros(1))
     start, frames = Start(z(1), z(1), Scratch.allocate(1, 1)), Frames(z(1, np.int64), z(1))
     settings = z(3), records(1, OPTIONS), z(1, np.int64)
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)

@@ -15,18 +15,18 @@ from mbfmu.mechanics.flexible.modal import FLEXIBLE, NODE
 from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.kind import ElementType, check_element_type, record_of
 from mbfmu.mechanics.records import (
-    BODY,
-    COUPLING,
-    CUT,
-    ITEM,
     MAX_KERNELS,
     MODAL,
     RIGID,
     SECTION,
-    SENSOR,
-    WORLD,
     Arrays,
+    BodyRecord,
+    CouplingRecord,
+    CutRecord,
     Data,
+    ItemRecord,
+    SensorRecord,
+    WorldRecord,
     allocate_state,
     to_complex_data,
     to_complex_state,
@@ -36,6 +36,7 @@ from mbfmu.mechanics.signals import Input, InUse, Signal, SpeedInput
 from mbfmu.mechanics.signals.followed import Followed
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import records
+from solvers.compiled.record import R, Table
 from solvers.compiled.record_view import complex_dtype, round_up
 
 from .given import Courses
@@ -267,7 +268,7 @@ class Compiled:
         joints, cuts, couplings, acting, sensors, signals, parts = np.split(
             np.column_stack((MAX_KERNELS * np.array(tables.kinds), tables.places)), self.ends
         )
-        world = records(1, WORLD)
+        world = WorldRecord.zeros(1)
         world["gravity"] = mechanism.gravity
         bodies, (closing, rows) = body_records(mechanism, numbering, joints), cut_records(mechanism, cuts)
         flexibles, nodes = flexible_records(mechanism, numbering)
@@ -275,16 +276,16 @@ class Compiled:
         world["nonconservative"] = (
             world["drives"] | any(a.load.is_nonconservative for a in loads) | np.any(flexibles["beta"])
         )
-        observing = item_records(sensors, SENSOR)
+        observing = item_records(sensors, SensorRecord)
         observing["energy"] = [sensor.reads_energy for sensor in self.sensors]
         arrays = Arrays(
             world=world,
             bodies=bodies,
             cuts=closing,
             couplings=coupling_records(mechanism, numbering, couplings, rows),
-            loads=item_records(acting, ITEM),
-            signals=item_records(signals, ITEM),
-            parts=item_records(parts, ITEM),
+            loads=item_records(acting, ItemRecord),
+            signals=item_records(signals, ItemRecord),
+            parts=item_records(parts, ItemRecord),
             sensors=observing,
             kept=np.arange(rows + len(couplings)),
             residual_scale=np.ones(rows + len(couplings)),
@@ -326,7 +327,7 @@ class Compiled:
         memory, places = self._tables.complex_memory()
         joints, *others = np.split(np.array(places, np.int64), self.ends)
         arrays.bodies["at"][arrays.bodies["role"] == RIGID] = joints
-        tables = (arrays.cuts, arrays.couplings, arrays.loads, arrays.sensors, arrays.signals, arrays.parts)
+        tables: Any = (arrays.cuts, arrays.couplings, arrays.loads, arrays.sensors, arrays.signals, arrays.parts)
         for table, own in zip(tables, others, strict=True):
             table["at"] = own
         arrays = arrays._replace(memory=memory, kernels=self._tables.kernels(COMPLEX))
@@ -360,16 +361,16 @@ def observed_sensors(sensor: Sensor) -> tuple[Body, ...]:
     return sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ())
 
 
-def item_records(items: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:
+def item_records(items: NDArray[np.int64], record: type[R]) -> Table[R]:
     """Return one record an item, from its kind and place (items, 2)."""
-    table = records(len(items), dtype)
+    table = record.zeros(len(items))
     table["kind"], table["at"] = items.T
     return table
 
 
-def body_records(mechanism: Mechanism, numbering: Numbering, joints: NDArray[np.int64]) -> NDArray[Any]:
+def body_records(mechanism: Mechanism, numbering: Numbering, joints: NDArray[np.int64]) -> Table[BodyRecord]:
     """One record a body, ground first; ``joints`` are those of rigid bodies, kind and place."""
-    table, nodes, own = records(len(mechanism.bodies), BODY), 0, iter(joints)
+    table, nodes, own = BodyRecord.zeros(len(mechanism.bodies)), 0, iter(joints)
     for i, body in enumerate(mechanism.bodies):
         record, joint = table[i], body.joint
         record["parent"], record["node"] = body.parent, -1
@@ -388,9 +389,9 @@ def body_records(mechanism: Mechanism, numbering: Numbering, joints: NDArray[np.
     return table
 
 
-def cut_records(mechanism: Mechanism, cuts: NDArray[np.int64]) -> tuple[NDArray[Any], int]:
+def cut_records(mechanism: Mechanism, cuts: NDArray[np.int64]) -> tuple[Table[CutRecord], int]:
     """One record a cut, from their kinds and places, and the number of rows."""
-    table, row = records(len(mechanism.cuts), CUT), 0
+    table, row = CutRecord.zeros(len(mechanism.cuts)), 0
     for record, handle, (kind, at) in zip(table, mechanism.cuts, cuts, strict=True):
         record["kind"], record["at"] = kind, at
         record["a"], record["b"], record["row"] = handle.a.index, handle.b.index, row
@@ -401,9 +402,9 @@ def cut_records(mechanism: Mechanism, cuts: NDArray[np.int64]) -> tuple[NDArray[
 
 def coupling_records(
     mechanism: Mechanism, numbering: Numbering, couplings: NDArray[np.int64], row: int
-) -> NDArray[Any]:
+) -> Table[CouplingRecord]:
     """One record a coupling, from their kinds and places; ``row`` is the first of their rows."""
-    table = records(len(mechanism.couplings), COUPLING)
+    table = CouplingRecord.zeros(len(mechanism.couplings))
     for record, handle, (kind, at) in zip(table, mechanism.couplings, couplings, strict=True):
         record["kind"], record["at"], record["row"] = kind, at, row + handle.index
         for end, body, k in (("a", handle.a, handle.coordinate_a), ("b", handle.b, handle.coordinate_b)):

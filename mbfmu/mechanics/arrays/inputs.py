@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Set
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,9 @@ from .points import (
     start_input,
 )
 from .scale import joint_sizes
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
 
 
 class Drives:
@@ -107,7 +110,7 @@ class Inputs:
     """
 
     def __init__(
-        self, numbering: Numbering, arrays: Any, signals: list[InUse], courses: NDArray[Any], drives: Drives
+        self, numbering: Numbering, arrays: Arrays, signals: list[InUse], courses: NDArray[Any], drives: Drives
     ) -> None:
         self._slots, self._arrays = tuple(numbering.slots), arrays
         self._records = [signal.record for signal in signals]
@@ -160,7 +163,7 @@ class Inputs:
         """Return how many there are."""
         return len(self._slots)
 
-    def places(self, arrays: Any, signals: list[InUse]) -> list[tuple[Any, int]]:
+    def places(self, arrays: Arrays, signals: list[InUse]) -> list[tuple[Any, int]]:
         """Return where the complex copy of the plant keeps every input: a vector and an index."""
         gravity = arrays.world["gravity"][0]
         return [

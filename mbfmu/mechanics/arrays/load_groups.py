@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from mbfmu.mechanics.kind import kernel_of, record_of
 from mbfmu.mechanics.loads import Load
 from mbfmu.mechanics.records import Data
 from solvers.compiled.kernel import kernel, records
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +56,7 @@ class LoadGroup:
 
     @property
     def bodies(self) -> NDArray[Any]:
-        """Where the bodies are, by their numbers; fields of :data:`.records.MOTION`."""
+        """Where the bodies are, by their numbers; fields of :class:`.records.MotionRecord`."""
         return self.data.state.bodies
 
     @property
@@ -91,8 +94,8 @@ def load_groups(mechanism: Mechanism, data: Data, kernel_data: Any, hook: str) -
 
 
 @kernel
-def largest_ratio(loads: Any, arrays: Any, state: Any) -> float:
-    """The largest value of ``monitor`` of these loads (k,), records of ITEM, where the bodies are."""
+def largest_ratio(loads: Any, arrays: Arrays, state: State) -> float:
+    """The largest value of ``monitor`` of these loads (k,), ItemRecord, where the bodies are."""
     largest = 0.0
     for k in range(loads.shape[0]):
         largest = max(largest, load_monitor(loads[k], arrays, state))

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.kind import ElementType
-from mbfmu.mechanics.records import Data
+from mbfmu.mechanics.records import Data, ItemRecord
 from mbfmu.mechanics.recursions.dynamics import energy, observe
 from mbfmu.mechanics.sensors import Follows, largest_residual
 from mbfmu.mechanics.signals import Input, InUse
 from mbfmu.mechanics.tangent import Groups, Tangent
 from mbfmu.util.errors import AssemblyError, UserError
 from mbfmu.util.units import read_unit
+from solvers.compiled.record import Table
 from solvers.compiled.tuple_pointer import unpin
 from solvers.system import Array, System
 
@@ -300,11 +301,12 @@ class Plant:
         return find_coincident(self.mechanism, self.data.state.bodies, self.length)
 
     @cached_property
-    def monitored(self) -> NDArray[Any]:
-        """The loads that say how far they are from the limits of their theory, records of :data:`.records.ITEM`."""
+    def monitored(self) -> Table[ItemRecord]:
+        """The loads that have limits of their theory."""
         found = load_groups(self.mechanism, self.data, self.kernel_data, "monitor")
         numbers = np.concatenate([np.zeros(0, np.int64), *(group.numbers for group in found)])
-        return self.data.arrays.loads[numbers]
+        loads: Any = self.data.arrays.loads
+        return loads[numbers]
 
     def limit_ratio(self, t: float, q: Array) -> float:
         """Return the largest ratio of :func:`.loads.base.limit_ratio` at free positions q (nq,); zero: no load has

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.kind import record_of
-from mbfmu.mechanics.records import WORLD
+from mbfmu.mechanics.records import WorldRecord
 from mbfmu.mechanics.signals import Input
 from solvers.compiled.kernel import kernel, records
+from solvers.compiled.record import Table
 
 from .extrapolated import LOAD, load_finished, load_starts, set_load_input, skip_load_point, start_load
 from .motion import (
@@ -60,10 +61,12 @@ class InputRecords(NamedTuple):
     ahead: NDArray[Any]  # (supports,) SEGMENT, those they depart for
     courses: NDArray[Any]  # every polynomial of the mechanism, where it lies in Arrays.memory
     before: NDArray[Any]  # (supports,) polynomials that were perturbed
-    world: NDArray[Any]  # (1,) WORLD, of Arrays
+    world: Table[WorldRecord]  # (1,) of Arrays
 
     @staticmethod
-    def allocate(inputs: int, loads: int, supports: int, courses: NDArray[Any], world: NDArray[Any]) -> InputRecords:
+    def allocate(
+        inputs: int, loads: int, supports: int, courses: NDArray[Any], world: Table[WorldRecord]
+    ) -> InputRecords:
         """Return zeroed records for the given numbers, with the existing polynomials and ground."""
         segments, ahead = records(supports, SEGMENT), records(supports, SEGMENT)
         before = records(supports, courses.dtype)
@@ -73,7 +76,7 @@ class InputRecords(NamedTuple):
     @staticmethod
     def example() -> InputRecords:
         """Return records of the types that every mechanism has."""
-        return InputRecords.allocate(1, 1, 1, records(1, record_of(Input)), records(1, WORLD))
+        return InputRecords.allocate(1, 1, 1, records(1, record_of(Input)), WorldRecord.zeros(1))
 
     def memory(self) -> list[NDArray[Any]]:
         """Return their history, without the polynomials and gravity."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.kind import ElementType, kernel_of, record_of
 from mbfmu.mechanics.records import (
     MAX_KERNELS,
-    MOTION,
+    MotionRecord,
     empty_data,
     to_complex,
     to_complex_data,
@@ -178,7 +178,7 @@ def word_types(arrays: type, state: type) -> dict[str, Any]:
         "arrays": pointer_type((to_complex_data(real) if arrays is complex else real).arrays),
         "state": pointer_type(to_complex_state(real.state) if state is complex else real.state),
         "perturbed": pointer_type(to_complex_state(real.state)),
-        "motion": record_type(complex_dtype(MOTION) if state is complex else MOTION),
+        "motion": record_type(complex_dtype(MotionRecord.dtype) if state is complex else MotionRecord.dtype),
         "lam": number[::1],
         "matrix": types.float64[:, ::1],
     }

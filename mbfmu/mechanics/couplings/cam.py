@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,11 +18,14 @@ from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import Coupling
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
+
 CHECK_RANGE = 5.0  # units of ``width`` to either side of zero, in which a function is tried
 
 
 @kernel
-def evaluate(cam: Any, x: Any, arrays: Any) -> Any:
+def evaluate(cam: Any, x: Any, arrays: Arrays) -> Any:
     """See :mod:`.base`."""
     value, slope, bend, _ = curve(arrays.numbers, cam.first, cam.count, x)
     return value, slope, bend
@@ -33,7 +36,7 @@ def kernel_of(f: Any) -> Any:
     """Return ``evaluate`` of a function f(q)."""
     derivatives = law.derivatives
 
-    def evaluate(cam: Any, x: Any, arrays: Any) -> Any:
+    def evaluate(cam: Any, x: Any, arrays: Arrays) -> Any:
         return derivatives(f, x, cam.width.real)
 
     return jit_uncached(evaluate)

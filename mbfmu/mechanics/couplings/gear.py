@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,9 +14,12 @@ from solvers.compiled.kernel import kernel
 
 from .base import Coupling
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
+
 
 @kernel
-def evaluate(gear: Any, x: Any, arrays: Any) -> Any:
+def evaluate(gear: Any, x: Any, arrays: Arrays) -> Any:
     """See :mod:`.base`."""
     return gear.ratio * x + gear.offset, gear.ratio + 0.0 * x, 0.0 * x
 

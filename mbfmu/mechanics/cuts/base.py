@@ -14,7 +14,7 @@ planar loop, say) are dropped when it is compiled.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from mbfmu.mechanics.checks import Matrix, rotation, vector
 from mbfmu.mechanics.kind import Attachment, ElementType
 from mbfmu.mechanics.spatial import arm, centripetal
 from solvers.compiled.kernel import kernel
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
 
 CUT_PARAMETERS = np.dtype(
     [
@@ -130,7 +133,7 @@ class AxisCut(Cut):
 
 
 @kernel
-def constrain_point(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
+def constrain_point(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
     """Three rows: Q stays on P along each axis of the cut frame in body a."""
     motion = relative_motion(cut, A, B)
     for k in range(3):

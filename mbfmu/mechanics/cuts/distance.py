@@ -6,7 +6,7 @@ Phi = (d.d - L^2) / (2 L) with d = r_Q - r_P: smooth at every d, and lambda is t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,9 +18,12 @@ from solvers.compiled.kernel import kernel
 
 from .base import CUT_PARAMETERS, Cut
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
+
 
 @kernel
-def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
+def evaluate(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
     """See :mod:`.base`. Phi' = d.d'/L, Phi'' = (d.d'' + d'.d')/L."""
     out = state.rows[row]
     ax, ay, az = arm(A, cut.Pa)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
 
 from .base import Cut, constrain_point
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
+
 
 @kernel
-def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
+def evaluate(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
     """See :mod:`.base`."""
     constrain_point(cut, A, B, row, state)
 

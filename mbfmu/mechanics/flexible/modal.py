@@ -35,11 +35,14 @@ J. by p', kappa_k the modal stiffness, beta the damping time of the material.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from solvers.compiled.kernel import kernel
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
 
 MODES = 12  # most of one body
 
@@ -97,7 +100,7 @@ def row_times(G: Any, k: int, size: int, x: Any, i: int) -> float:
 
 
 @kernel
-def place_section(body: Any, node: Any, parent: Any, here: Any, state: Any) -> None:
+def place_section(body: Any, node: Any, parent: Any, here: Any, state: State) -> None:
     """Position r, A of a node and its rows of the motion subspaces; ``parent`` is the body's frame E."""
     qi, C, A = body.qi, parent.A, here.A
     w, turn = 0.0 * state.q[qi], 0.0 * state.q[qi]
@@ -119,7 +122,7 @@ def place_section(body: Any, node: Any, parent: Any, here: Any, state: Any) -> N
 
 
 @kernel
-def add_section_bias(body: Any, node: Any, frame: Any, state: Any, beta: Any) -> None:
+def add_section_bias(body: Any, node: Any, frame: Any, state: State, beta: Any) -> None:
     """Add to a node's velocity products what the changing of its subspace adds, -p'^T G p' along the axis."""
     back = quadratic(node.G, node.shortens, state.v, body.vi, state.v, body.vi)
     for i in range(3):
@@ -193,7 +196,7 @@ def coupling(elastic: Any, k: int, here: Any, q: Any, out: Any) -> None:
 
 
 @kernel
-def inertia(elastic: Any, here: Any, state: Any) -> None:
+def inertia(elastic: Any, here: Any, state: State) -> None:
     """Add f and n to the wrench W of the frame and the tau_k to State.tau (module docstring)."""
     A, q, v, a, qi, vi = here.A, state.q, state.v, state.a, elastic.qi, elastic.vi
     ax, ay, az = to_body_axis(A, here.dY, 0)
@@ -235,7 +238,7 @@ def inertia(elastic: Any, here: Any, state: Any) -> None:
 
 
 @kernel
-def momentum(elastic: Any, here: Any, state: Any, out: Any) -> None:
+def momentum(elastic: Any, here: Any, state: State, out: Any) -> None:
     """out += momentum and angular momentum about the frame's origin, global axes."""
     A, v, vi = here.A, state.v, elastic.vi
     vx, vy, vz = to_body_axis(A, here.Y, 0)
@@ -259,7 +262,7 @@ def momentum(elastic: Any, here: Any, state: Any, out: Any) -> None:
 
 
 @kernel
-def modal_momentum(elastic: Any, k: int, here: Any, state: Any) -> float:
+def modal_momentum(elastic: Any, k: int, here: Any, state: State) -> float:
     """dT/dp'_k."""
     _, _, wz = to_body_axis(here.A, here.Y, 3)
     vx, vy, _ = to_body_axis(here.A, here.Y, 0)
@@ -268,7 +271,7 @@ def modal_momentum(elastic: Any, k: int, here: Any, state: Any) -> float:
 
 
 @kernel
-def kinetic(elastic: Any, here: Any, state: Any, scratch: Any) -> float:
+def kinetic(elastic: Any, here: Any, state: State, scratch: Any) -> float:
     """T = (Y . momentum wrench + p' . dT/dp') / 2, J."""
     for i in range(6):
         scratch[i] = 0.0
@@ -282,7 +285,7 @@ def kinetic(elastic: Any, here: Any, state: Any, scratch: Any) -> float:
 
 
 @kernel
-def apply_elastic_forces(elastic: Any, state: Any) -> None:
+def apply_elastic_forces(elastic: Any, state: State) -> None:
     """Modal stiffness and damping among the forces along the coordinates."""
     for k in range(elastic.modes):
         p, rate = state.q[elastic.qi + k], state.v[elastic.vi + k]
@@ -290,7 +293,7 @@ def apply_elastic_forces(elastic: Any, state: Any) -> None:
 
 
 @kernel
-def potential(elastic: Any, state: Any) -> float:
+def potential(elastic: Any, state: State) -> float:
     """Strain energy, J."""
     total = 0.0 * state.q[elastic.qi]
     for k in range(elastic.modes):
@@ -299,7 +302,7 @@ def potential(elastic: Any, state: Any) -> float:
 
 
 @kernel
-def power(elastic: Any, state: Any) -> float:
+def power(elastic: Any, state: State) -> float:
     """-beta sum kappa_k p'_k^2, W."""
     total = 0.0 * state.v[elastic.vi]
     for k in range(elastic.modes):
@@ -308,7 +311,7 @@ def power(elastic: Any, state: Any) -> float:
 
 
 @kernel
-def gravity_potential(elastic: Any, here: Any, state: Any, g: Any) -> float:
+def gravity_potential(elastic: Any, here: Any, state: State, g: Any) -> float:
     """Energy in the gravity field g, zero at the global origin, J."""
     sx, sy, _, _, _ = moments(elastic, state.q)
     total = 0.0 * sx

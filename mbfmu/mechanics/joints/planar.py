@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,9 +14,12 @@ from solvers.compiled.kernel import kernel
 
 from .base import AxisJoint
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
+
 
 @kernel
-def place(joint: Any, qi: int, state: Any) -> None:
+def place(joint: Any, qi: int, state: State) -> None:
     """See :mod:`.base`."""
     q, axis, first, other, rel = state.q, joint.axis, joint.first, joint.other, state.rel
     axis_matrix(axis, np.cos(q[qi + 2]), np.sin(q[qi + 2]), rel, 6)

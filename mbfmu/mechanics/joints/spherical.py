@@ -6,16 +6,19 @@ Velocities are the angular velocity in the child's axes, whose columns turn with
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.spatial import quaternion_matrix
 from solvers.compiled.kernel import kernel
 
 from .base import Joint
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
+
 
 @kernel
-def place(joint: Any, qi: int, state: Any) -> None:
+def place(joint: Any, qi: int, state: State) -> None:
     """See :mod:`.base`."""
     rel = state.rel
     quaternion_matrix(state.q, qi, rel, 6)

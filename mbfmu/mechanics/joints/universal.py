@@ -8,7 +8,7 @@ The two axes of a cross are perpendicular in every position, so that no position
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,11 +20,14 @@ from solvers.compiled.kernel import kernel
 
 from .base import AxisJoint
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
+
 MAX_AXIS_COSINE = 1e-9  # cosine of the angle between two axes
 
 
 @kernel
-def place(joint: Any, qi: int, state: Any) -> None:
+def place(joint: Any, qi: int, state: State) -> None:
     """See :mod:`.base`. Columns: n;  A_n m."""
     q, n, m, rel = state.q, joint.axis, joint.second, state.rel
     axis_matrix(m, np.cos(q[qi + 1]), np.sin(q[qi + 1]), rel, 6)
@@ -38,7 +41,7 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 
 @kernel
-def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
+def bias(joint: Any, qi: int, vi: int, state: State) -> None:
     """See :mod:`.base`: q_0' q_1' n x A_n m."""
     q, v, n, m, out = state.q, state.v, joint.axis, joint.second, state.bias
     x, y, z = rotated(n, np.cos(q[qi]), np.sin(q[qi]), m[0], m[1], m[2])

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
 
 from .base import Joint
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
+
 
 @kernel
-def place(joint: Any, qi: int, state: Any) -> None:
+def place(joint: Any, qi: int, state: State) -> None:
     """See :mod:`.base`."""
     rel = state.rel
     for i in range(3):

@@ -36,13 +36,14 @@ from solvers.compiled.kernel import inlined, kernel
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.arrays.load_groups import LoadGroup
+    from mbfmu.mechanics.records import Arrays, State
 
 Points = tuple[Any, ...]
 FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 
 
 @kernel
-def zero_tangent(load: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
+def zero_tangent(load: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
     """Tangent of a load whose stiffness is negligible in the implicit solvers of large trees."""
     return 0.0
 

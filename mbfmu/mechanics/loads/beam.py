@@ -13,7 +13,7 @@ linearized in how the bodies move, but between the two of an element displacemen
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from mbfmu.mechanics.loads.base import Force
 from mbfmu.mechanics.numbers import not_negative, positive
 from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
 
 
 @kernel
@@ -91,7 +94,7 @@ def _stretch_rate(a: Any, b: Any) -> tuple[float, float, float, float, float, fl
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`."""
     a, b = state.bodies[force.a], state.bodies[force.b]
     A, B = a.A, b.A
@@ -119,7 +122,7 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def potential(force: Any, arrays: Any, state: Any) -> float:
+def potential(force: Any, arrays: Arrays, state: State) -> float:
     """U."""
     dx, dy, dz, px, py, pz = _stretch(force, state.bodies[force.a], state.bodies[force.b])
     fx, fy, fz, mx, my, mz = _resist(force, dx, dy, dz, px, py, pz)
@@ -127,7 +130,7 @@ def potential(force: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
     """-beta (d, phi)'^T K (d, phi)'."""
     ux, uy, uz, sx, sy, sz = _stretch_rate(state.bodies[force.a], state.bodies[force.b])
     fx, fy, fz, mx, my, mz = _resist(force, ux, uy, uz, sx, sy, sz)

@@ -13,7 +13,7 @@ the same of e and -e: there is no attitude at which anything jumps. The force ac
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
 from .base import Force, Points, fill_points
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
 
 
 @kernel
@@ -80,7 +83,7 @@ def _stretch_rate(force: Any, A: Any, B: Any) -> tuple[float, float, float, floa
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     k, c = force.stiffness, force.damping
@@ -104,7 +107,7 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def potential(force: Any, arrays: Any, state: Any) -> float:
+def potential(force: Any, arrays: Arrays, state: State) -> float:
     """U."""
     s, k = _stretch(force, state.bodies[force.a], state.bodies[force.b]), force.stiffness
     total = 0.0 * s[0]
@@ -114,7 +117,7 @@ def potential(force: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
     """-sum c_i d_i'^2 - sum gamma_i p_i'^2."""
     rate, c = _stretch_rate(force, state.bodies[force.a], state.bodies[force.b]), force.damping
     total = 0.0 * rate[0]

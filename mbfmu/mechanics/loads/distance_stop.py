@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,9 +16,12 @@ from .base import Force, Points, fill_points
 from .spring import connecting_line
 from .stops import LIMITS, check_limits, dissipated_power, fill_limits, stop_energy, stop_force
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
@@ -28,14 +31,14 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def potential(force: Any, arrays: Any, state: Any) -> float:
+def potential(force: Any, arrays: Arrays, state: State) -> float:
     """k x^2 / 2."""
     _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return stop_energy(force, length)
 
 
 @kernel
-def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
     """-(f - k x) x'."""
     _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return dissipated_power(force, length, rate) if length != 0.0 else 0.0 * length

@@ -6,7 +6,7 @@ v_n is the velocity of its center, the mean of the corners, along its normal; a 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,9 +15,13 @@ from solvers.compiled.kernel import kernel
 
 from .base import Load, zero_tangent
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Table
+
 
 @kernel
-def normal_flow(drag: Any, bodies: Any) -> tuple[float, float, float, float]:
+def normal_flow(drag: Any, bodies: Table[MotionRecord]) -> tuple[float, float, float, float]:
     """v_n, and the normal of the area, g2 x g1."""
     n1, n2, n3, n4 = bodies[drag.node[0]], bodies[drag.node[1]], bodies[drag.node[2]], bodies[drag.node[3]]
     r1, r2, r3, r4 = n1.r, n2.r, n3.r, n4.r
@@ -36,7 +40,7 @@ def normal_flow(drag: Any, bodies: Any) -> tuple[float, float, float, float]:
 
 
 @kernel
-def apply(drag: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(drag: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     bodies = state.bodies
     speed, nx, ny, nz = normal_flow(drag, bodies)
@@ -51,7 +55,7 @@ def apply(drag: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def power(drag: Any, t: float, arrays: Any, state: Any) -> float:
+def power(drag: Any, t: float, arrays: Arrays, state: State) -> float:
     """-rho c area |v_n|^3 / 2, W."""
     speed, _, _, _ = normal_flow(drag, state.bodies)
     return -drag.coefficient * speed * speed * (speed if speed.real > 0.0 else -speed)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from mbfmu.mechanics import law
 from mbfmu.mechanics.curve import curve
@@ -19,16 +19,19 @@ from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import Force
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
+
 
 @kernel
-def table_force(force: Any, stretch: Any, arrays: Any) -> Any:
+def table_force(force: Any, stretch: Any, arrays: Arrays) -> Any:
     """The force at a stretch, by the table of a record with ``first`` and ``count``."""
     f, _, _, _ = curve(arrays.numbers, force.first, force.count, stretch)
     return f
 
 
 @kernel
-def table_energy(force: Any, stretch: Any, arrays: Any) -> Any:
+def table_energy(force: Any, stretch: Any, arrays: Arrays) -> Any:
     """The integral of the force, from no stretch on."""
     _, _, _, stored = curve(arrays.numbers, force.first, force.count, stretch)
     _, _, _, unloaded = curve(arrays.numbers, force.first, force.count, 0.0 * stretch)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,15 +15,18 @@ from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import Force
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     state.Q[force.v] += signal_value(force.signal, t, arrays)
 
 
 @kernel
-def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
     """Force times rate of the coordinate."""
     return signal_value(force.signal, t, arrays) * state.v[force.v]
 
@@ -33,10 +36,10 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` of a force f(t, q, v)."""
     at = law.at
 
-    def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
         state.Q[force.v] += at(f, t, state.q[force.q], state.v[force.v])
 
-    def power(force: Any, t: float, arrays: Any, state: Any) -> Any:
+    def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
         return at(f, t, state.q[force.q], state.v[force.v]) * state.v[force.v]
 
     return jit_uncached(apply), jit_uncached(power)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,36 +14,39 @@ from solvers.compiled.kernel import jit_uncached, kernel
 
 from .elastic import ElasticForce, table_energy, table_force
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     stretch = state.q[force.q] - force.free
     state.Q[force.v] -= force.stiffness * stretch + force.damping * state.v[force.v]
 
 
 @kernel
-def potential(force: Any, arrays: Any, state: Any) -> float:
+def potential(force: Any, arrays: Arrays, state: State) -> float:
     """k (q - q0)^2 / 2."""
     stretch = state.q[force.q] - force.free
     return 0.5 * force.stiffness * stretch * stretch
 
 
 @kernel
-def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
     """-c q'^2."""
     return -force.damping * state.v[force.v] * state.v[force.v]
 
 
 @kernel
-def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
+def apply_table(force: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     f = table_force(force, state.q[force.q] - force.free, arrays)
     state.Q[force.v] -= f + force.damping * state.v[force.v]
 
 
 @kernel
-def table_potential(force: Any, arrays: Any, state: Any) -> float:
+def table_potential(force: Any, arrays: Arrays, state: State) -> float:
     """The integral of the force, from no stretch on."""
     return table_energy(force, state.q[force.q] - force.free, arrays)
 
@@ -53,11 +56,11 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` of a spring whose force is a function."""
     at = law.at
 
-    def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
         rate = state.v[force.v]
         state.Q[force.v] -= at(f, t, state.q[force.q] - force.free, rate) + force.damping * rate
 
-    def power(force: Any, t: float, arrays: Any, state: Any) -> Any:
+    def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
         rate = state.v[force.v]
         return -(at(f, t, state.q[force.q] - force.free, rate) + force.damping * rate) * rate
 

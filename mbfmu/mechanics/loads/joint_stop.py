@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,21 +13,24 @@ from solvers.compiled.kernel import kernel
 from .base import Force
 from .stops import LIMITS, check_limits, dissipated_power, fill_limits, stop_energy, stop_force
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     state.Q[force.v] += stop_force(force, state.q[force.q], state.v[force.v])
 
 
 @kernel
-def potential(force: Any, arrays: Any, state: Any) -> float:
+def potential(force: Any, arrays: Arrays, state: State) -> float:
     """k x^2 / 2."""
     return stop_energy(force, state.q[force.q])
 
 
 @kernel
-def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
     """-(f - k x) x'."""
     return dissipated_power(force, state.q[force.q], state.v[force.v])
 

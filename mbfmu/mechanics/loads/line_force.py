@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,9 +15,12 @@ from solvers.compiled.kernel import kernel
 from .base import Force, Points, fill_points
 from .spring import connecting_line
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`. Points that coincide have no line of action: there is no force."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, _ = connecting_line(force, A, B)
@@ -27,7 +30,7 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
     """Force times rate of the distance."""
     _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return signal_value(force.signal, t, arrays) * rate if length != 0.0 else 0.0 * length

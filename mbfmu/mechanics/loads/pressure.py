@@ -16,7 +16,7 @@ stored: the work depends on how the edges move.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,9 +26,13 @@ from solvers.compiled.kernel import kernel
 
 from .base import Load
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Table
+
 
 @kernel
-def corner_forces(load: Any, p: Any, bodies: Any, k: int) -> tuple[float, float, float, float]:
+def corner_forces(load: Any, p: Any, bodies: Table[MotionRecord], k: int) -> tuple[float, float, float, float]:
     """Component k of f_1 ... f_4 for the pressure p, Pa; positive along the normal g2 x g1."""
     r1, r2, r3, r4 = bodies[load.node[0]].r, bodies[load.node[1]].r, bodies[load.node[2]].r, bodies[load.node[3]].r
     i, j = (k + 1) % 3, (k + 2) % 3
@@ -44,7 +48,7 @@ def corner_forces(load: Any, p: Any, bodies: Any, k: int) -> tuple[float, float,
 
 
 @kernel
-def apply(load: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(load: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     p, bodies = signal_value(load.signal, t, arrays), state.bodies
     for k in range(3):
@@ -56,7 +60,7 @@ def apply(load: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def power(load: Any, t: float, arrays: Any, state: Any) -> float:
+def power(load: Any, t: float, arrays: Arrays, state: State) -> float:
     """p times the rate of the volume that the surface sweeps, W."""
     p, bodies = signal_value(load.signal, t, arrays), state.bodies
     n1, n2, n3, n4 = bodies[load.node[0]], bodies[load.node[1]], bodies[load.node[2]], bodies[load.node[3]]
@@ -68,7 +72,7 @@ def power(load: Any, t: float, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def tangent(load: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
+def tangent(load: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
     """See :mod:`.base`."""
     p, bodies = signal_value(load.signal, state.time[0], arrays), state.bodies
     r1, r2, r3, r4 = bodies[load.node[0]].r, bodies[load.node[1]].r, bodies[load.node[2]].r, bodies[load.node[3]].r

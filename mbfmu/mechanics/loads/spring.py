@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import Points, fill_points
 from .elastic import ElasticForce, table_energy, table_force
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
 
 
 @kernel
@@ -44,7 +47,7 @@ def connecting_line(force: Any, A: Any, B: Any) -> Any:
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
@@ -56,7 +59,7 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def potential(force: Any, arrays: Any, state: Any) -> float:
+def potential(force: Any, arrays: Arrays, state: State) -> float:
     """k (l - l0)^2 / 2."""
     _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     stretch = length - force.free
@@ -64,14 +67,14 @@ def potential(force: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
     """-c l'^2."""
     _, _, _, _, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return -force.damping * rate * rate
 
 
 @kernel
-def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
+def apply_table(force: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
@@ -83,7 +86,7 @@ def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def table_potential(force: Any, arrays: Any, state: Any) -> float:
+def table_potential(force: Any, arrays: Arrays, state: State) -> float:
     """The integral of the force, from no stretch on."""
     _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return table_energy(force, length - force.free, arrays)
@@ -94,7 +97,7 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` of a spring whose force is a function."""
     at = law.at
 
-    def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
         A, B = state.bodies[force.a], state.bodies[force.b]
         (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
         f_x = force.damping * rate
@@ -103,7 +106,7 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
         add_force(A.F, ax, ay, az, f_x * dx, f_x * dy, f_x * dz)
         add_force(B.F, bx, by, bz, -f_x * dx, -f_x * dy, -f_x * dz)
 
-    def power(force: Any, t: float, arrays: Any, state: Any) -> Any:
+    def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
         _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
         f_x = force.damping * rate
         if length != 0.0:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from mbfmu.mechanics.spatial import angle_of, arm
 from solvers.compiled.kernel import jit_uncached, kernel
 
 from .elastic import ElasticForce, table_energy, table_force
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
 
 
 @kernel
@@ -58,7 +61,7 @@ def apply_torque(A: Any, B: Any, torque: Any, g: Any) -> None:
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     phi, rate, g = _twist(force, A, B)
@@ -66,21 +69,21 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def potential(force: Any, arrays: Any, state: Any) -> float:
+def potential(force: Any, arrays: Arrays, state: State) -> float:
     """k (phi - phi0)^2 / 2."""
     phi, _, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
     return 0.5 * force.stiffness * (phi - force.free) * (phi - force.free)
 
 
 @kernel
-def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
     """-c phi'^2."""
     _, rate, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
     return -force.damping * rate * rate
 
 
 @kernel
-def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
+def apply_table(force: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     phi, rate, g = _twist(force, A, B)
@@ -88,7 +91,7 @@ def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def table_potential(force: Any, arrays: Any, state: Any) -> float:
+def table_potential(force: Any, arrays: Arrays, state: State) -> float:
     """The integral of the torque, from no turn on."""
     phi, _, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
     return table_energy(force, phi - force.free, arrays)
@@ -99,12 +102,12 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` of a spring whose torque is a function."""
     at = law.at
 
-    def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
         A, B = state.bodies[force.a], state.bodies[force.b]
         phi, rate, g = _twist(force, A, B)
         apply_torque(A, B, at(f, t, phi - force.free, rate) + force.damping * rate, g)
 
-    def power(force: Any, t: float, arrays: Any, state: Any) -> Any:
+    def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
         phi, rate, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
         return -(at(f, t, phi - force.free, rate) + force.damping * rate) * rate
 

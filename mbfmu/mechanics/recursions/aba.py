@@ -12,7 +12,7 @@ which eliminates them (flexible.modal).
 from __future__ import annotations
 
 from math import sqrt
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.flexible import modal
 from mbfmu.mechanics.records import SECTION
@@ -21,11 +21,14 @@ from solvers.compiled.kernel import kernel
 
 from .rnea import inertia_wrench
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 RHS_COLUMN = modal.MODES  # column of D with the right-hand side
 
 
 @kernel
-def forward_dynamics(arrays: Any, state: Any) -> int:
+def forward_dynamics(arrays: Arrays, state: State) -> int:
     """State.a for the tree alone (cut joints enter as applied forces); 1 where a coordinate moves no mass."""
     initialize_articulated_inertia(arrays, state)
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
@@ -39,7 +42,7 @@ def forward_dynamics(arrays: Any, state: Any) -> int:
 
 
 @kernel
-def drive_efforts(arrays: Any, state: Any) -> None:
+def drive_efforts(arrays: Arrays, state: State) -> None:
     """State.tau of the driven coordinates after :func:`forward_dynamics`, from what their joints transmit:
     S^T (IA B1 Y'_j + pA) - Q, pA being what is passed to the parent.
     """
@@ -60,7 +63,7 @@ def drive_efforts(arrays: Any, state: Any) -> None:
 
 
 @kernel
-def apply_inverse_mass_matrix(arrays: Any, state: Any, r: Any, x: Any) -> None:
+def apply_inverse_mass_matrix(arrays: Arrays, state: State, r: Any, x: Any) -> None:
     """x (n,) = M^-1 r (n,) by the articulated inertias of the last :func:`forward_dynamics`: nothing but r acts."""
     for i in range(arrays.bodies.shape[0]):
         for k in range(6):
@@ -103,7 +106,7 @@ def apply_inverse_mass_matrix(arrays: Any, state: Any, r: Any, x: Any) -> None:
 
 
 @kernel
-def initialize_articulated_inertia(arrays: Any, state: Any) -> None:
+def initialize_articulated_inertia(arrays: Arrays, state: State) -> None:
     """Rigid-body inertia about the origin as a 6x6 matrix, and the wrench at zero acceleration."""
     for i in range(1, arrays.bodies.shape[0]):
         here = state.bodies[i]
@@ -127,17 +130,17 @@ def initialize_articulated_inertia(arrays: Any, state: Any) -> None:
         inertia_wrench(mass, here, here.pA)
         for k in range(6):
             here.pA[k] -= here.F[k]
-    for c in range(state.U.shape[0]):
+    for row in range(state.U.shape[0]):
         for k in range(6):
-            state.U[c, k] = 0.0
+            state.U[row, k] = 0.0
         for k in range(state.D.shape[1]):
-            state.D[c, k] = 0.0
+            state.D[row, k] = 0.0
     for i in range(arrays.flexibles.shape[0]):
         initialize_elastic_inertia(arrays.flexibles[i], state)
 
 
 @kernel
-def initialize_elastic_inertia(elastic: Any, state: Any) -> None:
+def initialize_elastic_inertia(elastic: Any, state: State) -> None:
     """Inertia of an elastic body about its frame's origin, and its wrench and modal forces at zero acceleration."""
     here, vi = state.bodies[elastic.body], elastic.vi
     modal.composite(elastic, here, state.q)
@@ -166,7 +169,7 @@ def initialize_elastic_inertia(elastic: Any, state: Any) -> None:
 
 
 @kernel
-def backward_pass(i: int, arrays: Any, state: Any) -> int:
+def backward_pass(i: int, arrays: Arrays, state: State) -> int:
     """Hand body i's articulated inertia and bias to its parent; 1 where D is not positive."""
     body = arrays.bodies[i]
     here = state.bodies[i]
@@ -206,7 +209,7 @@ def backward_pass(i: int, arrays: Any, state: Any) -> int:
 
 
 @kernel
-def add_section_inertia(body: Any, here: Any, frame: Any, state: Any) -> None:
+def add_section_inertia(body: Any, here: Any, frame: Any, state: State) -> None:
     """Add a node's U, about the frame's origin, D and u to those of the amplitudes."""
     IA, S, U, D, vi, si, f = here.IA, state.S, state.U, state.D, body.vi, body.si, state.wrench
     for e in range(body.nv):
@@ -268,7 +271,7 @@ def propagate_to_parent(here: Any, parent: Any) -> None:
 
 
 @kernel
-def forward_pass(i: int, arrays: Any, state: Any) -> None:
+def forward_pass(i: int, arrays: Arrays, state: State) -> None:
     """Accelerations of body i and of its joint from its parent's."""
     body = arrays.bodies[i]
     here = state.bodies[i]

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.dispatch import apply_load, load_potential, load_power
 from mbfmu.mechanics.flexible import modal
 from solvers.compiled.kernel import inlined, kernel
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @inlined
-def apply_loads(t: float, arrays: Any, state: Any) -> None:
+def apply_loads(t: float, arrays: Arrays, state: State) -> None:
     """Let every load and flexible body add its own to the applied wrenches and to the coordinate forces, which
     scatter_coordinates has cleared.
     """
@@ -27,13 +30,13 @@ def apply_loads(t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def apply_single_load(k: int, t: float, arrays: Any, state: Any) -> None:
+def apply_single_load(k: int, t: float, arrays: Arrays, state: State) -> None:
     """Let one load add its own to the applied wrenches and the coordinate forces."""
     apply_load(arrays.loads[k], t, arrays, state)
 
 
 @inlined
-def stored_energy(arrays: Any, state: Any) -> float:
+def stored_energy(arrays: Arrays, state: State) -> float:
     """Energy stored in all loads and flexible bodies, J."""
     total = 0.0
     for i in range(arrays.loads.shape[0]):
@@ -44,7 +47,7 @@ def stored_energy(arrays: Any, state: Any) -> float:
 
 
 @inlined
-def sum_load_powers(t: float, arrays: Any, state: Any) -> float:
+def sum_load_powers(t: float, arrays: Arrays, state: State) -> float:
     """Power of all loads and flexible bodies, W, without the change of :func:`stored_energy`; :func:`apply_loads` was
     called last for this state.
     """

@@ -9,15 +9,18 @@ equation, of two coordinates (see ``couplings``):
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.dispatch import evaluate_coupling, evaluate_cut
 from mbfmu.mechanics.spatial import add_wrench, dot6, row_dot6, shift_wrench
 from solvers.compiled.kernel import inlined, kernel
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @inlined
-def evaluate_constraints(arrays: Any, state: Any) -> None:
+def evaluate_constraints(arrays: Arrays, state: State) -> None:
     """Fill State.rows from positions and velocities, State.coupled from positions."""
     for i in range(arrays.cuts.shape[0]):
         evaluate_cut(arrays.cuts[i], arrays, state)
@@ -28,7 +31,7 @@ def evaluate_constraints(arrays: Any, state: Any) -> None:
 
 
 @inlined
-def common_ancestor(i: int, k: int, arrays: Any) -> int:
+def common_ancestor(i: int, k: int, arrays: Arrays) -> int:
     """The outermost body that carries both. Its motion changes no cut between them, whose rows live in their frames: of
     the two powers on a joint further in only rounding would be left, which is no constraint that moves.
     """
@@ -41,7 +44,7 @@ def common_ancestor(i: int, k: int, arrays: Any) -> int:
 
 
 @inlined
-def propagate_row(i: int, end: int, G: Any, row: int, arrays: Any, state: Any, J: Any) -> float:
+def propagate_row(i: int, end: int, G: Any, row: int, arrays: Arrays, state: State, J: Any) -> float:
     """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the body ``end``.
 
     Driven coordinates move at their known velocity; returns the power on them.
@@ -64,7 +67,7 @@ def propagate_row(i: int, end: int, G: Any, row: int, arrays: Any, state: Any, J
 
 
 @inlined
-def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
+def jacobian(arrays: Arrays, state: State, Phi: Any, J: Any, nu: Any) -> None:
     """Phi (m,), J (m, n) and nu (m,), after :func:`evaluate_constraints`; State.v holds the driven velocities."""
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
@@ -96,7 +99,7 @@ def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
 
 
 @inlined
-def right_hand_side(arrays: Any, state: Any, gamma: Any) -> None:
+def right_hand_side(arrays: Arrays, state: State, gamma: Any) -> None:
     """gamma of J v' = gamma; State holds velocities, and accelerations at zero free v'."""
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
@@ -115,7 +118,7 @@ def right_hand_side(arrays: Any, state: Any, gamma: Any) -> None:
 
 
 @kernel
-def load_constraints(lam: Any, arrays: Any, state: Any) -> None:
+def load_constraints(lam: Any, arrays: Arrays, state: State) -> None:
     """Add the cut-joint forces -lambda G to the applied wrenches F, those of couplings to the coordinate forces Q."""
     f = state.wrench
     for i in range(arrays.cuts.shape[0]):

@@ -7,16 +7,19 @@ A composite inertia about an origin O is kept as mass m, first moment mc and sec
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.flexible import modal
 from mbfmu.mechanics.records import MODAL, SECTION
 from mbfmu.mechanics.spatial import row_dot6, shift_wrench
 from solvers.compiled.kernel import inlined, kernel
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @inlined
-def composite_inertia(arrays: Any, state: Any) -> None:
+def composite_inertia(arrays: Arrays, state: State) -> None:
     """Composite inertia of each body with its descendants, about its origin."""
     for i in range(1, arrays.bodies.shape[0]):
         here = state.bodies[i]
@@ -76,7 +79,7 @@ def set_symmetric(row: int, column: int, power: float, add: bool, M: Any) -> Non
 
 
 @inlined
-def propagate_force(i: int, row: int, f: Any, add: bool, arrays: Any, state: Any, M: Any) -> None:
+def propagate_force(i: int, row: int, f: Any, add: bool, arrays: Arrays, state: State, M: Any) -> None:
     """Enter the power of the momentum wrench f of coordinate ``row`` at body i on every free coordinate further in."""
     while arrays.bodies[i].parent > 0:
         up = arrays.bodies[i].parent
@@ -89,7 +92,7 @@ def propagate_force(i: int, row: int, f: Any, add: bool, arrays: Any, state: Any
 
 
 @inlined
-def mass_matrix(arrays: Any, state: Any, M: Any) -> None:
+def mass_matrix(arrays: Arrays, state: State, M: Any) -> None:
     """M (n, n) over the free coordinates, after :func:`composite_inertia`; zero between branches, and left so.
 
     The amplitudes of an elastic body get its inertia first, then that of the bodies on each of its sections.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -29,9 +29,12 @@ from .energy import power as power_of
 from .kinematics import rotate_inertia, scatter_coordinates, update_accelerations, update_positions, update_velocities
 from .rnea import inverse_dynamics
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @inlined
-def update_kinematics(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
+def update_kinematics(t: float, q: Any, v: Any, arrays: Arrays, state: State) -> None:
     """Positions, velocities and applied forces at (t, q, v)."""
     scatter_coordinates(t, q, v, arrays, state)
     update_positions(arrays, state)
@@ -39,7 +42,7 @@ def update_kinematics(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None
 
 
 @inlined
-def update_velocity_level(t: float, arrays: Any, state: Any) -> None:
+def update_velocity_level(t: float, arrays: Arrays, state: State) -> None:
     """Velocities and applied forces of the bodies as they are placed."""
     rotate_inertia(arrays, state)
     update_velocities(arrays, state)
@@ -48,7 +51,7 @@ def update_velocity_level(t: float, arrays: Any, state: Any) -> None:
 
 
 @inlined
-def evaluate_position_rate(arrays: Any, q: Any, v: Any, qdot: Any) -> None:
+def evaluate_position_rate(arrays: Arrays, q: Any, v: Any, qdot: Any) -> None:
     """qdot (nq,) = N(q) v over the free coordinates."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -62,7 +65,7 @@ def evaluate_position_rate(arrays: Any, q: Any, v: Any, qdot: Any) -> None:
 
 
 @inlined
-def gather_free(values: Any, arrays: Any, out: Any) -> None:
+def gather_free(values: Any, arrays: Arrays, out: Any) -> None:
     """out (n,) = values (nv,) at the free coordinates."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -72,7 +75,7 @@ def gather_free(values: Any, arrays: Any, out: Any) -> None:
 
 
 @inlined
-def evaluate_motion_terms(q: Any, v: Any, arrays: Any, state: Any, terms: Any) -> None:
+def evaluate_motion_terms(q: Any, v: Any, arrays: Arrays, state: State, terms: Any) -> None:
     """The terms of the bodies as they move; the free accelerations are zero while the bias is taken."""
     update_accelerations(arrays, state)
     inverse_dynamics(arrays, state)
@@ -201,7 +204,7 @@ def inertia_parts(data: Any, out: Any) -> None:
 
 
 @inlined
-def scatter_free(a: Any, arrays: Any, state: Any) -> None:
+def scatter_free(a: Any, arrays: Arrays, state: State) -> None:
     """Combine the free accelerations a (n,) with those of the drives."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -218,7 +221,7 @@ def inverse_dynamics_at_solution(t: float, q: Any, v: Any, a: Any, lam: Any, dat
 
 
 @inlined
-def update_acceleration_level(a: Any, lam: Any, arrays: Any, state: Any) -> None:
+def update_acceleration_level(a: Any, lam: Any, arrays: Arrays, state: State) -> None:
     """Accelerations, joint wrenches and drive efforts of the solution, bodies moving and loaded as they do there."""
     scatter_free(a, arrays, state)
     update_accelerations(arrays, state)
@@ -264,7 +267,7 @@ def input_step_limit(t: float, data: Any) -> tuple[float, float]:
 
 
 @kernel
-def scatter_drive(t: float, body: Any, arrays: Any, state: Any) -> None:
+def scatter_drive(t: float, body: Any, arrays: Arrays, state: State) -> None:
     """Position and velocity of a driven coordinate."""
     state.q[body.qi], state.v[body.vi], _ = signal(body.drive, t, arrays)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from solvers.compiled.kernel import inlined
 
 from .applied import stored_energy, sum_load_powers
 from .crba import composite_inertia, momentum_of
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
 
 
 @inlined
@@ -27,7 +30,7 @@ def twice_energy(mass: float, here: Any, Y: Any) -> float:
 
 
 @inlined
-def kinetic_energy(arrays: Any, state: Any) -> float:
+def kinetic_energy(arrays: Arrays, state: State) -> float:
     """sum m v_c.v_c / 2 + w.Jc w / 2, J."""
     total = 0.0
     for i in range(1, arrays.bodies.shape[0]):
@@ -38,7 +41,7 @@ def kinetic_energy(arrays: Any, state: Any) -> float:
 
 
 @inlined
-def potential_energy(arrays: Any, state: Any) -> float:
+def potential_energy(arrays: Arrays, state: State) -> float:
     """Energy in the gravity field (zero at the global origin) and in the springs, J."""
     total = stored_energy(arrays, state)
     g = arrays.world[0].gravity
@@ -66,7 +69,7 @@ def body_momentum(mass: float, here: Any, p: Any) -> None:
 
 
 @inlined
-def generalized_momenta(arrays: Any, state: Any) -> float:
+def generalized_momenta(arrays: Arrays, state: State) -> float:
     """State.tau = p = dT/dv over every coordinate, and the joint wrenches W as scratch; return T = p v / 2, J."""
     for i in range(1, arrays.bodies.shape[0]):
         body_momentum(arrays.bodies[i].mass, state.bodies[i], state.bodies[i].W)
@@ -95,7 +98,7 @@ def generalized_momenta(arrays: Any, state: Any) -> float:
 
 
 @inlined
-def evaluate_energy_bound(rtol: float, q_tol: Any, v_tol: Any, arrays: Any, state: Any, out: Any) -> None:
+def evaluate_energy_bound(rtol: float, q_tol: Any, v_tol: Any, arrays: Arrays, state: State, out: Any) -> None:
     """out = (root of the sum over all coordinates of (h dq)^2 + (p dv)^2, kinetic energy), J.
 
     h is State.tau, the bias; dq = rtol |q| + q_tol and dv = rtol |v| + v_tol with the absolute tolerances (n,) of the
@@ -128,7 +131,7 @@ def evaluate_energy_bound(rtol: float, q_tol: Any, v_tol: Any, arrays: Any, stat
 
 @inlined
 def update_motion_extent(
-    q_tol: Any, v_tol: Any, max_q_tol: float, max_v_tol: float, arrays: Any, state: Any, out: Any
+    q_tol: Any, v_tol: Any, max_q_tol: float, max_v_tol: float, arrays: Arrays, state: State, out: Any
 ) -> None:
     """out[2:5] = the largest displacement and velocity of a coordinate in absolute tolerances, and the momentum,
     State.tau, times the velocities before, out[5 + n:] (n,), which become those of this state.
@@ -156,7 +159,7 @@ def update_motion_extent(
 
 
 @inlined
-def inertia_parts(arrays: Any, state: Any, out: Any) -> None:
+def inertia_parts(arrays: Arrays, state: State, out: Any) -> None:
     """out (1 + n,) = v . M v, J, and the diagonal of M over the free coordinates v (n,) of a tree of rigid bodies.
 
     Composite inertias, joint wrenches and accelerations of the state are lost.
@@ -181,7 +184,7 @@ def inertia_parts(arrays: Any, state: Any, out: Any) -> None:
 
 
 @inlined
-def power(t: float, arrays: Any, state: Any) -> float:
+def power(t: float, arrays: Arrays, state: State) -> float:
     """dE/dt, W: what drives, whose effort is in State.tau, and forces without a potential bring."""
     total = sum_load_powers(t, arrays, state)
     for i in range(1, arrays.bodies.shape[0]):
@@ -193,7 +196,7 @@ def power(t: float, arrays: Any, state: Any) -> float:
 
 
 @inlined
-def driven_action(arrays: Any, state: Any) -> float:
+def driven_action(arrays: Arrays, state: State) -> float:
     """Sum of p v over the driven coordinates, p the generalized momentum, J.
 
     Energy less this is the Jacobi integral: with drives at constant speed about which the mechanism is symmetric
@@ -215,7 +218,7 @@ def driven_action(arrays: Any, state: Any) -> float:
 
 
 @inlined
-def power_on_drives(i: int, p: Any, arrays: Any, state: Any) -> float:
+def power_on_drives(i: int, p: Any, arrays: Arrays, state: State) -> float:
     """Sum over the driven coordinates between body i and the ground of p v, p the momentum about the body's origin."""
     total = 0.0 * p[0]
     while i > 0:

@@ -12,7 +12,7 @@ has one, and C the axes of the joint frame. (w_j x (w_j x rho) + 2 w_j x u is B1
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.dispatch import has_bias, joint_bias, place_child, signal
 from mbfmu.mechanics.flexible.modal import add_section_bias, place_section
@@ -20,9 +20,12 @@ from mbfmu.mechanics.records import RIGID
 from mbfmu.mechanics.spatial import multiply, rotate, rotate_row, shift_motion
 from solvers.compiled.kernel import inlined
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @inlined
-def scatter_coordinates(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
+def scatter_coordinates(t: float, q: Any, v: Any, arrays: Arrays, state: State) -> None:
     """Fill State.q, v, a from the solver's free coordinates and the drives; free accelerations become zero, and the
     forces along all coordinates.
     """
@@ -41,7 +44,7 @@ def scatter_coordinates(t: float, q: Any, v: Any, arrays: Any, state: Any) -> No
 
 
 @inlined
-def update_positions(arrays: Any, state: Any) -> None:
+def update_positions(arrays: Arrays, state: State) -> None:
     """Positions r, A and the subspaces S from State.q."""
     rel, C = state.rel, state.frame
     for i in range(1, arrays.bodies.shape[0]):
@@ -70,7 +73,7 @@ def update_positions(arrays: Any, state: Any) -> None:
 
 
 @inlined
-def rotate_inertia(arrays: Any, state: Any) -> None:
+def rotate_inertia(arrays: Arrays, state: State) -> None:
     """Center of mass and inertia of every body in global axes: c = A c', J = A J' A^T."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -85,7 +88,7 @@ def rotate_inertia(arrays: Any, state: Any) -> None:
 
 
 @inlined
-def update_velocities(arrays: Any, state: Any) -> None:
+def update_velocities(arrays: Arrays, state: State) -> None:
     """Velocities Y and velocity products beta, after :func:`update_positions`."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -134,7 +137,7 @@ def add_bias(body: Any, parent: Any, b: Any, beta: Any) -> None:
 
 
 @inlined
-def update_accelerations(arrays: Any, state: Any) -> None:
+def update_accelerations(arrays: Arrays, state: State) -> None:
     """Accelerations Y' less gravity for State.a, after :func:`update_velocities`: the ground accelerates by -g."""
     ground = state.bodies[0]
     for k in range(3):

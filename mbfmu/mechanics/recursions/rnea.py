@@ -9,12 +9,15 @@ The wrench W the joint transmits is that, less the applied wrench, plus what the
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.flexible import modal
 from mbfmu.mechanics.records import RIGID
 from mbfmu.mechanics.spatial import add_wrench, cross, rotate, row_dot6
 from solvers.compiled.kernel import inlined, kernel
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
 
 
 @kernel
@@ -38,7 +41,7 @@ def inertia_wrench(mass: float, here: Any, out: Any) -> None:
 
 
 @inlined
-def inverse_dynamics(arrays: Any, state: Any) -> None:
+def inverse_dynamics(arrays: Arrays, state: State) -> None:
     """State.tau and the joint wrenches W, from velocities, accelerations and applied forces F, Q."""
     for i in range(1, arrays.bodies.shape[0]):
         here = state.bodies[i]
@@ -66,7 +69,7 @@ def inverse_dynamics(arrays: Any, state: Any) -> None:
 
 
 @kernel
-def momentum(arrays: Any, state: Any, out: Any) -> None:
+def momentum(arrays: Arrays, state: State, out: Any) -> None:
     """out = linear momentum and angular momentum about the global origin, N s and N m s."""
     for k in range(6):
         out[k] = 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,9 +13,12 @@ from solvers.compiled.kernel import kernel
 
 from .base import Sensor
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def quaternion(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def quaternion(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Of e and -e, which are one attitude, the one whose first component is positive."""
     A = state.bodies[sensor.index].A
     e = quaternion_of(A[0], A[1], A[2])
@@ -26,13 +29,13 @@ def quaternion(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def cosine(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def cosine(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.bodies[sensor.index].A[sensor.component, sensor.axis]
 
 
 @kernel
-def angular_velocity(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def angular_velocity(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Of component 3 to 5: in the body's axes."""
     here, k = state.bodies[sensor.index], sensor.component
     if k < 3:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.records import RIGID
@@ -11,33 +11,36 @@ from solvers.compiled.kernel import kernel
 
 from .base import Follows, Sensor
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def position(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def position(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.q[sensor.index]
 
 
 @kernel
-def velocity(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def velocity(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.v[sensor.index]
 
 
 @kernel
-def acceleration(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def acceleration(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.a[sensor.index]
 
 
 @kernel
-def effort(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def effort(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.tau[sensor.index]
 
 
 @kernel
-def turn(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def turn(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Angles of revolutes, slopes of sections; component 1: their rates."""
     total, i = 0.0 * arrays.world[0].gravity[0], sensor.index
     while i > 0:

@@ -3,46 +3,49 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.recursions.energy import driven_action
 from solvers.compiled.kernel import kernel
 
 from .base import Follows, Sensor
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def kinetic(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def kinetic(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.energy[0]
 
 
 @kernel
-def potential(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def potential(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.energy[1]
 
 
 @kernel
-def total(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def total(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.energy[0] + state.energy[1]
 
 
 @kernel
-def jacobi(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def jacobi(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.energy[0] + state.energy[1] - driven_action(arrays, state)
 
 
 @kernel
-def residual(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def residual(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return largest_residual(sensor.component == 1, arrays, state)
 
 
 @kernel
-def largest_residual(velocity: bool, arrays: Any, state: Any) -> float:
+def largest_residual(velocity: bool, arrays: Arrays, state: State) -> float:
     """Largest |Phi| or |Phi'| of the kept rows, each times its residual scale: m or m/s."""
     worst = 0.0
     for i in range(arrays.cuts.shape[0]):

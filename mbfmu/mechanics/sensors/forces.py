@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
 
 from .base import Follows, Sensor
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def joint_wrench(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def joint_wrench(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.bodies[sensor.index].W[sensor.component]
 
 
 @kernel
-def row_force(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def row_force(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     row = arrays.kept[arrays.cuts[sensor.index].row + sensor.component]
     return -lam[row]
 
 
 @kernel
-def cut_force(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def cut_force(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. -lambda G summed over the rows; component 0 to 2: on body b, 3 to 5: on body a."""
     cut, k, total = arrays.cuts[sensor.index], sensor.component, 0.0 * arrays.world[0].gravity[0]
     for r in range(cut.row, cut.end):
@@ -34,7 +37,7 @@ def cut_force(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def coupling_effort(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def coupling_effort(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Component 0: along the first coordinate, 1: along the second."""
     force = -lam[arrays.kept[arrays.couplings[sensor.index].row]]
     return force if sensor.component == 0 else -force * state.coupled[sensor.index].slope

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 
 from .base import Follows, Sensor
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
 
 
 @kernel
@@ -25,7 +28,7 @@ def _take_wrench(F: Any) -> Any:
 
 
 @kernel
-def wrench(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def wrench(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Component 0 to 5: on body a, 6 to 11: on body b."""
     Fa, Fb, k = state.bodies[sensor.a].F, state.bodies[sensor.b].F, sensor.component
     kept_a, kept_b, power = _take_wrench(Fa), _take_wrench(Fb), state.cached_power[0]
@@ -40,7 +43,7 @@ def wrench(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def effort(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def effort(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     v = sensor.v
     kept, power = state.Q[v], state.cached_power[0]

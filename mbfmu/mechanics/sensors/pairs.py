@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,16 +13,19 @@ from solvers.compiled.kernel import kernel
 
 from .base import Sensor
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def distance(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def distance(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     (x, y, z), _, _ = point_offset(state.bodies[sensor.a], state.bodies[sensor.b], sensor.Pa, sensor.Pb)
     return np.sqrt(x * x + y * y + z * z)
 
 
 @kernel
-def distance_rate(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def distance_rate(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. In the frame of a: a rotation does not change the distance. Coincident points: zero."""
     A, B = state.bodies[sensor.a], state.bodies[sensor.b]
     (x, y, z), _, _ = point_offset(A, B, sensor.Pa, sensor.Pb)
@@ -32,7 +35,7 @@ def distance_rate(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def angle(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def angle(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. By the lengths of both products: the cosine is inaccurate at small angles."""
     nx, ny, nz = arm(state.bodies[sensor.a], sensor.Pa)
     mx, my, mz = arm(state.bodies[sensor.b], sensor.Pb)
@@ -41,7 +44,7 @@ def angle(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def relative_position(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def relative_position(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     A, k = state.bodies[sensor.a], sensor.component
     (x, y, z), _, _ = point_offset(A, state.bodies[sensor.b], sensor.Pa, sensor.Pb)
@@ -49,7 +52,7 @@ def relative_position(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def relative_velocity(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def relative_velocity(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     A, k = state.bodies[sensor.a], sensor.component
     x, y, z = point_offset_rate(A, state.bodies[sensor.b], sensor.Pa, sensor.Pb)

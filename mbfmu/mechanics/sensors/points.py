@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,16 +13,19 @@ from solvers.compiled.kernel import kernel
 
 from .base import Follows, Sensor
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def position(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def position(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     here, k = state.bodies[sensor.index], sensor.component
     return here.r[k] + arm(here, sensor.point)[k]
 
 
 @kernel
-def velocity(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def velocity(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. r' + w x p."""
     here, k = state.bodies[sensor.index], sensor.component
     p, i, j = arm(here, sensor.point), (k + 1) % 3, (k + 2) % 3
@@ -30,7 +33,7 @@ def velocity(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def acceleration(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def acceleration(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. r'' + w' x p + w x (w x p)."""
     here, k = state.bodies[sensor.index], sensor.component
     p, i, j = arm(here, sensor.point), (k + 1) % 3, (k + 2) % 3

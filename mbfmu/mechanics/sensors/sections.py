@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
 
 from .base import Sensor
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def deflection(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def deflection(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     body = arrays.bodies[sensor.index]
     node, total = arrays.nodes[body.node], 0.0 * state.q[body.qi]
@@ -21,7 +24,7 @@ def deflection(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def bending_moment(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def bending_moment(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     body = arrays.bodies[sensor.index]
     node, total = arrays.nodes[body.node], 0.0 * state.q[body.qi]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,11 +14,14 @@ from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
+
 SIGNAL_PAIR = np.dtype([("a", np.int64), ("b", np.int64)], align=True)  # numbers of two signals
 
 
 @kernel
-def total(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+def total(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     x, dx, ddx = signal_at(signal.a, t, arrays)
     y, dy, ddy = signal_at(signal.b, t, arrays)
@@ -26,7 +29,7 @@ def total(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
 
 
 @kernel
-def product(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+def product(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     x, dx, ddx = signal_at(signal.a, t, arrays)
     y, dy, ddy = signal_at(signal.b, t, arrays)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 from .fitting import SERIES_DEGREE, Array, Pieces
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
 
 MAX_STEP_RATIO = 0.25  # longest step, in intervals
 ONE_STEP_DEGREE = 3  # degree up to which a step of one interval resolves a series
@@ -54,7 +57,7 @@ def without_noise(x: Any, noise: Any) -> Any:
 
 
 @kernel
-def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`. Beyond both ends it continues with constant acceleration."""
     numbers = arrays.numbers
     at = find_piece(numbers, signal.first, signal.count, t)
@@ -70,7 +73,7 @@ def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
 
 
 @kernel
-def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
+def longest_step(signal: Any, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. Part of the interval, and before a shorter one half the way there."""
     numbers = arrays.numbers
     at = find_piece(numbers, signal.first, signal.count, t)

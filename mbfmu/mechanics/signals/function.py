@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,11 +16,14 @@ from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import InUse, Signal
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
+
 CHECK_RANGE = 10.0  # units of ``time`` from zero on, in which it is tried
 
 
 @kernel
-def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
+def longest_step(signal: Any, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. A third of its pace."""
     return signal.pace / 3.0, np.inf
 
@@ -29,7 +32,7 @@ def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
 def kernel_of_value(function: Any) -> Any:
     """Return the kernel of a signal whose derivatives nobody asks for."""
 
-    def evaluate(signal: Any, t: float, arrays: Any) -> Any:
+    def evaluate(signal: Any, t: float, arrays: Arrays) -> Any:
         x = function(signal.clock.real * t)
         return x, 0.0 * x, 0.0 * x
 
@@ -41,7 +44,7 @@ def kernel_of_motion(function: Any) -> Any:
     """Return the kernel of a signal with its derivatives, by differences."""
     derivatives = law.derivatives
 
-    def evaluate(signal: Any, t: float, arrays: Any) -> Any:
+    def evaluate(signal: Any, t: float, arrays: Arrays) -> Any:
         x, dx, ddx = derivatives(function, signal.clock.real * t, signal.pace.real)
         return x, signal.clock * dx, signal.clock * ddx
 

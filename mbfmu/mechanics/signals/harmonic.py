@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,11 +14,14 @@ from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
+
 MAX_STEP_RATIO = 0.3  # longest step, in periods
 
 
 @kernel
-def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     w, phase = signal.frequency, signal.frequency * t + signal.phase
     return (
@@ -29,7 +32,7 @@ def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
 
 
 @kernel
-def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
+def longest_step(signal: Any, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. Part of a period."""
     w = abs(signal.frequency)
     return (MAX_STEP_RATIO * (2.0 * pi / w) if abs(signal.amplitude) * w > 0.0 else np.inf), np.inf

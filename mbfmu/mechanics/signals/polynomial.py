@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
 
 POLYNOMIAL = np.dtype(
     [
@@ -29,7 +32,7 @@ POLYNOMIAL = np.dtype(
 
 
 @kernel
-def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     s, c = t - signal.t0, signal.c
     return (

@@ -6,7 +6,7 @@ The speed is speed (x - sin(2 pi x) / (2 pi)), x = t / duration, and then stays.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,11 +16,14 @@ from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
+
 MAX_STEP_RATIO = 0.3  # longest step, in durations
 
 
 @kernel
-def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     speed = signal.speed
     if signal.over == 1:
@@ -37,7 +40,7 @@ def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
 
 
 @kernel
-def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
+def longest_step(signal: Any, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. Part of the run-up, and before it half the way there."""
     end = signal.duration
     if signal.over == 1 or not abs(signal.speed) * end > 0.0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,12 +13,15 @@ from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
+
 MAX_STEP_RATIO = 0.3  # longest step, in durations of the rise
 JUMP_TIME_TOLERANCE = 1e-9  # part of the time of a jump: what comes so soon after it may be missed
 
 
 @kernel
-def smooth(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+def smooth(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`. h x^3 (10 - 15 x + 6 x^2) with x from 0 to 1: neither rate nor acceleration jump."""
     h, duration, s = signal.height, signal.duration, t - signal.begin
     if s.real < 0.0:
@@ -34,7 +37,7 @@ def smooth(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
 
 
 @kernel
-def straight(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+def straight(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     h, duration, s = signal.height, signal.duration, t - signal.begin
     if s.real < 0.0:
@@ -45,7 +48,7 @@ def straight(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
 
 
 @kernel
-def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
+def longest_step(signal: Any, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. Part of the rise, and before it half the way there."""
     begin, duration = signal.begin, signal.duration
     if signal.height == 0.0 or t >= begin + duration:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,9 +13,12 @@ from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
+
 
 @kernel
-def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     clock = signal.clock.real
     x, dx, ddx, _ = curve(arrays.numbers, signal.first, signal.count, clock * t)
@@ -23,7 +26,7 @@ def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
 
 
 @kernel
-def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
+def longest_step(signal: Any, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. The shortest interval between points until the last; before the first half the way there."""
     if signal.slope == 0.0 or (signal.count > 0 and t >= signal.end):
         return np.inf, np.inf

@@ -12,7 +12,7 @@ were at rest, and what is left of such a motion looks small to who weighs it by 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from solvers.compiled.kernel import kernel
 from solvers.system import Array
 
 from .layout import FIXED, Layout
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
 
 
 class Border(NamedTuple):
@@ -49,7 +52,7 @@ class Border(NamedTuple):
 
 @kernel
 def store_coupling(
-    first: int, end: int, group: int, inner: int, layout: Any, arrays: Any, state: Any, scratch: Any
+    first: int, end: int, group: int, inner: int, layout: Any, arrays: Arrays, state: State, scratch: Any
 ) -> None:
     """Add the entries of scratch.K between bodies of a group or its neighbor and bodies away from it to
     scratch.coupling_block, as wrenches.
@@ -72,7 +75,7 @@ def store_coupling(
 
 
 @kernel
-def project_wrenches(W: Any, arrays: Any, state: Any, out: Any) -> None:
+def project_wrenches(W: Any, arrays: Arrays, state: State, out: Any) -> None:
     """out (n,) <- joint forces that wrenches W (nb, 6) on bodies are worth; W is spent."""
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         body, here = arrays.bodies[i], state.bodies[i]

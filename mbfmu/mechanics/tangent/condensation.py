@@ -4,12 +4,15 @@ outward, and M a.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.spatial import add_wrench, row_dot6, shift_motion
 from solvers.compiled.kernel import inlined, kernel
 
 from .layout import FIXED, INNER, OUTER
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
 
 
 @inlined
@@ -67,7 +70,7 @@ def project_rows(F: Any, i: int, begin: int, end: int, S: Any, vi: int, nv: int)
 
 
 @kernel
-def condense(F: Any, offset: int, begin: int, end: int, group: int, layout: Any, arrays: Any, state: Any) -> None:
+def condense(F: Any, offset: int, begin: int, end: int, group: int, layout: Any, arrays: Arrays, state: State) -> None:
     """Condense a group's inner bodies onto their parents: rows of F from ``offset`` on, columns ``begin`` to ``end``.
 
     The last six rows of F are scratch. Columns are condensed as rows of the transpose.
@@ -86,7 +89,7 @@ def condense(F: Any, offset: int, begin: int, end: int, group: int, layout: Any,
 
 
 @kernel
-def spread_load(r: Any, base: Any, layout: Any, arrays: Any, state: Any, dual: Any, b: Any) -> None:
+def spread_load(r: Any, base: Any, layout: Any, arrays: Arrays, state: State, dual: Any, b: Any) -> None:
     """b: joint forces r (n,) as wrenches where a joint is outer, condensed, then as they are where it is inner.
 
     Its last six rows are scratch.
@@ -114,7 +117,7 @@ def spread_load(r: Any, base: Any, layout: Any, arrays: Any, state: Any, dual: A
 
 
 @kernel
-def condense_load(r: Any, base: int, group: int, layout: Any, arrays: Any, state: Any, b: Any) -> None:
+def condense_load(r: Any, base: int, group: int, layout: Any, arrays: Arrays, state: State, b: Any) -> None:
     """Condense the wrenches on the inner bodies of a group, and add the forces of their joints."""
     scratch = b.shape[0] - 6
     for m in range(layout.first[group + 1] - 1, layout.first[group] - 1, -1):
@@ -136,7 +139,7 @@ def condense_load(r: Any, base: int, group: int, layout: Any, arrays: Any, state
 
 
 @kernel
-def gather_motion(x: Any, base: Any, layout: Any, arrays: Any, state: Any, dual: Any, Y: Any, dq: Any) -> None:
+def gather_motion(x: Any, base: Any, layout: Any, arrays: Arrays, state: State, dual: Any, Y: Any, dq: Any) -> None:
     """dq (n,) from the solution x, by an outward pass through the motions Y (nb, 6) of all bodies."""
     for i in range(1, arrays.bodies.shape[0]):
         if layout.role[i] == FIXED:
@@ -164,7 +167,7 @@ def gather_motion(x: Any, base: Any, layout: Any, arrays: Any, state: Any, dual:
 
 
 @kernel
-def inertia_forces(arrays: Any, state: Any, a: Any, tau: Any) -> None:
+def inertia_forces(arrays: Arrays, state: State, a: Any, tau: Any) -> None:
     """tau (n,) = M a, positions as they are: the recursions with velocities and gravity left out."""
     for i in range(1, arrays.bodies.shape[0]):
         body, here = arrays.bodies[i], state.bodies[i]

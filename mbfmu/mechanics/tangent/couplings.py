@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
 
 from .joints import dual_basis
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def stiffness(c: int, arrays: Any, state: Any, dual: Any, scratch: Any) -> None:
+def stiffness(c: int, arrays: Arrays, state: State, dual: Any, scratch: Any) -> None:
     """scratch.K (24, 24) = alpha w w^T - lambda f'' w_b w_b^T of a coupling; six rows and columns a body: a, its
     parent, b, its parent.
 
@@ -40,7 +43,7 @@ def stiffness(c: int, arrays: Any, state: Any, dual: Any, scratch: Any) -> None:
 
 
 @kernel
-def coordinate_row(i: int, v: int, at: int, arrays: Any, state: Any, dual: Any, scratch: Any) -> None:
+def coordinate_row(i: int, v: int, at: int, arrays: Arrays, state: State, dual: Any, scratch: Any) -> None:
     """scratch.pair (12 from ``at`` on): change of coordinate v of body i's joint over the motions of the body and its
     parent: d . (y_i - X y_j), d from the dual basis of the joint's subspace.
     """

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.dispatch import evaluate_cut
 from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, displace
 from solvers.compiled.kernel import kernel
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def stiffness(cut: Any, weight: Any, arrays: Any, state: Any, perturbed: Any, K: Any) -> None:
+def stiffness(cut: Any, weight: Any, arrays: Arrays, state: State, perturbed: State, K: Any) -> None:
     """K (12, 12) = sum over the rows of lambda dG + weight G G^T, G = (Ga, Gb), six rows and columns a body.
 
     lambda dG is what the reactions gain as the bodies move, weight G G^T a spring that holds the row. ``weight`` (m,)

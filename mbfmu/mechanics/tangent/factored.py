@@ -64,8 +64,8 @@ class Panels(NamedTuple):
 
 @kernel
 def assemble(
-    group: int, size: int, after: int, c1: float, c2: float, layout: Any, arrays: Any, state: Any, perturbed: Any,
-    dual: Any, scratch: Any, symmetric: bool, incoming: Any, outgoing: Any, panels: Any, blocks: Any,
+    group: int, size: int, after: int, c1: float, c2: float, layout: Any, arrays: Arrays, state: State,
+    perturbed: State, dual: Any, scratch: Any, symmetric: bool, incoming: Any, outgoing: Any, panels: Any, blocks: Any,
 ) -> None:  # fmt: skip
     """Fill the ``blocks`` of a group of ``size`` rows, and ``after`` of its neighbor inward. ``incoming`` is what outer
     groups have added to its own rows, to ``outgoing`` it adds what starts in it and belongs to its neighbor's.
@@ -99,8 +99,8 @@ def assemble(
 
 @kernel
 def condense_columns(
-    F: Any, offset: int, rows: Any, first: int, count: int, columns: Any, group: int, layout: Any, arrays: Any,
-    state: Any, panel: Any, out: Any,
+    F: Any, offset: int, rows: Any, first: int, count: int, columns: Any, group: int, layout: Any, arrays: Arrays,
+    state: State, panel: Any, out: Any,
 ) -> None:  # fmt: skip
     """out (columns, rows) <- these rows of F from ``offset`` on, and of a group's ``count`` columns from ``first`` on
     those that stay after condensation, as rows; ``panel`` is where they are condensed.

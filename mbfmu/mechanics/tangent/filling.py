@@ -4,7 +4,7 @@ its neighbor inward.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.dispatch import load_tangent
 from solvers.compiled.kernel import inlined, kernel
@@ -14,11 +14,14 @@ from .border import store_coupling
 from .joints import add_moment_arm_stiffness, add_outer_joint
 from .layout import FIXED, OUTER
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 _cut_stiffness, _coupling_stiffness, _load_stiffness = cuts.stiffness, couplings.stiffness, loads.stiffness
 
 
 @kernel
-def add_inertia_rows(i: int, at: int, c2: float, arrays: Any, state: Any, F: Any) -> None:
+def add_inertia_rows(i: int, at: int, c2: float, arrays: Arrays, state: State, F: Any) -> None:
     """A body's own rows: c2 times its inertia about its origin, and its inertia force and weight turning with it."""
     mass, here = arrays.bodies[i].mass, state.bodies[i]
     c, Jc, dY = here.com, here.Jc, here.dY
@@ -56,7 +59,7 @@ def clear_matrix(count: int, K: Any) -> None:
 
 @kernel
 def add_analytic_tangent(
-    e: int, group: int, size: int, c1: float, layout: Any, arrays: Any, state: Any, perturbed: Any, scratch: Any
+    e: int, group: int, size: int, c1: float, layout: Any, arrays: Arrays, state: State, perturbed: State, scratch: Any
 ) -> None:
     """A load with a tangent between bodies of a group and its neighbor; scratch.K is zero before and after."""
     if load_tangent(arrays.loads[e], c1, arrays, state, perturbed, scratch.K) == 0.0:
@@ -72,7 +75,7 @@ def add_analytic_tangent(
 
 @kernel
 def add_cut_joint(
-    c: int, group: int, size: int, layout: Any, arrays: Any, state: Any, perturbed: Any, scratch: Any
+    c: int, group: int, size: int, layout: Any, arrays: Arrays, state: State, perturbed: State, scratch: Any
 ) -> None:
     """How the reactions of a cut joint turn, and the springs that hold it."""
     _cut_stiffness(arrays.cuts[c], scratch.weight, arrays, state, perturbed, scratch.K)
@@ -81,7 +84,9 @@ def add_cut_joint(
 
 
 @kernel
-def add_coupling(c: int, group: int, size: int, layout: Any, arrays: Any, state: Any, dual: Any, scratch: Any) -> None:
+def add_coupling(
+    c: int, group: int, size: int, layout: Any, arrays: Arrays, state: State, dual: Any, scratch: Any
+) -> None:
     """How the efforts of a coupling change, and the spring that holds it."""
     _coupling_stiffness(c, arrays, state, dual, scratch)
     e = arrays.loads.shape[0] + arrays.cuts.shape[0] + c
@@ -90,7 +95,7 @@ def add_coupling(c: int, group: int, size: int, layout: Any, arrays: Any, state:
 
 @kernel
 def add_complex_step_tangent(
-    e: int, group: int, size: int, c1: float, layout: Any, arrays: Any, state: Any, perturbed: Any, scratch: Any
+    e: int, group: int, size: int, c1: float, layout: Any, arrays: Arrays, state: State, perturbed: State, scratch: Any
 ) -> None:
     """A load that does not know it."""
     _load_stiffness(e, c1, layout, arrays, state, perturbed, scratch.K)
@@ -124,9 +129,9 @@ def fill(
     c1: float,
     c2: float,
     layout: Any,
-    arrays: Any,
-    state: Any,
-    perturbed: Any,
+    arrays: Arrays,
+    state: State,
+    perturbed: State,
     dual: Any,
     scratch: Any,
 ) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,9 +14,12 @@ from solvers.compiled.kernel import kernel
 
 from .layout import FIXED, INNER
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def geometric_stiffness(i: int, arrays: Any, state: Any, perturbed: Any, scratch: Any) -> None:
+def geometric_stiffness(i: int, arrays: Arrays, state: State, perturbed: State, scratch: Any) -> None:
     """scratch.g (nv, 3) and scratch.G (nv, nv): change of the joint's S^T W with the parent's rotation and with its own
     positions, with the stiffness along its coordinates, scratch.along.
 
@@ -111,7 +114,7 @@ def dual_basis(S: Any, vi: int, nv: int, dual: Any, N: Any) -> None:
 
 
 @kernel
-def add_moment_arm_stiffness(i: int, ati: int, atj: int, arrays: Any, state: Any, F: Any) -> None:
+def add_moment_arm_stiffness(i: int, ati: int, atj: int, arrays: Arrays, state: State, F: Any) -> None:
     """The moment arm of the wrench a joint transmits to the parent: (dr_i - dr_j) x force."""
     W = state.bodies[i].W
     for a in range(3):
@@ -124,7 +127,16 @@ def add_moment_arm_stiffness(i: int, ati: int, atj: int, arrays: Any, state: Any
 
 @kernel
 def add_outer_joint(
-    i: int, ati: int, atj: int, lock: int, arrays: Any, state: Any, perturbed: Any, dual: Any, F: Any, scratch: Any
+    i: int,
+    ati: int,
+    atj: int,
+    lock: int,
+    arrays: Arrays,
+    state: State,
+    perturbed: State,
+    dual: Any,
+    F: Any,
+    scratch: Any,
 ) -> None:
     """Rows and columns of an outer body's joint: what it locks, and its turning along its own directions."""
     body = arrays.bodies[i]
@@ -176,7 +188,7 @@ def add_outer_joint(
 
 @kernel
 def add_parent_geometric_stiffness(
-    group: int, layout: Any, arrays: Any, state: Any, perturbed: Any, F: Any, scratch: Any
+    group: int, layout: Any, arrays: Arrays, state: State, perturbed: State, F: Any, scratch: Any
 ) -> None:
     """Add the turning of a group's inner joints by their parents, before columns are condensed."""
     for m in range(layout.first[group], layout.first[group + 1]):
@@ -191,7 +203,7 @@ def add_parent_geometric_stiffness(
 
 @kernel
 def add_own_geometric_stiffness(
-    group: int, layout: Any, arrays: Any, state: Any, perturbed: Any, columns: Any, scratch: Any
+    group: int, layout: Any, arrays: Arrays, state: State, perturbed: State, columns: Any, scratch: Any
 ) -> None:
     """Add the turning of a group's inner joints by their own positions, after that, to what is kept, by columns."""
     for m in range(layout.first[group], layout.first[group + 1]):

@@ -15,6 +15,7 @@ from .groups import Groups
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.loading import Acting
+    from mbfmu.mechanics.records import Arrays
 
 FIXED, INNER, OUTER = 0, 1, 2  # does not move; condensed onto its parent, in its group; tied to it by its own motion
 
@@ -47,7 +48,9 @@ class Layout(NamedTuple):
     columns: NDArray[np.int64]  # (nb,) how many: its coordinate alone where its parent rests, else its six motions
 
 
-def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
+def lay_out(
+    arrays: Arrays, found: Groups, acting: Sequence[Acting]
+) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
     """Return where everything goes, and for every group the rows that stay unknown after condensation, and its size."""
     nb, groups, inward = len(arrays.bodies), found.of, found.inward
     role, slot, place, lock = (np.zeros(nb, np.int64) for _ in range(4))
@@ -136,7 +139,7 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
     return layout, kept, sizes
 
 
-def coupled_bodies(arrays: Any, coupling: Any, end: str) -> list[int]:
+def coupled_bodies(arrays: Arrays, coupling: Any, end: str) -> list[int]:
     """Return the two bodies whose motions say what a coupled coordinate does; the ground where it is driven."""
     i = int(coupling[end])
     return [i, int(arrays.bodies[i]["parent"])] if coupling["f" + end] >= 0 else [0, 0]

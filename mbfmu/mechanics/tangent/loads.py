@@ -5,15 +5,18 @@ T takes minus the derivative, by positions and c1 times by velocities.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.dispatch import apply_load
 from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
 from solvers.compiled.kernel import kernel
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def stiffness(e: int, c1: float, layout: Any, arrays: Any, state: Any, perturbed: Any, K: Any) -> None:
+def stiffness(e: int, c1: float, layout: Any, arrays: Arrays, state: State, perturbed: State, K: Any) -> None:
     """K of load e, six rows and columns for each of its bodies; ``perturbed`` is a complex state, scratch."""
     first, end = layout.first_body[e], layout.first_body[e + 1]
     for j in range(6 * (end - first)):
@@ -28,7 +31,7 @@ def stiffness(e: int, c1: float, layout: Any, arrays: Any, state: Any, perturbed
 
 
 @kernel
-def joint_stiffness(c1: float, layout: Any, arrays: Any, state: Any, perturbed: Any, along: Any) -> None:
+def joint_stiffness(c1: float, layout: Any, arrays: Arrays, state: State, perturbed: State, along: Any) -> None:
     """along (nv,): stiffness of the loads that act along coordinates, by the coordinate itself."""
     for i in range(along.shape[0]):
         along[i] = 0.0

@@ -52,7 +52,7 @@ class Session(NamedTuple):
     inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords
     balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
     status: NDArray[Any]  # (1,) RUN_STATUS
-    monitored: NDArray[Any]  # mbfmu.mechanics.records.ITEM, loads that have limits of their theory
+    monitored: NDArray[Any]  # mbfmu.mechanics.records.ItemRecord, loads that have limits of their theory
 
     @staticmethod
     def allocate(data: Any, inputs: InputRecords, monitored: NDArray[Any]) -> Session:

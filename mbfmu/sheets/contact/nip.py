@@ -78,6 +78,8 @@ from .stations import (
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.arrays.load_groups import LoadGroup
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Table
 
 SEAM_WIDTH = (
     1e-6  # sides of a cell: where a station passes from one to the next, both have it, with parts that add up to one
@@ -119,7 +121,7 @@ NIP = np.dtype(
 
 
 @kernel
-def evaluate_contact(nip: Any, t: float, arrays: Any, state: Any) -> None:
+def evaluate_contact(nip: Any, t: float, arrays: Arrays, state: State) -> None:
     """Add the forces at all stations in this cell to ``here.result``, and unless ``accumulate_only`` to the bodies."""
     here, bodies, pair = contact_scratch(nip, state), state.bodies, nip_scratch(nip, state)
     evaluate_center(nip, bodies, here.r)
@@ -219,7 +221,7 @@ def apply_friction_reaction(nip: Any, body: Any, R: Any, fd: Any, fe: Any, here:
 
 
 @kernel
-def apply_station_force(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
+def apply_station_force(nip: Any, i: int, N: Any, pair: Any, bodies: Table[MotionRecord], here: Any) -> None:
     """What one station of a pair feels."""
     evaluate_ruled_weights(nip, nip.way, pair.at[i, 0], pair.at[i, 1], here.c, here.cx, here.cz)
     interpolate_point(nip, here.c, bodies, here.r)
@@ -274,7 +276,7 @@ def body_number(nip: Any, p: int) -> int:
 
 
 @kernel
-def tangent(nip: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
+def tangent(nip: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: by complex steps of the bodies, where a cell has stations at all."""
     if evaluate_quantity(nip, state.time[0], arrays, state, 0) == 0.0:
         return 0.0
@@ -292,7 +294,7 @@ def tangent(nip: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any
 
 
 @kernel
-def evaluate_quantity(nip: Any, t: float, arrays: Any, state: Any, k: int) -> Any:
+def evaluate_quantity(nip: Any, t: float, arrays: Arrays, state: State, k: int) -> Any:
     """Entry k of ``result`` by one cell alone, the bodies left as they are."""
     here = contact_scratch(nip, state)
     for j in range(8):
@@ -304,7 +306,7 @@ def evaluate_quantity(nip: Any, t: float, arrays: Any, state: Any, k: int) -> An
 
 
 @kernel
-def apply(nip: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(nip: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power on sheet and roller is a by-product."""
     here = contact_scratch(nip, state)
     result = here.result
@@ -315,7 +317,7 @@ def apply(nip: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def potential(nip: Any, arrays: Any, state: Any) -> float:
+def potential(nip: Any, arrays: Arrays, state: State) -> float:
     """Energy that rubber and cells store, J."""
     return evaluate_quantity(nip, state.time[0].real, arrays, state, 6)
 

@@ -16,11 +16,15 @@ Every kernel is analytic in what it reads of the state.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import MotionRecord
+    from solvers.compiled.record import Table
 
 
 @kernel
@@ -58,7 +62,7 @@ def evaluate_ruled_weights(cell: Any, axis: int, xi: Any, zeta: Any, c: Any, cx:
 
 
 @kernel
-def interpolate_point(cell: Any, c: Any, bodies: Any, r: Any) -> None:
+def interpolate_point(cell: Any, c: Any, bodies: Table[MotionRecord], r: Any) -> None:
     """r (3,) <- what the weights make of the nodes: a point, or its derivative."""
     for k in range(3):
         r[k] = 0.0
@@ -69,7 +73,7 @@ def interpolate_point(cell: Any, c: Any, bodies: Any, r: Any) -> None:
 
 
 @kernel
-def evaluate_line(cell: Any, xi: Any, bodies: Any, line: Any) -> None:
+def evaluate_line(cell: Any, xi: Any, bodies: Table[MotionRecord], line: Any) -> None:
     """line (4, 3) <- the cubic on which all points at xi lie: where it begins and ends, and its derivatives there."""
     X1 = xi * xi * (3.0 - 2.0 * xi)
     X0, A0, A1 = 1.0 - X1, cell.a * xi * (1.0 - xi) * (1.0 - xi), -cell.a * xi * xi * (1.0 - xi)
@@ -90,7 +94,7 @@ def evaluate_on_line(line: Any, zeta: Any, r: Any) -> None:
 
 
 @kernel
-def evaluate_center(cell: Any, bodies: Any, r: Any) -> None:
+def evaluate_center(cell: Any, bodies: Table[MotionRecord], r: Any) -> None:
     """r (3,) <- the mean of the nodes; the patch lies within :func:`bounding_radius` of it."""
     for k in range(3):
         r[k] = 0.0
@@ -105,7 +109,7 @@ def bounding_radius(cell: Any) -> float:
 
 
 @kernel
-def sagitta(cell: Any, bodies: Any, r: Any, n: Any) -> float:
+def sagitta(cell: Any, bodies: Table[MotionRecord], r: Any, n: Any) -> float:
     """How far, at most, the patch reaches from its middle r against the unit vector n, m: as far as its Bezier points
     do, r_i and a third of a side on from there along t_x and t_z.
     """
@@ -133,7 +137,7 @@ def moment_arm(A: Any, along: Any, across: Any) -> Any:
 
 
 @kernel
-def point_velocity(cell: Any, c: Any, bodies: Any, v: Any) -> None:
+def point_velocity(cell: Any, c: Any, bodies: Table[MotionRecord], v: Any) -> None:
     """v (3,) <- velocity of the point."""
     for k in range(3):
         v[k] = 0.0
@@ -147,7 +151,7 @@ def point_velocity(cell: Any, c: Any, bodies: Any, v: Any) -> None:
 
 
 @kernel
-def apply_to_nodes(cell: Any, c: Any, bodies: Any, f: Any) -> None:
+def apply_to_nodes(cell: Any, c: Any, bodies: Table[MotionRecord], f: Any) -> None:
     """Add a force f (3,) at the point to the applied wrenches of the nodes."""
     for i in range(4):
         node = bodies[cell.node[i]]

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbfmu.mechanics.dispatch import scratch_record
 from solvers.compiled.kernel import inlined
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
 
 # Results are added up without forces on bodies: of the points that the cell owns; of all its points, those on borders
 # with half their share.
@@ -53,12 +56,12 @@ NIP_SCRATCH = np.dtype(  # of a pair of stations
 
 
 @inlined
-def contact_scratch(item: Any, state: Any) -> Any:
+def contact_scratch(item: Any, state: State) -> Any:
     """Scratch memory of the contact of a load or a sensor."""
     return scratch_record(item.scratch, CONTACT_SCRATCH, state)
 
 
 @inlined
-def nip_scratch(nip: Any, state: Any) -> Any:
+def nip_scratch(nip: Any, state: State) -> Any:
     """Scratch memory of a pair of stations."""
     return scratch_record(nip.pair_scratch, NIP_SCRATCH, state)

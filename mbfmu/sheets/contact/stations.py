@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
 
 from .patch import bounding_radius, evaluate_ruled_weights, interpolate_point, smooth_step
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import MotionRecord
+    from solvers.compiled.record import Table
 
 MAX_NEWTON_ITERATIONS = 12  # of Newton for the material under a station
 NEWTON_TOLERANCE = 1e-9  # sides of a cell: after a correction as small one more makes it exact
@@ -34,7 +38,7 @@ def is_separated(nip: Any, P: Any, x: float, y: float, z: float) -> bool:
 
 
 @kernel
-def find_material_point(nip: Any, P: Any, bodies: Any, here: Any) -> Any:
+def find_material_point(nip: Any, P: Any, bodies: Table[MotionRecord], here: Any) -> Any:
     """Find the material of a cell under a point P (three numbers); return xi, zeta and whether they were found.
 
     Leaves weights, point and derivatives there. In a complex state the imaginary part is exact after the last pass.

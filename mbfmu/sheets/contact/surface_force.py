@@ -16,7 +16,7 @@ pass through a wall.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,6 +37,10 @@ from .patch import (
     sagitta,
 )
 from .scratch import ALL_POINTS, OWN_SHARE, contact_scratch
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Table
 
 GAP = 0  # number of that kernel of a surface
 
@@ -63,7 +67,7 @@ SURFACE_CONTACT = np.dtype(
 
 
 @kernel
-def gap(contact: Any, arrays: Any, state: Any) -> Any:
+def gap(contact: Any, arrays: Arrays, state: State) -> Any:
     """Distance of the sheet's face at here.r from the surface; the normal in global axes is left in here.f."""
     here, body = contact_scratch(contact, state), state.bodies[contact.body]
     here.part = 1.0
@@ -84,7 +88,7 @@ def gap(contact: Any, arrays: Any, state: Any) -> Any:
 
 
 @kernel
-def is_separated(contact: Any, distance: Any, bodies: Any, here: Any) -> bool:
+def is_separated(contact: Any, distance: Any, bodies: Table[MotionRecord], here: Any) -> bool:
     """Broad-phase test: whether a cell is separated, by the distance ``distance`` and the normal here.f at its center
     here.r.
 
@@ -96,7 +100,7 @@ def is_separated(contact: Any, distance: Any, bodies: Any, here: Any) -> bool:
 
 
 @kernel
-def evaluate_contact(contact: Any, arrays: Any, state: Any) -> None:
+def evaluate_contact(contact: Any, arrays: Arrays, state: State) -> None:
     """Add the forces at all points to ``here.result``, and unless ``accumulate_only`` to the bodies."""
     here, bodies = contact_scratch(contact, state), state.bodies
     evaluate_center(contact, bodies, here.r)
@@ -164,7 +168,7 @@ def point_force(contact: Any, share: float, d: Any, body: Any, here: Any) -> Non
 
 
 @kernel
-def tangent(contact: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
+def tangent(contact: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: the law by complex steps of a point, the point by its weights."""
     here, there, bodies = contact_scratch(contact, state), contact_scratch(contact, perturbed), state.bodies
     body, moved = bodies[contact.body], perturbed.bodies[contact.body]
@@ -207,7 +211,7 @@ def tangent(contact: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K:
 
 
 @kernel
-def point_force_perturbed(contact: Any, share: float, j: int, arrays: Any, here: Any, perturbed: Any) -> None:
+def point_force_perturbed(contact: Any, share: float, j: int, arrays: Arrays, here: Any, perturbed: State) -> None:
     """perturbed.contact.f <- force at a point after an imaginary step of position (j < 3), velocity (j < 6) or none."""
     there = contact_scratch(contact, perturbed)
     for k in range(3):
@@ -217,7 +221,7 @@ def point_force_perturbed(contact: Any, share: float, j: int, arrays: Any, here:
 
 
 @kernel
-def add_node_stiffness(contact: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
+def add_node_stiffness(contact: Any, c1: float, bodies: Table[MotionRecord], here: Any, K: Any) -> None:
     """Add to K what a point feels, by the motions of its nodes, from minus the derivatives of the law in here.by."""
     by, dr, df, f = here.by, here.dr, here.df, here.f
     for j in range(4):
@@ -244,7 +248,7 @@ def add_node_stiffness(contact: Any, c1: float, bodies: Any, here: Any, K: Any) 
 
 
 @kernel
-def add_columns(contact: Any, first: int, bodies: Any, here: Any, K: Any) -> None:
+def add_columns(contact: Any, first: int, bodies: Table[MotionRecord], here: Any, K: Any) -> None:
     """Add six columns from ``first`` on to K: the nodes' wrenches from minus the changes of the force, here.df, and
     that of a moving body, relative to which the point moves by here.dr.
     """
@@ -272,7 +276,7 @@ def add_columns(contact: Any, first: int, bodies: Any, here: Any, K: Any) -> Non
 
 
 @kernel
-def evaluate_quantity(contact: Any, arrays: Any, state: Any, k: int) -> Any:
+def evaluate_quantity(contact: Any, arrays: Arrays, state: State, k: int) -> Any:
     """Entry k of ``result`` by one cell alone, the bodies left as they are."""
     here = contact_scratch(contact, state)
     for j in range(8):
@@ -284,7 +288,7 @@ def evaluate_quantity(contact: Any, arrays: Any, state: Any, k: int) -> Any:
 
 
 @kernel
-def find_max_penetration(contacts: Any, points: Any, arrays: Any, state: Any, found: Any) -> None:
+def find_max_penetration(contacts: Any, points: Any, arrays: Arrays, state: State, found: Any) -> None:
     """found (k, 4) <- depth of the deepest point of each of k contacts, m, zero where none is in, and its place.
 
     ``points`` (k, 2) is their number along x and z.
@@ -310,7 +314,7 @@ def find_max_penetration(contacts: Any, points: Any, arrays: Any, state: Any, fo
 
 
 @kernel
-def apply(contact: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(contact: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The dissipated power is a by-product."""
     here = contact_scratch(contact, state)
     result = here.result
@@ -321,6 +325,6 @@ def apply(contact: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def potential(contact: Any, arrays: Any, state: Any) -> float:
+def potential(contact: Any, arrays: Arrays, state: State) -> float:
     """Energy that the law of pressure stores, J."""
     return evaluate_quantity(contact, arrays, state, 3)

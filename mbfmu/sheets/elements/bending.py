@@ -16,6 +16,7 @@ from solvers.compiled.kernel import kernel
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.arrays.load_groups import LoadGroup
+    from mbfmu.mechanics.records import Arrays, State
 
 MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE = np.radians(15.0), np.radians(60.0)
 ELEMENT_EDGES = np.array([[0, 1], [3, 2], [0, 3], [1, 2]])  # corners of an element: two edges along x, two along z
@@ -23,7 +24,7 @@ ADVICE = "Move it more slowly, damp it or make it stiffer; if the motion is inte
 
 
 @kernel
-def monitor(element: Any, arrays: Any, state: Any) -> float:
+def monitor(element: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: by the largest angle between the normals at the ends of an edge."""
     largest = 0.0
     for k in range(ELEMENT_EDGES.shape[0]):

@@ -59,12 +59,16 @@ Chain of differentials, all in element axes, for motions dr of the origins and s
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbfmu.mechanics.dispatch import scratch_record
 from solvers.compiled.kernel import inlined, kernel
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Table
 
 PLATE = np.dtype(
     [
@@ -126,7 +130,7 @@ SHORT_SERIES_LIMIT, LONG_SERIES_LIMIT = 0.004, 0.1  # 1 - cos theta up to which 
 
 
 @inlined
-def plate_scratch(item: Any, state: Any) -> Any:
+def plate_scratch(item: Any, state: State) -> Any:
     """Scratch memory of an element or a sensor of it."""
     return scratch_record(item.scratch, PLATE_SCRATCH, state)
 
@@ -152,7 +156,7 @@ def slope_factor(c: Any) -> Any:
 
 
 @kernel
-def shape(plate: Any, bodies: Any, here: Any) -> None:
+def shape(plate: Any, bodies: Table[MotionRecord], here: Any) -> None:
     """Element axes, normals and slopes from positions and orientations."""
     E, t, d = here.E, here.t, here.d
     n1, n2, n3, n4 = bodies[plate.node[0]], bodies[plate.node[1]], bodies[plate.node[2]], bodies[plate.node[3]]
@@ -329,7 +333,7 @@ def gradient(plate: Any, here: Any) -> None:
 
 
 @kernel
-def load(plate: Any, here: Any, bodies: Any) -> None:
+def load(plate: Any, here: Any, bodies: Table[MotionRecord]) -> None:
     """Add minus the gradient to the applied wrenches F of the four bodies."""
     E, m, n = here.E, here.m, here.n
     F1, F2 = bodies[plate.node[0]].F, bodies[plate.node[1]].F
@@ -350,7 +354,7 @@ def load(plate: Any, here: Any, bodies: Any) -> None:
 
 
 @kernel
-def follow(plate: Any, bodies: Any, here: Any) -> None:
+def follow(plate: Any, bodies: Table[MotionRecord], here: Any) -> None:
     """Differentials of g1, g2, t (rows of dg) and rotations of the bodies, element axes, from the velocities."""
     E, dg, phi = here.E, here.dg, here.phi
     Y1, Y2 = bodies[plate.node[0]].Y, bodies[plate.node[1]].Y
@@ -400,7 +404,7 @@ def differentiate(plate: Any, here: Any) -> None:
 
 
 @kernel
-def apply(plate: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(plate: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta e'^T K e', is a by-product."""
     bodies, here = state.bodies, plate_scratch(plate, state)
     shape(plate, bodies, here)
@@ -420,7 +424,7 @@ def apply(plate: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def potential(plate: Any, arrays: Any, state: Any) -> float:
+def potential(plate: Any, arrays: Arrays, state: State) -> float:
     """Elastic energy, J."""
     here = plate_scratch(plate, state)
     shape(plate, state.bodies, here)

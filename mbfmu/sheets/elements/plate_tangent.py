@@ -8,7 +8,7 @@ the elastic wrenches. Small rotations do not commute, so it is symmetric only if
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
 
@@ -25,9 +25,13 @@ from .plate_energy import (
     stress,
 )
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Table
+
 
 @kernel
-def tangent(plate: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
+def tangent(plate: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
     stiffness(
         plate, 1.0 + c1 * plate.damping if plate.damped == 1 else 1.0, state.bodies, plate_scratch(plate, state), K
@@ -36,7 +40,7 @@ def tangent(plate: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: A
 
 
 @kernel
-def stiffness(plate: Any, part: float, bodies: Any, here: Any, K: Any) -> None:
+def stiffness(plate: Any, part: float, bodies: Table[MotionRecord], here: Any, K: Any) -> None:
     """K (24, 24) += - d(wrenches) / d(motions) at the present positions; ``here`` is scratch.
 
     ``part`` = 1 + c1 beta has the damping in it: its stresses go with the rates of the strains as the elastic ones do

@@ -20,7 +20,7 @@ y, and sum X_i x x_i none about it. Forces are the exact gradient; damping is st
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,10 @@ from mbfmu.mechanics.dispatch import scratch_record
 from solvers.compiled.kernel import inlined, kernel
 
 from .plate_energy import slope_factor
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Table
 
 SHELL = np.dtype(
     [
@@ -71,13 +75,13 @@ SHELL_SCRATCH = np.dtype(  # an element at work, everything in element axes
 
 
 @inlined
-def shell_scratch(item: Any, state: Any) -> Any:
+def shell_scratch(item: Any, state: State) -> Any:
     """Scratch memory of an element or a sensor of it."""
     return scratch_record(item.scratch, SHELL_SCRATCH, state)
 
 
 @kernel
-def deform(shell: Any, bodies: Any, here: Any) -> None:
+def deform(shell: Any, bodies: Table[MotionRecord], here: Any) -> None:
     """Element axes E, corners x, deformations d and what turns do to spins, H, from positions and orientations."""
     E, x, X, d = here.E, here.x, shell.X, here.d
     n1, n2, n3, n4 = bodies[shell.node[0]], bodies[shell.node[1]], bodies[shell.node[2]], bodies[shell.node[3]]
@@ -135,7 +139,7 @@ def rotate_corner(here: Any, i: int) -> None:
 
 
 @kernel
-def update_rates(shell: Any, bodies: Any, here: Any) -> None:
+def update_rates(shell: Any, bodies: Table[MotionRecord], here: Any) -> None:
     """Motions dr of the corners and rotations phi of the bodies, as they are from the velocities."""
     E = here.E
     for i in range(4):
@@ -224,7 +228,7 @@ def assemble(X: Any, f: Any, o: Any, lift: Any, n: Any) -> None:
 
 
 @kernel
-def load(shell: Any, here: Any, bodies: Any) -> None:
+def load(shell: Any, here: Any, bodies: Table[MotionRecord]) -> None:
     """Add minus the gradient to the applied wrenches F of the four bodies."""
     E, n, m = here.E, here.n, here.m
     for i in range(4):
@@ -253,7 +257,7 @@ def clear_vector(f: Any) -> None:
 
 
 @kernel
-def apply(shell: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(shell: Any, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta d'^T K d', is a by-product."""
     bodies, here = state.bodies, shell_scratch(shell, state)
     deform(shell, bodies, here)
@@ -269,7 +273,7 @@ def apply(shell: Any, t: float, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def potential(shell: Any, arrays: Any, state: Any) -> float:
+def potential(shell: Any, arrays: Arrays, state: State) -> float:
     """Elastic energy, J."""
     here = shell_scratch(shell, state)
     deform(shell, state.bodies, here)

@@ -8,16 +8,19 @@ turns leaves the element's axes where they are, so half of the columns take a fr
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
 
 from .plate_tangent import rotated_column
 from .shell_energy import assemble, clear_vector, deform, differentiate, gradient, resist, shell_scratch
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def tangent(shell: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
+def tangent(shell: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
     here = shell_scratch(shell, state)
     deform(shell, state.bodies, here)

@@ -25,7 +25,7 @@ twist once it is bent. The rotations about axes in the x-z plane are
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,9 +36,12 @@ from solvers.compiled.kernel import kernel
 
 from .out_of_plane import OutOfPlane
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
+
 
 @kernel
-def place(joint: Any, qi: int, state: Any) -> None:
+def place(joint: Any, qi: int, state: State) -> None:
     """See :mod:`.base`. Columns: g', (h' + A_z A_x h') / 2, A_z f' with h' = (0, 0, 1), f' = (1, 0, 0), less b dP."""
     q, b, rel = state.q, joint.b, state.rel
     alpha, theta_z, theta_x = q[qi], q[qi + 1], q[qi + 2]
@@ -62,7 +65,7 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 
 @kernel
-def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
+def bias(joint: Any, qi: int, vi: int, state: State) -> None:
     """See :mod:`.base`: -b P'' of the rates alpha', beta', and the turning of the two axes of rotation."""
     q, v, b, out = state.q, state.v, joint.b, state.bias
     rate, bend, twist = v[vi], v[vi + 1], v[vi + 2]

@@ -13,16 +13,19 @@ see :mod:`.geodesic`, which does neither.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from mbfmu.mechanics.joints.base import Joint
 from solvers.compiled.kernel import kernel
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
+
 
 @kernel
-def place(joint: Any, qi: int, state: Any) -> None:
+def place(joint: Any, qi: int, state: State) -> None:
     """See :mod:`.base`. Columns: g';  h' = (0, 0, 1);  A_z f' with f' = (1, 0, 0)."""
     q, rel = state.q, state.rel
     cz, sz = np.cos(q[qi + 1]), np.sin(q[qi + 1])
@@ -42,7 +45,7 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 
 @kernel
-def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
+def bias(joint: Any, qi: int, vi: int, state: State) -> None:
     """See :mod:`.base`: theta_z' theta_x' h' x A_z f'."""
     q, v, out = state.q, state.v, state.bias
     turn = v[vi + 1] * v[vi + 2]

@@ -14,7 +14,7 @@ theta_x alone, and what is stiff is u, v and psi.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,9 +23,12 @@ from solvers.compiled.kernel import kernel
 from . import geodesic
 from .geodesic import Geodesic
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
+
 
 @kernel
-def place(joint: Any, qi: int, state: Any) -> None:
+def place(joint: Any, qi: int, state: State) -> None:
     """See :mod:`.base`. Columns: those of the geodesic joint, e_x, e_z, and the child's normal."""
     geodesic.place(joint, qi, state)
     q, rel = state.q, state.rel
@@ -42,7 +45,7 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 
 @kernel
-def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
+def bias(joint: Any, qi: int, vi: int, state: State) -> None:
     """See :mod:`.base`: that of the geodesic joint, and psi' w x n, w and n the child's spin there and its normal."""
     geodesic.bias(joint, qi, vi, state)
     q, v, out = state.q, state.v, state.bias

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,9 +14,12 @@ from mbfmu.mechanics.sensors.base import Follows, Sensor
 from mbfmu.sheets.contact.scratch import ALL_POINTS, CONTACT_SCRATCH, OWN_SHARE, contact_scratch
 from solvers.compiled.kernel import kernel
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def sum_contact_results(first: int, count: int, accumulate_only: int, arrays: Any, state: Any, here: Any) -> None:
+def sum_contact_results(first: int, count: int, accumulate_only: int, arrays: Arrays, state: State, here: Any) -> None:
     """``here.result`` <- values of ``count`` loads from ``first`` on; ``here`` is their scratch memory."""
     power = state.cached_power[0]
     for k in range(here.result.shape[0]):
@@ -28,7 +31,7 @@ def sum_contact_results(first: int, count: int, accumulate_only: int, arrays: An
 
 
 @kernel
-def read_sum(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def read_sum(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: a sum over loads, or the ratio of two."""
     here = contact_scratch(sensor, state)
     sum_contact_results(sensor.index, sensor.count, ALL_POINTS, arrays, state, here)
@@ -40,7 +43,7 @@ def read_sum(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def read_force_sum(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def read_force_sum(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: the sizes of the forces of single contacts on their cells, added."""
     here, total = contact_scratch(sensor, state), 0.0
     result = here.result

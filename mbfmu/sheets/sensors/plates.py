@@ -7,7 +7,7 @@ the point: found once, when the sensor is made.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,9 +17,12 @@ from mbfmu.sheets.elements.plate_energy import PLATE, plate_scratch, shape, stra
 from mbfmu.sheets.elements.shell_energy import SHELL, deform, shell_scratch
 from solvers.compiled.kernel import kernel
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
 
 @kernel
-def in_plate(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def in_plate(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Weights times the generalized strains."""
     here = plate_scratch(sensor, state)
     shape(sensor, state.bodies, here)
@@ -31,7 +34,7 @@ def in_plate(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def in_shell(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def in_shell(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Weights times the displacements and turns of the corners."""
     here = shell_scratch(sensor, state)
     deform(sensor, state.bodies, here)

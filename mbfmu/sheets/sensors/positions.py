@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,10 @@ from solvers.compiled.kernel import kernel
 
 from .contacts import sum_contact_results
 
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Table
+
 EDGE_BLUR_WIDTH = 0.5e-3  # m, on either side of an edge, within which a beam is partly covered
 MAX_NEWTON_ITERATIONS = 12  # of Newton for the material in a beam
 NEWTON_TOLERANCE = 1e-9  # sides of a cell: a correction as small is the last
@@ -40,7 +44,7 @@ class Cell(NamedTuple):
 
 
 @kernel
-def position(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def position(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     r = contact_scratch(sensor, state).r
     interpolate_point(sensor, sensor.weight, state.bodies, r)
@@ -48,7 +52,7 @@ def position(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def skew(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def skew(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: the angle about the mean normal, by sine and cosine."""
     A, B, s = state.bodies[sensor.a], state.bodies[sensor.b], sensor.across
     x, y, z = B.r[0] - A.r[0], B.r[1] - A.r[1], B.r[2] - A.r[2]
@@ -59,7 +63,7 @@ def skew(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def covered(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def covered(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: the most that any cell covers."""
     here, P, d = contact_scratch(sensor, state), sensor.place, sensor.direction
     most = 0.0 * here.r[0]
@@ -112,7 +116,7 @@ def cell_coverage(x: Any, side: float, ends: int) -> Any:
 
 
 @kernel
-def find_beam_intersection(cell: Any, beam: Any, bodies: Any, here: Any) -> Any:
+def find_beam_intersection(cell: Any, beam: Any, bodies: Table[MotionRecord], here: Any) -> Any:
     """Where a beam meets the surface of a cell, by Newton: xi, zeta and whether it does."""
     xi, zeta, last = 0.0 * here.r[0] + 0.5, 0.0 * here.r[0] + 0.5, False
     for _ in range(MAX_NEWTON_ITERATIONS):
@@ -140,7 +144,7 @@ def find_beam_intersection(cell: Any, beam: Any, bodies: Any, here: Any) -> Any:
 
 
 @kernel
-def jammed(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+def jammed(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: 1 if any of the nips slips."""
     here = contact_scratch(sensor, state)
     for e in range(sensor.nips):
