@@ -13,17 +13,20 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Record, f8, i8
 
-LOAD = np.dtype(
-    [
-        ("course", np.int64),  # number of the polynomial
-        ("value", np.float64),  # what the host has set
-        ("point", np.float64),  # s, of the last point; not a number: there was none
-        ("before", np.float64),  # s, of the one before
-        ("was", np.float64),  # value there
-    ],
-    align=True,
-)
+
+class LoadRecord(Record):
+    """Parameters of one load."""
+
+    course: i8  # number of the polynomial
+    value: f8  # what the host has set
+    point: f8  # s, of the last point; not a number: there was none
+    before: f8  # s, of the one before
+    was: f8  # value there
+
+
+LOAD = LoadRecord.dtype
 
 
 @inlined

@@ -31,46 +31,51 @@ fast it goes. Where the rate jumps between two segments the mechanism gets an im
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Reals, Record, f8, i8
 
 MAX_EXTRAPOLATION_ERROR_RATIO = 1.5  # error of an extrapolated position to the changes of the rate times the step
 
-SUPPORT = np.dtype(
-    [
-        ("course", np.int64),  # number of the drive's polynomial
-        ("speed", np.int64),  # 1: the host sets the speed alone, see mbfmu.mechanics.signals.SpeedInput
-        ("position", np.float64),  # u, as the host has given it last, m or rad
-        ("rate", np.float64),  # v, its coefficients
-        ("acceleration", np.float64),  # its coefficients, m/s^2 or rad/s^2
-        ("accelerated", np.int64),  # 1: the host gives accelerations
-        ("given", np.int64),  # 1: a position was given since the last point
-        ("rated", np.int64),  # 1: the host gives rates
-        ("departs", np.int64),  # 1: another segment is about to begin,
-        ("jump", np.float64),  # ... where the rate jumps by so much, m/s or rad/s
-        ("size", np.float64),  # unit of the coordinate, m or rad
-    ],
-    align=True,
-)
 
-SEGMENT = np.dtype(
-    [
-        ("begin", np.float64),  # s
-        ("end", np.float64),  # s
-        ("path", np.float64, (4,)),  # coefficients of x in time since the beginning
-        ("goal", np.float64),  # x at the end
-        ("position", np.float64),  # u at the beginning
-        ("rate", np.float64),  # v at the beginning, as the host gave it
-        ("acceleration", np.float64),  # its coefficients
-        ("average", np.float64),  # rate of u over the segment before
-        ("change", np.float64),  # of v since the beginning of the segment before, without sign
-        ("jumps", np.int64),  # 1: u is farther off than the changes of the given rates explain
-    ],
-    align=True,
-)
+class SupportRecord(Record):
+    """Parameters of one support."""
+
+    course: i8  # number of the drive's polynomial
+    speed: i8  # 1: the host sets the speed alone, see mbfmu.mechanics.signals.SpeedInput
+    position: f8  # u, as the host has given it last, m or rad
+    rate: f8  # v, its coefficients
+    acceleration: f8  # its coefficients, m/s^2 or rad/s^2
+    accelerated: i8  # 1: the host gives accelerations
+    given: i8  # 1: a position was given since the last point
+    rated: i8  # 1: the host gives rates
+    departs: i8  # 1: another segment is about to begin,
+    jump: f8  # ... where the rate jumps by so much, m/s or rad/s
+    size: f8  # unit of the coordinate, m or rad
+
+
+SUPPORT = SupportRecord.dtype
+
+
+class SegmentRecord(Record):
+    """Parameters of one segment."""
+
+    begin: f8  # s
+    end: f8  # s
+    path: Annotated[Reals, (4,)]  # coefficients of x in time since the beginning
+    goal: f8  # x at the end
+    position: f8  # u at the beginning
+    rate: f8  # v at the beginning, as the host gave it
+    acceleration: f8  # its coefficients
+    average: f8  # rate of u over the segment before
+    change: f8  # of v since the beginning of the segment before, without sign
+    jumps: i8  # 1: u is farther off than the changes of the given rates explain
+
+
+SEGMENT = SegmentRecord.dtype
 
 
 @inlined

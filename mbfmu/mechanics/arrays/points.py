@@ -14,14 +14,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import WorldRecord
 from mbfmu.mechanics.signals import Input
 from solvers.compiled.kernel import kernel, records
-from solvers.compiled.record import Table
+from solvers.compiled.record import Record, Table, i8
 
 from .extrapolated import LOAD, load_finished, load_starts, set_load_input, skip_load_point, start_load
 from .motion import (
@@ -41,14 +40,16 @@ HELD_LOAD, GRAVITY_LOAD, EXTRAPOLATED_LOAD, SUPPORT_MOTION = 0, 1, 2, 3
 # At a point: extrapolated loads change; a support motion starts; a rate of one jumps
 LOADS_CHANGED, MOTION_STARTS, RATE_JUMPS = 1, 2, 4
 
-INPUT = np.dtype(
-    [
-        ("role", np.int64),
-        ("number", np.int64),  # of its polynomial, its load or its support
-        ("coefficient", np.int64),  # of the polynomial, or component of gravity
-    ],
-    align=True,
-)
+
+class InputRecord(Record):
+    """Parameters of one input."""
+
+    role: i8
+    number: i8  # of its polynomial, its load or its support
+    coefficient: i8  # of the polynomial, or component of gravity
+
+
+INPUT = InputRecord.dtype
 
 
 class InputRecords(NamedTuple):

@@ -15,6 +15,7 @@ from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.signals import Signal, Table
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.record import Record, f8, i8
 
 from .base import Coupling
 
@@ -22,6 +23,14 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
 CHECK_RANGE = 5.0  # units of ``width`` to either side of zero, in which a function is tried
+
+
+class CamRecord(Record):
+    """Parameters of :class:`Cam`."""
+
+    first: i8
+    count: i8
+    width: f8
 
 
 @kernel
@@ -60,7 +69,7 @@ class Cam(Coupling):
     law: Any
     width: float | None = None
 
-    record = np.dtype([("first", np.int64), ("count", np.int64), ("width", np.float64)], align=True)
+    record = CamRecord.dtype
     evaluate = evaluate
 
     def __post_init__(self) -> None:

@@ -11,11 +11,19 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite, is_finite
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, f8
 
 from .base import Coupling
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
+
+
+class GearRecord(Record):
+    """Parameters of :class:`Gear`."""
+
+    ratio: f8
+    offset: f8
 
 
 @kernel
@@ -41,7 +49,7 @@ class Gear(Coupling):
         First coordinate if the second is zero, rad or m.
     """
 
-    record = np.dtype([("ratio", np.float64), ("offset", np.float64)], align=True)
+    record = GearRecord.dtype
     evaluate = evaluate
 
     ratio: float

@@ -35,49 +35,54 @@ J. by p', kappa_k the modal stiffness, beta the damping time of the material.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Reals, Record, f8, i8
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
 
 MODES = 12  # most of one body
 
-FLEXIBLE = np.dtype(  # a slender body by its modes; everything about the origin of its frame
-    [
-        ("body", np.int64),  # its first node: the frame
-        ("modes", np.int64),
-        ("qi", np.int64),  # the amplitudes in State.q and State.v
-        ("vi", np.int64),
-        ("shortens", np.int64),  # 0: no geometric stiffening, else the number of modes
-        ("mass", np.float64),  # kg
-        ("X1", np.float64),  # kg m, first and second moment along the axis
-        ("X2", np.float64),  # kg m^2
-        ("a", np.float64, (MODES,)),  # kg, momentum of a mode
-        ("c", np.float64, (MODES,)),  # kg m, its angular momentum about the origin
-        ("mu", np.float64, (MODES,)),  # kg, modal mass
-        ("kappa", np.float64, (MODES,)),  # N/m, modal stiffness
-        ("beta", np.float64),  # s, damping time of the material
-        ("g0", np.float64, (MODES, MODES)),  # kg/m, kg: shortening in the first and second moment
-        ("g1", np.float64, (MODES, MODES)),
-    ],
-    align=True,
-)
 
-NODE = np.dtype(  # a cross-section of an elastic body
-    [
-        ("shortens", np.int64),
-        ("x", np.float64),  # place on the axis, m
-        ("phi", np.float64, (MODES,)),  # deflection of each mode at amplitude 1
-        ("slope", np.float64, (MODES,)),  # 1/m, turn
-        ("moment", np.float64, (MODES,)),  # N, bending moment per amplitude
-        ("G", np.float64, (MODES, MODES)),  # 1/m, shortening from the frame to here
-    ],
-    align=True,
-)
+class FlexibleRecord(Record):
+    """A slender body by its modes; everything about the origin of its frame."""
+
+    body: i8  # its first node: the frame
+    modes: i8
+    qi: i8  # the amplitudes in State.q and State.v
+    vi: i8
+    shortens: i8  # 0: no geometric stiffening, else the number of modes
+    mass: f8  # kg
+    X1: f8  # kg m, first and second moment along the axis
+    X2: f8  # kg m^2
+    a: Annotated[Reals, (MODES,)]  # kg, momentum of a mode
+    c: Annotated[Reals, (MODES,)]  # kg m, its angular momentum about the origin
+    mu: Annotated[Reals, (MODES,)]  # kg, modal mass
+    kappa: Annotated[Reals, (MODES,)]  # N/m, modal stiffness
+    beta: f8  # s, damping time of the material
+    g0: Annotated[Reals, (MODES, MODES)]  # kg/m, kg: shortening in the first and second moment
+    g1: Annotated[Reals, (MODES, MODES)]
+
+
+FLEXIBLE = FlexibleRecord.dtype
+
+
+class NodeRecord(Record):
+    """A cross-section of an elastic body."""
+
+    shortens: i8
+    x: f8  # place on the axis, m
+    phi: Annotated[Reals, (MODES,)]  # deflection of each mode at amplitude 1
+    slope: Annotated[Reals, (MODES,)]  # 1/m, turn
+    moment: Annotated[Reals, (MODES,)]  # N, bending moment per amplitude
+    G: Annotated[Reals, (MODES, MODES)]  # 1/m, shortening from the frame to here
+
+
+NODE = NodeRecord.dtype
 
 
 @kernel

@@ -11,11 +11,20 @@ from mbfmu.mechanics.axes import plane_axes
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import axis_matrix
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, Vec3
 
 from .base import AxisJoint
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
+
+
+class PlanarRecord(Record):
+    """Parameters of :class:`Planar`."""
+
+    axis: Vec3  # unit vectors in the joint frame
+    first: Vec3
+    other: Vec3
 
 
 @kernel
@@ -39,14 +48,7 @@ class Planar(AxisJoint):
     y is along ``axis`` cross that. So for ``axis`` y they are along the frame's x and -z, for x along its y and z.
     """
 
-    record = np.dtype(
-        [
-            ("axis", np.float64, (3,)),  # unit vectors in the joint frame
-            ("first", np.float64, (3,)),
-            ("other", np.float64, (3,)),
-        ],
-        align=True,
-    )
+    record = PlanarRecord.dtype
     nq = 3
     nv = 3
     place = place

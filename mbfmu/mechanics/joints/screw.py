@@ -12,11 +12,19 @@ from mbfmu.mechanics.numbers import MAX_LENGTH, MIN_LENGTH, is_finite
 from mbfmu.mechanics.spatial import axis_matrix
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, Vec3, f8
 
 from .base import AxisJoint
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
+
+
+class ScrewRecord(Record):
+    """Parameters of :class:`Screw`."""
+
+    axis: Vec3
+    rise: f8
 
 
 @kernel
@@ -39,7 +47,7 @@ class Screw(AxisJoint):
         Displacement along ``axis`` per revolution, m; negative: left-handed thread.
     """
 
-    record = np.dtype([("axis", np.float64, (3,)), ("rise", np.float64)], align=True)  # h, m/rad
+    record = ScrewRecord.dtype
     nq = 1
     nv = 1
     place = place

@@ -17,6 +17,7 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import axis_matrix, rotated
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, Vec3
 
 from .base import AxisJoint
 
@@ -24,6 +25,13 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
 
 MAX_AXIS_COSINE = 1e-9  # cosine of the angle between two axes
+
+
+class UniversalRecord(Record):
+    """Parameters of :class:`Universal`."""
+
+    axis: Vec3
+    second: Vec3
 
 
 @kernel
@@ -61,7 +69,7 @@ class Universal(AxisJoint):
         Perpendicular axes in the joint frame, for zero angles.
     """
 
-    record = np.dtype([("axis", np.float64, (3,)), ("second", np.float64, (3,))], align=True)
+    record = UniversalRecord.dtype
     nq = 2
     nv = 2
     place = place

@@ -13,18 +13,27 @@ linearized in how the bodies move, but between the two of an element displacemen
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Annotated, Any
 
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.loads.base import Force
 from mbfmu.mechanics.numbers import not_negative, positive
 from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Reals, Record, f8, i8
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class BeamElementRecord(Record):
+    """Parameters of :class:`BeamElement`."""
+
+    a: i8
+    b: i8
+    length: f8
+    damping: f8
+    stiffness: Annotated[Reals, (4,)]  # stretching, N, torsion, bending along y and z, N m^2
 
 
 @kernel
@@ -153,16 +162,7 @@ class BeamElement(Force):
         Damping time of the material, s.
     """
 
-    record = np.dtype(
-        [
-            ("a", np.int64),
-            ("b", np.int64),
-            ("length", np.float64),
-            ("damping", np.float64),
-            ("stiffness", np.float64, (4,)),  # stretching, N, torsion, bending along y and z, N m^2
-        ],
-        align=True,
-    )
+    record = BeamElementRecord.dtype
     apply = apply
     potential = potential
     power = power

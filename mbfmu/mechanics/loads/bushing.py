@@ -24,11 +24,25 @@ from mbfmu.mechanics.numbers import array_of
 from mbfmu.mechanics.spatial import add_force, arm, point_offset, point_offset_rate, quaternion_of
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Mat3, Record, Vec3, Vec6, i8
 
 from .base import Force, Points, fill_points
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class BushingRecord(Record):
+    """Parameters of :class:`Bushing`."""
+
+    a: i8
+    b: i8
+    Pa: Vec3  # body axes, m
+    Pb: Vec3
+    Ea: Mat3  # rows: x, y, z of the frame in body axes
+    Eb: Mat3
+    stiffness: Vec6  # along x, y, z, about x, y, z
+    damping: Vec6
 
 
 @kernel
@@ -146,19 +160,7 @@ class Bushing(Force):
         3x3 axes of the frame in the two bodies; identity by default.
     """
 
-    record = np.dtype(
-        [
-            ("a", np.int64),
-            ("b", np.int64),
-            ("Pa", np.float64, (3,)),  # body axes, m
-            ("Pb", np.float64, (3,)),
-            ("Ea", np.float64, (3, 3)),  # rows: x, y, z of the frame in body axes
-            ("Eb", np.float64, (3, 3)),
-            ("stiffness", np.float64, (6,)),  # along x, y, z, about x, y, z
-            ("damping", np.float64, (6,)),
-        ],
-        align=True,
-    )
+    record = BushingRecord.dtype
     apply = apply
     potential = potential
     power = power

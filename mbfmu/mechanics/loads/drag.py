@@ -6,18 +6,26 @@ v_n is the velocity of its center, the mean of the corners, along its normal; a 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Integers, Record, f8
 
 from .base import Load, zero_tangent
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
     from solvers.compiled.record import Table
+
+
+class DragRecord(Record):
+    """Parameters of :class:`Drag`."""
+
+    node: Annotated[Integers, (4,)]  # bodies at the corners, in the order of those of a pressure
+    coefficient: f8  # rho c area / 2, kg/m
 
 
 @kernel
@@ -65,13 +73,7 @@ def power(drag: Any, t: float, arrays: Arrays, state: State) -> float:
 class Drag(Load):
     """Drag on a cell of some area (m^2); ``density`` is that of the air times the drag coefficient, kg/m^3."""
 
-    record = np.dtype(
-        [
-            ("node", np.int64, (4,)),  # bodies at the corners, in the order of those of a pressure
-            ("coefficient", np.float64),  # rho c area / 2, kg/m
-        ],
-        align=True,
-    )
+    record = DragRecord.dtype
     apply = apply
     power = power
     tangent = zero_tangent

@@ -6,17 +6,24 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics import law
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.record import Record, i8
 
 from .base import Force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class JointForceRecord(Record):
+    """Parameters of :class:`JointForce`."""
+
+    q: i8
+    v: i8
+    signal: i8
 
 
 @kernel
@@ -56,7 +63,7 @@ class JointForce(Force):
         and its rate v: ``lambda t, q, v: -3.0 * v * abs(v)`` or ``"-3 * v * abs(v)"``.
     """
 
-    record = np.dtype([("q", np.int64), ("v", np.int64), ("signal", np.int64)], align=True)
+    record = JointForceRecord.dtype
     on_joint = True
     apply = apply
     power = power

@@ -6,16 +6,27 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.record import Record, f8, i8
 
 from .elastic import ElasticForce, table_energy, table_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class JointSpringRecord(Record):
+    """Parameters of :class:`JointSpring`."""
+
+    q: i8
+    v: i8
+    first: i8  # of the numbers of a table, and how many rows it has
+    count: i8
+    stiffness: f8  # N m/rad or N/m
+    damping: f8
+    free: f8
 
 
 @kernel
@@ -81,18 +92,7 @@ class JointSpring(ElasticForce):
         Unloaded coordinate, rad or m.
     """
 
-    record = np.dtype(
-        [
-            ("q", np.int64),
-            ("v", np.int64),
-            ("first", np.int64),  # of the numbers of a table, and how many rows it has
-            ("count", np.int64),
-            ("stiffness", np.float64),  # N m/rad or N/m
-            ("damping", np.float64),
-            ("free", np.float64),
-        ],
-        align=True,
-    )
+    record = JointSpringRecord.dtype
     on_joint = True
     drawn = "coil"
     apply = apply

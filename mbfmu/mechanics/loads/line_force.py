@@ -5,18 +5,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, Vec3, i8
 
 from .base import Force, Points, fill_points
 from .spring import connecting_line
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class LineForceRecord(Record):
+    """Parameters of :class:`LineForce`."""
+
+    a: i8
+    b: i8
+    signal: i8
+    Pa: Vec3  # body axes, m
+    Pb: Vec3
 
 
 @kernel
@@ -56,16 +65,7 @@ class LineForce(Force):
     start. Outputs of distance and rate: ``ForceHandle.length`` and ``ForceHandle.length_rate``.
     """
 
-    record = np.dtype(
-        [
-            ("a", np.int64),
-            ("b", np.int64),
-            ("signal", np.int64),
-            ("Pa", np.float64, (3,)),  # body axes, m
-            ("Pb", np.float64, (3,)),
-        ],
-        align=True,
-    )
+    record = LineForceRecord.dtype
     apply = apply
     power = power
 

@@ -5,19 +5,28 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force, arm
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, Vec3, i8
 
 from .base import FIXED_IN, Force, Points, direction
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class PointForceRecord(Record):
+    """Parameters of :class:`PointForce`."""
+
+    a: i8
+    signal: i8
+    turns: i8  # 1: the axis is of the body
+    Pa: Vec3  # body axes, m
+    axis: Vec3  # unit vector
 
 
 @kernel
@@ -58,16 +67,7 @@ class PointForce(Force):
         Point of application, m, body frame.
     """
 
-    record = np.dtype(
-        [
-            ("a", np.int64),
-            ("signal", np.int64),
-            ("turns", np.int64),  # 1: the axis is of the body
-            ("Pa", np.float64, (3,)),  # body axes, m
-            ("axis", np.float64, (3,)),  # unit vector
-        ],
-        align=True,
-    )
+    record = PointForceRecord.dtype
     apply = apply
     power = power
 

@@ -16,19 +16,25 @@ stored: the work depends on how the edges move.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Annotated, Any
 
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Integers, Record, i8
 
 from .base import Load
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
     from solvers.compiled.record import Table
+
+
+class PressureRecord(Record):
+    """Parameters of :class:`Pressure`."""
+
+    node: Annotated[Integers, (4,)]
+    signal: i8
 
 
 @kernel
@@ -99,7 +105,7 @@ def tangent(load: Any, c1: float, arrays: Arrays, state: State, perturbed: State
 class Pressure(Load):
     """Pressure of ``magnitude`` (Pa: number, signal or input) along y of a flat face."""
 
-    record = np.dtype([("node", np.int64, (4,)), ("signal", np.int64)])  # bodies at the corners r1 ... r4
+    record = PressureRecord.dtype
     apply = apply
     power = power
     tangent = tangent

@@ -17,12 +17,27 @@ from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force, arm
 from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.record import Record, Vec3, f8, i8
 
 from .base import Points, fill_points
 from .elastic import ElasticForce, table_energy, table_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class SpringRecord(Record):
+    """Parameters of :class:`Spring`."""
+
+    a: i8
+    b: i8
+    first: i8  # of the numbers of a table, and how many rows it has
+    count: i8
+    Pa: Vec3  # body axes, m
+    Pb: Vec3
+    stiffness: f8
+    damping: f8
+    free: f8
 
 
 @kernel
@@ -134,20 +149,7 @@ class Spring(ElasticForce):
         has no direction and is omitted; a message reports this if it occurs at the start and ``free`` is not zero.
     """
 
-    record = np.dtype(
-        [
-            ("a", np.int64),
-            ("b", np.int64),
-            ("first", np.int64),  # of the numbers of a table, and how many rows it has
-            ("count", np.int64),
-            ("Pa", np.float64, (3,)),  # body axes, m
-            ("Pb", np.float64, (3,)),
-            ("stiffness", np.float64),
-            ("damping", np.float64),
-            ("free", np.float64),
-        ],
-        align=True,
-    )
+    record = SpringRecord.dtype
     drawn = "coil"
     apply = apply
     potential = potential

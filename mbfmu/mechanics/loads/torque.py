@@ -5,18 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import one_of
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, Vec3, i8
 
 from .base import FIXED_IN, Force, direction
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class TorqueRecord(Record):
+    """Parameters of :class:`Torque`."""
+
+    a: i8
+    signal: i8
+    turns: i8  # 1: the axis is of the body
+    axis: Vec3  # unit vector
 
 
 @kernel
@@ -50,15 +58,7 @@ class Torque(Force):
         ``"ground"``: the axis is global; ``"body"``: the axis is fixed in the body.
     """
 
-    record = np.dtype(
-        [
-            ("a", np.int64),
-            ("signal", np.int64),
-            ("turns", np.int64),  # 1: the axis is of the body
-            ("axis", np.float64, (3,)),  # unit vector
-        ],
-        align=True,
-    )
+    record = TorqueRecord.dtype
     apply = apply
     power = power
 

@@ -14,19 +14,32 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics import law
 from mbfmu.mechanics.axes import along, unit_axis
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import angle_of, arm
 from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.record import Mat3, Record, f8, i8
 
 from .elastic import ElasticForce, table_energy, table_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class TorsionSpringRecord(Record):
+    """Parameters of :class:`TorsionSpring`."""
+
+    a: i8
+    b: i8
+    first: i8  # of the numbers of a table, and how many rows it has
+    count: i8
+    Ea: Mat3  # rows e1, e2, n, axes of a
+    Eb: Mat3  # rows f1, f2, m, axes of b
+    stiffness: f8
+    damping: f8
+    free: f8
 
 
 @kernel
@@ -136,20 +149,7 @@ class TorsionSpring(ElasticForce):
         3x3 axes of b in a at the angle zero, such as the ``rotation`` of a joint; None: parallel.
     """
 
-    record = np.dtype(
-        [
-            ("a", np.int64),
-            ("b", np.int64),
-            ("first", np.int64),  # of the numbers of a table, and how many rows it has
-            ("count", np.int64),
-            ("Ea", np.float64, (3, 3)),  # rows e1, e2, n, axes of a
-            ("Eb", np.float64, (3, 3)),  # rows f1, f2, m, axes of b
-            ("stiffness", np.float64),
-            ("damping", np.float64),
-            ("free", np.float64),
-        ],
-        align=True,
-    )
+    record = TorsionSpringRecord.dtype
     apply = apply
     potential = potential
     power = power

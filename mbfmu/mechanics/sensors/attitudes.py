@@ -5,16 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import quaternion_of
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, i8
 
 from .base import Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class DirectionCosineRecord(Record):
+    """Parameters of :class:`DirectionCosine`."""
+
+    index: i8
+    component: i8
+    axis: i8
 
 
 @kernel
@@ -59,7 +66,7 @@ class Quaternion(Sensor):
 class DirectionCosine(Sensor):
     """Global component of an axis of a body's frame."""
 
-    record = np.dtype([("index", np.int64), ("component", np.int64), ("axis", np.int64)])
+    record = DirectionCosineRecord.dtype
     unit: str = "1"
     read = cosine
 

@@ -6,16 +6,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics.dispatch import apply_load
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, i8
 
 from .base import Follows, Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class LoadWrenchRecord(Record):
+    """Parameters of :class:`LoadWrench`."""
+
+    index: i8
+    component: i8
+    a: i8
+    b: i8
+
+
+class LoadEffortRecord(Record):
+    """Parameters of :class:`LoadEffort`."""
+
+    index: i8
+    v: i8
 
 
 @kernel
@@ -69,7 +84,7 @@ class OfLoad(Sensor):
 class LoadWrench(OfLoad):
     """Global component of the wrench that a force exerts about the origin of body a, from component 6 on of body b."""
 
-    record = np.dtype([("index", np.int64), ("component", np.int64), ("a", np.int64), ("b", np.int64)])
+    record = LoadWrenchRecord.dtype
     read = wrench
 
     def fill(self, record: Any, site: Attachment) -> None:
@@ -82,7 +97,7 @@ class LoadWrench(OfLoad):
 class LoadEffort(OfLoad):
     """What a joint force exerts along the coordinate of its joint."""
 
-    record = np.dtype([("index", np.int64), ("v", np.int64)])
+    record = LoadEffortRecord.dtype
     read = effort
 
     def fill(self, record: Any, site: Attachment) -> None:

@@ -10,11 +10,22 @@ import numpy as np
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import angle_of, arm, point_offset, point_offset_rate
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, Vec3, i8
 
 from .base import Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class DistanceRecord(Record):
+    """Parameters of :class:`Distance`."""
+
+    a: i8
+    b: i8
+    component: i8
+    Pa: Vec3  # points, m, or unit vectors, body axes
+    Pb: Vec3
 
 
 @kernel
@@ -63,16 +74,7 @@ def relative_velocity(sensor: Any, lam: Any, arrays: Arrays, state: State) -> fl
 class Distance(Sensor):
     """Distance between ``at_a`` on the first and ``at_b`` on the second of ``bodies`` (m, body axes)."""
 
-    record = np.dtype(
-        [
-            ("a", np.int64),
-            ("b", np.int64),
-            ("component", np.int64),
-            ("Pa", np.float64, (3,)),  # points, m, or unit vectors, body axes
-            ("Pb", np.float64, (3,)),
-        ],
-        align=True,
-    )
+    record = DistanceRecord.dtype
     read = distance
 
     at_a: Any = (0.0, 0.0, 0.0)

@@ -5,16 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import arm, centripetal
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, Vec3, i8
 
 from .base import Follows, Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class PointPositionRecord(Record):
+    """Parameters of :class:`PointPosition`."""
+
+    index: i8
+    component: i8
+    point: Vec3
 
 
 @kernel
@@ -45,7 +52,7 @@ def acceleration(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 class PointPosition(Sensor):
     """Component of the position of ``point`` (m, body axes)."""
 
-    record = np.dtype([("index", np.int64), ("component", np.int64), ("point", np.float64, (3,))], align=True)
+    record = PointPositionRecord.dtype
     read = position
 
     point: Any = (0.0, 0.0, 0.0)

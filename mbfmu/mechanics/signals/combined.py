@@ -5,19 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics.dispatch import signal as signal_at
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, i8
 
 from .base import InUse, Signal
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
-SIGNAL_PAIR = np.dtype([("a", np.int64), ("b", np.int64)], align=True)  # numbers of two signals
+
+class SignalPairRecord(Record):
+    """Numbers of two signals."""
+
+    a: i8
+    b: i8
+
+
+SIGNAL_PAIR = SignalPairRecord.dtype
 
 
 @kernel

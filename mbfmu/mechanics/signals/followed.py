@@ -9,6 +9,7 @@ import numpy as np
 
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, f8, i8
 
 from .base import InUse, Signal
 from .fitting import SERIES_DEGREE, Array, Pieces
@@ -26,6 +27,16 @@ NOISE_LEVELS = (1e-13, 1e-12, 1e-9)
 # Begin, end, longest step, noise of the three; begin and longest step of the next interval with a shorter one
 HEADER_SIZE = 8
 PIECE_SIZE = HEADER_SIZE + 3 * TERMS  # ... and the series of the three
+
+
+class FollowedRecord(Record):
+    """Parameters of :class:`Followed`."""
+
+    first: i8  # row of numbers
+    count: i8  # of rows
+    start: f8  # rate at the begin
+    slope: f8  # the steepest, 1/s
+    constant: i8  # 1: the rate never changes
 
 
 @kernel
@@ -113,16 +124,7 @@ class Followed(Signal):
     acceleration: Pieces
     smooth: bool
 
-    record = np.dtype(
-        [
-            ("first", np.int64),  # row of numbers
-            ("count", np.int64),  # of rows
-            ("start", np.float64),  # rate at the begin
-            ("slope", np.float64),  # the steepest, 1/s
-            ("constant", np.int64),  # 1: the rate never changes
-        ],
-        align=True,
-    )
+    record = FollowedRecord.dtype
     evaluate, longest_step = evaluate, longest_step
 
     def fill(self, record: Any, site: Attachment) -> None:

@@ -13,6 +13,7 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import positive
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.record import Record, f8
 
 from .base import InUse, Signal
 
@@ -20,6 +21,13 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
 CHECK_RANGE = 10.0  # units of ``time`` from zero on, in which it is tried
+
+
+class FunctionRecord(Record):
+    """Parameters of :class:`Function`."""
+
+    pace: f8
+    clock: f8
 
 
 @kernel
@@ -73,7 +81,7 @@ class Function(Signal):
     time: float = 1.0
     what: str = "function of time"
 
-    record = np.dtype([("pace", np.float64), ("clock", np.float64)], align=True)  # clock: 1, or 0: held at t = 0
+    record = FunctionRecord.dtype
     longest_step = longest_step
 
     def __post_init__(self) -> None:

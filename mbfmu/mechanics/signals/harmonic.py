@@ -11,6 +11,7 @@ import numpy as np
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, f8
 
 from .base import InUse, Signal
 
@@ -18,6 +19,15 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
 MAX_STEP_RATIO = 0.3  # longest step, in periods
+
+
+class HarmonicRecord(Record):
+    """Parameters of :class:`Harmonic`."""
+
+    middle: f8
+    amplitude: f8
+    frequency: f8  # rad/s
+    phase: f8  # rad
 
 
 @kernel
@@ -52,15 +62,7 @@ class Harmonic(Signal):
         Phase at t = 0, rad.
     """
 
-    record = np.dtype(
-        [
-            ("middle", np.float64),
-            ("amplitude", np.float64),
-            ("frequency", np.float64),  # rad/s
-            ("phase", np.float64),  # rad
-        ],
-        align=True,
-    )
+    record = HarmonicRecord.dtype
     evaluate, longest_step = evaluate, longest_step
 
     amplitude: float

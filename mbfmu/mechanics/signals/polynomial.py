@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -16,19 +16,22 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite, is_finite
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Reals, Record, f8
 
 from .base import InUse, Signal
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
-POLYNOMIAL = np.dtype(
-    [
-        ("t0", np.float64),  # s
-        ("c", np.float64, (4,)),  # c0 + c1 s + c2 s^2 + c3 s^3, s = t - t0
-    ],
-    align=True,
-)
+
+class PolynomialRecord(Record):
+    """Parameters of one polynomial."""
+
+    t0: f8  # s
+    c: Annotated[Reals, (4,)]  # c0 + c1 s + c2 s^2 + c3 s^3, s = t - t0
+
+
+POLYNOMIAL = PolynomialRecord.dtype
 
 
 @kernel

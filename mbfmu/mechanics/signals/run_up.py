@@ -13,6 +13,7 @@ import numpy as np
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite, positive
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, f8, i8
 
 from .base import InUse, Signal
 
@@ -20,6 +21,15 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
 MAX_STEP_RATIO = 0.3  # longest step, in durations
+
+
+class RunUpRecord(Record):
+    """Parameters of :class:`RunUp`."""
+
+    start: f8
+    speed: f8
+    duration: f8
+    over: i8  # 1: at full speed from the beginning
 
 
 @kernel
@@ -65,15 +75,7 @@ class RunUp(Signal):
         Position of the coordinate at t = 0, rad or m.
     """
 
-    record = np.dtype(
-        [
-            ("start", np.float64),
-            ("speed", np.float64),
-            ("duration", np.float64),
-            ("over", np.int64),  # 1: at full speed from the beginning
-        ],
-        align=True,
-    )
+    record = RunUpRecord.dtype
     evaluate, longest_step = evaluate, longest_step
 
     speed: float

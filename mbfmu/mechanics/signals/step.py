@@ -10,6 +10,7 @@ import numpy as np
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite, not_negative
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, f8
 
 from .base import InUse, Signal
 
@@ -18,6 +19,15 @@ if TYPE_CHECKING:
 
 MAX_STEP_RATIO = 0.3  # longest step, in durations of the rise
 JUMP_TIME_TOLERANCE = 1e-9  # part of the time of a jump: what comes so soon after it may be missed
+
+
+class StepRecord(Record):
+    """Parameters of :class:`Step`."""
+
+    height: f8
+    begin: f8  # s
+    duration: f8  # s
+    offset: f8
 
 
 @kernel
@@ -76,15 +86,7 @@ class Step(Signal):
         Initial value, in the unit of the driven quantity.
     """
 
-    record = np.dtype(
-        [
-            ("height", np.float64),
-            ("begin", np.float64),  # s
-            ("duration", np.float64),  # s
-            ("offset", np.float64),
-        ],
-        align=True,
-    )
+    record = StepRecord.dtype
     evaluate, longest_step = smooth, longest_step
 
     height: float

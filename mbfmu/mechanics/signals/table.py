@@ -10,11 +10,24 @@ import numpy as np
 from mbfmu.mechanics.curve import INTERVAL_SIZE, curve, rows
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, f8, i8
 
 from .base import InUse, Signal
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
+
+
+class TableRecord(Record):
+    """Parameters of :class:`Table`."""
+
+    first: i8  # row of numbers
+    count: i8  # of rows, negative: periodic
+    slope: f8  # the steepest, 1/s
+    interval: f8  # the shortest, s
+    begin: f8  # the first point, s
+    end: f8  # the last, s
+    clock: f8  # 1, or 0: held at its value at t = 0
 
 
 @kernel
@@ -64,18 +77,7 @@ class Table(Signal):
     kind: str = "spline"
     beyond: str = "linear"
 
-    record = np.dtype(
-        [
-            ("first", np.int64),  # row of numbers
-            ("count", np.int64),  # of rows, negative: periodic
-            ("slope", np.float64),  # the steepest, 1/s
-            ("interval", np.float64),  # the shortest, s
-            ("begin", np.float64),  # the first point, s
-            ("end", np.float64),  # the last, s
-            ("clock", np.float64),  # 1, or 0: held at its value at t = 0
-        ],
-        align=True,
-    )
+    record = TableRecord.dtype
     evaluate, longest_step = evaluate, longest_step
 
     def fill(self, record: Any, site: Attachment) -> None:

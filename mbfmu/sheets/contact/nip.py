@@ -44,7 +44,7 @@ the slip is v_r F / sqrt(mu^2 N^2 - F^2). Without a memory the law cannot stick:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -53,6 +53,7 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
 from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Integers, Record, Vec3, f8, i8
 
 from .initial_contact import misplaced_nips
 from .patch import (
@@ -85,39 +86,41 @@ SEAM_WIDTH = (
     1e-6  # sides of a cell: where a station passes from one to the next, both have it, with parts that add up to one
 )
 
-NIP = np.dtype(
-    [
-        ("roller", np.int64),  # number of its body
-        ("idler", np.int64),  # of its body, 0: it has none
-        ("force", np.int64),  # number of the signal N
-        ("scratch", np.int64),  # places of the scratch memory
-        ("pair_scratch", np.int64),
-        ("pairs", np.int64),  # of stations, across the width
-        ("way", np.int64),  # the feed is along x (0) or z (1) of the sheet
-        ("ends", np.int64, (2, 2)),  # as those of a surface contact
-        ("node", np.int64, (4,)),
-        ("a", np.float64),
-        ("b", np.float64),
-        ("place", np.float64, (3,)),  # middle of the nip, m
-        ("d", np.float64, (3,)),  # feed
-        ("n", np.float64, (3,)),  # from roller to idler
-        ("e", np.float64, (3,)),
-        ("radius", np.float64),  # of the roller, m
-        ("idler_radius", np.float64),
-        ("half", np.float64),  # c, m
-        ("entry", np.float64),  # half the way over which an edge comes in, m
-        ("width", np.float64),  # m
-        ("uneven", np.float64),  # share of the force more at the end along e than in the middle
-        ("stiffness", np.float64),  # k of all stations, N/m
-        ("damping", np.float64),  # N s/m
-        ("bending", np.float64),  # B of a pair, N m^2
-        ("friction", np.float64),  # mu
-        ("idler_friction", np.float64),
-        ("creep", np.float64),
-        ("friction_velocity", np.float64),  # slip v_r at rest, m/s
-    ],
-    align=True,
-)
+
+class NipRecord(Record):
+    """Parameters of one nip."""
+
+    roller: i8  # number of its body
+    idler: i8  # of its body, 0: it has none
+    force: i8  # number of the signal N
+    scratch: i8  # places of the scratch memory
+    pair_scratch: i8
+    pairs: i8  # of stations, across the width
+    way: i8  # the feed is along x (0) or z (1) of the sheet
+    ends: Annotated[Integers, (2, 2)]  # as those of a surface contact
+    node: Annotated[Integers, (4,)]
+    a: f8
+    b: f8
+    place: Vec3  # middle of the nip, m
+    d: Vec3  # feed
+    n: Vec3  # from roller to idler
+    e: Vec3
+    radius: f8  # of the roller, m
+    idler_radius: f8
+    half: f8  # c, m
+    entry: f8  # half the way over which an edge comes in, m
+    width: f8  # m
+    uneven: f8  # share of the force more at the end along e than in the middle
+    stiffness: f8  # k of all stations, N/m
+    damping: f8  # N s/m
+    bending: f8  # B of a pair, N m^2
+    friction: f8  # mu
+    idler_friction: f8
+    creep: f8
+    friction_velocity: f8  # slip v_r at rest, m/s
+
+
+NIP = NipRecord.dtype
 
 
 @kernel

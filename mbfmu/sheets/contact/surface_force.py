@@ -16,13 +16,14 @@ pass through a wall.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from mbfmu.mechanics.dispatch import part_value
 from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Integers, Record, f8, i8
 
 from .patch import (
     apply_reaction,
@@ -44,26 +45,30 @@ if TYPE_CHECKING:
 
 GAP = 0  # number of that kernel of a surface
 
-SURFACE_CONTACT = np.dtype(
-    [
-        ("body", np.int64),  # that the surface is fixed to
-        ("surface", np.int64),  # its number among the parts
-        ("scratch", np.int64),  # place of the scratch memory
-        ("convex", np.int64),  # 1: it is
-        ("samples", np.int64, (2,)),  # along x and z of the cell
-        ("ends", np.int64, (2, 2)),  # along x, along z: 1 where the cell begins, where it ends on an edge of the sheet
-        ("node", np.int64, (4,)),
-        ("a", np.float64),  # sides of the cell, m
-        ("b", np.float64),
-        ("half", np.float64),  # thickness of the sheet, m
-        ("stiffness", np.float64),  # k, N/m^3
-        ("depth", np.float64),  # d0, m
-        ("damping", np.float64),  # chi, s/m
-        ("friction", np.float64),  # mu
-        ("friction_velocity", np.float64),  # v_r, m/s
-    ],
-    align=True,
-)
+
+class SurfaceContactRecord(Record):
+    """Parameters of one surface contact."""
+
+    body: i8  # that the surface is fixed to
+    surface: i8  # its number among the parts
+    scratch: i8  # place of the scratch memory
+    convex: i8  # 1: it is
+    samples: Annotated[Integers, (2,)]  # along x and z of the cell
+    ends: Annotated[
+        Integers, (2, 2)
+    ]  # along x, along z: 1 where the cell begins, where it ends on an edge of the sheet
+    node: Annotated[Integers, (4,)]
+    a: f8  # sides of the cell, m
+    b: f8
+    half: f8  # thickness of the sheet, m
+    stiffness: f8  # k, N/m^3
+    depth: f8  # d0, m
+    damping: f8  # chi, s/m
+    friction: f8  # mu
+    friction_velocity: f8  # v_r, m/s
+
+
+SURFACE_CONTACT = SurfaceContactRecord.dtype
 
 
 @kernel

@@ -59,69 +59,73 @@ Chain of differentials, all in element axes, for motions dr of the origins and s
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from mbfmu.mechanics.dispatch import scratch_record
 from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Integers, Mat3, Reals, Record, Vec3, f8, i8
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
     from solvers.compiled.record import Table
 
-PLATE = np.dtype(
-    [
-        ("node", np.int64, (4,)),  # bodies at the corners 1 (0, 0), 2 (a, 0), 3 (a, b), 4 (0, b)
-        ("scratch", np.int64),  # place of the scratch memory
-        ("membrane", np.int64),  # 1: resists stretching in its plane
-        ("damped", np.int64),  # 1: has material damping
-        ("grain", np.int64),  # 0: has none, 1: along a side, 2: askew, which couples normal strains with shear
-        ("curled", np.int64),  # 1: is not flat where nothing bends it
-        ("a", np.float64),  # sides along x and z of the element, m
-        ("b", np.float64),
-        ("bending", np.float64, (9,)),  # stiffness by generalized strains 0 ... 8, see the module
-        ("coupling", np.float64),  # ... between the first four pairs
-        ("stretching", np.float64, (4,)),  # by E_xx, E_zz, between these two, by gamma; N m
-        ("damping", np.float64),  # beta of stress = K (e + beta e'), s
-        ("oblique", np.float64, (7,)),  # between e0 e8, e1 e8, e2 e5, e3 e4, e3 e5; E_xx gamma, E_zz gamma
-        ("curl", np.float64, (12,)),  # natural strains; of the membrane none
-    ],
-    align=True,
-)
+
+class PlateRecord(Record):
+    """Parameters of one plate."""
+
+    node: Annotated[Integers, (4,)]  # bodies at the corners 1 (0, 0), 2 (a, 0), 3 (a, b), 4 (0, b)
+    scratch: i8  # place of the scratch memory
+    membrane: i8  # 1: resists stretching in its plane
+    damped: i8  # 1: has material damping
+    grain: i8  # 0: has none, 1: along a side, 2: askew, which couples normal strains with shear
+    curled: i8  # 1: is not flat where nothing bends it
+    a: f8  # sides along x and z of the element, m
+    b: f8
+    bending: Annotated[Reals, (9,)]  # stiffness by generalized strains 0 ... 8, see the module
+    coupling: f8  # ... between the first four pairs
+    stretching: Annotated[Reals, (4,)]  # by E_xx, E_zz, between these two, by gamma; N m
+    damping: f8  # beta of stress = K (e + beta e'), s
+    oblique: Annotated[Reals, (7,)]  # between e0 e8, e1 e8, e2 e5, e3 e4, e3 e5; E_xx gamma, E_zz gamma
+    curl: Annotated[Reals, (12,)]  # natural strains; of the membrane none
 
 
-PLATE_SCRATCH = np.dtype(  # an element at work, everything in element axes
-    [
-        ("E", np.float64, (3, 3)),  # rows: element axes in global axes
-        ("g1x", np.float64),  # g1 = (g1x, 0, 0), g2 = (g2x, 0, g2z), m
-        ("g2x", np.float64),
-        ("g2z", np.float64),
-        ("t", np.float64, (3,)),  # how far the corners are from one plane, m
-        ("d", np.float64, (4, 3)),  # normals of the bodies
-        ("F", np.float64, (4,)),  # theta / sin theta of each and its derivatives by cos theta
-        ("dF", np.float64, (4,)),
-        ("ddF", np.float64, (4,)),
-        ("w", np.float64, (4, 2)),  # slopes along x and z
-        ("strain", np.float64, (12,)),
-        ("stress", np.float64, (12,)),
-        ("f", np.float64, (4, 2)),  # gradient of the energy by the slopes
-        ("m", np.float64, (4, 3)),  # ... by the rotations of the bodies
-        ("n", np.float64, (3, 3)),  # ... by g1, g2, t
-        ("turn", np.float64, (3,)),  # ... by the spin of the element axes
-        ("dg", np.float64, (3, 3)),  # differentials along one motion: of g1, g2, t
-        ("phi", np.float64, (4, 3)),  # ... rotations of the bodies
-        ("omega", np.float64, (3,)),  # ... rotation of the element axes
-        ("dd", np.float64, (4, 3)),
-        ("dw", np.float64, (4, 2)),
-        ("dstrain", np.float64, (12,)),
-        ("dstress", np.float64, (12,)),
-        ("df", np.float64, (4, 2)),
-        ("dm", np.float64, (4, 3)),
-        ("dn", np.float64, (3, 3)),
-    ],
-    align=True,
-)
+PLATE = PlateRecord.dtype
+
+
+class PlateScratch(Record):
+    """An element at work, everything in element axes."""
+
+    E: Mat3  # rows: element axes in global axes
+    g1x: f8  # g1 = (g1x, 0, 0), g2 = (g2x, 0, g2z), m
+    g2x: f8
+    g2z: f8
+    t: Vec3  # how far the corners are from one plane, m
+    d: Annotated[Reals, (4, 3)]  # normals of the bodies
+    F: Annotated[Reals, (4,)]  # theta / sin theta of each and its derivatives by cos theta
+    dF: Annotated[Reals, (4,)]
+    ddF: Annotated[Reals, (4,)]
+    w: Annotated[Reals, (4, 2)]  # slopes along x and z
+    strain: Annotated[Reals, (12,)]
+    stress: Annotated[Reals, (12,)]
+    f: Annotated[Reals, (4, 2)]  # gradient of the energy by the slopes
+    m: Annotated[Reals, (4, 3)]  # ... by the rotations of the bodies
+    n: Mat3  # ... by g1, g2, t
+    turn: Vec3  # ... by the spin of the element axes
+    dg: Mat3  # differentials along one motion: of g1, g2, t
+    phi: Annotated[Reals, (4, 3)]  # ... rotations of the bodies
+    omega: Vec3  # ... rotation of the element axes
+    dd: Annotated[Reals, (4, 3)]
+    dw: Annotated[Reals, (4, 2)]
+    dstrain: Annotated[Reals, (12,)]
+    dstress: Annotated[Reals, (12,)]
+    df: Annotated[Reals, (4, 2)]
+    dm: Annotated[Reals, (4, 3)]
+    dn: Mat3
+
+
+PLATE_SCRATCH = PlateScratch.dtype
 
 SERIES_RATIOS = tuple(
     n / (2.0 * n + 1.0) for n in range(13)

@@ -20,12 +20,13 @@ y, and sum X_i x x_i none about it. Forces are the exact gradient; damping is st
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from mbfmu.mechanics.dispatch import scratch_record
 from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Integers, Mat3, Reals, Record, Vec3, f8, i8
 
 from .plate_energy import slope_factor
 
@@ -33,45 +34,49 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
     from solvers.compiled.record import Table
 
-SHELL = np.dtype(
-    [
-        ("node", np.int64, (4,)),  # bodies at the corners
-        ("scratch", np.int64),  # place of the scratch memory
-        ("damped", np.int64),  # 1: has material damping
-        ("damping", np.float64),  # beta, s
-        ("X", np.float64, (4, 3)),  # natural corners in natural element axes, m
-        ("B", np.float64, (4, 3, 3)),  # natural element axes in the bodies' axes
-        ("plane", np.float64, (12, 12)),  # stiffness over (x, z, turn about y) of every corner
-        ("bent", np.float64, (12, 12)),  # ... over (y, turn about x, about z)
-    ],
-    align=True,
-)
 
-SHELL_SCRATCH = np.dtype(  # an element at work, everything in element axes
-    [
-        ("E", np.float64, (3, 3)),  # rows: element axes in global axes
-        ("x", np.float64, (4, 3)),  # corners about their mean, m
-        ("spread", np.float64),  # sum of X_i . x_i in the plane
-        ("R", np.float64, (4, 3, 3)),  # turns of the corners
-        ("sine", np.float64, (4, 3)),  # a = sin(theta) times the axis of each
-        ("F", np.float64, (4, 3)),  # F = theta / sin(theta) and its first two derivatives by cos(theta)
-        ("H", np.float64, (4, 3, 3)),  # of turns by spins
-        ("d", np.float64, (4, 6)),  # displacements and turns
-        ("dr", np.float64, (4, 3)),  # motions of the corners
-        ("phi", np.float64, (4, 3)),  # ... rotations of their bodies
-        ("omega", np.float64, (3,)),  # ... spin of the element axes
-        ("rate", np.float64, (4, 6)),  # ... what d changes by
-        ("f", np.float64, (4, 6)),  # K d
-        ("n", np.float64, (4, 3)),  # gradient by the motions of the corners
-        ("m", np.float64, (4, 3)),  # ... by the rotations of the bodies
-        ("o", np.float64, (3,)),  # ... by omega; the second by the turn in the plane
-        ("lift", np.float64, (2,)),  # ... by what the diagonals lose along y
-        ("df", np.float64, (4, 6)),  # changes of f, n, m
-        ("dn", np.float64, (4, 3)),
-        ("dm", np.float64, (4, 3)),
-    ],
-    align=True,
-)
+class ShellRecord(Record):
+    """Parameters of one shell."""
+
+    node: Annotated[Integers, (4,)]  # bodies at the corners
+    scratch: i8  # place of the scratch memory
+    damped: i8  # 1: has material damping
+    damping: f8  # beta, s
+    X: Annotated[Reals, (4, 3)]  # natural corners in natural element axes, m
+    B: Annotated[Reals, (4, 3, 3)]  # natural element axes in the bodies' axes
+    plane: Annotated[Reals, (12, 12)]  # stiffness over (x, z, turn about y) of every corner
+    bent: Annotated[Reals, (12, 12)]  # ... over (y, turn about x, about z)
+
+
+SHELL = ShellRecord.dtype
+
+
+class ShellScratch(Record):
+    """An element at work, everything in element axes."""
+
+    E: Mat3  # rows: element axes in global axes
+    x: Annotated[Reals, (4, 3)]  # corners about their mean, m
+    spread: f8  # sum of X_i . x_i in the plane
+    R: Annotated[Reals, (4, 3, 3)]  # turns of the corners
+    sine: Annotated[Reals, (4, 3)]  # a = sin(theta) times the axis of each
+    F: Annotated[Reals, (4, 3)]  # F = theta / sin(theta) and its first two derivatives by cos(theta)
+    H: Annotated[Reals, (4, 3, 3)]  # of turns by spins
+    d: Annotated[Reals, (4, 6)]  # displacements and turns
+    dr: Annotated[Reals, (4, 3)]  # motions of the corners
+    phi: Annotated[Reals, (4, 3)]  # ... rotations of their bodies
+    omega: Vec3  # ... spin of the element axes
+    rate: Annotated[Reals, (4, 6)]  # ... what d changes by
+    f: Annotated[Reals, (4, 6)]  # K d
+    n: Annotated[Reals, (4, 3)]  # gradient by the motions of the corners
+    m: Annotated[Reals, (4, 3)]  # ... by the rotations of the bodies
+    o: Vec3  # ... by omega; the second by the turn in the plane
+    lift: Annotated[Reals, (2,)]  # ... by what the diagonals lose along y
+    df: Annotated[Reals, (4, 6)]  # changes of f, n, m
+    dn: Annotated[Reals, (4, 3)]
+    dm: Annotated[Reals, (4, 3)]
+
+
+SHELL_SCRATCH = ShellScratch.dtype
 
 
 @inlined

@@ -33,11 +33,18 @@ from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, Vec3
 
 from .out_of_plane import OutOfPlane
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
+
+
+class GeodesicRecord(Record):
+    """Parameters of :class:`Geodesic`."""
+
+    b: Vec3  # s' / |s'|^2 in the joint frame, 1/m
 
 
 @kernel
@@ -85,7 +92,7 @@ def bias(joint: Any, qi: int, vi: int, state: State) -> None:
 class Geodesic(OutOfPlane):
     """Out-of-plane joint that keeps lengths and angles; ``at`` is the vector to the node in the flat sheet."""
 
-    record = np.dtype([("b", np.float64, (3,))], align=True)  # s' / |s'|^2 in the joint frame, 1/m
+    record = GeodesicRecord.dtype
     place = place
     bias = bias
 

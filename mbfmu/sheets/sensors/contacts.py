@@ -13,9 +13,30 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.sensors.base import Follows, Sensor
 from mbfmu.sheets.contact.scratch import ALL_POINTS, CONTACT_SCRATCH, OWN_SHARE, contact_scratch
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, f8, i8
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+class ContactSumRecord(Record):
+    """Parameters of :class:`ContactSum`."""
+
+    index: i8
+    component: i8
+    count: i8
+    over: i8
+    scratch: i8
+    scale: f8
+
+
+class ContactForceSumRecord(Record):
+    """Parameters of :class:`ContactForceSum`."""
+
+    first: i8
+    count: i8
+    scratch: i8
+    scale: f8
 
 
 @kernel
@@ -57,16 +78,7 @@ def read_force_sum(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float
 class ContactSum(Sensor):
     """Sum of ``component`` of the contacts, times ``scale``, divided by the sum of ``over`` if that is not negative."""
 
-    record = np.dtype(
-        [
-            ("index", np.int64),
-            ("component", np.int64),
-            ("count", np.int64),
-            ("over", np.int64),
-            ("scratch", np.int64),
-            ("scale", np.float64),
-        ]
-    )
+    record = ContactSumRecord.dtype
     read = read_sum
     follows = Follows.FORCES
 
@@ -89,7 +101,7 @@ class ContactSum(Sensor):
 class ContactForceSum(Sensor):
     """Sizes of the forces of single contacts, added, times ``scale``; ``own``: their numbers in Mechanism.others."""
 
-    record = np.dtype([("first", np.int64), ("count", np.int64), ("scratch", np.int64), ("scale", np.float64)])
+    record = ContactForceSumRecord.dtype
     read = read_force_sum
     follows = Follows.FORCES
 

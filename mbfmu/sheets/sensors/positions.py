@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from mbfmu.sheets.contact.patch import (
 )
 from mbfmu.sheets.contact.scratch import ALL_POINTS, CONTACT_SCRATCH, contact_scratch
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Integers, Reals, Record, Vec3, f8, i8
 
 from .contacts import sum_contact_results
 
@@ -33,6 +34,45 @@ MAX_NEWTON_ITERATIONS = 12  # of Newton for the material in a beam
 NEWTON_TOLERANCE = 1e-9  # sides of a cell: a correction as small is the last
 JAM_SLIP_RATIO = 0.5  # of the speed of a roller's surface: slip above which a nip jams
 MIN_LOADED_SHARE = 0.5  # part of a nip that is in the sheet, below which it does not count
+
+
+class SheetPositionRecord(Record):
+    """Parameters of :class:`SheetPosition`."""
+
+    component: i8
+    node: Annotated[Integers, (4,)]
+    scratch: i8
+    weight: Annotated[Reals, (4, 3)]
+
+
+class SkewRecord(Record):
+    """Parameters of :class:`Skew`."""
+
+    a: i8
+    b: i8
+    across: Vec3
+
+
+class CoveredRecord(Record):
+    """Parameters of :class:`Covered`."""
+
+    first: i8  # of the numbers: six for every cell
+    cells: i8
+    scratch: i8
+    a: f8
+    b: f8
+    place: Vec3
+    direction: Vec3
+    u: Vec3  # across the beam
+    w: Vec3
+
+
+class JammedRecord(Record):
+    """Parameters of :class:`Jammed`."""
+
+    first: i8
+    nips: i8
+    scratch: i8
 
 
 class Cell(NamedTuple):
@@ -176,9 +216,7 @@ class SheetPosition(Sensor):
         xi and zeta, 0 to 1.
     """
 
-    record = np.dtype(
-        [("component", np.int64), ("node", np.int64, (4,)), ("scratch", np.int64), ("weight", np.float64, (4, 3))]
-    )
+    record = SheetPositionRecord.dtype
     read = position
 
     sides: tuple[float, float]
@@ -197,7 +235,7 @@ class SheetPosition(Sensor):
 class Skew(Sensor):
     """Angle of the way from the first to the second of two bodies, nodes of a sheet, against ``across``, rad."""
 
-    record = np.dtype([("a", np.int64), ("b", np.int64), ("across", np.float64, (3,))])
+    record = SkewRecord.dtype
     read = skew
 
     across: Any
@@ -221,19 +259,7 @@ class Covered(Sensor):
         Of every cell, ((begins, ends) along x, (begins, ends) along z): whether that is an edge of the sheet.
     """
 
-    record = np.dtype(
-        [
-            ("first", np.int64),  # of the numbers: six for every cell
-            ("cells", np.int64),
-            ("scratch", np.int64),
-            ("a", np.float64),
-            ("b", np.float64),
-            ("place", np.float64, (3,)),
-            ("direction", np.float64, (3,)),
-            ("u", np.float64, (3,)),  # across the beam
-            ("w", np.float64, (3,)),
-        ]
-    )
+    record = CoveredRecord.dtype
     read = covered
 
     place: Any
@@ -259,7 +285,7 @@ class Jammed(Sensor):
     ``bodies`` are the rollers; ``nips`` have for each the handle, the radius (m) and the number of stations.
     """
 
-    record = np.dtype([("first", np.int64), ("nips", np.int64), ("scratch", np.int64)])
+    record = JammedRecord.dtype
     read = jammed
     follows = Follows.FORCES
 

@@ -13,10 +13,18 @@ from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.shapes import SURFACE_OPACITY, Panel, Shape
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, Vec3
 
 from .base import Surface
 
 DRAWING_MARGIN_RATIO = 0.1  # of the space that a sheet takes: it is drawn where the sheet comes so near
+
+
+class WallRecord(Record):
+    """Parameters of :class:`Wall`."""
+
+    origin: Vec3
+    normal: Vec3
 
 
 @kernel
@@ -41,7 +49,7 @@ class Wall(Surface):
         Normal that points to the sheet, in that frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
     """
 
-    record = np.dtype([("origin", np.float64, (3,)), ("normal", np.float64, (3,))])
+    record = WallRecord.dtype
     gap = gap
     convex = True
 
