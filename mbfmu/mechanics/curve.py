@@ -7,7 +7,7 @@ continues as a straight line; the number of rows of a periodic curve is negative
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,16 @@ from solvers.compiled.kernel import kernel
 
 from .numbers import array_of
 
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+
 INTERVAL_SIZE = 6  # numbers of an interval
 CURVE_KINDS = ("spline", "monotone", "akima", "linear")
 END_CONDITIONS = {"linear": "natural", "hold": "clamped", "periodic": "periodic"}  # end conditions of a spline
 
 
 @kernel
-def curve(numbers: Any, first: int, count: int, x: Any) -> Any:
+def curve(numbers: Reals, first: int, count: int, x: Any) -> Any:
     """Value of a curve of ``count`` rows from ``first`` on, its two derivatives, and its integral from the first point
     on; analytic in x but for the points.
     """

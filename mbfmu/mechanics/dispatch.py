@@ -15,7 +15,7 @@ from solvers.compiled.kernel import inlined
 from solvers.compiled.record_view import record_at
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, BodyRecord, CouplingRecord, State
 
 PLACE, BIAS = 0, 1  # of a joint
 EVALUATE = 0  # of a cut joint, of a coupling, of a signal
@@ -25,7 +25,7 @@ READ = 0  # of a sensor
 
 
 @inlined
-def place_child(body: Any, arrays: Arrays, state: State) -> None:
+def place_child(body: BodyRecord, arrays: Arrays, state: State) -> None:
     """Let a body's joint write its subspace and placement into State.rel; see :mod:`.joints.base`."""
     call_void(arrays.kernels[body.kind + PLACE], arrays.memory, body.at, (body.qi, state))
 
@@ -37,7 +37,7 @@ def has_bias(body: Any, arrays: Arrays) -> bool:
 
 
 @inlined
-def joint_bias(body: Any, arrays: Arrays, state: State) -> None:
+def joint_bias(body: BodyRecord, arrays: Arrays, state: State) -> None:
     """Let a body's joint write into State.bias what that adds."""
     call_void(arrays.kernels[body.kind + BIAS], arrays.memory, body.at, (body.qi, body.vi, state))
 
@@ -50,7 +50,7 @@ def evaluate_cut(cut: Any, arrays: Arrays, state: State) -> None:
 
 
 @inlined
-def evaluate_coupling(coupling: Any, arrays: Arrays, state: State) -> tuple[float, float, float]:
+def evaluate_coupling(coupling: CouplingRecord, arrays: Arrays, state: State) -> tuple[float, float, float]:
     """f, f' and f'' of a coupling where its second coordinate is; see :mod:`.couplings.base`."""
     address = arrays.kernels[coupling.kind + EVALUATE]
     return call_fff(address, arrays.memory, coupling.at, state.q, (state.q[coupling.qb], arrays))

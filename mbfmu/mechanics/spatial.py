@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 Vec = Any  # a float array seen from a kernel
 
@@ -95,7 +98,7 @@ def add_force(W: Vec, x: float, y: float, z: float, fx: float, fy: float, fz: fl
 
 
 @kernel
-def arm(here: Any, p: Any) -> tuple[float, float, float]:
+def arm(here: Any, p: Reals) -> tuple[float, float, float]:
     """Offset A p of a body-fixed point from its body's origin, global axes."""
     A = here.A
     return (

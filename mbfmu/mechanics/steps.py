@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import MotionRecord
 
 COMPLEX_STEP_SIZE = 1e-30  # of the step
 
 
 @kernel
-def displace(here: Any, perturbed: Any, k: int) -> None:
+def displace(here: MotionRecord, perturbed: MotionRecord, k: int) -> None:
     """A body after an imaginary unit motion: k = 0, 1, 2 along the global axes, 3, 4, 5 about them, else none."""
     for a in range(3):
         perturbed.r[a] = here.r[a] + (COMPLEX_STEP_SIZE * 1j if a == k else 0.0)
@@ -24,7 +27,7 @@ def displace(here: Any, perturbed: Any, k: int) -> None:
 
 
 @kernel
-def step(here: Any, perturbed: Any, k: int, c1: float) -> None:
+def step(here: Any, perturbed: MotionRecord, k: int, c1: float) -> None:
     """A body after an imaginary unit motion k, with c1 times the velocity along it, and no force on it."""
     displace(here, perturbed, k)
     for j in range(6):

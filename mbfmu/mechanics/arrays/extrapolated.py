@@ -8,12 +8,15 @@ Kernels take a load and the polynomial that is evaluated.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Record, f8, i8
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.signals.polynomial import PolynomialRecord
 
 
 class LoadRecord(Record):
@@ -36,13 +39,13 @@ def load_finished(course: Any) -> bool:
 
 
 @kernel
-def start_load(load: Any, course: Any) -> None:
+def start_load(load: LoadRecord, course: Any) -> None:
     """Begin at the value that the polynomial has; nothing is known of the time before."""
     load.value, load.point, load.before, load.was = course.c[0], np.nan, np.nan, np.nan
 
 
 @kernel
-def set_load_input(t: float, value: float, load: Any, course: Any) -> None:
+def set_load_input(t: float, value: float, load: LoadRecord, course: PolynomialRecord) -> None:
     """Take the value at the point t, s."""
     if t != load.point:
         load.before, load.was, load.point = load.point, load.value, t
@@ -51,7 +54,7 @@ def set_load_input(t: float, value: float, load: Any, course: Any) -> None:
 
 
 @kernel
-def load_starts(t: float, end: float, load: Any, course: Any) -> bool:
+def load_starts(t: float, end: float, load: LoadRecord, course: PolynomialRecord) -> bool:
     """Begin a step from t to ``end``, s; return whether the load changes its course.
 
     It changes by no more than it last did, however long the step.
@@ -66,7 +69,7 @@ def load_starts(t: float, end: float, load: Any, course: Any) -> bool:
 
 
 @kernel
-def skip_load_point(t: float, load: Any, course: Any) -> None:
+def skip_load_point(t: float, load: LoadRecord, course: Any) -> None:
     """Note a point, t (s), at which the load stayed as it is."""
     if load_finished(course) and not t <= load.point:
         set_load_input(t, load.value, load, course)

@@ -18,7 +18,8 @@ from mbfmu.mechanics.records import Data
 from solvers.compiled.kernel import kernel, records
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, ItemRecord, State
+    from solvers.compiled.record import Table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +95,7 @@ def load_groups(mechanism: Mechanism, data: Data, kernel_data: Any, hook: str) -
 
 
 @kernel
-def largest_ratio(loads: Any, arrays: Arrays, state: State) -> float:
+def largest_ratio(loads: Table[ItemRecord], arrays: Arrays, state: State) -> float:
     """The largest value of ``monitor`` of these loads (k,), ItemRecord, where the bodies are."""
     largest = 0.0
     for k in range(loads.shape[0]):

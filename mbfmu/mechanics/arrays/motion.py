@@ -31,12 +31,15 @@ fast it goes. Where the rate jumps between two segments the mechanism gets an im
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Reals, Record, f8, i8
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.signals.polynomial import PolynomialRecord
 
 MAX_EXTRAPOLATION_ERROR_RATIO = 1.5  # error of an extrapolated position to the changes of the rate times the step
 
@@ -85,7 +88,7 @@ def minmod(a: float, b: float, c: float) -> float:
 
 
 @kernel
-def start_motion(support: Any, segment: Any, course: Any) -> None:
+def start_motion(support: SupportRecord, segment: SegmentRecord, course: Any) -> None:
     """Begin with the polynomial, without a history."""
     x, v = course.c[0], course.c[1]
     support.position, support.rate, support.given, support.departs = x, v, 0, 0
@@ -100,7 +103,7 @@ def start_motion(support: Any, segment: Any, course: Any) -> None:
 
 
 @kernel
-def set_motion_input(coefficient: int, value: float, support: Any) -> None:
+def set_motion_input(coefficient: int, value: float, support: SupportRecord) -> None:
     """Take a position (coefficient 0), a rate (1) or an acceleration (2) for the point the host stands at."""
     if coefficient == 0:
         support.position, support.given = value, 1
@@ -113,7 +116,7 @@ def set_motion_input(coefficient: int, value: float, support: Any) -> None:
 
 
 @inlined
-def position_and_rate(t: float, segment: Any, course: Any) -> tuple[float, float]:
+def position_and_rate(t: float, segment: SegmentRecord, course: PolynomialRecord) -> tuple[float, float]:
     """Return both at t, before any jump."""
     s, c = t - course.t0, course.c
     x = segment.goal if t == segment.end else c[0] + s * (c[1] + s * (c[2] + s * c[3]))
@@ -121,7 +124,9 @@ def position_and_rate(t: float, segment: Any, course: Any) -> tuple[float, float
 
 
 @kernel
-def plan_motion(t: float, end: float, support: Any, segment: Any, course: Any, ahead: Any) -> None:
+def plan_motion(
+    t: float, end: float, support: SupportRecord, segment: SegmentRecord, course: Any, ahead: SegmentRecord
+) -> None:
     """Find the segment ``ahead`` from t to ``end`` (s), and whether the support departs for it.
 
     It does not in the middle of a segment, nor if it continues unchanged, which is recorded.
@@ -141,7 +146,9 @@ def plan_motion(t: float, end: float, support: Any, segment: Any, course: Any, a
 
 
 @kernel
-def continue_motion(t: float, end: float, x: float, support: Any, last: Any, ahead: Any) -> None:
+def continue_motion(
+    t: float, end: float, x: float, support: SupportRecord, last: SegmentRecord, ahead: SegmentRecord
+) -> None:
     """Find the segment ``ahead`` from x at t to ``end``, see the module's docstring; ``last`` is the one before."""
     h, v, before = end - t, support.rate, t - last.begin
     u = support.position if support.given == 1 or support.rated == 0 else x
@@ -177,7 +184,7 @@ def continue_motion(t: float, end: float, x: float, support: Any, last: Any, ahe
 
 
 @inlined
-def adopt_segment(ahead: Any, support: Any, segment: Any) -> None:
+def adopt_segment(ahead: SegmentRecord, support: SupportRecord, segment: SegmentRecord) -> None:
     """Note that a segment has begun."""
     segment.begin, segment.end, segment.goal = ahead.begin, ahead.end, ahead.goal
     segment.position, segment.rate, segment.average = ahead.position, ahead.rate, ahead.average
@@ -189,7 +196,7 @@ def adopt_segment(ahead: Any, support: Any, segment: Any) -> None:
 
 
 @inlined
-def follow_path(t: float, path: Any, course: Any) -> None:
+def follow_path(t: float, path: Any, course: PolynomialRecord) -> None:
     """Let the polynomial be that of ``path`` (4,) about t."""
     course.t0 = t
     for k in range(4):
@@ -197,7 +204,7 @@ def follow_path(t: float, path: Any, course: Any) -> None:
 
 
 @kernel
-def perturb_motion(t: float, acceleration: float, segment: Any, course: Any) -> None:
+def perturb_motion(t: float, acceleration: float, segment: Any, course: PolynomialRecord) -> None:
     """Let the polynomial have an acceleration at t, and the position and rate it has there."""
     x, v = position_and_rate(t, segment, course)
     c = course.c
@@ -205,7 +212,7 @@ def perturb_motion(t: float, acceleration: float, segment: Any, course: Any) -> 
 
 
 @kernel
-def motion_finished(support: Any, segment: Any) -> bool:
+def motion_finished(support: SupportRecord, segment: SegmentRecord) -> bool:
     """Whether the motion continues unchanged until the importing tool sets another."""
     path = segment.path
     arrived = path[1] == 0.0 and segment.goal == support.position

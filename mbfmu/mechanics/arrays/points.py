@@ -12,7 +12,7 @@ a part of them.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numpy.typing import NDArray
 
@@ -34,6 +34,9 @@ from .motion import (
     set_motion_input,
     start_motion,
 )
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.signals.polynomial import PolynomialRecord
 
 # Roles of inputs
 HELD_LOAD, GRAVITY_LOAD, EXTRAPOLATED_LOAD, SUPPORT_MOTION = 0, 1, 2, 3
@@ -89,7 +92,7 @@ class InputRecords(NamedTuple):
 
 
 @kernel
-def begin_inputs(i: Any) -> None:
+def begin_inputs(i: InputRecords) -> None:
     """Let all begin as the polynomials say; nothing is known of the time before."""
     for k in range(i.loads.shape[0]):
         start_load(i.loads[k], i.courses[i.loads[k].course])
@@ -98,7 +101,7 @@ def begin_inputs(i: Any) -> None:
 
 
 @kernel
-def hold_value(coefficient: int, value: float, t: float, course: Any) -> None:
+def hold_value(coefficient: int, value: float, t: float, course: PolynomialRecord) -> None:
     """Set a coefficient from t on; a polynomial with a rate continues from its present value."""
     course.c[0] += (t - course.t0) * course.c[1]
     course.t0 = t
@@ -106,14 +109,14 @@ def hold_value(coefficient: int, value: float, t: float, course: Any) -> None:
 
 
 @kernel
-def begin_course(coefficient: int, value: float, t: float, course: Any) -> None:
+def begin_course(coefficient: int, value: float, t: float, course: PolynomialRecord) -> None:
     """Let a polynomial begin at t with another value of a coefficient; it has not moved before."""
     course.t0 = t
     course.c[coefficient] = 0.5 * value if coefficient == 2 else value
 
 
 @kernel
-def start_input(i: Any, index: int, value: float, t: float) -> None:
+def start_input(i: InputRecords, index: int, value: float, t: float) -> None:
     """Set the value of an input at the start time t, s. A motion of the input begins at t, whatever t is."""
     own = i.inputs[index]
     if own.role == GRAVITY_LOAD:
@@ -131,7 +134,7 @@ def start_input(i: Any, index: int, value: float, t: float) -> None:
 
 
 @kernel
-def set_input(i: Any, index: int, value: float, t: float) -> None:
+def set_input(i: InputRecords, index: int, value: float, t: float) -> None:
     """Take the value of an input at time t.
 
     A load is held or extrapolated from t on; one with a rate continues from its present value. The target of a
@@ -150,7 +153,7 @@ def set_input(i: Any, index: int, value: float, t: float) -> None:
 
 
 @kernel
-def begin_support_motions(i: Any, t: float, end: float) -> int:
+def begin_support_motions(i: InputRecords, t: float, end: float) -> int:
     """Begin a step from t to ``end``, s; return the sum of what applies of CHANGED, DEPARTS and JUMPS."""
     found = 0
     for k in range(i.loads.shape[0]):
@@ -168,7 +171,7 @@ def begin_support_motions(i: Any, t: float, end: float) -> int:
 
 
 @kernel
-def perturb_motions(i: Any, t: float, part: float) -> None:
+def perturb_motions(i: InputRecords, t: float, part: float) -> None:
     """Let supports that depart have, at t, an acceleration of a part of the jump of their rate.
 
     The first part is zero; :func:`restore_motions` takes all back.
@@ -183,7 +186,7 @@ def perturb_motions(i: Any, t: float, part: float) -> None:
 
 
 @kernel
-def restore_motions(i: Any) -> None:
+def restore_motions(i: InputRecords) -> None:
     """Let supports that depart be on their way still."""
     for k in range(i.supports.shape[0]):
         if i.supports[k].departs == 1:
@@ -191,7 +194,7 @@ def restore_motions(i: Any) -> None:
 
 
 @kernel
-def start_motions(i: Any, tolerance: float) -> bool:
+def start_motions(i: InputRecords, tolerance: float) -> bool:
     """Let supports depart; whether the position of one jumps, farther than its rate explains.
 
     ``tolerance``: of a jump that is none, in units of the coordinate.
@@ -209,14 +212,14 @@ def start_motions(i: Any, tolerance: float) -> bool:
 
 
 @kernel
-def skip_points(i: Any, t: float) -> None:
+def skip_points(i: InputRecords, t: float) -> None:
     """Note a communication point at which nothing changed."""
     for k in range(i.loads.shape[0]):
         skip_load_point(t, i.loads[k], i.courses[i.loads[k].course])
 
 
 @kernel
-def all_finished(i: Any) -> bool:
+def all_finished(i: InputRecords) -> bool:
     """Whether every support and every load continues unchanged until an input is set."""
     settled = True
     for k in range(i.supports.shape[0]):

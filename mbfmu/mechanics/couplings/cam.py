@@ -34,7 +34,7 @@ class CamRecord(Record):
 
 
 @kernel
-def evaluate(cam: Any, x: Any, arrays: Arrays) -> Any:
+def evaluate(cam: CamRecord, x: Any, arrays: Arrays) -> Any:
     """See :mod:`.base`."""
     value, slope, bend, _ = curve(arrays.numbers, cam.first, cam.count, x)
     return value, slope, bend

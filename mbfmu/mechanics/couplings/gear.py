@@ -27,7 +27,7 @@ class GearRecord(Record):
 
 
 @kernel
-def evaluate(gear: Any, x: Any, arrays: Arrays) -> Any:
+def evaluate(gear: GearRecord, x: Any, arrays: Arrays) -> Any:
     """See :mod:`.base`."""
     return gear.ratio * x + gear.offset, gear.ratio + 0.0 * x, 0.0 * x
 

@@ -25,7 +25,7 @@ from mbfmu.mechanics.spatial import arm, centripetal
 from solvers.compiled.kernel import kernel
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import State
+    from mbfmu.mechanics.records import MotionRecord, RowRecord, State
 
 CUT_PARAMETERS = np.dtype(
     [
@@ -141,7 +141,7 @@ def constrain_point(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
 
 
 @kernel
-def relative_motion(cut: Any, A: Any, B: Any) -> Any:
+def relative_motion(cut: Any, A: MotionRecord, B: MotionRecord) -> Any:
     """The arms of Q from b's and from a's origin, the way d from P to Q, d', and d'' without angular accelerations."""
     ax, ay, az = arm(A, cut.Pa)
     bx, by, bz = arm(B, cut.Pb)
@@ -157,7 +157,7 @@ def relative_motion(cut: Any, A: Any, B: Any) -> Any:
 
 
 @kernel
-def constrain_along(cut: Any, k: int, A: Any, motion: Any, row: Any) -> None:
+def constrain_along(cut: Any, k: int, A: MotionRecord, motion: Any, row: RowRecord) -> None:
     """One row: Phi = n.d, n axis k of the cut frame in body a, d from P on a to Q on b; ``motion`` is
     what :func:`relative_motion` returns.
 
@@ -188,7 +188,7 @@ def constrain_along(cut: Any, k: int, A: Any, motion: Any, row: Any) -> None:
 
 
 @kernel
-def constrain_perpendicular(cut: Any, i: int, j: int, A: Any, B: Any, row: Any) -> None:
+def constrain_perpendicular(cut: Any, i: int, j: int, A: MotionRecord, B: MotionRecord, row: RowRecord) -> None:
     """One row: axis i of the cut frame in body a stays perpendicular to axis j of that in body b.
 
     Phi = p.s, Phi' = (w_a - w_b).(p x s), and with p' = w_a x p, s' = w_b x s:

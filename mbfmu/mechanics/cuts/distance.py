@@ -19,11 +19,11 @@ from solvers.compiled.kernel import kernel
 from .base import CUT_PARAMETERS, Cut
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import State
+    from mbfmu.mechanics.records import MotionRecord, State
 
 
 @kernel
-def evaluate(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
+def evaluate(cut: Any, A: MotionRecord, B: MotionRecord, row: int, state: State) -> None:
     """See :mod:`.base`. Phi' = d.d'/L, Phi'' = (d.d'' + d'.d')/L."""
     out = state.rows[row]
     ax, ay, az = arm(A, cut.Pa)

@@ -43,7 +43,7 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.record import Reals, Record, f8, i8
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import State
+    from mbfmu.mechanics.records import BodyRecord, MotionRecord, State
 
 MODES = 12  # most of one body
 
@@ -86,7 +86,7 @@ NODE = NodeRecord.dtype
 
 
 @kernel
-def quadratic(G: Any, size: int, x: Any, i: int, y: Any, j: int) -> float:
+def quadratic(G: Reals, size: int, x: Reals, i: int, y: Reals, j: int) -> float:
     """x^T G y over the entries of x from i and of y from j on."""
     total = 0.0 * x[i]
     for k in range(size):
@@ -96,7 +96,7 @@ def quadratic(G: Any, size: int, x: Any, i: int, y: Any, j: int) -> float:
 
 
 @kernel
-def row_times(G: Any, k: int, size: int, x: Any, i: int) -> float:
+def row_times(G: Reals, k: int, size: int, x: Reals, i: int) -> float:
     """(G x)_k over the entries of x from i on."""
     total = 0.0 * x[i]
     for l in range(size):
@@ -105,7 +105,7 @@ def row_times(G: Any, k: int, size: int, x: Any, i: int) -> float:
 
 
 @kernel
-def place_section(body: Any, node: Any, parent: Any, here: Any, state: State) -> None:
+def place_section(body: BodyRecord, node: NodeRecord, parent: MotionRecord, here: MotionRecord, state: State) -> None:
     """Position r, A of a node and its rows of the motion subspaces; ``parent`` is the body's frame E."""
     qi, C, A = body.qi, parent.A, here.A
     w, turn = 0.0 * state.q[qi], 0.0 * state.q[qi]
@@ -127,7 +127,7 @@ def place_section(body: Any, node: Any, parent: Any, here: Any, state: State) ->
 
 
 @kernel
-def add_section_bias(body: Any, node: Any, frame: Any, state: State, beta: Any) -> None:
+def add_section_bias(body: Any, node: NodeRecord, frame: MotionRecord, state: State, beta: Reals) -> None:
     """Add to a node's velocity products what the changing of its subspace adds, -p'^T G p' along the axis."""
     back = quadratic(node.G, node.shortens, state.v, body.vi, state.v, body.vi)
     for i in range(3):
@@ -135,7 +135,7 @@ def add_section_bias(body: Any, node: Any, frame: Any, state: State, beta: Any) 
 
 
 @kernel
-def to_body_axis(A: Any, x: Any, i: int) -> tuple[float, float, float]:
+def to_body_axis(A: Reals, x: Reals, i: int) -> tuple[float, float, float]:
     """A^T x[i:i+3]: a vector of global axes in the body's."""
     return (
         A[0, 0] * x[i] + A[1, 0] * x[i + 1] + A[2, 0] * x[i + 2],
@@ -145,14 +145,14 @@ def to_body_axis(A: Any, x: Any, i: int) -> tuple[float, float, float]:
 
 
 @kernel
-def add_from_body_axes(A: Any, x: float, y: float, z: float, out: Any, i: int) -> None:
+def add_from_body_axes(A: Reals, x: float, y: float, z: float, out: Reals, i: int) -> None:
     """out[i:i+3] += A (x, y, z)."""
     for k in range(3):
         out[i + k] += A[k, 0] * x + A[k, 1] * y + A[k, 2] * z
 
 
 @kernel
-def moments(elastic: Any, q: Any) -> tuple[float, float, float, float, float]:
+def moments(elastic: FlexibleRecord, q: Reals) -> tuple[float, float, float, float, float]:
     """S_x, S_y, P_xx, P_xy, P_yy."""
     qi, shortens = elastic.qi, elastic.shortens
     sx = elastic.X1 - 0.5 * quadratic(elastic.g0, shortens, q, qi, q, qi)
@@ -167,7 +167,7 @@ def moments(elastic: Any, q: Any) -> tuple[float, float, float, float, float]:
 
 
 @kernel
-def shift_rate(elastic: Any, k: int, q: Any) -> float:
+def shift_rate(elastic: FlexibleRecord, k: int, q: Reals) -> float:
     """x component of S_k, -(g0 p)_k."""
     if elastic.shortens == 0:
         return 0.0 * q[elastic.qi]
@@ -175,7 +175,7 @@ def shift_rate(elastic: Any, k: int, q: Any) -> float:
 
 
 @kernel
-def composite(elastic: Any, here: Any, q: Any) -> None:
+def composite(elastic: FlexibleRecord, here: MotionRecord, q: Any) -> None:
     """Mass, first moment and second moment about the origin of the bent body, global axes."""
     A = here.A
     sx, sy, pxx, pxy, pyy = moments(elastic, q)
@@ -192,7 +192,7 @@ def composite(elastic: Any, here: Any, q: Any) -> None:
 
 
 @kernel
-def coupling(elastic: Any, k: int, here: Any, q: Any, out: Any) -> None:
+def coupling(elastic: FlexibleRecord, k: int, here: MotionRecord, q: Any, out: Reals) -> None:
     """out = momentum wrench of p'_k = 1 about the origin, global axes: (S_k, h_k)."""
     for i in range(6):
         out[i] = 0.0
@@ -201,7 +201,7 @@ def coupling(elastic: Any, k: int, here: Any, q: Any, out: Any) -> None:
 
 
 @kernel
-def inertia(elastic: Any, here: Any, state: State) -> None:
+def inertia(elastic: FlexibleRecord, here: MotionRecord, state: State) -> None:
     """Add f and n to the wrench W of the frame and the tau_k to State.tau (module docstring)."""
     A, q, v, a, qi, vi = here.A, state.q, state.v, state.a, elastic.qi, elastic.vi
     ax, ay, az = to_body_axis(A, here.dY, 0)
@@ -243,7 +243,7 @@ def inertia(elastic: Any, here: Any, state: State) -> None:
 
 
 @kernel
-def momentum(elastic: Any, here: Any, state: State, out: Any) -> None:
+def momentum(elastic: FlexibleRecord, here: MotionRecord, state: State, out: Any) -> None:
     """out += momentum and angular momentum about the frame's origin, global axes."""
     A, v, vi = here.A, state.v, elastic.vi
     vx, vy, vz = to_body_axis(A, here.Y, 0)
@@ -267,7 +267,7 @@ def momentum(elastic: Any, here: Any, state: State, out: Any) -> None:
 
 
 @kernel
-def modal_momentum(elastic: Any, k: int, here: Any, state: State) -> float:
+def modal_momentum(elastic: FlexibleRecord, k: int, here: MotionRecord, state: State) -> float:
     """dT/dp'_k."""
     _, _, wz = to_body_axis(here.A, here.Y, 3)
     vx, vy, _ = to_body_axis(here.A, here.Y, 0)
@@ -276,7 +276,7 @@ def modal_momentum(elastic: Any, k: int, here: Any, state: State) -> float:
 
 
 @kernel
-def kinetic(elastic: Any, here: Any, state: State, scratch: Any) -> float:
+def kinetic(elastic: FlexibleRecord, here: MotionRecord, state: State, scratch: Any) -> float:
     """T = (Y . momentum wrench + p' . dT/dp') / 2, J."""
     for i in range(6):
         scratch[i] = 0.0
@@ -290,7 +290,7 @@ def kinetic(elastic: Any, here: Any, state: State, scratch: Any) -> float:
 
 
 @kernel
-def apply_elastic_forces(elastic: Any, state: State) -> None:
+def apply_elastic_forces(elastic: FlexibleRecord, state: State) -> None:
     """Modal stiffness and damping among the forces along the coordinates."""
     for k in range(elastic.modes):
         p, rate = state.q[elastic.qi + k], state.v[elastic.vi + k]
@@ -298,7 +298,7 @@ def apply_elastic_forces(elastic: Any, state: State) -> None:
 
 
 @kernel
-def potential(elastic: Any, state: State) -> float:
+def potential(elastic: FlexibleRecord, state: State) -> float:
     """Strain energy, J."""
     total = 0.0 * state.q[elastic.qi]
     for k in range(elastic.modes):
@@ -307,7 +307,7 @@ def potential(elastic: Any, state: State) -> float:
 
 
 @kernel
-def power(elastic: Any, state: State) -> float:
+def power(elastic: FlexibleRecord, state: State) -> float:
     """-beta sum kappa_k p'_k^2, W."""
     total = 0.0 * state.v[elastic.vi]
     for k in range(elastic.modes):
@@ -316,7 +316,7 @@ def power(elastic: Any, state: State) -> float:
 
 
 @kernel
-def gravity_potential(elastic: Any, here: Any, state: State, g: Any) -> float:
+def gravity_potential(elastic: FlexibleRecord, here: MotionRecord, state: State, g: Reals) -> float:
     """Energy in the gravity field g, zero at the global origin, J."""
     sx, sy, _, _, _ = moments(elastic, state.q)
     total = 0.0 * sx

@@ -28,7 +28,7 @@ class PlanarRecord(Record):
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: PlanarRecord, qi: int, state: State) -> None:
     """See :mod:`.base`."""
     q, axis, first, other, rel = state.q, joint.axis, joint.first, joint.other, state.rel
     axis_matrix(axis, np.cos(q[qi + 2]), np.sin(q[qi + 2]), rel, 6)

@@ -28,7 +28,7 @@ class ScrewRecord(Record):
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: ScrewRecord, qi: int, state: State) -> None:
     """See :mod:`.base`."""
     angle, axis, rel = state.q[qi], joint.axis, state.rel
     axis_matrix(axis, np.cos(angle), np.sin(angle), rel, 6)

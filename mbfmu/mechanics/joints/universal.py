@@ -35,7 +35,7 @@ class UniversalRecord(Record):
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: UniversalRecord, qi: int, state: State) -> None:
     """See :mod:`.base`. Columns: n;  A_n m."""
     q, n, m, rel = state.q, joint.axis, joint.second, state.rel
     axis_matrix(m, np.cos(q[qi + 1]), np.sin(q[qi + 1]), rel, 6)
@@ -49,7 +49,7 @@ def place(joint: Any, qi: int, state: State) -> None:
 
 
 @kernel
-def bias(joint: Any, qi: int, vi: int, state: State) -> None:
+def bias(joint: UniversalRecord, qi: int, vi: int, state: State) -> None:
     """See :mod:`.base`: q_0' q_1' n x A_n m."""
     q, v, n, m, out = state.q, state.v, joint.axis, joint.second, state.bias
     x, y, z = rotated(n, np.cos(q[qi]), np.sin(q[qi]), m[0], m[1], m[2])

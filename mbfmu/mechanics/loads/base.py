@@ -36,7 +36,7 @@ from solvers.compiled.kernel import inlined, kernel
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.arrays.load_groups import LoadGroup
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 Points = tuple[Any, ...]
 FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
@@ -57,7 +57,7 @@ def limit_ratio(value: float, accurate: float, valid: float) -> float:
 
 
 @kernel
-def direction(force: Any, body: Any) -> tuple[float, float, float]:
+def direction(force: Any, body: MotionRecord) -> tuple[float, float, float]:
     """Global components of the axis of a given force or torque."""
     if force.turns == 1:
         return arm(body, force.axis)

@@ -23,7 +23,7 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.record import Reals, Record, f8, i8
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 
 class BeamElementRecord(Record):
@@ -37,19 +37,21 @@ class BeamElementRecord(Record):
 
 
 @kernel
-def _turn(A: Any, B: Any, i: int, j: int) -> float:
+def _turn(A: Reals, B: Reals, i: int, j: int) -> float:
     """R[i, j] of R = A^T B."""
     return A[0, i] * B[0, j] + A[1, i] * B[1, j] + A[2, i] * B[2, j]
 
 
 @kernel
-def _along(A: Any, i: int, x: float, y: float, z: float) -> float:
+def _along(A: Reals, i: int, x: float, y: float, z: float) -> float:
     """Component i of a vector in the axes A."""
     return A[0, i] * x + A[1, i] * y + A[2, i] * z
 
 
 @kernel
-def _stretch(force: Any, a: Any, b: Any) -> tuple[float, float, float, float, float, float]:
+def _stretch(
+    force: BeamElementRecord, a: MotionRecord, b: MotionRecord
+) -> tuple[float, float, float, float, float, float]:
     """(d, phi)."""
     x, y, z = b.r[0] - a.r[0], b.r[1] - a.r[1], b.r[2] - a.r[2]
     A, B = a.A, b.A
@@ -64,7 +66,9 @@ def _stretch(force: Any, a: Any, b: Any) -> tuple[float, float, float, float, fl
 
 
 @kernel
-def _resist(force: Any, dx: float, dy: float, dz: float, px: float, py: float, pz: float) -> tuple[float, ...]:
+def _resist(
+    force: BeamElementRecord, dx: float, dy: float, dz: float, px: float, py: float, pz: float
+) -> tuple[float, ...]:
     """K (d, phi): stretching, torsion, and bending along y and along z."""
     k, h = force.stiffness, force.length
     bend_y, bend_z = k[2] / h**3, k[3] / h**3
@@ -79,7 +83,7 @@ def _resist(force: Any, dx: float, dy: float, dz: float, px: float, py: float, p
 
 
 @kernel
-def _stretch_rate(a: Any, b: Any) -> tuple[float, float, float, float, float, float]:
+def _stretch_rate(a: MotionRecord, b: MotionRecord) -> tuple[float, float, float, float, float, float]:
     """(d, phi)', in a's axes."""
     A, B = a.A, b.A
     x, y, z = b.r[0] - a.r[0], b.r[1] - a.r[1], b.r[2] - a.r[2]
@@ -103,7 +107,7 @@ def _stretch_rate(a: Any, b: Any) -> tuple[float, float, float, float, float, fl
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: BeamElementRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`."""
     a, b = state.bodies[force.a], state.bodies[force.b]
     A, B = a.A, b.A
@@ -131,7 +135,7 @@ def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def potential(force: Any, arrays: Arrays, state: State) -> float:
+def potential(force: BeamElementRecord, arrays: Arrays, state: State) -> float:
     """U."""
     dx, dy, dz, px, py, pz = _stretch(force, state.bodies[force.a], state.bodies[force.b])
     fx, fy, fz, mx, my, mz = _resist(force, dx, dy, dz, px, py, pz)
@@ -139,7 +143,7 @@ def potential(force: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(force: BeamElementRecord, t: float, arrays: Arrays, state: State) -> float:
     """-beta (d, phi)'^T K (d, phi)'."""
     ux, uy, uz, sx, sy, sz = _stretch_rate(state.bodies[force.a], state.bodies[force.b])
     fx, fy, fz, mx, my, mz = _resist(force, ux, uy, uz, sx, sy, sz)

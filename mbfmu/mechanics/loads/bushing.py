@@ -30,6 +30,7 @@ from .base import Force, Points, fill_points
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from solvers.compiled.record import Reals
 
 
 class BushingRecord(Record):
@@ -46,13 +47,13 @@ class BushingRecord(Record):
 
 
 @kernel
-def _axes(body: Any, E: Any) -> Any:
+def _axes(body: Any, E: Reals) -> Any:
     """Axes of a frame E, rows in body axes, in global ones."""
     return arm(body, E[0]), arm(body, E[1]), arm(body, E[2])
 
 
 @kernel
-def _dot(a: Any, b: Any) -> float:
+def _dot(a: Reals, b: Any) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -69,7 +70,7 @@ def _attitude(force: Any, A: Any, B: Any) -> Any:
 
 
 @kernel
-def _stretch(force: Any, A: Any, B: Any) -> tuple[float, float, float, float, float, float]:
+def _stretch(force: BushingRecord, A: Any, B: Any) -> tuple[float, float, float, float, float, float]:
     """(d, p)."""
     d, _, _ = point_offset(A, B, force.Pa, force.Pb)
     ex, ey, ez = _axes(A, force.Ea)
@@ -97,7 +98,7 @@ def _stretch_rate(force: Any, A: Any, B: Any) -> tuple[float, float, float, floa
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: BushingRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     k, c = force.stiffness, force.damping
@@ -121,7 +122,7 @@ def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def potential(force: Any, arrays: Arrays, state: State) -> float:
+def potential(force: BushingRecord, arrays: Arrays, state: State) -> float:
     """U."""
     s, k = _stretch(force, state.bodies[force.a], state.bodies[force.b]), force.stiffness
     total = 0.0 * s[0]
@@ -131,7 +132,7 @@ def potential(force: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(force: BushingRecord, t: float, arrays: Arrays, state: State) -> float:
     """-sum c_i d_i'^2 - sum gamma_i p_i'^2."""
     rate, c = _stretch_rate(force, state.bodies[force.a], state.bodies[force.b]), force.damping
     total = 0.0 * rate[0]

@@ -29,7 +29,7 @@ class DragRecord(Record):
 
 
 @kernel
-def normal_flow(drag: Any, bodies: Table[MotionRecord]) -> tuple[float, float, float, float]:
+def normal_flow(drag: DragRecord, bodies: Table[MotionRecord]) -> tuple[float, float, float, float]:
     """v_n, and the normal of the area, g2 x g1."""
     n1, n2, n3, n4 = bodies[drag.node[0]], bodies[drag.node[1]], bodies[drag.node[2]], bodies[drag.node[3]]
     r1, r2, r3, r4 = n1.r, n2.r, n3.r, n4.r
@@ -48,7 +48,7 @@ def normal_flow(drag: Any, bodies: Table[MotionRecord]) -> tuple[float, float, f
 
 
 @kernel
-def apply(drag: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(drag: DragRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     bodies = state.bodies
     speed, nx, ny, nz = normal_flow(drag, bodies)
@@ -63,7 +63,7 @@ def apply(drag: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def power(drag: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(drag: DragRecord, t: float, arrays: Arrays, state: State) -> float:
     """-rho c area |v_n|^3 / 2, W."""
     speed, _, _, _ = normal_flow(drag, state.bodies)
     return -drag.coefficient * speed * speed * (speed if speed.real > 0.0 else -speed)

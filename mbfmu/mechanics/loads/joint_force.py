@@ -27,13 +27,13 @@ class JointForceRecord(Record):
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: JointForceRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     state.Q[force.v] += signal_value(force.signal, t, arrays)
 
 
 @kernel
-def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(force: JointForceRecord, t: float, arrays: Arrays, state: State) -> float:
     """Force times rate of the coordinate."""
     return signal_value(force.signal, t, arrays) * state.v[force.v]
 

@@ -30,34 +30,34 @@ class JointSpringRecord(Record):
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: JointSpringRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     stretch = state.q[force.q] - force.free
     state.Q[force.v] -= force.stiffness * stretch + force.damping * state.v[force.v]
 
 
 @kernel
-def potential(force: Any, arrays: Arrays, state: State) -> float:
+def potential(force: JointSpringRecord, arrays: Arrays, state: State) -> float:
     """k (q - q0)^2 / 2."""
     stretch = state.q[force.q] - force.free
     return 0.5 * force.stiffness * stretch * stretch
 
 
 @kernel
-def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(force: JointSpringRecord, t: float, arrays: Arrays, state: State) -> float:
     """-c q'^2."""
     return -force.damping * state.v[force.v] * state.v[force.v]
 
 
 @kernel
-def apply_table(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply_table(force: JointSpringRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     f = table_force(force, state.q[force.q] - force.free, arrays)
     state.Q[force.v] -= f + force.damping * state.v[force.v]
 
 
 @kernel
-def table_potential(force: Any, arrays: Arrays, state: State) -> float:
+def table_potential(force: JointSpringRecord, arrays: Arrays, state: State) -> float:
     """The integral of the force, from no stretch on."""
     return table_energy(force, state.q[force.q] - force.free, arrays)
 

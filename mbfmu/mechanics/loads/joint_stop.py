@@ -18,19 +18,19 @@ if TYPE_CHECKING:
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: State, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     state.Q[force.v] += stop_force(force, state.q[force.q], state.v[force.v])
 
 
 @kernel
-def potential(force: Any, arrays: Arrays, state: State) -> float:
+def potential(force: State, arrays: Arrays, state: State) -> float:
     """k x^2 / 2."""
     return stop_energy(force, state.q[force.q])
 
 
 @kernel
-def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(force: State, t: float, arrays: Arrays, state: State) -> float:
     """-(f - k x) x'."""
     return dissipated_power(force, state.q[force.q], state.v[force.v])
 

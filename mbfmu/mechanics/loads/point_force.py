@@ -30,7 +30,7 @@ class PointForceRecord(Record):
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: PointForceRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     body = state.bodies[force.a]
     f = signal_value(force.signal, t, arrays)
@@ -40,7 +40,7 @@ def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(force: PointForceRecord, t: float, arrays: Arrays, state: State) -> float:
     """Force times velocity of its point."""
     body = state.bodies[force.a]
     x, y, z = arm(body, force.Pa)

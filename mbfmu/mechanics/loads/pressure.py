@@ -27,7 +27,7 @@ from .base import Load
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
-    from solvers.compiled.record import Table
+    from solvers.compiled.record import Reals, Table
 
 
 class PressureRecord(Record):
@@ -38,7 +38,9 @@ class PressureRecord(Record):
 
 
 @kernel
-def corner_forces(load: Any, p: Any, bodies: Table[MotionRecord], k: int) -> tuple[float, float, float, float]:
+def corner_forces(
+    load: PressureRecord, p: Any, bodies: Table[MotionRecord], k: int
+) -> tuple[float, float, float, float]:
     """Component k of f_1 ... f_4 for the pressure p, Pa; positive along the normal g2 x g1."""
     r1, r2, r3, r4 = bodies[load.node[0]].r, bodies[load.node[1]].r, bodies[load.node[2]].r, bodies[load.node[3]].r
     i, j = (k + 1) % 3, (k + 2) % 3
@@ -54,7 +56,7 @@ def corner_forces(load: Any, p: Any, bodies: Table[MotionRecord], k: int) -> tup
 
 
 @kernel
-def apply(load: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(load: PressureRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     p, bodies = signal_value(load.signal, t, arrays), state.bodies
     for k in range(3):
@@ -66,7 +68,7 @@ def apply(load: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def power(load: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(load: PressureRecord, t: float, arrays: Arrays, state: State) -> float:
     """p times the rate of the volume that the surface sweeps, W."""
     p, bodies = signal_value(load.signal, t, arrays), state.bodies
     n1, n2, n3, n4 = bodies[load.node[0]], bodies[load.node[1]], bodies[load.node[2]], bodies[load.node[3]]
@@ -78,7 +80,7 @@ def power(load: Any, t: float, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def tangent(load: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
+def tangent(load: PressureRecord, c1: float, arrays: Arrays, state: State, perturbed: State, K: Reals) -> float:
     """See :mod:`.base`."""
     p, bodies = signal_value(load.signal, state.time[0], arrays), state.bodies
     r1, r2, r3, r4 = bodies[load.node[0]].r, bodies[load.node[1]].r, bodies[load.node[2]].r, bodies[load.node[3]].r

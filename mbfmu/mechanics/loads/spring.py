@@ -23,7 +23,7 @@ from .base import Points, fill_points
 from .elastic import ElasticForce, table_energy, table_force
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 
 class SpringRecord(Record):
@@ -41,7 +41,7 @@ class SpringRecord(Record):
 
 
 @kernel
-def connecting_line(force: Any, A: Any, B: Any) -> Any:
+def connecting_line(force: SpringRecord, A: MotionRecord, B: MotionRecord) -> Any:
     """Direction from a to b, or of the velocity where points coincide, arms of the points, length and its rate."""
     ax, ay, az = arm(A, force.Pa)
     bx, by, bz = arm(B, force.Pb)
@@ -62,7 +62,7 @@ def connecting_line(force: Any, A: Any, B: Any) -> Any:
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: SpringRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
@@ -74,7 +74,7 @@ def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def potential(force: Any, arrays: Arrays, state: State) -> float:
+def potential(force: SpringRecord, arrays: Arrays, state: State) -> float:
     """k (l - l0)^2 / 2."""
     _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     stretch = length - force.free
@@ -82,14 +82,14 @@ def potential(force: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(force: SpringRecord, t: float, arrays: Arrays, state: State) -> float:
     """-c l'^2."""
     _, _, _, _, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return -force.damping * rate * rate
 
 
 @kernel
-def apply_table(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply_table(force: SpringRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
@@ -101,7 +101,7 @@ def apply_table(force: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def table_potential(force: Any, arrays: Arrays, state: State) -> float:
+def table_potential(force: SpringRecord, arrays: Arrays, state: State) -> float:
     """The integral of the force, from no stretch on."""
     _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return table_energy(force, length - force.free, arrays)

@@ -28,7 +28,7 @@ class TorqueRecord(Record):
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: TorqueRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     body = state.bodies[force.a]
     torque, axis = signal_value(force.signal, t, arrays), direction(force, body)
@@ -37,7 +37,7 @@ def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(force: TorqueRecord, t: float, arrays: Arrays, state: State) -> float:
     """Torque times angular velocity about its axis."""
     body = state.bodies[force.a]
     Y, axis = body.Y, direction(force, body)

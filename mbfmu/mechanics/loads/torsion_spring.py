@@ -25,7 +25,7 @@ from solvers.compiled.record import Mat3, Record, f8, i8
 from .elastic import ElasticForce, table_energy, table_force
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 
 class TorsionSpringRecord(Record):
@@ -43,7 +43,7 @@ class TorsionSpringRecord(Record):
 
 
 @kernel
-def _twist(force: Any, A: Any, B: Any) -> Any:
+def _twist(force: TorsionSpringRecord, A: MotionRecord, B: MotionRecord) -> Any:
     """phi, phi' and g, global axes; all zero where m is opposite to n, which has no shortest way."""
     ex, ey, ez = arm(A, force.Ea[0])
     hx, hy, hz = arm(A, force.Ea[1])
@@ -62,7 +62,7 @@ def _twist(force: Any, A: Any, B: Any) -> Any:
 
 
 @kernel
-def apply_torque(A: Any, B: Any, torque: Any, g: Any) -> None:
+def apply_torque(A: MotionRecord, B: MotionRecord, torque: Any, g: Any) -> None:
     """Let a torque act along g on a, and against it on b."""
     gx, gy, gz = g
     A.F[3] += torque * gx
@@ -74,7 +74,7 @@ def apply_torque(A: Any, B: Any, torque: Any, g: Any) -> None:
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: TorsionSpringRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     phi, rate, g = _twist(force, A, B)
@@ -82,21 +82,21 @@ def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def potential(force: Any, arrays: Arrays, state: State) -> float:
+def potential(force: TorsionSpringRecord, arrays: Arrays, state: State) -> float:
     """k (phi - phi0)^2 / 2."""
     phi, _, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
     return 0.5 * force.stiffness * (phi - force.free) * (phi - force.free)
 
 
 @kernel
-def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(force: TorsionSpringRecord, t: float, arrays: Arrays, state: State) -> float:
     """-c phi'^2."""
     _, rate, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
     return -force.damping * rate * rate
 
 
 @kernel
-def apply_table(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply_table(force: TorsionSpringRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     phi, rate, g = _twist(force, A, B)
@@ -104,7 +104,7 @@ def apply_table(force: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def table_potential(force: Any, arrays: Arrays, state: State) -> float:
+def table_potential(force: TorsionSpringRecord, arrays: Arrays, state: State) -> float:
     """The integral of the torque, from no turn on."""
     phi, _, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
     return table_energy(force, phi - force.free, arrays)

@@ -22,7 +22,9 @@ from solvers.compiled.kernel import kernel
 from .rnea import inertia_wrench
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.flexible.modal import FlexibleRecord
+    from mbfmu.mechanics.records import Arrays, BodyRecord, MotionRecord, State
+    from solvers.compiled.record import Reals
 
 RHS_COLUMN = modal.MODES  # column of D with the right-hand side
 
@@ -63,7 +65,7 @@ def drive_efforts(arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def apply_inverse_mass_matrix(arrays: Arrays, state: State, r: Any, x: Any) -> None:
+def apply_inverse_mass_matrix(arrays: Arrays, state: State, r: Reals, x: Reals) -> None:
     """x (n,) = M^-1 r (n,) by the articulated inertias of the last :func:`forward_dynamics`: nothing but r acts."""
     for i in range(arrays.bodies.shape[0]):
         for k in range(6):
@@ -140,7 +142,7 @@ def initialize_articulated_inertia(arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def initialize_elastic_inertia(elastic: Any, state: State) -> None:
+def initialize_elastic_inertia(elastic: FlexibleRecord, state: State) -> None:
     """Inertia of an elastic body about its frame's origin, and its wrench and modal forces at zero acceleration."""
     here, vi = state.bodies[elastic.body], elastic.vi
     modal.composite(elastic, here, state.q)
@@ -209,7 +211,7 @@ def backward_pass(i: int, arrays: Arrays, state: State) -> int:
 
 
 @kernel
-def add_section_inertia(body: Any, here: Any, frame: Any, state: State) -> None:
+def add_section_inertia(body: BodyRecord, here: MotionRecord, frame: Any, state: State) -> None:
     """Add a node's U, about the frame's origin, D and u to those of the amplitudes."""
     IA, S, U, D, vi, si, f = here.IA, state.S, state.U, state.D, body.vi, body.si, state.wrench
     for e in range(body.nv):
@@ -226,7 +228,7 @@ def add_section_inertia(body: Any, here: Any, frame: Any, state: State) -> None:
 
 
 @kernel
-def factorize_joint_inertia(D: Any, nv: int, U: Any, vi: int) -> int:
+def factorize_joint_inertia(D: Reals, nv: int, U: Reals, vi: int) -> int:
     """One joint's D = L L^T, in place; D[:, RIGHT] <- L^-1 u and U <- L^-1 U^T; 1 where D is not positive."""
     for c in range(nv):
         for e in range(c + 1):
@@ -250,7 +252,7 @@ def factorize_joint_inertia(D: Any, nv: int, U: Any, vi: int) -> int:
 
 
 @kernel
-def propagate_to_parent(here: Any, parent: Any) -> None:
+def propagate_to_parent(here: MotionRecord, parent: MotionRecord) -> None:
     """Add B1^T IA B1 and B1^T pA to the parent's; rows and columns shift alike."""
     IA = here.IA
     x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]

@@ -9,7 +9,7 @@ equation, of two coordinates (see ``couplings``):
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.dispatch import evaluate_coupling, evaluate_cut
 from mbfmu.mechanics.spatial import add_wrench, dot6, row_dot6, shift_wrench
@@ -17,6 +17,7 @@ from solvers.compiled.kernel import inlined, kernel
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from solvers.compiled.record import Reals
 
 
 @inlined
@@ -44,7 +45,7 @@ def common_ancestor(i: int, k: int, arrays: Arrays) -> int:
 
 
 @inlined
-def propagate_row(i: int, end: int, G: Any, row: int, arrays: Arrays, state: State, J: Any) -> float:
+def propagate_row(i: int, end: int, G: Reals, row: int, arrays: Arrays, state: State, J: Reals) -> float:
     """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the body ``end``.
 
     Driven coordinates move at their known velocity; returns the power on them.
@@ -67,7 +68,7 @@ def propagate_row(i: int, end: int, G: Any, row: int, arrays: Arrays, state: Sta
 
 
 @inlined
-def jacobian(arrays: Arrays, state: State, Phi: Any, J: Any, nu: Any) -> None:
+def jacobian(arrays: Arrays, state: State, Phi: Reals, J: Reals, nu: Reals) -> None:
     """Phi (m,), J (m, n) and nu (m,), after :func:`evaluate_constraints`; State.v holds the driven velocities."""
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
@@ -99,7 +100,7 @@ def jacobian(arrays: Arrays, state: State, Phi: Any, J: Any, nu: Any) -> None:
 
 
 @inlined
-def right_hand_side(arrays: Arrays, state: State, gamma: Any) -> None:
+def right_hand_side(arrays: Arrays, state: State, gamma: Reals) -> None:
     """gamma of J v' = gamma; State holds velocities, and accelerations at zero free v'."""
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
@@ -118,7 +119,7 @@ def right_hand_side(arrays: Arrays, state: State, gamma: Any) -> None:
 
 
 @kernel
-def load_constraints(lam: Any, arrays: Arrays, state: State) -> None:
+def load_constraints(lam: Reals, arrays: Arrays, state: State) -> None:
     """Add the cut-joint forces -lambda G to the applied wrenches F, those of couplings to the coordinate forces Q."""
     f = state.wrench
     for i in range(arrays.cuts.shape[0]):

@@ -15,7 +15,8 @@ from mbfmu.mechanics.spatial import row_dot6, shift_wrench
 from solvers.compiled.kernel import inlined, kernel
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Reals
 
 
 @inlined
@@ -40,7 +41,7 @@ def composite_inertia(arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def accumulate_composite_inertia(here: Any, parent: Any) -> None:
+def accumulate_composite_inertia(here: MotionRecord, parent: MotionRecord) -> None:
     """Add a child's composite inertia to its parent's."""
     m, mc, J = here.mass, here.mc, here.J
     rho = here.W  # scratch
@@ -58,7 +59,7 @@ def accumulate_composite_inertia(here: Any, parent: Any) -> None:
 
 
 @kernel
-def momentum_of(here: Any, S: Any, i: int, out: Any) -> None:
+def momentum_of(here: MotionRecord, S: Reals, i: int, out: Reals) -> None:
     """out = composite inertia times the motion S[i]: the momentum wrench about the body's origin."""
     m, mc, J = here.mass, here.mc, here.J
     out[0] = m * S[i, 0] + S[i, 4] * mc[2] - S[i, 5] * mc[1]
@@ -70,7 +71,7 @@ def momentum_of(here: Any, S: Any, i: int, out: Any) -> None:
 
 
 @inlined
-def set_symmetric(row: int, column: int, power: float, add: bool, M: Any) -> None:
+def set_symmetric(row: int, column: int, power: float, add: bool, M: Reals) -> None:
     """M[row, column] and its mirror image; ``add`` to what is there."""
     if add:
         power += M[row, column]

@@ -30,7 +30,8 @@ from .kinematics import rotate_inertia, scatter_coordinates, update_acceleration
 from .rnea import inverse_dynamics
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, BodyRecord, State
+    from solvers.compiled.record import Reals
 
 
 @inlined
@@ -51,7 +52,7 @@ def update_velocity_level(t: float, arrays: Arrays, state: State) -> None:
 
 
 @inlined
-def evaluate_position_rate(arrays: Arrays, q: Any, v: Any, qdot: Any) -> None:
+def evaluate_position_rate(arrays: Arrays, q: Any, v: Reals, qdot: Reals) -> None:
     """qdot (nq,) = N(q) v over the free coordinates."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -65,7 +66,7 @@ def evaluate_position_rate(arrays: Arrays, q: Any, v: Any, qdot: Any) -> None:
 
 
 @inlined
-def gather_free(values: Any, arrays: Arrays, out: Any) -> None:
+def gather_free(values: Reals, arrays: Arrays, out: Reals) -> None:
     """out (n,) = values (nv,) at the free coordinates."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -75,7 +76,7 @@ def gather_free(values: Any, arrays: Arrays, out: Any) -> None:
 
 
 @inlined
-def evaluate_motion_terms(q: Any, v: Any, arrays: Arrays, state: State, terms: Any) -> None:
+def evaluate_motion_terms(q: Any, v: Any, arrays: Arrays, state: State, terms: Terms) -> None:
     """The terms of the bodies as they move; the free accelerations are zero while the bias is taken."""
     update_accelerations(arrays, state)
     inverse_dynamics(arrays, state)
@@ -165,7 +166,7 @@ def retract(q: Any, dq: Any, data: Any) -> None:
 
 
 @kernel
-def energy(t: float, q: Any, v: Any, data: Any) -> float:
+def energy(t: float, q: Any, v: Any, data: Data) -> float:
     """Kinetic and potential energy, J."""
     arrays, state = data.arrays, data.state
     scatter_coordinates(t, q, v, arrays, state)
@@ -204,7 +205,7 @@ def inertia_parts(data: Any, out: Any) -> None:
 
 
 @inlined
-def scatter_free(a: Any, arrays: Arrays, state: State) -> None:
+def scatter_free(a: Reals, arrays: Arrays, state: State) -> None:
     """Combine the free accelerations a (n,) with those of the drives."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -214,7 +215,7 @@ def scatter_free(a: Any, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def inverse_dynamics_at_solution(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> None:
+def inverse_dynamics_at_solution(t: float, q: Any, v: Any, a: Any, lam: Any, data: Data) -> None:
     """Put the solution (q, v, a, lam) into the state: motion of all bodies, joint wrenches, drive efforts."""
     update_kinematics(t, q, v, data.arrays, data.state)
     update_acceleration_level(a, lam, data.arrays, data.state)
@@ -230,14 +231,14 @@ def update_acceleration_level(a: Any, lam: Any, arrays: Arrays, state: State) ->
 
 
 @kernel
-def observe(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, out: Any) -> None:
+def observe(t: float, q: Any, v: Any, a: Any, lam: Any, data: Data, out: Any) -> None:
     """The first outputs, up to the length of the array, at the solution (q, v, a, lam)."""
     update_kinematics(t, q, v, data.arrays, data.state)
     evaluate_outputs(a, lam, data, out)
 
 
 @kernel
-def evaluate_outputs(a: Any, lam: Any, data: Any, out: Any) -> None:
+def evaluate_outputs(a: Any, lam: Any, data: Data, out: Reals) -> None:
     """:func:`observe` where the bodies move as at that solution."""
     arrays, state = data.arrays, data.state
     update_acceleration_level(a, lam, arrays, state)
@@ -250,14 +251,14 @@ def evaluate_outputs(a: Any, lam: Any, data: Any, out: Any) -> None:
 
 
 @kernel
-def observe_all(times: Any, q: Any, v: Any, a: Any, lam: Any, data: Any, out: Any) -> None:
+def observe_all(times: Reals, q: Reals, v: Reals, a: Reals, lam: Reals, data: Any, out: Reals) -> None:
     """:func:`observe` at each of ``times``, in a row of ``out`` each."""
     for i in range(times.shape[0]):
         observe(times[i], q[i], v[i], a[i], lam[i], data, out[i])
 
 
 @kernel
-def input_step_limit(t: float, data: Any) -> tuple[float, float]:
+def input_step_limit(t: float, data: Data) -> tuple[float, float]:
     """The longest step from t on that misses no signal, and until when it does not, s."""
     longest, until = np.inf, np.inf
     for k in range(data.arrays.signals.shape[0]):
@@ -267,13 +268,13 @@ def input_step_limit(t: float, data: Any) -> tuple[float, float]:
 
 
 @kernel
-def scatter_drive(t: float, body: Any, arrays: Arrays, state: State) -> None:
+def scatter_drive(t: float, body: BodyRecord, arrays: Arrays, state: State) -> None:
     """Position and velocity of a driven coordinate."""
     state.q[body.qi], state.v[body.vi], _ = signal(body.drive, t, arrays)
 
 
 @kernel
-def rotate_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
+def rotate_quaternion(q: Reals, i: int, dq: Reals, j: int) -> None:
     """e <- e + e (0, dq) / 2, normalized."""
     w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
     a, b, c = 0.5 * dq[j], 0.5 * dq[j + 1], 0.5 * dq[j + 2]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +15,12 @@ from .applied import stored_energy, sum_load_powers
 from .crba import composite_inertia, momentum_of
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Reals
 
 
 @inlined
-def twice_energy(mass: float, here: Any, Y: Any) -> float:
+def twice_energy(mass: float, here: MotionRecord, Y: Reals) -> float:
     """Twice the kinetic energy of a body that moves with Y (6,), J."""
     Jc, c = here.Jc, here.com
     x, y, z = Y[4] * c[2] - Y[5] * c[1], Y[5] * c[0] - Y[3] * c[2], Y[3] * c[1] - Y[4] * c[0]
@@ -55,7 +56,7 @@ def potential_energy(arrays: Arrays, state: State) -> float:
 
 
 @inlined
-def body_momentum(mass: float, here: Any, p: Any) -> None:
+def body_momentum(mass: float, here: MotionRecord, p: Reals) -> None:
     """p (6,) = momentum of a body about its origin."""
     Y, c, Jc = here.Y, here.com, here.Jc
     p[0] = mass * (Y[0] + Y[4] * c[2] - Y[5] * c[1])
@@ -98,7 +99,7 @@ def generalized_momenta(arrays: Arrays, state: State) -> float:
 
 
 @inlined
-def evaluate_energy_bound(rtol: float, q_tol: Any, v_tol: Any, arrays: Arrays, state: State, out: Any) -> None:
+def evaluate_energy_bound(rtol: float, q_tol: Reals, v_tol: Reals, arrays: Arrays, state: State, out: Reals) -> None:
     """out = (root of the sum over all coordinates of (h dq)^2 + (p dv)^2, kinetic energy), J.
 
     h is State.tau, the bias; dq = rtol |q| + q_tol and dv = rtol |v| + v_tol with the absolute tolerances (n,) of the
@@ -131,7 +132,7 @@ def evaluate_energy_bound(rtol: float, q_tol: Any, v_tol: Any, arrays: Arrays, s
 
 @inlined
 def update_motion_extent(
-    q_tol: Any, v_tol: Any, max_q_tol: float, max_v_tol: float, arrays: Arrays, state: State, out: Any
+    q_tol: Reals, v_tol: Reals, max_q_tol: float, max_v_tol: float, arrays: Arrays, state: State, out: Reals
 ) -> None:
     """out[2:5] = the largest displacement and velocity of a coordinate in absolute tolerances, and the momentum,
     State.tau, times the velocities before, out[5 + n:] (n,), which become those of this state.
@@ -159,7 +160,7 @@ def update_motion_extent(
 
 
 @inlined
-def inertia_parts(arrays: Arrays, state: State, out: Any) -> None:
+def inertia_parts(arrays: Arrays, state: State, out: Reals) -> None:
     """out (1 + n,) = v . M v, J, and the diagonal of M over the free coordinates v (n,) of a tree of rigid bodies.
 
     Composite inertias, joint wrenches and accelerations of the state are lost.
@@ -218,7 +219,7 @@ def driven_action(arrays: Arrays, state: State) -> float:
 
 
 @inlined
-def power_on_drives(i: int, p: Any, arrays: Arrays, state: State) -> float:
+def power_on_drives(i: int, p: Reals, arrays: Arrays, state: State) -> float:
     """Sum over the driven coordinates between body i and the ground of p v, p the momentum about the body's origin."""
     total = 0.0 * p[0]
     while i > 0:

@@ -12,7 +12,7 @@ has one, and C the axes of the joint frame. (w_j x (w_j x rho) + 2 w_j x u is B1
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.dispatch import has_bias, joint_bias, place_child, signal
 from mbfmu.mechanics.flexible.modal import add_section_bias, place_section
@@ -21,11 +21,12 @@ from mbfmu.mechanics.spatial import multiply, rotate, rotate_row, shift_motion
 from solvers.compiled.kernel import inlined
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, BodyRecord, MotionRecord, State
+    from solvers.compiled.record import Reals
 
 
 @inlined
-def scatter_coordinates(t: float, q: Any, v: Any, arrays: Arrays, state: State) -> None:
+def scatter_coordinates(t: float, q: Reals, v: Reals, arrays: Arrays, state: State) -> None:
     """Fill State.q, v, a from the solver's free coordinates and the drives; free accelerations become zero, and the
     forces along all coordinates.
     """
@@ -125,7 +126,7 @@ def update_velocities(arrays: Arrays, state: State) -> None:
 
 
 @inlined
-def add_bias(body: Any, parent: Any, b: Any, beta: Any) -> None:
+def add_bias(body: BodyRecord, parent: MotionRecord, b: Reals, beta: Reals) -> None:
     """beta += C b, C = A_j R."""
     A, R = parent.A, body.R
     for k in range(3):

@@ -9,7 +9,7 @@ The wrench W the joint transmits is that, less the applied wrench, plus what the
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.flexible import modal
 from mbfmu.mechanics.records import RIGID
@@ -17,11 +17,12 @@ from mbfmu.mechanics.spatial import add_wrench, cross, rotate, row_dot6
 from solvers.compiled.kernel import inlined, kernel
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Reals
 
 
 @kernel
-def inertia_wrench(mass: float, here: Any, out: Any) -> None:
+def inertia_wrench(mass: float, here: MotionRecord, out: Reals) -> None:
     """out = rate of change of a body's momentum about its origin, accelerations less gravity."""
     dY, Y, c, Jc = here.dY, here.Y, here.com, here.Jc
     wx, wy, wz = Y[3], Y[4], Y[5]
@@ -69,7 +70,7 @@ def inverse_dynamics(arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def momentum(arrays: Arrays, state: State, out: Any) -> None:
+def momentum(arrays: Arrays, state: State, out: Reals) -> None:
     """out = linear momentum and angular momentum about the global origin, N s and N m s."""
     for k in range(6):
         out[k] = 0.0

@@ -25,7 +25,7 @@ class DirectionCosineRecord(Record):
 
 
 @kernel
-def quaternion(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def quaternion(sensor: DirectionCosineRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Of e and -e, which are one attitude, the one whose first component is positive."""
     A = state.bodies[sensor.index].A
     e = quaternion_of(A[0], A[1], A[2])
@@ -36,13 +36,13 @@ def quaternion(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def cosine(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def cosine(sensor: DirectionCosineRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.bodies[sensor.index].A[sensor.component, sensor.axis]
 
 
 @kernel
-def angular_velocity(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def angular_velocity(sensor: DirectionCosineRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Of component 3 to 5: in the body's axes."""
     here, k = state.bodies[sensor.index], sensor.component
     if k < 3:

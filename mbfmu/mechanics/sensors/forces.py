@@ -11,6 +11,7 @@ from .base import Follows, Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from solvers.compiled.record import Reals
 
 
 @kernel
@@ -20,7 +21,7 @@ def joint_wrench(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def row_force(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def row_force(sensor: Any, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     row = arrays.kept[arrays.cuts[sensor.index].row + sensor.component]
     return -lam[row]
@@ -37,7 +38,7 @@ def cut_force(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def coupling_effort(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def coupling_effort(sensor: Any, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Component 0: along the first coordinate, 1: along the second."""
     force = -lam[arrays.kept[arrays.couplings[sensor.index].row]]
     return force if sensor.component == 0 else -force * state.coupled[sensor.index].slope

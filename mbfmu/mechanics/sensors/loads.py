@@ -15,6 +15,7 @@ from .base import Follows, Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from solvers.compiled.record import Reals
 
 
 class LoadWrenchRecord(Record):
@@ -34,7 +35,7 @@ class LoadEffortRecord(Record):
 
 
 @kernel
-def _take_wrench(F: Any) -> Any:
+def _take_wrench(F: Reals) -> Any:
     """Six numbers of a wrench, which is zero then."""
     kept = (F[0], F[1], F[2], F[3], F[4], F[5])
     for k in range(6):
@@ -43,7 +44,7 @@ def _take_wrench(F: Any) -> Any:
 
 
 @kernel
-def wrench(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def wrench(sensor: LoadWrenchRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Component 0 to 5: on body a, 6 to 11: on body b."""
     Fa, Fb, k = state.bodies[sensor.a].F, state.bodies[sensor.b].F, sensor.component
     kept_a, kept_b, power = _take_wrench(Fa), _take_wrench(Fb), state.cached_power[0]
@@ -58,7 +59,7 @@ def wrench(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def effort(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def effort(sensor: LoadEffortRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     v = sensor.v
     kept, power = state.Q[v], state.cached_power[0]

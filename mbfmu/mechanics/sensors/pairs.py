@@ -29,14 +29,14 @@ class DistanceRecord(Record):
 
 
 @kernel
-def distance(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def distance(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     (x, y, z), _, _ = point_offset(state.bodies[sensor.a], state.bodies[sensor.b], sensor.Pa, sensor.Pb)
     return np.sqrt(x * x + y * y + z * z)
 
 
 @kernel
-def distance_rate(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def distance_rate(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. In the frame of a: a rotation does not change the distance. Coincident points: zero."""
     A, B = state.bodies[sensor.a], state.bodies[sensor.b]
     (x, y, z), _, _ = point_offset(A, B, sensor.Pa, sensor.Pb)
@@ -46,7 +46,7 @@ def distance_rate(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def angle(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def angle(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. By the lengths of both products: the cosine is inaccurate at small angles."""
     nx, ny, nz = arm(state.bodies[sensor.a], sensor.Pa)
     mx, my, mz = arm(state.bodies[sensor.b], sensor.Pb)
@@ -55,7 +55,7 @@ def angle(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def relative_position(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def relative_position(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     A, k = state.bodies[sensor.a], sensor.component
     (x, y, z), _, _ = point_offset(A, state.bodies[sensor.b], sensor.Pa, sensor.Pb)
@@ -63,7 +63,7 @@ def relative_position(sensor: Any, lam: Any, arrays: Arrays, state: State) -> fl
 
 
 @kernel
-def relative_velocity(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def relative_velocity(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     A, k = state.bodies[sensor.a], sensor.component
     x, y, z = point_offset_rate(A, state.bodies[sensor.b], sensor.Pa, sensor.Pb)

@@ -25,14 +25,14 @@ class PointPositionRecord(Record):
 
 
 @kernel
-def position(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def position(sensor: PointPositionRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     here, k = state.bodies[sensor.index], sensor.component
     return here.r[k] + arm(here, sensor.point)[k]
 
 
 @kernel
-def velocity(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def velocity(sensor: PointPositionRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. r' + w x p."""
     here, k = state.bodies[sensor.index], sensor.component
     p, i, j = arm(here, sensor.point), (k + 1) % 3, (k + 2) % 3
@@ -40,7 +40,7 @@ def velocity(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def acceleration(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def acceleration(sensor: PointPositionRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. r'' + w' x p + w x (w x p)."""
     here, k = state.bodies[sensor.index], sensor.component
     p, i, j = arm(here, sensor.point), (k + 1) % 3, (k + 2) % 3

@@ -28,7 +28,7 @@ SIGNAL_PAIR = SignalPairRecord.dtype
 
 
 @kernel
-def total(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
+def total(signal: SignalPairRecord, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     x, dx, ddx = signal_at(signal.a, t, arrays)
     y, dy, ddy = signal_at(signal.b, t, arrays)
@@ -36,7 +36,7 @@ def total(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
 
 
 @kernel
-def product(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
+def product(signal: SignalPairRecord, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     x, dx, ddx = signal_at(signal.a, t, arrays)
     y, dy, ddy = signal_at(signal.b, t, arrays)

@@ -16,6 +16,7 @@ from .fitting import SERIES_DEGREE, Array, Pieces
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
+    from solvers.compiled.record import Reals
 
 MAX_STEP_RATIO = 0.25  # longest step, in intervals
 ONE_STEP_DEGREE = 3  # degree up to which a step of one interval resolves a series
@@ -40,7 +41,7 @@ class FollowedRecord(Record):
 
 
 @kernel
-def find_piece(numbers: Any, first: int, count: int, t: float) -> int:
+def find_piece(numbers: Reals, first: int, count: int, t: float) -> int:
     """Return where the row of the interval begins that t is in."""
     low, high = 0, count
     while high - low > 1:
@@ -53,7 +54,7 @@ def find_piece(numbers: Any, first: int, count: int, t: float) -> int:
 
 
 @kernel
-def clenshaw(numbers: Any, at: int, z: float) -> Any:
+def clenshaw(numbers: Reals, at: int, z: float) -> Any:
     """Return the Chebyshev series from ``at`` on, at z from -1 to 1."""
     b, before = 0.0 * numbers[at], 0.0 * numbers[at]
     for k in range(TERMS - 1, 0, -1):
@@ -68,7 +69,7 @@ def without_noise(x: Any, noise: Any) -> Any:
 
 
 @kernel
-def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
+def evaluate(signal: FollowedRecord, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`. Beyond both ends it continues with constant acceleration."""
     numbers = arrays.numbers
     at = find_piece(numbers, signal.first, signal.count, t)
@@ -84,7 +85,7 @@ def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float
 
 
 @kernel
-def longest_step(signal: Any, t: float, arrays: Arrays) -> tuple[float, float]:
+def longest_step(signal: FollowedRecord, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. Part of the interval, and before a shorter one half the way there."""
     numbers = arrays.numbers
     at = find_piece(numbers, signal.first, signal.count, t)

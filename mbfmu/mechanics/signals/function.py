@@ -31,7 +31,7 @@ class FunctionRecord(Record):
 
 
 @kernel
-def longest_step(signal: Any, t: float, arrays: Arrays) -> tuple[float, float]:
+def longest_step(signal: FunctionRecord, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. A third of its pace."""
     return signal.pace / 3.0, np.inf
 

@@ -31,7 +31,7 @@ class HarmonicRecord(Record):
 
 
 @kernel
-def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
+def evaluate(signal: HarmonicRecord, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     w, phase = signal.frequency, signal.frequency * t + signal.phase
     return (
@@ -42,7 +42,7 @@ def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float
 
 
 @kernel
-def longest_step(signal: Any, t: float, arrays: Arrays) -> tuple[float, float]:
+def longest_step(signal: HarmonicRecord, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. Part of a period."""
     w = abs(signal.frequency)
     return (MAX_STEP_RATIO * (2.0 * pi / w) if abs(signal.amplitude) * w > 0.0 else np.inf), np.inf

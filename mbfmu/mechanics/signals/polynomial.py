@@ -35,7 +35,7 @@ POLYNOMIAL = PolynomialRecord.dtype
 
 
 @kernel
-def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
+def evaluate(signal: PolynomialRecord, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     s, c = t - signal.t0, signal.c
     return (

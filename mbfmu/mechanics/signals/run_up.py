@@ -33,7 +33,7 @@ class RunUpRecord(Record):
 
 
 @kernel
-def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
+def evaluate(signal: RunUpRecord, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     speed = signal.speed
     if signal.over == 1:
@@ -50,7 +50,7 @@ def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float
 
 
 @kernel
-def longest_step(signal: Any, t: float, arrays: Arrays) -> tuple[float, float]:
+def longest_step(signal: RunUpRecord, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. Part of the run-up, and before it half the way there."""
     end = signal.duration
     if signal.over == 1 or not abs(signal.speed) * end > 0.0:

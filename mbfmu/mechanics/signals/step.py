@@ -31,7 +31,7 @@ class StepRecord(Record):
 
 
 @kernel
-def smooth(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
+def smooth(signal: StepRecord, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`. h x^3 (10 - 15 x + 6 x^2) with x from 0 to 1: neither rate nor acceleration jump."""
     h, duration, s = signal.height, signal.duration, t - signal.begin
     if s.real < 0.0:
@@ -47,7 +47,7 @@ def smooth(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
 
 
 @kernel
-def straight(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
+def straight(signal: StepRecord, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     h, duration, s = signal.height, signal.duration, t - signal.begin
     if s.real < 0.0:
@@ -58,7 +58,7 @@ def straight(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float
 
 
 @kernel
-def longest_step(signal: Any, t: float, arrays: Arrays) -> tuple[float, float]:
+def longest_step(signal: StepRecord, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. Part of the rise, and before it half the way there."""
     begin, duration = signal.begin, signal.duration
     if signal.height == 0.0 or t >= begin + duration:

@@ -31,7 +31,7 @@ class TableRecord(Record):
 
 
 @kernel
-def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float]:
+def evaluate(signal: TableRecord, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     clock = signal.clock.real
     x, dx, ddx, _ = curve(arrays.numbers, signal.first, signal.count, clock * t)
@@ -39,7 +39,7 @@ def evaluate(signal: Any, t: float, arrays: Arrays) -> tuple[float, float, float
 
 
 @kernel
-def longest_step(signal: Any, t: float, arrays: Arrays) -> tuple[float, float]:
+def longest_step(signal: TableRecord, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. The shortest interval between points until the last; before the first half the way there."""
     if signal.slope == 0.0 or (signal.count > 0 and t >= signal.end):
         return np.inf, np.inf

@@ -12,7 +12,7 @@ were at rest, and what is left of such a motion looks small to who weighs it by 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ from .layout import FIXED, Layout
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.tangent.factored import Scratch
+    from solvers.compiled.record import Reals
 
 
 class Border(NamedTuple):
@@ -52,7 +54,7 @@ class Border(NamedTuple):
 
 @kernel
 def store_coupling(
-    first: int, end: int, group: int, inner: int, layout: Any, arrays: Arrays, state: State, scratch: Any
+    first: int, end: int, group: int, inner: int, layout: Layout, arrays: Arrays, state: State, scratch: Scratch
 ) -> None:
     """Add the entries of scratch.K between bodies of a group or its neighbor and bodies away from it to
     scratch.coupling_block, as wrenches.
@@ -75,7 +77,7 @@ def store_coupling(
 
 
 @kernel
-def project_wrenches(W: Any, arrays: Arrays, state: State, out: Any) -> None:
+def project_wrenches(W: Reals, arrays: Arrays, state: State, out: Reals) -> None:
     """out (n,) <- joint forces that wrenches W (nb, 6) on bodies are worth; W is spent."""
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         body, here = arrays.bodies[i], state.bodies[i]
@@ -88,7 +90,7 @@ def project_wrenches(W: Any, arrays: Arrays, state: State, out: Any) -> None:
 
 
 @kernel
-def add_border(border: Any, x: Any) -> None:
+def add_border(border: Border, x: Reals) -> None:
     """x (n,), a solution of T alone, <- that of T with its border."""
     count, n = border.right.shape[0], x.shape[0]
     for k in range(count):

@@ -13,24 +13,26 @@ from .layout import FIXED, INNER, OUTER
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.tangent.layout import Layout
+    from solvers.compiled.record import Reals
 
 
 @inlined
-def add_row(x: Any, y: Any) -> None:
+def add_row(x: Reals, y: Reals) -> None:
     """y += x."""
     for c in range(y.shape[0]):
         y[c] += x[c]
 
 
 @inlined
-def add_moment(m: Any, y: float, z: float, fy: Any, fz: Any, out: Any) -> None:
+def add_moment(m: Reals, y: float, z: float, fy: Reals, fz: Reals, out: Reals) -> None:
     """out += m + y fz - z fy: one axis of a moment about another point."""
     for c in range(out.shape[0]):
         out[c] += m[c] + y * fz[c] - z * fy[c]
 
 
 @inlined
-def combine(s: Any, f: Any, out: Any) -> None:
+def combine(s: Reals, f: Any, out: Reals) -> None:
     """out <- s . f, of six rows f."""
     f0, f1, f2, f3, f4, f5 = f
     s0, s1, s2, s3, s4, s5 = s[0], s[1], s[2], s[3], s[4], s[5]
@@ -39,7 +41,7 @@ def combine(s: Any, f: Any, out: Any) -> None:
 
 
 @inlined
-def six_rows(F: Any, i: int, begin: int, end: int) -> Any:
+def six_rows(F: Reals, i: int, begin: int, end: int) -> Any:
     """Rows i to i + 5 of F, these columns."""
     return (
         F[i, begin:end], F[i + 1, begin:end], F[i + 2, begin:end],
@@ -59,7 +61,7 @@ def shift_rows(F: Any, i: int, j: int, begin: int, end: int, x: float, y: float,
 
 
 @kernel
-def project_rows(F: Any, i: int, begin: int, end: int, S: Any, vi: int, nv: int) -> None:
+def project_rows(F: Any, i: int, begin: int, end: int, S: Reals, vi: int, nv: int) -> None:
     """Rows at slot i <- S^T rows: the first nv of the six."""
     f, projected = six_rows(F, i, begin, end), six_rows(F, F.shape[0] - 6, begin, end)
     for k in range(nv):
@@ -70,7 +72,9 @@ def project_rows(F: Any, i: int, begin: int, end: int, S: Any, vi: int, nv: int)
 
 
 @kernel
-def condense(F: Any, offset: int, begin: int, end: int, group: int, layout: Any, arrays: Arrays, state: State) -> None:
+def condense(
+    F: Any, offset: int, begin: int, end: int, group: int, layout: Layout, arrays: Arrays, state: State
+) -> None:
     """Condense a group's inner bodies onto their parents: rows of F from ``offset`` on, columns ``begin`` to ``end``.
 
     The last six rows of F are scratch. Columns are condensed as rows of the transpose.
@@ -89,7 +93,7 @@ def condense(F: Any, offset: int, begin: int, end: int, group: int, layout: Any,
 
 
 @kernel
-def spread_load(r: Any, base: Any, layout: Any, arrays: Arrays, state: State, dual: Any, b: Any) -> None:
+def spread_load(r: Reals, base: Any, layout: Layout, arrays: Arrays, state: State, dual: Reals, b: Reals) -> None:
     """b: joint forces r (n,) as wrenches where a joint is outer, condensed, then as they are where it is inner.
 
     Its last six rows are scratch.
@@ -117,7 +121,7 @@ def spread_load(r: Any, base: Any, layout: Any, arrays: Arrays, state: State, du
 
 
 @kernel
-def condense_load(r: Any, base: int, group: int, layout: Any, arrays: Arrays, state: State, b: Any) -> None:
+def condense_load(r: Reals, base: int, group: int, layout: Layout, arrays: Arrays, state: State, b: Reals) -> None:
     """Condense the wrenches on the inner bodies of a group, and add the forces of their joints."""
     scratch = b.shape[0] - 6
     for m in range(layout.first[group + 1] - 1, layout.first[group] - 1, -1):
@@ -139,7 +143,9 @@ def condense_load(r: Any, base: int, group: int, layout: Any, arrays: Arrays, st
 
 
 @kernel
-def gather_motion(x: Any, base: Any, layout: Any, arrays: Arrays, state: State, dual: Any, Y: Any, dq: Any) -> None:
+def gather_motion(
+    x: Reals, base: Any, layout: Layout, arrays: Arrays, state: State, dual: Reals, Y: Reals, dq: Reals
+) -> None:
     """dq (n,) from the solution x, by an outward pass through the motions Y (nb, 6) of all bodies."""
     for i in range(1, arrays.bodies.shape[0]):
         if layout.role[i] == FIXED:
@@ -167,7 +173,7 @@ def gather_motion(x: Any, base: Any, layout: Any, arrays: Arrays, state: State, 
 
 
 @kernel
-def inertia_forces(arrays: Arrays, state: State, a: Any, tau: Any) -> None:
+def inertia_forces(arrays: Arrays, state: State, a: Reals, tau: Reals) -> None:
     """tau (n,) = M a, positions as they are: the recursions with velocities and gravity left out."""
     for i in range(1, arrays.bodies.shape[0]):
         body, here = arrays.bodies[i], state.bodies[i]

@@ -9,11 +9,12 @@ from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, displace
 from solvers.compiled.kernel import kernel
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, CutRecord, RowRecord, State
+    from solvers.compiled.record import Reals
 
 
 @kernel
-def stiffness(cut: Any, weight: Any, arrays: Arrays, state: State, perturbed: State, K: Any) -> None:
+def stiffness(cut: CutRecord, weight: Reals, arrays: Arrays, state: State, perturbed: State, K: Reals) -> None:
     """K (12, 12) = sum over the rows of lambda dG + weight G G^T, G = (Ga, Gb), six rows and columns a body.
 
     lambda dG is what the reactions gain as the bodies move, weight G G^T a spring that holds the row. ``weight`` (m,)
@@ -39,6 +40,6 @@ def stiffness(cut: Any, weight: Any, arrays: Arrays, state: State, perturbed: St
 
 
 @kernel
-def wrench(row: Any, i: int) -> Any:
+def wrench(row: RowRecord, i: int) -> Any:
     """Component i of (Ga, Gb)."""
     return row.Ga[i] if i < 6 else row.Gb[i - 6]

@@ -26,6 +26,8 @@ from .loads import joint_stiffness
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.loading import Acting
+    from mbfmu.mechanics.tangent.layout import Layout
+    from solvers.compiled.record import Reals
 
 
 NO_BLOCK = np.zeros((0, 0))
@@ -99,8 +101,8 @@ def assemble(
 
 @kernel
 def condense_columns(
-    F: Any, offset: int, rows: Any, first: int, count: int, columns: Any, group: int, layout: Any, arrays: Arrays,
-    state: State, panel: Any, out: Any,
+    F: Reals, offset: int, rows: Any, first: int, count: int, columns: Any, group: int, layout: Layout,
+    arrays: Arrays, state: State, panel: Reals, out: Reals,
 ) -> None:  # fmt: skip
     """out (columns, rows) <- these rows of F from ``offset`` on, and of a group's ``count`` columns from ``first`` on
     those that stay after condensation, as rows; ``panel`` is where they are condensed.
@@ -142,14 +144,14 @@ class SolveContext(NamedTuple):
 
 
 @kernel
-def solve(r: Any, context: Any, dq: Any) -> None:
+def solve(r: Any, context: SolveContext, dq: Any) -> None:
     """dq (n,) with T dq = r."""
     solve_within(r, context, dq)
     add_border(context.border, dq)
 
 
 @kernel
-def solve_within(r: Any, context: Any, dq: Any) -> None:
+def solve_within(r: Any, context: SolveContext, dq: Any) -> None:
     """dq (n,) with T dq = r, T without its border."""
     unknowns = context.unknowns
     spread_load(r, unknowns.base, context.layout, context.arrays, context.state, unknowns.dual, unknowns.b)

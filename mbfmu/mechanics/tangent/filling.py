@@ -16,12 +16,15 @@ from .layout import FIXED, OUTER
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.tangent.factored import Scratch
+    from mbfmu.mechanics.tangent.layout import Layout
+    from solvers.compiled.record import Reals
 
 _cut_stiffness, _coupling_stiffness, _load_stiffness = cuts.stiffness, couplings.stiffness, loads.stiffness
 
 
 @kernel
-def add_inertia_rows(i: int, at: int, c2: float, arrays: Arrays, state: State, F: Any) -> None:
+def add_inertia_rows(i: int, at: int, c2: float, arrays: Arrays, state: State, F: Reals) -> None:
     """A body's own rows: c2 times its inertia about its origin, and its inertia force and weight turning with it."""
     mass, here = arrays.bodies[i].mass, state.bodies[i]
     c, Jc, dY = here.com, here.Jc, here.dY
@@ -50,7 +53,7 @@ def add_inertia_rows(i: int, at: int, c2: float, arrays: Arrays, state: State, F
 
 
 @inlined
-def clear_matrix(count: int, K: Any) -> None:
+def clear_matrix(count: int, K: Reals) -> None:
     """K <- 0 for the given numbers of rows and columns."""
     for row in range(count):
         for column in range(count):
@@ -59,7 +62,15 @@ def clear_matrix(count: int, K: Any) -> None:
 
 @kernel
 def add_analytic_tangent(
-    e: int, group: int, size: int, c1: float, layout: Any, arrays: Arrays, state: State, perturbed: State, scratch: Any
+    e: int,
+    group: int,
+    size: int,
+    c1: float,
+    layout: Layout,
+    arrays: Arrays,
+    state: State,
+    perturbed: State,
+    scratch: Any,
 ) -> None:
     """A load with a tangent between bodies of a group and its neighbor; scratch.K is zero before and after."""
     if load_tangent(arrays.loads[e], c1, arrays, state, perturbed, scratch.K) == 0.0:
@@ -75,7 +86,7 @@ def add_analytic_tangent(
 
 @kernel
 def add_cut_joint(
-    c: int, group: int, size: int, layout: Any, arrays: Arrays, state: State, perturbed: State, scratch: Any
+    c: int, group: int, size: int, layout: Layout, arrays: Arrays, state: State, perturbed: State, scratch: Scratch
 ) -> None:
     """How the reactions of a cut joint turn, and the springs that hold it."""
     _cut_stiffness(arrays.cuts[c], scratch.weight, arrays, state, perturbed, scratch.K)
@@ -85,7 +96,7 @@ def add_cut_joint(
 
 @kernel
 def add_coupling(
-    c: int, group: int, size: int, layout: Any, arrays: Arrays, state: State, dual: Any, scratch: Any
+    c: int, group: int, size: int, layout: Layout, arrays: Arrays, state: State, dual: Any, scratch: Any
 ) -> None:
     """How the efforts of a coupling change, and the spring that holds it."""
     _coupling_stiffness(c, arrays, state, dual, scratch)
@@ -95,7 +106,15 @@ def add_coupling(
 
 @kernel
 def add_complex_step_tangent(
-    e: int, group: int, size: int, c1: float, layout: Any, arrays: Arrays, state: State, perturbed: State, scratch: Any
+    e: int,
+    group: int,
+    size: int,
+    c1: float,
+    layout: Layout,
+    arrays: Arrays,
+    state: State,
+    perturbed: State,
+    scratch: Any,
 ) -> None:
     """A load that does not know it."""
     _load_stiffness(e, c1, layout, arrays, state, perturbed, scratch.K)
@@ -103,7 +122,7 @@ def add_complex_step_tangent(
 
 
 @kernel
-def add_element(first: int, end: int, group: int, inner: int, size: int, layout: Any, scratch: Any) -> None:
+def add_element(first: int, end: int, group: int, inner: int, size: int, layout: Layout, scratch: Any) -> None:
     """Add scratch.K to scratch.F, between the bodies ``first`` to ``end`` of the layout that are in a group or its
     neighbor ``inner`` (offset ``size``), six rows a body.
     """
@@ -128,7 +147,7 @@ def fill(
     size: int,
     c1: float,
     c2: float,
-    layout: Any,
+    layout: Layout,
     arrays: Arrays,
     state: State,
     perturbed: State,

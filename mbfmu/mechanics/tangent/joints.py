@@ -16,10 +16,13 @@ from .layout import FIXED, INNER
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.tangent.factored import Scratch
+    from mbfmu.mechanics.tangent.layout import Layout
+    from solvers.compiled.record import Reals
 
 
 @kernel
-def geometric_stiffness(i: int, arrays: Arrays, state: State, perturbed: State, scratch: Any) -> None:
+def geometric_stiffness(i: int, arrays: Arrays, state: State, perturbed: State, scratch: Scratch) -> None:
     """scratch.g (nv, 3) and scratch.G (nv, nv): change of the joint's S^T W with the parent's rotation and with its own
     positions, with the stiffness along its coordinates, scratch.along.
 
@@ -63,7 +66,7 @@ def geometric_stiffness(i: int, arrays: Arrays, state: State, perturbed: State, 
 
 
 @kernel
-def dual_basis(S: Any, vi: int, nv: int, dual: Any, N: Any) -> None:
+def dual_basis(S: Reals, vi: int, nv: int, dual: Reals, N: Reals) -> None:
     """dual[vi:vi + nv] spans S with dual_k . S_l = 1 or 0; the first 6 - nv rows of N are unit vectors normal to S.
 
     Gram and Schmidt: N holds the orthonormal rows of S last, where they are out of the way.
@@ -114,7 +117,7 @@ def dual_basis(S: Any, vi: int, nv: int, dual: Any, N: Any) -> None:
 
 
 @kernel
-def add_moment_arm_stiffness(i: int, ati: int, atj: int, arrays: Arrays, state: State, F: Any) -> None:
+def add_moment_arm_stiffness(i: int, ati: int, atj: int, arrays: Arrays, state: State, F: Reals) -> None:
     """The moment arm of the wrench a joint transmits to the parent: (dr_i - dr_j) x force."""
     W = state.bodies[i].W
     for a in range(3):
@@ -134,9 +137,9 @@ def add_outer_joint(
     arrays: Arrays,
     state: State,
     perturbed: State,
-    dual: Any,
-    F: Any,
-    scratch: Any,
+    dual: Reals,
+    F: Reals,
+    scratch: Scratch,
 ) -> None:
     """Rows and columns of an outer body's joint: what it locks, and its turning along its own directions."""
     body = arrays.bodies[i]
@@ -188,7 +191,7 @@ def add_outer_joint(
 
 @kernel
 def add_parent_geometric_stiffness(
-    group: int, layout: Any, arrays: Arrays, state: State, perturbed: State, F: Any, scratch: Any
+    group: int, layout: Layout, arrays: Arrays, state: State, perturbed: State, F: Reals, scratch: Any
 ) -> None:
     """Add the turning of a group's inner joints by their parents, before columns are condensed."""
     for m in range(layout.first[group], layout.first[group + 1]):
@@ -203,7 +206,7 @@ def add_parent_geometric_stiffness(
 
 @kernel
 def add_own_geometric_stiffness(
-    group: int, layout: Any, arrays: Arrays, state: State, perturbed: State, columns: Any, scratch: Any
+    group: int, layout: Layout, arrays: Arrays, state: State, perturbed: State, columns: Any, scratch: Any
 ) -> None:
     """Add the turning of a group's inner joints by their own positions, after that, to what is kept, by columns."""
     for m in range(layout.first[group], layout.first[group + 1]):

@@ -13,10 +13,12 @@ from solvers.compiled.kernel import kernel
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.tangent.layout import Layout
+    from solvers.compiled.record import Reals
 
 
 @kernel
-def stiffness(e: int, c1: float, layout: Any, arrays: Arrays, state: State, perturbed: State, K: Any) -> None:
+def stiffness(e: int, c1: float, layout: Layout, arrays: Arrays, state: State, perturbed: State, K: Reals) -> None:
     """K of load e, six rows and columns for each of its bodies; ``perturbed`` is a complex state, scratch."""
     first, end = layout.first_body[e], layout.first_body[e + 1]
     for j in range(6 * (end - first)):

@@ -32,7 +32,8 @@ MAX_SAMPLES = 200  # points of a cell one way that are looked at for that
 
 def check_surface_contacts(group: LoadGroup) -> None:
     """Raise UserError for a sheet that penetrates a contact surface; ``group`` has all cells in contact with one."""
-    contacts, (arrays, state) = group.records, group.kernel_data
+    contacts: Any = group.records
+    arrays, state = group.kernel_data
     found_contacts = list(_contacts(group))
     cores = np.array([load.surface.core() for contact in found_contacts for load in contact.loads])
     sides = np.array([load.sides for contact in found_contacts for load in contact.loads])

@@ -80,7 +80,8 @@ from .stations import (
 if TYPE_CHECKING:
     from mbfmu.mechanics.arrays.load_groups import LoadGroup
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
-    from solvers.compiled.record import Table
+    from mbfmu.sheets.contact.scratch import ContactScratch, NipScratch
+    from solvers.compiled.record import Reals, Table
 
 SEAM_WIDTH = (
     1e-6  # sides of a cell: where a station passes from one to the next, both have it, with parts that add up to one
@@ -166,7 +167,7 @@ def evaluate_contact(nip: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def solve_pair_forces(nip: Any, pair: Any, here: Any) -> None:
+def solve_pair_forces(nip: NipRecord, pair: NipScratch, here: ContactScratch) -> None:
     """pair.f = -(1 + K G)^-1 K y, and pair.lean, of the stations that this cell has."""
     k, h = nip.stiffness / (2 * nip.pairs), nip.a if nip.way == 0 else nip.b
     by = h * h * h / nip.bending
@@ -194,7 +195,7 @@ def solve_pair_forces(nip: Any, pair: Any, here: Any) -> None:
 
 
 @inlined
-def friction_force(nip: Any, body: Any, R: Any, ahead: Any, side: Any, along: Any, across: Any) -> Any:
+def friction_force(nip: NipRecord, body: MotionRecord, R: Any, ahead: Any, side: Any, along: Any, across: Any) -> Any:
     """Friction of a body's surface at R n from its axis on the sheet there, whose speed is ``ahead`` along d and
     ``side`` along e, and its slip; each along d and e. It is ``along`` and ``across`` at most.
     """
@@ -215,7 +216,7 @@ def friction_force(nip: Any, body: Any, R: Any, ahead: Any, side: Any, along: An
 
 
 @inlined
-def apply_friction_reaction(nip: Any, body: Any, R: Any, fd: Any, fe: Any, here: Any) -> None:
+def apply_friction_reaction(nip: NipRecord, body: MotionRecord, R: Any, fd: Any, fe: Any, here: ContactScratch) -> None:
     """Let what the sheet feels by :func:`friction_force` act back on the body."""
     for k in range(3):
         here.f[k] = fd * nip.d[k] + fe * nip.e[k]
@@ -271,7 +272,7 @@ def apply_station_force(nip: Any, i: int, N: Any, pair: Any, bodies: Table[Motio
 
 
 @inlined
-def body_number(nip: Any, p: int) -> int:
+def body_number(nip: NipRecord, p: int) -> int:
     """Number of the body p of the nip: four nodes, the roller, the idler."""
     if p < 4:
         return nip.node[p]
@@ -279,7 +280,7 @@ def body_number(nip: Any, p: int) -> int:
 
 
 @kernel
-def tangent(nip: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
+def tangent(nip: NipRecord, c1: float, arrays: Arrays, state: State, perturbed: State, K: Reals) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: by complex steps of the bodies, where a cell has stations at all."""
     if evaluate_quantity(nip, state.time[0], arrays, state, 0) == 0.0:
         return 0.0

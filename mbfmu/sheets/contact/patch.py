@@ -24,11 +24,11 @@ from solvers.compiled.kernel import inlined, kernel
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import MotionRecord
-    from solvers.compiled.record import Table
+    from solvers.compiled.record import Reals, Table
 
 
 @kernel
-def evaluate_weights(cell: Any, xi: Any, zeta: Any, c: Any) -> None:
+def evaluate_weights(cell: Any, xi: Any, zeta: Any, c: Reals) -> None:
     """c (4, 3) <- weights at a point of a cell."""
     X1, Z1 = xi * xi * (3.0 - 2.0 * xi), zeta * zeta * (3.0 - 2.0 * zeta)
     X0, Z0 = 1.0 - X1, 1.0 - Z1
@@ -40,7 +40,7 @@ def evaluate_weights(cell: Any, xi: Any, zeta: Any, c: Any) -> None:
 
 
 @kernel
-def evaluate_ruled_weights(cell: Any, axis: int, xi: Any, zeta: Any, c: Any, cx: Any, cz: Any) -> None:
+def evaluate_ruled_weights(cell: Any, axis: int, xi: Any, zeta: Any, c: Reals, cx: Reals, cz: Reals) -> None:
     """As :func:`evaluate_weights`, of a surface that is straight across x (``axis`` 0) or z (1), with derivatives
     by xi and zeta.
     """
@@ -73,7 +73,7 @@ def interpolate_point(cell: Any, c: Any, bodies: Table[MotionRecord], r: Any) ->
 
 
 @kernel
-def evaluate_line(cell: Any, xi: Any, bodies: Table[MotionRecord], line: Any) -> None:
+def evaluate_line(cell: Any, xi: Any, bodies: Table[MotionRecord], line: Reals) -> None:
     """line (4, 3) <- the cubic on which all points at xi lie: where it begins and ends, and its derivatives there."""
     X1 = xi * xi * (3.0 - 2.0 * xi)
     X0, A0, A1 = 1.0 - X1, cell.a * xi * (1.0 - xi) * (1.0 - xi), -cell.a * xi * xi * (1.0 - xi)
@@ -85,7 +85,7 @@ def evaluate_line(cell: Any, xi: Any, bodies: Table[MotionRecord], line: Any) ->
 
 
 @kernel
-def evaluate_on_line(line: Any, zeta: Any, r: Any) -> None:
+def evaluate_on_line(line: Reals, zeta: Any, r: Reals) -> None:
     """r (3,) <- the point of a line at zeta."""
     Z1 = zeta * zeta * (3.0 - 2.0 * zeta)
     Z0, B0, B1 = 1.0 - Z1, zeta * (1.0 - zeta) * (1.0 - zeta), -zeta * zeta * (1.0 - zeta)
@@ -109,7 +109,7 @@ def bounding_radius(cell: Any) -> float:
 
 
 @kernel
-def sagitta(cell: Any, bodies: Table[MotionRecord], r: Any, n: Any) -> float:
+def sagitta(cell: Any, bodies: Table[MotionRecord], r: Reals, n: Reals) -> float:
     """How far, at most, the patch reaches from its middle r against the unit vector n, m: as far as its Bezier points
     do, r_i and a third of a side on from there along t_x and t_z.
     """
@@ -127,7 +127,7 @@ def sagitta(cell: Any, bodies: Table[MotionRecord], r: Any, n: Any) -> float:
 
 
 @inlined
-def moment_arm(A: Any, along: Any, across: Any) -> Any:
+def moment_arm(A: Reals, along: Any, across: Any) -> Any:
     """A L of a node with the axes A (3, 3), by its weights a Nx and b Nz."""
     return (
         along * A[0, 0] + across * A[0, 2],
@@ -165,7 +165,7 @@ def apply_to_nodes(cell: Any, c: Any, bodies: Table[MotionRecord], f: Any) -> No
 
 
 @kernel
-def apply_reaction(body: Any, r: Any, f: Any) -> None:
+def apply_reaction(body: MotionRecord, r: Reals, f: Reals) -> None:
     """Take a force f (3,) at a point r from the applied wrench of a body."""
     x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
     F = body.F

@@ -10,14 +10,15 @@ from .patch import bounding_radius, evaluate_ruled_weights, interpolate_point, s
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import MotionRecord
-    from solvers.compiled.record import Table
+    from mbfmu.sheets.contact.nip import NipRecord
+    from solvers.compiled.record import Reals, Table
 
 MAX_NEWTON_ITERATIONS = 12  # of Newton for the material under a station
 NEWTON_TOLERANCE = 1e-9  # sides of a cell: after a correction as small one more makes it exact
 
 
 @kernel
-def station_position(nip: Any, place: float, i: int) -> Any:
+def station_position(nip: NipRecord, place: float, i: int) -> Any:
     """Where a station of a pair is: the first ahead, the second behind."""
     along, beside = nip.half if i == 0 else -nip.half, 0.5 * nip.width * place
     return (
@@ -28,7 +29,7 @@ def station_position(nip: Any, place: float, i: int) -> Any:
 
 
 @kernel
-def is_separated(nip: Any, P: Any, x: float, y: float, z: float) -> bool:
+def is_separated(nip: NipRecord, P: Reals, x: float, y: float, z: float) -> bool:
     """Whether nothing of a cell, whose middle is at (x, y, z), is under a point P, however far above or below."""
     along, beside, near = 0.0, 0.0, bounding_radius(nip).real + nip.entry.real
     for k in range(3):
@@ -76,7 +77,7 @@ def cell_share(x: Any, before: float, after: float) -> Any:
 
 
 @kernel
-def entry_gap(nip: Any, u: Any) -> Any:
+def entry_gap(nip: NipRecord, u: Any) -> Any:
     """Half of what roller and idler leave open where the sheet's edge is, as long as it is on its way in or out, m."""
     h = nip.a if nip.way == 0 else nip.b
     short = 0.0 * u

@@ -41,7 +41,8 @@ from .scratch import ALL_POINTS, OWN_SHARE, contact_scratch
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
-    from solvers.compiled.record import Table
+    from mbfmu.sheets.contact.scratch import ContactScratch
+    from solvers.compiled.record import Reals, Table
 
 GAP = 0  # number of that kernel of a surface
 
@@ -93,7 +94,9 @@ def gap(contact: Any, arrays: Arrays, state: State) -> Any:
 
 
 @kernel
-def is_separated(contact: Any, distance: Any, bodies: Table[MotionRecord], here: Any) -> bool:
+def is_separated(
+    contact: SurfaceContactRecord, distance: Any, bodies: Table[MotionRecord], here: ContactScratch
+) -> bool:
     """Broad-phase test: whether a cell is separated, by the distance ``distance`` and the normal here.f at its center
     here.r.
 
@@ -128,7 +131,7 @@ def evaluate_contact(contact: Any, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def point_area(contact: Any, i: int, k: int, own: bool) -> float:
+def point_area(contact: SurfaceContactRecord, i: int, k: int, own: bool) -> float:
     """Area that a point stands for, m^2; or its part of that in the cell."""
     nx, nz = contact.samples[0], contact.samples[1]
     share = contact.a * contact.b / (nx * nz)
@@ -140,7 +143,7 @@ def point_area(contact: Any, i: int, k: int, own: bool) -> float:
 
 
 @kernel
-def point_force(contact: Any, share: float, d: Any, body: Any, here: Any) -> None:
+def point_force(contact: SurfaceContactRecord, share: float, d: Any, body: MotionRecord, here: ContactScratch) -> None:
     """here.f <- what a point at here.r with the velocity here.v feels, the normal of the surface in here.f so far."""
     r, v, f, result = here.r, here.v, here.f, here.result
     x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
@@ -226,7 +229,9 @@ def point_force_perturbed(contact: Any, share: float, j: int, arrays: Arrays, he
 
 
 @kernel
-def add_node_stiffness(contact: Any, c1: float, bodies: Table[MotionRecord], here: Any, K: Any) -> None:
+def add_node_stiffness(
+    contact: SurfaceContactRecord, c1: float, bodies: Table[MotionRecord], here: ContactScratch, K: Reals
+) -> None:
     """Add to K what a point feels, by the motions of its nodes, from minus the derivatives of the law in here.by."""
     by, dr, df, f = here.by, here.dr, here.df, here.f
     for j in range(4):
@@ -253,7 +258,9 @@ def add_node_stiffness(contact: Any, c1: float, bodies: Table[MotionRecord], her
 
 
 @kernel
-def add_columns(contact: Any, first: int, bodies: Table[MotionRecord], here: Any, K: Any) -> None:
+def add_columns(
+    contact: SurfaceContactRecord, first: int, bodies: Table[MotionRecord], here: ContactScratch, K: Reals
+) -> None:
     """Add six columns from ``first`` on to K: the nodes' wrenches from minus the changes of the force, here.df, and
     that of a moving body, relative to which the point moves by here.dr.
     """
@@ -293,7 +300,9 @@ def evaluate_quantity(contact: Any, arrays: Arrays, state: State, k: int) -> Any
 
 
 @kernel
-def find_max_penetration(contacts: Any, points: Any, arrays: Arrays, state: State, found: Any) -> None:
+def find_max_penetration(
+    contacts: Table[SurfaceContactRecord], points: Any, arrays: Arrays, state: State, found: Reals
+) -> None:
     """found (k, 4) <- depth of the deepest point of each of k contacts, m, zero where none is in, and its place.
 
     ``points`` (k, 2) is their number along x and z.

@@ -134,7 +134,7 @@ SHORT_SERIES_LIMIT, LONG_SERIES_LIMIT = 0.004, 0.1  # 1 - cos theta up to which 
 
 
 @inlined
-def plate_scratch(item: Any, state: State) -> Any:
+def plate_scratch(item: PlateRecord, state: State) -> Any:
     """Scratch memory of an element or a sensor of it."""
     return scratch_record(item.scratch, PLATE_SCRATCH, state)
 
@@ -160,7 +160,7 @@ def slope_factor(c: Any) -> Any:
 
 
 @kernel
-def shape(plate: Any, bodies: Table[MotionRecord], here: Any) -> None:
+def shape(plate: PlateRecord, bodies: Table[MotionRecord], here: PlateScratch) -> None:
     """Element axes, normals and slopes from positions and orientations."""
     E, t, d = here.E, here.t, here.d
     n1, n2, n3, n4 = bodies[plate.node[0]], bodies[plate.node[1]], bodies[plate.node[2]], bodies[plate.node[3]]
@@ -195,7 +195,7 @@ def shape(plate: Any, bodies: Table[MotionRecord], here: Any) -> None:
 
 
 @kernel
-def bending_strain(plate: Any, w: Any, tau: Any, e: Any) -> None:
+def bending_strain(plate: PlateRecord, w: Reals, tau: Any, e: Reals) -> None:
     """e[0:9] from slopes w (4, 2) and tau, or their rates from rates: the map is linear."""
     e[0] = 0.25 * (w[1, 0] + w[2, 0] - w[0, 0] - w[3, 0])
     e[1] = 0.25 * (w[2, 1] + w[3, 1] - w[0, 1] - w[1, 1])
@@ -209,7 +209,7 @@ def bending_strain(plate: Any, w: Any, tau: Any, e: Any) -> None:
 
 
 @kernel
-def membrane_strain(plate: Any, here: Any, e: Any) -> None:
+def membrane_strain(plate: PlateRecord, here: PlateScratch, e: Reals) -> None:
     """e[9:12] from the shape and e[0:9]."""
     x, z, g = here.g1x / plate.a, here.g2z / plate.b, here.g2x / plate.b
     tx, tz = 2.0 * e[8] / plate.a, 2.0 * e[8] / plate.b
@@ -220,7 +220,7 @@ def membrane_strain(plate: Any, here: Any, e: Any) -> None:
 
 
 @kernel
-def add_arcs(plate: Any, s: Any, e: Any, out: Any) -> None:
+def add_arcs(plate: PlateRecord, s: Reals, e: Reals, out: Reals) -> None:
     """out[0:9] += what the membrane stresses s[9:11] pull on the arcs and chords of edges with strains e, by e[0:9]."""
     x, z = s[9] / 3.0, s[10] / 3.0
     out[0] += x * e[0]
@@ -236,7 +236,7 @@ def add_arcs(plate: Any, s: Any, e: Any, out: Any) -> None:
 
 
 @kernel
-def strain(plate: Any, here: Any) -> None:
+def strain(plate: PlateRecord, here: PlateScratch) -> None:
     """Generalized strains from the shape."""
     bending_strain(plate, here.w, here.t[1], here.strain)
     if plate.membrane == 1:
@@ -244,7 +244,7 @@ def strain(plate: Any, here: Any) -> None:
 
 
 @kernel
-def stress(plate: Any, e: Any, part: Any, out: Any) -> None:
+def stress(plate: PlateRecord, e: Reals, part: Any, out: Reals) -> None:
     """out (12,) += part K e; what the element does not have stays."""
     k, c = plate.bending, part * plate.coupling
     for i in range(0, 8, 2):
@@ -261,7 +261,7 @@ def stress(plate: Any, e: Any, part: Any, out: Any) -> None:
 
 
 @kernel
-def add_oblique(plate: Any, e: Any, part: Any, out: Any) -> None:
+def add_oblique(plate: PlateRecord, e: Reals, part: Any, out: Reals) -> None:
     """out (12,) += part times what a grain askew couples."""
     o = plate.oblique
     out[0] += part * o[0] * e[8]
@@ -278,7 +278,7 @@ def add_oblique(plate: Any, e: Any, part: Any, out: Any) -> None:
 
 
 @kernel
-def resist(plate: Any, here: Any) -> None:
+def resist(plate: PlateRecord, here: PlateScratch) -> None:
     """Add the elastic stresses, K (e - e of the natural shape)."""
     stress(plate, here.strain, 1.0, here.stress)
     if plate.curled == 1:
@@ -286,14 +286,14 @@ def resist(plate: Any, here: Any) -> None:
 
 
 @kernel
-def clear_stress(here: Any) -> None:
+def clear_stress(here: PlateScratch) -> None:
     """Zero the stresses, those an element does not have among them."""
     for i in range(12):
         here.stress[i] = 0.0
 
 
 @kernel
-def by_slopes(s: Any, f: Any) -> None:
+def by_slopes(s: Reals, f: Reals) -> None:
     """f (4, 2): gradient of the bending energy by the slopes, from the stresses; the transpose of bending_strain."""
     s0, s1, s2, s3 = 0.25 * s[0], 0.25 * s[1], 0.25 * s[2], 0.25 * s[3]
     s4, s5, s6, s7 = 0.25 * s[4], 0.25 * s[5], 0.25 * s[6], 0.25 * s[7]
@@ -304,7 +304,7 @@ def by_slopes(s: Any, f: Any) -> None:
 
 
 @kernel
-def gradient(plate: Any, here: Any) -> None:
+def gradient(plate: PlateRecord, here: PlateScratch) -> None:
     """Gradient of the energy in element axes from the stresses: f by slopes, m by rotations, n by g1, g2 and tau.
 
     The stresses become those by e[0:9] with what the membrane pulls on.
@@ -337,7 +337,7 @@ def gradient(plate: Any, here: Any) -> None:
 
 
 @kernel
-def load(plate: Any, here: Any, bodies: Table[MotionRecord]) -> None:
+def load(plate: PlateRecord, here: PlateScratch, bodies: Table[MotionRecord]) -> None:
     """Add minus the gradient to the applied wrenches F of the four bodies."""
     E, m, n = here.E, here.m, here.n
     F1, F2 = bodies[plate.node[0]].F, bodies[plate.node[1]].F
@@ -358,7 +358,7 @@ def load(plate: Any, here: Any, bodies: Table[MotionRecord]) -> None:
 
 
 @kernel
-def follow(plate: Any, bodies: Table[MotionRecord], here: Any) -> None:
+def follow(plate: PlateRecord, bodies: Table[MotionRecord], here: PlateScratch) -> None:
     """Differentials of g1, g2, t (rows of dg) and rotations of the bodies, element axes, from the velocities."""
     E, dg, phi = here.E, here.dg, here.phi
     Y1, Y2 = bodies[plate.node[0]].Y, bodies[plate.node[1]].Y
@@ -382,7 +382,7 @@ def follow(plate: Any, bodies: Table[MotionRecord], here: Any) -> None:
 
 
 @kernel
-def differentiate(plate: Any, here: Any) -> None:
+def differentiate(plate: PlateRecord, here: PlateScratch) -> None:
     """Spin omega, differentials of normals, slopes and strains (dd, dw, dstrain) from dg and phi."""
     dg, phi, d, dd, dw, omega, t, de = (
         here.dg, here.phi, here.d, here.dd, here.dw, here.omega, here.t, here.dstrain,
@@ -408,7 +408,7 @@ def differentiate(plate: Any, here: Any) -> None:
 
 
 @kernel
-def apply(plate: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(plate: PlateRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta e'^T K e', is a by-product."""
     bodies, here = state.bodies, plate_scratch(plate, state)
     shape(plate, bodies, here)
@@ -428,7 +428,7 @@ def apply(plate: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def potential(plate: Any, arrays: Arrays, state: State) -> float:
+def potential(plate: PlateRecord, arrays: Arrays, state: State) -> float:
     """Elastic energy, J."""
     here = plate_scratch(plate, state)
     shape(plate, state.bodies, here)

@@ -27,11 +27,12 @@ from .plate_energy import (
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
-    from solvers.compiled.record import Table
+    from mbfmu.sheets.elements.plate_energy import PlateRecord, PlateScratch
+    from solvers.compiled.record import Reals, Table
 
 
 @kernel
-def tangent(plate: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
+def tangent(plate: PlateRecord, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
     stiffness(
         plate, 1.0 + c1 * plate.damping if plate.damped == 1 else 1.0, state.bodies, plate_scratch(plate, state), K
@@ -40,7 +41,7 @@ def tangent(plate: Any, c1: float, arrays: Arrays, state: State, perturbed: Stat
 
 
 @kernel
-def stiffness(plate: Any, part: float, bodies: Table[MotionRecord], here: Any, K: Any) -> None:
+def stiffness(plate: Any, part: float, bodies: Table[MotionRecord], here: PlateScratch, K: Any) -> None:
     """K (24, 24) += - d(wrenches) / d(motions) at the present positions; ``here`` is scratch.
 
     ``part`` = 1 + c1 beta has the damping in it: its stresses go with the rates of the strains as the elastic ones do
@@ -64,7 +65,7 @@ def stiffness(plate: Any, part: float, bodies: Table[MotionRecord], here: Any, K
 
 
 @kernel
-def direction(here: Any, i: int, k: int) -> None:
+def direction(here: PlateScratch, i: int, k: int) -> None:
     """dg and phi for a unit motion of body i: k = 0, 1, 2 along the global axes, 3, 4, 5 about them."""
     E, dg, phi = here.E, here.dg, here.phi
     for j in range(3):
@@ -80,7 +81,7 @@ def direction(here: Any, i: int, k: int) -> None:
 
 
 @kernel
-def change_of_gradient(plate: Any, part: float, here: Any) -> None:
+def change_of_gradient(plate: PlateRecord, part: float, here: PlateScratch) -> None:
     """Differentials dm, dn of the gradient's components in element axes, after :func:`.plate_energy.differentiate`.
 
     Stresses change by ``part`` of what the strains' differentials say.
@@ -119,7 +120,7 @@ def change_of_gradient(plate: Any, part: float, here: Any) -> None:
 
 
 @kernel
-def change_of_moment(here: Any, i: int) -> None:
+def change_of_moment(here: PlateScratch, i: int) -> None:
     """dm[i] of m = d x p, p = (-F f_x, -F' (d_x f_x + d_z f_z), -F f_z) the gradient by the normal d of body i."""
     d, dd, f, df, dm = here.d, here.dd, here.f, here.df, here.dm
     F, F1 = here.F[i], here.dF[i]
@@ -134,7 +135,7 @@ def change_of_moment(here: Any, i: int) -> None:
 
 
 @kernel
-def rotated_column(x: Any, omega: Any, j: int, dx: Any) -> None:
+def rotated_column(x: Reals, omega: Reals, j: int, dx: Reals) -> None:
     """dx[j] += omega x x[j]: from the change of components to the change of the vector."""
     dx[j, 0] += omega[1] * x[j, 2] - omega[2] * x[j, 1]
     dx[j, 1] += omega[2] * x[j, 0] - omega[0] * x[j, 2]
@@ -142,7 +143,7 @@ def rotated_column(x: Any, omega: Any, j: int, dx: Any) -> None:
 
 
 @kernel
-def spread(E: Any, m: Any, n: Any, part: float, column: int, K: Any) -> None:
+def spread(E: Reals, m: Reals, n: Reals, part: float, column: int, K: Reals) -> None:
     """Add ``part`` of a column of a tangent: the gradient by rotations m and by g1, g2, t, handed to the bodies."""
     for k in range(3):
         x = 0.5 * (E[0, k] * n[0, 0] + E[1, k] * n[0, 1] + E[2, k] * n[0, 2])

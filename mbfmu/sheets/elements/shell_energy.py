@@ -80,13 +80,13 @@ SHELL_SCRATCH = ShellScratch.dtype
 
 
 @inlined
-def shell_scratch(item: Any, state: State) -> Any:
+def shell_scratch(item: ShellRecord, state: State) -> Any:
     """Scratch memory of an element or a sensor of it."""
     return scratch_record(item.scratch, SHELL_SCRATCH, state)
 
 
 @kernel
-def deform(shell: Any, bodies: Table[MotionRecord], here: Any) -> None:
+def deform(shell: ShellRecord, bodies: Table[MotionRecord], here: ShellScratch) -> None:
     """Element axes E, corners x, deformations d and what turns do to spins, H, from positions and orientations."""
     E, x, X, d = here.E, here.x, shell.X, here.d
     n1, n2, n3, n4 = bodies[shell.node[0]], bodies[shell.node[1]], bodies[shell.node[2]], bodies[shell.node[3]]
@@ -130,7 +130,7 @@ def deform(shell: Any, bodies: Table[MotionRecord], here: Any) -> None:
 
 
 @kernel
-def rotate_corner(here: Any, i: int) -> None:
+def rotate_corner(here: ShellScratch, i: int) -> None:
     """d[i, 3:6] = axis and angle of R[i], and H[i] of its change by a spin."""
     R, d, H, a, F = here.R[i], here.d[i], here.H[i], here.sine[i], here.F[i]
     trace = R[0, 0] + R[1, 1] + R[2, 2]
@@ -144,7 +144,7 @@ def rotate_corner(here: Any, i: int) -> None:
 
 
 @kernel
-def update_rates(shell: Any, bodies: Table[MotionRecord], here: Any) -> None:
+def update_rates(shell: ShellRecord, bodies: Table[MotionRecord], here: ShellScratch) -> None:
     """Motions dr of the corners and rotations phi of the bodies, as they are from the velocities."""
     E = here.E
     for i in range(4):
@@ -155,7 +155,7 @@ def update_rates(shell: Any, bodies: Table[MotionRecord], here: Any) -> None:
 
 
 @kernel
-def differentiate(shell: Any, here: Any) -> None:
+def differentiate(shell: ShellRecord, here: ShellScratch) -> None:
     """Spin omega and differentials of the deformations, rate, from dr and phi."""
     x, X, dr, rate, H = here.x, shell.X, here.dr, here.rate, here.H
     p, q = dr[2, 1] - dr[0, 1], dr[3, 1] - dr[1, 1]
@@ -181,7 +181,7 @@ def differentiate(shell: Any, here: Any) -> None:
 
 
 @kernel
-def resist(shell: Any, d: Any, part: float, f: Any) -> None:
+def resist(shell: ShellRecord, d: Reals, part: float, f: Reals) -> None:
     """f (4, 6) += part K d."""
     for i in range(4):
         for k in range(3):
@@ -195,7 +195,7 @@ def resist(shell: Any, d: Any, part: float, f: Any) -> None:
 
 
 @kernel
-def gradient(shell: Any, here: Any) -> None:
+def gradient(shell: ShellRecord, here: ShellScratch) -> None:
     """n by the motions of the corners and m by the rotations of the bodies, from f."""
     x, X, f, n, m, H, o, lift = here.x, shell.X, here.f, here.n, here.m, here.H, here.o, here.lift
     ox, oy, oz = 0.0 * here.spread, 0.0 * here.spread, 0.0 * here.spread
@@ -217,7 +217,7 @@ def gradient(shell: Any, here: Any) -> None:
 
 
 @kernel
-def assemble(X: Any, f: Any, o: Any, lift: Any, n: Any) -> None:
+def assemble(X: Reals, f: Reals, o: Any, lift: Any, n: Reals) -> None:
     """n by the motions of the corners from f by those about their mean, o by turns in the plane, lift by diagonals."""
     for k in range(3):
         mean = 0.25 * (f[0, k] + f[1, k] + f[2, k] + f[3, k])
@@ -233,7 +233,7 @@ def assemble(X: Any, f: Any, o: Any, lift: Any, n: Any) -> None:
 
 
 @kernel
-def load(shell: Any, here: Any, bodies: Table[MotionRecord]) -> None:
+def load(shell: ShellRecord, here: ShellScratch, bodies: Table[MotionRecord]) -> None:
     """Add minus the gradient to the applied wrenches F of the four bodies."""
     E, n, m = here.E, here.n, here.m
     for i in range(4):
@@ -244,7 +244,7 @@ def load(shell: Any, here: Any, bodies: Table[MotionRecord]) -> None:
 
 
 @kernel
-def strain_work(f: Any, d: Any) -> Any:
+def strain_work(f: Reals, d: Reals) -> Any:
     """f . d."""
     total = 0.0 * d[0, 0]
     for i in range(4):
@@ -254,7 +254,7 @@ def strain_work(f: Any, d: Any) -> Any:
 
 
 @kernel
-def clear_vector(f: Any) -> None:
+def clear_vector(f: Reals) -> None:
     """f = 0."""
     for i in range(4):
         for k in range(6):
@@ -262,7 +262,7 @@ def clear_vector(f: Any) -> None:
 
 
 @kernel
-def apply(shell: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(shell: ShellRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta d'^T K d', is a by-product."""
     bodies, here = state.bodies, shell_scratch(shell, state)
     deform(shell, bodies, here)

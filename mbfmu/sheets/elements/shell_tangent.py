@@ -17,10 +17,12 @@ from .shell_energy import assemble, clear_vector, deform, differentiate, gradien
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.sheets.elements.shell_energy import ShellRecord, ShellScratch
+    from solvers.compiled.record import Reals
 
 
 @kernel
-def tangent(shell: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
+def tangent(shell: ShellRecord, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
     here = shell_scratch(shell, state)
     deform(shell, state.bodies, here)
@@ -53,7 +55,7 @@ def tangent(shell: Any, c1: float, arrays: Arrays, state: State, perturbed: Stat
 
 
 @kernel
-def direction(shell: Any, here: Any, i: int, k: int) -> bool:
+def direction(shell: Any, here: ShellScratch, i: int, k: int) -> bool:
     """What a unit motion of body i changes d by, and the spin omega of the element: k = 0, 1, 2 along the global axes,
     3, 4, 5 about them. False where corner i alone turns: then the element's axes stay.
     """
@@ -75,7 +77,7 @@ def direction(shell: Any, here: Any, i: int, k: int) -> bool:
 
 
 @kernel
-def resist_turn(shell: Any, here: Any, i: int, part: float, f: Any) -> None:
+def resist_turn(shell: ShellRecord, here: ShellScratch, i: int, part: float, f: Reals) -> None:
     """f (4, 6) += part K d' where d' is a turn of corner i: three columns of K."""
     turn = here.rate[i]
     for j in range(4):
@@ -134,7 +136,7 @@ def change_by_turn(shell: Any, here: Any, corner: int) -> None:
 
 
 @kernel
-def change_of_moment(here: Any, i: int) -> None:
+def change_of_moment(here: ShellScratch, i: int) -> None:
     """dm[i] of m = H^T f = F (tr R f - R^T f) / 2 - F' a (a . f), f by the turn of corner i."""
     R, a, F, f, df, H, dm = here.R[i], here.sine[i], here.F[i], here.f[i], here.df[i], here.H[i], here.dm[i]
     phi, omega = here.phi[i], here.omega
@@ -160,7 +162,7 @@ def change_of_moment(here: Any, i: int) -> None:
 
 
 @kernel
-def spread(E: Any, n: Any, m: Any, part: float, column: int, K: Any) -> None:
+def spread(E: Reals, n: Reals, m: Reals, part: float, column: int, K: Reals) -> None:
     """Add ``part`` of a column of a tangent, in global axes."""
     for i in range(4):
         for k in range(3):

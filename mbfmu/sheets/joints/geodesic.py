@@ -48,7 +48,7 @@ class GeodesicRecord(Record):
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: GeodesicRecord, qi: int, state: State) -> None:
     """See :mod:`.base`. Columns: g', (h' + A_z A_x h') / 2, A_z f' with h' = (0, 0, 1), f' = (1, 0, 0), less b dP."""
     q, b, rel = state.q, joint.b, state.rel
     alpha, theta_z, theta_x = q[qi], q[qi + 1], q[qi + 2]
@@ -72,7 +72,7 @@ def place(joint: Any, qi: int, state: State) -> None:
 
 
 @kernel
-def bias(joint: Any, qi: int, vi: int, state: State) -> None:
+def bias(joint: GeodesicRecord, qi: int, vi: int, state: State) -> None:
     """See :mod:`.base`: -b P'' of the rates alpha', beta', and the turning of the two axes of rotation."""
     q, v, b, out = state.q, state.v, joint.b, state.bias
     rate, bend, twist = v[vi], v[vi + 1], v[vi + 2]

@@ -17,6 +17,7 @@ from solvers.compiled.record import Record, f8, i8
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.sheets.contact.scratch import ContactScratch
 
 
 class ContactSumRecord(Record):
@@ -40,7 +41,9 @@ class ContactForceSumRecord(Record):
 
 
 @kernel
-def sum_contact_results(first: int, count: int, accumulate_only: int, arrays: Arrays, state: State, here: Any) -> None:
+def sum_contact_results(
+    first: int, count: int, accumulate_only: int, arrays: Arrays, state: State, here: ContactScratch
+) -> None:
     """``here.result`` <- values of ``count`` loads from ``first`` on; ``here`` is their scratch memory."""
     power = state.cached_power[0]
     for k in range(here.result.shape[0]):

@@ -27,6 +27,7 @@ from .contacts import sum_contact_results
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from mbfmu.sheets.contact.scratch import ContactScratch
     from solvers.compiled.record import Table
 
 EDGE_BLUR_WIDTH = 0.5e-3  # m, on either side of an edge, within which a beam is partly covered
@@ -92,7 +93,7 @@ def position(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def skew(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def skew(sensor: SkewRecord, lam: Any, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: the angle about the mean normal, by sine and cosine."""
     A, B, s = state.bodies[sensor.a], state.bodies[sensor.b], sensor.across
     x, y, z = B.r[0] - A.r[0], B.r[1] - A.r[1], B.r[2] - A.r[2]
@@ -156,7 +157,7 @@ def cell_coverage(x: Any, side: float, ends: int) -> Any:
 
 
 @kernel
-def find_beam_intersection(cell: Any, beam: Any, bodies: Table[MotionRecord], here: Any) -> Any:
+def find_beam_intersection(cell: Any, beam: CoveredRecord, bodies: Table[MotionRecord], here: ContactScratch) -> Any:
     """Where a beam meets the surface of a cell, by Newton: xi, zeta and whether it does."""
     xi, zeta, last = 0.0 * here.r[0] + 0.5, 0.0 * here.r[0] + 0.5, False
     for _ in range(MAX_NEWTON_ITERATIONS):

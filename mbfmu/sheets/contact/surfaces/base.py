@@ -9,7 +9,7 @@ is a record of :data:`.scratch.CONTACT_SCRATCH`.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from mbfmu.mechanics.shapes import Matrix, Shape
 from mbfmu.sheets.contact.patch import smooth_step
 from mbfmu.sheets.contact.scratch import CONTACT_SCRATCH
 from solvers.compiled.kernel import kernel
+
+if TYPE_CHECKING:
+    from mbfmu.sheets.contact.scratch import ContactScratch
 
 FADE_LENGTH = 1e-3  # m
 
@@ -31,7 +34,7 @@ def edge_factor(along: Any, half: float) -> Any:
 
 
 @kernel
-def to_frame_axes(frame: Any, contact: Any) -> Any:
+def to_frame_axes(frame: Any, contact: ContactScratch) -> Any:
     """The point in a frame's plane, (x, y), and along its third axis, z; ``frame`` has ``origin`` and ``axes``."""
     p, o, A = contact.p, frame.origin, frame.axes
     x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
@@ -43,7 +46,7 @@ def to_frame_axes(frame: Any, contact: Any) -> Any:
 
 
 @kernel
-def set_normal(frame: Any, x: Any, y: Any, contact: Any) -> None:
+def set_normal(frame: Any, x: Any, y: Any, contact: ContactScratch) -> None:
     """Write a normal that has these components in the plane of a frame."""
     n, A = contact.n, frame.axes
     for k in range(3):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from solvers.compiled.record import Record, Vec3
 
 from .base import Surface
 
+if TYPE_CHECKING:
+    from mbfmu.sheets.contact.scratch import ContactScratch
+
 DRAWING_MARGIN_RATIO = 0.1  # of the space that a sheet takes: it is drawn where the sheet comes so near
 
 
@@ -28,7 +31,7 @@ class WallRecord(Record):
 
 
 @kernel
-def gap(wall: Any, contact: Any) -> float:
+def gap(wall: WallRecord, contact: ContactScratch) -> float:
     """See :mod:`.base`: (p - at) . normal."""
     p, n, total = contact.p, contact.n, 0.0 * contact.p[0]
     for k in range(3):
