@@ -99,7 +99,7 @@ class Plant:
             self.system = self._systems.make([n for n in names if n not in self.vanishing_rows])
         self._rounding = Rounding(mechanism, self.data, self.system, self._systems.row_size, self._courses())
         self.corrections = self._rounding.correct()
-        self.assembly = Assembly(mechanism, self.system, self.data.state, self.vanishing_rows)
+        self.assembly = Assembly(mechanism, self.system, self.data, self.vanishing_rows)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
         check_rows(mechanism, self.data.arrays.kept)
 
