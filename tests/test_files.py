@@ -237,7 +237,7 @@ def test_a_name_of_the_largest_length_can_be_written(tmp_path: Path) -> None:
 
 TEMPORARY = {  # functions that write into a folder of their own, which is removed again
     "fmi/python_fmu.py:write_script",
-    "fmi/subprocess_export.py:_run_subprocess",
+    "fmi/subprocess_export.py:export_uncompiled",
     "native/runtime.py:compiler_arguments",
     "native/runtime.py:_linked",
     "native/runtime.py:build_lock",  # a file that is locked, and empty

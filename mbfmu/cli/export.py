@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from mbfmu.modeling.scene import DEFAULT_SCENE
 
@@ -58,22 +57,22 @@ def add(commands: Commands) -> None:
 
 def command_export(options: argparse.Namespace) -> int:
     """Write an FMU."""
-    from mbfmu.fmi import export
+    from mbfmu.fmi.export import FmuKind, export_scene
     from mbfmu.fmi.native_fmu import refuse_solver
-    from mbfmu.fmi.subprocess_export import export_scene
 
     scene = scene_of(options)
     name, part = file_name(scene.model.name), scene_part(scene)
     path = options.output or Path(f"{name}.fmu" if part == DEFAULT_SCENE else f"{name}_{part}.fmu")
-    asked: dict[str, Any] = {"fmi": options.fmi, "platforms": options.platforms}
-    asked["report"] = lambda text: print_unless_quiet(options, text)
-    if options.native:
-        if options.solver is not None:
-            refuse_solver(options.solver)
-        export_scene(scene, path, **asked)
-    else:
-        asked |= {"stop_time": scene.stop_time, "output_interval": scene.output_interval}
-        export(scene.model, path, scene.settings, **asked)
+    if options.native and options.solver is not None:
+        refuse_solver(options.solver)
+    export_scene(
+        scene,
+        path,
+        FmuKind.NATIVE if options.native else FmuKind.PYTHON,
+        fmi=options.fmi,
+        platforms=options.platforms,
+        report=lambda text: print_unless_quiet(options, text),
+    )
     print_paths(options, path)
     print_if_verbose(options, f"{path.stat().st_size / 1e3:.0f} kB; `mbfmu models {options.scene}` lists its variables")
     return 0

@@ -22,6 +22,7 @@ from mbfmu.plotting.time_series import errors_of, matching
 from mbfmu.session.run import Result, communication_points, loops, run
 from mbfmu.session.simulation import Simulation
 from mbfmu.util.codes import NOTES, code_of
+from mbfmu.util.errors import UserError
 from mbfmu.util.files import write_text
 from mbfmu.viewer import Recorder
 from solvers.compiled.cache import CompilationNeeded, forbid_compilation
@@ -154,24 +155,25 @@ class RunMethod(Enum):
 
 def run_scene(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> tuple[Result, RunMethod, list[str]]:
     """Return the result of a scene, through its FMU or directly, and messages about its loops."""
-    times = communication_points(scene.stop_time, scene.output_interval)
+    times, notes = communication_points(scene.stop_time, scene.output_interval), list[str]()
     with progress(scene, options.quiet) as bar:
         if options.direct:
-            result, method, notes = run(scene.model, scene.settings, times, bar, recorder, warn), RunMethod.DIRECT, None
+            result, method = run(scene.model, scene.settings, times, bar, recorder, warn), RunMethod.DIRECT
         else:
-            from mbfmu.fmi import export
+            from mbfmu.fmi.export import FmuKind, export_scene
             from mbfmu.fmi.run import run_fmu
-            from mbfmu.fmi.subprocess_export import export_for_run
 
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
                 path = Path(place) / "model.fmu"
-                notes = export_for_run(scene, path)
-                method = RunMethod.COUPLED if notes is None else RunMethod.NATIVE
-                if method is RunMethod.COUPLED:
-                    export(scene.model, path, scene.settings)
+                try:
+                    export_scene(scene, path, FmuKind.ONE_RUN, report=notes.append)
+                    method = RunMethod.NATIVE
+                except UserError:  # of a wrong model the other export raises it again
+                    export_scene(scene, path, FmuKind.PYTHON)
+                    method = RunMethod.COUPLED
                 result = run_fmu(path, scene.model, scene.settings, times, bar, warn)
     result.name = scene.name
-    return result, method, loops(scene.model) if notes is None else notes
+    return result, method, notes if method is RunMethod.NATIVE else loops(scene.model)
 
 
 def repeat_directly(scene: Scene, result: Result, *, compiles: bool) -> Recorder:

@@ -194,13 +194,10 @@ def make_target(given: Any, runs: str, stop_time: float | None, interval: float 
 
 def exported(scene: Scene, native: bool) -> FmuTarget:
     """Return the FMU of a scene."""
-    from mbfmu.fmi import export
+    from mbfmu.fmi.export import FmuKind, export_scene
 
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
-        path = export(
-            scene.model, Path(place) / "model.fmu", scene.settings, native=native,
-            stop_time=scene.stop_time, output_interval=scene.output_interval,
-        )  # fmt: skip
+        path = export_scene(scene, Path(place) / "model.fmu", FmuKind.NATIVE if native else FmuKind.PYTHON)
         found = read_fmu(path, scene.stop_time, scene.output_interval)
     return FmuTarget(**{**vars(found), "name": scene.name})
 

@@ -5,23 +5,38 @@ from __future__ import annotations
 import inspect
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.modeling.model import Model, as_model
+from mbfmu.modeling.scene import Scene, default_scene
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import list_variables, require_xml_text
-from mbfmu.session.run import communication_points
+from mbfmu.native.families import NATIVE_SOLVERS
+from mbfmu.native.runtime import cached_library
+from mbfmu.native.targets import TARGETS, host
+from mbfmu.session.run import communication_points, loops
 from mbfmu.session.simulation import UnstartedSimulation
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import replacing
+from solvers.compiled.cache import CompilationNeeded, forbid_compilation
 from solvers.steppers import describe_refusal
 from solvers.steppers.plugins import is_given
 
 from .description import Experiment
 from .documentation import licenses, page
-from .native_fmu import build_native_fmu as native_files
+from .native_fmu import build_native_fmu
 from .python_fmu import build_python_fmu
+
+
+class FmuKind(StrEnum):
+    """What an FMU consists of."""
+
+    PYTHON = "python"  # calls to the installed mbfmu
+    NATIVE = "native"  # machine code
+    ONE_RUN = "one-run"  # machine code; all parameters are constants, which saves the search for what follows them
 
 
 def export(
@@ -71,37 +86,88 @@ def export(
     """
     if isinstance(model, Mechanism):
         raise UserError("a mechanism cannot be exported as it is: write a Model whose build() returns it")
-    model = as_model(model)
-    settings = settings or Settings(solver=model.default_solver, tolerance=model.tolerance)
-    plant = model.plant()
-    for text in check_start(model, settings, plant, native):
+    scene = default_scene(as_model(model))
+    scene = replace(scene, settings=settings or scene.settings)
+    scene = scene.changed(stop_time=stop_time, output_interval=output_interval)
+    kind = FmuKind.NATIVE if native else FmuKind.PYTHON
+    return export_scene(scene, Path(path), kind, fmi=fmi, platforms=platforms, report=report)
+
+
+def export_scene(
+    scene: Scene,
+    path: Path,
+    kind: FmuKind,
+    *,
+    fmi: int = 2,
+    platforms: Sequence[str] = (),
+    report: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Write a scene as an FMU of a kind; arguments, result and errors are those of :func:`export`.
+
+    Native FMUs are made in another process if this saves compiling: all runtimes exist, nothing has to be found out
+    that takes long in plain Python (which solver to take, or a steady state), and a file contains the model. Of
+    ``FmuKind.ONE_RUN`` the messages are those on the loops, and UserError is raised if compiling would not be saved.
+    """
+    needs_no_compiler = scene.settings.solver in NATIVE_SOLVERS and not scene.settings.start_at_equilibrium
+    needs_no_compiler &= all(name in TARGETS and cached_library(name) is not None for name in platforms or [host()])
+    if kind is FmuKind.ONE_RUN and not needs_no_compiler:
+        raise UserError(
+            f"no native FMU is made for one run: the runtime does not exist, solver {scene.settings.solver!r} is not "
+            "supported, or the run starts at an equilibrium",
+            "not-native",
+        )
+    if kind is FmuKind.PYTHON or not needs_no_compiler or not scene.reference:
+        _write(scene, path, kind, fmi, platforms, report)
+        return path
+    messages: list[str] = []
+    try:
+        with forbid_compilation():
+            _write(scene, path, kind, fmi, platforms, messages.append)
+    except CompilationNeeded:
+        from .subprocess_export import export_uncompiled  # not before: that process runs it as its main module
+
+        messages = export_uncompiled(scene, path, kind, str(fmi), *platforms)
+    for text in messages:
         report(text)
-    variables = list_variables(model, settings, plant)
+    return path
+
+
+def _write(
+    scene: Scene, path: Path, kind: FmuKind, fmi: int, platforms: Sequence[str], report: Callable[[str], None]
+) -> None:
+    """Write the FMU of a scene in this process."""
+    model, settings = scene.model, scene.settings
     require_xml_text(f"the first line of the docstring of model {model.name!r}", model.title())
     experiment = Experiment(
-        stop_time=float(model.stop_time if stop_time is None else stop_time),
-        step_size=float(model.output_interval if output_interval is None else output_interval),
-        tolerance=settings.tolerance,
+        stop_time=float(scene.stop_time), step_size=float(scene.output_interval), tolerance=settings.tolerance
     )
     communication_points(experiment.stop_time, experiment.step_size)  # refuses what is no time
-    path = Path(path)
     if path.suffix != ".fmu":
         raise UserError(f"FMU file is {str(path)!r}; its name must end in .fmu")
     if not path.parent.is_dir():
         raise UserError(f"folder {str(path.parent)!r} does not exist")
-    if native:
-        content = native_files(model, settings, experiment, fmi=fmi, platforms=platforms, report=report)
+    if kind is FmuKind.ONE_RUN:
+        content = build_native_fmu(model, settings, experiment, for_one_run=True)
+        messages = loops(model)
     else:
-        if fmi != 2 or platforms:
+        plant, native = model.plant(), kind is FmuKind.NATIVE
+        messages = check_start(model, settings, plant, native)
+        if native:
+            content = build_native_fmu(
+                model, settings, experiment, fmi=fmi, platforms=platforms, report=messages.append
+            )
+        elif fmi != 2 or platforms:
             raise UserError("versions of FMI and platforms can be chosen for machine code alone: native=True")
-        content = build_python_fmu(model, settings, experiment)
-        content["documentation/index.html"] = page(model, variables, needs_python=True).encode()
-    content |= {f"documentation/licenses/{name}": text for name, text in licenses(native=native).items()}
-    picture = Path(inspect.getsourcefile(type(model)) or ".").parent / "model.png"
-    if picture.is_file():
-        content["model.png"] = picture.read_bytes()
+        else:
+            shown = page(model, list_variables(model, settings, plant), needs_python=True)
+            content = build_python_fmu(model, settings, experiment) | {"documentation/index.html": shown.encode()}
+        content |= {f"documentation/licenses/{name}": text for name, text in licenses(native=native).items()}
+        picture = Path(inspect.getsourcefile(type(model)) or ".").parent / "model.png"
+        if picture.is_file():
+            content["model.png"] = picture.read_bytes()
     pack(path, content)
-    return path
+    for text in messages:
+        report(text)
 
 
 def check_start(model: Model, settings: Settings, plant: Plant, native: bool) -> list[str]:

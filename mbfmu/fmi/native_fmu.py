@@ -32,8 +32,8 @@ def build_native_fmu(
     settings: Settings,
     experiment: Experiment,
     *,
-    fmi: int,
-    platforms: Sequence[str],
+    fmi: int = 2,
+    platforms: Sequence[str] = (),
     report: Callable[[str], None] = lambda _: None,
     for_one_run: bool = False,
 ) -> dict[str, bytes]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import couplings, cuts, joints, loads, sensors, signals
+from mbfmu.mechanics.arrays.closing import CutFrames
 from mbfmu.mechanics.arrays.points import InputRecords, start_input
 from mbfmu.mechanics.arrays.tables import REAL, CalledKernel
 from mbfmu.mechanics.kind import ElementType, element_types_of, kernel_of, record_of
@@ -42,7 +43,7 @@ from solvers.system import Array
 
 from .families import FAMILIES, NATIVE_SOLVERS
 from .image import MemoryImage
-from .start_checks import Frames, check_resolution
+from .start_checks import check_resolution
 
 COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
     joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, signals: signals.Signal,
@@ -78,7 +79,8 @@ class Instance(NamedTuple):
     known: Array  # (3,) rates of the system and of its loops, 1/s; the characteristic length, m
     options: NDArray[Any]  # (1,) solvers.options.OPTIONS
     counts: NDArray[np.int64]  # of the solver, by COUNTERS
-    frames: Any  # mbfmu.native.start_checks.Frames
+    frames: Any  # mbfmu.mechanics.arrays.closing.CutFrames
+    angles: Array  # (cuts,) rad, scratch
     positions: Any  # solvers.positions.Positions
 
 
@@ -118,7 +120,7 @@ def instance_of(simulation: Simulation) -> Instance:
     state = np.array([simulation.t]), q, v, own.energy_account
     buffers = np.zeros(system.n), np.zeros(system.m), np.zeros(system.n), np.zeros(len(simulation.variables))
     settings = known, stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
-    places = Frames.of(plant), system.placed
+    places = assembly.frames, np.zeros(len(plant.mechanism.cuts)), system.placed
     return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places)
 
 
@@ -185,10 +187,10 @@ def example(name: str) -> Any:
     state = z(1), z(1), z(ACCOUNT_SIZE)
     given = Integration(eqs, records(1, family.loop.SETTINGS), *own, *state)
     session = Session.allocate(data, InputRecords.example(), ItemRecord.zeros(1))
-    start, frames = Start(z(1), z(1), Scratch.allocate(1, 1)), Frames(z(1, np.int64), z(1))
+    start, frames = Start(z(1), z(1), Scratch.allocate(1, 1)), CutFrames.example()
     settings = z(3), records(1, OPTIONS), z(1, np.int64)
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
-    return pin(Instance(*run, given, start, *settings, frames, positions))
+    return pin(Instance(*run, given, start, *settings, frames, z(1), positions))
 
 
 _named = cache(as_kernel)  # what two families call is compiled once

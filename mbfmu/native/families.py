@@ -59,7 +59,7 @@ def assemble_dense(instance: Any, t: float) -> int:
     problem, start, work = instance.given, instance.start, instance.start.scratch
     code: int = find_closed_positions(problem.eqs, t, start.q, problem.q, work)
     if code == ASSEMBLED:
-        code = find_turned(instance.frames, problem.eqs.data, work.worst[0])
+        code = find_turned(instance, work.worst[0])
     if code == ASSEMBLED:
         code = find_consistent_velocities(problem.eqs, t, problem.q, start.v, instance.known[0], problem.v, work)
     if code == ASSEMBLED:

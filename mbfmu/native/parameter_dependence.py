@@ -4,6 +4,9 @@
 ``build()`` is sampled: with one parameter changed at a time to find the exponents, then with all of them to fit the
 coefficients. The result is validated on independent samples, inside the fitted ranges and as far outside as it
 holds. A parameter that does not pass is fixed at export, with the reason.
+
+Numbers that record how they were computed are no substitute: what passes through an array, ``float()`` or a function of
+the library loses its record without notice. In a trial on eight models they gave 146 of the 324 numbers found here.
 """
 
 from __future__ import annotations

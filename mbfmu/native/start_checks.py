@@ -1,28 +1,21 @@
 """Whether a start is what was meant, in machine code: loops closed the right way round, and numbers fine enough.
 
-In Python :func:`mbfmu.mechanics.arrays.closing.check_frames` and two functions of :mod:`solvers.stepper` see to it.
+In Python :func:`mbfmu.mechanics.arrays.closing.check_frames` and two functions of :mod:`solvers.stepper` do this.
 """
 
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mbfmu.mechanics import Plant
-from mbfmu.mechanics.cuts.base import CUT_PARAMETERS
+from mbfmu.mechanics.arrays.closing import fill_frame_angles
 from mbfmu.util.codes import coded
 from solvers.assembly import ASSEMBLED, Outcome
 from solvers.compiled.kernel import inlined, kernel
 from solvers.stepper import MAX_SPACING_IN_TOLERANCES
-from solvers.system import Array
 
-PARALLEL_AXES = ("", "z", "xyz")  # what of two frames is parallel, see Cut.parallel
-Z_AXIS = PARALLEL_AXES.index("z")
-RA, RB = (np.dtype(CUT_PARAMETERS).fields[name][1] // 8 for name in ("Ra", "Rb"))  # type: ignore[index]  # words into a record
-MIN_AGREEING_COSINE = float(np.cos(1.0))  # closed frames are turned by zero, or by 120 degrees at least
 SPACING_FACTOR = 2.0**-53 * (1.0 + 2.0**-52)  # of a number, which it is less than one step away from
 
 
@@ -56,46 +49,14 @@ START_MESSAGES = {
 }
 
 
-class Frames(NamedTuple):
-    """Which frames of cut joints are to agree, and where they are."""
-
-    ways: NDArray[np.int64]  # (cuts,) place in WAYS
-    numbers: Array  # all records of ``Arrays.memory``, as numbers
-
-    @staticmethod
-    def of(plant: Plant) -> Frames:
-        """Return those of a plant."""
-        ways = [PARALLEL_AXES.index(handle.cut.parallel) for handle in plant.mechanism.cuts]
-        return Frames(np.array(ways, np.int64), plant.data.arrays.memory.view(np.float64))
-
-
 @kernel
-def find_turned(frames: Any, data: Any, worst: Any) -> int:
-    """TURNED if a cut joint is closed in the opposite direction in this position; ``worst`` names it."""
-    for k in range(frames.ways.shape[0]):
-        if frames.ways[k] == 0:
-            continue
-        cosine = cosine_between(frames, k, data)
-        if not cosine > MIN_AGREEING_COSINE:
-            worst.row, worst.gap = k, np.floor(np.degrees(np.arccos(min(1.0, max(-1.0, cosine)))) + 0.5)
-            return TURNED
-    return ASSEMBLED
-
-
-@kernel
-def cosine_between(frames: Any, k: int, data: Any) -> float:
-    """Cosine of the angle between the z axes of a cut joint's frames; or of that by which one frame is turned."""
-    cut, numbers, total = data.arrays.cuts[k], frames.numbers, 0.0
-    A, B, first = data.state.bodies[cut.a].A, data.state.bodies[cut.b].A, cut.at // 8
-    hinge = frames.ways[k] == Z_AXIS
-    for axis in range(2 if hinge else 0, 3):
-        for i in range(3):
-            a, b = 0.0, 0.0
-            for j in range(3):
-                a += A[i, j] * numbers[first + RA + 3 * j + axis]
-                b += B[i, j] * numbers[first + RB + 3 * j + axis]
-            total += a * b
-    return total if hinge else 0.5 * (total - 1.0)
+def find_turned(instance: Any, worst: Any) -> int:
+    """TURNED if a cut joint is closed with a wrong orientation in this position; ``worst`` names it."""
+    k = fill_frame_angles(instance.frames, instance.given.eqs.data, instance.angles)
+    if k == instance.angles.shape[0]:
+        return ASSEMBLED
+    worst.row, worst.gap = k, np.floor(np.degrees(instance.angles[k]) + 0.5)
+    return TURNED
 
 
 @inlined

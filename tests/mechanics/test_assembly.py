@@ -135,11 +135,11 @@ def test_inputs_are_written_and_must_be_finite() -> None:
     plant = Plant(m)
     terms = plant.system.allocate_terms()
     q, v = plant.assemble()
-    plant.inputs.set(0, 5.0)
+    plant.inputs.start(0, 5.0)
     plant.system.fill(0.0, q, v, terms)
     np.testing.assert_allclose(terms.h, [-5.0])
     with pytest.raises(UserError, match=r"'a\.torque' is nan"):
-        plant.inputs.set(0, float("nan"))
+        plant.inputs.start(0, float("nan"))
 
 
 def falling(x: float, gravity: Any) -> Any:
@@ -153,12 +153,12 @@ def test_gravity_by_an_input_loads_and_stores_energy() -> None:
     plant = falling(0.5, Input(name="g", unit="m/s2", start=-10.0))
     terms, (q, v) = plant.system.allocate_terms(), plant.assemble()
     for g in (-10.0, 4.0):
-        plant.inputs.set(0, g)
+        plant.inputs.start(0, g)
         plant.system.fill(0.0, q, v, terms)
         np.testing.assert_allclose(terms.h[:3], [-1.0, -2.0 * g, 0.0], atol=1e-15)
         assert plant.energy(0.0, q, v) == pytest.approx(-6.0 * g)
     saved = plant.inputs.state()
-    plant.inputs.set(0, 1.0)
+    plant.inputs.start(0, 1.0)
     plant.inputs.restore(saved)
     assert plant.data.arrays.world["gravity"][0] == pytest.approx([0.5, 4.0, 0.0])
     plant.adopt(falling(0.7, Input(name="g", unit="m/s2")))  # other numbers; what the input holds stays

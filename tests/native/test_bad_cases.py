@@ -204,10 +204,21 @@ def test_a_balance_that_is_lost_is_told_in_the_numbers_of_a_simulation(tmp_path:
         )  # known to Python alone
         assert four_bar.get("String", [references(four_bar)["solver.message"]])[1] == [numbers.encode()]
     assert numbers.startswith("the energy error is too large at t = ")
+    assert four_bar.step(2.0, 0.0) == OK
+    assert four_bar.get("String", [references(four_bar)["solver.message"]])[1] == [numbers.encode()]
     coarse, *others = [text for _, text in four_bar.binary.logged]
     assert "[coarse-tolerance]" in coarse
     assert others == [numbers]  # once
     four_bar.free()
+
+
+def test_a_step_of_length_zero_clears_the_reason_of_the_last_failure(fmu: Instance):
+    assert begin(fmu) == OK
+    assert fmu.step(0.0, -0.1) == DISCARD
+    message = [references(fmu)["solver.message"]]
+    assert b"not negative" in fmu.get("String", message)[1][0]
+    assert fmu.step(0.0, 0.0) == OK
+    assert fmu.get("String", message)[1] == [b""]
 
 
 LATER = {  # what else is a constant in native FMUs

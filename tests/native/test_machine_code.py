@@ -134,9 +134,7 @@ def test_contact_is_refused_as_what_is_not_there():
     m = Mechanism()
     paper = {"thickness": 1e-3, "youngs_modulus": 1e6, "density": 800.0, "grid": (4, 3), "tree": "master"}
     add_contact(m, "table", add_sheet(m, "s", length=0.3, width=0.2, **paper), Wall(at=(0.0, -0.1, 0.0)))
-    with pytest.raises(
-        UserError, match=r"kernel mbfmu.sheets.contact.surface_contact.apply is not in the runtime, and"
-    ):
+    with pytest.raises(UserError, match=r"kernel mbfmu.sheets.contact.surface_force.apply is not in the runtime, and"):
         image_of(Simulation(m, Settings(solver="adams")))
 
 

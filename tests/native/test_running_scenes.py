@@ -14,12 +14,14 @@ from pathlib import Path
 import pytest
 
 from fmus.fourbar import FourBar
-from mbfmu.fmi import subprocess_export
+from mbfmu.fmi.export import FmuKind, export_scene
 from mbfmu.modeling.scene import load_scene
 from mbfmu.native.runtime import COMPILERS, library
 from mbfmu.native.targets import host
 from mbfmu.util.errors import UserError
 from solvers.compiled.cache import CompilationNeeded, cache_root, forbid_compilation, notify_listeners, when_compiling
+
+EXPORT = sys.modules[export_scene.__module__]
 
 Command = Callable[..., tuple[int, str, str]]
 
@@ -56,7 +58,7 @@ def refused() -> Iterator[None]:
         yield
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(subprocess_export, "forbid_compilation", refuse)
+        patched.setattr(EXPORT, "forbid_compilation", refuse)
         yield
 
 
@@ -106,7 +108,7 @@ def test_what_a_native_fmu_logs_is_a_note_and_not_among_the_paths(runtime: Path,
 
 
 def test_without_a_runtime_the_fmu_calls_python(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(subprocess_export, "cached_library", lambda _: None)
+    monkeypatch.setattr(EXPORT, "cached_library", lambda _: None)
     _, out, _ = command("run", "fourbar", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
     assert COUPLED in out
 
@@ -152,9 +154,10 @@ def test_who_waits_for_the_compiler_is_told_after_work_was_given_up():
 def test_interpreted_kernels_make_the_bytes_of_compiled_ones(runtime: Path, tmp_path: Path):
     scene = load_scene("fourbar/paper").changed(model=FourBar(coupler_modes=2, start_angle=0.3))
     paths = tmp_path / "compiled.fmu", tmp_path / "interpreted.fmu"
-    loops = [subprocess_export.export_for_run(scene, paths[0])]
+    loops: tuple[list[str], list[str]] = [], []
+    export_scene(scene, paths[0], FmuKind.ONE_RUN, report=loops[0].append)
     with refused():
-        loops.append(subprocess_export.export_for_run(scene, paths[1]))
+        export_scene(scene, paths[1], FmuKind.ONE_RUN, report=loops[1].append)
     assert (
         loops[0] == loops[1] == ["loop 'pivot': 3 of its 5 constraints are trivially satisfied (z, zx, zy) and removed"]
     )
@@ -164,9 +167,9 @@ def test_interpreted_kernels_make_the_bytes_of_compiled_ones(runtime: Path, tmp_
 def test_an_export_without_a_compiler_has_the_bytes_and_the_sentences_of_another_one(runtime: Path, tmp_path: Path):
     scene, told = load_scene("fourbar").changed(solver="radau"), ([], [])
     paths = tmp_path / "compiled.fmu", tmp_path / "interpreted.fmu"
-    subprocess_export.export_scene(scene, paths[0], fmi=3, platforms=[], report=told[0].append)
+    export_scene(scene, paths[0], FmuKind.NATIVE, fmi=3, report=told[0].append)
     with refused():
-        subprocess_export.export_scene(scene, paths[1], fmi=3, platforms=[], report=told[1].append)
+        export_scene(scene, paths[1], FmuKind.NATIVE, fmi=3, report=told[1].append)
     assert (
         told[0]
         == told[1]
@@ -180,7 +183,7 @@ def test_an_export_without_a_compiler_has_the_bytes_and_the_sentences_of_another
 
 def test_what_is_wrong_with_a_model_is_told_without_a_compiler_too(runtime: Path, tmp_path: Path):
     scene = load_scene("fourbar").changed(solver="radau", model=FourBar(ground_length=9.0))
-    with refused(), pytest.raises(UserError, match=r"^loop cannot close: constraint 'pivot.x' is violated by [^\n]*$"):
-        subprocess_export.export_scene(scene, tmp_path / "model.fmu", fmi=2, platforms=[], report=print)
-    with refused():
-        assert subprocess_export.export_for_run(scene, tmp_path / "model.fmu") is None
+    for kind in (FmuKind.NATIVE, FmuKind.ONE_RUN):
+        wrong = pytest.raises(UserError, match=r"^loop cannot close: constraint 'pivot.x' is violated by [^\n]*$")
+        with refused(), wrong:
+            export_scene(scene, tmp_path / "model.fmu", kind)

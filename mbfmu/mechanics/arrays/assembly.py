@@ -9,12 +9,21 @@ from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import with_unit_quaternion
 from mbfmu.mechanics.numbers import array_of
-from mbfmu.mechanics.records import State
+from mbfmu.mechanics.records import Data
 from mbfmu.util.codes import coded
 from mbfmu.util.errors import AssemblyError, UserError
+from solvers.compiled.tuple_pointer import pin
 from solvers.system import AnySystem, Array
 
-from .closing import assemble_positions, assemble_velocities, check_frames, check_inertia, frame_angles
+from .closing import (
+    MAX_CLOSED_ANGLE,
+    CutFrames,
+    assemble_positions,
+    assemble_velocities,
+    check_frames,
+    check_inertia,
+    fill_frame_angles,
+)
 from .compile import shares_coordinates
 from .rounded import ROUNDED_ADVICE, nearly_parallel
 from .rows import MAX_LISTED, dependent_rows, describe, first_lines
@@ -34,14 +43,16 @@ class Assembly:
         What is put together.
     system
         Its equations.
-    state
-        Where they place the bodies.
+    data
+        Arrays and state of the mechanism; the equations place the bodies in the state.
     vanishing_rows
         Names of constraint equations that no free motion can violate; the system has none of them.
     """
 
-    def __init__(self, mechanism: Mechanism, system: AnySystem, state: State, vanishing_rows: list[str]) -> None:
-        self._mechanism, self._system, self._state, self._vanishing_rows = mechanism, system, state, vanishing_rows
+    def __init__(self, mechanism: Mechanism, system: AnySystem, data: Data, vanishing_rows: list[str]) -> None:
+        self._mechanism, self._system, self._state, self._vanishing_rows = mechanism, system, data.state, vanishing_rows
+        self.frames = CutFrames.of(mechanism.cuts, data.arrays)
+        self._frames = pin(self.frames)
 
     def start_positions(self) -> Array:
         """Return the first free positions (nq,) as given to the builder, loops not closed yet."""
@@ -120,11 +131,12 @@ class Assembly:
         if not self._mechanism.constraints:
             return start.copy()
         self._place(t, start)
-        drawn = frame_angles(cuts, self._state)
+        drawn = np.zeros(len(cuts))
+        fill_frame_angles(self._frames, self._system.pinned_data, drawn)
         try:
             q = assemble_positions(self._system, t, start, held, given)
         except AssemblyError as error:
-            if drawn.max(initial=0.0) < 1.0:  # rad
+            if drawn.max(initial=0.0) < MAX_CLOSED_ANGLE:
                 axes = self.nearly_parallel()
                 if not axes:
                     raise
@@ -145,7 +157,7 @@ class Assembly:
         ``drawn`` are the angles between them, rad, in the position the loops were closed from.
         """
         self._place(t, q)
-        check_frames(self._mechanism.cuts, self._state, drawn)
+        check_frames(self._mechanism.cuts, self._frames, self._system.pinned_data, drawn)
 
     def nearly_parallel(self) -> str:
         """Say which axes of loops are nearly parallel and most off, where the bodies are; empty: none is so."""

@@ -6,12 +6,14 @@ The method is that of :mod:`solvers.assembly`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.handles import CutHandle
-from mbfmu.mechanics.records import State
+from mbfmu.mechanics.kind import record_of
+from mbfmu.mechanics.records import Arrays
 from mbfmu.util.codes import coded
 from mbfmu.util.errors import AssemblyError
 from solvers.assembly import (
@@ -24,8 +26,14 @@ from solvers.assembly import (
     find_consistent_velocities,
 )
 from solvers.assembly import solve_least_change as find_least_change
+from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import pin
 from solvers.system import AnySystem, Array
+
+PARALLEL_AXES = ("", "z", "xyz")  # see Cut.parallel
+Z_AXIS = PARALLEL_AXES.index("z")
+MAX_CLOSED_ANGLE = 1.0  # rad; closed frames are rotated by zero, or by 120 degrees at least
+MIN_CLOSED_COSINE = float(np.cos(MAX_CLOSED_ANGLE))
 
 CLOSURE_MESSAGES = {  # with the name of a constraint and its violation in SI units, or the names of coordinates
     Outcome.OPEN: coded(
@@ -104,37 +112,82 @@ def _failure_message(system: AnySystem, scratch: Scratch, code: int) -> str:
     return CLOSURE_MESSAGES[Outcome(code)].format(name=system.constraint_names[row], gap=float(gap))
 
 
-def frame_angles(cuts: Sequence[CutHandle], state: State) -> Array:
-    """Return by what angle (cuts,), rad, the frames of each cut joint are off in the position of ``state``.
+class CutFrames(NamedTuple):
+    """The frames of cut joints that are parallel in closed loops, as kernels read them."""
 
-    Of a weld that of the rotation between its frames, of a hinge that between its axes; zero where none need agree.
+    parallel: NDArray[np.int64]  # (cuts,) which axes are, by their place in PARALLEL_AXES
+    Ra: NDArray[np.int64]  # (cuts,) place of the axes in body a among the numbers, see CUT_PARAMETERS
+    Rb: NDArray[np.int64]  # (cuts,) place of those in body b
+    numbers: Array  # the records of all element types
+
+    @staticmethod
+    def of(cuts: Sequence[CutHandle], arrays: Arrays) -> CutFrames:
+        """Return those of the cut joints of compiled arrays."""
+        places = np.zeros((2, len(cuts)), np.int64)
+        for k, handle in enumerate(cuts):
+            fields: Any = record_of(type(handle.cut)).fields
+            places[:, k] = [(int(arrays.cuts[k]["at"]) + fields[name][1]) // 8 for name in ("Ra", "Rb")]
+        parallel = [PARALLEL_AXES.index(handle.cut.parallel) for handle in cuts]
+        return CutFrames(np.array(parallel, np.int64), places[0], places[1], arrays.memory.view(np.float64))
+
+    @staticmethod
+    def example() -> CutFrames:
+        """Return frames of the types that all mechanisms have."""
+        one = np.zeros(1, np.int64)
+        return CutFrames(one, one, one, np.zeros(1))
+
+
+@kernel
+def frame_cosine(frames: Any, k: int, data: Any) -> float:
+    """Cosine of the angle between the z axes of a cut joint's frames, or of the rotation between frames that are
+    parallel in all axes; 1 if none need be parallel.
     """
-    A, angles = state.bodies["A"], np.zeros(len(cuts))
-    for i, handle in enumerate(cuts):
-        cut = handle.cut
-        if cut.parallel:
-            Ra, Rb = cut.frames()
-            C = (A[handle.a.index] @ Ra).T @ A[handle.b.index] @ Rb
-            cosine = C[2, 2] if cut.parallel == "z" else 0.5 * (np.trace(C) - 1.0)
-            angles[i] = np.arccos(np.clip(cosine, -1.0, 1.0))
-    return angles
+    cut, numbers, total = data.arrays.cuts[k], frames.numbers, 0.0
+    A, B, Ra, Rb = data.state.bodies[cut.a].A, data.state.bodies[cut.b].A, frames.Ra[k], frames.Rb[k]
+    if frames.parallel[k] == 0:
+        return 1.0
+    for axis in range(2 if frames.parallel[k] == Z_AXIS else 0, 3):
+        for i in range(3):
+            a, b = 0.0, 0.0
+            for j in range(3):
+                a += A[i, j] * numbers[Ra + 3 * j + axis]
+                b += B[i, j] * numbers[Rb + 3 * j + axis]
+            total += a * b
+    return total if frames.parallel[k] == Z_AXIS else 0.5 * (total - 1.0)
 
 
-def check_frames(cuts: Sequence[CutHandle], state: State, drawn: Array | None) -> None:
-    """Raise AssemblyError where closed frames agree only in that their axes are perpendicular.
+@kernel
+def fill_frame_angles(frames: Any, data: Any, angles: Any) -> int:
+    """Put the angles of :func:`frame_cosine` into ``angles`` (cuts,), rad; return the first cut joint that is closed
+    with a wrong orientation, the number of cut joints if none is.
 
     The equations of a cut joint are products of axes, which are also zero for frames rotated by 180 or 120 degrees.
     """
-    for i, (handle, angle) in enumerate(zip(cuts, frame_angles(cuts, state), strict=True)):
-        if angle < 1.0:  # rad: zero; else it is pi or 2 pi / 3
-            continue
-        before = "" if drawn is None else f" ({np.degrees(drawn[i]):.0f} deg in the start positions)"
-        what = "frames" if handle.cut.parallel == "xyz" else f"{handle.cut.letters[2]} axes"
-        raise AssemblyError(
-            f"loop {handle.name!r} closes with a wrong orientation: the {what} of its cut joint are rotated by "
-            f"{np.degrees(angle):.0f} deg from each other{before}; allowed: 0 deg. Change rotation_a or rotation_b of "
-            "the cut joint, or start nearer to the closed loop"
-        )
+    count = frames.parallel.shape[0]
+    first = count
+    for k in range(count - 1, -1, -1):
+        cosine = frame_cosine(frames, k, data)
+        angles[k] = np.arccos(min(1.0, max(-1.0, cosine)))
+        if not cosine > MIN_CLOSED_COSINE:
+            first = k
+    return first
+
+
+def check_frames(cuts: Sequence[CutHandle], frames: Any, data: Any, drawn: Array | None) -> None:
+    """Raise AssemblyError where frames are closed with a wrong orientation; ``drawn`` (cuts,) are their angles in the
+    start positions, rad.
+    """
+    angles = np.zeros(len(cuts))
+    k = fill_frame_angles(frames, data, angles)
+    if k == len(cuts):
+        return
+    handle, before = cuts[k], "" if drawn is None else f" ({np.degrees(drawn[k]):.0f} deg in the start positions)"
+    what = "frames" if handle.cut.parallel == "xyz" else f"{handle.cut.letters[2]} axes"
+    raise AssemblyError(
+        f"loop {handle.name!r} closes with a wrong orientation: the {what} of its cut joint are rotated by "
+        f"{np.degrees(angles[k]):.0f} deg from each other{before}; allowed: 0 deg. Change rotation_a or rotation_b of "
+        "the cut joint, or start nearer to the closed loop"
+    )
 
 
 def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:

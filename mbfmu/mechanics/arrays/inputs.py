@@ -24,7 +24,6 @@ from .points import (
     InputRecords,
     all_finished,
     begin_inputs,
-    set_input,
     skip_points,
     start_input,
 )
@@ -225,10 +224,6 @@ class Inputs:
         """
         for index, variable in enumerate(self.variables):
             self.start(index, given.get(index, variable.start), t)
-
-    def set(self, index: int, value: float, t: float = 0.0) -> None:
-        """Set the value of an input at time t; raises UserError if it is not finite."""
-        set_input(self.pinned, index, self.checked(index, value), t)
 
     @property
     def motions_finished(self) -> bool:

@@ -100,7 +100,7 @@ class Plant:
             self.system = self._systems.make([n for n in names if n not in self.vanishing_rows])
         self._rounding = Rounding(mechanism, self.data, self.system, self._systems.row_size, self._courses())
         self.corrections = self._rounding.correct()
-        self.assembly = Assembly(mechanism, self.system, self.data.state, self.vanishing_rows)
+        self.assembly = Assembly(mechanism, self.system, self.data, self.vanishing_rows)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
         check_rows(mechanism, self.data.arrays.kept)
 
@@ -323,7 +323,8 @@ class Plant:
         ``when`` is text about the time, such as ``" at t = 0.3 s"``.
         """
         groups = self._load_groups("monitor", t, q)
-        ratios = [largest_ratio(self.data.arrays.loads[group.numbers], *self.kernel_data) for group in groups]
+        loads: Any = self.data.arrays.loads
+        ratios = [largest_ratio(loads[group.numbers], *self.kernel_data) for group in groups]
         worst = int(np.argmax(ratios))
         return type(groups[worst].acting[0].load).describe_limit(groups[worst], float(ratios[worst]), when)
 

@@ -204,13 +204,17 @@ static Outcome go(Instance *own, double t, double length)
     if (!may_step(own, t, length))
         return own->phase == RUNNING ? DISCARD : ERROR;
     apply_changes(own);
-    if (length == 0.0)
+    const RunStatus *status = (const RunStatus *)(own->block + own->header->run_status_at);
+    if (length == 0.0) {
+        own->message[0] = '\0';
+        if (status->lost)
+            describe_energy_error(own, own->message);
         return OK;
+    }
     size_t saved = (size_t)own->header->saved;
     memcpy(own->kept, own->block, saved);
     double end = fmax(clock_of(own), t + length); /* the host's clock may be a little slow */
     int64_t code = call_entry_at(own, own->family->step, end);
-    const RunStatus *status = (const RunStatus *)(own->block + own->header->run_status_at);
     if (code != CODE_OK) {
         describe_stop(own, code, text);
         if (status->unknown) {
