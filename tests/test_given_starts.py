@@ -67,7 +67,7 @@ def test_units_of_a_quaternion_follow_from_its_joint_and_not_from_the_attitude(a
     m.output("angle", arm.angle())
     plant = Plant(m)
     motion: Any = stepper("adams", plant.system, 0.0, *plant.assemble())
-    np.testing.assert_array_equal(motion._workspace.size_q, [2.0, 3.0, 4.0, 0.1, 0.1, 0.1, 0.1, 7.0])
+    np.testing.assert_array_equal(motion.formulation.workspace.size_q, [2.0, 3.0, 4.0, 0.1, 0.1, 0.1, 0.1, 7.0])
 
 
 def four_bar(size: float = 1.0, **joints: dict[str, Any]) -> Mechanism:

@@ -38,7 +38,7 @@ from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
 from solvers.steppers import drop_unlisted
-from solvers.steppers.compiled_loop import Integration
+from solvers.steppers.step_loop import Integration
 from solvers.system import Array
 
 from .families import FAMILIES, NATIVE_SOLVERS
@@ -74,7 +74,7 @@ class Instance(NamedTuple):
     lam: Array  # (m,) multipliers
     dv: Array  # (n,) jump of the velocities
     out: Array  # outputs
-    given: Any  # solvers.steppers.compiled_loop.Integration
+    given: Any  # solvers.steppers.step_loop.Integration
     start: Any  # Start
     known: Array  # (3,) rates of the system and of its loops, 1/s; the characteristic length, m
     options: NDArray[Any]  # (1,) solvers.options.OPTIONS

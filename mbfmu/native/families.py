@@ -24,16 +24,18 @@ from solvers.steppers.adams import tree_loop
 from solvers.steppers.adams.formulas import History, restart_history
 from solvers.steppers.adams.hybrid import HYBRID
 from solvers.steppers.adams.jumps import limit_steps
+from solvers.steppers.adams.pece import set_options
 from solvers.steppers.dense import estimate_rates
 from solvers.steppers.radau import loop as radau
 from solvers.steppers.radau.formulas import Memory
 from solvers.steppers.step_control import TRUNCATED_STEPS
+from solvers.steppers.tree import Scratch, TreeEquations
 from solvers.system import Equations, Terms
 
 from .start_checks import find_turned
 
 DENSE_KERNELS = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
-TREE_KERNELS = {name: getattr(recursions, name) for name in tree_loop.TreeEquations._fields[:-1]}
+TREE_KERNELS = {name: getattr(recursions, name) for name in TreeEquations._fields[:-1]}
 TREE_KERNELS["power"] = recursions.solved_power
 
 
@@ -103,7 +105,7 @@ def project_and_scale(instance: Any, t: float) -> tuple[int, int]:
 @kernel
 def begin_adams(instance: Any, t: float) -> tuple[int, float]:
     """As ``AdamsStepper`` is made."""
-    adams.set_options(instance.options, instance.given.settings)
+    set_options(instance.options, instance.given.settings)
     code, rank = project_and_scale(instance, t)
     adams.set_up(instance.given, rank, instance.options[0].absolute)
     return code, instance.given.work.rate[0]
@@ -121,7 +123,7 @@ def begin_radau(instance: Any, t: float) -> tuple[int, float]:
 @kernel
 def begin_tree(instance: Any, t: float) -> tuple[int, float]:
     """As ``TreeAdamsStepper`` is made."""
-    adams.set_options(instance.options, instance.given.settings)
+    set_options(instance.options, instance.given.settings)
     tree_loop.set_up(instance.given, t, instance.known[0], instance.options[0].duration)
     return OK, instance.given.settings[0].rate
 
@@ -152,7 +154,7 @@ def evaluate_tree(instance: Any) -> int:
 
 @kernel
 def continue_history(instance: Any, restart: bool, watched: bool) -> None:
-    """As ``ExplicitStepper.continue_after_event`` does; ``restart``: as its ``restart``; ``watched``: work is to be
+    """As ``LoopStepper.continue_after_event`` does; ``restart``: as its ``restart``; ``watched``: work is to be
     booked.
     """
     problem, keeps_position, rk_steps = (
@@ -207,13 +209,13 @@ def continue_radau(instance: Any, restart: bool) -> None:
 
 @kernel
 def limit_history(problem: Any, t: float, longest: float) -> None:
-    """As ``ExplicitStepper._limit`` does."""
+    """As ``AdamsMethod.limit_step`` does."""
     limit_steps(problem.memory, problem.settings, t, problem.q, problem.v, problem.energy_account[WORK], longest)
 
 
 @kernel
 def limit_radau(problem: Any, t: float, longest: float) -> None:
-    """As ``RadauStepper._limit`` does."""
+    """As ``CompiledMethod.limit_step`` does."""
     problem.settings[0].max_step = longest
 
 
@@ -243,8 +245,8 @@ def _dense_equations(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: i
     return Equations(**callbacks, data=data, terms=Terms.allocate(nq, n, m))
 
 
-def _tree_equations(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> tree_loop.TreeEquations:
-    return tree_loop.TreeEquations(**callbacks, data=data)
+def _tree_equations(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> TreeEquations:
+    return TreeEquations(**callbacks, data=data)
 
 
 def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
@@ -262,7 +264,7 @@ FAMILIES = {  # by the prefix of their entry points
     ),
     "tree": Family(
         tree_loop, TREE_KERNELS, _tree_equations, History.allocate,
-        lambda nq, n, m, p: tree_loop.Scratch.allocate(nq, n, p),
+        lambda nq, n, m, p: Scratch.allocate(nq, n, p),
         assemble_tree, begin_tree, evaluate_tree, continue_tree, limit_history, count_adams,
     ),
 }  # fmt: skip

@@ -18,8 +18,8 @@ from mbfmu.mechanics import Plant
 from mbfmu.session.energy_check import NEAR_SINGULAR_RATIO, distance, loops_of
 from mbfmu.session.simulation import Simulation
 from solvers.options import Options
-from solvers.steppers import stepper
-from solvers.steppers.dense import DenseStepper
+from solvers.steppers.dense import DenseFormulation
+from solvers.system import System
 
 REFINED_RATIO_LIMIT = 0.3  # ratio between samples from which on its minimum is looked for
 MAX_REFINED_MINIMA = 20  # minima that are looked for
@@ -73,7 +73,8 @@ class SingularityMonitor:
         start = simulation.t, simulation.stepper.q, simulation.stepper.v
         rtol = max(Options().rtol, simulation.settings.tolerance)  # accepts what the run accepts
         coarse = Options(rtol=rtol, duration=simulation.stepper.options.duration)
-        self._stepper = stepper("adams", plant.system, *start, coarse) if plant.system.has_matrices else None
+        system = plant.system
+        self._formulation = DenseFormulation(system, *start, coarse) if isinstance(system, System) else None
         self._times: list[float] = []
         self._ratios: list[float] = []
         self._states: list[bytes] = []
@@ -107,7 +108,7 @@ class SingularityMonitor:
             t=t,
             ratio=ratio,
             loops=loops_of(self._plant, distance(self._plant, t, q, self._rank)[1]),
-            gap=self._stepper.bifurcation_gap(t, q) if isinstance(self._stepper, DenseStepper) else nan,
+            gap=self._formulation.bifurcation_gap(t, q) if self._formulation is not None else nan,
             passes=sum(ratio <= NEAR_SINGULAR_RATIO for _, ratio in found),
         )
 

@@ -1,58 +1,99 @@
-"""What steppers on a system's matrices share whose step loop is one kernel."""
+"""Steppers whose step loop is one kernel: a formulation and a method, put together."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from types import ModuleType
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solvers.codes import coded
 from solvers.compiled.tuple_pointer import pin
-from solvers.energy_account import EnergyScales
+from solvers.energy_account import WORK, EnergyScales
+from solvers.options import Options, Statistics
 from solvers.outcome import CODES, Code
-from solvers.stepper import Samples
-from solvers.system import Array
+from solvers.stepper import Samples, Stepper, validated_vector
+from solvers.system import AnySystem, Array
 
-from .dense import DenseStepper
-
-
-class Integration(NamedTuple):
-    """All that a loop integrates with, in one tuple: its kernels get one address and not every array at each call."""
-
-    eqs: Any
-    settings: NDArray[Any]
-    memory: Any
-    work: Any
-    scales: Any
-    q: Array  # the reported state
-    v: Array
-    energy_account: Array
+from .formulation import Formulation
+from .step_control import TRUNCATED_STEPS
+from .step_loop import Integration
 
 
-class CompiledLoopStepper(DenseStepper):
-    """A stepper whose ``loop`` has the kernels ``advance_reported`` and ``sample``, its control record and settings.
+class CompiledMethod(ABC):
+    """A method whose steps are compiled: its memory, its settings, and how it starts and continues.
 
     Attributes
     ----------
+    memory, pinned
+        Named tuple of all that an integration remembers, with its ``control`` (1,); and the same for kernels.
+    control
+        Record of the memory.
+    settings
+        Record (1,) that the kernels read, with ``works`` and ``max_step``.
+    needs_work
+        Whether the work is computed even if the energy is not checked.
+    """
+
+    needs_work: bool = False
+
+    def __init__(self, memory: Any, settings: NDArray[Any]) -> None:
+        self.memory, self.settings = memory, settings
+        self.pinned, self.control = pin(memory), memory.control[0]
+
+    @abstractmethod
+    def start(self, t: float, q: Array, v: Array, work: float, truncated_steps: int, keeps_position: bool) -> None:
+        """Begin the next step at a state.
+
+        Parameters
+        ----------
+        t, q, v, work
+            Time, s, positions (nq,), velocities (n,) and work W, J.
+        truncated_steps
+            Number of steps that end at the requested time, after a change of loads; 0: restart without any history.
+        keeps_position
+            Whether the position is on the constraints if it is that of the last step.
+        """
+
+    def limit_step(self, t: float, q: Array, v: Array, work: float, longest: float) -> None:
+        """Limit the length of all later steps from a state on to ``longest``, s."""
+        self.settings["max_step"] = longest
+
+    @abstractmethod
+    def counts(self) -> dict[str, Any]:
+        """Return counters by the names of :class:`solvers.options.Statistics`."""
+
+
+class LoopStepper(Stepper):
+    """A stepper that takes the steps of a method on a formulation.
+
+    Attributes
+    ----------
+    loop
+        Module with the kernel ``advance_reported``, and ``sample`` if it exists.
+    formulation, method
+        What it is made of.
     integration
-        What they take, held: a record of :class:`Integration`.
+        What the kernels take, pinned: a record of :class:`solvers.steppers.step_loop.Integration`.
     """
 
     loop: ClassVar[ModuleType]
 
-    _control: Any  # the loop's record
-    _settings: NDArray[Any]
+    def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        super().__init__(system, t0, q0, v0, options)
+        self.system = system
 
-    def _set_up(self, memory: Any) -> None:
-        """Set up the loop with its memory, a tuple of arrays, and begin."""
-        self._pinned, n = pin(memory), self.system.n
-        self._scales = EnergyScales.of(self.options.rtol, np.zeros(n), np.zeros(n))
-        own = self._eqs, self._settings, self._pinned, self._work, pin(self._scales)
+    def _compose(self, formulation: Formulation, method: CompiledMethod) -> None:
+        """Put the two together; the caller sets up the loop and restarts."""
+        self.formulation, self.method = formulation, method
+        self._control, self._settings = method.control, method.settings
+        self.starts_singular, self.status = formulation.starts_singular, self._status(formulation.status)
+        n = self.system.n
+        self._scales = EnergyScales.of(self.options.rtol, np.zeros(n), np.zeros(n))  # set with the loop
+        own = formulation.equations, method.settings, method.pinned, formulation.work, pin(self._scales)
         self.integration = pin(Integration(*own, self._q, self._v, self._energy_account))
-        self.loop.set_up(self.integration, self._rank, self.options.absolute)
-        self.restart()
 
     def advance_to(self, t: float) -> Code:
         """As :meth:`solvers.stepper.Stepper.advance_to`."""
@@ -60,9 +101,21 @@ class CompiledLoopStepper(DenseStepper):
         self._t = t if code is Code.OK else float(self._control["t"])
         return code
 
+    def evaluate(self) -> tuple[Code, Array, Array]:
+        """As :meth:`solvers.stepper.Stepper.evaluate`."""
+        form = self.formulation
+        code = form.evaluate(self._t, self._q, self._v)
+        return code, form.a.copy(), form.lam.copy()
+
+    def _undetermined(self) -> bool:
+        return self.formulation.has_unresolved_forces(self.options.rtol)
+
     def _sample(self, times: Array, out: Samples, outputs: Array) -> int:
+        sample = getattr(self.loop, "sample", None)
+        if sample is None:
+            return super()._sample(times, out, outputs)
         self._control["undetermined"] = 0
-        code, done = self.loop.sample(self.integration, times, *out, outputs)
+        code, done = sample(self.integration, times, *out, outputs)
         last = min(done, len(times) - 1)
         self._t = min(float(times[last]), float(self._control["t"]))
         self._q[:], self._v[:], self._energy_account[:] = out.q[last], out.v[last], out.energy_account[last]
@@ -70,6 +123,36 @@ class CompiledLoopStepper(DenseStepper):
         if self._control["undetermined"]:
             self.undetermined_at = float(self._control["undetermined_at"])
         return int(done)
+
+    def _reported(self) -> tuple[float, Array, Array, float]:
+        return self._t, self._q, self._v, float(self._energy_account[WORK])
+
+    def limit_step(self, longest: float) -> None:
+        """As :meth:`solvers.stepper.Stepper.limit_step`."""
+        self.method.limit_step(*self._reported(), longest)
+
+    def restart(self) -> None:
+        """Restart at the reported state, without its history."""
+        self._start(0, False)
+
+    def continue_after_event(self) -> None:
+        """Continue in steps that end at the requested time, at which the next change may occur."""
+        self._start(TRUNCATED_STEPS, self.status.ok)
+
+    def _start(self, truncated_steps: int, keeps_position: bool) -> None:
+        needs_work = self.options.energy_check or self.method.needs_work
+        self._settings["works"] = needs_work and self.system.works()
+        self.method.start(*self._reported(), truncated_steps, keeps_position)
+
+    def jump(self, dv: Array) -> None:
+        """Add dv (n,) to the reported velocities, and continue as after :meth:`continue_after_event`."""
+        self._v += validated_vector("dv", dv, self.system.n)
+        self.continue_after_event()
+
+    @property
+    def freedom(self) -> int:
+        """In how many ways the constraints let the mechanism move."""
+        return self.formulation.freedom
 
     @property
     def warning(self) -> str:
@@ -84,3 +167,16 @@ class CompiledLoopStepper(DenseStepper):
             f"loop misses by {control['min_gap']:.0e} of its size, because rounding errors allow no smaller one there. "
             "Change the lengths of the loop if the error is too large",
         )
+
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
+        seen, limit = self._scales.bound_results, self._settings["max_step"]
+        own = self.clock, self._q, self._v, self._energy_account, seen, limit
+        return [*self.method.memory, *own, *self.formulation.memory()]
+
+    @property
+    def statistics(self) -> Statistics:
+        """Counters of the run so far."""
+        growth = self.formulation.growth()[0]
+        largest, at = float(growth["largest"]), float(growth["at"])
+        return Statistics(**self.method.counts(), rate_growth=largest, rate_growth_at=at)

@@ -120,10 +120,10 @@ class DenseFormulation(Formulation):
 
     Attributes
     ----------
-    equations, terms, work
-        Callbacks, the terms they fill, and a :class:`Workspace`, as kernels take them.
-    workspace
-        The workspace for Python.
+    equations, terms
+        Callbacks, pinned :class:`solvers.system.Equations`, and the terms they fill.
+    work, workspace
+        A :class:`Workspace`, pinned for kernels, and for Python.
     """
 
     system: System
@@ -132,7 +132,7 @@ class DenseFormulation(Formulation):
         super().__init__(system)
         sizes = system.nq, system.n, system.m
         self.terms, self.work = Terms.allocate(*sizes), pin(Workspace.allocate(*sizes))
-        self.equations = self._eqs = Equations.of(system, self.terms)
+        self.equations = Equations.of(system, self.terms)
         workspace = self.workspace = self.work.value if COMPILED else self.work
         workspace.size[:] = system.size
         workspace.size_q[:] = system.position_sizes(system.size)
@@ -225,7 +225,7 @@ class DenseFormulation(Formulation):
 
 
 class DenseStepper(Stepper):
-    """A stepper on the terms of the equations of motion: small mechanisms, with or without constraints."""
+    """A stepper on a :class:`DenseFormulation` whose steps are not a compiled loop: that of SUNDIALS."""
 
     needs_matrices = True
 
@@ -235,10 +235,6 @@ class DenseStepper(Stepper):
         self.formulation = form = DenseFormulation(system, self._t, self._q, self._v, self.options)
         self._eqs, self._terms, self._work, self._workspace = form.equations, form.terms, form.work, form.workspace
         self._rank, self.starts_singular, self.status = form.rank, form.starts_singular, self._status(form.status)
-
-    def bifurcation_gap(self, t: float, q: Array) -> float:
-        """As :meth:`DenseFormulation.bifurcation_gap`, for a stepper that is not to be advanced."""
-        return self.formulation.bifurcation_gap(t, q)
 
     def _growth(self) -> tuple[float, float]:
         """Return the largest rate growth so far and its time (s), see :mod:`solvers.inertia`."""

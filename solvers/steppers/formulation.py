@@ -46,6 +46,8 @@ class Formulation(ABC):
     ----------
     qdot, a, lam
         N v (nq,), v' (n,) and lambda (m,) of the state that was evaluated last.
+    equations, work
+        Callbacks with ``power`` and ``data``, and scratch, as kernels take them (pinned).
     rate
         Rate of the motion, 1/s.
     position_units, rate_units
@@ -64,7 +66,8 @@ class Formulation(ABC):
     status: Code
     starts_singular: bool = False
     rank: int
-    _eqs: Any  # pinned; with ``power``
+    equations: Any
+    work: Any
 
     def __init__(self, system: AnySystem) -> None:
         self.system = system
@@ -80,7 +83,7 @@ class Formulation(ABC):
 
     def power(self, t: float, q: Array, v: Array) -> float:
         """Return W' at the state that was evaluated last, W."""
-        return float(compute_power(self._eqs, t, q, v, self.a, self.lam))
+        return float(compute_power(self.equations, t, q, v, self.a, self.lam))
 
     @abstractmethod
     def project(self, t: float, q: Array, v: Array) -> Code:

@@ -39,11 +39,12 @@ from solvers.system import AnySystem, Array
 from .formulation import formulate, record_work
 from .step_control import (
     FIRST_STEP_RATIO,
-    MIN_CONTROLLED_ERROR,
+    MIN_RECORDED_ERROR,
     MIN_STEP_CHANGE,
     MIN_STEP_RATIO,
-    STEP_SAFETY_FACTOR,
-    TARGET_TOLERANCE,
+    end_of_step,
+    step_factor,
+    truncated_step,
 )
 
 Derivative = Callable[[float, Array], Array]  # (t, y) -> y'
@@ -174,8 +175,8 @@ class OneStepSolver(Stepper):
         tolerances = scale * (options.rtol * np.abs(y[:-1]) + self._absolute_tolerances)
         while True:
             control["h"] = min(control["h"], self._max_step)
-            h = self._truncated_step(target)
-            after = target if abs(target - t - h) <= TARGET_TOLERANCE * h else t + h
+            h = truncated_step(t, float(control["h"]), target)
+            after = end_of_step(t, h, target)
             code, end, errors = self._attempt(t, y, h, after)
             error = float(np.linalg.norm(errors[:-1] / tolerances)) if code is Code.OK else np.inf
             if code is Code.OK and (error <= 1.0 or is_min_step):
@@ -189,13 +190,6 @@ class OneStepSolver(Stepper):
                 if is_min_step or code is not Code.OK or not is_discontinuity(self._max_step, t):
                     return Code.COLLAPSED if code is Code.OK else code
                 control["h"], is_min_step = smallest, True
-
-    def _truncated_step(self, target: float) -> float:
-        """Return the length of a step that is to end at ``target``, or half way where another would be shorter."""
-        left, h = target - float(self._control["t"]), float(self._control["h"])
-        if left * (1.0 - TARGET_TOLERANCE) <= h:
-            return left
-        return 0.5 * left if left < 2.0 * h else h
 
     def _attempt(self, t: float, y: Array, h: float, after: float) -> tuple[Code, Array, Array]:
         """Return code, y at the end of a step of h, and its error; the state there is projected and evaluated."""
@@ -258,21 +252,14 @@ class OneStepSolver(Stepper):
         control["h"] = longer if is_whole else max(control["h"], longer)
         limit = self.formulation.record_step(after, self._q, self._v, h, float(control["h"]))
         control["h"] = min(control["h"], limit)
-        control["last_error"], control["last_error_step"] = max(error, 1e-2), h
+        control["last_error"], control["last_error_step"] = max(error, MIN_RECORDED_ERROR), h
         control["steps"] += 1
 
     def _step_factor(self, h: float, error: float) -> float:
         """Return the factor of the next step after one of h, from this error and, if it was accepted, the last one."""
-        exponent = 1.0 / ((self.error_order or self.order) + 1.0)
-        error, last, before = (
-            max(error, MIN_CONTROLLED_ERROR),
-            self._control["last_error"],
-            self._control["last_error_step"],
-        )
-        factor = STEP_SAFETY_FACTOR * error**-exponent
-        if before > 0.0 and error <= 1.0:
-            factor = min(factor, STEP_SAFETY_FACTOR * h / before * (last / error**2) ** exponent)
-        return float(min(MAX_STEP_CHANGE, max(MIN_STEP_CHANGE, factor)))
+        control, exponent = self._control, 1.0 / ((self.error_order or self.order) + 1.0)
+        last_step = float(control["last_error_step"]) if error <= 1.0 else 0.0
+        return float(step_factor(h, error, float(control["last_error"]), last_step, exponent, MAX_STEP_CHANGE))
 
     def evaluate(self) -> tuple[Code, Array, Array]:
         """As :meth:`solvers.stepper.Stepper.evaluate`."""

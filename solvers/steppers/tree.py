@@ -7,26 +7,28 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import kernel, records
 from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import EnergyScales, update_energy_bound
-from solvers.inertia import Growth, tolerance_factor, update_tree_growth
+from solvers.inertia import INERTIA, tolerance_factor, update_tree_growth
 from solvers.options import Options
 from solvers.outcome import Code
+from solvers.positions import Positions
 from solvers.projection.saddle import Accelerations, count_freedom, motion_rate, project
 from solvers.stepper import require_resolved_position, require_resolved_time
 from solvers.system import Array, TreeSystem, energy_callbacks
 
 from .formulation import Formulation
 
-# Absolute tolerance of a rate to that of its coordinate, in units of the motion's rate: where stability limits the
-# steps of an explicit method, a looser one lets the fastest modes grow.
+# Absolute tolerance of a rate to that of its coordinate, in units of the motion's rate. A tighter one than IDA's costs
+# nothing if stability limits the step, and a looser one lets the fastest modes grow.
 RATE_TOLERANCE_RATIO = 1.5
 
 
-class Callbacks(NamedTuple):
-    """What the kernels call."""
+class TreeEquations(NamedTuple):
+    """What kernels call."""
 
+    forward: Any
     inverse: Any
     retract: Any
     power: Any
@@ -37,45 +39,66 @@ class Callbacks(NamedTuple):
     @staticmethod
     def of(system: TreeSystem) -> Any:
         """Return the callbacks of a system, pinned."""
-        callbacks = system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
-        return pin(Callbacks(*callbacks, system.pinned_data))
+        callbacks = system.forward, system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
+        return pin(TreeEquations(*callbacks, system.pinned_data))
 
 
 class Scratch(NamedTuple):
-    """Results and arguments of inverse dynamics."""
+    """Units, a state, its rates, and arguments of inverse dynamics.
 
-    zero: Array  # (n,)
-    no_multipliers: Array  # (m,) zero
+    Only the units and :meth:`memory` are needed after a call.
+    """
+
+    positions: Any  # solvers.positions.Positions
+    size: Array  # (n,)   units of the coordinates
+    size_q: Array  # (nq,)  units of the positions
+    coordinate_rates: Array  # (n,)   1/s, that of the motion, as the tolerances of rates take it
+    q: Array  # (nq,)
+    v: Array  # (n,)
+    a: Array  # (n,)
     qdot: Array  # (nq,)
-    tau: Array  # (n,)
+    zero: Array  # (n,)
+    lam: Array  # (m,)   zero
+    parts: Array  # (1 + n,) see solvers.system.TreeSystem.inertia_parts
+    inertia: NDArray[Any]  # (1,) record of solvers.inertia.INERTIA
+
+    @staticmethod
+    def allocate(nq: int, n: int, positions: Positions, m: int = 0) -> Scratch:
+        """Return zeroed arrays."""
+        sizes = n, nq, n, nq, n, n, nq, n, m, 1 + n
+        return Scratch._make((positions, *(np.zeros(size) for size in sizes), records(1, INERTIA)))
+
+    def memory(self) -> list[NDArray[Any]]:
+        """Return the arrays that are needed to continue a motion."""
+        return [self.inertia]
 
 
 @kernel
 def compute_tree_power(eqs: Any, t: float, q: Any, v: Any, a: Any, lam: Any, scratch: Any) -> float:
     """W' at a state with accelerations a (n,) and multipliers lam (m,), W; this costs an inverse dynamics."""
-    eqs.inverse(t, q, v, a, lam, eqs.data, scratch.qdot, scratch.tau)
+    eqs.inverse(t, q, v, a, lam, eqs.data, scratch.qdot, scratch.a)
     return eqs.power(t, q, v, a, lam, eqs.data)
 
 
 @kernel
 def record_tree_energy(
-    eqs: Any, t: float, q: Any, v: Any, accounts: Any, scales: Any, is_scheduled: bool, growth: Any, scratch: Any
+    eqs: Any, t: float, q: Any, v: Any, accounts: Any, scales: Any, is_scheduled: bool, scratch: Any
 ) -> None:
     """Update the rate growth if it is watched, and if ``is_scheduled`` the energy bound, at (t, q, v)."""
-    is_watched = growth.inertia[0].watched == 1
+    is_watched = scratch.inertia[0].watched == 1
     if is_scheduled or is_watched:
-        eqs.inverse(t, q, v, scratch.zero, scratch.no_multipliers, eqs.data, scratch.qdot, scratch.tau)
+        eqs.inverse(t, q, v, scratch.zero, scratch.lam, eqs.data, scratch.qdot, scratch.a)
     if is_scheduled:
         update_energy_bound(eqs.evaluate_energy_bound, eqs.data, accounts[0], scales)
     if is_watched:
-        eqs.inertia_parts(eqs.data, growth.parts)
-        update_tree_growth(t, growth.parts, v, growth)
+        eqs.inertia_parts(eqs.data, scratch.parts)
+        update_tree_growth(t, scratch.parts, v, scratch)
 
 
 @kernel
-def tree_growth_factor(rtol: float, exponent: float, growth: Any) -> float:
+def tree_growth_factor(rtol: float, exponent: float, scratch: Any) -> float:
     """:func:`solvers.inertia.tolerance_factor` for Python."""
-    return tolerance_factor(rtol, exponent, growth)
+    return tolerance_factor(rtol, exponent, scratch)
 
 
 class TreeFormulation(Formulation):
@@ -85,19 +108,20 @@ class TreeFormulation(Formulation):
 
     def __init__(self, system: TreeSystem, t: float, q: Array, v: Array, options: Options) -> None:
         super().__init__(system)
-        self._motion, self._eqs = Accelerations(system), Callbacks.of(system)
+        self._motion, self.equations = Accelerations(system), TreeEquations.of(system)
         self.rate = motion_rate(self._motion, t, q, v, options.duration)
         require_resolved_time(t, self.rate, options.rtol)
         self.position_units = system.position_sizes(system.size)
         require_resolved_position(q, self.position_units, options.rtol, system.coordinate_names)
         self.rate_units = RATE_TOLERANCE_RATIO * self.rate * system.size
-        self._growth = Growth.of(system, self.rate)
-        z = np.zeros
-        self._pinned_growth = pin(self._growth)
-        self._scratch = pin(Scratch(z(system.n), z(system.m), z(system.nq), z(system.n)))
+        self._scratch = Scratch.allocate(system.nq, system.n, system.positions, system.m)
+        self._scratch.size[:], self._scratch.size_q[:] = system.size, self.position_units
+        self._scratch.coordinate_rates[:] = RATE_TOLERANCE_RATIO * self.rate
+        self._scratch.inertia["watched"] = system.can_compute_rate_growth
+        self.work = pin(self._scratch)
         self.rank = system.m
         self._t, self._q = t, q
-        self.status = self.project(t, q, v)
+        self.status = project(system, t, q, v)
 
     def energy_scales(self, options: Options) -> EnergyScales:
         """As :meth:`solvers.steppers.formulation.Formulation.energy_scales`."""
@@ -115,7 +139,7 @@ class TreeFormulation(Formulation):
         """As :meth:`solvers.steppers.formulation.Formulation.power`."""
         if not self.system.m:
             return super().power(t, q, v)
-        return float(compute_tree_power(self._eqs, t, q, v, self.a, self.lam, self._scratch))
+        return float(compute_tree_power(self.equations, t, q, v, self.a, self.lam, self.work))
 
     def project(self, t: float, q: Array, v: Array) -> Code:
         """As :meth:`solvers.steppers.formulation.Formulation.project`."""
@@ -127,12 +151,12 @@ class TreeFormulation(Formulation):
         many coordinates of a kind.
         """
         if self.system.can_compute_rate_growth:
-            return float(tree_growth_factor(rtol, exponent, self._pinned_growth))
+            return float(tree_growth_factor(rtol, exponent, self.work))
         return float(np.sqrt(self.system.nq + self.system.n))
 
     def record_energy(self, t: float, q: Array, v: Array, accounts: Any, scales: Any, is_scheduled: bool) -> None:
         """As :meth:`solvers.steppers.formulation.Formulation.record_energy`; this costs an inverse dynamics."""
-        record_tree_energy(self._eqs, t, q, v, accounts, scales, is_scheduled, self._pinned_growth, self._scratch)
+        record_tree_energy(self.equations, t, q, v, accounts, scales, is_scheduled, self.work)
 
     @property
     def freedom(self) -> int:
@@ -141,8 +165,8 @@ class TreeFormulation(Formulation):
 
     def growth(self) -> NDArray[Any]:
         """As :meth:`solvers.steppers.formulation.Formulation.growth`."""
-        return self._growth.inertia
+        return self._scratch.inertia
 
     def memory(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.steppers.formulation.Formulation.memory`."""
-        return [self._growth.inertia]
+        return self._scratch.memory()

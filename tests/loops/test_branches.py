@@ -28,7 +28,7 @@ def draw(loops: int, spread: float):
 def begin(watch: Watch, q) -> bool:
     """Begin at q; False: it is nearly singular itself, so that no step can be compared with it."""
     watch.begin(q)
-    return watch.motion._workspace.branch_history["pivot_ratio"][0] >= SINGULAR_PIVOT_RATIO
+    return watch.motion.formulation.workspace.branch_history["pivot_ratio"][0] >= SINGULAR_PIVOT_RATIO
 
 
 def choices(loops: int):

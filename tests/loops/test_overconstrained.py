@@ -81,8 +81,8 @@ def test_a_jump_to_the_branch_of_two_freedoms_is_found(angle: float) -> None:
         q = lifted(sign * angle)
         for part, accepted in ((-0.8, True), (0.5, True)):
             assert watch.begin(q) == singular.BIFURCATION
-            assert watch.motion._workspace.critical["lost"] == 2
-            np.testing.assert_allclose(watch.motion._workspace.q_c, lifted(0.0), atol=1e-9)
+            assert watch.motion.formulation.workspace.critical["lost"] == 2
+            np.testing.assert_allclose(watch.motion.formulation.workspace.q_c, lifted(0.0), atol=1e-9)
             assert watch.passes(lifted(part * sign * angle)) == accepted
         for one in (0.8, 0.3, -0.3, -0.8):
             for other in (0.8, 0.3, -0.3, -0.8):

@@ -86,9 +86,9 @@ def test_a_jump_of_any_number_of_loops_is_found(loops: int) -> None:
         q = parallel(loops, angle)
         for there, accepted in ((parallel(loops, -0.8 * angle), True), (parallel(loops, 0.5 * angle), True)):
             assert watch.begin(q) == singular.BIFURCATION
-            critical = watch.motion._workspace.critical
+            critical = watch.motion.formulation.workspace.critical
             assert critical["lost"] == loops
-            np.testing.assert_allclose(watch.motion._workspace.q_c, 0.0, atol=1e-9)
+            np.testing.assert_allclose(watch.motion.formulation.workspace.q_c, 0.0, atol=1e-9)
             assert watch.passes(there) == accepted
         for first in sorted({1, min(2, loops), (loops + 1) // 2, loops}):
             for sign in (1.0, -1.0):
@@ -104,8 +104,8 @@ def test_the_gap_of_one_loop_among_others_is_found(loops: int, gap: float) -> No
     motion = stepper("adams", plant.system, 0.0, *plant.assemble(), Options(rtol=1e-6))
     open_by = np.zeros(2 * loops)  # x and y at the feet of the columns: those behind the coupler are off by its excess
     open_by[2 * (loops // 2) :: 2] = gap
-    assert motion.bifurcation_gap(0.0, parallel(loops, 0.02)) == pytest.approx(
-        np.linalg.norm(open_by / motion._workspace.row), rel=1e-3
+    assert motion.formulation.bifurcation_gap(0.0, parallel(loops, 0.02)) == pytest.approx(
+        np.linalg.norm(open_by / motion.formulation.workspace.row), rel=1e-3
     )
 
 

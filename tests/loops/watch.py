@@ -40,10 +40,11 @@ class Watch:
 
     def begin(self, q) -> int:
         """As the function."""
-        return begin(self.motion._eqs, q, self.motion._rank, self.motion._work)
+        return begin(self.motion.formulation.equations, q, self.motion.formulation.rank, self.motion.formulation.work)
 
     def passes(self, q) -> bool:
         """As the function, for a closed position q."""
-        accepted = passes(self.motion._eqs, q, self.motion._rank, self.motion._work)
-        assert np.abs(self.motion._terms.Phi).max() < 1e-12
+        form = self.motion.formulation
+        accepted = passes(form.equations, q, form.rank, form.work)
+        assert np.abs(form.terms.Phi).max() < 1e-12
         return bool(accepted)

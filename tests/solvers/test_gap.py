@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fmus.fourbar import FourBar
-from solvers.steppers import stepper
-from solvers.steppers.dense import DenseStepper
+from solvers import Options
+from solvers.steppers.dense import DenseFormulation
 
 
 @pytest.mark.parametrize(("longer", "low", "high"), [(0.0, 0.0, 0.0), (1e-5, 1e-6, 1e-5), (1e-3, 1e-4, 1e-3)])
@@ -18,8 +18,7 @@ def test_the_gap_grows_with_what_a_bar_is_too_long_and_is_asked_for_anew(
 ) -> None:
     plant = FourBar(coupler_length=3.0 * (1.0 + longer)).plant()
     start, v = plant.assemble()
-    own = stepper("adams", plant.system, 0.0, start, v)
-    assert isinstance(own, DenseStepper)
+    own = DenseFormulation(plant.system, 0.0, start, v, Options())
     for _ in range(2):
         assert low <= own.bifurcation_gap(0.0, np.array([1e-3, -1e-3, 1e-3])) <= high
         far = own.bifurcation_gap(0.0, np.array([1.5, -1.5, 1.5]))

@@ -116,7 +116,7 @@ def test_order_is_five_between_the_ends_of_steps(case: str) -> None:
 def test_reported_states_are_as_accurate_as_the_ends_of_steps(case: str, tolerance: float) -> None:
     system, q, v, exact, seen = CASES[case]
     stepper = SOLVERS["radau"](system, 0.0, np.array(q), np.array(v), Options(rtol=tolerance))
-    ends, between, memory = 0.0, 0.0, stepper._memory
+    ends, between, memory = 0.0, 0.0, stepper.method.memory
     for t in np.linspace(0.0, 2.0, 500)[1:]:
         assert stepper.advance(t).ok
         between = max(between, abs(seen(stepper.q, stepper.v) - exact(t)).max())

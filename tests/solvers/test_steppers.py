@@ -164,7 +164,7 @@ def test_the_history_holds_unit_quaternions_however_long_the_run(name):
     options = Options(rtol=1e-4)
     stepper = SOLVERS[name](rigid_body(), 0.0, np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.1, 2.0, 0.1]), options)
     assert stepper.advance(300.0).ok
-    assert np.linalg.norm(stepper._history.y[:4]) == pytest.approx(1.0, abs=1e-14)
+    assert np.linalg.norm(stepper.method.memory.y[:4]) == pytest.approx(1.0, abs=1e-14)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5, 6, 8])

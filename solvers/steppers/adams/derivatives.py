@@ -1,4 +1,4 @@
-"""Adams PECE in dense form: error weights, derivatives, power and energy at a state; see :mod:`.loop`."""
+"""Error weights, derivatives, power and energy by matrices: hooks of :mod:`.pece`, used by :mod:`.loop`."""
 
 from __future__ import annotations
 
@@ -22,9 +22,8 @@ from solvers.projection.projection import (
     project,
     project_with_frozen_jacobian,
 )
-from solvers.projection.singular import IMPERFECT
 from solvers.projection.workspace import factor
-from solvers.steppers.step_control import MIN_RTOL_TIMES_GAP
+from solvers.steppers.step_control import set_near_miss_factor
 
 from .formulas import pack_state
 from .hybrid import HYBRID, LU
@@ -33,18 +32,13 @@ FROZEN_JACOBIAN_RATIO = 1e-3  # part of the tolerance: a smaller correction of t
 
 
 @inlined
-def set_error_weights(control: Any, settings: Any, history: Any, nq: int, n: int, work: Any) -> None:
+def set_error_weights(integration: Any) -> None:
     """Error weights 1 / (rtol |y| + atol unit) at y; with 'adams-lu' dependent coordinates get none: they are not
     controlled.
-
-    Near a near miss rounding limits the accuracy: a smaller tolerance only makes steps smaller.
     """
-    control.near_miss_factor = 1.0
-    if work.critical[0].kind == IMPERFECT:
-        gap = abs(work.critical[0].bifurcation_gap)
-        control.near_miss_factor = max(1.0, MIN_RTOL_TIMES_GAP / (gap * settings.rtol))
-        if control.near_miss_factor > control.max_near_miss_factor:
-            control.max_near_miss_factor, control.min_gap = control.near_miss_factor, gap
+    history, work, settings = integration.memory, integration.work, integration.settings[0]
+    control, nq, n = history.control[0], work.q.shape[0], work.v.shape[0]
+    set_near_miss_factor(control, settings.rtol, work)
     scale = control.near_miss_factor * tolerance_factor(settings.rtol, 1.0, work)
     for i in range(nq + n):
         history.weight[i] = 1.0 / (scale * (settings.rtol * abs(history.y[i]) + settings.atol * history.unit[i]))
@@ -56,8 +50,10 @@ def set_error_weights(control: Any, settings: Any, history: Any, nq: int, n: int
 
 
 @kernel
-def evaluate_derivative(eqs: Any, t: float, closing: bool, control: Any, settings: Any, history: Any, work: Any) -> int:
+def evaluate_derivative(integration: Any, t: float, closing: bool) -> int:
     """y' in ``history.yp`` at (work.q, work.v), which are closed first where ``closing`` or in the LU regime."""
+    eqs, work, history, settings = integration.eqs, integration.work, integration.memory, integration.settings[0]
+    control = history.control[0]
     q, v, rank = work.q, work.v, control.rank
     control.evaluations += 1
     if control.regime == LU:
@@ -90,9 +86,11 @@ def evaluate_derivative(eqs: Any, t: float, closing: bool, control: Any, setting
 
 
 @kernel
-def evaluate_power(eqs: Any, t: float, control: Any, settings: Any, history: Any, work: Any) -> float:
+def evaluate_power(integration: Any, t: float) -> float:
     """W' at the state evaluated last, with v' in ``work.slope``."""
-    if settings.works == 0:
+    eqs, work, history = integration.eqs, integration.work, integration.memory
+    control = history.control[0]
+    if integration.settings[0].works == 0:
         return 0.0
     if control.regime == LU:
         evaluate_dependent_multipliers(
@@ -104,9 +102,10 @@ def evaluate_power(eqs: Any, t: float, control: Any, settings: Any, history: Any
 
 
 @kernel
-def record_energy(eqs: Any, t: float, control: Any, settings: Any, scales: Any, work: Any) -> None:
-    """Record the energy at the state evaluated last, before :func:`evaluate_power` (`solvers.energy_account`)."""
+def record_energy(integration: Any, t: float) -> None:
+    """Record the energy at the state evaluated last (`solvers.energy_account`)."""
+    eqs, work, control = integration.eqs, integration.work, integration.memory.control[0]
     update_growth(t, eqs.terms.M, work.v, work)
-    if settings.energy_check == 1 and energy_check_scheduled(control):
-        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, control, scales)
+    if integration.settings[0].energy_check == 1 and energy_check_scheduled(control):
+        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, control, integration.scales)
         control.step_energy_error_bound *= max(1.0, control.near_miss_factor)

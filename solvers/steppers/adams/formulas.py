@@ -4,7 +4,7 @@ The arithmetic of subroutine STEP of Shampine and Gordon, *Computer Solution of 
 Equations* (1975), chapter 10: PECE with local extrapolation, orders 1 to 12. Names are theirs. Indices count
 from 1 as in the book; row and entry 0 of every array is unused. What is left out is the propagated-rounding
 switch ``nornd``, of use below relative tolerances of 1e-12 only, and the wrapper's stiffness test, which counts
-steps of low order and misses oscillations; :func:`count_stability_limited` is ours.
+steps of low order and misses oscillations; :func:`.order_control.count_stability_limited` is ours.
 
 The tolerance sits in the weights: a step is good where ||e * weight||_2 <= 1.
 """
@@ -27,13 +27,10 @@ from solvers.energy_account import (
 from solvers.steppers.step_control import FIRST_STEP_RATIO
 from solvers.system import Array
 
+from .order_control import GAMMA_STAR, choose_order, choose_step, count_stability_limited
+
 MAX_ORDER = 12
 N_DIFFERENCES = MAX_ORDER + 3  # entries of the arrays that are indexed by the order
-STABILITY_BOUND, STABILITY_STEPS = 0.25, 50  # see watch_stability
-GAMMA_STAR = np.array(
-    [1.0, 0.5, 0.0833, 0.0417, 0.0264, 0.0188, 0.0143, 0.0114, 0.00936, 0.00789, 0.00679, 0.00592, 0.00524, 0.00468]
-)  # |coefficient| of the error of the fixed-step formulas, gstr of STEP
-
 CONTROL = np.dtype(
     [
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # time reached, next step, last step
@@ -325,62 +322,6 @@ def accept_adams_step(control: Any, history: Any, max_order: int, max_step: floa
 
 
 @inlined
-def count_stability_limited(control: Any, history: Any) -> None:
-    """Count the steps whose length stability sets, and not accuracy.
-
-    rho = |y'_c - y'_p| / |y_c - y_p|, from the predicted to the corrected state, comes near the largest eigenvalue
-    if its mode dominates their difference. h rho varies from step to step. If most of ``STABILITY_STEPS`` steps are
-    above ``STABILITY_BOUND``, stability sets their length: medians were 0.3 to 1 on stiff motions, 0.06 to 0.13 on
-    those that accuracy limits.
-    """
-    change, rate = 0.0, 0.0
-    for i in range(history.y.shape[0]):
-        change += ((history.trial[i] - history.p[i]) * history.weight[i]) ** 2
-        rate += ((history.yp[i] - history.yp_p[i]) * history.weight[i]) ** 2
-    if rate * control.h * control.h > STABILITY_BOUND * STABILITY_BOUND * change:
-        control.limited_streak = min(control.limited_streak + 1, 2 * STABILITY_STEPS)
-    else:
-        control.limited_streak = max(control.limited_streak - 1, 0)
-    if control.limited_streak >= STABILITY_STEPS:
-        control.stability_limited += 1
-
-
-@inlined
-def choose_order(control: Any, history: Any, max_order: int) -> None:
-    """Next order: lower where errors fall with lower order, higher in phase 1 or where the higher order is better."""
-    k = control.k
-    if control.knew < k or k >= max_order:
-        control.phase1 = 0
-    if control.phase1 == 1:
-        control.k, control.erk = k + 1, 0.0
-        return
-    if control.knew < k:
-        control.k, control.erk = control.knew, control.erkm1
-        return
-    if k >= control.ns:  # differences of order k + 1 need k + 1 equal steps
-        return
-    above = 0.0
-    for i in range(history.y.shape[0]):
-        above += (history.phi[i, k + 2] * history.weight[i]) ** 2
-    above = control.h * GAMMA_STAR[k + 1] * np.sqrt(above)
-    if k > 1 and control.erkm1 <= min(control.erk, above):
-        control.k, control.erk = k - 1, control.erkm1
-    elif k < max_order and above < (control.erk if k > 1 else 0.5 * control.erk):
-        control.k, control.erk = k + 1, above
-
-
-@inlined
-def choose_step(control: Any, max_step: float) -> None:
-    """Next step: doubled, kept, or cut to between a half and nine tenths, never more than ``max_step``."""
-    h = control.h
-    if control.phase1 == 1 or 0.5 >= control.erk * (2 << control.k):  # 2^(k + 1)
-        control.h = 2.0 * h
-    elif 0.5 < control.erk:
-        control.h = h * max(0.5, min(0.9, (0.5 / control.erk) ** (1.0 / (control.k + 1))))
-    control.h = min(control.h, max_step)
-
-
-@inlined
 def interpolate(control: Any, history: Any, t: float, y: Any) -> None:
     """State at t in the last step, in ``y`` (size,): subroutine INTRP."""
     hi, g, w = t - control.t, control.g_out, control.w_out
@@ -401,16 +342,3 @@ def interpolate(control: Any, history: Any, t: float, y: Any) -> None:
         for j in range(last, 0, -1):
             total += g[j] * history.phi[i, j]
         y[i] = history.y[i] + hi * total
-
-
-def collect_counts(control: Any) -> dict[str, Any]:
-    """Return what a record of CONTROL has counted, by the names of :class:`solvers.options.Statistics`."""
-    return {
-        "steps": int(control["steps"]),
-        "rejected": int(control["rejected"]),
-        "rhs_evals": int(control["evaluations"]),
-        "restarts": max(0, int(control["starts"]) - 1),
-        "order": int(control["kold"]),
-        "step_size": float(control["hold"]),
-        "stability_limited": int(control["stability_limited"]),
-    }

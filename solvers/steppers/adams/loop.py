@@ -1,19 +1,13 @@
-"""Adams PECE on constrained motion: the compiled step loop over the projection, LU and hybrid partitions.
+"""Adams PECE by matrices: the projection, LU and hybrid partitions, as the formulation of :mod:`.pece`.
 
-State y = (q, v), all of it in the history in either regime. Predict (P), evaluate at the prediction (E),
-correct (C), *close* the corrected state onto the constraints, evaluate there (E). Closing does not touch the
-history: its differences belong to y' at closed states, so no restart is needed after it.
-
-In the projection regime closing is a correction of the size of the tolerance along the constraint normals. In the LU
-regime the dependents are solved from the independents (:mod:`solvers.projection.lu_partition`); in 'adams-lu' at every
-evaluation, and they carry no error control, as in the paper. The hybrid changes regime by the rules of :mod:`.hybrid`.
+State y = (q, v), all of it in the history in either regime. In the projection regime closing is a correction of the
+size of the tolerance along the constraint normals. In the LU regime the dependents are solved from the independents
+(:mod:`solvers.projection.lu_partition`); in 'adams-lu' at every evaluation, and they carry no error control, as in the
+paper. The hybrid changes regime by the rules of :mod:`.hybrid`.
 
 No step is accepted that may have jumped to another branch, and steps are kept short near near misses; see
-:mod:`solvers.projection.singular`.
-
-A step may pass the requested time; the reported state is then interpolated and projected, so that the motion
-does not depend on the output times. Only if loads have just changed at such a time, and may change again,
-one-step formulas take steps that end there (:mod:`.one_step`), but not near a singular configuration.
+:mod:`solvers.projection.singular`. The reported state is projected. Near a singular configuration no one-step formulas
+are used.
 """
 
 from __future__ import annotations
@@ -23,33 +17,17 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.energy_account import count_rejected_step, fill_account_row
 from solvers.inertia import clear_growth
-from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_CLOSED, OK
+from solvers.outcome import NOT_CLOSED, OK
 from solvers.projection.branch import BRANCH_RESOLUTION, on_same_branch
 from solvers.projection.lu_partition import choose_partition
 from solvers.projection.projection import project
 from solvers.projection.reported import fill_reported_state
 from solvers.projection.singular import IMPERFECT, SINGULAR_PIVOT_RATIO, branch_step_limit, record_accepted
-from solvers.stepper import is_discontinuity, min_step_length
-from solvers.steppers.step_control import FIRST_STEP_RATIO, MIN_STEP_RATIO
+from solvers.steppers.step_loop import make_sample
 
 from .derivatives import evaluate_derivative, evaluate_power, record_energy, set_error_weights
-from .formulas import (
-    MAX_ORDER,
-    accept_adams_step,
-    correct_state,
-    correct_work,
-    estimate_errors,
-    interpolate,
-    pack_state,
-    predict,
-    set_tolerance_units,
-    start_history,
-    undo_prediction,
-    unpack_state,
-    update_coefficients,
-)
+from .formulas import pack_state, set_tolerance_units, unpack_state
 from .hybrid import (
     HYBRID,
     LU,
@@ -61,16 +39,7 @@ from .hybrid import (
     has_energy_jump,
     is_on_same_branch_lu,
 )
-from .one_step import (
-    N_STAGES,
-    NODES,
-    accept_runge_kutta_step,
-    adapt_step,
-    compute_stage,
-    estimate_error,
-    store_stage,
-    truncate_step,
-)
+from .pece import make_pece_loop
 
 SETTINGS = np.dtype(
     [
@@ -86,29 +55,52 @@ SETTINGS = np.dtype(
 CLEARANCE_FACTOR = 2.0
 
 
-@inlined
-def initialize_at_state(eqs: Any, control: Any, settings: Any, history: Any, work: Any) -> int:
-    """Project y = (work.q, work.v) onto the constraints, record its position, and choose coordinates."""
-    q, v = work.q, work.v
-    code = project(eqs, control.t, q, v, control.rank, work)
-    if code != OK:
-        return code
-    pack_state(q, v, history.y)
-    work.branch_history[0].pivot_ratio = 0.0
-    record_accepted(eqs, control.t, q, 0.0, 0.0, control.rank, work)
-    if control.rank > 0 and work.branch_history[0].pivot_ratio < SINGULAR_PIVOT_RATIO and settings.partition == HYBRID:
-        control.regime = PROJECTION
-    if control.regime == LU:
-        if not choose_partition(eqs.terms, control.rank, work):
+@kernel
+def begin(integration: Any) -> int:
+    """Make y the state under evaluation. Unless a single step has just ended there, it is projected onto the
+    constraints, its position is recorded, and the coordinates are chosen.
+    """
+    eqs, work, history = integration.eqs, integration.work, integration.memory
+    control, q, v = history.control[0], work.q, work.v
+    unpack_state(history.y, q, v)
+    if control.is_projected == 0:
+        code = project(eqs, control.t, q, v, control.rank, work)
+        if code != OK:
+            return code
+        pack_state(q, v, history.y)
+        if not record_start(integration):
             return NOT_CLOSED
-        adopt_partition(eqs.terms, control, history, work)
-    control.equal_steps, control.h_before = 0, 0.0
+        control.equal_steps, control.h_before = 0, 0.0
+    control.last_energy = eqs.energy(control.t, q, v, eqs.data) - history.y[history.y.shape[0] - 1]
     return OK
 
 
 @inlined
-def no_singularity_ahead(control: Any, work: Any, target: float) -> bool:
+def record_start(integration: Any) -> bool:
+    """Record the position under evaluation, and choose regime and coordinates; False if there is no choice."""
+    eqs, work, control = integration.eqs, integration.work, integration.memory.control[0]
+    work.branch_history[0].pivot_ratio = 0.0
+    record_accepted(eqs, control.t, work.q, 0.0, 0.0, control.rank, work)
+    near_singular = control.rank > 0 and work.branch_history[0].pivot_ratio < SINGULAR_PIVOT_RATIO
+    if near_singular and integration.settings[0].partition == HYBRID:
+        control.regime = PROJECTION
+    if control.regime == LU:
+        if not choose_partition(eqs.terms, control.rank, work):
+            return False
+        adopt_partition(eqs.terms, control, integration.memory, work)
+    return True
+
+
+@inlined
+def motion_rate(integration: Any) -> float:
+    """Rate of the motion, 1/s."""
+    return integration.work.rate[0]
+
+
+@inlined
+def may_end_at(integration: Any, target: float) -> bool:
     """Whether no singular configuration is near or ahead before ``target``, so that a step may end there."""
+    control, work = integration.memory.control[0], integration.work
     here = work.branch_history[0]
     if control.rank == 0:
         return True
@@ -122,119 +114,13 @@ def no_singularity_ahead(control: Any, work: Any, target: float) -> bool:
 
 
 @kernel
-def prepare(eqs: Any, control: Any, settings: Any, history: Any, work: Any, scales: Any) -> int:
-    """Start or restart: evaluate y' at y, in ``history.yp`` and as the first stage.
-
-    Unless a single step has just ended at y, y is first projected and the coordinates are chosen.
-    """
-    q, v = work.q, work.v
-    unpack_state(history.y, q, v)
-    if control.is_projected == 0:
-        code = initialize_at_state(eqs, control, settings, history, work)
-        if code != OK:
-            return code
-    control.last_energy = eqs.energy(control.t, q, v, eqs.data) - history.y[history.y.shape[0] - 1]
-    code = evaluate_derivative(eqs, control.t, False, control, settings, history, work)
-    if code == OK:
-        record_energy(eqs, control.t, control, settings, scales, work)
-        history.yp[history.y.shape[0] - 1] = evaluate_power(eqs, control.t, control, settings, history, work)
-        store_stage(history, 0)
-        control.starts += 1
-        control.h = control.rk_step_size if control.rk_step_size > 0.0 else FIRST_STEP_RATIO / work.rate[0]
-        control.needs_derivative = 0
-    return code
-
-
-@kernel
-def runge_kutta_step(eqs: Any, control: Any, settings: Any, history: Any, work: Any, scales: Any, target: float) -> int:
-    """One accepted step by the formulas of :mod:`.one_step`, not past ``target``; or why there is none.
-
-    Its stages are off the constraints by what the formulas leave, its end is closed.
-    """
-    q, v, last = work.q, work.v, history.y.shape[0] - 1
-    set_error_weights(control, settings, history, q.shape[0], v.shape[0], work)
-    is_min_step = False
-    while True:
-        control.h = min(control.h, settings.max_step)
-        truncate_step(control, target)
-        after, error = control.t + control.h, np.inf
-        code = OK
-        for i in range(1, N_STAGES):
-            compute_stage(control, history, i)
-            at = control.t + NODES[i] * control.h
-            unpack_state(history.p, q, v)
-            code = evaluate_derivative(eqs, at, i == N_STAGES - 1, control, settings, history, work)
-            if code != OK:
-                break
-            if i == N_STAGES - 1:
-                history.trial[last] = history.p[last]
-                pack_state(q, v, history.trial)
-                record_energy(eqs, at, control, settings, scales, work)
-            history.yp[last] = evaluate_power(eqs, at, control, settings, history, work)
-            store_stage(history, i)
-        if code == OK:
-            error = estimate_error(control, history)
-            if error <= 1.0 or is_min_step:
-                if accept_branch(eqs, after, control, settings, history, work):
-                    accept_runge_kutta_step(control, history, target, error)
-                    return OK
-                code, error = BRANCHES, np.inf
-        count_rejected_step(control, code == OK)
-        adapt_step(control, error)
-        smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], settings.max_step, control.t)
-        if not control.h > smallest:
-            if is_min_step or code != OK or not is_discontinuity(settings.max_step, control.t):
-                control.rk_step_size = 0.0
-                return COLLAPSED if code == OK else code
-            control.h, is_min_step = smallest, True
-
-
-@kernel
-def adams_step(eqs: Any, control: Any, settings: Any, history: Any, work: Any, scales: Any) -> int:
-    """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
-    q, v = work.q, work.v
-    set_error_weights(control, settings, history, q.shape[0], v.shape[0], work)
-    cuts, is_min_step = 0, False
-    while True:
-        update_coefficients(control)
-        predict(control, history)
-        unpack_state(history.p, q, v)
-        after = control.t + control.h
-        control.erk, error = 0.0, 0.0
-        code = evaluate_derivative(eqs, after, False, control, settings, history, work)
-        if code == OK:
-            error = estimate_errors(control, history)
-            if error <= 1.0 or is_min_step:
-                correct_state(control, history)
-                unpack_state(history.trial, q, v)
-                code = evaluate_derivative(eqs, after, True, control, settings, history, work)
-                pack_state(q, v, history.trial)
-                if code == OK:
-                    record_energy(eqs, after, control, settings, scales, work)
-                    correct_work(control, history, evaluate_power(eqs, after, control, settings, history, work))
-                    if accept_branch(eqs, after, control, settings, history, work):
-                        accept_adams_step(control, history, settings.max_order, settings.max_step)
-                        return OK
-                    code = BRANCHES
-        cuts += 1
-        count_rejected_step(control, code == OK)
-        shorten_step(cuts, control, history)
-        if settings.partition == HYBRID and control.regime == LU and cuts >= settings.collapse_cuts:
-            fall_back_to_projection(eqs, control, history, work)
-            control.by_collapse += 1
-        smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], settings.max_step, control.t)
-        if not control.h > smallest:
-            if is_min_step or code != OK or not is_discontinuity(settings.max_step, control.t):
-                return COLLAPSED if code == OK else code
-            control.h, control.k, is_min_step = smallest, 1, True
-
-
-@kernel
-def accept_branch(eqs: Any, t: float, control: Any, settings: Any, history: Any, work: Any) -> bool:
+def accept_branch(integration: Any, t: float) -> bool:
     """Whether the step to (t, work.q, work.v) may be accepted; where LU is in doubt projection tries it again.
 
     LU alone is not watched.
     """
+    eqs, work, history, settings = integration.eqs, integration.work, integration.memory, integration.settings[0]
+    control = history.control[0]
     if settings.partition == LU:
         return True
     done = history.trial[history.y.shape[0] - 1]
@@ -256,89 +142,42 @@ def accept_branch(eqs: Any, t: float, control: Any, settings: Any, history: Any,
 
 
 @inlined
-def shorten_step(cuts: int, control: Any, history: Any) -> None:
-    """Block 3 of STEP: undo the attempt, halve the step, after three failures fall back to order one."""
-    undo_prediction(control, history)
-    shrink = 0.5
-    if cuts > 3 and 0.5 < 0.25 * control.erk:
-        shrink = np.sqrt(0.5 / control.erk)
-    control.h *= shrink
-    if cuts >= 3:
-        control.k = 1
-    elif control.erk > 0.0:
-        control.k = control.knew
+def respond_to_cuts(integration: Any, cuts: int) -> None:
+    """Leave LU in the hybrid if a step has been shortened too often."""
+    control, settings = integration.memory.control[0], integration.settings[0]
+    if settings.partition == HYBRID and control.regime == LU and cuts >= settings.collapse_cuts:
+        fall_back_to_projection(integration.eqs, control, integration.memory, integration.work)
+        control.by_collapse += 1
 
 
-@kernel
-def advance(
-    eqs: Any,
-    settings_array: Any,
-    history: Any,
-    work: Any,
-    scales: Any,
-    target: float,
-    q: Any,
-    v: Any,
-    energy_account: Any,
-) -> int:
-    """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure, and
-    the energy account into ``energy_account`` (ACCOUNT_SIZE,).
-    """
-    control, settings = history.control[0], settings_array[0]
-    code, taken = OK, 0
-    while control.t < target:
-        if taken >= settings.max_steps:
-            code = MAX_STEPS
-            break
-        if control.start == 1 and (control.needs_derivative == 1 or control.is_projected == 0):
-            code = prepare(eqs, control, settings, history, work, scales)
-            if code != OK:
-                break
-        if control.start == 1 and control.rk_steps > 0 and no_singularity_ahead(control, work, target):
-            code = runge_kutta_step(eqs, control, settings, history, work, scales, target)
-        else:
-            if control.start == 1:
-                control.rk_steps = 0
-                set_error_weights(control, settings, history, q.shape[0], v.shape[0], work)
-                start_history(control, history, settings.max_step, work.rate[0])
-            code = adams_step(eqs, control, settings, history, work, scales)
-        if code != OK:
-            break
-        taken += 1
-        control.steps += 1
-        if control.regime == LU:
-            control.time_lu += control.hold
-            check_switch_to_projection(eqs, control, settings, work, history)
-        else:
-            record_accepted(eqs, control.t, work.q, control.hold, control.h, control.rank, work)
-            control.time_projection += control.hold
-            if settings.partition == HYBRID:
-                check_switch_to_lu(control, settings, eqs.terms, work, history)
-        if settings.partition != LU:
-            control.h = min(control.h, branch_step_limit(control.t, work.q, work.v, control.hold, eqs.terms, work))
-    unpack_state(history.y, q, v)
-    done = history.y[history.y.shape[0] - 1]
-    if code == OK:
-        if target < control.t:
-            interpolate(control, history, target, history.trial)
-            unpack_state(history.trial, q, v)
-            done = history.trial[history.y.shape[0] - 1]
-        code = project(eqs, target, q, v, control.rank, work)
-    fill_account_row(control, done, energy_account)
-    return code
+@inlined
+def end_step(integration: Any) -> None:
+    """Record an accepted step, change the regime of the hybrid, and limit the step near singular configurations."""
+    eqs, work, history, settings = integration.eqs, integration.work, integration.memory, integration.settings[0]
+    control = history.control[0]
+    if control.regime == LU:
+        control.time_lu += control.hold
+        check_switch_to_projection(eqs, control, settings, work, history)
+    else:
+        record_accepted(eqs, control.t, work.q, control.hold, control.h, control.rank, work)
+        control.time_projection += control.hold
+        if settings.partition == HYBRID:
+            check_switch_to_lu(control, settings, eqs.terms, work, history)
+    if settings.partition != LU:
+        control.h = min(control.h, branch_step_limit(control.t, work.q, work.v, control.hold, eqs.terms, work))
 
 
-@kernel
-def set_options(options: Any, settings_array: Any) -> None:
-    """Set the options of a run (``solvers.options.OPTIONS``)."""
-    requested, settings = options[0], settings_array[0]
-    settings.rtol, settings.atol = requested.rtol, requested.absolute
-    settings.max_step, settings.max_steps, settings.energy_check = (
-        requested.max_step,
-        requested.max_steps,
-        requested.energy_check,
-    )
-    settings.max_order = requested.max_order if requested.max_order > 0 else MAX_ORDER
+@inlined
+def close(integration: Any, t: float, q: Any, v: Any) -> int:
+    """Project a reported state onto the constraints."""
+    return project(integration.eqs, t, q, v, integration.memory.control[0].rank, integration.work)
+
+
+@inlined
+def fill_row(integration: Any, t: float, q: Any, v: Any, a: Any, lam: Any, outputs: Any) -> int:
+    """Accelerations, multipliers and outputs of the system at the state reported last."""
+    control, settings = integration.memory.control[0], integration.settings[0]
+    return fill_reported_state(integration.eqs, t, q, v, settings.rtol, control, integration.work, a, lam, outputs)
 
 
 @kernel
@@ -351,40 +190,18 @@ def set_up(integration: Any, rank: int, absolute: float) -> None:
     clear_growth(work)
 
 
-@kernel
-def advance_reported(integration: Any, target: float) -> int:
-    """:func:`advance` for the reported state."""
-    return advance(
-        integration.eqs,
-        integration.settings,
-        integration.memory,
-        integration.work,
-        integration.scales,
-        target,
-        integration.q,
-        integration.v,
-        integration.energy_account,
-    )
-
-
-@kernel
-def sample(
-    integration: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, energy_account: Any, outputs: Any
-) -> tuple[int, int]:
-    """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, energy account and outputs of
-    the system in a row each.
-
-    Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
-    """
-    eqs, history, work, settings = integration.eqs, integration.memory, integration.work, integration.settings[0]
-    for i in range(times.shape[0]):
-        code = advance(
-            eqs, integration.settings, history, work, integration.scales, times[i], q[i], v[i], energy_account[i]
-        )
-        if code == OK:
-            code = fill_reported_state(
-                eqs, times[i], q[i], v[i], settings.rtol, history.control[0], work, a[i], lam[i], outputs[i]
-            )
-        if code != OK:
-            return code, i
-    return OK, times.shape[0]
+advance, advance_reported = make_pece_loop(
+    __name__,
+    begin=begin,
+    motion_rate=motion_rate,
+    set_error_weights=set_error_weights,
+    evaluate_derivative=evaluate_derivative,
+    evaluate_power=evaluate_power,
+    record_energy=record_energy,
+    accept_branch=accept_branch,
+    respond_to_cuts=respond_to_cuts,
+    may_end_at=may_end_at,
+    close=close,
+    end_step=end_step,
+)
+sample = make_sample(__name__, advance=advance, fill_row=fill_row)

@@ -17,7 +17,7 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined
 from solvers.energy_account import add_energy_error_bound
-from solvers.steppers.step_control import MIN_STEP_CHANGE, STEP_SAFETY_FACTOR, TARGET_TOLERANCE
+from solvers.steppers.step_control import MIN_STEP_CHANGE, end_of_step, step_factor, truncated_step
 
 N_STAGES = 7
 NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
@@ -33,6 +33,7 @@ A = np.array(
     ]
 )  # the last row is the step itself
 E = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])  # order 5 less order 4
+DORMAND_PRINCE_EXPONENT = 0.2  # of the estimate, of order 4
 MAX_STEP_CHANGE = 5.0  # next step in units of this one, at most
 
 
@@ -68,25 +69,17 @@ def estimate_error(control: Any, history: Any) -> float:
 @inlined
 def adapt_step(control: Any, error: float) -> None:
     """Set the next step, or the repeated one, from this error."""
+    finite = error < np.inf
     control.h *= (
-        min(MAX_STEP_CHANGE, max(MIN_STEP_CHANGE, STEP_SAFETY_FACTOR * max(error, 1e-10) ** -0.2))
-        if error < np.inf
-        else MIN_STEP_CHANGE
+        step_factor(0.0, error, 0.0, 0.0, DORMAND_PRINCE_EXPONENT, MAX_STEP_CHANGE) if finite else MIN_STEP_CHANGE
     )
 
 
 @inlined
 def truncate_step(control: Any, target: float) -> None:
-    """End the next step at ``target``, or half way if the one after it would be shorter still.
-
-    The length that accuracy allows stays in ``control.rk_step_size``.
-    """
+    """End the next step at ``target``; the length that accuracy allows stays in ``control.rk_step_size``."""
     control.rk_step_size = control.h
-    left = target - control.t
-    if left * (1.0 - TARGET_TOLERANCE) <= control.h:
-        control.h = left
-    elif left < 2.0 * control.h:
-        control.h = 0.5 * left
+    control.h = truncated_step(control.t, control.h, target)
 
 
 @inlined
@@ -98,7 +91,7 @@ def accept_runge_kutta_step(control: Any, history: Any, target: float, error: fl
         slip += E[k] * history.phi[last, k + 1]
     control.work_total_variation += abs(history.trial[last] - history.y[last])
     add_energy_error_bound(control, control.h * slip, control.h)
-    control.t = target if abs(target - control.t - control.h) <= TARGET_TOLERANCE * control.h else control.t + control.h
+    control.t = end_of_step(control.t, control.h, target)
     control.hold = control.h
     for j in range(history.y.shape[0]):
         history.y[j] = history.trial[j]

@@ -18,7 +18,7 @@ needs of the one before it are its accelerations alone.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,14 +41,15 @@ from solvers.stepper import (
 )
 from solvers.steppers.step_control import (
     FIRST_STEP_RATIO,
-    MIN_CONTROLLED_ERROR,
-    MIN_STEP_CHANGE,
+    MIN_RECORDED_ERROR,
     MIN_STEP_RATIO,
-    STEP_SAFETY_FACTOR,
-    TARGET_TOLERANCE,
     TRUNCATED_STEPS,
+    end_of_step,
+    step_factor,
+    truncated_step,
 )
-from solvers.system import MAX_DENSE_COORDINATES, Array, TreeSystem, energy_callbacks
+from solvers.steppers.tree import TreeEquations
+from solvers.system import MAX_DENSE_COORDINATES, Array, TreeSystem
 
 from .formulas import (
     GAMMA,
@@ -88,18 +89,8 @@ RETRY_STEPS, RETRY_STEP_RATIO = 8, 0.6
 FIRST_CONTRACTION, MIN_CONTRACTION = 0.5, 0.1  # rate of convergence before the second correction; the least assumed
 NEGLIGIBLE_CORRECTION = 0.02  # of the tolerance of a stage: a correction that need not decrease
 FACTOR_REUSE_TOLERANCE = 1e-3  # part by which 1 / (h gamma) may be off that of the factors
+ESDIRK_EXPONENT = 1.0 / 3.0  # of the estimate, of order 2
 MIN_STEP_INCREASE, MAX_STEP_CHANGE = 2.0, 4.0  # next step in units of this one, if it is longer
-
-
-class Callbacks(NamedTuple):
-    """What the kernels call."""
-
-    inverse: Any
-    retract: Any
-    power: Any
-    evaluate_energy_bound: Any
-    inertia_parts: Any
-    data: Any
 
 
 class TreeESDIRKStepper(Stepper):
@@ -117,8 +108,7 @@ class TreeESDIRKStepper(Stepper):
         self._memory, self._stage = Memory.allocate(system.nq, system.n, system.m), Stage.of(system)
         self._control = self._memory.control[0]
         self._pinned = pin(self._memory), pin(self._stage)
-        callbacks = system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
-        self._eqs = pin(Callbacks(*callbacks, system.pinned_data))
+        self._eqs = TreeEquations.of(system)
         self._rate = motion_rate(self._motion, self._t, self._q, self._v, options.duration)
         require_resolved_time(self._t, self._rate, options.rtol)
         require_resolved_position(self._q, system.position_sizes(system.size), options.rtol, system.coordinate_names)
@@ -192,21 +182,21 @@ class TreeESDIRKStepper(Stepper):
         stage.tol[:] *= tolerance_factor(self.options.rtol, 1.3, self._pinned_growth)
         while True:
             control["h"] = min(control["h"], self._max_step)
-            h = self._truncated_step(target) if control["truncated_steps"] else float(control["h"])
-            ends_at_target = bool(control["truncated_steps"]) and abs(target - control["t"] - h) <= TARGET_TOLERANCE * h
-            after = target if ends_at_target else float(control["t"]) + h
+            t, h, is_truncated = float(control["t"]), float(control["h"]), bool(control["truncated_steps"])
+            h = truncated_step(t, h, target) if is_truncated else h
+            after = end_of_step(t, h, target) if is_truncated else t + h
             code, error = self._try_step(h, after)
             if code is Code.OK and error <= 1.0:
                 break
             control["rejected"] += 1
             if code is Code.OK:
-                control["h"] = h * max(MIN_STEP_CHANGE, STEP_SAFETY_FACTOR * error ** (-1.0 / 3.0))
+                control["h"] = h * step_factor(h, error, 0.0, 0.0, ESDIRK_EXPONENT, MAX_STEP_CHANGE)
             else:
                 control["h"], control["failed_step"], control["retry_steps"] = 0.5 * h, h, RETRY_STEPS
             if not control["h"] > min_step_length(MIN_STEP_RATIO, self._rate, self._max_step, float(control["t"])):
                 return Code.COLLAPSED if code is Code.OK else code
-        whole, longer = h >= control["h"], self._next_step_size(h, max(error, MIN_CONTROLLED_ERROR))
-        control["last_error"], control["last_error_step"] = max(error, 1e-2), h
+        whole, longer = h >= control["h"], self._next_step_size(h, error)
+        control["last_error"], control["last_error_step"] = max(error, MIN_RECORDED_ERROR), h
         accept_step(h, after, *self._pinned)
         if self.system.can_compute_rate_growth:
             update_inertia_growth(self._eqs, *self._pinned, self._pinned_growth)
@@ -216,25 +206,14 @@ class TreeESDIRKStepper(Stepper):
         return Code.OK
 
     def _next_step_size(self, h: float, error: float) -> float:
-        """Return the next step after one of h, from its error and the change of the error (Gustafsson)."""
+        """Return the next step after one of h from its error and that of the step before."""
         control = self._control
-        factor = STEP_SAFETY_FACTOR * error ** (-1.0 / 3.0)
+        last_error, last_step = float(control["last_error"]), float(control["last_error_step"])
+        factor = step_factor(h, error, last_error, last_step, ESDIRK_EXPONENT, MAX_STEP_CHANGE)
         if control["retry_steps"] > 0:
             control["retry_steps"] -= 1
             factor = min(factor, max(1.0, RETRY_STEP_RATIO * control["failed_step"] / h))
-        if control["last_error_step"] > 0.0:
-            factor = min(
-                factor,
-                STEP_SAFETY_FACTOR * h / control["last_error_step"] * (control["last_error"] / error**2) ** (1.0 / 3.0),
-            )
-        return h if 1.0 <= factor < MIN_STEP_INCREASE else h * float(min(MAX_STEP_CHANGE, max(MIN_STEP_CHANGE, factor)))
-
-    def _truncated_step(self, target: float) -> float:
-        """Return the length of a step that is to end at ``target``, or half way where another would be shorter."""
-        left, h = target - float(self._control["t"]), float(self._control["h"])
-        if left * (1.0 - TARGET_TOLERANCE) <= h:
-            return left
-        return 0.5 * left if left < 2.0 * h else h
+        return h if 1.0 <= factor < MIN_STEP_INCREASE else h * factor
 
     def _try_step(self, h: float, after: float) -> tuple[Code, float]:
         """Solve the stages of a step of h; return its error in tolerances."""

@@ -27,21 +27,24 @@ from solvers.energy_account import (
     update_energy_bound,
 )
 from solvers.inertia import clear_growth, tolerance_factor, update_growth
-from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
+from solvers.outcome import BRANCHES, COLLAPSED, OK
 from solvers.projection.branch import BRANCH_RESOLUTION, on_same_branch
 from solvers.projection.projection import evaluate_acceleration, project
 from solvers.projection.reported import fill_reported_state
-from solvers.projection.singular import IMPERFECT, branch_step_limit, record_accepted
+from solvers.projection.singular import branch_step_limit, record_accepted
 from solvers.stepper import is_discontinuity, min_step_length
 from solvers.steppers.step_control import (
     FIRST_STEP_RATIO,
     MIN_CONTROLLED_ERROR,
-    MIN_RTOL_TIMES_GAP,
+    MIN_RECORDED_ERROR,
     MIN_STEP_CHANGE,
     MIN_STEP_RATIO,
-    STEP_SAFETY_FACTOR,
-    TARGET_TOLERANCE,
+    end_of_step,
+    set_near_miss_factor,
+    step_factor,
+    truncated_step,
 )
+from solvers.steppers.step_loop import make_loop, make_sample
 
 from .formulas import N_STAGES, A, estimate_error, estimate_work_error, factor_newton, interpolate
 from .stages import MAX_EXTRAPOLATION, difference_accelerations, evaluate_power, set_state, solve_stages
@@ -58,6 +61,7 @@ SETTINGS = np.dtype(
 )  # fmt: skip
 MIN_DERIVATIVE_PIVOT_RATIO = 1e-2  # below this ratio of the pivots no derivatives are evaluated
 MAX_CONTRACTION = 0.3  # rate of the corrections that calls for new derivatives
+RADAU_EXPONENT = 0.25  # of the estimate, of order 3
 MAX_STEP_CHANGE = MAX_EXTRAPOLATION  # next step in units of this one, at most
 # The error that is estimated is that of a formula of order 3: its step is as tolerance^(1/4), and the motion's error,
 # of order 5, as that step^5. For an error in proportion to rtol the estimate is held to RTOL_FACTOR rtol^RTOL_EXPONENT.
@@ -70,13 +74,8 @@ NEWTON_RTOL_RATIO = 0.1  # of rtol: the remainder of Newton's method has one sig
 
 @inlined
 def set_tolerances(control: Any, settings: Any, memory: Any, work: Any) -> None:
-    """Tolerances at (memory.q, memory.v), larger near a near miss, where rounding limits the accuracy."""
-    control.near_miss_factor = 1.0
-    if work.critical[0].kind == IMPERFECT:
-        gap = abs(work.critical[0].bifurcation_gap)
-        control.near_miss_factor = max(1.0, MIN_RTOL_TIMES_GAP / (gap * settings.motion_rtol))
-        if control.near_miss_factor > control.max_near_miss_factor:
-            control.max_near_miss_factor, control.min_gap = control.near_miss_factor, gap
+    """Tolerances at (memory.q, memory.v), larger near a near miss."""
+    set_near_miss_factor(control, settings.motion_rtol, work)
     control.inertia_factor = tolerance_factor(settings.rtol, RTOL_EXPONENT, work)
     scale = control.near_miss_factor * control.inertia_factor
     for i in range(memory.q.shape[0]):
@@ -128,8 +127,11 @@ def restart_at_state(
 
 
 @kernel
-def prepare(eqs: Any, control: Any, settings: Any, memory: Any, work: Any, scales: Any) -> int:
-    """Close (memory.q, memory.v), record its position, and evaluate its derivatives."""
+def prepare(integration: Any) -> int:
+    """After a start or a change: close (memory.q, memory.v), record its position, and evaluate its derivatives."""
+    eqs, memory, work, control = integration.eqs, integration.memory, integration.work, integration.memory.control[0]
+    if control.start == 0:
+        return OK
     set_state(memory.q, memory.v, work)
     code = project(eqs, control.t, work.q, work.v, control.rank, work)
     if code != OK:
@@ -137,28 +139,13 @@ def prepare(eqs: Any, control: Any, settings: Any, memory: Any, work: Any, scale
     if control.is_projected == 0:
         work.branch_history[0].pivot_ratio = 0.0
         record_accepted(eqs, control.t, work.q, 0.0, 0.0, control.rank, work)
-    code = evaluate_end(eqs, control.t, control, settings, memory, work, scales)
+    code = evaluate_end(eqs, control.t, control, integration.settings[0], memory, work, integration.scales)
     if code == OK:
         control.start, control.is_projected, control.extrapolates, control.derivatives_at_start = 0, 1, 0, 0
         control.starts += 1
         if not control.h > 0.0:
             control.h = FIRST_STEP_RATIO / work.rate[0]
     return code
-
-
-@inlined
-def compute_step_factor(control: Any, h: float, error: float) -> float:
-    """Factor of the next step after one of h, from this error and the change of the error (Gustafsson)."""
-    factor = STEP_SAFETY_FACTOR * max(error, MIN_CONTROLLED_ERROR) ** -0.25
-    if control.last_error_step > 0.0:
-        factor = min(
-            factor,
-            STEP_SAFETY_FACTOR
-            * h
-            / control.last_error_step
-            * (control.last_error / max(error, MIN_CONTROLLED_ERROR) ** 2) ** 0.25,
-        )
-    return min(MAX_STEP_CHANGE, max(MIN_STEP_CHANGE, factor))
 
 
 @inlined
@@ -170,24 +157,16 @@ def has_corner(control: Any, h: float, error: float) -> bool:
     )
 
 
-@inlined
-def truncated_step(control: Any, target: float) -> float:
-    """Length of a step that ends at ``target``, or half way if one more step would be shorter still."""
-    left = target - control.t
-    if left * (1.0 - TARGET_TOLERANCE) <= control.h:
-        return left
-    return 0.5 * left if left < 2.0 * control.h else control.h
-
-
 @kernel
-def radau_step(eqs: Any, control: Any, settings: Any, memory: Any, work: Any, scales: Any, target: float) -> int:
+def take_step(integration: Any, target: float) -> int:
     """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
-    nq, n = memory.q.shape[0], memory.v.shape[0]
+    eqs, settings, memory, work = integration.eqs, integration.settings[0], integration.memory, integration.work
+    control, nq, n = memory.control[0], memory.q.shape[0], memory.v.shape[0]
     set_tolerances(control, settings, memory, work)
     is_min_step = False
     while True:
         control.h = min(control.h, settings.max_step)
-        h = truncated_step(control, target) if control.truncated_steps > 0 else control.h
+        h = truncated_step(control.t, control.h, target) if control.truncated_steps > 0 else control.h
         code, shorter, corner, is_accurate = COLLAPSED, 0.5, False, True
         renewable = control.derivatives_at_start == 0 and (
             control.rank == 0 or work.branch_history[0].pivot_ratio >= MIN_DERIVATIVE_PIVOT_RATIO
@@ -208,23 +187,19 @@ def radau_step(eqs: Any, control: Any, settings: Any, memory: Any, work: Any, sc
                     work.q[i] = memory.Q[N_STAGES - 1, i]
                 for i in range(n):
                     work.v[i] = memory.v[i] + memory.Z[N_STAGES - 1, i]
-                after = (
-                    target
-                    if control.truncated_steps > 0 and abs(target - control.t - h) <= TARGET_TOLERANCE * h
-                    else control.t + h
-                )
+                after = end_of_step(control.t, h, target) if control.truncated_steps > 0 else control.t + h
                 code = project(eqs, after, work.q, work.v, control.rank, work)
                 if code == OK and not on_same_branch(eqs, after, work.q, BRANCH_RESOLUTION, control.rank, work):
                     code = BRANCHES
                     control.refused += 1
                 if code == OK:
-                    code = evaluate_end(eqs, after, control, settings, memory, work, scales)
+                    code = evaluate_end(eqs, after, control, settings, memory, work, integration.scales)
                 if code == OK:
                     accept_step(control, memory, h, after, error)
                     return OK
                 corner = False  # another test refuses the step
             else:
-                code, shorter = COLLAPSED, max(MIN_STEP_CHANGE, STEP_SAFETY_FACTOR * (error / largest) ** -0.25)
+                code, shorter = COLLAPSED, step_factor(h, error / largest, 0.0, 0.0, RADAU_EXPONENT, MAX_STEP_CHANGE)
                 if corner:
                     control.corner_end = control.t + h
                 if renewable:
@@ -264,11 +239,11 @@ def accept_step(control: Any, memory: Any, h: float, after: float, error: float)
     add_energy_error_bound(control, estimate_work_error(h, memory), h)
     whole = h >= control.h
     control.t, control.hold = after, h
-    longer = h * compute_step_factor(control, h, error)
+    longer = h * step_factor(h, error, control.last_error, control.last_error_step, RADAU_EXPONENT, MAX_STEP_CHANGE)
     if after < control.corner_end:  # a corner near the middle of a step is not in the estimate: on in short steps
         longer = min(longer, max(h, MIN_STEP_CHANGE * (control.corner_end - after)))
     control.last_error, control.last_estimate, control.last_error_step = (
-        max(error, 1e-2),
+        max(error, MIN_RECORDED_ERROR),
         max(error, MIN_CONTROLLED_ERROR),
         h,
     )
@@ -290,37 +265,18 @@ def copy_last_state(memory: Any, q: Any, v: Any) -> None:
         v[i] = memory.v[i]
 
 
-@kernel
-def advance(
-    eqs: Any,
-    settings_array: Any,
-    memory: Any,
-    work: Any,
-    scales: Any,
-    target: float,
-    q: Any,
-    v: Any,
-    energy_account: Any,
-) -> int:
-    """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure, and
-    the energy account into ``energy_account`` (ACCOUNT_SIZE,).
-    """
-    control, settings = memory.control[0], settings_array[0]
-    code, taken = OK, 0
-    while control.t < target:
-        if taken >= settings.max_steps:
-            code = MAX_STEPS
-            break
-        if control.start == 1:
-            code = prepare(eqs, control, settings, memory, work, scales)
-            if code != OK:
-                break
-        code = radau_step(eqs, control, settings, memory, work, scales, target)
-        if code != OK:
-            break
-        taken += 1
-        record_accepted(eqs, control.t, memory.q, control.hold, control.h, control.rank, work)
-        control.h = min(control.h, branch_step_limit(control.t, memory.q, memory.v, control.hold, eqs.terms, work))
+@inlined
+def end_step(integration: Any) -> None:
+    """Record the position of an accepted step, and limit the next one near singular configurations."""
+    eqs, memory, work, control = integration.eqs, integration.memory, integration.work, integration.memory.control[0]
+    record_accepted(eqs, control.t, memory.q, control.hold, control.h, control.rank, work)
+    control.h = min(control.h, branch_step_limit(control.t, memory.q, memory.v, control.hold, eqs.terms, work))
+
+
+@inlined
+def report(integration: Any, code: int, target: float, q: Any, v: Any, energy_account: Any) -> int:
+    """The state at ``target``, interpolated and closed, or where the last step ended; and its energy account."""
+    eqs, memory, work, control = integration.eqs, integration.memory, integration.work, integration.memory.control[0]
     copy_last_state(memory, q, v)
     done = memory.work[0]
     if code == OK:
@@ -332,6 +288,13 @@ def advance(
             done = memory.work[0]
     fill_account_row(control, done, energy_account)
     return code
+
+
+@inlined
+def fill_row(integration: Any, t: float, q: Any, v: Any, a: Any, lam: Any, outputs: Any) -> int:
+    """Accelerations, multipliers and outputs of the system at the state reported last."""
+    control, rtol = integration.memory.control[0], integration.settings[0].motion_rtol
+    return fill_reported_state(integration.eqs, t, q, v, rtol, control, integration.work, a, lam, outputs)
 
 
 @kernel
@@ -356,40 +319,5 @@ def set_up(integration: Any, rank: int, absolute: float) -> None:
     clear_growth(integration.work)
 
 
-@kernel
-def advance_reported(integration: Any, target: float) -> int:
-    """:func:`advance` for the reported state."""
-    return advance(
-        integration.eqs,
-        integration.settings,
-        integration.memory,
-        integration.work,
-        integration.scales,
-        target,
-        integration.q,
-        integration.v,
-        integration.energy_account,
-    )
-
-
-@kernel
-def sample(
-    integration: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, energy_account: Any, outputs: Any
-) -> tuple[int, int]:
-    """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, energy account and outputs of
-    the system in a row each.
-
-    Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
-    """
-    eqs, memory, work, settings = integration.eqs, integration.memory, integration.work, integration.settings[0]
-    for i in range(times.shape[0]):
-        code = advance(
-            eqs, integration.settings, memory, work, integration.scales, times[i], q[i], v[i], energy_account[i]
-        )
-        if code == OK:
-            code = fill_reported_state(
-                eqs, times[i], q[i], v[i], settings.motion_rtol, memory.control[0], work, a[i], lam[i], outputs[i]
-            )
-        if code != OK:
-            return code, i
-    return OK, times.shape[0]
+advance, advance_reported = make_loop(__name__, prepare=prepare, take_step=take_step, end_step=end_step, report=report)
+sample = make_sample(__name__, advance=advance, fill_row=fill_row)
