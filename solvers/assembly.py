@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import kernel, records
+from solvers.compiled.record import Record, f8, i8
 from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.dense import apply_Q, apply_Qt, factor_lq, rank_at, solve_transposed_basic
 from solvers.system import AnySystem, Array
@@ -53,7 +54,15 @@ class Outcome(IntEnum):
 
 ASSEMBLED, OPEN, NOT_FINITE, OPENS, NO_MASS = map(int, Outcome)  # for kernels
 
-WORST = np.dtype([("row", "i8"), ("gap", "f8")], align=True)
+
+class WorstRecord(Record):
+    """The constraint equation with the largest residual."""
+
+    row: i8
+    gap: f8
+
+
+WORST = WorstRecord.dtype
 
 
 class Loops(NamedTuple):

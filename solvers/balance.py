@@ -19,9 +19,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, f8, i8
 
 from .energy_account import (
     ENERGY_ERROR_BOUND,
@@ -34,17 +33,19 @@ from .energy_account import (
     WORK,
 )
 
-BALANCE = np.dtype(
-    [
-        ("is_checked", np.int64),  # 1: the balance is checked
-        ("reference_energy", np.float64),  # J, energy at the start and every jump since
-        ("tolerance", np.float64),
-        ("energy_floor", np.float64),  # J, energies below it are not resolved, see :func:`energy_floor`
-        ("has_one_freedom", np.int64),  # 1: the mechanism has one degree of freedom, and no drives
-        ("last_passage_energy", np.float64),  # J, of the last slow passage that was examined
-    ],
-    align=True,
-)
+
+class BalanceRecord(Record):
+    """What the check of the energy balance compares with."""
+
+    is_checked: i8  # 1: the balance is checked
+    reference_energy: f8  # J, energy at the start and every jump since
+    tolerance: f8
+    energy_floor: f8  # J, energies below it are not resolved, see :func:`energy_floor`
+    has_one_freedom: i8  # 1: the mechanism has one degree of freedom, and no drives
+    last_passage_energy: f8  # J, of the last slow passage that was examined
+
+
+BALANCE = BalanceRecord.dtype
 BOUND_FRACTION = 0.25  # of what the steps could add up to
 LAST_STEP_FACTOR = 6.0  # times what the last step could add: errors of a few steps need not cancel each other
 MAX_ENERGY_FRACTION = 0.02  # of the energy at work

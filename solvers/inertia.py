@@ -23,20 +23,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
+from solvers.compiled.record import Record, f8, i8
 
 from .system import Array, TreeSystem
 
-INERTIA = np.dtype(
-    [
-        ("watched", "i8"),  # 1: of a large tree, whether the rate growth is computed
-        ("energy", "f8"),  # J, largest v . M v so far
-        ("growth", "f8"),  # rate growth where the last step ended; 0 before the first
-        ("largest", "f8"),  # rate growth so far
-        ("at", "f8"),  # s, time of the largest
-        ("large_since", "f8"),  # s, when it was above LARGE_GROWTH first; meaningless where the largest is not
-    ],
-    align=True,
-)
+
+class InertiaRecord(Record):
+    """What is observed of the mass matrix."""
+
+    watched: i8  # 1: of a large tree, whether the rate growth is computed
+    energy: f8  # J, largest v . M v so far
+    growth: f8  # rate growth where the last step ended; 0 before the first
+    largest: f8  # rate growth so far
+    at: f8  # s, time of the largest
+    large_since: f8  # s, when it was above LARGE_GROWTH first; meaningless where the largest is not
+
+
+INERTIA = InertiaRecord.dtype
 MAX_HARMLESS_GROWTH = 2.0  # rate growth up to which the tolerance is not changed
 LARGE_GROWTH = 10.0  # rate growth from which on the mass matrix is called nearly singular
 MIN_TOLERANCE = 3e-13  # relative tolerance that rounding allows

@@ -6,18 +6,25 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import records
+from solvers.compiled.record import Record, f8, i8
 
-OPTIONS = np.dtype(
-    [
-        ("rtol", "f8"), ("absolute", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
-        ("energy_check", "i8"), ("duration", "f8"),
-    ],
-    align=True,
-)  # fmt: skip
+
+class OptionsRecord(Record):
+    """Fmt: skip."""
+
+    rtol: f8
+    absolute: f8
+    max_step: f8
+    max_order: i8
+    max_steps: i8
+    energy_check: i8
+    duration: f8
+
+
+OPTIONS = OptionsRecord.dtype
 
 
 @dataclass(frozen=True, kw_only=True)

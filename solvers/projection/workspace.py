@@ -8,40 +8,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
+from solvers.compiled.record import Record, f8, i8
 from solvers.inertia import INERTIA
 from solvers.linalg.dense import factor_lq
 from solvers.system import Array
 
-CRITICAL = np.dtype(
-    [
-        (
-            "kind",
-            "i8",
-        ),  # what the critical point q_c is: solvers.projection.singular.NO_CRITICAL_POINT, BIFURCATION or IMPERFECT
-        ("lost", "i8"),  # number of independent rows that lose their rank there
-        # dimension of the set of critical points, in q and t, if several equations lose their rank
-        ("set_dimension", "i8"),
-        ("slope", "f8"),  # of the ratio of the pivots by the distance, where it was found; 1 for one row
-        ("bifurcation_gap", "f8"),  # distance of the loop from one that crosses, in units of the rows
-        ("t", "f8"),  # when the drives get there, s
-        ("rate", "f8"),  # 1/s, unit of time of the search
-        ("is_passed", "i8"),  # 1: a step has gone through it
-        ("failed_search_ratio", "f8"),  # ratio of the pivots at the last search that failed
-    ],
-    align=True,
-)
+
+class CriticalRecord(Record):
+    """A singular configuration that lies ahead or behind."""
+
+    kind: i8  # what the critical point q_c is: solvers.projection.singular.NO_CRITICAL_POINT, BIFURCATION or IMPERFECT
+    lost: i8  # number of independent rows that lose their rank there
+    set_dimension: i8
+    slope: f8  # of the ratio of the pivots by the distance, where it was found; 1 for one row
+    bifurcation_gap: f8  # distance of the loop from one that crosses, in units of the rows
+    t: f8  # when the drives get there, s
+    rate: f8  # 1/s, unit of time of the search
+    is_passed: i8  # 1: a step has gone through it
+    failed_search_ratio: f8  # ratio of the pivots at the last search that failed
 
 
-BRANCH_HISTORY = np.dtype(
-    [
-        ("is_frame_known", "i8"),  # is the frame determined
-        ("pivot_ratio", "f8"),  # of the pivots in the last position
-        ("decrease_rate", "f8"),  # 1/s, of it in the last step
-        ("step", "f8"),  # s, that step
-        ("time_to_singular", "f8"),  # s, when it would be zero, or stop, if it continues to decrease
-    ],
-    align=True,
-)
+CRITICAL = CriticalRecord.dtype
+
+
+class BranchHistoryRecord(Record):
+    """How the loops have moved lately, from which their branch is known."""
+
+    is_frame_known: i8  # is the frame determined
+    pivot_ratio: f8  # of the pivots in the last position
+    decrease_rate: f8  # 1/s, of it in the last step
+    step: f8  # s, that step
+    time_to_singular: f8  # s, when it would be zero, or stop, if it continues to decrease
+
+
+BRANCH_HISTORY = BranchHistoryRecord.dtype
 
 
 class Workspace(NamedTuple):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class LoadRecord(Record):
-    """Parameters of one load."""
+    """A force that an input gives, extrapolated between communication points."""
 
     course: i8  # number of the polynomial
     value: f8  # what the host has set

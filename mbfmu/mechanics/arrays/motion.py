@@ -45,7 +45,7 @@ MAX_EXTRAPOLATION_ERROR_RATIO = 1.5  # error of an extrapolated position to the 
 
 
 class SupportRecord(Record):
-    """Parameters of one support."""
+    """A joint whose motion an input gives."""
 
     course: i8  # number of the drive's polynomial
     speed: i8  # 1: the host sets the speed alone, see mbfmu.mechanics.signals.SpeedInput
@@ -64,7 +64,7 @@ SUPPORT = SupportRecord.dtype
 
 
 class SegmentRecord(Record):
-    """Parameters of one segment."""
+    """The motion of a support within one communication step."""
 
     begin: f8  # s
     end: f8  # s

@@ -45,7 +45,7 @@ LOADS_CHANGED, MOTION_STARTS, RATE_JUMPS = 1, 2, 4
 
 
 class InputRecord(Record):
-    """Parameters of one input."""
+    """An input: where its values are kept."""
 
     role: i8
     number: i8  # of its polynomial, its load or its support

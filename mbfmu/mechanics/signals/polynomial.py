@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class PolynomialRecord(Record):
-    """Parameters of one polynomial."""
+    """A polynomial of time."""
 
     t0: f8  # s
     c: Annotated[Reals, (4,)]  # c0 + c1 s + c2 s^2 + c3 s^3, s = t - t0

@@ -23,26 +23,29 @@ from mbfmu.mechanics.arrays.points import (
 from mbfmu.mechanics.recursions.dynamics import energy, observe
 from solvers.balance import BALANCE, BALANCE_OK, check_energy_balance, energy_floor
 from solvers.compiled.kernel import kernel, records
+from solvers.compiled.record import Record, f8, i8
 from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
 from solvers.outcome import OK
 
-RUN_STATUS = np.dtype(
-    [
-        ("code", np.int64),  # result of the last advance of a native run, see solvers.outcome
-        ("unknown", np.int64),  # 1: the rate of a support jumps where its impulse is not determined
-        ("jumps", np.int64),  # 1: a support has jumped in position, farther than its rate explains
-        ("flaw", np.int64),  # what is wrong with the start of a native run, see start_checks.Flaw; zero: nothing
-        ("lost", np.int64),  # first result of the check of the energy balance that is not BALANCE_OK
-        ("lost_at", np.float64),  # s, time of that check; then energy error and exchanged energy there, J
-        ("energy_error", np.float64),
-        ("exchanged", np.float64),
-        ("passage", np.float64),  # J, energy of the last slow passage until then, see solvers.energy_account
-        ("before", np.float64),  # J, energy before parameters change
-        ("limit_ratio", np.float64),  # of elements at the last communication point, see mbfmu.mechanics.loads.base
-        ("discontinuity_work", np.float64),  # J, work done by jumps of inputs and of parameters so far
-    ],
-    align=True,
-)
+
+class RunStatusRecord(Record):
+    """How a run stands at its communication points."""
+
+    code: i8  # result of the last advance of a native run, see solvers.outcome
+    unknown: i8  # 1: the rate of a support jumps where its impulse is not determined
+    jumps: i8  # 1: a support has jumped in position, farther than its rate explains
+    flaw: i8  # what is wrong with the start of a native run, see start_checks.Flaw; zero: nothing
+    lost: i8  # first result of the check of the energy balance that is not BALANCE_OK
+    lost_at: f8  # s, time of that check; then energy error and exchanged energy there, J
+    energy_error: f8
+    exchanged: f8
+    passage: f8  # J, energy of the last slow passage until then, see solvers.energy_account
+    before: f8  # J, energy before parameters change
+    limit_ratio: f8  # of elements at the last communication point, see mbfmu.mechanics.loads.base
+    discontinuity_work: f8  # J, work done by jumps of inputs and of parameters so far
+
+
+RUN_STATUS = RunStatusRecord.dtype
 
 
 class Session(NamedTuple):

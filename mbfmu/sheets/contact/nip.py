@@ -89,7 +89,7 @@ SEAM_WIDTH = (
 
 
 class NipRecord(Record):
-    """Parameters of one nip."""
+    """A cell of a sheet in a nip."""
 
     roller: i8  # number of its body
     idler: i8  # of its body, 0: it has none

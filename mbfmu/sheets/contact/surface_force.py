@@ -48,7 +48,7 @@ GAP = 0  # number of that kernel of a surface
 
 
 class SurfaceContactRecord(Record):
-    """Parameters of one surface contact."""
+    """A cell of a sheet in contact with a surface."""
 
     body: i8  # that the surface is fixed to
     surface: i8  # its number among the parts

@@ -73,7 +73,7 @@ if TYPE_CHECKING:
 
 
 class PlateRecord(Record):
-    """Parameters of one plate."""
+    """A plate element."""
 
     node: Annotated[Integers, (4,)]  # bodies at the corners 1 (0, 0), 2 (a, 0), 3 (a, b), 4 (0, b)
     scratch: i8  # place of the scratch memory

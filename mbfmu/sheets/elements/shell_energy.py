@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class ShellRecord(Record):
-    """Parameters of one shell."""
+    """A shell element."""
 
     node: Annotated[Integers, (4,)]  # bodies at the corners
     scratch: i8  # place of the scratch memory

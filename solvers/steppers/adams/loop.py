@@ -14,9 +14,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Record, f8, i8
 from solvers.inertia import clear_growth
 from solvers.outcome import NOT_CLOSED, OK
 from solvers.projection.branch import BRANCH_RESOLUTION, on_same_branch
@@ -41,16 +40,26 @@ from .hybrid import (
 )
 from .pece import make_pece_loop
 
-SETTINGS = np.dtype(
-    [
-        ("rtol", "f8"), ("atol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
-        ("partition", "i8"),  # PROJECTION, LU, or HYBRID
-        ("energy_check", "i8"), ("works", "i8"),  # 1: record energy and work; 1: some force does work
-        ("flicker_steps", "i8"), ("flicker_count", "i8"), ("energy_jump", "f8"), ("collapse_cuts", "i8"),
-        ("calm_steps", "i8"),
-    ],
-    align=True,
-)  # fmt: skip
+
+class SettingsRecord(Record):
+    """Fmt: skip."""
+
+    rtol: f8
+    atol: f8
+    max_step: f8
+    max_order: i8
+    max_steps: i8
+    partition: i8  # PROJECTION, LU, or HYBRID
+    energy_check: i8  # 1: record energy and work; 1: some force does work
+    works: i8
+    flicker_steps: i8
+    flicker_count: i8
+    energy_jump: f8
+    collapse_cuts: i8
+    calm_steps: i8
+
+
+SETTINGS = SettingsRecord.dtype
 # Times the nearly singular ratio of the pivots, or times the way to the target: Runge-Kutta steps are possible.
 CLEARANCE_FACTOR = 2.0
 

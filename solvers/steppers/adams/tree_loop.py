@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Record, f8, i8
 from solvers.energy_account import energy_check_scheduled, update_energy_bound
 from solvers.inertia import clear_growth, tolerance_factor, update_tree_growth
 from solvers.outcome import NO_MASS, NOT_FINITE, OK
@@ -25,14 +26,21 @@ from solvers.steppers.tree import RATE_TOLERANCE_RATIO
 from .formulas import pack_state, set_tolerance_units, unpack_state
 from .pece import make_pece_loop
 
-SETTINGS = np.dtype(
-    [
-        ("rtol", "f8"), ("atol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
-        ("rate", "f8"),  # of the motion, 1/s
-        ("energy_check", "i8"), ("works", "i8"),  # 1: record energy and work; 1: some force does work
-    ],
-    align=True,
-)  # fmt: skip
+
+class SettingsRecord(Record):
+    """Fmt: skip."""
+
+    rtol: f8
+    atol: f8
+    max_step: f8
+    max_order: i8
+    max_steps: i8
+    rate: f8  # of the motion, 1/s
+    energy_check: i8  # 1: record energy and work; 1: some force does work
+    works: i8
+
+
+SETTINGS = SettingsRecord.dtype
 
 
 @inlined

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Record, f8, i8
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_FINITE, OK
 
 STANDSTILL_RATIO = 1e-10  # relative to t and one over the rate: no step, and in PROGRESS_CHECK_STEPS steps no progress
@@ -22,17 +23,25 @@ STEP_REJECTED = -1  # besides the codes of solvers.outcome: the step is rejected
 
 N_COUNTERS = 6  # of a stepper, in this order
 RESIDUALS, JACOBIANS, NONFINITE_RESIDUALS, STEPS, REJECTED_STEPS, ERROR_TEST_FAILURES = range(N_COUNTERS)
-PROGRESS = np.dtype(
-    [
-        ("t_reached", "f8"), ("t_begun", "f8"),  # s, where IDA itself stands, and where its history begins
-        ("last_step", "f8"), ("max_next_step", "f8"),  # s, its last step, and how long the next one may be
-        ("max_step", "f8"), ("min_step", "f8"),  # s, of any step; a shorter one is no progress
-        ("truncated_steps", "i8"),  # requested times at which steps are yet to end
-        ("steps", "i8"), ("max_steps", "i8"),  # steps in this call, and how many there may be
-        ("works", "i8"), ("energy_check", "i8"),  # 1: some force does work; 1: record energy and work
-    ],
-    align=True,
-)  # fmt: skip
+
+
+class ProgressRecord(Record):
+    """Fmt: skip."""
+
+    t_reached: f8  # s, where IDA itself stands, and where its history begins
+    t_begun: f8
+    last_step: f8  # s, its last step, and how long the next one may be
+    max_next_step: f8
+    max_step: f8  # s, of any step; a shorter one is no progress
+    min_step: f8
+    truncated_steps: i8  # requested times at which steps are yet to end
+    steps: i8  # steps in this call, and how many there may be
+    max_steps: i8
+    works: i8  # 1: some force does work; 1: record energy and work
+    energy_check: i8
+
+
+PROGRESS = ProgressRecord.dtype
 
 
 @inlined

@@ -14,9 +14,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Record, f8, i8
 from solvers.energy_account import (
     add_energy_error_bound,
     count_rejected_step,
@@ -49,16 +48,21 @@ from solvers.steppers.step_loop import make_loop, make_sample
 from .formulas import N_STAGES, A, estimate_error, estimate_work_error, factor_newton, interpolate
 from .stages import MAX_EXTRAPOLATION, difference_accelerations, evaluate_power, set_state, solve_stages
 
-SETTINGS = np.dtype(
-    [
-        ("rtol", "f8"), ("atol", "f8"),  # of the estimated error
-        ("motion_rtol", "f8"),  # rtol requested for the motion
-        ("newton_tolerance", "f8"),  # what Newton may leave, in tolerances of the estimated error
-        ("max_step", "f8"), ("max_steps", "i8"),
-        ("energy_check", "i8"), ("works", "i8"),  # 1: record energy and work; 1: some force does work
-    ],
-    align=True,
-)  # fmt: skip
+
+class SettingsRecord(Record):
+    """Fmt: skip."""
+
+    rtol: f8  # of the estimated error
+    atol: f8
+    motion_rtol: f8  # rtol requested for the motion
+    newton_tolerance: f8  # what Newton may leave, in tolerances of the estimated error
+    max_step: f8
+    max_steps: i8
+    energy_check: i8  # 1: record energy and work; 1: some force does work
+    works: i8
+
+
+SETTINGS = SettingsRecord.dtype
 MIN_DERIVATIVE_PIVOT_RATIO = 1e-2  # below this ratio of the pivots no derivatives are evaluated
 MAX_CONTRACTION = 0.3  # rate of the corrections that calls for new derivatives
 RADAU_EXPONENT = 0.25  # of the estimate, of order 3
