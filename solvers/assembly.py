@@ -18,7 +18,7 @@ The inertia of the allowed motions is checked in the same way: Q_2, the last col
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,10 @@ from solvers.compiled.record import Record, f8, i8
 from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.dense import apply_Q, apply_Qt, factor_lq, rank_at, solve_transposed_basic
 from solvers.system import AnySystem, Array
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.system import Terms
 
 GAP_TOLERANCE = 1e-11  # in units of the row; a loop is closed
 MAX_COORDINATE_STEP = 0.5  # in units of the coordinate, of one coordinate in one iteration
@@ -129,7 +133,7 @@ class Scratch(NamedTuple):
 
 
 @kernel
-def find_closed_positions(eqs: Any, t: float, start: Any, q: Any, work: Any) -> int:
+def find_closed_positions(eqs: Any, t: float, start: Any, q: Any, work: Scratch) -> int:
     """q (nq,) = closed positions near ``start`` (nq,). Where there are none: the last that was tried.
 
     First by damped steps (Levenberg and Marquardt, the damping falling as the square of the gap), which stay near where
@@ -148,7 +152,7 @@ def find_closed_positions(eqs: Any, t: float, start: Any, q: Any, work: Any) -> 
 
 
 @kernel
-def set_weights(stage: int, given: Any, work: Any) -> bool:
+def set_weights(stage: int, given: Any, work: Scratch) -> bool:
     """Fill work.share for a stage of the module docstring; False if the stage does not differ from the last one."""
     some, others = False, False
     for j in range(given.shape[0]):
@@ -162,7 +166,7 @@ def set_weights(stage: int, given: Any, work: Any) -> bool:
 
 
 @kernel
-def iterate_to_closed(eqs: Any, t: float, start: Any, damped: bool, q: Any, work: Any) -> int:
+def iterate_to_closed(eqs: Loops, t: float, start: Any, damped: bool, q: Reals, work: Any) -> int:
     """One of the two ways of :func:`find_closed_positions`."""
     for i in range(q.shape[0]):
         q[i] = start[i]
@@ -184,7 +188,7 @@ def iterate_to_closed(eqs: Any, t: float, start: Any, damped: bool, q: Any, work
 
 
 @kernel
-def has_nonfinite(terms: Any, work: Any) -> bool:
+def has_nonfinite(terms: Terms, work: Scratch) -> bool:
     """Whether some row or its slope is not finite; the first that is not is the worst."""
     for i in range(terms.Phi.shape[0]):
         total = terms.Phi[i]
@@ -198,7 +202,7 @@ def has_nonfinite(terms: Any, work: Any) -> bool:
 
 
 @kernel
-def fill_scaled_gaps(terms: Any, work: Any) -> float:
+def fill_scaled_gaps(terms: Terms, work: Scratch) -> float:
     """work.gaps = Phi in units of the rows; return the largest."""
     worst, largest = work.worst[0], 0.0
     for i in range(terms.Phi.shape[0]):
@@ -210,7 +214,7 @@ def fill_scaled_gaps(terms: Any, work: Any) -> float:
 
 
 @kernel
-def apply_limited_step(eqs: Any, q: Any, work: Any) -> None:
+def apply_limited_step(eqs: Loops, q: Any, work: Any) -> None:
     """q <- q (+) -S step, as much of it as no coordinate moves too far by; ``work.step`` becomes that."""
     largest = 0.0
     for j in range(work.step.shape[0]):
@@ -222,7 +226,7 @@ def apply_limited_step(eqs: Any, q: Any, work: Any) -> None:
 
 
 @kernel
-def factor_scaled_jacobian(J: Any, whole: bool, work: Any) -> int:
+def factor_scaled_jacobian(J: Reals, whole: bool, work: Any) -> int:
     """Factor J (m, n) in units of rows and coordinates, the ``whole`` or weighted by shares; return its rank."""
     m, n = J.shape
     for i in range(m):
@@ -258,7 +262,7 @@ def solve_least_change(J: Any, damping: float, work: Any) -> None:
 
 
 @kernel
-def find_consistent_velocities(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, work: Any) -> int:
+def find_consistent_velocities(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, work: Scratch) -> int:
     """v (n,) = velocities with J v = nu, the least change from ``start`` (n,); ``rate`` (1/s) as that of the system."""
     code = OPENS
     for stage in range(MAX_STAGES):
@@ -268,7 +272,7 @@ def find_consistent_velocities(eqs: Any, t: float, q: Any, start: Any, rate: flo
 
 
 @kernel
-def find_consistent_velocities_once(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, work: Any) -> int:
+def find_consistent_velocities_once(eqs: Loops, t: float, q: Any, start: Any, rate: float, v: Reals, work: Any) -> int:
     """One stage of :func:`find_consistent_velocities`."""
     m, n = eqs.terms.J.shape
     eqs.position(t, q, eqs.data, eqs.terms)
@@ -290,7 +294,7 @@ def find_consistent_velocities_once(eqs: Any, t: float, q: Any, start: Any, rate
 
 
 @kernel
-def fill_velocity_residual(terms: Any, v: Any, work: Any) -> None:
+def fill_velocity_residual(terms: Terms, v: Reals, work: Scratch) -> None:
     """work.gaps = J v - nu, in units of the rows."""
     for i in range(work.gaps.shape[0]):
         total = -terms.nu[i]
@@ -325,7 +329,7 @@ def check_mobile_mass(terms: Any, mass: Any, work: Any) -> int:
 
 
 @kernel
-def reduce_mass_matrix(M: Any, rank: int, mass: Any, work: Any) -> None:
+def reduce_mass_matrix(M: Reals, rank: int, mass: Any, work: Any) -> None:
     """First n - rank rows and columns of ``mass`` = Q_2^T S M S Q_2."""
     n = M.shape[0]
     for i in range(n):
@@ -342,7 +346,7 @@ def reduce_mass_matrix(M: Any, rank: int, mass: Any, work: Any) -> None:
 
 
 @kernel
-def mark_massless_coordinates(freedom: int, rank: int, mass: Any, work: Any) -> None:
+def mark_massless_coordinates(freedom: int, rank: int, mass: Any, work: Scratch) -> None:
     """work.massless from the factors of a singular ``mass``: coordinates of one motion that it has nothing for."""
     n, x, y, solid = work.step.shape[0], work.left_B, work.step, freedom
     while solid > 0 and not abs(mass[solid - 1, solid - 1]) > MASSLESS_PIVOT_RATIO * abs(mass[0, 0]):

@@ -17,7 +17,7 @@ energy at work over the extent.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import Record, f8, i8
@@ -32,6 +32,9 @@ from .energy_account import (
     STEP_BOUND,
     WORK,
 )
+
+if TYPE_CHECKING:
+    pass
 
 
 class BalanceRecord(Record):
@@ -69,7 +72,7 @@ def energy_floor(mass: float, length: float, rate: float, tolerance: float) -> f
 
 
 @kernel
-def energy_error_limit(record: Any, energy: float, row: Any) -> float:
+def energy_error_limit(record: BalanceRecord, energy: float, row: Any) -> float:
     """What the tolerance and rounding explain of the energy error of a state, J; record of BALANCE."""
     bound, at_work = row[ENERGY_ERROR_BOUND], row[KINETIC_MAX] + row[EXCHANGED_ENERGY]
     rounding = ENERGY_ROUNDING * (abs(energy) + abs(record.reference_energy) + at_work + bound / record.tolerance)

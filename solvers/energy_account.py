@@ -38,13 +38,16 @@ powers at the ends of the last steps.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 
 from .system import Array
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 PASSAGE_SPEEDS = 4  # by which a slow passage is found
 ACCOUNT_FIELDS: list[Any] = [
@@ -141,7 +144,7 @@ class EnergyScales(NamedTuple):
 
 
 @kernel
-def set_energy_scales(scales: Any, absolute: float, size: Any, rates: Any) -> None:
+def set_energy_scales(scales: EnergyScales, absolute: float, size: Reals, rates: Reals) -> None:
     """Set the absolute tolerance, in units ``size`` of the coordinates, whose own rates are ``rates`` (n,), 1/s."""
     for k in range(size.shape[0]):
         scales.position_tolerance[k] = absolute * size[k]
@@ -153,7 +156,7 @@ def set_energy_scales(scales: Any, absolute: float, size: Any, rates: Any) -> No
 
 
 @kernel
-def update_energy_bound(evaluate_energy_bound: Any, data: Any, account: Any, scales: Any) -> None:
+def update_energy_bound(evaluate_energy_bound: Any, data: Any, account: Any, scales: EnergyScales) -> None:
     """Evaluate the step bound and the kinetic energy with ``evaluate_energy_bound`` of a system."""
     evaluate_energy_bound(scales.rtol[0], scales.position_tolerance, scales.rate_tolerance, data, scales.bound_results)
     kinetic = scales.bound_results[1]

@@ -17,7 +17,7 @@ contributions cancel in every motion, and large trees with loops or meshes.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from solvers.compiled.kernel import inlined, kernel, records
 from solvers.compiled.record import Record, f8, i8
 
 from .system import Array, TreeSystem
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 
 class InertiaRecord(Record):
@@ -63,7 +66,7 @@ class Growth(NamedTuple):
 
 
 @kernel
-def clear_growth(work: Any) -> None:
+def clear_growth(work: Growth) -> None:
     """Discard the rate growth of the motion so far."""
     record = work.inertia[0]
     record.energy, record.growth, record.largest, record.at = 0.0, 0.0, 0.0, 0.0
@@ -78,7 +81,7 @@ def growth_of_rate(inertia: float, v: float, unit: float, energy: float) -> floa
 
 
 @inlined
-def record_growth(t: float, growth: float, inertia: Any) -> None:
+def record_growth(t: float, growth: float, inertia: InertiaRecord) -> None:
     """Record the rate growth at time t (s)."""
     inertia.growth = growth
     if growth > LARGE_GROWTH and not inertia.largest > LARGE_GROWTH:
@@ -88,7 +91,7 @@ def record_growth(t: float, growth: float, inertia: Any) -> None:
 
 
 @kernel
-def update_growth(t: float, M: Any, v: Any, work: Any) -> None:
+def update_growth(t: float, M: Reals, v: Reals, work: Any) -> None:
     """Update the rate growth at time t (s) with mass matrix M (n, n) and rates v (n,); ``work`` is a workspace."""
     record, energy, growth, has_loops = work.inertia[0], 0.0, 0.0, work.row.shape[0] > 0
     for i in range(v.shape[0]):
@@ -102,7 +105,7 @@ def update_growth(t: float, M: Any, v: Any, work: Any) -> None:
 
 
 @kernel
-def update_tree_growth(t: float, parts: Any, v: Any, work: Any) -> None:
+def update_tree_growth(t: float, parts: Reals, v: Reals, work: Any) -> None:
     """As :func:`update_growth`, from v . M v and the diagonal of M in ``parts`` (1 + n,)."""
     record, growth = work.inertia[0], 0.0
     record.energy = max(record.energy, parts[0])
@@ -112,7 +115,7 @@ def update_tree_growth(t: float, parts: Any, v: Any, work: Any) -> None:
 
 
 @inlined
-def tolerance_factor(rtol: float, power: float, work: Any) -> float:
+def tolerance_factor(rtol: float, power: float, work: Growth) -> float:
     """Return by how much tolerances must be multiplied in the next step, at most one.
 
     ``rtol`` is the relative tolerance of a step, as the tolerance of the motion to the ``power``.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 
 class Positions(NamedTuple):
@@ -19,7 +22,7 @@ class Positions(NamedTuple):
 
 
 @inlined
-def quaternion_slope(q: Any, i: int, v: Any, j: int, out: Any) -> None:
+def quaternion_slope(q: Reals, i: int, v: Reals, j: int, out: Reals) -> None:
     """out[i:] <- e o (0, w) / 2 of the quaternion e = q[i:] and the angular velocity w = v[j:], body axes."""
     w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
     a, b, c = 0.5 * v[j], 0.5 * v[j + 1], 0.5 * v[j + 2]
@@ -30,7 +33,7 @@ def quaternion_slope(q: Any, i: int, v: Any, j: int, out: Any) -> None:
 
 
 @inlined
-def angular_velocity(q: Any, i: int, slope: Any, scale: float, v: Any, j: int) -> None:
+def angular_velocity(q: Reals, i: int, slope: Reals, scale: float, v: Reals, j: int) -> None:
     """v[j:] <- scale times the w of :func:`quaternion_slope`, q[i:] of unit length."""
     w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
     a, b, c, d = slope[i], slope[i + 1], slope[i + 2], slope[i + 3]
@@ -40,7 +43,7 @@ def angular_velocity(q: Any, i: int, slope: Any, scale: float, v: Any, j: int) -
 
 
 @kernel
-def as_motion(q: Any, slope: Any, layout: Any, v: Any) -> None:
+def as_motion(q: Any, slope: Reals, layout: Positions, v: Reals) -> None:
     """v (n,) with N v = slope, as far as there is one."""
     for k in range(layout.in_q.shape[0]):
         v[layout.in_v[k]] = slope[layout.in_q[k]]
@@ -49,7 +52,7 @@ def as_motion(q: Any, slope: Any, layout: Any, v: Any) -> None:
 
 
 @kernel
-def as_slope(q: Any, v: Any, layout: Any, slope: Any) -> None:
+def as_slope(q: Any, v: Reals, layout: Positions, slope: Reals) -> None:
     """slope (nq,) = N v."""
     for k in range(layout.in_q.shape[0]):
         slope[layout.in_q[k]] = v[layout.in_v[k]]
@@ -58,7 +61,7 @@ def as_slope(q: Any, v: Any, layout: Any, slope: Any) -> None:
 
 
 @kernel
-def position_sizes(layout: Any, sizes: Any, out: Any) -> None:
+def position_sizes(layout: Positions, sizes: Reals, out: Reals) -> None:
     """out (nq,) = sizes of positions, from those of motions (n,)."""
     for k in range(layout.in_q.shape[0]):
         out[layout.in_q[k]] = sizes[layout.in_v[k]]

@@ -16,7 +16,7 @@ of a symmetric matrix a half of it and U_k alone; of U_k what is not zero. D_k m
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from threadpoolctl import ThreadpoolController
 from solvers.compiled.kernel import inlined, kernel, reordered
 from solvers.compiled.tuple_pointer import pin
 from solvers.system import Array
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 PANEL_WIDTH = 4  # columns that are multiplied at once: what they are added to is read and written once
 PANEL_ROW_STEP = 8  # rows of a panel come in such pieces
@@ -59,7 +62,7 @@ class Factors(NamedTuple):
 
 
 @inlined
-def add_column(a: float, columns: Any, at: int, count: int, y: Any, first: int) -> None:
+def add_column(a: float, columns: Any, at: int, count: int, y: Reals, first: int) -> None:
     """y[first:] += a times the column that begins at ``at``, ``count`` entries."""
     column, out = columns[at : at + count], y[first : first + count]
     for i in range(count):
@@ -68,7 +71,7 @@ def add_column(a: float, columns: Any, at: int, count: int, y: Any, first: int) 
 
 @inlined
 def add_four_columns(
-    a: float, b: float, c: float, d: float, columns: Any, at: int, count: int, y: Any, first: int
+    a: float, b: float, c: float, d: float, columns: Any, at: int, count: int, y: Reals, first: int
 ) -> None:
     """The same with four columns, one after the other."""
     out = y[first : first + count]
@@ -79,7 +82,7 @@ def add_four_columns(
 
 
 @reordered
-def dot_column(columns: Any, at: int, count: int, x: Any, first: int) -> float:
+def dot_column(columns: Any, at: int, count: int, x: Reals, first: int) -> float:
     """The column that begins at ``at`` . x[first:]."""
     column, other = columns[at : at + count], x[first : first + count]
     total = 0.0
@@ -89,7 +92,7 @@ def dot_column(columns: Any, at: int, count: int, x: Any, first: int) -> float:
 
 
 @reordered
-def dot_four_columns(columns: Any, at: int, stride: int, count: int, x: Any, first: int) -> Any:
+def dot_four_columns(columns: Any, at: int, stride: int, count: int, x: Reals, first: int) -> Any:
     """The same for four columns, ``stride`` entries from one beginning to the next."""
     other = x[first : first + count]
     A, B = columns[at : at + count], columns[at + stride : at + stride + count]
@@ -104,7 +107,7 @@ def dot_four_columns(columns: Any, at: int, stride: int, count: int, x: Any, fir
 
 
 @kernel
-def store_inverse(k: int, block: Any, factors: Any) -> None:
+def store_inverse(k: int, block: Blocks, factors: Factors) -> None:
     """Store D_k^-1, by columns; of a symmetric one, the part below the diagonal is given."""
     D, at = block.D, factors.inverse_start[k]
     n = D.shape[0]
@@ -120,7 +123,7 @@ def store_inverse(k: int, block: Any, factors: Any) -> None:
 
 
 @kernel
-def store_panels(k: int, block: Any, factors: Any) -> None:
+def store_panels(k: int, block: Blocks, factors: Factors) -> None:
     """Store the panels of U_k, given by columns, and of L_k."""
     U, L, panel, at = block.U, block.L, factors.first_panel[k], factors.panel_entry_start[k]
     n = U.shape[1]
@@ -145,7 +148,7 @@ def store_panels(k: int, block: Any, factors: Any) -> None:
 
 
 @inlined
-def has_nonzeros(column: int, end_column: int, row: int, end: int, U: Any, L: Any, factors: Any) -> bool:
+def has_nonzeros(column: int, end_column: int, row: int, end: int, U: Reals, L: Reals, factors: Factors) -> bool:
     """Whether there is anything in these columns and rows of U_k or L_k^T."""
     for j in range(column, end_column):
         for i in range(row, end):
@@ -155,7 +158,7 @@ def has_nonzeros(column: int, end_column: int, row: int, end: int, U: Any, L: An
 
 
 @kernel
-def multiply_inverse(k: int, factors: Any, x: Any) -> None:
+def multiply_inverse(k: int, factors: Factors, x: Reals) -> None:
     """B.y <- D_k^-1 x_k; of a symmetric one, every entry below the diagonal is used twice."""
     y, n, at, j = factors.y, factors.first_unknown[k + 1] - factors.first_unknown[k], factors.inverse_start[k], 0
     for i in range(n):
@@ -177,7 +180,7 @@ def multiply_inverse(k: int, factors: Any, x: Any) -> None:
 
 
 @kernel
-def subtract_inward(k: int, left: Any, factors: Any, x: Any) -> None:
+def subtract_inward(k: int, left: Any, factors: Factors, x: Reals) -> None:
     """x_i -= L_k B.y."""
     for p in range(factors.first_panel[k], factors.end_panel[k]):
         width, row, rows, at = factors.panels[p, 1], factors.panels[p, 2], factors.panels[p, 3], factors.panels[p, 4]
@@ -191,7 +194,7 @@ def subtract_inward(k: int, left: Any, factors: Any, x: Any) -> None:
 
 
 @kernel
-def subtract_outward(k: int, factors: Any, x: Any) -> None:
+def subtract_outward(k: int, factors: Factors, x: Reals) -> None:
     """x_k -= U_k x_i."""
     for p in range(factors.first_panel[k], factors.end_panel[k]):
         width, row, rows, at = (
@@ -209,7 +212,7 @@ def subtract_outward(k: int, factors: Any, x: Any) -> None:
 
 
 @kernel
-def solve_blocks(factors: Any, x: Any) -> None:
+def solve_blocks(factors: Factors, x: Reals) -> None:
     """x (unknowns,) <- the solution for the right-hand side x."""
     blocks = factors.inward.shape[0]
     for k in range(blocks):

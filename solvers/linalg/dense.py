@@ -6,18 +6,21 @@ are passed with the arrays because scratch is allocated once at its largest.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Integers, Reals
 
 REGULARIZATION_RATIO = 1e-16  # below what one addition rounds by, relative to the larger
 MIN_RESOLVED_FRACTION = 0.1  # part of a square that must be left after a subtraction for its digits to be trusted
 
 
 @kernel
-def factor_lq(A: Any, m: int, n: int, tau: Any, pivots: Any, left: Any) -> None:
+def factor_lq(A: Reals, m: int, n: int, tau: Reals, pivots: Integers, left: Any) -> None:
     """Householder factors of A (m, n) in place with rows exchanged, the longest remaining one first: A[pivots] = L Q^T.
 
     L (m, min(m, n)) lies on and below the diagonal; row k right of it and ``tau`` (m,) hold reflector k, whose first
@@ -50,7 +53,7 @@ def factor_lq(A: Any, m: int, n: int, tau: Any, pivots: Any, left: Any) -> None:
 
 
 @inlined
-def dot(A: Any, i: int, B: Any, j: int, begin: int, end: int) -> float:
+def dot(A: Reals, i: int, B: Reals, j: int, begin: int, end: int) -> float:
     """A[i] . B[j] from column ``begin`` to before ``end``; four sums, because one alone waits for itself."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     k = begin
@@ -67,7 +70,7 @@ def dot(A: Any, i: int, B: Any, j: int, begin: int, end: int) -> float:
 
 
 @inlined
-def pivot_row(k: int, m: int, n: int, A: Any, pivots: Any, left: Any) -> None:
+def pivot_row(k: int, m: int, n: int, A: Reals, pivots: Integers, left: Any) -> None:
     """Swap the row longest from column k on to place k."""
     best = k
     for i in range(k + 1, m):
@@ -95,7 +98,7 @@ def apply_Qt(A: Any, tau: Any, rank: int, n: int, x: Any) -> None:
 
 
 @inlined
-def apply_householder(A: Any, tau: Any, k: int, n: int, x: Any) -> None:
+def apply_householder(A: Reals, tau: Reals, k: int, n: int, x: Reals) -> None:
     """x <- H_k x."""
     total = x[k]
     for j in range(k + 1, n):
@@ -107,7 +110,7 @@ def apply_householder(A: Any, tau: Any, k: int, n: int, x: Any) -> None:
 
 
 @inlined
-def solve_least_norm(b: Any, n: int, rank: int, A: Any, tau: Any, pivots: Any, x: Any) -> None:
+def solve_least_norm(b: Reals, n: int, rank: int, A: Reals, tau: Any, pivots: Integers, x: Reals) -> None:
     """Shortest x (n,) with A x = b (m,) in the first ``rank`` pivot rows, from the factors of :func:`factor_lq`."""
     for j in range(n):
         x[j] = 0.0
@@ -120,7 +123,7 @@ def solve_least_norm(b: Any, n: int, rank: int, A: Any, tau: Any, pivots: Any, x
 
 
 @inlined
-def solve_transposed_basic(f: Any, m: int, n: int, rank: int, A: Any, tau: Any, pivots: Any, y: Any) -> None:
+def solve_transposed_basic(f: Reals, m: int, n: int, rank: int, A: Reals, tau: Any, pivots: Integers, y: Reals) -> None:
     """y (m,) with A^T y = f in the span of the first ``rank`` pivot rows, zero elsewhere; ``f`` (n,) is used up."""
     apply_Qt(A, tau, rank, n, f)
     for i in range(m):
@@ -134,7 +137,7 @@ def solve_transposed_basic(f: Any, m: int, n: int, rank: int, A: Any, tau: Any, 
 
 
 @kernel
-def rank_at(sigma: Any, rank: int, tolerance: float) -> int:
+def rank_at(sigma: Reals, rank: int, tolerance: float) -> int:
     """How many of the first ``rank`` of these descending values exceed ``tolerance`` times the first."""
     while rank > 0 and not sigma[rank - 1] > tolerance * sigma[0]:
         rank -= 1
@@ -142,13 +145,13 @@ def rank_at(sigma: Any, rank: int, tolerance: float) -> int:
 
 
 @kernel
-def pivot_ratio(sigma: Any, rank: int) -> float:
+def pivot_ratio(sigma: Reals, rank: int) -> float:
     """Value number ``rank`` relative to the first; 1 if there is none."""
     return sigma[rank - 1] / sigma[0] if rank > 0 else 1.0
 
 
 @kernel
-def length(v: Any) -> float:
+def length(v: Reals) -> float:
     """|v|."""
     square = 0.0
     for i in range(v.shape[0]):
@@ -157,7 +160,7 @@ def length(v: Any) -> float:
 
 
 @inlined
-def regularize_diagonal(A: Any, rank: int) -> None:
+def regularize_diagonal(A: Reals, rank: int) -> None:
     """Regularize the diagonal of a triangular factor relative to its first entry, for inverse iteration."""
     least = REGULARIZATION_RATIO * abs(A[0, 0])
     for i in range(rank):
@@ -166,7 +169,7 @@ def regularize_diagonal(A: Any, rank: int) -> None:
 
 
 @inlined
-def scale_to_unit(v: Any) -> None:
+def scale_to_unit(v: Reals) -> None:
     """v <- v / |v|; nothing where that is zero."""
     size = length(v)
     if size > 0.0:
@@ -175,7 +178,7 @@ def scale_to_unit(v: Any) -> None:
 
 
 @kernel
-def factor_full_pivot(A: Any, m: int, n: int, tolerance: float, rows: Any, columns: Any) -> int:
+def factor_full_pivot(A: Reals, m: int, n: int, tolerance: float, rows: Any, columns: Any) -> int:
     """LU factors of A (m, n) in place by Gauss elimination with full pivoting; return the rank.
 
     ``rows`` (m,) and ``columns`` (n,) become permutations whose first ``rank`` entries are the pivots in
@@ -206,7 +209,7 @@ def factor_full_pivot(A: Any, m: int, n: int, tolerance: float, rows: Any, colum
 
 
 @kernel
-def solve_full_pivot(A: Any, n: int, rank: int, rows: Any, columns: Any, b: Any, x: Any) -> None:
+def solve_full_pivot(A: Reals, n: int, rank: int, rows: Any, columns: Any, b: Reals, x: Reals) -> None:
     """Solve the ``rank`` pivot rows of A x = b with the factors of :func:`factor_full_pivot`; the other unknowns are
     zero.
 
@@ -227,7 +230,7 @@ def solve_full_pivot(A: Any, n: int, rank: int, rows: Any, columns: Any, b: Any,
 
 
 @kernel
-def factor_lu(A: Any, n: int, order: Any) -> bool:
+def factor_lu(A: Reals, n: int, order: Integers) -> bool:
     """LU factors of A (n, n) in place, rows exchanged as in ``order`` (n,); False where a pivot is zero."""
     for i in range(n):
         order[i] = i
@@ -251,7 +254,7 @@ def factor_lu(A: Any, n: int, order: Any) -> bool:
 
 
 @kernel
-def is_determinant_positive(LU: Any, n: int, order: Any) -> bool:
+def is_determinant_positive(LU: Reals, n: int, order: Integers) -> bool:
     """Whether the determinant of a matrix is positive, from its factors of :func:`factor_lu`."""
     positive = True
     for i in range(n):
@@ -262,7 +265,7 @@ def is_determinant_positive(LU: Any, n: int, order: Any) -> bool:
 
 
 @kernel
-def solve_lu(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
+def solve_lu(LU: Reals, n: int, order: Integers, b: Reals, x: Reals) -> None:
     """Solve A x = b with the factors of :func:`factor_lu`; ``b`` (n,) and ``x`` (n,) are different arrays."""
     for i in range(n):
         x[i] = b[order[i]]
@@ -276,7 +279,7 @@ def solve_lu(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
 
 
 @kernel
-def solve_lu_transposed(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
+def solve_lu_transposed(LU: Reals, n: int, order: Integers, b: Reals, x: Reals) -> None:
     """Solve A^T x = b with the factors of :func:`factor_lu`; ``b`` (n,) is used up and is not to be ``x`` (n,)."""
     for i in range(n):
         b[i] /= LU[i, i]
@@ -291,7 +294,7 @@ def solve_lu_transposed(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
 
 
 @inlined
-def solve_positive_definite(A: Any, n: int, x: Any) -> bool:
+def solve_positive_definite(A: Reals, n: int, x: Reals) -> bool:
     """Solve A x = b for a symmetric positive definite A (n, n), in place; False where A is not."""
     for i in range(n):
         for j in range(i):
@@ -313,7 +316,7 @@ def solve_positive_definite(A: Any, n: int, x: Any) -> bool:
 
 
 @kernel
-def count_positive_pivots(A: Any, n: int) -> int:
+def count_positive_pivots(A: Reals, n: int) -> int:
     """Number of positive pivots of a symmetric A (n, n), the largest remaining one first: A, used up, is positive
     definite in a subspace of that dimension.
     """

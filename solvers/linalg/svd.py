@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Integers, Reals
 
 MAX_SWEEPS = 40  # one-sided Jacobi converges quadratically: 3 to 6 sweeps in practice
 ORTHOGONALITY_TOLERANCE = 1e-15  # relative to the lengths of the two columns
 
 
 @kernel
-def decompose(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any, sigma: Any, W: Any) -> None:
+def decompose(J: Any, m: int, n: int, A: Reals, pivots: Integers, U: Any, sigma: Reals, W: Reals) -> None:
     """Singular value decomposition J^T = U diag(sigma) W^T with a complete U, m and n in any order.
 
     ``J`` (m, n) is read; ``A`` (n, m) and ``pivots`` (m,) are scratch. ``U`` (n, n) is orthogonal, its last
@@ -39,7 +42,7 @@ def decompose(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any, sigma: Any, W
 
 
 @inlined
-def factor_qr_transposed(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any) -> None:
+def factor_qr_transposed(J: Reals, m: int, n: int, A: Reals, pivots: Integers, U: Reals) -> None:
     """Column-pivoted QR of J^T: ``A`` holds R on and above its diagonal, ``U`` (n, n) the orthogonal factor."""
     for i in range(n):
         for j in range(m):
@@ -77,7 +80,7 @@ def factor_qr_transposed(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any) ->
 
 
 @inlined
-def pivot_column(k: int, m: int, n: int, A: Any, pivots: Any) -> None:
+def pivot_column(k: int, m: int, n: int, A: Reals, pivots: Integers) -> None:
     """Swap the column longest below row k to place k."""
     best, longest = k, -1.0
     for j in range(k, m):
@@ -93,7 +96,7 @@ def pivot_column(k: int, m: int, n: int, A: Any, pivots: Any) -> None:
 
 
 @inlined
-def apply_rotations(m: int, n: int, size: int, U: Any, W: Any) -> bool:
+def apply_rotations(m: int, n: int, size: int, U: Any, W: Reals) -> bool:
     """One round of Jacobi rotations making the first ``size`` columns of W orthogonal; U turns along. True: rotated."""
     rotated = False
     for p in range(size - 1):
@@ -117,7 +120,7 @@ def apply_rotations(m: int, n: int, size: int, U: Any, W: Any) -> bool:
 
 
 @inlined
-def rotate(rows: int, p: int, q: int, c: float, s: float, A: Any) -> None:
+def rotate(rows: int, p: int, q: int, c: float, s: float, A: Reals) -> None:
     """Turn columns p and q of A by the rotation (c, s)."""
     for i in range(rows):
         x, y = A[i, p], A[i, q]
@@ -126,7 +129,7 @@ def rotate(rows: int, p: int, q: int, c: float, s: float, A: Any) -> None:
 
 
 @inlined
-def sort_singular_values(m: int, n: int, size: int, U: Any, sigma: Any, W: Any) -> None:
+def sort_singular_values(m: int, n: int, size: int, U: Any, sigma: Reals, W: Reals) -> None:
     """Column lengths of W become sigma, the columns unit vectors; the largest come first."""
     for j in range(size):
         square = 0.0
@@ -148,7 +151,7 @@ def sort_singular_values(m: int, n: int, size: int, U: Any, sigma: Any, W: Any) 
 
 
 @inlined
-def pseudo_inverse_transposed(f: Any, m: int, n: int, rank: int, U: Any, sigma: Any, W: Any, y: Any) -> None:
+def pseudo_inverse_transposed(f: Reals, m: int, n: int, rank: int, U: Reals, sigma: Reals, W: Reals, y: Reals) -> None:
     """Shortest y (m,) with J^T y = f (n,) in the first ``rank`` singular directions."""
     for i in range(m):
         y[i] = 0.0

@@ -20,7 +20,7 @@ the method of Gauss and Newton.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -44,6 +44,11 @@ from .critical import (
     drive_rate,
     is_rheonomic,
 )
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.projection.workspace import Workspace
+    from solvers.system import Terms
 
 PIVOT_FLOOR_RATIO = 1e-10  # part of the first pivot: those below are alike
 MIN_PIVOT_GAP = 3.0  # least ratio of two successive pivots that separates equations without rank from the others
@@ -146,7 +151,7 @@ def add_squares(regular: int, work: Any) -> None:
 
 
 @inlined
-def reduced_residual(i: int, regular: int, work: Any) -> float:
+def reduced_residual(i: int, regular: int, work: Workspace) -> float:
     """What a step in the directions Q_2 is to change entry i of c^T L_22 by, after the step that closes."""
     rest = -work.g[regular + i]
     for k in range(regular):
@@ -155,7 +160,7 @@ def reduced_residual(i: int, regular: int, work: Any) -> float:
 
 
 @kernel
-def start_block_search(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+def start_block_search(eqs: Any, t: float, q: Reals, rank: int, work: Any) -> int:
     """Start the search at q or where the smallest pivot is zero on the line through the last accepted position,
     between the two or beyond one of them: where the gap in the pivots is widest. Return the number of rows that keep
     their rank there, 0: no gap.
@@ -191,7 +196,7 @@ def start_block_search(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 
 
 @kernel
-def factor_block(terms: Any, rank: int, work: Any) -> int:
+def factor_block(terms: Terms, rank: int, work: Any) -> int:
     """Factor [J~, -nu~] in ``work.E``; return the number of rows that keep their rank, 0 if there is no gap."""
     m, n = terms.J.shape
     for i in range(m):
@@ -214,7 +219,7 @@ def count_regular(L: Any, rank: int) -> int:
 
 
 @inlined
-def pivot_gap(L: Any, r: int) -> float:
+def pivot_gap(L: Reals, r: int) -> float:
     """Ratio of pivots number r and r + 1."""
     return abs(L[r - 1, r - 1]) / max(abs(L[r, r]), PIVOT_FLOOR_RATIO * abs(L[0, 0]))
 
@@ -226,7 +231,7 @@ def row_weight(row: int, combination: int) -> float:
 
 
 @inlined
-def combine_null_vectors(regular: int, combination: int, work: Any) -> None:
+def combine_null_vectors(regular: int, combination: int, work: Workspace) -> None:
     """work.u = U c / |U c|."""
     m = work.u.shape[0]
     for k in range(regular):
@@ -248,7 +253,7 @@ def combine_null_vectors(regular: int, combination: int, work: Any) -> None:
 
 
 @kernel
-def fill_block_residual(terms: Any, regular: int, work: Any) -> float:
+def fill_block_residual(terms: Terms, regular: int, work: Workspace) -> float:
     """Fill work.g = Q^T [J~, -nu~]^T u and work.b = L_1^T Phi~, which must be zero; return the largest entry,
     of L_22 all entries, of b a multiple, as the gap has the digits of Phi~.
     """
@@ -306,7 +311,7 @@ def fill_block_hessian(eqs: Any, work: Any) -> bool:
 
 
 @inlined
-def fill_transposed_product(terms: Any, work: Any, f: Any) -> None:
+def fill_transposed_product(terms: Terms, work: Any, f: Reals) -> None:
     """f[:n + 1] = [J~, -nu~]^T u."""
     m, n = terms.J.shape
     for j in range(n + 1):
@@ -332,7 +337,7 @@ def factor_reduced_hessian(regular: int, work: Any) -> int:
 
 
 @kernel
-def solve_closing_step(regular: int, work: Any) -> bool:
+def solve_closing_step(regular: int, work: Workspace) -> bool:
     """work.lam[:regular] = the shortest step that closes the regular rows."""
     m = work.row.shape[0]
     for i in range(regular):
@@ -386,7 +391,7 @@ def apply_block_step(eqs: Any, largest: float, work: Any) -> bool:
 
 
 @inlined
-def max_coordinate_distance(q: Any, t: float, work: Any) -> float:
+def max_coordinate_distance(q: Reals, t: float, work: Workspace) -> float:
     """Largest distance of any coordinate from (t, q), in units of size."""
     far = abs(work.critical[0].t - t) * work.rate[0]
     for i in range(q.shape[0]):
@@ -395,7 +400,7 @@ def max_coordinate_distance(q: Any, t: float, work: Any) -> float:
 
 
 @kernel
-def record_block_point(eqs: Any, spread: int, work: Any) -> None:
+def record_block_point(eqs: Any, spread: int, work: Workspace) -> None:
     """Record gap, left null vector and dimension of the point found, with its ``terms``."""
     critical = work.critical[0]
     critical.set_dimension = spread

@@ -12,7 +12,7 @@ points that form curves).
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,6 +31,10 @@ from solvers.linalg.dense import (
 
 from .workspace import distance, factor_transposed
 
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.projection.workspace import Workspace
+
 CRITICAL_DIFFERENCE_STEP = 1e-7  # of differences, in units of size
 INVERSE_ITERATIONS = 5  # of the inverse iteration for the left null vector
 DAMPING_FACTOR = 0.01  # of the squares of singular values, in what is left of the equations: see find_critical_point
@@ -43,7 +47,7 @@ MAX_NEWTON_STEPS, CRITICAL_POINT_TOLERANCE = 30, 1e-11  # steps, and what they m
 
 
 @kernel
-def find_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+def find_critical_point(eqs: Any, t: float, q: Reals, rank: int, work: Workspace) -> bool:
     """Newton for the critical point next to q: fills ``work.q_c``, and time and gap of its record.
 
     If several rows lose their rank at once the point is a double root: relevant directions have singular values as
@@ -74,7 +78,7 @@ def find_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Any) -> boo
 
 
 @kernel
-def solve_damped_step(damping: float, work: Any) -> bool:
+def solve_damped_step(damping: float, work: Workspace) -> bool:
     """work.change = the x that minimizes |K x - g|^2 + damping |x|^2: (K K^T + damping) y = g, x = K^T y; False where
     that has no digits.
     """
@@ -127,7 +131,7 @@ def is_rheonomic(terms: Any) -> bool:
 
 
 @inlined
-def drive_rate(terms: Any, work: Any) -> float:
+def drive_rate(terms: Any, work: Workspace) -> float:
     """Unit of time, 1/s: that of the motion, or that of drives which are slower."""
     square = 0.0
     for i in range(terms.nu.shape[0]):
@@ -136,7 +140,7 @@ def drive_rate(terms: Any, work: Any) -> float:
 
 
 @inlined
-def remaining_gap(m: int, n: int, work: Any) -> float:
+def remaining_gap(m: int, n: int, work: Workspace) -> float:
     """What u . (Phi~ - g u) is off."""
     total = 0.0
     for i in range(m):
@@ -165,7 +169,7 @@ def find_left_null_vector(terms: Any, rank: int, work: Any) -> None:
 
 
 @kernel
-def critical_residual(eqs: Any, t: float, q: Any, work: Any, g: Any) -> None:
+def critical_residual(eqs: Any, t: float, q: Any, work: Any, g: Reals) -> None:
     """Left side less right side of the equations (N,) at (t, q) with ``work.u`` and the gap; ``terms`` follow."""
     terms, critical = eqs.terms, work.critical[0]
     m, n = terms.J.shape

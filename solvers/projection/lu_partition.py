@@ -21,7 +21,7 @@ values there and the method is better than its name.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,6 +36,11 @@ from .projection import (
     add_tangent_acceleration,
     violates_constraints,
 )
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.projection.workspace import Workspace
+    from solvers.system import Equations, Terms
 
 ZERO_PIVOT_RATIO = 1e-12  # pivots this small relative to the first are zero
 MIN_PIVOT_IMPROVEMENT = 3.0  # how many times larger its smallest pivot makes another choice worth a change
@@ -52,7 +57,7 @@ def choose_partition(terms: Any, rank: int, work: Any) -> bool:
 
 
 @kernel
-def is_better_partition(rank: int, work: Any) -> bool:
+def is_better_partition(rank: int, work: Workspace) -> bool:
     """Whether what :func:`choose_partition` has just found is worth changing for from the choice whose J_d is factored.
 
     Bodies that are alike give choices that are alike, which one is the best then changes by next to nothing.
@@ -95,7 +100,7 @@ def solve_dependent(rank: int, rows: Any, columns: Any, work: Any) -> None:
 
 
 @kernel
-def restore_dependents(rank: int, columns: Any, last: Any, q: Any, v: Any) -> None:
+def restore_dependents(rank: int, columns: Any, last: Any, q: Reals, v: Any) -> None:
     """Set the dependents of q to those of ``last`` if the coordinates of q and v correspond."""
     if q.shape[0] == v.shape[0]:
         for j in range(rank):
@@ -104,7 +109,7 @@ def restore_dependents(rank: int, columns: Any, last: Any, q: Any, v: Any) -> No
 
 @kernel
 def project_dependents(
-    eqs: Any, t: float, q: Any, v: Any, rank: int, rows: Any, columns: Any, factored: bool, work: Any
+    eqs: Equations, t: float, q: Any, v: Reals, rank: int, rows: Any, columns: Any, factored: bool, work: Any
 ) -> int:
     """Solve the dependents of (q, v) from the independents, in place; leave ``terms`` and J_d at the result.
 
@@ -163,7 +168,7 @@ def solve_dependent_positions(
 
 
 @kernel
-def fill_dependent_tangents(terms: Any, rank: int, rows: Any, columns: Any, work: Any) -> None:
+def fill_dependent_tangents(terms: Any, rank: int, rows: Any, columns: Any, work: Workspace) -> None:
     """Fill the rows of ``work.T`` with the motions of one independent each, from ``terms`` and the factors of J_d."""
     n = work.T.shape[1]
     for k in range(n - rank):
@@ -177,7 +182,7 @@ def fill_dependent_tangents(terms: Any, rank: int, rows: Any, columns: Any, work
 
 
 @kernel
-def evaluate_dependent_acceleration(terms: Any, rank: int, rows: Any, columns: Any, work: Any, a: Any) -> int:
+def evaluate_dependent_acceleration(terms: Any, rank: int, rows: Any, columns: Any, work: Any, a: Reals) -> int:
     """v' from ``terms`` and the factors of their J_d."""
     n = a.shape[0]
     fill_dependent_tangents(terms, rank, rows, columns, work)
@@ -220,7 +225,9 @@ def smallest_pivot_ratio(rank: int, work: Any) -> float:
 
 
 @kernel
-def evaluate_dependent_multipliers(terms: Any, rank: int, rows: Any, columns: Any, work: Any, a: Any, lam: Any) -> None:
+def evaluate_dependent_multipliers(
+    terms: Terms, rank: int, rows: Any, columns: Any, work: Any, a: Reals, lam: Reals
+) -> None:
     """lambda of the chosen rows, zero in others, with J_d^T lambda = -(M a + h)_d, from ``terms`` and J_d's factors."""
     for j in range(rank):
         k = columns[j]

@@ -23,7 +23,7 @@ hardly turn.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,6 +31,10 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import apply_Qt, count_positive_pivots, factor_lq, factor_lu, rank_at, solve_lu
 
 from .orientation import SMALL_ROTATION_TANGENT
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.projection.workspace import Workspace
 
 OTHER_BRANCH, OPPOSITE_SIDE, SAME_SIDE = 0, 1, 2  # on another branch; straight through; on this side of it
 LOST_PIVOT_RATIO = 1e-6  # ratio to the first pivot below which a pivot is zero in the critical point
@@ -51,7 +55,7 @@ def store_critical_factors(eqs: Any, rank: int, work: Any) -> int:
 
 
 @inlined
-def fill_scaled_jacobian(terms: Any, work: Any, J: Any) -> None:
+def fill_scaled_jacobian(terms: Any, work: Any, J: Reals) -> None:
     """J (m, n) <- J~ of ``terms``."""
     m, n = terms.J.shape
     for i in range(m):
@@ -60,7 +64,7 @@ def fill_scaled_jacobian(terms: Any, work: Any, J: Any) -> None:
 
 
 @kernel
-def fill_lost_block(J: Any, regular: int, work: Any, B: Any) -> bool:
+def fill_lost_block(J: Reals, regular: int, work: Workspace, B: Reals) -> bool:
     """B[:m - regular, :n - regular] = U^T J Z, J (m, n) in its units, from the factors of the critical point; J and B
     are different arrays. Return whether the regular equations keep their rank and their direction from there to J.
     """
@@ -110,7 +114,7 @@ def max_tangent_slope(B: Any, regular: int, work: Any) -> float:
 
 
 @kernel
-def regular_equations_keep_rank(terms: Any, rank: int, work: Any) -> bool:
+def regular_equations_keep_rank(terms: Any, rank: int, work: Workspace) -> bool:
     """Whether the equations that are regular in the critical point keep their rank and their direction from the last
     good position to it, and on to that of ``terms``. Fills B of the two: work.slopes and work.J_work.
     """
@@ -150,7 +154,7 @@ def classify_passage(terms: Any, rank: int, work: Any) -> int:
 
 
 @kernel
-def largest_singular_value(k: int, p: int, work: Any) -> float:
+def largest_singular_value(k: int, p: int, work: Workspace) -> float:
     """Largest singular value of rows ``pivots_B[:k]`` of ``J_work``, p columns, by power iteration; work.x, work.f."""
     for i in range(k):
         work.x[i] = 1.0 + 0.5 * np.sin(7.3 * (i + 1.0))
@@ -193,7 +197,7 @@ def count_doubtful_rows(terms: Any, rank: int, work: Any) -> int:
 
 
 @kernel
-def count_rank_kept(X: Any, rank: int, L: Any, work: Any) -> int:
+def count_rank_kept(X: Reals, rank: int, L: Reals, work: Any) -> int:
     """How many of the first ``rank`` equations keep their rank on the straight line from L Q^T to L X Q^T: dimension of
     a subspace in which X + X^T is positive definite, X balanced by the pivots of L.
 

@@ -32,7 +32,7 @@ Without velocity there is no tangent, and the branch cannot be determined.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -53,6 +53,11 @@ from .critical import is_rheonomic
 from .singular import BIFURCATION, SINGULAR_PIVOT_RATIO, classify_singularity
 from .workspace import distance, evaluate_and_factor, factor, factor_transposed, loop_speed
 
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.projection.workspace import Workspace
+    from solvers.system import Equations, Terms
+
 # speed, in units of size and rate, below which there is no tangent; see UNRESOLVED_PIVOT_RATIO
 MIN_TANGENT_SPEED = 1e-9
 UNRESOLVED_PIVOT_RATIO = 1e-7  # ratio below which the smallest pivot has no accurate digits after squaring
@@ -67,7 +72,7 @@ RESIDUAL_TOLERANCE = 1e-8  # residual that a closed position must not have in an
 
 
 @kernel
-def effective_rank(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+def effective_rank(eqs: Any, t: float, q: Any, rank: int, work: Workspace) -> int:
     """How many pivot rows can be divided by; ``terms`` and factors belong to (t, q).
 
     Rows that lose their rank at a crossing are left out, because they would be divided by nearly zero. If there are
@@ -85,7 +90,7 @@ def effective_rank(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 
 
 @inlined
-def is_near_bifurcation(rank: int, work: Any) -> bool:
+def is_near_bifurcation(rank: int, work: Workspace) -> bool:
     """Whether a known crossing is so near that pivots which are zero there are small."""
     return (
         work.critical[0].kind == BIFURCATION
@@ -94,7 +99,7 @@ def is_near_bifurcation(rank: int, work: Any) -> bool:
 
 
 @inlined
-def solve_position_correction(terms: Any, rank: int, work: Any) -> float:
+def solve_position_correction(terms: Terms, rank: int, work: Any) -> float:
     """work.dq = -J^+ Phi with the first ``rank`` pivot rows; return its largest entry in units of size."""
     for i in range(terms.Phi.shape[0]):
         work.b[i] = terms.Phi[i] / work.row[i]
@@ -107,7 +112,7 @@ def solve_position_correction(terms: Any, rank: int, work: Any) -> float:
 
 
 @inlined
-def violates_constraints(terms: Any, work: Any) -> bool:
+def violates_constraints(terms: Any, work: Workspace) -> bool:
     """Whether some row, dependent ones included, has a residual."""
     for i in range(terms.Phi.shape[0]):
         if not abs(terms.Phi[i]) <= RESIDUAL_TOLERANCE * work.row[i]:
@@ -132,7 +137,7 @@ def project_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
 
 
 @inlined
-def correct_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> float:
+def correct_position(eqs: Any, t: float, q: Any, rank: int, work: Workspace) -> float:
     """One Gauss-Newton correction of q in place, with the factors of the J of ``terms``; return its size."""
     largest = solve_position_correction(eqs.terms, rank, work)
     if not np.isfinite(largest):
@@ -143,7 +148,7 @@ def correct_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> float:
 
 
 @kernel
-def project_velocity(v: Any, terms: Any, rank: int, work: Any) -> None:
+def project_velocity(v: Reals, terms: Terms, rank: int, work: Any) -> None:
     """Subtract from v its violation of J v = nu in the first ``rank`` pivot rows of the factored J, in place."""
     m, n = terms.J.shape
     for i in range(m):
@@ -157,7 +162,7 @@ def project_velocity(v: Any, terms: Any, rank: int, work: Any) -> None:
 
 
 @kernel
-def project(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
+def project(eqs: Equations, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
     """Project (q, v) onto the constraints, in place; leave ``terms`` and the factors of J at the result."""
     if not project_position(eqs, t, q, rank, work):
         return NOT_CLOSED
@@ -169,7 +174,7 @@ def project(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
 
 @kernel
 def project_with_frozen_jacobian(
-    eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: float, work: Any
+    eqs: Equations, t: float, q: Reals, v: Any, near: Any, rank: int, slight: float, work: Workspace
 ) -> int:
     """As :func:`project`, with ``terms`` and the factors of J at the prediction ``near`` (simplified Newton).
 
@@ -223,7 +228,7 @@ def fill_tangent_basis(rank: int, work: Any) -> None:
 
 
 @kernel
-def add_tangent_acceleration(terms: Any, freedom: int, work: Any, a: Any) -> bool:
+def add_tangent_acceleration(terms: Terms, freedom: int, work: Workspace, a: Reals) -> bool:
     """a <- a + P z, where P^T (M a + h) = 0 and the columns of P are the first ``freedom`` rows of ``work.T``."""
     n = a.shape[0]
     for i in range(n):
@@ -247,7 +252,7 @@ def add_tangent_acceleration(terms: Any, freedom: int, work: Any, a: Any) -> boo
 
 
 @kernel
-def evaluate_regular_acceleration(terms: Any, rank: int, work: Any, a: Any) -> int:
+def evaluate_regular_acceleration(terms: Terms, rank: int, work: Any, a: Reals) -> int:
     """v' away from singular configurations, from ``terms`` and the factors of their J."""
     m, n = terms.J.shape
     for i in range(m):
@@ -265,7 +270,7 @@ def evaluate_regular_acceleration(terms: Any, rank: int, work: Any, a: Any) -> i
 
 
 @kernel
-def evaluate_acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any) -> int:
+def evaluate_acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Workspace, a: Any) -> int:
     """v' anywhere; ``terms`` and the factors of J belong to (t, q, v) and do so again afterwards."""
     for i in range(v.shape[0]):
         if not np.isfinite(eqs.terms.h[i]):
@@ -282,7 +287,7 @@ def evaluate_acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: A
 
 
 @inlined
-def retract_along(eqs: Any, q: Any, v: Any, along: float, work: Any) -> None:
+def retract_along(eqs: Any, q: Reals, v: Reals, along: float, work: Workspace) -> None:
     """work.q_near = the position a time ``along`` of the loops' part of v from q."""
     for i in range(q.shape[0]):
         work.q_near[i] = q[i]
@@ -292,7 +297,7 @@ def retract_along(eqs: Any, q: Any, v: Any, along: float, work: Any) -> None:
 
 
 @kernel
-def arclength_to_bifurcation(eqs: Any, q: Any, v: Any, work: Any) -> float:
+def arclength_to_bifurcation(eqs: Any, q: Any, v: Any, work: Workspace) -> float:
     """Signed distance along v from q to where the crossing lies nearest."""
     speed = loop_speed(v, work)
     retract_along(eqs, q, v, -LIMIT_NODE_DISTANCE / speed, work)
@@ -303,7 +308,9 @@ def arclength_to_bifurcation(eqs: Any, q: Any, v: Any, work: Any) -> float:
 
 
 @kernel
-def project_neighbor(eqs: Any, t: float, q: Any, v: Any, along: float, timed: bool, rank: int, work: Any) -> bool:
+def project_neighbor(
+    eqs: Equations, t: float, q: Any, v: Reals, along: float, timed: bool, rank: int, work: Workspace
+) -> bool:
     """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, with its terms and factors.
     Where constraints are ``timed`` they are those of the time when the motion gets there, inertia and loads those of t.
     False where it cannot be closed. No row is left out.
@@ -327,7 +334,7 @@ def project_neighbor(eqs: Any, t: float, q: Any, v: Any, along: float, timed: bo
 
 
 @inlined
-def freeze_loads(eqs: Any, t: float, work: Any) -> None:
+def freeze_loads(eqs: Equations, t: float, work: Workspace) -> None:
     """Evaluate inertia and loads of a neighbor at time t; its gamma remains that of the neighbor's time."""
     for i in range(work.x.shape[0]):
         work.x[i] = eqs.terms.gamma[i]
@@ -337,7 +344,9 @@ def freeze_loads(eqs: Any, t: float, work: Any) -> None:
 
 
 @kernel
-def limit_at_bifurcation(eqs: Any, t: float, q: Any, v: Any, velocity: bool, rank: int, work: Any, out: Any) -> int:
+def limit_at_bifurcation(
+    eqs: Any, t: float, q: Any, v: Any, velocity: bool, rank: int, work: Workspace, out: Reals
+) -> int:
     """``out`` = v', or v on the branch, near a crossing, from both sides of it (module docstring)."""
     for i in range(v.shape[0]):
         out[i] = 0.0
@@ -369,7 +378,7 @@ def lagrange_polynomial(node: int, x: float) -> float:
 
 
 @kernel
-def evaluate_multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
+def evaluate_multipliers(terms: Terms, rank: int, work: Any, a: Reals, lam: Reals) -> None:
     """Shortest lambda, in units of the rows, with J^T lambda = -(M a + h) in the directions of ``rank`` pivot rows, as
     far as they are resolved; ``terms`` and factors belong together.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import pivot_ratio, rank_at
@@ -21,9 +21,14 @@ from .projection import (
 from .singular import BIFURCATION, SINGULAR_PIVOT_RATIO, classify_singularity
 from .workspace import evaluate_and_factor, loop_speed
 
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.projection.workspace import Workspace
+    from solvers.system import Equations
+
 
 @kernel
-def project_reported_state(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
+def project_reported_state(eqs: Any, t: float, q: Any, v: Reals, rank: int, work: Workspace) -> int:
     """As :func:`project`; at a crossing what lies across the branch is removed too: of the position as far as it is
     resolved, of the velocity by the same limit.
 
@@ -49,7 +54,7 @@ def project_reported_state(eqs: Any, t: float, q: Any, v: Any, rank: int, work: 
 
 
 @kernel
-def has_unresolved_forces(rtol: float, rank: int, work: Any) -> bool:
+def has_unresolved_forces(rtol: float, rank: int, work: Workspace) -> bool:
     """Whether so little is left of a pivot that forces are not known: positions are no better than the tolerance."""
     return rank > 0 and rank_at(work.pivot, rank, max(UNRESOLVED_PIVOT_RATIO, rtol)) < rank
 
@@ -66,7 +71,7 @@ def evaluate_state(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: 
 
 @inlined
 def fill_reported_state(
-    eqs: Any, t: float, q: Any, v: Any, rtol: float, control: Any, work: Any, a: Any, lam: Any, outputs: Any
+    eqs: Equations, t: float, q: Any, v: Any, rtol: float, control: Any, work: Workspace, a: Any, lam: Any, outputs: Any
 ) -> int:
     """Accelerations, multipliers and outputs of the system at the last projected state, whose factors exist.
 

@@ -19,7 +19,7 @@ too. Whether a step stays on its branch is decided in :mod:`.branch`.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,6 +30,10 @@ from .block import find_block_critical_point, find_critical_point_of_rank, max_c
 from .critical import MAX_SEARCH_DISTANCE, critical_set_dimension, find_critical_point, is_rheonomic
 from .passage import count_doubtful_rows, fill_scaled_jacobian, store_critical_factors
 from .workspace import distance, factor, scaled_norm
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.projection.workspace import BranchHistoryRecord, Workspace
 
 NO_CRITICAL_POINT, BIFURCATION, IMPERFECT = 0, 1, 2
 
@@ -51,7 +55,7 @@ IMPERFECT_STEP_FRACTION = 0.3  # of the way to a near miss that one step may go
 
 
 @kernel
-def classify_singularity(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+def classify_singularity(eqs: Any, t: float, q: Any, rank: int, work: Workspace) -> int:
     """Classify the singular configuration near q: NO_CRITICAL_POINT, BIFURCATION or IMPERFECT.
 
     ``terms`` (of positions) and factors belong to (t, q) before and after the call.
@@ -77,7 +81,7 @@ def classify_singularity(eqs: Any, t: float, q: Any, rank: int, work: Any) -> in
 
 
 @kernel
-def search_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+def search_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Workspace) -> int:
     """Search the critical point next to q, first one of several rows if several pivots are small."""
     critical, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
     begun = start_block_search(eqs, t, q, rank, work) if rank > 2 else 0
@@ -107,7 +111,7 @@ def search_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Any) -> i
 
 
 @kernel
-def search_block_critical_point(eqs: Any, t: float, q: Any, begun: int, rank: int, work: Any) -> int:
+def search_block_critical_point(eqs: Any, t: float, q: Any, begun: int, rank: int, work: Workspace) -> int:
     """The same for a point of several rows, all but ``begun`` if that is not zero; also NONE if motions of more degrees
     of freedom pass near it.
     """
@@ -131,7 +135,7 @@ def search_block_critical_point(eqs: Any, t: float, q: Any, begun: int, rank: in
 
 
 @kernel
-def distance_to_critical_point(t: float, q: Any, work: Any, terms: Any) -> float:
+def distance_to_critical_point(t: float, q: Any, work: Workspace, terms: Any) -> float:
     """Distance to the critical point, in units of size; includes time if constraints depend on it."""
     far = distance(q, work.q_c, work)
     if is_rheonomic(terms):
@@ -140,14 +144,14 @@ def distance_to_critical_point(t: float, q: Any, work: Any, terms: Any) -> float
 
 
 @inlined
-def critical_point_explains_pivot(t: float, q: Any, rank: int, work: Any, terms: Any) -> bool:
+def critical_point_explains_pivot(t: float, q: Any, rank: int, work: Workspace, terms: Any) -> bool:
     """Whether the critical point is the one that makes the smallest pivot here so small."""
     far = distance_to_critical_point(t, q, work, terms)
     return work.critical[0].slope * far <= MAX_DISTANCE_RATIO * pivot_ratio(work.pivot, rank)
 
 
 @kernel
-def record_accepted(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work: Any) -> None:
+def record_accepted(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work: Workspace) -> None:
     """Record the last accepted position (t, q), with its ``terms`` and factors, and the nearest singular configuration.
 
     It is searched if the smallest pivot would be zero within a few steps; ``taken`` and ``next_`` are the last
@@ -167,7 +171,7 @@ def record_accepted(eqs: Any, t: float, q: Any, taken: float, next_: float, rank
 
 
 @kernel
-def store_reference_frame(q: Any, terms: Any, work: Any) -> None:
+def store_reference_frame(q: Reals, terms: Any, work: Workspace) -> None:
     """Store q, with its ``terms`` and factors, as the position with which later ones are compared."""
     work.branch_history[0].is_frame_known = 1
     for i in range(q.shape[0]):
@@ -182,7 +186,7 @@ def store_reference_frame(q: Any, terms: Any, work: Any) -> None:
 
 
 @inlined
-def is_frame_determined(q: Any, kind: int, rank: int, terms: Any, work: Any) -> bool:
+def is_frame_determined(q: Any, kind: int, rank: int, terms: Any, work: Workspace) -> bool:
     """Whether the axes are determined in q, where J~ is nearly singular: next to a near miss, far from a crossing of
     several equations, or if all equations but one, whose sign :mod:`.branch` has compared, have kept their rank
     since the last position of which this is known.
@@ -195,7 +199,7 @@ def is_frame_determined(q: Any, kind: int, rank: int, terms: Any, work: Any) -> 
 
 
 @inlined
-def extrapolate_pivot_ratio(here: Any, now: float, taken: float) -> None:
+def extrapolate_pivot_ratio(here: BranchHistoryRecord, now: float, taken: float) -> None:
     """Extrapolate the pivot ratio; ``time_to_singular`` is the estimated time to the singular configuration (inf if
     none).
 
@@ -220,7 +224,7 @@ def extrapolate_to_zero(before: float, now: float, taken: float) -> float:
 
 
 @kernel
-def branch_step_limit(t: float, q: Any, v: Any, taken: float, terms: Any, work: Any) -> float:
+def branch_step_limit(t: float, q: Any, v: Any, taken: float, terms: Any, work: Workspace) -> float:
     """Longest step, s, after one of length ``taken``.
 
     A step must not jump over a near miss. It must jump over a crossing, from half a step before it to half a step after

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,10 @@ from solvers.compiled.record import Record, f8, i8
 from solvers.inertia import INERTIA
 from solvers.linalg.dense import factor_lq
 from solvers.system import Array
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.system import Equations, Terms
 
 
 class CriticalRecord(Record):
@@ -138,7 +142,7 @@ class Workspace(NamedTuple):
 
 
 @kernel
-def factor(terms: Any, work: Any) -> None:
+def factor(terms: Terms, work: Any) -> None:
     """Factor the Jacobian held by ``terms``, in units of rows and coordinates."""
     m, n = terms.J.shape
     for i in range(m):
@@ -159,14 +163,14 @@ def factor_transposed(m: int, rank: int, work: Any) -> None:
 
 
 @kernel
-def evaluate_and_factor(eqs: Any, t: float, q: Any, v: Any, work: Any) -> None:
+def evaluate_and_factor(eqs: Equations, t: float, q: Any, v: Any, work: Any) -> None:
     """Fill ``terms`` at (t, q, v) and factor their J."""
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
     factor(eqs.terms, work)
 
 
 @inlined
-def scaled_norm(x: Any, work: Any) -> float:
+def scaled_norm(x: Reals, work: Any) -> float:
     """|x|, x (n,) a change of the coordinates in units of their size."""
     square = 0.0
     for i in range(x.shape[0]):
@@ -175,7 +179,7 @@ def scaled_norm(x: Any, work: Any) -> float:
 
 
 @inlined
-def loop_speed(v: Any, work: Any) -> float:
+def loop_speed(v: Reals, work: Any) -> float:
     """|v| of the coordinates that occur in constraints, in units of their size a second."""
     square = 0.0
     for i in range(v.shape[0]):
@@ -184,7 +188,7 @@ def loop_speed(v: Any, work: Any) -> float:
 
 
 @inlined
-def distance(q: Any, other: Any, work: Any) -> float:
+def distance(q: Reals, other: Any, work: Workspace) -> float:
     """Distance of two positions (nq,) in units of size."""
     square = 0.0
     for i in range(q.shape[0]):

@@ -12,7 +12,7 @@ is left over, and then there is no steady state.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,10 @@ from .newton import (
     Outcome,
     Unknowns,
 )
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.system import Terms
 
 UNDETERMINED_PIVOT_RATIO = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
 # residual left by the last correction: of what acts in its row, and of the stiffest
@@ -91,7 +95,16 @@ class Scratch(NamedTuple):
 
 @kernel
 def linearize(
-    eqs: Any, t: float, q: Any, lam: Any, moved: Any, rows: Any, c2: float, mass: float, scale: float, scratch: Any
+    eqs: Equations,
+    t: float,
+    q: Reals,
+    lam: Reals,
+    moved: Any,
+    rows: Any,
+    c2: float,
+    mass: float,
+    scale: float,
+    scratch: Any,
 ) -> None:
     """s.f and s.K at (q, lam), c2 M moved among the forces; one evaluation a coordinate. ``scale`` is an energy.
 
@@ -138,7 +151,7 @@ def solve_correction(scratch: Any, z: Any) -> float:
 
 
 @kernel
-def is_balanced(lam: Any, scale: float, scratch: Any) -> bool:
+def is_balanced(lam: Reals, scale: float, scratch: Scratch) -> bool:
     """Whether s.f is small against what s.K and the multipliers do in each row; where they do nothing, zero."""
     n, N = scratch.v.shape[0], scratch.f.shape[0]
     for i in range(N):
@@ -154,7 +167,7 @@ def is_balanced(lam: Any, scale: float, scratch: Any) -> bool:
 
 
 @kernel
-def max_stiffness(scratch: Any) -> float:
+def max_stiffness(scratch: Scratch) -> float:
     """Largest entry of the force rows of K, or 1."""
     n, largest = scratch.v.shape[0], 0.0
     for i in range(n):
@@ -164,7 +177,7 @@ def max_stiffness(scratch: Any) -> float:
 
 
 @kernel
-def apply_correction(eqs: Any, q: Any, lam: Any, damping: float, scale: float, scratch: Any) -> None:
+def apply_correction(eqs: Any, q: Reals, lam: Reals, damping: float, scale: float, scratch: Any) -> None:
     """s.q_try, s.lam_try, s.moved_try = (q, lam) and s.moved, changed by ``damping`` times the correction s.z."""
     n = scratch.v.shape[0]
     for i in range(q.shape[0]):
@@ -180,7 +193,7 @@ def apply_correction(eqs: Any, q: Any, lam: Any, damping: float, scale: float, s
 
 
 @kernel
-def accept_trial(q: Any, lam: Any, scratch: Any) -> None:
+def accept_trial(q: Reals, lam: Reals, scratch: Scratch) -> None:
     """Accept the trial state."""
     for i in range(q.shape[0]):
         q[i] = scratch.q_try[i]
@@ -206,13 +219,13 @@ def factor_jacobian(scratch: Any) -> bool:
 
 
 @kernel
-def evaluate(eqs: Any, t: float, q: Any, v: Any) -> None:
+def evaluate(eqs: Equations, t: float, q: Any, v: Any) -> None:
     """The terms at (t, q, v), called from Python."""
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
 
 
 @kernel
-def find_constraint_forces(rows: Any, terms: Any, scratch: Any, lam: Any) -> bool:
+def find_constraint_forces(rows: Any, terms: Terms, scratch: Any, lam: Reals) -> bool:
     """lam (rank,): multipliers of least residual with the ``terms`` at hand; return whether J~ has its full rank."""
     n, rank = scratch.v.shape[0], rows.shape[0]
     for r in range(rank):
@@ -231,7 +244,9 @@ def find_constraint_forces(rows: Any, terms: Any, scratch: Any, lam: Any) -> boo
 
 
 @kernel
-def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, mass: float, scratch: Any, report: Any) -> int:
+def newton(
+    eqs: Equations, t: float, q: Any, lam: Any, rows: Any, c2: float, mass: float, scratch: Scratch, report: Any
+) -> int:
     """Solve f = 0 from (q, lam), in place, or a pseudo-transient step; report: Jacobians factored."""
     n = scratch.v.shape[0]
     for i in range(n):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import nan
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,9 @@ from solvers.system import Array, Equations, System, Terms
 
 from .formulation import Formulation
 
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+
 # The characteristic rate of a coordinate is the first part of its rate at the start, which exceeds that of a small
 # oscillation by the root of its amplitude; it is at least the second part of the rate of the motion, since a coordinate
 # at rest may move later.
@@ -45,7 +48,7 @@ RANK_LOSS_RATIO = 1e-9  # singular value of J~, relative to the largest, below w
 
 
 @kernel
-def classify_nearest_singularity(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+def classify_nearest_singularity(eqs: Equations, t: float, q: Any, rank: int, work: Any) -> int:
     """Class of the singular configuration next to q; see :func:`solvers.projection.singular.classify_singularity`."""
     eqs.position(t, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
@@ -54,7 +57,7 @@ def classify_nearest_singularity(eqs: Any, t: float, q: Any, rank: int, work: An
 
 @kernel
 def estimate_rates(
-    eqs: Any, t: float, q: Any, v: Any, rank: int, known: float, loop_rate: float, duration: float, work: Any
+    eqs: Any, t: float, q: Any, v: Reals, rank: int, known: float, loop_rate: float, duration: float, work: Any
 ) -> None:
     """Note the rate of the motion (1/s, see :func:`solvers.stepper.rate_of_start`), and of every coordinate's own part
     in it: a stiff spring at one of them is not to make the others' tolerances coarse.
@@ -72,7 +75,7 @@ def estimate_rates(
 
 
 @kernel
-def evaluate_stage(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, lam: Any) -> int:
+def evaluate_stage(eqs: Equations, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, lam: Any) -> int:
     """Accelerations and shortest multipliers at a state that need not be closed; leaves ``terms`` there.
 
     Near a crossing it is closed first: v' of a state off the constraints is wrong by the inverse square of its pivot.
@@ -89,7 +92,9 @@ def evaluate_stage(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: 
 
 
 @kernel
-def record_dense_energy(eqs: Any, t: float, v: Any, accounts: Any, scales: Any, is_scheduled: bool, work: Any) -> None:
+def record_dense_energy(
+    eqs: Equations, t: float, v: Any, accounts: Any, scales: Any, is_scheduled: bool, work: Any
+) -> None:
     """Update rate growth, and if ``is_scheduled`` the energy bound, at the state evaluated last."""
     update_growth(t, eqs.terms.M, v, work)
     if is_scheduled:
@@ -98,7 +103,7 @@ def record_dense_energy(eqs: Any, t: float, v: Any, accounts: Any, scales: Any, 
 
 @kernel
 def record_dense_step(
-    eqs: Any, t: float, q: Any, v: Any, taken: float, following: float, rank: int, work: Any
+    eqs: Equations, t: float, q: Any, v: Any, taken: float, following: float, rank: int, work: Workspace
 ) -> float:
     """Record an accepted position, evaluated last, after a step of ``taken`` (s; 0: the first one); return the longest
     next step, s.

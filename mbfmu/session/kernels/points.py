@@ -6,7 +6,7 @@ calls these kernels is in :mod:`.sequence`.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from solvers.compiled.kernel import kernel, records
 from solvers.compiled.record import Record, f8, i8
 from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
 from solvers.outcome import OK
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 
 class RunStatusRecord(Record):
@@ -68,7 +71,7 @@ class Session(NamedTuple):
 
 
 @kernel
-def energy_at(session: Any, t: float, q: Any, v: Any) -> float:
+def energy_at(session: Session, t: float, q: Any, v: Any) -> float:
     """Kinetic and potential energy of the state (q, v) at t, J."""
     found: float = energy(t, q, v, session.data)
     return found
@@ -76,7 +79,7 @@ def energy_at(session: Any, t: float, q: Any, v: Any) -> float:
 
 @kernel
 def begin_session(
-    session: Any,
+    session: Session,
     t: float,
     q: Any,
     v: Any,
@@ -107,7 +110,7 @@ def begin_session(
 
 
 @kernel
-def account_discontinuity(session: Any, before: float, t: float, q: Any, v: Any) -> None:
+def account_discontinuity(session: Session, before: float, t: float, q: Any, v: Any) -> None:
     """Count the change of the energy at one state from ``before``, J, as work: it is no energy error."""
     work = energy_at(session, t, q, v) - before
     session.status[0].discontinuity_work += work
@@ -115,7 +118,7 @@ def account_discontinuity(session: Any, before: float, t: float, q: Any, v: Any)
 
 
 @kernel
-def apply_input(session: Any, index: int, value: float, t: float, q: Any, v: Any) -> int:
+def apply_input(session: Session, index: int, value: float, t: float, q: Any, v: Any) -> int:
     """Set an input at the time reached; return its role."""
     role: int = session.inputs.inputs[index].role
     before = energy_at(session, t, q, v) if role == GRAVITY_LOAD else 0.0
@@ -126,19 +129,19 @@ def apply_input(session: Any, index: int, value: float, t: float, q: Any, v: Any
 
 
 @kernel
-def note_energy(session: Any, t: float, q: Any, v: Any) -> None:
+def note_energy(session: Session, t: float, q: Any, v: Any) -> None:
     """Note the energy before parameters change."""
     session.status[0].before = energy_at(session, t, q, v)
 
 
 @kernel
-def account_parameters(session: Any, t: float, q: Any, v: Any) -> None:
+def account_parameters(session: Session, t: float, q: Any, v: Any) -> None:
     """Count the change of the energy since :func:`note_energy` as work."""
     account_discontinuity(session, session.status[0].before, t, q, v)
 
 
 @kernel
-def plan_step(session: Any, t: float, end: float) -> int:
+def plan_step(session: Session, t: float, end: float) -> int:
     """Plan a step from t to ``end``, s; return what :func:`mbfmu.mechanics.arrays.points.begin_support_motions` finds.
 
     A step of length zero changes nothing.
@@ -149,27 +152,27 @@ def plan_step(session: Any, t: float, end: float) -> int:
 
 
 @kernel
-def store_velocity_jump(a: Any, k: int, dv: Any) -> None:
+def store_velocity_jump(a: Reals, k: int, dv: Reals) -> None:
     """Put into dv (n,) the difference of the accelerations a (n,) for two motions of the supports, ``k`` = 0 and 1."""
     for i in range(dv.shape[0]):
         dv[i] = a[i] - (dv[i] if k == 1 else 0.0)
 
 
 @kernel
-def note_impulse(session: Any, code: int) -> None:
+def note_impulse(session: Session, code: int) -> None:
     """Note whether the impulse of the supports is determined; ``code`` is the result of its evaluation."""
     session.status[0].unknown = 0 if code == OK else 1
 
 
 @kernel
-def start_support_motions(session: Any) -> None:
+def start_support_motions(session: Session) -> None:
     """Start the motions of the supports that are planned."""
     if start_motions(session.inputs, session.balance[0].tolerance):
         session.status[0].jumps = 1
 
 
 @kernel
-def check_energy(session: Any, t: float, now: float, account: Any) -> float:
+def check_energy(session: Session, t: float, now: float, account: Any) -> float:
     """Check the energy balance of a state at t (s) of energy ``now`` (J); return the energy error, J.
 
     ``account`` (ACCOUNT_SIZE,) is the energy account of the state. The first violation is noted.
@@ -187,7 +190,7 @@ def check_energy(session: Any, t: float, now: float, account: Any) -> float:
 
 
 @kernel
-def check_energies(session: Any, times: Any, energies: Any, accounts: Any, energy_errors: Any) -> None:
+def check_energies(session: Any, times: Reals, energies: Reals, accounts: Any, energy_errors: Reals) -> None:
     """:func:`check_energy` of k states one after the other; put the energy errors into ``energy_errors`` (k,), J."""
     for i in range(times.shape[0]):
         energy_errors[i] = check_energy(session, times[i], energies[i], accounts[i])
@@ -204,7 +207,7 @@ def check_point(session: Any, t: float, q: Any, v: Any, account: Any) -> None:
 
 
 @kernel
-def read_outputs(session: Any, t: float, q: Any, v: Any, a: Any, lam: Any, account: Any, out: Any) -> None:
+def read_outputs(session: Session, t: float, q: Any, v: Any, a: Any, lam: Any, account: Any, out: Reals) -> None:
     """Put the outputs at the solution (q, v, a, lam) into ``out``, and in place of the energies that they end in the
     energy error and the exchanged energy, J; nan if the energy balance is not checked.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.energy_account import energy_check_scheduled, update_energy_bound
@@ -28,11 +28,14 @@ from solvers.steppers.step_control import set_near_miss_factor
 from .formulas import pack_state
 from .hybrid import HYBRID, LU
 
+if TYPE_CHECKING:
+    from solvers.steppers.step_loop import Integration
+
 FROZEN_JACOBIAN_RATIO = 1e-3  # part of the tolerance: a smaller correction of the position needs no new J
 
 
 @inlined
-def set_error_weights(integration: Any) -> None:
+def set_error_weights(integration: Integration) -> None:
     """Error weights 1 / (rtol |y| + atol unit) at y; with 'adams-lu' dependent coordinates get none: they are not
     controlled.
     """
@@ -50,7 +53,7 @@ def set_error_weights(integration: Any) -> None:
 
 
 @kernel
-def evaluate_derivative(integration: Any, t: float, closing: bool) -> int:
+def evaluate_derivative(integration: Integration, t: float, closing: bool) -> int:
     """y' in ``history.yp`` at (work.q, work.v), which are closed first where ``closing`` or in the LU regime."""
     eqs, work, history, settings = integration.eqs, integration.work, integration.memory, integration.settings[0]
     control = history.control[0]
@@ -86,7 +89,7 @@ def evaluate_derivative(integration: Any, t: float, closing: bool) -> int:
 
 
 @kernel
-def evaluate_power(integration: Any, t: float) -> float:
+def evaluate_power(integration: Integration, t: float) -> float:
     """W' at the state evaluated last, with v' in ``work.slope``."""
     eqs, work, history = integration.eqs, integration.work, integration.memory
     control = history.control[0]
@@ -102,7 +105,7 @@ def evaluate_power(integration: Any, t: float) -> float:
 
 
 @kernel
-def record_energy(integration: Any, t: float) -> None:
+def record_energy(integration: Integration, t: float) -> None:
     """Record the energy at the state evaluated last (`solvers.energy_account`)."""
     eqs, work, control = integration.eqs, integration.work, integration.memory.control[0]
     update_growth(t, eqs.terms.M, work.v, work)

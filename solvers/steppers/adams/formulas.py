@@ -11,7 +11,7 @@ The tolerance sits in the weights: a step is good where ||e * weight||_2 <= 1.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,9 @@ from solvers.steppers.step_control import FIRST_STEP_RATIO
 from solvers.system import Array
 
 from .order_control import GAMMA_STAR, choose_order, choose_step, count_stability_limited
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 MAX_ORDER = 12
 N_DIFFERENCES = MAX_ORDER + 3  # entries of the arrays that are indexed by the order
@@ -96,7 +99,7 @@ class History(NamedTuple):
 
 
 @inlined
-def weighted_norm(x: Any, weight: Any) -> float:
+def weighted_norm(x: Reals, weight: Reals) -> float:
     """||x * weight||_2."""
     total = 0.0
     for i in range(x.shape[0]):
@@ -105,7 +108,7 @@ def weighted_norm(x: Any, weight: Any) -> float:
 
 
 @inlined
-def unpack_state(y: Any, q: Any, v: Any) -> None:
+def unpack_state(y: Reals, q: Reals, v: Reals) -> None:
     """(q, v) <- y."""
     nq = q.shape[0]
     for i in range(nq):
@@ -115,7 +118,7 @@ def unpack_state(y: Any, q: Any, v: Any) -> None:
 
 
 @inlined
-def pack_state(q: Any, v: Any, y: Any) -> None:
+def pack_state(q: Reals, v: Reals, y: Reals) -> None:
     """y <- (q, v)."""
     nq = q.shape[0]
     for i in range(nq):
@@ -126,7 +129,7 @@ def pack_state(q: Any, v: Any, y: Any) -> None:
 
 @kernel
 def restart_history(
-    history: Any, t: float, q: Any, v: Any, work: float, rk_steps: int, needs_derivative: int, keeps_position: bool
+    history: History, t: float, q: Any, v: Any, work: float, rk_steps: int, needs_derivative: int, keeps_position: bool
 ) -> None:
     """Begin the next step at a reported state, see CONTROL.
 
@@ -141,7 +144,7 @@ def restart_history(
 
 
 @kernel
-def set_tolerance_units(history: Any, absolute: float, work: Any, scales: Any) -> None:
+def set_tolerance_units(history: History, absolute: float, work: Any, scales: Any) -> None:
     """Take what the absolute tolerance is measured in, by the units and paces in ``work``."""
     nq, n = work.size_q.shape[0], work.size.shape[0]
     for i in range(nq):
@@ -153,7 +156,7 @@ def set_tolerance_units(history: Any, absolute: float, work: Any, scales: Any) -
 
 
 @inlined
-def start_history(control: Any, history: Any, max_step: float, rate: float) -> None:
+def start_history(control: Any, history: History, max_step: float, rate: float) -> None:
     """History of order 1 from y' = ``history.yp`` at ``control.t``; ``rate`` (1/s) times y' stands for y''."""
     for i in range(history.y.shape[0]):
         for j in range(N_DIFFERENCES):
@@ -217,7 +220,7 @@ def update_predictor_coefficients(control: Any) -> None:
 
 
 @inlined
-def predict(control: Any, history: Any) -> None:
+def predict(control: Any, history: History) -> None:
     """Block 2, first half: the predicted state ``history.p`` and differences as of t + h without the new y'."""
     k, ns, h, phi = control.k, control.ns, control.h, history.phi
     for i in range(history.y.shape[0]):
@@ -234,7 +237,7 @@ def predict(control: Any, history: Any) -> None:
 
 
 @inlined
-def estimate_errors(control: Any, history: Any) -> float:
+def estimate_errors(control: Any, history: History) -> float:
     """Block 2, second half: return the weighted error at order k; note those of orders k, k-1, k-2 and the
     next order.
     """
@@ -262,7 +265,7 @@ def estimate_errors(control: Any, history: Any) -> float:
 
 
 @inlined
-def undo_prediction(control: Any, history: Any) -> None:
+def undo_prediction(control: Any, history: History) -> None:
     """Block 3, first half: take :func:`predict` and :func:`update_coefficients` back after a failed step."""
     control.phase1 = 0
     for i in range(history.y.shape[0]):
@@ -273,7 +276,7 @@ def undo_prediction(control: Any, history: Any) -> None:
 
 
 @inlined
-def correct_state(control: Any, history: Any) -> None:
+def correct_state(control: Any, history: History) -> None:
     """Block 4: the corrected state, one order higher, in ``history.trial``."""
     factor = control.h * control.g[control.k + 1]
     for i in range(history.y.shape[0]):
@@ -282,7 +285,7 @@ def correct_state(control: Any, history: Any) -> None:
 
 
 @inlined
-def correct_work(control: Any, history: Any, power: float) -> None:
+def correct_work(control: Any, history: History, power: float) -> None:
     """The corrected work from W' where the step ends, after :func:`correct_state`."""
     last = history.y.shape[0] - 1
     history.yp[last] = power
@@ -290,7 +293,7 @@ def correct_work(control: Any, history: Any, power: float) -> None:
 
 
 @inlined
-def record_step_energy(control: Any, history: Any) -> None:
+def record_step_energy(control: Any, history: History) -> None:
     """Record the work of a step, its error, and the bound of the energy error; see :mod:`solvers.energy_account`."""
     last = history.y.shape[0] - 1
     control.work_total_variation += abs(history.trial[last] - history.y[last])
@@ -303,7 +306,7 @@ def record_step_energy(control: Any, history: Any) -> None:
 
 
 @inlined
-def accept_adams_step(control: Any, history: Any, max_order: int, max_step: float) -> None:
+def accept_adams_step(control: Any, history: History, max_order: int, max_step: float) -> None:
     """Rest of block 4: take over ``history.trial`` and its y' = ``history.yp``; choose the next order and step."""
     k, phi = control.k, history.phi
     count_stability_limited(control, history)
@@ -322,7 +325,7 @@ def accept_adams_step(control: Any, history: Any, max_order: int, max_step: floa
 
 
 @inlined
-def interpolate(control: Any, history: Any, t: float, y: Any) -> None:
+def interpolate(control: Any, history: History, t: float, y: Reals) -> None:
     """State at t in the last step, in ``y`` (size,): subroutine INTRP."""
     hi, g, w = t - control.t, control.g_out, control.w_out
     last = control.kold + 1

@@ -5,7 +5,7 @@ All coordinates are in the history and under error control, so a change costs no
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import is_determinant_positive
@@ -30,12 +30,18 @@ from solvers.projection.workspace import factor
 
 from .formulas import unpack_state
 
+if TYPE_CHECKING:
+    from solvers.projection.workspace import Workspace
+    from solvers.steppers.adams.formulas import History
+    from solvers.steppers.adams.loop import SettingsRecord
+    from solvers.system import Equations
+
 PROJECTION, LU, HYBRID = 0, 1, 2  # partitions; the first two are regimes of the third
 MIN_CLEAR_STEPS = 5.0  # steps to a singular configuration beyond which a return to LU is worthwhile
 
 
 @kernel
-def record_position(eqs: Any, control: Any, history: Any, work: Any) -> None:
+def record_position(eqs: Any, control: Any, history: History, work: Workspace) -> None:
     """Note y as the last good position, after it was left by LU, which has noted none."""
     unpack_state(history.y, work.q, work.v)
     eqs.position(control.t, work.q, eqs.data, eqs.terms)
@@ -79,7 +85,9 @@ def adopt_partition(terms: Any, control: Any, history: Any, work: Any) -> None:
 
 
 @inlined
-def has_energy_jump(eqs: Any, t: float, done: float, control: Any, settings: Any, work: Any) -> bool:
+def has_energy_jump(
+    eqs: Equations, t: float, done: float, control: Any, settings: SettingsRecord, work: Workspace
+) -> bool:
     """Whether the energy, less the work ``done``, has jumped in an LU step of the hybrid, in units of the largest
     kinetic energy so far.
     """
@@ -106,7 +114,7 @@ def fall_back_to_projection(eqs: Any, control: Any, history: Any, work: Any) -> 
 
 
 @kernel
-def check_switch_to_projection(eqs: Any, control: Any, settings: Any, work: Any, history: Any) -> None:
+def check_switch_to_projection(eqs: Any, control: Any, settings: SettingsRecord, work: Any, history: Any) -> None:
     """After an accepted LU step: the paper's re-choice, and what the hybrid makes of it.
 
     The hybrid extrapolates the smallest pivot of J_d. If that is nearly zero, or would be within a few steps, and no
@@ -157,7 +165,7 @@ def is_choice_due(control: Any) -> bool:
 
 
 @kernel
-def check_switch_to_lu(control: Any, settings: Any, terms: Any, work: Any, history: Any) -> None:
+def check_switch_to_lu(control: Any, settings: SettingsRecord, terms: Any, work: Workspace, history: Any) -> None:
     """After an accepted projection step of the hybrid: count steps in which LU would have kept its choice.
 
     If a singular configuration is a few steps ahead LU is not worthwhile.

@@ -12,7 +12,7 @@ are used.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Record, f8, i8
@@ -40,6 +40,9 @@ from .hybrid import (
 )
 from .pece import make_pece_loop
 
+if TYPE_CHECKING:
+    from solvers.steppers.step_loop import Integration
+
 
 class SettingsRecord(Record):
     """Fmt: skip."""
@@ -65,7 +68,7 @@ CLEARANCE_FACTOR = 2.0
 
 
 @kernel
-def begin(integration: Any) -> int:
+def begin(integration: Integration) -> int:
     """Make y the state under evaluation. Unless a single step has just ended there, it is projected onto the
     constraints, its position is recorded, and the coordinates are chosen.
     """
@@ -85,7 +88,7 @@ def begin(integration: Any) -> int:
 
 
 @inlined
-def record_start(integration: Any) -> bool:
+def record_start(integration: Integration) -> bool:
     """Record the position under evaluation, and choose regime and coordinates; False if there is no choice."""
     eqs, work, control = integration.eqs, integration.work, integration.memory.control[0]
     work.branch_history[0].pivot_ratio = 0.0
@@ -101,13 +104,13 @@ def record_start(integration: Any) -> bool:
 
 
 @inlined
-def motion_rate(integration: Any) -> float:
+def motion_rate(integration: Integration) -> float:
     """Rate of the motion, 1/s."""
     return integration.work.rate[0]
 
 
 @inlined
-def may_end_at(integration: Any, target: float) -> bool:
+def may_end_at(integration: Integration, target: float) -> bool:
     """Whether no singular configuration is near or ahead before ``target``, so that a step may end there."""
     control, work = integration.memory.control[0], integration.work
     here = work.branch_history[0]
@@ -123,7 +126,7 @@ def may_end_at(integration: Any, target: float) -> bool:
 
 
 @kernel
-def accept_branch(integration: Any, t: float) -> bool:
+def accept_branch(integration: Integration, t: float) -> bool:
     """Whether the step to (t, work.q, work.v) may be accepted; where LU is in doubt projection tries it again.
 
     LU alone is not watched.
@@ -151,7 +154,7 @@ def accept_branch(integration: Any, t: float) -> bool:
 
 
 @inlined
-def respond_to_cuts(integration: Any, cuts: int) -> None:
+def respond_to_cuts(integration: Integration, cuts: int) -> None:
     """Leave LU in the hybrid if a step has been shortened too often."""
     control, settings = integration.memory.control[0], integration.settings[0]
     if settings.partition == HYBRID and control.regime == LU and cuts >= settings.collapse_cuts:
@@ -160,7 +163,7 @@ def respond_to_cuts(integration: Any, cuts: int) -> None:
 
 
 @inlined
-def end_step(integration: Any) -> None:
+def end_step(integration: Integration) -> None:
     """Record an accepted step, change the regime of the hybrid, and limit the step near singular configurations."""
     eqs, work, history, settings = integration.eqs, integration.work, integration.memory, integration.settings[0]
     control = history.control[0]
@@ -177,20 +180,20 @@ def end_step(integration: Any) -> None:
 
 
 @inlined
-def close(integration: Any, t: float, q: Any, v: Any) -> int:
+def close(integration: Integration, t: float, q: Any, v: Any) -> int:
     """Project a reported state onto the constraints."""
     return project(integration.eqs, t, q, v, integration.memory.control[0].rank, integration.work)
 
 
 @inlined
-def fill_row(integration: Any, t: float, q: Any, v: Any, a: Any, lam: Any, outputs: Any) -> int:
+def fill_row(integration: Integration, t: float, q: Any, v: Any, a: Any, lam: Any, outputs: Any) -> int:
     """Accelerations, multipliers and outputs of the system at the state reported last."""
     control, settings = integration.memory.control[0], integration.settings[0]
     return fill_reported_state(integration.eqs, t, q, v, settings.rtol, control, integration.work, a, lam, outputs)
 
 
 @kernel
-def set_up(integration: Any, rank: int, absolute: float) -> None:
+def set_up(integration: Integration, rank: int, absolute: float) -> None:
     """Take rank, units and paces as they were found at the start; ``absolute`` is the tolerance in those units."""
     control, history, work = integration.memory.control[0], integration.memory, integration.work
     control.rank, control.changed_at = rank, -integration.settings[0].flicker_steps

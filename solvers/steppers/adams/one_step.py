@@ -11,13 +11,16 @@ Dormand and Prince, J. Comp. Appl. Math. 6 (1980), 19-26, table 2; here in units
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from solvers.compiled.kernel import inlined
 from solvers.energy_account import add_energy_error_bound
 from solvers.steppers.step_control import MIN_STEP_CHANGE, end_of_step, step_factor, truncated_step
+
+if TYPE_CHECKING:
+    from solvers.steppers.adams.formulas import History
 
 N_STAGES = 7
 NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
@@ -38,7 +41,7 @@ MAX_STEP_CHANGE = 5.0  # next step in units of this one, at most
 
 
 @inlined
-def compute_stage(control: Any, history: Any, i: int) -> None:
+def compute_stage(control: Any, history: History, i: int) -> None:
     """State of stage i = 1, ..., 6 (6: where the step ends) in ``history.p``; stage 0 is y."""
     for j in range(history.y.shape[0]):
         total = 0.0
@@ -48,14 +51,14 @@ def compute_stage(control: Any, history: Any, i: int) -> None:
 
 
 @inlined
-def store_stage(history: Any, i: int) -> None:
+def store_stage(history: History, i: int) -> None:
     """Keep y' = ``history.yp`` of stage i."""
     for j in range(history.y.shape[0]):
         history.phi[j, i + 1] = history.yp[j]
 
 
 @inlined
-def estimate_error(control: Any, history: Any) -> float:
+def estimate_error(control: Any, history: History) -> float:
     """The weighted error of the step from all seven stages."""
     square = 0.0
     for j in range(history.y.shape[0]):
@@ -83,7 +86,7 @@ def truncate_step(control: Any, target: float) -> None:
 
 
 @inlined
-def accept_runge_kutta_step(control: Any, history: Any, target: float, error: float) -> None:
+def accept_runge_kutta_step(control: Any, history: History, target: float, error: float) -> None:
     """Accept ``history.trial``, whose y' is ``history.yp``, as y; the next step is as long as accuracy allows."""
     last = history.y.shape[0] - 1
     slip = 0.0

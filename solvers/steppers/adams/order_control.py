@@ -6,11 +6,14 @@ names these are. Steps are doubled or halved where possible, since the formulas 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from solvers.compiled.kernel import inlined
+
+if TYPE_CHECKING:
+    from solvers.steppers.adams.formulas import History
 
 STABILITY_BOUND, STABILITY_STEPS = 0.25, 50  # see count_stability_limited
 GAMMA_STAR = np.array(
@@ -32,7 +35,7 @@ def shorten_step(cuts: int, control: Any) -> None:
 
 
 @inlined
-def count_stability_limited(control: Any, history: Any) -> None:
+def count_stability_limited(control: Any, history: History) -> None:
     """Count the steps whose length stability sets, and not accuracy.
 
     rho = |y'_c - y'_p| / |y_c - y_p|, from the predicted to the corrected state, comes near the largest eigenvalue
@@ -53,7 +56,7 @@ def count_stability_limited(control: Any, history: Any) -> None:
 
 
 @inlined
-def choose_order(control: Any, history: Any, max_order: int) -> None:
+def choose_order(control: Any, history: History, max_order: int) -> None:
     """Next order: lower where errors fall with lower order, higher in phase 1 or where the higher order is better."""
     k = control.k
     if control.knew < k or k >= max_order:

@@ -10,7 +10,7 @@ slowest moves. The error control keeps the step there, because an unstable step 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,11 @@ from solvers.steppers.tree import RATE_TOLERANCE_RATIO
 
 from .formulas import pack_state, set_tolerance_units, unpack_state
 from .pece import make_pece_loop
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.steppers.step_loop import Integration
+    from solvers.steppers.tree import TreeEquations
 
 
 class SettingsRecord(Record):
@@ -44,7 +49,7 @@ SETTINGS = SettingsRecord.dtype
 
 
 @inlined
-def evaluate_forward_dynamics(eqs: Any, t: float, q: Any, v: Any, qdot: Any, a: Any) -> int:
+def evaluate_forward_dynamics(eqs: TreeEquations, t: float, q: Any, v: Any, qdot: Any, a: Reals) -> int:
     """qdot (nq,) = N v and a (n,) = v' at (t, q, v)."""
     if eqs.forward(t, q, v, eqs.data, qdot, a) != 0:
         return NO_MASS
@@ -68,7 +73,7 @@ def motion_rate(integration: Any) -> float:
 
 
 @inlined
-def evaluate_derivative(integration: Any, t: float, closing: bool) -> int:
+def evaluate_derivative(integration: Integration, t: float, closing: bool) -> int:
     """y' in ``history.yp`` at (work.q, work.v), whose quaternions become of unit length if ``closing``."""
     eqs, work, history = integration.eqs, integration.work, integration.memory
     if closing:
@@ -81,7 +86,7 @@ def evaluate_derivative(integration: Any, t: float, closing: bool) -> int:
 
 
 @inlined
-def set_error_weights(integration: Any) -> None:
+def set_error_weights(integration: Integration) -> None:
     """Error weights at y, such that in meshes the norm is a root mean square: they have many coordinates of a kind."""
     history, work, settings = integration.memory, integration.work, integration.settings[0]
     size = history.y.shape[0] - 1
@@ -91,14 +96,14 @@ def set_error_weights(integration: Any) -> None:
 
 
 @inlined
-def evaluate_power(integration: Any, t: float) -> float:
+def evaluate_power(integration: Integration, t: float) -> float:
     """W' at the state evaluated last."""
     eqs, work = integration.eqs, integration.work
     return eqs.power(t, work.q, work.v, work.a, work.lam, eqs.data) if integration.settings[0].works == 1 else 0.0
 
 
 @kernel
-def record_energy(integration: Any, t: float) -> None:
+def record_energy(integration: Integration, t: float) -> None:
     """Record the energy at (work.q, work.v); this costs an inverse dynamics (`solvers.energy_account`)."""
     eqs, work, control = integration.eqs, integration.work, integration.memory.control[0]
     if integration.settings[0].energy_check == 1 and energy_check_scheduled(control):
@@ -132,7 +137,7 @@ def end_step(integration: Any) -> None:
 
 
 @inlined
-def close(integration: Any, t: float, q: Any, v: Any) -> int:
+def close(integration: Integration, t: float, q: Any, v: Any) -> int:
     """Bring the quaternions of an interpolated state to unit length."""
     if t < integration.memory.control[0].t:
         integration.eqs.retract(q, integration.work.zero, integration.eqs.data)
@@ -140,7 +145,7 @@ def close(integration: Any, t: float, q: Any, v: Any) -> int:
 
 
 @kernel
-def set_up(integration: Any, t: float, known: float, duration: float) -> None:
+def set_up(integration: Integration, t: float, known: float, duration: float) -> None:
     """Find units and the rate of the motion at the reported state, of time t (s); ``known`` (1/s) is what is known of
     the rate beforehand, ``duration`` (s) that of the run.
     """
@@ -161,7 +166,7 @@ def set_up(integration: Any, t: float, known: float, duration: float) -> None:
 
 
 @kernel
-def evaluate(integration: Any, t: float, a: Any) -> int:
+def evaluate(integration: Integration, t: float, a: Any) -> int:
     """Accelerations a (n,) at the reported state, of time t (s)."""
     return evaluate_forward_dynamics(integration.eqs, t, integration.q, integration.v, integration.work.qdot, a)
 

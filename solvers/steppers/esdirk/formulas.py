@@ -15,7 +15,7 @@ the direction alone, which leaves q' = N(q) v and its order as they are.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,11 @@ from solvers.energy_account import ACCOUNT_FIELDS, add_energy_error_bound, energ
 from solvers.inertia import update_tree_growth
 from solvers.positions import angular_velocity, as_motion, as_slope
 from solvers.system import Array, TreeSystem
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.inertia import Growth
+    from solvers.system import Equations, Stepped
 
 GAMMA = 1767732205903 / 4055673282236
 N_STAGES = 4
@@ -134,7 +139,7 @@ class Stage(NamedTuple):
 
 
 @kernel
-def predict_stage(eqs: Any, i: int, h: float, memory: Any, stage: Any) -> None:
+def predict_stage(eqs: Any, i: int, h: float, memory: Memory, stage: Stage) -> None:
     """q_e and v_e of stage i, and a first guess from the stage before it: on at its velocity.
 
     The part of v' in unresolved modes would make the guess inaccurate.
@@ -154,7 +159,7 @@ def predict_stage(eqs: Any, i: int, h: float, memory: Any, stage: Any) -> None:
 
 
 @kernel
-def evaluate_rates(c: float, stage: Any) -> None:
+def evaluate_rates(c: float, stage: Stage) -> None:
     """Slope, v and v' of the stage at stage.q, c = 1 / (h gamma)."""
     for k in range(stage.in_q.shape[0]):
         i = stage.in_q[k]
@@ -173,7 +178,7 @@ def evaluate_rates(c: float, stage: Any) -> None:
 
 
 @kernel
-def residual(eqs: Any, t: float, c: float, stage: Any) -> bool:
+def residual(eqs: Stepped, t: float, c: float, stage: Stage) -> bool:
     """Fill stage.tau at stage.q; False if it is not finite."""
     evaluate_rates(c, stage)
     eqs.inverse(t, stage.q, stage.v, stage.a, stage.lam, eqs.data, stage.qdot, stage.tau)
@@ -184,7 +189,7 @@ def residual(eqs: Any, t: float, c: float, stage: Any) -> bool:
 
 
 @kernel
-def predict_residual(eqs: Any, t: float, c: float, memory: Any, stage: Any) -> None:
+def predict_residual(eqs: Stepped, t: float, c: float, memory: Memory, stage: Stage) -> None:
     """Predict the residual of the first guess of stage 1, at stage.q, in stage.tau.
 
     It is a linear extrapolation of the equations from the end of the last step: by their difference over a small part
@@ -218,7 +223,7 @@ def predict_residual(eqs: Any, t: float, c: float, memory: Any, stage: Any) -> N
 
 
 @kernel
-def correct_stage(eqs: Any, k: int, dq: Any, dlam: Any, stage: Any) -> float:
+def correct_stage(eqs: Any, k: int, dq: Reals, dlam: Reals, stage: Stage) -> float:
     """Move the stage by correction k, accelerated; return its size in tolerances.
 
     Factors that are kept are wrong for a few modes only. With x_k the unknowns, f_k = -(dq, dlam) what Newton would add
@@ -249,7 +254,7 @@ def correct_stage(eqs: Any, k: int, dq: Any, dlam: Any, stage: Any) -> float:
 
 
 @kernel
-def store_secant(k: int, dq: Any, dlam: Any, stage: Any) -> None:
+def store_secant(k: int, dq: Reals, dlam: Reals, stage: Stage) -> None:
     """Add row k to stage.df and stage.along from the last two corrections, by Gram and Schmidt.
 
     No row is added if it depends on the others.
@@ -279,7 +284,7 @@ def store_secant(k: int, dq: Any, dlam: Any, stage: Any) -> None:
 
 
 @inlined
-def row_norm(F: Any, k: int) -> float:
+def row_norm(F: Reals, k: int) -> float:
     """|F[k]|."""
     total = 0.0
     for i in range(F.shape[1]):
@@ -288,7 +293,7 @@ def row_norm(F: Any, k: int) -> float:
 
 
 @kernel
-def measure_correction(dq: Any, stage: Any) -> float:
+def measure_correction(dq: Reals, stage: Stage) -> float:
     """The largest of dq (n,) in tolerances: one that moves among many that rest counts as if it were alone."""
     largest = 0.0
     for k in range(dq.shape[0]):
@@ -299,7 +304,7 @@ def measure_correction(dq: Any, stage: Any) -> float:
 
 
 @kernel
-def store_stage(eqs: Any, i: int, t: float, c: float, works: int, memory: Any, stage: Any) -> None:
+def store_stage(eqs: Equations, i: int, t: float, c: float, works: int, memory: Memory, stage: Stage) -> None:
     """Keep the slopes of stage i, and its power."""
     evaluate_rates(c, stage)
     for k in range(stage.slope.shape[0]):
@@ -330,7 +335,7 @@ def evaluate_start(eqs: Any, t: float, works: int, memory: Any, stage: Any) -> N
 
 
 @kernel
-def accept_step(h: float, after: float, memory: Any, stage: Any) -> None:
+def accept_step(h: float, after: float, memory: Memory, stage: Any) -> None:
     """Accept the step of h, which has ended at (stage.q, stage.v)."""
     control = memory.control[0]
     done, slip = 0.0, 0.0
@@ -360,7 +365,7 @@ def accept_step(h: float, after: float, memory: Any, stage: Any) -> None:
 
 
 @kernel
-def update_inertia_growth(eqs: Any, memory: Any, stage: Any, growth: Any) -> None:
+def update_inertia_growth(eqs: Any, memory: Memory, stage: Stage, growth: Growth) -> None:
     """Update the rate growth where the last step ended, at the cost of an inverse dynamics; see solvers.inertia."""
     eqs.inverse(
         memory.control[0].t, memory.q, memory.v, stage.zero, stage.no_multipliers, eqs.data, stage.qdot, stage.tau
@@ -370,7 +375,7 @@ def update_inertia_growth(eqs: Any, memory: Any, stage: Any, growth: Any) -> Non
 
 
 @kernel
-def record_energy(eqs: Any, memory: Any, stage: Any, scales: Any) -> None:
+def record_energy(eqs: Any, memory: Memory, stage: Stage, scales: Any) -> None:
     """Record the energy where the last step ended; this costs an inverse dynamics (`solvers.energy_account`)."""
     control = memory.control[0]
     if energy_check_scheduled(control):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,12 @@ from .ggl import (
 from .loop import REJECTED_STEPS, STEP_REJECTED, STEPS
 from .sundials import Callbacks, matrix_data, vector_data
 
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.projection.workspace import Workspace
+    from solvers.steppers.ida.ggl import Unknowns
+    from solvers.system import Equations
+
 RTOL_EXPONENT = 1.2  # of a motion's tolerance: IDA bounds the error of a step, see solvers.steppers.ida.dense
 WEAK_RESIDUAL_RATIO = 0.2  # part of a near miss's gap: bound of the residual of a step near it
 NEAR_MISS_REGULARIZATION = 1e-4  # of D near a near miss, where only redundant constraints need it
@@ -40,7 +46,15 @@ RETRY_STEP_RATIO = 0.25  # next step after a rejected one, in units of that
 
 @kernel
 def record_energy(
-    eqs: Any, t: float, y: Any, yp: Any, works: bool, unknowns: Any, work: Any, energy_record: Any, scales: Any
+    eqs: Equations,
+    t: float,
+    y: Reals,
+    yp: Reals,
+    works: bool,
+    unknowns: Unknowns,
+    work: Workspace,
+    energy_record: Any,
+    scales: Any,
 ) -> None:
     """Record the energy after a step of IDA to (t, y, yp); see :mod:`solvers.energy_account`."""
     record, nq, n, power = energy_record[0], unknowns.q.shape[0], unknowns.v.shape[0], 0.0
@@ -61,7 +75,7 @@ def record_energy(
 
 
 @kernel
-def project_redundant(rank: int, unknowns: Any, work: Any) -> None:
+def project_redundant(rank: int, unknowns: Unknowns, work: Workspace) -> None:
     """unknowns.P = projection onto the left null space of J~, from its factors."""
     m = unknowns.P.shape[0]
     factor_transposed(m, rank, work)
@@ -96,7 +110,9 @@ class UserData(NamedTuple):
 
 
 @kernel
-def check_step(eqs: Any, t: float, y: Any, taken: float, rank: int, unknowns: Any, work: Any) -> float:
+def check_step(
+    eqs: Equations, t: float, y: Reals, taken: float, rank: int, unknowns: Unknowns, work: Workspace
+) -> float:
     """Longest next step after one of IDA's to (t, y), s; negative where the step may have jumped to another branch."""
     for i in range(unknowns.q.shape[0]):
         unknowns.q[i] = y[i]
@@ -130,7 +146,7 @@ def check_step(eqs: Any, t: float, y: Any, taken: float, rank: int, unknowns: An
 
 
 @kernel
-def set_error_weights(y: Any, out: Any, user_data: Any) -> None:
+def set_error_weights(y: Reals, out: Reals, user_data: UserData) -> None:
     """out (N,) <- one over the tolerances of the unknowns."""
     finer = tolerance_factor(user_data.rtol, RTOL_EXPONENT, user_data.work)
     for i in range(out.shape[0]):
@@ -138,7 +154,7 @@ def set_error_weights(y: Any, out: Any, user_data: Any) -> None:
 
 
 @kernel
-def accept_step(t: float, y: Any, slopes: Any, user_data: Any) -> int:
+def accept_step(t: float, y: Reals, slopes: Reals, user_data: UserData) -> int:
     """Accept IDA's step to (t, y), or restart it from its beginning."""
     progress, unknowns = user_data.progress[0], user_data.unknowns
     user_data.counts[STEPS] += 1.0

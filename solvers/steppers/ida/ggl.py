@@ -33,7 +33,7 @@ vector is declared to be the vector, which the preconditioner then takes as solv
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,11 @@ from solvers.projection.workspace import loop_speed
 from solvers.system import Array
 
 from .loop import JACOBIANS, N_COUNTERS, NONFINITE_RESIDUALS, RESIDUALS
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.projection.workspace import Workspace
+    from solvers.system import Equations, Terms
 
 MULTIPLIER_REGULARIZATION, FILTER_RATIO, POSITION_REGULARIZATION = 1e-10, 1e-13, 1e-2  # c_lambda, c_f, c_mu
 QUATERNION_LENGTH_RATE = 10.0  # k, in units of the motion's rate
@@ -106,7 +111,7 @@ class Unknowns(NamedTuple):
 
 
 @kernel
-def evaluate_residual(eqs: Any, t: float, unknowns: Any, work: Any, res: Any) -> None:
+def evaluate_residual(eqs: Equations, t: float, unknowns: Unknowns, work: Workspace, res: Reals) -> None:
     """Residual (N,) at (unknowns.y, unknowns.yp), module docstring; leaves ``terms`` at (q, v)."""
     terms, nq = eqs.terms, unknowns.q.shape[0]
     m, n = terms.J.shape
@@ -150,7 +155,7 @@ def evaluate_residual(eqs: Any, t: float, unknowns: Any, work: Any, res: Any) ->
 
 
 @inlined
-def correct_velocity(terms: Any, unknowns: Any, work: Any) -> None:
+def correct_velocity(terms: Terms, unknowns: Unknowns, work: Any) -> None:
     """v - S J~^T mu from ``terms``."""
     m, n = terms.J.shape
     for i in range(n):
@@ -162,7 +167,7 @@ def correct_velocity(terms: Any, unknowns: Any, work: Any) -> None:
 
 
 @kernel
-def correct_rates(eqs: Any, t: float, unknowns: Any, work: Any) -> None:
+def correct_rates(eqs: Equations, t: float, unknowns: Unknowns, work: Any) -> None:
     """Where q holds quaternions: N (v - S J~^T mu) by a second evaluation, and the unit quaternions."""
     if unknowns.q.shape[0] == unknowns.v.shape[0]:
         return
@@ -175,7 +180,7 @@ def correct_rates(eqs: Any, t: float, unknowns: Any, work: Any) -> None:
 
 
 @kernel
-def factor_filter(unknowns: Any, work: Any, terms: Any) -> float:
+def factor_filter(unknowns: Unknowns, work: Any, terms: Terms) -> float:
     """Factor c_f tr A + A in unknowns.F; return what D is in units of its inverse squared."""
     m, n = terms.J.shape
     trace = 0.0
@@ -204,7 +209,7 @@ def apply_filter(x: Any, scale: float, unknowns: Any, work: Any) -> None:
 
 
 @inlined
-def velocity(i: int, t: float, y: Any, unknowns: Any) -> float:
+def velocity(i: int, t: float, y: Reals, unknowns: Unknowns) -> float:
     """Velocity v_i(t) = y_i + shift_0i + (t - shift_start) shift_1i from IDA's unknowns y.
 
     v' is discontinuous where a load is. The slope of the shift changes by the same amount there, so that IDA's unknowns
@@ -218,7 +223,7 @@ def velocity(i: int, t: float, y: Any, unknowns: Any) -> float:
 
 
 @kernel
-def update_velocity_shift(t: float, a: Any, yp: Any, unknowns: Any) -> None:
+def update_velocity_shift(t: float, a: Reals, yp: Reals, unknowns: Unknowns) -> None:
     """Change the slope of the shift at t, so that IDA's derivatives yp (N,) continue as accelerations a (n,)."""
     for i in range(a.shape[0]):
         unknowns.velocity_shift[0, i] += (t - unknowns.shift_start[0]) * unknowns.velocity_shift[1, i]
@@ -227,7 +232,7 @@ def update_velocity_shift(t: float, a: Any, yp: Any, unknowns: Any) -> None:
 
 
 @kernel
-def copy_unknowns(t: float, y: Any, yp: Any, unknowns: Any) -> None:
+def copy_unknowns(t: float, y: Reals, yp: Reals, unknowns: Unknowns) -> None:
     """Copy IDA's read-only arrays, the velocities themselves among them."""
     nq, n = unknowns.q.shape[0], unknowns.v.shape[0]
     unknowns.factor_key[0] = t
@@ -241,7 +246,7 @@ def copy_unknowns(t: float, y: Any, yp: Any, unknowns: Any) -> None:
 
 
 @kernel
-def residual(eqs: Any, t: float, y: Any, yp: Any, res: Any, unknowns: Any, work: Any) -> None:
+def residual(eqs: Any, t: float, y: Any, yp: Any, res: Reals, unknowns: Unknowns, work: Any) -> None:
     """IDA's residual function; what is not finite IDA takes as a sign to cut the step."""
     copy_unknowns(t, y, yp, unknowns)
     evaluate_residual(eqs, t, unknowns, work, res)
@@ -253,7 +258,7 @@ def residual(eqs: Any, t: float, y: Any, yp: Any, res: Any, unknowns: Any, work:
 
 
 @kernel
-def set_up_preconditioner(eqs: Any, t: float, y: Any, yp: Any, unknowns: Any, work: Any) -> None:
+def set_up_preconditioner(eqs: Equations, t: float, y: Any, yp: Any, unknowns: Unknowns, work: Any) -> None:
     """unknowns.K: differences in q and v, all columns in one call; unknowns.N. The part of y' is known."""
     nq, n = unknowns.q.shape[0], unknowns.v.shape[0]
     copy_unknowns(t, y, yp, unknowns)
@@ -279,7 +284,7 @@ def set_up_preconditioner(eqs: Any, t: float, y: Any, yp: Any, unknowns: Any, wo
 
 
 @kernel
-def assemble_matrix(eqs: Any, unknowns: Any, work: Any, cj: float) -> None:
+def assemble_matrix(eqs: Equations, unknowns: Unknowns, work: Any, cj: float) -> None:
     """unknowns.matrix: d res / d y + cj d res / d y', from K and what ``terms`` hold."""
     terms, nq = eqs.terms, unknowns.q.shape[0]
     m, n = terms.J.shape
@@ -349,7 +354,7 @@ def apply_preconditioner(
 
 
 @kernel
-def matvec_passthrough(vector: Any, product: Any, unknowns: Any) -> None:
+def matvec_passthrough(vector: Reals, product: Any, unknowns: Unknowns) -> None:
     """The product of matrix and vector, for the preconditioner to undo."""
     unknowns.is_pending[0] = 1.0
     for i in range(vector.shape[0]):
@@ -358,7 +363,7 @@ def matvec_passthrough(vector: Any, product: Any, unknowns: Any) -> None:
 
 
 @inlined
-def filter_speed_loss(time: float, terms: Any, unknowns: Any, work: Any) -> float:
+def filter_speed_loss(time: float, terms: Terms, unknowns: Unknowns, work: Any) -> float:
     """Speed that D has taken from the loops in this ``time`` (s), in units of theirs: the power of D is lambda .
     D lambda, and D lambda is what velocities leave of their constraints, J v - nu. What moves fast loses little of its
     speed by that.
@@ -379,7 +384,7 @@ def filter_speed_loss(time: float, terms: Any, unknowns: Any, work: Any) -> floa
 
 
 @inlined
-def self_stress_residual(terms: Any, work: Any) -> float:
+def self_stress_residual(terms: Terms, work: Workspace) -> float:
     """null . Phi~, with the left null vector of J~ at the critical point: self-stress, forces without resultant."""
     total = 0.0
     for i in range(terms.Phi.shape[0]):

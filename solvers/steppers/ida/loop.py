@@ -45,7 +45,7 @@ PROGRESS = ProgressRecord.dtype
 
 
 @inlined
-def next_stop(progress: Any, t: float) -> float:
+def next_stop(progress: ProgressRecord, t: float) -> float:
     """Time at which IDA must stop before t, s; inf if it needs no stop.
 
     After a step it keeps the step size, doubles or shortens it; a stop it does not reach shortens it too.

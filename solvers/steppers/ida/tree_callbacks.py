@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from solvers.system import Array
 from .dense_callbacks import RTOL_EXPONENT
 from .loop import NONFINITE_RESIDUALS, RESIDUALS, STEPS
 from .sundials import vector_data
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 COMPLEX_STEP = 1e-20  # of an imaginary step
 
@@ -105,7 +108,7 @@ class ComplexStep(NamedTuple):
 
 
 @inlined
-def copy_unknowns(y: Any, slopes: Any, user_data: Any) -> None:
+def copy_unknowns(y: Reals, slopes: Reals, user_data: Any) -> None:
     """Copy IDA's arrays."""
     scratch = user_data.scratch
     nq, n = scratch.q.shape[0], scratch.v.shape[0]
@@ -118,7 +121,7 @@ def copy_unknowns(y: Any, slopes: Any, user_data: Any) -> None:
 
 
 @kernel
-def residual(t: float, y: Any, slopes: Any, res: Any, user_data: Any) -> None:
+def residual(t: float, y: Reals, slopes: Reals, res: Reals, user_data: Any) -> None:
     """IDA's residual function; what is not finite IDA takes as a sign to cut the step."""
     scratch, d, terms = user_data.scratch, user_data.reduced.d, user_data.terms
     nq, n, m = scratch.q.shape[0], scratch.v.shape[0], scratch.lam.shape[0]
@@ -156,7 +159,7 @@ def residual(t: float, y: Any, slopes: Any, res: Any, user_data: Any) -> None:
 
 
 @kernel
-def multiply_matrix(t: float, y: Any, slopes: Any, x: Any, c: float, out: Any, user_data: Any) -> None:
+def multiply_matrix(t: float, y: Reals, slopes: Reals, x: Reals, c: float, out: Reals, user_data: UserData) -> None:
     """out (N,) <- (dF/dy + c dF/dy') x of the residual F, exactly."""
     e = user_data.complex_step
     for i in range(out.shape[0]):
@@ -167,7 +170,7 @@ def multiply_matrix(t: float, y: Any, slopes: Any, x: Any, c: float, out: Any, u
 
 
 @kernel
-def set_error_weights(y: Any, out: Any, user_data: Any) -> None:
+def set_error_weights(y: Reals, out: Reals, user_data: UserData) -> None:
     """out (N,) <- one over the tolerances of the unknowns."""
     finer = tolerance_factor(user_data.tolerances[0, 0], RTOL_EXPONENT, user_data.growth)
     for i in range(out.shape[0]):
@@ -177,7 +180,7 @@ def set_error_weights(y: Any, out: Any, user_data: Any) -> None:
 
 
 @kernel
-def apply_preconditioner(y: Any, r: Any, z: Any, user_data: Any) -> None:
+def apply_preconditioner(y: Reals, r: Reals, z: Reals, user_data: UserData) -> None:
     """z (N,) <- the solution for the residual r, by the tangent as it was factored last."""
     scratch, reduced, c, positions = user_data.scratch, user_data.reduced, user_data.reduced.c[0], user_data.positions
     nq, n, m = scratch.q.shape[0], scratch.v.shape[0], scratch.lam.shape[0]
@@ -214,7 +217,7 @@ def apply_preconditioner(y: Any, r: Any, z: Any, user_data: Any) -> None:
 
 
 @kernel
-def record_energy(t: float, y: Any, slopes: Any, user_data: Any) -> None:
+def record_energy(t: float, y: Any, slopes: Any, user_data: UserData) -> None:
     """Record the energy after a step of IDA to (t, y, y'); see :mod:`solvers.energy_account`."""
     record, scratch, done = user_data.energy_record[0], user_data.scratch, 0.0
     copy_unknowns(y, slopes, user_data)
@@ -232,7 +235,7 @@ def record_energy(t: float, y: Any, slopes: Any, user_data: Any) -> None:
 
 
 @kernel
-def accept_step(t: float, y: Any, slopes: Any, user_data: Any) -> int:
+def accept_step(t: float, y: Any, slopes: Any, user_data: UserData) -> int:
     """Accept IDA's step to (t, y)."""
     user_data.counts[STEPS] += 1.0
     user_data.progress[0].t_reached = t

@@ -12,7 +12,7 @@ second-order equations, p. 127 there.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from solvers.compiled.kernel import inlined, kernel, records
 from solvers.energy_account import ACCOUNT_FIELDS
 from solvers.linalg.dense import factor_lu, solve_lu
 from solvers.system import Array
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 N_STAGES = 3
 R6 = np.sqrt(6.0)
@@ -183,7 +186,7 @@ def estimate_error(h: float, memory: Any, size: Any) -> float:
 
 
 @kernel
-def estimate_work_error(h: float, memory: Any) -> float:
+def estimate_work_error(h: float, memory: Memory) -> float:
     """The error of W over the step by the same formula, J."""
     found = memory.power0[0]
     for s in range(N_STAGES):
@@ -201,7 +204,7 @@ def divided_differences(y0: float, y1: float, y2: float, y3: float) -> tuple[flo
 
 
 @kernel
-def extrapolate(h: float, memory: Any) -> None:
+def extrapolate(h: float, memory: Memory) -> None:
     """``memory.Z`` of the next step, of h, from the polynomial of the last one, of ``pin``."""
     ratio = h / memory.control[0].hold
     for i in range(memory.v.shape[0]):
@@ -234,7 +237,7 @@ def quintic(x: float) -> float:
 
 
 @kernel
-def interpolate(t: float, memory: Any, q: Any, v: Any) -> float:
+def interpolate(t: float, memory: Memory, q: Reals, v: Reals) -> float:
     """State (q, v) at t in the last step, and W, J: of order 5, as the ends of steps are.
 
     The error of the cubic through the stages is O(h^4) between the ends. To first order that error is a multiple of

@@ -12,7 +12,7 @@ at such a time, and may again, steps end there: what a step needs of the one bef
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Record, f8, i8
@@ -48,6 +48,11 @@ from solvers.steppers.step_loop import make_loop, make_sample
 from .formulas import N_STAGES, A, estimate_error, estimate_work_error, factor_newton, interpolate
 from .stages import MAX_EXTRAPOLATION, difference_accelerations, evaluate_power, set_state, solve_stages
 
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.steppers.radau.formulas import Memory
+    from solvers.steppers.step_loop import Integration
+
 
 class SettingsRecord(Record):
     """Fmt: skip."""
@@ -77,7 +82,7 @@ NEWTON_RTOL_RATIO = 0.1  # of rtol: the remainder of Newton's method has one sig
 
 
 @inlined
-def set_tolerances(control: Any, settings: Any, memory: Any, work: Any) -> None:
+def set_tolerances(control: Any, settings: SettingsRecord, memory: Memory, work: Any) -> None:
     """Tolerances at (memory.q, memory.v), larger near a near miss."""
     set_near_miss_factor(control, settings.motion_rtol, work)
     control.inertia_factor = tolerance_factor(settings.rtol, RTOL_EXPONENT, work)
@@ -91,7 +96,9 @@ def set_tolerances(control: Any, settings: Any, memory: Any, work: Any) -> None:
 
 
 @kernel
-def evaluate_end(eqs: Any, t: float, control: Any, settings: Any, memory: Any, work: Any, scales: Any) -> int:
+def evaluate_end(
+    eqs: Any, t: float, control: Any, settings: SettingsRecord, memory: Memory, work: Any, scales: Any
+) -> int:
     """Evaluate q', v' and W' at (work.q, work.v), record its energy, and store it.
 
     The state satisfies the constraints; its ``terms`` and factors are available.
@@ -113,7 +120,7 @@ def evaluate_end(eqs: Any, t: float, control: Any, settings: Any, memory: Any, w
 
 @kernel
 def restart_at_state(
-    memory: Any, t: float, q: Any, v: Any, done: float, truncated_steps: int, keeps_position: bool
+    memory: Memory, t: float, q: Reals, v: Reals, done: float, truncated_steps: int, keeps_position: bool
 ) -> None:
     """Begin the next step at a reported state, with work ``done``, J; ``truncated_steps`` steps end at the targets.
 
@@ -131,7 +138,7 @@ def restart_at_state(
 
 
 @kernel
-def prepare(integration: Any) -> int:
+def prepare(integration: Integration) -> int:
     """After a start or a change: close (memory.q, memory.v), record its position, and evaluate its derivatives."""
     eqs, memory, work, control = integration.eqs, integration.memory, integration.work, integration.memory.control[0]
     if control.start == 0:
@@ -162,7 +169,7 @@ def has_corner(control: Any, h: float, error: float) -> bool:
 
 
 @kernel
-def take_step(integration: Any, target: float) -> int:
+def take_step(integration: Integration, target: float) -> int:
     """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
     eqs, settings, memory, work = integration.eqs, integration.settings[0], integration.memory, integration.work
     control, nq, n = memory.control[0], memory.q.shape[0], memory.v.shape[0]
@@ -222,7 +229,7 @@ def take_step(integration: Any, target: float) -> int:
 
 
 @inlined
-def store_step_start(memory: Any) -> None:
+def store_step_start(memory: Memory) -> None:
     """Note where this step begins."""
     for i in range(memory.q.shape[0]):
         memory.q0[i], memory.qdot0[i] = memory.q[i], memory.qdot[i]
@@ -232,7 +239,7 @@ def store_step_start(memory: Any) -> None:
 
 
 @inlined
-def accept_step(control: Any, memory: Any, h: float, after: float, error: float) -> None:
+def accept_step(control: Any, memory: Memory, h: float, after: float, error: float) -> None:
     """Accept the step of h; the next one is as long as its error allows."""
     memory.P[N_STAGES - 1] = memory.power[0]  # what Newton left of the others is of the size of its tolerance
     done = 0.0
@@ -261,7 +268,7 @@ def accept_step(control: Any, memory: Any, h: float, after: float, error: float)
 
 
 @inlined
-def copy_last_state(memory: Any, q: Any, v: Any) -> None:
+def copy_last_state(memory: Any, q: Reals, v: Reals) -> None:
     """(q, v) <- where the last step ended."""
     for i in range(q.shape[0]):
         q[i] = memory.q[i]
@@ -270,7 +277,7 @@ def copy_last_state(memory: Any, q: Any, v: Any) -> None:
 
 
 @inlined
-def end_step(integration: Any) -> None:
+def end_step(integration: Integration) -> None:
     """Record the position of an accepted step, and limit the next one near singular configurations."""
     eqs, memory, work, control = integration.eqs, integration.memory, integration.work, integration.memory.control[0]
     record_accepted(eqs, control.t, memory.q, control.hold, control.h, control.rank, work)
@@ -278,7 +285,7 @@ def end_step(integration: Any) -> None:
 
 
 @inlined
-def report(integration: Any, code: int, target: float, q: Any, v: Any, energy_account: Any) -> int:
+def report(integration: Integration, code: int, target: float, q: Any, v: Any, energy_account: Any) -> int:
     """The state at ``target``, interpolated and closed, or where the last step ended; and its energy account."""
     eqs, memory, work, control = integration.eqs, integration.memory, integration.work, integration.memory.control[0]
     copy_last_state(memory, q, v)
@@ -295,7 +302,7 @@ def report(integration: Any, code: int, target: float, q: Any, v: Any, energy_ac
 
 
 @inlined
-def fill_row(integration: Any, t: float, q: Any, v: Any, a: Any, lam: Any, outputs: Any) -> int:
+def fill_row(integration: Integration, t: float, q: Any, v: Any, a: Any, lam: Any, outputs: Any) -> int:
     """Accelerations, multipliers and outputs of the system at the state reported last."""
     control, rtol = integration.memory.control[0], integration.settings[0].motion_rtol
     return fill_reported_state(integration.eqs, t, q, v, rtol, control, integration.work, a, lam, outputs)
@@ -316,7 +323,7 @@ def set_options(options: Any, settings_array: Any) -> None:
 
 
 @kernel
-def set_up(integration: Any, rank: int, absolute: float) -> None:
+def set_up(integration: Integration, rank: int, absolute: float) -> None:
     """Take rank, units and paces as they were found at the start; ``absolute`` is the tolerance in those units."""
     integration.memory.control[0].rank = rank
     set_energy_scales(integration.scales, absolute, integration.work.size, integration.work.coordinate_rates)

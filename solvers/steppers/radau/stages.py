@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,12 @@ from solvers.projection.workspace import evaluate_and_factor
 
 from .formulas import N_STAGES, NODES, A, correct_stages, extrapolate
 
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.projection.workspace import Workspace
+    from solvers.steppers.radau.formulas import Memory
+    from solvers.system import Equations
+
 DIFFERENCE_STEP = 1e-6  # of the derivatives, in units of size, and of size times the rate
 CLOSED_STAGES_PIVOT_RATIO = 0.1  # below this ratio of the pivots stages are closed
 MAX_NEWTON_ITERATIONS = 8
@@ -22,7 +28,7 @@ MAX_EXTRAPOLATION = 6.0  # step in units of the last one, up to which its polyno
 
 
 @kernel
-def evaluate_stage_acceleration(eqs: Any, t: float, control: Any, work: Any, a: Any) -> int:
+def evaluate_stage_acceleration(eqs: Any, t: float, control: Any, work: Workspace, a: Any) -> int:
     """a = v' at (work.q, work.v), which need not be closed; leaves ``terms`` there.
 
     What is off the constraints is in v' by the inverse square of the smallest pivot: where that is small it is closed.
@@ -37,7 +43,7 @@ def evaluate_stage_acceleration(eqs: Any, t: float, control: Any, work: Any, a: 
 
 
 @kernel
-def evaluate_power(eqs: Any, t: float, control: Any, settings: Any, work: Any, a: Any) -> float:
+def evaluate_power(eqs: Any, t: float, control: Any, settings: Any, work: Workspace, a: Any) -> float:
     """W' at the state evaluated last, with v' = a."""
     if settings.works == 0:
         return 0.0
@@ -46,7 +52,7 @@ def evaluate_power(eqs: Any, t: float, control: Any, settings: Any, work: Any, a
 
 
 @inlined
-def set_state(q: Any, v: Any, work: Any) -> None:
+def set_state(q: Reals, v: Reals, work: Any) -> None:
     """(work.q, work.v) <- (q, v)."""
     for i in range(q.shape[0]):
         work.q[i] = q[i]
@@ -55,7 +61,7 @@ def set_state(q: Any, v: Any, work: Any) -> None:
 
 
 @kernel
-def difference_accelerations(eqs: Any, control: Any, memory: Any, work: Any) -> None:
+def difference_accelerations(eqs: Any, control: Any, memory: Memory, work: Any) -> None:
     """a_q and a_v at (memory.q, memory.v) by differences, in units of size; none if one is not finite."""
     n = memory.v.shape[0]
     control.matrices += 1
@@ -89,7 +95,7 @@ def difference_accelerations(eqs: Any, control: Any, memory: Any, work: Any) -> 
 
 
 @kernel
-def update_stage_positions(eqs: Any, h: float, control: Any, memory: Any, work: Any) -> float:
+def update_stage_positions(eqs: Equations, h: float, control: Any, memory: Memory, work: Any) -> float:
     """Positions of the stages, from their velocities; return the square of how far they went, in tolerances.
 
     For quaternions N is that of the previous correction: they converge with every correction.
@@ -118,7 +124,7 @@ def update_stage_positions(eqs: Any, h: float, control: Any, memory: Any, work: 
 
 
 @kernel
-def solve_stages(eqs: Any, h: float, control: Any, settings: Any, memory: Any, work: Any) -> int:
+def solve_stages(eqs: Any, h: float, control: Any, settings: Any, memory: Memory, work: Any) -> int:
     """Solve for the stages of a step of h from (memory.q, memory.v) with the existing factors.
 
     ``control.contraction`` is the rate of convergence.
