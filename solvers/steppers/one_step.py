@@ -30,13 +30,13 @@ from solvers.energy_account import (
     fill_account_row,
     reset_check_schedule,
 )
-from solvers.linalg.blocks import one_thread
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
-from solvers.stepper import Stepper, is_discontinuity, min_step_length, start_rate, validated_vector
+from solvers.stepper import is_discontinuity, min_step_length, start_rate
 from solvers.system import AnySystem, Array
 
 from .formulation import formulate, record_work
+from .python_loop import PythonLoopStepper
 from .step_control import (
     FIRST_STEP_RATIO,
     MIN_RECORDED_ERROR,
@@ -71,7 +71,7 @@ class StageFailure(Exception):
         self.code = code
 
 
-class OneStepSolver(Stepper):
+class OneStepSolver(PythonLoopStepper):
     """A solver by a one-step method, whose formulas a subclass has in :meth:`step`; the rest is here.
 
     It integrates small and large models, with closed loops or without, with control of the step size, events, energy
@@ -133,21 +133,6 @@ class OneStepSolver(Stepper):
             repeated in two halves.
         """
 
-    def advance_to(self, t: float) -> Code:
-        """As :meth:`solvers.stepper.Stepper.advance_to`."""
-        control, code, taken = self._control, Code.OK, 0
-        with one_thread():
-            while code is Code.OK and control["t"] < t:
-                if taken >= self.options.max_steps:
-                    code = Code.MAX_STEPS
-                    break
-                code = self._prepare() if control["start"] else Code.OK
-                code = self._take_step(t) if code is Code.OK else code
-                taken += 1
-        self._t = float(control["t"])
-        fill_account_row(control, float(control["work"]), self._energy_account)
-        return code
-
     def _prepare(self) -> Code:
         """Evaluate the state at which the motion starts or continues after a change."""
         control, form, t = self._control, self.formulation, float(self._control["t"])
@@ -161,6 +146,12 @@ class OneStepSolver(Stepper):
                 control["h"] = FIRST_STEP_RATIO / rate
             control["start"] = 0
             control["starts"] += 1
+        return code
+
+    def _report(self, t: float, code: Code) -> Code:
+        """Report where the last step ended: steps end at the requested times."""
+        self._t = float(self._control["t"])
+        fill_account_row(self._control, float(self._control["work"]), self._energy_account)
         return code
 
     def _record_energy(self, t: float) -> None:
@@ -270,10 +261,6 @@ class OneStepSolver(Stepper):
     def _undetermined(self) -> bool:
         return self.formulation.has_unresolved_forces(self.options.rtol)
 
-    def limit_step(self, longest: float) -> None:
-        """As :meth:`solvers.stepper.Stepper.limit_step`."""
-        self._max_step = longest
-
     def restart(self) -> None:
         """Restart at the reported state with a new step size."""
         self._control["h"] = 0.0
@@ -286,11 +273,6 @@ class OneStepSolver(Stepper):
         control["last_error_step"] = 0.0
         self._has_work = bool(self.options.energy_check and self.system.works())
         reset_check_schedule(self._record)
-
-    def jump(self, dv: Array) -> None:
-        """Add dv (n,) to the reported velocities, and continue as after :meth:`continue_after_event`."""
-        self._v += validated_vector("dv", dv, self.system.n)
-        self.continue_after_event()
 
     @property
     def freedom(self) -> int:

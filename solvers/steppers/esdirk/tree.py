@@ -27,18 +27,16 @@ from solvers.codes import coded
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.energy_account import WORK, EnergyScales, fill_account_row, reset_check_schedule
 from solvers.inertia import Growth, describe_large_growth, tolerance_factor
-from solvers.linalg.blocks import one_thread
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, Saddle, count_freedom, motion_rate, project
 from solvers.stepper import (
-    Stepper,
     min_step_length,
     require_resolved_position,
     require_resolved_time,
     start_rate,
-    validated_vector,
 )
+from solvers.steppers.python_loop import PythonLoopStepper
 from solvers.steppers.step_control import (
     FIRST_STEP_RATIO,
     MIN_RECORDED_ERROR,
@@ -93,7 +91,7 @@ ESDIRK_EXPONENT = 1.0 / 3.0  # of the estimate, of order 2
 MIN_STEP_INCREASE, MAX_STEP_CHANGE = 2.0, 4.0  # next step in units of this one, if it is longer
 
 
-class TreeESDIRKStepper(Stepper):
+class TreeESDIRKStepper(PythonLoopStepper):
     """ESDIRK3(2) on a large tree."""
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
@@ -123,19 +121,6 @@ class TreeESDIRKStepper(Stepper):
         self._factor_count = -1  # how often the tangent had been factored when these factors were made
         self.status = self._status(project(system, self._t, self._q, self._v))
         self.restart()
-
-    def advance_to(self, t: float) -> Code:
-        """As :meth:`solvers.stepper.Stepper.advance_to`."""
-        code, taken = Code.OK, 0
-        with one_thread():
-            while code is Code.OK and self._control["t"] < t:
-                if taken >= self.options.max_steps:
-                    code = Code.MAX_STEPS
-                    break
-                code = self._prepare() if self._control["start"] else Code.OK
-                code = self._step(t) if code is Code.OK else code
-                taken += 1
-            return self._report(t, code)
 
     def _report(self, t: float, code: Code) -> Code:
         """Make the motion at t the reported state, or on failure where the last step ended."""
@@ -174,7 +159,7 @@ class TreeESDIRKStepper(Stepper):
         if self.options.energy_check:
             record_energy(self._eqs, *self._pinned, self._scales)
 
-    def _step(self, target: float) -> Code:
+    def _take_step(self, target: float) -> Code:
         """Attempt steps, shorter after each rejection, until one is accepted; or return the last rejection."""
         control, memory, stage = self._control, self._memory, self._stage
         stage.tol[:] = ERROR_TOLERANCE_RATIO * self._absolute_tolerances
@@ -344,10 +329,6 @@ class TreeESDIRKStepper(Stepper):
         code = self._motion.solve(self._t, self._q, self._v)
         return code, self._motion.a.copy(), self._motion.lam.copy()
 
-    def limit_step(self, longest: float) -> None:
-        """As :meth:`solvers.stepper.Stepper.limit_step`."""
-        self._max_step = longest
-
     def restart(self) -> None:
         """Restart at the reported state, without its history."""
         self._control["h"], self._control["factored_c"] = 0.0, 0.0
@@ -368,11 +349,6 @@ class TreeESDIRKStepper(Stepper):
         self._has_work = int(self.options.energy_check and self.system.works())
         reset_check_schedule(memory.control)
         memory.q[:], memory.v[:] = self._q, self._v
-
-    def jump(self, dv: Array) -> None:
-        """Add dv (n,) to the reported velocities, and continue as after :meth:`continue_after_event`."""
-        self._v += validated_vector("dv", dv, self.system.n)
-        self.continue_after_event()
 
     @property
     def warning(self) -> str:
