@@ -26,7 +26,7 @@ from fmus.sheet import Sheet
 from mbfmu.modeling.registry import find, models
 from mbfmu.modeling.scene import load_scene, scenes
 from mbfmu.session.solver_selection import select_solver
-from solvers.system import MAX_DENSE_COORDINATES
+from solvers.system import MAX_SOLVER_DENSE_COORDINATES
 
 Array = NDArray[np.float64]
 Point = tuple[float, float]  # error, CPU time (s)
@@ -219,7 +219,7 @@ def families(plant: Any) -> Sequence[str]:
     s = plant.system
     if s.has_matrices:
         return ("adams", "hybrid", "radau", "ida") if s.m else ("adams", "radau", "ida")
-    return ("adams", "esdirk", "ida") if s.n <= MAX_DENSE_COORDINATES and not s.m else ("ida",)
+    return ("adams", "esdirk", "ida") if s.n <= MAX_SOLVER_DENSE_COORDINATES and not s.m else ("ida",)
 
 
 def cost(points: Sequence[Point], wanted: float) -> float:

@@ -39,7 +39,7 @@ MAX_STAGES = 3  # sets of coordinates that are tried
 MAX_ITERATIONS, MAX_STALLED_ITERATIONS = 200, 30  # in all, and without half of the gap
 VELOCITY_RESIDUAL_TOLERANCE = 1e-8  # of a row's rate relative to the velocities: the loop opens
 DRIVE_RATE_TOLERANCE = 1e-12  # ... or of the pace of the drives, whose motion may cancel in a row
-DEPENDENT_PIVOT_RATIO = 1e-9  # pivots below this part of the largest count as zero
+DEPENDENT_ASSEMBLY_PIVOT_RATIO = 1e-9  # pivots below this part of the largest count as zero
 MASSLESS_PIVOT_RATIO = 1e-12  # ... the same for the mass matrix
 MASS_ROUNDING_RATIO = 1e-28  # square of rounding: what moves by so little of the largest mass moves none
 GIVEN_WEIGHT = 1e-2  # weight of the change of a coordinate whose value is given, when it must change
@@ -236,7 +236,7 @@ def factor_scaled_jacobian(J: Reals, whole: bool, work: Any) -> int:
     factor_lq(work.A, m, n, work.tau, work.pivots, work.pivot)
     for i in range(min(m, n)):
         work.pivot[i] = abs(work.A[i, i])
-    return rank_at(work.pivot, min(m, n), DEPENDENT_PIVOT_RATIO)
+    return rank_at(work.pivot, min(m, n), DEPENDENT_ASSEMBLY_PIVOT_RATIO)
 
 
 @kernel

@@ -29,7 +29,7 @@ from solvers.positions import Positions, position_sizes
 
 Array = NDArray[np.float64]
 
-MAX_DENSE_COORDINATES = 1000  # coordinates of a large tree with constraints whose matrices the partitions factor
+MAX_SOLVER_DENSE_COORDINATES = 1000  # coordinates of a large tree with constraints whose matrices the partitions factor
 
 
 class Terms(NamedTuple):
@@ -299,7 +299,7 @@ class Tangent(Protocol):
         """Return M a (n,)."""
 
 
-class Stepped(NamedTuple):
+class ComplexStepSystem(NamedTuple):
     """Callbacks of a :class:`TreeSystem` on complex numbers: an imaginary step of the state, however small, leaves the
     derivative along it in the imaginary part, without a difference.
     """
@@ -328,7 +328,7 @@ class TreeSystem(AnySystem):
     tangent: Tangent
     positions: Positions
     dense: Callable[[], System] | None = None  # (): the same mechanism with its matrices
-    stepped: Callable[[], Stepped] | None = None  # (): the same on complex numbers
+    complex_step: Callable[[], ComplexStepSystem] | None = None  # (): the same on complex numbers
     mesh_mask: NDArray[np.bool_] | None = None  # (n,) coordinates of which a mesh has many like them; None: all
     friction_velocity: Array | None = None  # (n,) rates at which friction turns over; infinite: at none
     inertia_parts: Callable[..., None] | None = None  # (data, out): v . M v and the diagonal of M where inverse or

@@ -69,7 +69,7 @@ def test_accelerations_are_those_of_lagranges_equations(solver: str) -> None:
 
 def test_a_chain_falls_as_lagranges_equations_say() -> None:
     """The links jitter; ida's error is that of order two, in proportion to rtol to the power 2/3."""
-    n = systems.MAX_DENSE_COORDINATES + 1
+    n = systems.MAX_DENSE_TREE_COORDINATES + 1
     start = np.concatenate((np.full(n, -0.3), np.zeros(n)))
     true = solve_ivp(
         lambda t, y: np.concatenate((y[n:], absolute(y[:n], y[n:]))), (0.0, 0.3), start, rtol=1e-9, atol=1e-9

@@ -24,9 +24,9 @@ FUNCTIONS: dict[str, Any] = {
     name: getattr(np, name)
     for name in ("sin cos tan arcsin arccos arctan arctan2 sinh cosh tanh exp log log10 sqrt sign".split())
 } | {"abs": abs, "min": min, "max": max, "pi": np.pi, "e": np.e}
-DIFFERENCE_STEP, MIN_DIFFERENCE_STEP = 1e-3, 1e-6  # of differences: of the argument, and of one that is nearly zero
+LAW_DIFFERENCE_STEP, MIN_DIFFERENCE_STEP = 1e-3, 1e-6  # of differences: of the argument, and of one that is nearly zero
 # Steps of differences for derivatives, relative to the width over which a law changes
-FIRST_STEP_RATIO, SECOND_STEP_RATIO, THIRD_STEP_RATIO = 1e-3, 3e-3, 1e-2
+LAW_FIRST_STEP_RATIO, SECOND_STEP_RATIO, THIRD_STEP_RATIO = 1e-3, 3e-3, 1e-2
 N_CHECK_POINTS, DERIVATIVE_TOLERANCE = 64, 1e-6  # points at which differences over two steps must agree so well
 
 
@@ -112,20 +112,20 @@ def compiled(law: Any, count: int) -> Any:
 
 def at(law: Any, t: float, x: Any, rate: Any) -> Any:
     """law(t, x, rate) in a kernel; where x and rate are complex, with the derivatives by their imaginary parts."""
-    return _stepped(law, t, x, rate) if isinstance(x, complex) else law(t, x, rate)
+    return _complex_step(law, t, x, rate) if isinstance(x, complex) else law(t, x, rate)
 
 
 @overload(at, strict=False)
 def _at(law: Any, t: Any, x: Any, rate: Any) -> Any:
     if isinstance(x, types.Complex):
-        return _stepped
+        return _complex_step
     return lambda law, t, x, rate: law(t, x, rate)
 
 
-def _stepped(law: Any, t: float, x: Any, rate: Any) -> Any:
+def _complex_step(law: Any, t: float, x: Any, rate: Any) -> Any:
     a, b = x.real, rate.real
-    least = MIN_DIFFERENCE_STEP / DIFFERENCE_STEP
-    h, k = DIFFERENCE_STEP * max(abs(a), least), DIFFERENCE_STEP * max(abs(b), least)
+    least = MIN_DIFFERENCE_STEP / LAW_DIFFERENCE_STEP
+    h, k = LAW_DIFFERENCE_STEP * max(abs(a), least), LAW_DIFFERENCE_STEP * max(abs(b), least)
     by_x = law(t, a - 2.0 * h, b) - 8.0 * law(t, a - h, b) + 8.0 * law(t, a + h, b) - law(t, a + 2.0 * h, b)
     by_rate = law(t, a, b - 2.0 * k) - 8.0 * law(t, a, b - k) + 8.0 * law(t, a, b + k) - law(t, a, b + 2.0 * k)
     return law(t, a, b) + 1j * (by_x / (12.0 * h) * x.imag + by_rate / (12.0 * k) * rate.imag)
@@ -133,7 +133,7 @@ def _stepped(law: Any, t: float, x: Any, rate: Any) -> Any:
 
 def real_derivatives(law: Any, x: float, width: float) -> Any:
     """law(x) and its first two derivatives, by differences of sixth order."""
-    value, h, k = law(x), FIRST_STEP_RATIO * width, SECOND_STEP_RATIO * width
+    value, h, k = law(x), LAW_FIRST_STEP_RATIO * width, SECOND_STEP_RATIO * width
     rate = 45.0 * (law(x + h) - law(x - h)) - 9.0 * (law(x + 2.0 * h) - law(x - 2.0 * h))
     rate += law(x + 3.0 * h) - law(x - 3.0 * h)
     second = 270.0 * (law(x + k) + law(x - k)) - 27.0 * (law(x + 2.0 * k) + law(x - 2.0 * k))

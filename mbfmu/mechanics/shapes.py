@@ -1,4 +1,4 @@
-"""What bodies look like: pure data for pictures, without effect on the motion.
+"""What bodies appearance like: pure data for pictures, without effect on the motion.
 
 A shape is a unit solid (sphere of radius 1, cylinder of radius 1 and length 1 along z, cube of side 1, square of side 1
 across z, all centered at the origin) brought to its size and place in the body's frame.
@@ -144,14 +144,14 @@ class Panel(Shape):
         return rotation("rotation of a panel", self.rotation) * [a, b, PANEL_THICKNESS_RATIO * min(a, b)]
 
 
-def ribbon(points: Matrix, across: Matrix, width: float, **look: Any) -> tuple[Panel, ...]:
+def ribbon(points: Matrix, across: Matrix, width: float, **appearance: Any) -> tuple[Panel, ...]:
     """Return panels from each of the points (k, 3), m, to the next, which are so wide along a unit vector across."""
     panels = []
     for start, end in pairwise(points):
         length = float(np.linalg.norm(end - start))
         way = (end - start) / length
         axes = np.column_stack((way, across, np.cross(way, across)))
-        panels.append(Panel(size=(length, width), at=0.5 * (start + end), rotation=axes, **look))
+        panels.append(Panel(size=(length, width), at=0.5 * (start + end), rotation=axes, **appearance))
     return tuple(panels)
 
 

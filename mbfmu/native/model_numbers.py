@@ -146,7 +146,7 @@ def _solver_data(plant: Plant) -> dict[str, Array]:
     """Return the data of solvers besides the arrays, and the components of lengths and rates."""
     system, drives = plant.system, plant.drives
     squares = spans(plant.mechanism, plant.data.arrays) ** 2
-    paces = [(drives.sizes[k], drives.pace(k)) for k in drives.signals]
+    time_scales = [(drives.sizes[k], drives.time_scale(k)) for k in drives.signals]
     return {
         "q": plant.assembly.start_positions(),
         "v": plant.assembly.start_velocities(),
@@ -156,8 +156,8 @@ def _solver_data(plant: Plant) -> dict[str, Array]:
         "loop_rate": np.array([system.loop_rate] if system.has_matrices else []),
         "length": np.array([plant.length]),
         "span": squares if squares.any() else np.array([plant.length**2]),
-        "drive size": np.array([size for size, _ in paces]),
-        "drive rate": np.array([(size / pace) ** 4 if pace else 0.0 for size, pace in paces]),
+        "drive size": np.array([size for size, _ in time_scales]),
+        "drive rate": np.array([(size / time_scale) ** 4 if time_scale else 0.0 for size, time_scale in time_scales]),
     }
 
 

@@ -470,7 +470,7 @@ class Simulation:
 
     def _report_undetermined(self) -> None:
         """Warn once that forces were read at a time at which they are not determined."""
-        if isnan(self.stepper.undetermined_at) or self._reported_undetermined or not self.plant.tells_forces:
+        if isnan(self.stepper.undetermined_at) or self._reported_undetermined or not self.plant.has_force_outputs:
             return
         self._reported_undetermined = True
         self._remark(

@@ -33,7 +33,7 @@ from solvers.compiled.kernel import COMPILED
 from solvers.options import Options
 from solvers.stepper import MIN_RATE_PER_DURATION
 from solvers.steppers import describe_order_refusal
-from solvers.system import MAX_DENSE_COORDINATES, Array
+from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array
 
 from .stiffness import spectrum
 
@@ -240,7 +240,7 @@ def select_explicit(plant: Plant) -> tuple[str, str]:
     system, size = plant.system, format_count(plant.system.n, "joint coordinate")
     if not system.has_matrices and not system.m:
         return "adams", f"a large open-chain model with {size}"
-    if system.n > MAX_DENSE_COORDINATES:
+    if system.n > MAX_SOLVER_DENSE_COORDINATES:
         return "ida", f"{size} with loops, too many for the dense matrices of 'adams' and 'hybrid'"
     if system.m >= MIN_HYBRID_CONSTRAINTS:
         return "hybrid", f"{size} and {system.m} constraints"

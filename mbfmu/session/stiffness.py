@@ -190,7 +190,7 @@ def _compute_spectrum(plant: Plant, t: float, q: Array, v: Array) -> Spectrum:
     rate = max(plant.system.rate, float(np.abs(v / plant.system.size).max(initial=0.0)))
     dynamics = PerturbedDynamics(plant, t, q, v) if plant.system.n else None
     if dynamics and dynamics.weak:
-        dynamics = PerturbedDynamics(plant, t, plant.assembly.beside(t, q), v)
+        dynamics = PerturbedDynamics(plant, t, plant.assembly.nearby(t, q), v)
     if not dynamics or not dynamics.count:  # drives leave nothing free
         return Spectrum(t=t, values=np.zeros(0, complex), amplitudes=np.zeros(0), own=rate)
     still = np.zeros(dynamics.count)

@@ -22,7 +22,7 @@ def find_cyclic(system: TreeSystem, start: Array) -> NDArray[np.bool_]:
     """
     n, m = system.n, system.m
     cyclic = np.zeros(n, bool)
-    if system.stepped is None:
+    if system.complex_step is None:
         return cyclic
     random, products, q = np.random.default_rng(2), Products(system), start.copy()
     system.apply(q, GENERAL_DISTANCE * random.uniform(-1.0, 1.0, n) * system.size)

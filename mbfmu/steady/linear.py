@@ -26,7 +26,7 @@ from mbfmu.util.errors import EquilibriumError, UserError
 from mbfmu.util.extras import import_optional
 from mbfmu.util.files import replacing
 from mbfmu.util.text_table import format_table
-from solvers.projection.products import COMPLEX_STEP
+from solvers.projection.products import PRODUCT_STEP_SIZE
 from solvers.system import Array
 
 EIGENVALUE_ROUNDING = 1e-12  # of the largest eigenvalue
@@ -282,24 +282,25 @@ class LinearizedPlant:
         s, T = self.system, self.terms
         if place:
             vector, k, scale = place
-            vector[k] += COMPLEX_STEP * 1j * scale
+            vector[k] += PRODUCT_STEP_SIZE * 1j * scale
         s.fill(self.t, self.q, self.v, T)
         q = self.q.copy()
-        s.apply(q, self._spread(x, -T.Phi.imag[self.rows] / COMPLEX_STEP))
+        s.apply(q, self._spread(x, -T.Phi.imag[self.rows] / PRODUCT_STEP_SIZE))
         s.fill(self.t, q, self.v, T)
-        v = self.v + self._spread(rate, (T.nu - T.J @ self.v).imag[self.rows] / COMPLEX_STEP)
+        v = self.v + self._spread(rate, (T.nu - T.J @ self.v).imag[self.rows] / PRODUCT_STEP_SIZE)
         s.fill(self.t, q, v, T)
         a, lam = self._solve()
         out = self.plant.observe_complex(s, self.t, q, v, a, lam)
         if place:
             vector[k] = vector[k].real
-        change = np.concatenate((v[self.independent], a[self.independent])).imag / COMPLEX_STEP
-        return change, out.imag / COMPLEX_STEP
+        change = np.concatenate((v[self.independent], a[self.independent])).imag / PRODUCT_STEP_SIZE
+        return change, out.imag / PRODUCT_STEP_SIZE
 
     def coordinates(self) -> Array:
         """Return the change of all coordinates (n, f) with each of the independent ones, loops closed."""
         rows = [
-            self._spread(row, np.zeros(len(self.rows))).imag / COMPLEX_STEP for row in np.eye(len(self.independent))
+            self._spread(row, np.zeros(len(self.rows))).imag / PRODUCT_STEP_SIZE
+            for row in np.eye(len(self.independent))
         ]
         return np.array(rows).reshape(len(rows), self.system.n).T
 
@@ -309,7 +310,7 @@ class LinearizedPlant:
         change[self.independent] = independent
         if len(self.rows):
             change[self.dependent] = np.linalg.solve(self.J_dependent, residual - self.J_independent @ independent)
-        return COMPLEX_STEP * 1j * change
+        return PRODUCT_STEP_SIZE * 1j * change
 
     def _solve(self) -> tuple[Any, Any]:
         """Return accelerations (n,) and multipliers (m,) of the complex equations of motion, solved in units."""

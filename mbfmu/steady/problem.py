@@ -31,7 +31,7 @@ from mbfmu.steady.rigid_body_modes import describe_pushed
 from mbfmu.steady.state import Equilibrium, position_names
 from mbfmu.steady.supports import Supports
 from mbfmu.util.errors import AssemblyError, EquilibriumError, UserError, suggest
-from solvers.projection.products import COMPLEX_STEP
+from solvers.projection.products import PRODUCT_STEP_SIZE
 from solvers.statics.dense import DenseEquilibriumSolver
 from solvers.statics.linearized import DenseLinearized, Linearized, TreeLinearized
 from solvers.statics.newton import EquilibriumSolver, Outcome, Solution
@@ -88,7 +88,7 @@ class EquilibriumProblem:
         else:
             self._complex = plant.complex_system()
             data = self._complex.data
-            general = plant.assembly.beside(0.0, self._start)
+            general = plant.assembly.nearby(0.0, self._start)
             self._cyclic = self._find_cyclic(general)
             self._v = self._steady_velocities()
             self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
@@ -166,11 +166,11 @@ class EquilibriumProblem:
         cyclic = np.zeros(n, bool)
         for k in range(n):
             changed = q.astype(complex)
-            system.apply(changed, COMPLEX_STEP * 1j * np.eye(n)[k])
+            system.apply(changed, PRODUCT_STEP_SIZE * 1j * np.eye(n)[k])
             system.fill(0.0, changed, v, terms)
             parts = (terms.M, terms.h, terms.J, terms.nu, terms.gamma)
             change = [np.abs(x.imag).max(initial=0.0) / (1.0 + np.abs(x.real).max(initial=0.0)) for x in parts]
-            cyclic[k] = max(change) <= CYCLIC_TOLERANCE * COMPLEX_STEP
+            cyclic[k] = max(change) <= CYCLIC_TOLERANCE * PRODUCT_STEP_SIZE
         return cyclic
 
     def _steady_velocities(self) -> Array:

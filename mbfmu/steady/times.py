@@ -54,7 +54,7 @@ def hold_start(plant: Plant) -> None:
             held -= {member.number for member in term.members()}
             continue
         _, speed, acceleration = now[term.number]
-        pace = term.pace(size)
+        pace = term.time_scale(size)
         if max(abs(speed) * pace, abs(acceleration) * pace * pace) > REST_TOLERANCE * size:
             raise EquilibriumError(
                 f"the drive of {body!r} is {describe(term)} with the speed {speed:.4g} and the acceleration "

@@ -93,5 +93,5 @@ def loop_size(plant: Plant, handle: CutHandle) -> float:
 
 def redundant_rows(plant: Plant, t: float, q: Array) -> tuple[str, ...]:
     """Return the names of the redundant constraint equations about q (nq,), away from singular configurations."""
-    found = dependent_rows(plant.system, t, plant.assembly.beside(t, q))
+    found = dependent_rows(plant.system, t, plant.assembly.nearby(t, q))
     return tuple(plant.system.constraint_names[k] for k in found)

@@ -56,7 +56,7 @@ MAX_EXTRAPOLATION_STEPS = 10.0  # longest distance ahead to the loss of rank, in
 CLOSURE_WEIGHT = 100.0  # factor by which Phi~ must lie better in the span of U than L_22 must be zero
 MAX_SEARCH_STEP, MAX_COORDINATE_DISTANCE = 0.3, 1.0  # longest step and way of any coordinate, in units of size
 # distance of the critical points of several equations below which they are one: a gap of its square
-COINCIDENCE_TOLERANCE = 1e-6
+COINCIDENT_SOLUTION_TOLERANCE = 1e-6
 MAX_ROW_COMBINATIONS = 3  # of rows without rank, if their number is kept
 
 
@@ -135,7 +135,7 @@ def find_critical_point_of_rank(eqs: Any, t: float, q: Any, regular: int, rank: 
 @inlined
 def has_converged(off: float, before: float) -> bool:
     """Whether the point is found: equations that lose their rank within ALIKE of each other leave a residual."""
-    return off < CRITICAL_POINT_TOLERANCE or COINCIDENCE_TOLERANCE > off > 0.5 * before
+    return off < CRITICAL_POINT_TOLERANCE or COINCIDENT_SOLUTION_TOLERANCE > off > 0.5 * before
 
 
 @kernel

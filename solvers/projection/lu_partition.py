@@ -32,7 +32,7 @@ from solvers.outcome import NO_MASS, NOT_CLOSED, NOT_FINITE, OK
 from .projection import (
     CHORD_CONTRACTION_LIMIT,
     CORRECTION_ROUNDING,
-    MAX_CORRECTIONS,
+    MAX_PROJECTION_CORRECTIONS,
     add_tangent_acceleration,
     violates_constraints,
 )
@@ -144,7 +144,7 @@ def solve_dependent_positions(
         work.dq[i] = 0.0
     eqs.position(t, q, eqs.data, eqs.terms)
     before = 1.0
-    for _ in range(MAX_CORRECTIONS):
+    for _ in range(MAX_PROJECTION_CORRECTIONS):
         if not factored and not factor_dependent(eqs.terms, rank, rows, columns, work):
             return False
         for i in range(rank):

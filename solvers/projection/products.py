@@ -17,7 +17,7 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import pin
 from solvers.system import Array, TreeSystem
 
-COMPLEX_STEP = 1e-30  # imaginary step; its square must be negligible
+PRODUCT_STEP_SIZE = 1e-30  # imaginary step; its square must be negligible
 
 
 @kernel
@@ -34,10 +34,10 @@ class Products:
     """Products of the tangent of one large tree at the state given last by :meth:`set_state`."""
 
     def __init__(self, system: TreeSystem) -> None:
-        if system.stepped is None:
+        if system.complex_step is None:
             raise ValueError("the system has no residual on complex numbers")
-        self._stepped = system.stepped()
-        self._data = pin(self._stepped.data)
+        self._complex_step = system.complex_step()
+        self._data = pin(self._complex_step.data)
         self._rate, self._force = np.zeros(system.nq, complex), np.zeros(system.n, complex)
 
     def set_state(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> None:
@@ -47,12 +47,12 @@ class Products:
 
     def apply(self, x: Array, c0: float, c1: float, c2: float) -> Array:
         """Return (c0 K + c1 C + c2 M) x, both (n,)."""
-        step = COMPLEX_STEP * 1j * x
+        step = PRODUCT_STEP_SIZE * 1j * x
         q = self._q.copy()
-        _retract(self._stepped.retract, q, c0 * step, self._data)
+        _retract(self._complex_step.retract, q, c0 * step, self._data)
         moving = self._v + c1 * step, self._a + c2 * step
-        _inverse(self._stepped.inverse, self._t, q, *moving, self._lam, self._data, self._rate, self._force)
-        return np.asarray(self._force.imag / COMPLEX_STEP)
+        _inverse(self._complex_step.inverse, self._t, q, *moving, self._lam, self._data, self._rate, self._force)
+        return np.asarray(self._force.imag / PRODUCT_STEP_SIZE)
 
     def matrix(self, c0: float, c1: float, c2: float) -> Array:
         """Return c0 K + c1 C + c2 M (n, n), by one product a column."""

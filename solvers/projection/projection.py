@@ -64,7 +64,7 @@ UNRESOLVED_PIVOT_RATIO = 1e-7  # ratio below which the smallest pivot has no acc
 # a pivot up to this multiple of SINGULAR_PIVOT_RATIO is zero at a crossing together with a smaller one
 PIVOT_CLUSTER_FACTOR = 10.0
 LIMIT_NODE_DISTANCE = 1e-2  # d of the limit, in units of size
-MAX_CORRECTIONS = 12  # Gauss-Newton corrections of a position
+MAX_PROJECTION_CORRECTIONS = 12  # Gauss-Newton corrections of a position
 CORRECTION_TOLERANCE = 1e-7  # a correction this small is the last: the next one would be its square
 CHORD_CONTRACTION_LIMIT = 0.1  # part that a correction by the factors of the prediction must leave at most
 CORRECTION_ROUNDING = 1e-14  # a correction this small is rounding
@@ -127,7 +127,7 @@ def project_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     Leaves Phi, J and nu at the result, and the factors of a J nearby.
     """
     eqs.position(t, q, eqs.data, eqs.terms)
-    for _ in range(MAX_CORRECTIONS):
+    for _ in range(MAX_PROJECTION_CORRECTIONS):
         factor(eqs.terms, work)
         trust = effective_rank(eqs, t, q, rank, work)
         largest = correct_position(eqs, t, q, trust, work)
@@ -321,7 +321,7 @@ def project_neighbor(
         work.v_near[i] = v[i]
     after = t + along / speed if timed else t
     eqs.position(after, work.q_near, eqs.data, eqs.terms)
-    for _ in range(MAX_CORRECTIONS):
+    for _ in range(MAX_PROJECTION_CORRECTIONS):
         factor(eqs.terms, work)
         if correct_position(eqs, after, work.q_near, rank, work) <= CORRECTION_TOLERANCE:
             factor(eqs.terms, work)

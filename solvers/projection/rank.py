@@ -9,7 +9,13 @@ import numpy as np
 from solvers.compiled.kernel import kernel
 from solvers.linalg.dense import rank_at
 
-from .projection import CORRECTION_TOLERANCE, LIMIT_NODE_DISTANCE, MAX_CORRECTIONS, correct_position, fill_tangent_basis
+from .projection import (
+    CORRECTION_TOLERANCE,
+    LIMIT_NODE_DISTANCE,
+    MAX_PROJECTION_CORRECTIONS,
+    correct_position,
+    fill_tangent_basis,
+)
 from .workspace import factor, scaled_norm
 
 if TYPE_CHECKING:
@@ -89,7 +95,7 @@ def rank_at_neighbor(eqs: Any, t: float, q: Reals, e: Reals, work: Workspace) ->
         work.dq[i] = 5.0 * LIMIT_NODE_DISTANCE * e[i] / size
     eqs.retract(work.q_near, work.dq, eqs.data)
     eqs.position(t, work.q_near, eqs.data, eqs.terms)
-    for _ in range(MAX_CORRECTIONS):
+    for _ in range(MAX_PROJECTION_CORRECTIONS):
         factor(eqs.terms, work)
         here = rank_at(work.pivot, min(m, n), REDUNDANT_PIVOT_RATIO)
         largest = correct_position(eqs, t, work.q_near, here, work)

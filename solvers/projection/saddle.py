@@ -26,7 +26,7 @@ from solvers.stepper import start_rate
 from solvers.system import Array, TreeSystem
 
 from .products import Products
-from .projection import MAX_CORRECTIONS
+from .projection import MAX_PROJECTION_CORRECTIONS
 from .rank import REDUNDANT_PIVOT_RATIO
 
 PENALTY_STIFFNESS = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
@@ -146,7 +146,7 @@ class Saddle:
     def __init__(self, system: TreeSystem, exact: bool = False) -> None:
         self.system, self.terms = system, system.allocate_terms()
         self._alpha = np.zeros(0)
-        self._exact = exact and system.stepped is not None
+        self._exact = exact and system.complex_step is not None
         self._products: Products | None = None
         self.is_incomplete = False
 
@@ -258,7 +258,7 @@ def project(system: TreeSystem, t: float, q: Array, v: Array) -> Code:
     if system.m == 0:
         return Code.OK
     terms = system.allocate_terms()
-    for _ in range(MAX_CORRECTIONS):
+    for _ in range(MAX_PROJECTION_CORRECTIONS):
         system.fill_position(t, q, terms)
         off = float(np.abs(terms.Phi / system.row_size).max())
         if not np.isfinite(off):

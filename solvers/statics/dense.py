@@ -21,16 +21,16 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.dense import factor_full_pivot, solve_full_pivot
 from solvers.linalg.svd import decompose, pseudo_inverse_transposed
-from solvers.projection.products import COMPLEX_STEP
+from solvers.projection.products import PRODUCT_STEP_SIZE
 from solvers.system import Array, Equations, System
 
 from .newton import (
+    EQUILIBRIUM_NEWTON_TOLERANCE,
     FOUND,
     MAX_EQUILIBRIUM_ITERATIONS,
     MAX_FIRST_STEP,
     MAX_STATE_DISTANCE,
     MIN_DAMPING,
-    NEWTON_TOLERANCE,
     NO_PROGRESS,
     NOT_FINITE,
     SINGULAR,
@@ -116,7 +116,7 @@ def linearize(
             scratch.q[i] = q[i]
         for i in range(n):
             scratch.dq[i] = 0.0
-        scratch.dq[k] = COMPLEX_STEP * 1j
+        scratch.dq[k] = PRODUCT_STEP_SIZE * 1j
         eqs.retract(scratch.q, scratch.dq, eqs.data)
         eqs.dynamics(t, scratch.q, scratch.v, eqs.data, terms)
         for i in range(n):
@@ -127,10 +127,10 @@ def linearize(
                 for j in range(n):
                     balance += terms.M[i, j] * (c2 * moved[j] + mass * scratch.dq[j])
             scratch.f[i] = balance.real * scratch.size[i] / scale
-            scratch.K[i, k] = balance.imag / COMPLEX_STEP * scratch.size[i] * scratch.size[k] / scale
+            scratch.K[i, k] = balance.imag / PRODUCT_STEP_SIZE * scratch.size[i] * scratch.size[k] / scale
         for r in range(rank):
             scratch.f[n + r] = terms.Phi[rows[r]].real / scratch.row[r]
-            scratch.K[n + r, k] = terms.Phi[rows[r]].imag / COMPLEX_STEP * scratch.size[k] / scratch.row[r]
+            scratch.K[n + r, k] = terms.Phi[rows[r]].imag / PRODUCT_STEP_SIZE * scratch.size[k] / scratch.row[r]
     for r in range(rank):
         for i in range(n):
             scratch.K[i, n + r] = terms.J[rows[r], i].real * scratch.size[i] / scratch.row[r]
@@ -263,7 +263,7 @@ def newton(
         if not factor_jacobian(scratch):
             return NOT_FINITE
         size = solve_correction(scratch, scratch.z)
-        if size <= NEWTON_TOLERANCE:
+        if size <= EQUILIBRIUM_NEWTON_TOLERANCE:
             apply_correction(eqs, q, lam, 1.0, scale, scratch)
             accept_trial(q, lam, scratch)
             linearize(eqs, t, q, lam, scratch.moved, rows, c2, mass, scale, scratch)

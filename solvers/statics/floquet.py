@@ -20,7 +20,7 @@ from solvers.system import Array
 from .matrices import MACHINE_EPSILON
 from .spectrum import Spectrum, order_spectrum
 
-MIN_SAMPLES, MAX_SAMPLES = 16, 4096  # of A in a period
+MIN_SAMPLES, MAX_PERIOD_SAMPLES = 16, 4096  # of A in a period
 # times off the samples, at which A is compared: multiples of this part
 CHECK_TIMES, GOLDEN_RATIO = 8, 0.5 * (sqrt(5.0) - 1.0)
 # of the coefficients of A: those at the highest frequencies, and those that are rounding
@@ -44,7 +44,7 @@ def interpolate(A: Callable[[float], Array], period: float, cycles: float) -> tu
     count = MIN_SAMPLES
     while count < MIN_STEPS_PER_CYCLE * cycles:
         count *= 2
-    while count <= MAX_SAMPLES:
+    while count <= MAX_PERIOD_SAMPLES:
         samples = np.array([A(period * k / count) for k in range(count)])
         parts = np.fft.rfft(samples, axis=0) / count
         size = np.abs(parts).max(axis=(1, 2), initial=0.0)

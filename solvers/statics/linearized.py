@@ -146,7 +146,7 @@ class TreeLinearized(Linearized):
             return negative
         if not self.factor(q, lam):
             return 0
-        if self._system.n <= MAX_ASSEMBLED_COORDINATES and self._system.stepped is not None:
+        if self._system.n <= MAX_ASSEMBLED_COORDINATES and self._system.complex_step is not None:
             return self._count_assembled()
         return self._count_by_arnoldi()
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from solvers.projection.products import COMPLEX_STEP, Products
+from solvers.projection.products import PRODUCT_STEP_SIZE, Products
 from solvers.system import Array, System, TreeSystem
 
 MAX_ASSEMBLED_COORDINATES = 300  # coordinates of a large tree up to which its matrices are assembled
@@ -112,13 +112,13 @@ def _dense_terms(system: System, t: float, q: Array, v: Array, lam: Array) -> tu
     """Return M, C, K (n, n) and J (m, n) by the complex twin of a small system."""
     terms, n = system.allocate_terms(complex), system.n
     C, K = np.zeros((n, n)), np.zeros((n, n))
-    for k, unit in enumerate(COMPLEX_STEP * 1j * np.eye(n)):
+    for k, unit in enumerate(PRODUCT_STEP_SIZE * 1j * np.eye(n)):
         system.fill(t, q.astype(complex), v + unit, terms)
-        C[:, k] = terms.h.imag / COMPLEX_STEP
+        C[:, k] = terms.h.imag / PRODUCT_STEP_SIZE
         moved = q.astype(complex)
         system.apply(moved, unit)
         system.fill(t, moved, v.astype(complex), terms)
-        K[:, k] = (terms.h + terms.J.T @ lam).imag / COMPLEX_STEP
+        K[:, k] = (terms.h + terms.J.T @ lam).imag / PRODUCT_STEP_SIZE
     return terms.M.real.copy(), C, K, terms.J.real.copy()
 
 

@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from solvers.system import AnySystem, Array
 
 # the last correction, in units of the coordinates; what it leaves is of the order of its square
-NEWTON_TOLERANCE = 1e-10
+EQUILIBRIUM_NEWTON_TOLERANCE = 1e-10
 MAX_EQUILIBRIUM_ITERATIONS = 60
 MAX_FIRST_STEP = 1.0  # length of the first step
 MAX_STATE_DISTANCE = 3.2  # units of size, half a turn: a state farther from the start is not the one next to it

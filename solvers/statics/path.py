@@ -33,7 +33,7 @@ from scipy.optimize import brentq
 from solvers.system import Array
 
 from .linearized import Linearized
-from .newton import NEWTON_TOLERANCE
+from .newton import EQUILIBRIUM_NEWTON_TOLERANCE
 
 MAX_CORRECTOR_ITERATIONS = 9  # of the corrector; more means that the step was too long
 EASY_ITERATIONS = 4  # after as many the next step may be longer
@@ -244,7 +244,7 @@ class Follower:
             if not np.isfinite(length) or (count > 2 and length > before and not rounded):
                 break
             moved, load, lam, q = moved + a, load + change, lam + y, equations.moved(q, size * a)
-            if length <= NEWTON_TOLERANCE * many or (rounded and length > 0.5 * before):
+            if length <= EQUILIBRIUM_NEWTON_TOLERANCE * many or (rounded and length > 0.5 * before):
                 arclength = self._inner(moved, load, here)
                 at = replace(
                     here, q=q, lam=lam, p=here.p + load * self._range, arclength=arclength, kind="", critical=None

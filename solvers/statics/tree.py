@@ -9,10 +9,10 @@ from solvers.system import Array, TreeSystem
 
 from .newton import (
     EASY_STEP_FACTOR,
+    EQUILIBRIUM_NEWTON_TOLERANCE,
     MAX_EQUILIBRIUM_ITERATIONS,
     MAX_FIRST_STEP,
     MAX_STATE_DISTANCE,
-    NEWTON_TOLERANCE,
     REGULARIZATION_MASS,
     EquilibriumSolver,
     Outcome,
@@ -80,7 +80,7 @@ class TreeEquilibriumSolver(EquilibriumSolver):
         self.system.apply(moved, step)
         return moved
 
-    def _stepped(self, at: Unknowns, part: float, step: Array, reaction: Array) -> Unknowns:
+    def _changed(self, at: Unknowns, part: float, step: Array, reaction: Array) -> Unknowns:
         """Return the state moved by a part of a correction."""
         return Unknowns(self._moved(at.q, part * step), at.lam + part * reaction)
 
@@ -107,10 +107,10 @@ class TreeEquilibriumSolver(EquilibriumSolver):
                 iteration == 1 and self._has_cyclic and c2 == 0.0 and size > MAX_FIRST_STEP
             ):  # what is farther may be another state
                 damping = MAX_FIRST_STEP / size
-            if size <= NEWTON_TOLERANCE * np.sqrt(len(step)):
-                return Outcome.FOUND, self._stepped(at, 1.0, step, reaction), moved + step, iteration
+            if size <= EQUILIBRIUM_NEWTON_TOLERANCE * np.sqrt(len(step)):
+                return Outcome.FOUND, self._changed(at, 1.0, step, reaction), moved + step, iteration
             while True:
-                trial, further = self._stepped(at, damping, step, reaction), moved + damping * step
+                trial, further = self._changed(at, damping, step, reaction), moved + damping * step
                 forces, gaps = saddle.residual(t, trial.q, self._v, c2 * further, trial.lam)
                 after = float(np.linalg.norm(saddle.solve(forces, gaps)[0] / self._size))
                 if after <= (1.0 - 0.25 * damping) * size:
@@ -138,8 +138,8 @@ class TreeEquilibriumSolver(EquilibriumSolver):
                 first = size
             else:
                 worst = max(worst, size / before)
-            at, moved, before = self._stepped(at, 1.0, step, reaction), moved + step, size
-            converged = size <= NEWTON_TOLERANCE * np.sqrt(len(step))
+            at, moved, before = self._changed(at, 1.0, step, reaction), moved + step, size
+            converged = size <= EQUILIBRIUM_NEWTON_TOLERANCE * np.sqrt(len(step))
             if converged or (count > 1 and size <= STEP_TOLERANCE_RATIO * first):
                 longer = (TARGET_CONTRACTION / worst) ** (1.0 / 3.0) if worst else EASY_STEP_FACTOR
                 return Relaxed(Outcome.FOUND, at, moved, count, min(longer, EASY_STEP_FACTOR))

@@ -8,7 +8,7 @@ from typing import Any
 from solvers.codes import coded
 from solvers.options import Options
 from solvers.stepper import Stepper
-from solvers.system import MAX_DENSE_COORDINATES, AnySystem, Array, TreeSystem
+from solvers.system import MAX_SOLVER_DENSE_COORDINATES, AnySystem, Array, TreeSystem
 
 from .adams.dense import AdamsLUStepper, AdamsStepper, HybridStepper
 from .adams.tree import TreeAdamsStepper
@@ -67,7 +67,7 @@ def drop_unlisted(names: Iterable[str]) -> tuple[str, ...]:
 
 def size_limit(name: str) -> int:
     """Return how many coordinates of a large tree a solver that factors dense matrices may be given."""
-    return min(MAX_RADAU_COORDINATES, MAX_DENSE_COORDINATES) if name == "radau" else MAX_DENSE_COORDINATES
+    return min(MAX_RADAU_COORDINATES, MAX_SOLVER_DENSE_COORDINATES) if name == "radau" else MAX_SOLVER_DENSE_COORDINATES
 
 
 def solver_names() -> tuple[str, ...]:

@@ -384,7 +384,7 @@ def test_a_force_follows_an_input_at_once_and_what_moves_does_not() -> None:
     plant = Plant(m)
     assert push.force("x").follows is Follows.FORCES
     assert plant.feedthrough() == [(0,), (1,), ()]  # each its own input alone
-    assert plant.tells_forces
+    assert plant.has_force_outputs
     result = simulate(m, 1.0, interval=0.25, solver="adams", tolerance=1e-9, inputs={"f": lambda t: 3.0 * t, "g": 2.0})
     np.testing.assert_allclose(result["push"], 3.0 * result.t, atol=1e-12)
     np.testing.assert_allclose(result["motor"], 2.0)

@@ -184,7 +184,7 @@ class Assembly:
     def _place(self, t: float, q: Array) -> None:
         self._system.fill_position(t, q, self._system.allocate_terms())
 
-    def beside(self, t: float, q: Array) -> Array:
+    def nearby(self, t: float, q: Array) -> Array:
         """Return a closed position near q (nq,) off singular ones, where the fewest rows depend on others; or q.
 
         One coordinate is held at its changed value: otherwise projection would return to the singular configuration.
@@ -206,7 +206,7 @@ class Assembly:
     def notes(self, t: float, q: Array) -> list[str]:
         """Return messages on trivially satisfied and on redundant constraint equations at q (nq,)."""
         names = self._system.constraint_names
-        redundant = dependent_rows(self._system, t, self.beside(t, q))
+        redundant = dependent_rows(self._system, t, self.nearby(t, q))
         lines = describe(self._mechanism.constraints, self._vanishing_rows, [names[i] for i in redundant])
         lost = len(dependent_rows(self._system, t, q)) - len(redundant)
         if lost > 0:

@@ -12,7 +12,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.loads import LineForce, Load, Spring
 from mbfmu.util.codes import coded
 
-COINCIDENCE_TOLERANCE = 1e-14  # distance relative to the length of the mechanism
+COINCIDENT_POINT_TOLERANCE = 1e-14  # distance relative to the length of the mechanism
 
 
 def find_coincident(mechanism: Mechanism, bodies: NDArray[Any], length: float) -> list[str]:
@@ -26,7 +26,7 @@ def find_coincident(mechanism: Mechanism, bodies: NDArray[Any], length: float) -
             bodies["r"][body.index] + bodies["A"][body.index] @ np.asarray(point, float)
             for body, point in zip(acting.bodies, load.points(), strict=True)
         ]
-        if np.linalg.norm(ends[1] - ends[0]) <= COINCIDENCE_TOLERANCE * length:
+        if np.linalg.norm(ends[1] - ends[0]) <= COINCIDENT_POINT_TOLERANCE * length:
             found.append(
                 coded(
                     "coincident-ends",

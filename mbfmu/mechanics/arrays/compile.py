@@ -40,7 +40,7 @@ from solvers.compiled.record import R, Table
 from solvers.compiled.record_view import complex_dtype, round_up
 
 from .given import Courses
-from .tables import COMPLEX, COMPLEX_STEP, TANGENT_NUMBERS, CalledKernel, Tables
+from .tables import COMPLEX, COMPLEX_STEP_NUMBERS, TANGENT_NUMBERS, CalledKernel, Tables
 
 
 @dataclass(frozen=True)
@@ -301,7 +301,7 @@ class Compiled:
 
     def complex_step_data(self) -> Data:
         """Return the same arrays with a complex state, for derivatives by complex steps."""
-        arrays = self.data.arrays._replace(kernels=self._tables.kernels(COMPLEX_STEP))
+        arrays = self.data.arrays._replace(kernels=self._tables.kernels(COMPLEX_STEP_NUMBERS))
         return Data(arrays, to_complex_state(self.data.state))
 
     def tangent_arrays(self) -> Arrays:

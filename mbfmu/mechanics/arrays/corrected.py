@@ -29,7 +29,7 @@ from .redundant import Part, Position, Redundancy, near_singular
 from .rounded import Measures, loop_path
 from .rows import row_names
 
-MAX_NEWTON_ITERATIONS = 40
+MAX_CORRECTION_ITERATIONS = 40
 CLOSURE_TARGET, CLOSURE_LIMIT = 1e-13, 1e-11  # closure errors in units: no further steps; small enough for all solvers
 CLOSURE_NOISE = 1e-14  # of closure errors; a step from noise is damped so that it is no longer than the closure error
 MAX_ROUNDS = 3  # each with new motions, along which the corrected equations must stay closed
@@ -224,7 +224,7 @@ def _close(
         )
 
     now, damping, least = measure(), 0.0, CLOSURE_NOISE / float(part.gap.max())
-    for _ in range(MAX_NEWTON_ITERATIONS):
+    for _ in range(MAX_CORRECTION_ITERATIONS):
         largest = float(np.abs(now.gaps).max(initial=0.0))
         if not CLOSURE_TARGET < largest < np.inf:
             break

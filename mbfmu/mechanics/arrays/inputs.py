@@ -69,14 +69,14 @@ class Drives:
         """Return the constant speed of every drive, without sign, in units of its coordinate per second."""
         return [abs(self._signals[k].steady()[0]) / self.sizes[k] for k in self.signals]
 
-    def paces(self, bodies: Iterable[int] | None = None) -> list[float]:
-        """Return the pace of every drive that moves, s; of those of these bodies only, by their number, if given."""
+    def time_scales(self, bodies: Iterable[int] | None = None) -> list[float]:
+        """Return the time scale of every drive that moves, s; of those of these bodies only, if given."""
         signals = self.signals if bodies is None else {self._places[b] for b in bodies if b in self._places}
-        return [pace for pace in map(self.pace, signals) if pace]
+        return [scale for scale in map(self.time_scale, signals) if scale]
 
-    def pace(self, signal: int) -> float:
+    def time_scale(self, signal: int) -> float:
         """Return a time (s) in which a drive moves by about the unit of its coordinate; zero: it never moves."""
-        return self._signals[signal].pace(self.sizes[signal])
+        return self._signals[signal].time_scale(self.sizes[signal])
 
     def full_speeds(self) -> Array:
         """Return the constant speed of every signal that drives, sums by their parts, in their order."""

@@ -180,7 +180,7 @@ class Plant:
         ]
 
     @property
-    def tells_forces(self) -> bool:
+    def has_force_outputs(self) -> bool:
         """Whether some output is a force, a moment or a generalized force."""
         return any(sensor.follows is Follows.FORCES for _, sensor, *_ in self.mechanism.outputs)
 

@@ -34,7 +34,7 @@ ENTRY_TOLERANCE = 1e-13  # entries of J~ that tie no equation to a coordinate
 WALK_STEP, WALK_STEPS = 0.3, 12  # of a move, in units; steps of a walk: about a turn, forwards and backwards
 MAX_WALKS = 3  # walks, each forwards and backwards, if there are several degrees of freedom
 MAX_NEWTON_STEP = 0.5  # of a coordinate in one iteration, in units
-MAX_NEWTON_ITERATIONS, NEWTON_TOLERANCE = 60, 1e-12
+MAX_COURSE_ITERATIONS, COURSE_TOLERANCE = 60, 1e-12
 MAX_RANKS = 4  # that are tried at most in one part
 MAX_PART_EQUATIONS = 400  # equations of a part that is examined
 
@@ -47,7 +47,7 @@ class Course(NamedTuple):
 
 
 def drive_courses(drives: Drives, inputs: Inputs, signals: list[InUse]) -> list[Course]:
-    """Return how drives can move: those that are functions of time by their paces, those that are inputs anywhere."""
+    """Return how drives can move: functions of time by their time scales, inputs anywhere."""
     given = [k for k in drives.signals if k in inputs.signals]
     centers = {k: float(signals[k].record["c"][0]) for k in given}
 
@@ -55,11 +55,11 @@ def drive_courses(drives: Drives, inputs: Inputs, signals: list[InUse]) -> list[
         for k in given:
             signals[k].record["c"][0] = centers[k] + WALK_STEP * step * drives.sizes[k]
 
-    def course(pace: float) -> Course:
-        return Course(lambda step: WALK_STEP * step * pace, place)
+    def course(time_scale: float) -> Course:
+        return Course(lambda step: WALK_STEP * step * time_scale, place)
 
-    paces = {drives.pace(k) for k in drives.signals if k not in given}
-    return [course(pace) for pace in sorted(paces)] or [course(0.0)]
+    time_scales = {drives.time_scale(k) for k in drives.signals if k not in given}
+    return [course(time_scale) for time_scale in sorted(time_scales)] or [course(0.0)]
 
 
 class Position(NamedTuple):
@@ -128,7 +128,7 @@ class Redundancy:
         values or those that are regular; False if it does not converge.
         """
         largest = np.inf
-        for _ in range(MAX_NEWTON_ITERATIONS):
+        for _ in range(MAX_COURSE_ITERATIONS):
             J, gaps = self.evaluate(q, t)
             if not (np.isfinite(J).all() and np.isfinite(gaps).all()):
                 return False
@@ -139,7 +139,7 @@ class Redundancy:
             largest = float(np.abs(step).max(initial=0.0))
             step *= min(1.0, MAX_NEWTON_STEP / max(largest, 1e-300))
             self._system.apply(q, step * self._system.size)
-            if largest < NEWTON_TOLERANCE:
+            if largest < COURSE_TOLERANCE:
                 return True
         return largest < ROUNDING_TOLERANCE
 

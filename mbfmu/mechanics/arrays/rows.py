@@ -24,7 +24,7 @@ from .inputs import Drives, Inputs
 from .rounded import ROUNDED_ADVICE
 
 VANISHING_TOLERANCE = 1e-9  # of a Jacobian in units of row and coordinate, and of a gap: what rounding leaves of zero
-DEPENDENT_PIVOT_RATIO = 1e-4  # to the largest; a loop closed to 1e-11 is that far from a singular configuration
+DEPENDENT_ROW_PIVOT_RATIO = 1e-4  # to the largest; a loop closed to 1e-11 is that far from a singular configuration
 CHECK_LOOP = "; check the positions and axes of the joints of this loop, or add a joint"
 NOT_UNIQUE = coded(
     "redundant-constraints",
@@ -130,8 +130,8 @@ def find_vanishing_rows(
     probe = Probe(system)
     given = [k for k in drives.signals if k in inputs.signals]
     centers = {k: float(signals[k].record["c"][0]) for k in given}
-    paces = [drives.pace(k) for k in drives.signals if k not in given]
-    for scale in (0.0, *(x for x in paces if x), *(1.0 for _ in given)):
+    time_scales = [drives.time_scale(k) for k in drives.signals if k not in given]
+    for scale in (0.0, *(x for x in time_scales if x), *(1.0 for _ in given)):
         for _ in range(3):
             probe.try_at(scale * probe.turns(), start)
             for k in given:
@@ -148,7 +148,7 @@ def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:
     scaled = terms.J * system.size / system.row_size[:, np.newaxis]
     R, order = linalg.qr(scaled.T, mode="r", pivoting=True)
     pivots = np.abs(np.diag(R))
-    rank = int(np.sum(pivots > DEPENDENT_PIVOT_RATIO * pivots[0]))
+    rank = int(np.sum(pivots > DEPENDENT_ROW_PIVOT_RATIO * pivots[0]))
     return np.sort(order[rank:])
 
 

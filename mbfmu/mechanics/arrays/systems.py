@@ -26,14 +26,14 @@ from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
 from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import pin
 from solvers.positions import Positions
-from solvers.system import AnySystem, Array, Stepped, System, TreeSystem
+from solvers.system import AnySystem, Array, ComplexStepSystem, System, TreeSystem
 
 from .assembly import free_bodies
 from .compile import Compiled, Numbering
 from .inputs import Drives
 from .scale import coordinate_sizes, row_sizes
 
-MAX_DENSE_COORDINATES = 60  # coordinates of a tree without loops from which on no dense matrix is made
+MAX_DENSE_TREE_COORDINATES = 60  # coordinates of a tree without loops from which on no dense matrix is made
 MAX_DENSE_LOOP_COORDINATES = 100  # ... of a mechanism with constraints; the partitions take its matrices all the same
 MAX_GROUP_BODIES = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
 
@@ -54,7 +54,7 @@ class Systems:
         self._drives, self._length, self._arrays = drives, length, compiled.data.arrays
         self._size = coordinate_sizes(free_bodies(mechanism), length)
         self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
-        limit = MAX_DENSE_LOOP_COORDINATES if mechanism.constraints else MAX_DENSE_COORDINATES
+        limit = MAX_DENSE_LOOP_COORDINATES if mechanism.constraints else MAX_DENSE_TREE_COORDINATES
         self._large = not mechanism.flexible_bodies and numbering.nv > limit  # the structured tangent has no modes
 
     def make(self, constraint_names: list[str]) -> AnySystem:
@@ -99,8 +99,8 @@ class Systems:
             retract=retract,
             tangent=self.tangent(),
             dense=lambda: self.dense(constraint_names, data),
-            stepped=self._stepped,
-            mesh_mask=self._meshed(),
+            complex_step=self._complex_step,
+            mesh_mask=self._find_mesh_mask(),
             friction_velocity=self._slip(),
             moves=self._moves,
             inertia_parts=inertia_callback(),
@@ -122,12 +122,12 @@ class Systems:
         in_q, in_v = np.ascontiguousarray(np.array(places, np.int64).reshape(-1, 2).T)
         return Positions(in_q, in_v, np.array(quaternions, np.int64).reshape(-1, 2))
 
-    def _stepped(self) -> Stepped:
+    def _complex_step(self) -> ComplexStepSystem:
         """Return the recursions on complex numbers with the arrays, which may change later."""
         inverse, position, retract = complex_step_callbacks()
-        return Stepped(inverse, position, retract, self._compiled.complex_step_data())
+        return ComplexStepSystem(inverse, position, retract, self._compiled.complex_step_data())
 
-    def _meshed(self) -> NDArray[np.bool_]:
+    def _find_mesh_mask(self) -> NDArray[np.bool_]:
         """Return which coordinates are of joints between nodes of a mesh."""
         found = [np.full(body.joint.nv, self._in_mesh(body)) for body in free_bodies(self._mechanism)]
         return np.concatenate([np.zeros(0, bool), *found])
@@ -218,7 +218,9 @@ class Systems:
     def _rate(self, bodies: Iterable[int] | None = None) -> float:
         """Return how fast gravity and drives, or the drives of these bodies, move them, 1/s; zero: neither does."""
         weight = float(np.linalg.norm(self._arrays.world["gravity"][0]))
-        return max(np.sqrt(weight / self._length), *(1.0 / pace for pace in self._drives.paces(bodies)), 0.0)
+        return max(
+            np.sqrt(weight / self._length), *(1.0 / time_scale for time_scale in self._drives.time_scales(bodies)), 0.0
+        )
 
     def _loop_rate(self) -> float:
         """Return how fast gravity and the drives that carry a cut joint's bodies or are coupled move them, 1/s."""

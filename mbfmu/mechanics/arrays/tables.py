@@ -37,7 +37,9 @@ UNMOVED = frozenset(("longest_step", "power", "monitor"))  # nothing is derived 
 REAL = NumberTypes(float, float, frozenset(("tangent",)))
 COMPLEX = NumberTypes(complex, complex, UNMOVED | {"tangent"})  # derivatives by all that is in both
 TANGENT_NUMBERS = NumberTypes(float, complex, UNMOVED | {"bias", "potential", "read"})  # ... by the state alone
-COMPLEX_STEP = NumberTypes(float, complex, UNMOVED | {"potential", "read", "tangent"})  # ... along one direction
+COMPLEX_STEP_NUMBERS = NumberTypes(
+    float, complex, UNMOVED | {"potential", "read", "tangent"}
+)  # ... along one direction
 
 
 Words = tuple[tuple[str, np.dtype[Any]], ...]  # records that the words of a role stand for

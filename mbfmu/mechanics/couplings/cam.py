@@ -22,7 +22,7 @@ from .base import Coupling
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
-CHECK_RANGE = 5.0  # units of ``width`` to either side of zero, in which a function is tried
+CAM_CHECK_RANGE = 5.0  # units of ``width`` to either side of zero, in which a function is tried
 
 
 class CamRecord(Record):
@@ -90,7 +90,7 @@ class Cam(Coupling):
             self.law.rows(f"law of {what}")
             if not self.law.drives:
                 raise UserError(f"law of {what} is {self.law!r}; its slope jumps, and no joint can follow that")
-        elif not law.resolved(self._function(), self._width * CHECK_RANGE * np.array((-1.0, 1.0)), self._width):
+        elif not law.resolved(self._function(), self._width * CAM_CHECK_RANGE * np.array((-1.0, 1.0)), self._width):
             raise UserError(
                 f"law of {what} changes faster than differences over thousandths of {self._width:g} resolve; use "
                 "Cam(..., width=...) with the change of its coordinate, rad or m, over which it changes"
@@ -118,5 +118,5 @@ class Cam(Coupling):
         """Return the steepest slope at the points of a table, or at some of a function."""
         if isinstance(self.law, Table):
             return float(np.abs(self.law.rows("law of a cam")[:, 2]).max())
-        points = self._width * np.linspace(-CHECK_RANGE, CHECK_RANGE, 41)
+        points = self._width * np.linspace(-CAM_CHECK_RANGE, CAM_CHECK_RANGE, 41)
         return float(np.abs([law.derivatives(self._function(), x, self._width)[1] for x in points]).max())

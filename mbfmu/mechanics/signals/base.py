@@ -35,9 +35,9 @@ class InUse(NamedTuple):
         """Return the signal whose number the record has in a field."""
         return self.all[int(self.record[field].real)]
 
-    def pace(self, size: float) -> float:
-        """See :meth:`Signal.pace`."""
-        return self.signal.pace(self, size)
+    def time_scale(self, size: float) -> float:
+        """See :meth:`Signal.time_scale`."""
+        return self.signal.time_scale(self, size)
 
     def steady(self) -> tuple[float, bool]:
         """See :meth:`Signal.steady`."""
@@ -67,7 +67,7 @@ class Signal(ElementType):
     longest_step: ClassVar[Any] = None
     drives: ClassVar[bool] = True  # it has no jumps, nor has its rate: a joint can follow it
 
-    def pace(self, own: InUse, size: float) -> float:
+    def time_scale(self, own: InUse, size: float) -> float:
         """Return a time (s) in which it changes by about ``size``; zero: it never changes."""
         return 0.0
 

@@ -74,9 +74,9 @@ class Combined(Signal):
         """Whether all parts can; what a host sets jumps, and only as a drive itself it is made a motion."""
         return all(part.drives and not part.variables() for part in self.parts if isinstance(part, Signal))
 
-    def pace(self, own: InUse, size: float) -> float:
+    def time_scale(self, own: InUse, size: float) -> float:
         """Return that of the faster part."""
-        return min(filter(None, (part.pace(size) for part in self.operands(own))), default=0.0)
+        return min(filter(None, (part.time_scale(size) for part in self.operands(own))), default=0.0)
 
     def run_on(self, own: InUse) -> None:
         """Let the parts do so."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
     from solvers.compiled.record import Reals
 
-MAX_STEP_RATIO = 0.25  # longest step, in intervals
+MAX_INTERVAL_STEP_RATIO = 0.25  # longest step, in intervals
 ONE_STEP_DEGREE = 3  # degree up to which a step of one interval resolves a series
 MIN_JUMP_STEP_RATIO = 1e-9  # longest step at a jump, to its time, or to the duration of the run if that is shorter
 TERMS = SERIES_DEGREE + 1
@@ -142,7 +142,7 @@ class Followed(Signal):
         degree = np.array([np.flatnonzero(row)[-1] if row.any() else 0 for row in series])
         times = np.maximum(np.abs(begins), np.abs(ends))
         widths, shortest = ends - begins, MIN_JUMP_STEP_RATIO * np.minimum(times, ends[-1] - begins[0])
-        steps = np.maximum(np.where(degree > ONE_STEP_DEGREE, MAX_STEP_RATIO, 1.0) * widths, shortest)
+        steps = np.maximum(np.where(degree > ONE_STEP_DEGREE, MAX_INTERVAL_STEP_RATIO, 1.0) * widths, shortest)
         # resolved by steps of any length
         constant = (degree == 0) | (degree.max() <= ONE_STEP_DEGREE) & (len(degree) == 1)
         steps[constant & (widths > shortest)] = np.inf
@@ -160,7 +160,7 @@ class Followed(Signal):
         """Arrays are compared by identity."""
         return id(self)
 
-    def pace(self, own: InUse, size: float) -> float:
+    def time_scale(self, own: InUse, size: float) -> float:
         """Return ``size`` by the steepest slope."""
         slope = float(own.record["slope"])
         return size / slope if slope else 0.0

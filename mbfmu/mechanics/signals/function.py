@@ -20,20 +20,20 @@ from .base import InUse, Signal
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
-CHECK_RANGE = 10.0  # units of ``time`` from zero on, in which it is tried
+FUNCTION_CHECK_RANGE = 10.0  # units of ``time`` from zero on, in which it is tried
 
 
 class FunctionRecord(Record):
     """Parameters of :class:`Function`."""
 
-    pace: f8
+    time_scale: f8
     clock: f8
 
 
 @kernel
 def longest_step(signal: FunctionRecord, t: float, arrays: Arrays) -> tuple[float, float]:
-    """See :mod:`.base`. A third of its pace."""
-    return signal.pace / 3.0, np.inf
+    """See :mod:`.base`. A third of its time scale."""
+    return signal.time_scale / 3.0, np.inf
 
 
 @cache
@@ -53,7 +53,7 @@ def kernel_of_motion(function: Any) -> Any:
     derivatives = law.derivatives
 
     def evaluate(signal: Any, t: float, arrays: Arrays) -> Any:
-        x, dx, ddx = derivatives(function, signal.clock.real * t, signal.pace.real)
+        x, dx, ddx = derivatives(function, signal.clock.real * t, signal.time_scale.real)
         return x, signal.clock * dx, signal.clock * ddx
 
     return jit_uncached(evaluate)
@@ -88,7 +88,7 @@ class Function(Signal):
         """Compile it."""
         positive(f"time in which {self.what} changes", self.time)
         function = law.law_of(self.what, self.law, ("t",))
-        if self.differentiate and not law.resolved(function, (0.0, CHECK_RANGE * self.time), self.time):
+        if self.differentiate and not law.resolved(function, (0.0, FUNCTION_CHECK_RANGE * self.time), self.time):
             raise UserError(
                 f"{self.what} changes faster than differences over thousandths of {self.time:g} s resolve; use "
                 "Function(..., time=...) with the time in which it changes, s, or give a signal"
@@ -102,9 +102,9 @@ class Function(Signal):
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write how fast it changes."""
-        record["pace"], record["clock"] = self.time, 1.0
+        record["time_scale"], record["clock"] = self.time, 1.0
 
-    def pace(self, own: InUse, size: float) -> float:
+    def time_scale(self, own: InUse, size: float) -> float:
         """Return the given value."""
         return self.time
 

@@ -18,7 +18,7 @@ from .base import InUse, Signal
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
-MAX_STEP_RATIO = 0.3  # longest step, in periods
+MAX_PERIOD_STEP_RATIO = 0.3  # longest step, in periods
 
 
 class HarmonicRecord(Record):
@@ -45,7 +45,7 @@ def evaluate(signal: HarmonicRecord, t: float, arrays: Arrays) -> tuple[float, f
 def longest_step(signal: HarmonicRecord, t: float, arrays: Arrays) -> tuple[float, float]:
     """See :mod:`.base`. Part of a period."""
     w = abs(signal.frequency)
-    return (MAX_STEP_RATIO * (2.0 * pi / w) if abs(signal.amplitude) * w > 0.0 else np.inf), np.inf
+    return (MAX_PERIOD_STEP_RATIO * (2.0 * pi / w) if abs(signal.amplitude) * w > 0.0 else np.inf), np.inf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +77,7 @@ class Harmonic(Signal):
         record["middle"], record["amplitude"], record["phase"] = self.mean, self.amplitude, self.phase
         record["frequency"] = 2.0 * pi * self.frequency
 
-    def pace(self, own: InUse, size: float) -> float:
+    def time_scale(self, own: InUse, size: float) -> float:
         """Return the time of a radian."""
         w = abs(float(own.record["frequency"]))
         return 1.0 / w if abs(float(own.record["amplitude"])) * w else 0.0

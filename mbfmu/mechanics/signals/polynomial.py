@@ -52,7 +52,7 @@ class Coefficients(Signal):
     record = POLYNOMIAL
     evaluate = evaluate
 
-    def pace(self, own: InUse, size: float) -> float:
+    def time_scale(self, own: InUse, size: float) -> float:
         """Return the shortest time in which one of its terms becomes ``size``."""
         c = [abs(float(x)) for x in own.record["c"]]
         return min(((size / x) ** (1.0 / k) for k, x in enumerate(c) if k and x), default=0.0)

@@ -20,7 +20,7 @@ from .base import InUse, Signal
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
-MAX_STEP_RATIO = 0.3  # longest step, in durations
+MAX_RUN_UP_STEP_RATIO = 0.3  # longest step, in durations
 
 
 class RunUpRecord(Record):
@@ -55,7 +55,7 @@ def longest_step(signal: RunUpRecord, t: float, arrays: Arrays) -> tuple[float, 
     end = signal.duration
     if signal.over == 1 or not abs(signal.speed) * end > 0.0:
         return np.inf, np.inf
-    shortest = MAX_STEP_RATIO * end
+    shortest = MAX_RUN_UP_STEP_RATIO * end
     if t < -shortest:
         return -0.5 * t, 0.5 * t
     return (shortest, end) if t < end else (np.inf, np.inf)
@@ -89,7 +89,7 @@ class RunUp(Signal):
         positive("duration of a RunUp", self.duration)
         record["start"], record["speed"], record["duration"] = self.start, self.speed, self.duration
 
-    def pace(self, own: InUse, size: float) -> float:
+    def time_scale(self, own: InUse, size: float) -> float:
         """Return the time of the run-up and of ``size`` at full speed."""
         speed = abs(float(own.record["speed"]))
         if not speed:

@@ -17,7 +17,7 @@ from .base import InUse, Signal
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
-MAX_STEP_RATIO = 0.3  # longest step, in durations of the rise
+MAX_RISE_STEP_RATIO = 0.3  # longest step, in durations of the rise
 JUMP_TIME_TOLERANCE = 1e-9  # part of the time of a jump: what comes so soon after it may be missed
 
 
@@ -64,7 +64,7 @@ def longest_step(signal: StepRecord, t: float, arrays: Arrays) -> tuple[float, f
     if signal.height == 0.0 or t >= begin + duration:
         return np.inf, np.inf
     half = 0.5 * (begin - t)
-    shortest = max(MAX_STEP_RATIO * duration, JUMP_TIME_TOLERANCE * (abs(begin) if begin != 0.0 else 1.0))
+    shortest = max(MAX_RISE_STEP_RATIO * duration, JUMP_TIME_TOLERANCE * (abs(begin) if begin != 0.0 else 1.0))
     return (half, t + half) if half > shortest else (shortest, begin + max(duration, shortest))
 
 
@@ -108,7 +108,7 @@ class Step(Signal):
         """Whether it has a duration; an invalid duration is reported by ``fill``."""
         return self.duration != 0.0
 
-    def pace(self, own: InUse, size: float) -> float:
+    def time_scale(self, own: InUse, size: float) -> float:
         """Return the part of the rise that changes it by ``size``, at most all."""
         height, duration = abs(float(own.record["height"])), float(own.record["duration"])
         return duration * min(1.0, size / height) if height else 0.0

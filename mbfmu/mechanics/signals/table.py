@@ -110,7 +110,7 @@ class Table(Signal):
         """Arrays are compared by identity."""
         return id(self)
 
-    def pace(self, own: InUse, size: float) -> float:
+    def time_scale(self, own: InUse, size: float) -> float:
         """Return ``size`` by the steepest slope."""
         slope = float(own.record["slope"])
         return size / slope if slope else 0.0

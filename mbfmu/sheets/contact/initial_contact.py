@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Depth in which a sheet may start, relative to the depth of the contact law, or to that which bears the sheet's weight
 MAX_START_DEPTH_RATIO = 5.0
 CORE_RATIO = 0.5  # radii of a guide, in which nothing of a sheet is, whether it is a contact point or not
-MAX_SAMPLES = 200  # points of a cell one way that are looked at for that
+MAX_CELL_SAMPLES = 200  # points of a cell one way that are looked at for that
 
 
 def check_surface_contacts(group: LoadGroup) -> None:
@@ -37,7 +37,7 @@ def check_surface_contacts(group: LoadGroup) -> None:
     found_contacts = list(_contacts(group))
     cores = np.array([load.surface.core() for contact in found_contacts for load in contact.loads])
     sides = np.array([load.sides for contact in found_contacts for load in contact.loads])
-    finer = np.clip(np.ceil(sides / (CORE_RATIO * cores[:, None])), 1, MAX_SAMPLES).astype(
+    finer = np.clip(np.ceil(sides / (CORE_RATIO * cores[:, None])), 1, MAX_CELL_SAMPLES).astype(
         np.int64
     )  # a point in every half core
     points, within = (np.zeros((len(contacts), 4)) for _ in range(2))
@@ -71,8 +71,8 @@ def undersampled_edges(group: LoadGroup) -> list[str]:
         axes = group.bodies["A"][contact.nodes[0].index][:, ::2]  # of the sheet as it starts
         lies = np.abs(axes.T @ (group.bodies["A"][holder.index] @ along))  # cosines
         apart = np.array(load.sides) / load.samples
-        across, beside = apart * np.sqrt(np.clip(1.0 - lies**2, 0.0, 1.0)), apart * lies
-        for size, what, gap in ((2.0 * radius, "thick", across.max()), (long, "wide", beside.max())):
+        across, sideways = apart * np.sqrt(np.clip(1.0 - lies**2, 0.0, 1.0)), apart * lies
+        for size, what, gap in ((2.0 * radius, "thick", across.max()), (long, "wide", sideways.max())):
             if size < gap:
                 messages.append(
                     coded(

@@ -248,12 +248,12 @@ def apply_station_force(nip: Any, i: int, N: Any, pair: Any, bodies: Table[Motio
     lean_d, lean_e = (lean * ze, -lean * zd) if nip.way == 0 else (-lean * xe, lean * xd)
     damped = -part * pair.gain[i] * nip.damping / (2 * nip.pairs) * rise_rate
     fn = pair.f[i] * pair.gain[i] + damped
-    along, beside = part * nip.friction * N, part * nip.idler_friction * N
-    across = along if nip.idler > 0 else along + beside
+    along, sideways = part * nip.friction * N, part * nip.idler_friction * N
+    across = along if nip.idler > 0 else along + sideways
     fd, fe, sd, se = friction_force(nip, bodies[nip.roller], nip.radius, ahead, side, along, across)
     gd, ge, idler_power = zero, zero, zero
     if nip.idler > 0:
-        gd, ge, td, te = friction_force(nip, bodies[nip.idler], -nip.idler_radius, ahead, side, beside, beside)
+        gd, ge, td, te = friction_force(nip, bodies[nip.idler], -nip.idler_radius, ahead, side, sideways, sideways)
         idler_power = gd * td + ge * te
     result[0] += part
     result[1] += part * sd

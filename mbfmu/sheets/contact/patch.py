@@ -51,9 +51,9 @@ def evaluate_ruled_weights(cell: Any, axis: int, xi: Any, zeta: Any, c: Reals, c
     dT0, dT1 = h * (1.0 - u) * (1.0 - 3.0 * u), h * u * (3.0 * u - 2.0)
     by_u, by_w, slope = (cx, cz, 1) if axis == 0 else (cz, cx, 2)
     for i in range(4):
-        far, beside = (i in (1, 2), i in (2, 3)) if axis == 0 else (i in (2, 3), i in (1, 2))
+        far, sideways = (i in (1, 2), i in (2, 3)) if axis == 0 else (i in (2, 3), i in (1, 2))
         N, dN, T, dT = (H1, dH, T1, dT1) if far else (H0, -dH, T0, dT0)
-        share, dshare = (w, 1.0) if beside else (1.0 - w, -1.0)
+        share, dshare = (w, 1.0) if sideways else (1.0 - w, -1.0)
         for k in range(3):
             c[i, k], cx[i, k], cz[i, k] = 0.0, 0.0, 0.0
         c[i, 0], c[i, slope] = N * share, T * share

@@ -13,29 +13,29 @@ if TYPE_CHECKING:
     from mbfmu.sheets.contact.nip import NipRecord
     from solvers.compiled.record import Reals, Table
 
-MAX_NEWTON_ITERATIONS = 12  # of Newton for the material under a station
-NEWTON_TOLERANCE = 1e-9  # sides of a cell: after a correction as small one more makes it exact
+MAX_STATION_ITERATIONS = 12  # of Newton for the material under a station
+STATION_TOLERANCE = 1e-9  # sides of a cell: after a correction as small one more makes it exact
 
 
 @kernel
 def station_position(nip: NipRecord, place: float, i: int) -> Any:
     """Where a station of a pair is: the first ahead, the second behind."""
-    along, beside = nip.half if i == 0 else -nip.half, 0.5 * nip.width * place
+    along, sideways = nip.half if i == 0 else -nip.half, 0.5 * nip.width * place
     return (
-        nip.place[0] + along * nip.d[0] + beside * nip.e[0],
-        nip.place[1] + along * nip.d[1] + beside * nip.e[1],
-        nip.place[2] + along * nip.d[2] + beside * nip.e[2],
+        nip.place[0] + along * nip.d[0] + sideways * nip.e[0],
+        nip.place[1] + along * nip.d[1] + sideways * nip.e[1],
+        nip.place[2] + along * nip.d[2] + sideways * nip.e[2],
     )
 
 
 @kernel
 def is_separated(nip: NipRecord, P: Reals, x: float, y: float, z: float) -> bool:
     """Whether nothing of a cell, whose middle is at (x, y, z), is under a point P, however far above or below."""
-    along, beside, near = 0.0, 0.0, bounding_radius(nip).real + nip.entry.real
+    along, sideways, near = 0.0, 0.0, bounding_radius(nip).real + nip.entry.real
     for k in range(3):
         off = (x if k == 0 else y if k == 1 else z) - P[k].real
-        along, beside = along + off * nip.d[k].real, beside + off * nip.e[k].real
-    return along * along + beside * beside > near * near
+        along, sideways = along + off * nip.d[k].real, sideways + off * nip.e[k].real
+    return along * along + sideways * sideways > near * near
 
 
 @kernel
@@ -46,7 +46,7 @@ def find_material_point(nip: Any, P: Any, bodies: Table[MotionRecord], here: Any
     """
     d, e = nip.d, nip.e
     xi, zeta, last = 0.0 * here.r[0] + 0.5, 0.0 * here.r[0] + 0.5, False
-    for _ in range(MAX_NEWTON_ITERATIONS):
+    for _ in range(MAX_STATION_ITERATIONS):
         evaluate_ruled_weights(nip, nip.way, xi, zeta, here.c, here.cx, here.cz)
         interpolate_point(nip, here.c, bodies, here.r)
         interpolate_point(nip, here.cx, bodies, here.rx)
@@ -66,7 +66,7 @@ def find_material_point(nip: Any, P: Any, bodies: Table[MotionRecord], here: Any
         xi, zeta = xi + dx, zeta + dz
         if not (abs(xi.real) < 3.0 and abs(zeta.real) < 3.0):
             return xi, zeta, False
-        last = abs(dx.real) + abs(dz.real) < NEWTON_TOLERANCE
+        last = abs(dx.real) + abs(dz.real) < STATION_TOLERANCE
     return xi, zeta, False
 
 

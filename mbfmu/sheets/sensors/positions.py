@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from solvers.compiled.record import Table
 
 EDGE_BLUR_WIDTH = 0.5e-3  # m, on either side of an edge, within which a beam is partly covered
-MAX_NEWTON_ITERATIONS = 12  # of Newton for the material in a beam
-NEWTON_TOLERANCE = 1e-9  # sides of a cell: a correction as small is the last
+MAX_BEAM_ITERATIONS = 12  # of Newton for the material in a beam
+BEAM_TOLERANCE = 1e-9  # sides of a cell: a correction as small is the last
 JAM_SLIP_RATIO = 0.5  # of the speed of a roller's surface: slip above which a nip jams
 MIN_LOADED_SHARE = 0.5  # part of a nip that is in the sheet, below which it does not count
 
@@ -160,7 +160,7 @@ def cell_coverage(x: Any, side: float, ends: int) -> Any:
 def find_beam_intersection(cell: Any, beam: CoveredRecord, bodies: Table[MotionRecord], here: ContactScratch) -> Any:
     """Where a beam meets the surface of a cell, by Newton: xi, zeta and whether it does."""
     xi, zeta, last = 0.0 * here.r[0] + 0.5, 0.0 * here.r[0] + 0.5, False
-    for _ in range(MAX_NEWTON_ITERATIONS):
+    for _ in range(MAX_BEAM_ITERATIONS):
         if last:
             return xi, zeta, True
         evaluate_ruled_weights(cell, 0, xi, zeta, here.c, here.cx, here.cz)
@@ -180,7 +180,7 @@ def find_beam_intersection(cell: Any, beam: CoveredRecord, bodies: Table[MotionR
         xi, zeta = xi + dx, zeta + dz
         if not (abs(xi.real) < 3.0 and abs(zeta.real) < 3.0):
             return xi, zeta, False
-        last = abs(dx.real) + abs(dz.real) < NEWTON_TOLERANCE
+        last = abs(dx.real) + abs(dz.real) < BEAM_TOLERANCE
     return xi, zeta, False
 
 

@@ -37,7 +37,7 @@ A = np.array(
 )  # the last row is the step itself
 E = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])  # order 5 less order 4
 DORMAND_PRINCE_EXPONENT = 0.2  # of the estimate, of order 4
-MAX_STEP_CHANGE = 5.0  # next step in units of this one, at most
+MAX_START_STEP_CHANGE = 5.0  # next step in units of this one, at most
 
 
 @inlined
@@ -74,7 +74,7 @@ def adapt_step(control: Any, error: float) -> None:
     """Set the next step, or the repeated one, from this error."""
     finite = error < np.inf
     control.h *= (
-        step_factor(0.0, error, 0.0, 0.0, DORMAND_PRINCE_EXPONENT, MAX_STEP_CHANGE) if finite else MIN_STEP_CHANGE
+        step_factor(0.0, error, 0.0, 0.0, DORMAND_PRINCE_EXPONENT, MAX_START_STEP_CHANGE) if finite else MIN_STEP_CHANGE
     )
 
 

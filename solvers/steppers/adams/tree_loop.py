@@ -3,7 +3,7 @@
 State y = (q, v), y' by the articulated-body recursion; there is nothing to close. Quaternions are brought back to unit
 length after each step, by a change of the size of the tolerance.
 
-Explicit steps are bounded by stability: on a mesh of plates the fastest mode turns some thousand times while the
+Explicit steps are bounded by stability: on a mesh the fastest mode turns some thousand times while the
 slowest moves. The error control keeps the step there, because an unstable step fails its test;
 :attr:`solvers.options.Statistics.stability_limited` is their number.
 """

@@ -29,7 +29,7 @@ from solvers.system import Array, TreeSystem
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
     from solvers.inertia import Growth
-    from solvers.system import Equations, Stepped
+    from solvers.system import ComplexStepSystem, Equations
 
 GAMMA = 1767732205903 / 4055673282236
 N_STAGES = 4
@@ -58,7 +58,7 @@ EMBEDDED_WEIGHTS = np.array(  # weights of order 2
         2193209047091 / 5459859503100,
     ]
 )
-MAX_CORRECTIONS = 20  # corrections of a stage
+MAX_STAGE_CORRECTIONS = 20  # corrections of a stage
 DIFFERENCE_RATIO = 1e-3  # part of the way to a first guess, over which the equations are linear
 MIN_INDEPENDENT_RATIO = 1e-4  # part of a change of corrections that must be left after removal of the others
 CONTROL = np.dtype(
@@ -118,8 +118,8 @@ class Stage(NamedTuple):
     tol: Array  # (n,) of positions, as motions
     newton_correction: Array  # (n + m,) the last correction of positions and multipliers by Newton
     applied_correction: Array  # (n + m,) the one that was made of it
-    df: Array  # (MAX_CORRECTIONS, n) changes of corrections, in tolerances, orthonormal
-    along: Array  # (MAX_CORRECTIONS, n + m) what goes with them
+    df: Array  # (MAX_STAGE_CORRECTIONS, n) changes of corrections, in tolerances, orthonormal
+    along: Array  # (MAX_STAGE_CORRECTIONS, n + m) what goes with them
     n_secants: NDArray[np.int64]  # (1,) how many there are
     zero: Array  # (n,)
     no_multipliers: Array  # (m,) zero
@@ -133,7 +133,7 @@ class Stage(NamedTuple):
         nq, n, m, z = system.nq, system.n, system.m, np.zeros
         return Stage(
             z(nq), z(n), z(n), z(m), z(nq), z(nq), z(n), z(n), z(nq), z(n), z(nq), z(n), z(n),
-            z(n + m), z(n + m), z((MAX_CORRECTIONS, n)), z((MAX_CORRECTIONS, n + m)), np.zeros(1, np.int64),
+            z(n + m), z(n + m), z((MAX_STAGE_CORRECTIONS, n)), z((MAX_STAGE_CORRECTIONS, n + m)), np.zeros(1, np.int64),
             z(n), z(m), *system.positions,
         )  # fmt: skip
 
@@ -178,7 +178,7 @@ def evaluate_rates(c: float, stage: Stage) -> None:
 
 
 @kernel
-def residual(eqs: Stepped, t: float, c: float, stage: Stage) -> bool:
+def residual(eqs: ComplexStepSystem, t: float, c: float, stage: Stage) -> bool:
     """Fill stage.tau at stage.q; False if it is not finite."""
     evaluate_rates(c, stage)
     eqs.inverse(t, stage.q, stage.v, stage.a, stage.lam, eqs.data, stage.qdot, stage.tau)
@@ -189,7 +189,7 @@ def residual(eqs: Stepped, t: float, c: float, stage: Stage) -> bool:
 
 
 @kernel
-def predict_residual(eqs: Stepped, t: float, c: float, memory: Memory, stage: Stage) -> None:
+def predict_residual(eqs: ComplexStepSystem, t: float, c: float, memory: Memory, stage: Stage) -> None:
     """Predict the residual of the first guess of stage 1, at stage.q, in stage.tau.
 
     It is a linear extrapolation of the equations from the end of the last step: by their difference over a small part

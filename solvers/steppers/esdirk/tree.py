@@ -1,10 +1,10 @@
 """ESDIRK3(2) on a large tree: 'esdirk'; the method is in :mod:`.formulas`.
 
-For meshes of plates and beams, whose fastest modes an explicit method must follow and this one damps. Newton's matrix
-is the structured tangent, factored where the steps change or where corrections fall slowly, and kept over steps, times
-at output and, without contact, jumps of the loads. It is taken as symmetric, which halves what a correction reads, but
-where there is friction; loads that follow the bodies cost some more of them. Corrections are accelerated, which makes
-up for most of what has changed since: a factorization costs as much as twenty of them. Cut joints are held by the
+For meshes of elements, whose fastest modes an explicit method must follow and this one damps. Newton's matrix is the
+structured tangent, factored where the steps change or where corrections fall slowly, and kept over steps, times at
+output and, where forces are smooth, jumps of the loads. It is taken as symmetric, which halves what a correction reads,
+but where there is friction; loads that follow the bodies cost some more of them. Corrections are accelerated, which
+makes up for most of what has changed since: a factorization costs as much as twenty of them. Cut joints are held by the
 accelerations of every stage, with the tree's saddle system; where a step ends it is brought onto them.
 
 Positions alone are controlled: their error is filtered by (c^2 M + c D + K)^-1 c^2 M, which leaves out of it what the
@@ -47,11 +47,11 @@ from solvers.steppers.step_control import (
     truncated_step,
 )
 from solvers.steppers.tree import TreeEquations
-from solvers.system import MAX_DENSE_COORDINATES, Array, TreeSystem
+from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array, TreeSystem
 
 from .formulas import (
     GAMMA,
-    MAX_CORRECTIONS,
+    MAX_STAGE_CORRECTIONS,
     N_STAGES,
     C,
     Memory,
@@ -70,7 +70,7 @@ from .formulas import (
     update_inertia_growth,
 )
 
-RATE_TOLERANCE_RATIO = 150.0  # tolerance of a rate in tolerances of its coordinate times the rate of the motion
+ESDIRK_RATE_TOLERANCE_RATIO = 150.0  # tolerance of a rate in tolerances of its coordinate times the rate of the motion
 # Of the tolerance, to which the estimated error of a step is held: the error of the motion adds up to more.
 ERROR_TOLERANCE_RATIO = 0.2
 # What Newton may leave of a stage, in these tolerances: STAGE_TOLERANCE, or DRIFT_FACTOR (h rate)^2. It has one sign in
@@ -95,7 +95,7 @@ class TreeESDIRKStepper(PythonLoopStepper):
     """ESDIRK3(2) on a large tree."""
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
-        dense = ("adams", "hybrid") if system.n <= MAX_DENSE_COORDINATES else ()
+        dense = ("adams", "hybrid") if system.n <= MAX_SOLVER_DENSE_COORDINATES else ()
         self.fallback_solvers = (*dense, "ida") if system.m else ("adams", "ida")
         super().__init__(system, t0, q0, v0, options)
         self._requested_rtol = self.options.rtol
@@ -113,9 +113,9 @@ class TreeESDIRKStepper(PythonLoopStepper):
         self._absolute_tolerances = options.absolute * system.size
         self._growth_data = Growth.of(system, self._rate)
         self._pinned_growth = pin(self._growth_data)
-        rates = RATE_TOLERANCE_RATIO * self._rate * self._absolute_tolerances
+        rates = ESDIRK_RATE_TOLERANCE_RATIO * self._rate * self._absolute_tolerances
         self._scales = pin(
-            EnergyScales.of_mesh(options.rtol, self._absolute_tolerances, rates, system.n, RATE_TOLERANCE_RATIO)
+            EnergyScales.of_mesh(options.rtol, self._absolute_tolerances, rates, system.n, ESDIRK_RATE_TOLERANCE_RATIO)
         )
         self._has_work, self._max_step = 0, np.inf
         self._factor_count = -1  # how often the tangent had been factored when these factors were made
@@ -250,7 +250,7 @@ class TreeESDIRKStepper(PythonLoopStepper):
         stage, pinned, contraction, before = self._stage, self._pinned[1], FIRST_CONTRACTION, 0.0
         first, n_refactored, fresh = 0, 0, np.inf
         guess, reactions = stage.q.copy(), stage.lam.copy()
-        for k in range(MAX_CORRECTIONS):
+        for k in range(MAX_STAGE_CORRECTIONS):
             refactors = k - first > 1 and contraction > MAX_CONTRACTION
             if refactors and not n_refactored and contraction > 1.0:
                 stage.q[:], stage.lam[:] = guess, reactions

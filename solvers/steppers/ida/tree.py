@@ -27,13 +27,14 @@ the order if the tree has such motions.
 
 **Weights.** IDA's norm is the root of a mean square, in which one of N unknowns may have an error of sqrt(N)
 tolerances. The tolerances of coordinates outside meshes are therefore multiplied by N^-1/2. Absolute tolerances are
-relative to the size of each coordinate (an angle of a sheet's joint is curvature times cell, and the errors of a chain
+relative to the size of each coordinate (an angle of a mesh's joint is curvature times cell, and the errors of a chain
 of joints add up); those of rates are MESH_RATE_TOLERANCE_RATIO or RATE_TOLERANCE_RATIO times that in the time of the
 motion. Multipliers carry no error control. Reported states are closed onto the constraints.
 
-**In contact** pressures turn within micrometers and friction within millimeters per second. IDA's own products of
-Newton's matrix and a vector are differences over what tolerances allow, which is more: they are taken exactly, by an
-imaginary step of the whole residual. And its weights are our own, see :meth:`TreeIDAStepper._tolerances`.
+**Where forces are not smooth**, pressures turn within micrometers and friction within millimeters per second. IDA's own
+products of Newton's matrix and a vector are differences over what tolerances allow, which is more: they are taken
+exactly, by an imaginary step of the whole residual. And its weights are our own, see
+:meth:`TreeIDAStepper._tolerances`.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ from solvers.options import Options
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, count_freedom, inverse_squares, motion_rate, project
 from solvers.stepper import require_resolved_position, require_resolved_time
-from solvers.system import MAX_DENSE_COORDINATES, Array, TreeSystem, energy_callbacks
+from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array, TreeSystem, energy_callbacks
 
 from .binding import BoundIDA
 from .driver import IDADriver
@@ -80,11 +81,11 @@ MULTIPLIER_TOLERANCE = 1e8  # absolute tolerance of the multipliers
 RATE_TOLERANCE_RATIO = 1.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
 MESH_RATE_TOLERANCE_RATIO = 150.0  # the same where the order is low, and fast motions are damped and not followed
 MAX_MESH_ORDER = 2  # of BDF on meshes
-# Factor of the error of a sheet; error in tolerances from which on it is reported.
+# Factor of the error of a mesh; error in tolerances from which on it is reported.
 MESH_ERROR_FACTOR, MIN_REPORTED_ERROR = 0.18, 30.0
 MIN_RTOL = 1e-12
 KRYLOV_DIMENSION = 5
-SLIP_TOLERANCE_RATIO = 0.3  # part of the slip at which friction turns over, to which a sheet's speed is known
+SLIP_TOLERANCE_RATIO = 0.3  # part of the slip at which friction turns over, to which a mesh's speed is known
 TIKHONOV_FACTOR = 1e-6
 
 
@@ -92,7 +93,7 @@ class TreeIDAStepper(IDADriver):
     """IDA on a large tree."""
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
-        dense = ("adams", "hybrid") if system.n <= MAX_DENSE_COORDINATES else ()
+        dense = ("adams", "hybrid") if system.n <= MAX_SOLVER_DENSE_COORDINATES else ()
         self.fallback_solvers = dense if system.m else ("adams",)
         super().__init__(system, t0, q0, v0, options)
         self.system = system
@@ -168,11 +169,11 @@ class TreeIDAStepper(IDADriver):
             max_conv_fails=MAX_CONVERGENCE_FAILURES, **ida_options,
         )  # fmt: skip
 
-    def _describe_sheet_error(self) -> str:
-        """Return how large the errors of a sheet may be; empty: hardly larger than the tolerance, or there is no sheet.
+    def _describe_mesh_error(self) -> str:
+        """Return how large the errors of a mesh may be; empty: hardly larger than the tolerance, or there is no mesh.
 
         The error of a coordinate grows with the square root of their number and falls as the tolerance to the power
-        2/3; the factor was measured on sheets of 35 to 165 nodes, damped and undamped.
+        2/3; the factor was measured on meshes of 35 to 165 nodes, damped and undamped.
         """
         meshed = self.system.mesh_mask
         if meshed is None or not meshed.any() or self._order > MAX_MESH_ORDER:
@@ -184,7 +185,7 @@ class TreeIDAStepper(IDADriver):
         finer = f", or 'ida' at a tolerance of {needed:.0e}" if needed >= MIN_RTOL else ""
         return coded(
             "large-error",
-            "'ida' uses only orders 1 and 2 for a model with a sheet: the errors of its coordinates may be about "
+            "'ida' uses only orders 1 and 2 for a model with a mesh: the errors of its coordinates may be about "
             f"{float(f'{error:.1g}'):.0f} times the tolerance of {rtol:g}, and several times that if vibrations are "
             f"undamped or the run is long. If this is too large, use 'esdirk' at a tolerance of 1e-6 or more{finer}",
         )
@@ -205,9 +206,9 @@ class TreeIDAStepper(IDADriver):
     def _make_complex_step(self, count: int) -> Any:
         """Return what products of Newton's matrix are made with, where forces turn sharply."""
         system = self.system
-        if not system.nonsmooth_reason or system.stepped is None:
+        if not system.nonsmooth_reason or system.complex_step is None:
             return None
-        (inverse, position, retract, data), z = system.stepped(), np.zeros((3, count), complex)
+        (inverse, position, retract, data), z = system.complex_step(), np.zeros((3, count), complex)
         return ComplexStep(
             inverse, position, retract, data, system.allocate_terms(complex), system.positions,
             Scratch.allocate(system.nq, system.n, system.m, complex), self._reduced,
@@ -218,7 +219,7 @@ class TreeIDAStepper(IDADriver):
         """Return tolerances where they are weighed (3, N): relative, absolute, the largest.
 
         IDA's norm is the root of a mean square, in which one of N unknowns may be off by sqrt(N) tolerances. A mesh has
-        many similar ones, but few determine the position of a sheet as a whole. Their rates are accurate to a part of
+        many similar ones, but few determine the position of a mesh as a whole. Their rates are accurate to a part of
         the slip at which friction turns over too: where it reverses within a step, that is what is left of it.
         """
         system, N = self.system, len(atol)
@@ -255,12 +256,12 @@ class TreeIDAStepper(IDADriver):
 
     @property
     def warning(self) -> str:
-        """Whether the mass matrix requires a finer tolerance, and how large the errors of a sheet may be."""
+        """Whether the mass matrix requires a finer tolerance, and how large the errors of a mesh may be."""
         large = describe_large_growth(self._growth_data.inertia) if isinstance(self._ida, BoundIDA) else ""
         if large:
             text = f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot compensate that. Use 'adams'"
             large = coded("ill-conditioned-mass", text)
-        return ". ".join(filter(None, (self._describe_sheet_error(), large)))
+        return ". ".join(filter(None, (self._describe_mesh_error(), large)))
 
     def _has_work(self) -> bool:
         return self.system.works()

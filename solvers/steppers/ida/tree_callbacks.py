@@ -22,7 +22,7 @@ from .sundials import vector_data
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
 
-COMPLEX_STEP = 1e-20  # of an imaginary step
+KRYLOV_STEP_SIZE = 1e-20  # of an imaginary step
 
 
 class Scratch(NamedTuple):
@@ -163,10 +163,10 @@ def multiply_matrix(t: float, y: Reals, slopes: Reals, x: Reals, c: float, out: 
     """out (N,) <- (dF/dy + c dF/dy') x of the residual F, exactly."""
     e = user_data.complex_step
     for i in range(out.shape[0]):
-        e.y[i], e.slopes[i] = y[i] + COMPLEX_STEP * x[i] * 1j, slopes[i] + COMPLEX_STEP * c * x[i] * 1j
+        e.y[i], e.slopes[i] = y[i] + KRYLOV_STEP_SIZE * x[i] * 1j, slopes[i] + KRYLOV_STEP_SIZE * c * x[i] * 1j
     residual(t, e.y, e.slopes, e.res, e)
     for i in range(out.shape[0]):
-        out[i] = e.res[i].imag / COMPLEX_STEP
+        out[i] = e.res[i].imag / KRYLOV_STEP_SIZE
 
 
 @kernel

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from solvers.steppers.radau.formulas import Memory
     from solvers.system import Equations
 
-DIFFERENCE_STEP = 1e-6  # of the derivatives, in units of size, and of size times the rate
+STAGE_DIFFERENCE_STEP = 1e-6  # of the derivatives, in units of size, and of size times the rate
 CLOSED_STAGES_PIVOT_RATIO = 0.1  # below this ratio of the pivots stages are closed
-MAX_NEWTON_ITERATIONS = 8
+MAX_STAGE_ITERATIONS = 8
 NEGLIGIBLE_CORRECTION = 1e-9  # of the tolerance of Newton's method: from smaller ones no rate of convergence follows
 MAX_EXTRAPOLATION = 6.0  # step in units of the last one, up to which its polynomial predicts the stages
 
@@ -72,14 +72,14 @@ def difference_accelerations(eqs: Any, control: Any, memory: Memory, work: Any) 
     for k in range(2 * n):
         j = k % n
         set_state(memory.q, memory.v, work)
-        apart = DIFFERENCE_STEP
+        apart = STAGE_DIFFERENCE_STEP
         if k < n:
             for i in range(n):
                 memory.e_v[i] = 0.0
-            memory.e_v[j] = DIFFERENCE_STEP * work.size[j]
+            memory.e_v[j] = STAGE_DIFFERENCE_STEP * work.size[j]
             eqs.retract(work.q, memory.e_v, eqs.data)
         else:
-            apart = DIFFERENCE_STEP * work.rate[0]
+            apart = STAGE_DIFFERENCE_STEP * work.rate[0]
             work.v[j] += apart * work.size[j]
         if evaluate_stage_acceleration(eqs, control.t, control, work, memory.e_v) != OK:
             return
@@ -143,7 +143,7 @@ def solve_stages(eqs: Any, h: float, control: Any, settings: Any, memory: Memory
         extrapolate(h, memory)
     update_stage_positions(eqs, h, control, memory, work)
     before, rate = 0.0, 0.0
-    for k in range(MAX_NEWTON_ITERATIONS):
+    for k in range(MAX_STAGE_ITERATIONS):
         for s in range(N_STAGES):
             at = control.t + NODES[s] * h
             for i in range(nq):
@@ -163,7 +163,7 @@ def solve_stages(eqs: Any, h: float, control: Any, settings: Any, memory: Memory
             return OK
         if k > 0:
             rate = size / before if k == 1 else np.sqrt(rate * size / before)
-            if rate >= 1.0 or size * rate ** (MAX_NEWTON_ITERATIONS - 1 - k) > settings.newton_tolerance * (1.0 - rate):
+            if rate >= 1.0 or size * rate ** (MAX_STAGE_ITERATIONS - 1 - k) > settings.newton_tolerance * (1.0 - rate):
                 control.contraction = 1.0
                 return COLLAPSED
             control.contraction = rate

@@ -31,8 +31,8 @@ def gap(trough: Any, contact: Any) -> float:
         return abs(trough.radius - distance.real) + 0.0 * x
     set_normal(trough, -x / distance, -y / distance, contact)
     # from the middle of the arc, along it; beyond a quarter turn as far as that
-    beside = trough.radius * y / distance if x.real >= 0.0 else 2.0 * trough.radius * (1.0 if y.real > 0.0 else -1.0)
-    contact.part = edge_factor(beside, trough.half) * edge_factor(z, 0.5 * trough.length)
+    sideways = trough.radius * y / distance if x.real >= 0.0 else 2.0 * trough.radius * (1.0 if y.real > 0.0 else -1.0)
+    contact.part = edge_factor(sideways, trough.half) * edge_factor(z, 0.5 * trough.length)
     return trough.radius - distance
 
 
