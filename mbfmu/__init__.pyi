@@ -85,21 +85,22 @@ from .steady.state import Equilibrium
 from .studies.check import Findings, check
 from .studies.compare import Comparison, compare
 from .studies.recommendation import Recommendation, recommend_solver
+from .util.diagnostics import Diagnostic
 from .util.errors import AssemblyError, EquilibriumError, UserError
 from .viewer.show import view
 
 __all__ = [
     "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Comparison", "Crease", "Cylinder",
-    "Cylindrical", "CylindricalCut", "DistanceCut", "DistanceStop", "Drum", "Equilibrium", "EquilibriumError",
-    "EquilibriumPath", "Findings", "Floating", "Function", "Gear", "Geodesic", "Guide", "Harmonic", "Input",
-    "JointForce", "JointSpring", "JointStop", "LineForce", "Mechanism", "Model", "OutOfPlane", "Panel", "Planar",
-    "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Recommendation", "Result",
-    "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere",
-    "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table",
-    "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Trough", "Universal", "UserError", "Wall",
-    "Weld", "WeldCut", "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder",
-    "equilibrium", "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes", "parameter",
-    "recommend_solver", "rod", "simulate", "sphere", "study", "tube", "view",
+    "Cylindrical", "CylindricalCut", "Diagnostic", "DistanceCut", "DistanceStop", "Drum", "Equilibrium",
+    "EquilibriumError", "EquilibriumPath", "Findings", "Floating", "Function", "Gear", "Geodesic", "Guide",
+    "Harmonic", "Input", "JointForce", "JointSpring", "JointStop", "LineForce", "Mechanism", "Model", "OutOfPlane",
+    "Panel", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Product", "Ramp",
+    "Recommendation", "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Shell", "Simulation",
+    "SpeedInput", "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum",
+    "Support", "Table", "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Trough", "Universal",
+    "UserError", "Wall", "Weld", "WeldCut", "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check",
+    "compare", "cylinder", "equilibrium", "equilibrium_path", "export", "find", "linearize", "load_study", "models",
+    "modes", "parameter", "recommend_solver", "rod", "simulate", "sphere", "study", "tube", "view",
 ]  # fmt: skip
 
 __version__: str

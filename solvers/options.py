@@ -93,7 +93,7 @@ class Statistics:
     order: int = 0  # of the last step
     step_size: float = 0.0  # s, of the last step
     refused: int = 0  # of the rejected: steps that might have jumped to another branch
-    coarser: float = 1.0  # largest tolerance near near misses in units of the requested one, see Stepper.warning
+    coarser: float = 1.0  # largest tolerance near near misses in units of the requested one, see Stepper.diagnostics
     rate_growth: float = 0.0  # largest growth of errors of rates, see solvers.inertia; 0: not known
     rate_growth_at: float = 0.0  # s, when
     stability_limited: int = 0  # of an explicit solver: steps whose length stability set, and not accuracy

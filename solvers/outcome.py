@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-from .codes import coded
+from .diagnostics import Diagnostic
 
 
 class Code(IntEnum):
@@ -62,7 +62,7 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     ),
 }
 
-KEYS: dict[Code, str] = {  # of :data:`solvers.codes.TITLES`
+KEYS: dict[Code, str] = {  # of :data:`solvers.diagnostics.TITLES`
     Code.NOT_CLOSED: "loop-not-closed",
     Code.NO_MASS: "no-inertia",
     Code.UNDECIDABLE: "undetermined-branch",
@@ -101,14 +101,14 @@ class Status(NamedTuple):
         names = " or ".join(repr(name) for name in self.fallback_solvers)
         return f", or try {names}" if names else ""
 
-    def explain(self, advice: str = "") -> str:
-        """Return what happened, when, and what to do (``advice`` instead of the general remedy), with the code."""
-        return coded(KEYS[self.code], f"{self.message}. {advice or self.remedy}")
+    def explain(self, advice: str = "") -> Diagnostic:
+        """Return what happened, when, and what to do: ``advice`` instead of the general remedy."""
+        return Diagnostic.error(KEYS[self.code], self.message, advice or self.remedy, time=self.t)
 
 
 class SolverError(ArithmeticError):
     """A requested quantity cannot be determined by the solver; the message names the remedy."""
 
     def __init__(self, status: Status) -> None:
-        super().__init__(status.explain())
+        super().__init__(str(status.explain()))
         self.status = status

@@ -9,8 +9,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .codes import coded
 from .compiled.kernel import inlined, kernel
+from .diagnostics import Diagnostic
 from .energy_account import ACCOUNT_SIZE
 from .options import Options, Statistics
 from .outcome import Code, SolverError, Status
@@ -26,10 +26,12 @@ def require_resolved_time(t0: float, rate: float, rtol: float) -> None:
     spacing = float(np.spacing(abs(t0)))
     if not spacing * rate <= rtol:
         raise ValueError(
-            coded(
+            Diagnostic.error(
                 "clock-resolution",
                 f"t0 is {t0:g} s, where the spacing of floating-point numbers is {spacing:.1e} s; in that time the "
-                f"motion changes by more than the tolerance of {rtol:g}. Use a start time nearer to zero",
+                f"motion changes by more than the tolerance of {rtol:g}",
+                "Use a start time nearer to zero",
+                time=t0,
             )
         )
 
@@ -41,11 +43,12 @@ def require_resolved_position(q: Array, size: Array, rtol: float, names: tuple[s
     if len(q) and not spacing[k] <= MAX_SPACING_IN_TOLERANCES * rtol:
         name = f"coordinate {names[k]!r}" if len(names) == len(q) else f"position {k}"
         raise ValueError(
-            coded(
+            Diagnostic.error(
                 "clock-resolution",
                 f"{name} starts at {q[k]:g}, where the spacing of floating-point numbers is "
-                f"{spacing[k] * size[k]:.1e}; this is too coarse for a tolerance of {rtol:g}. Start "
-                "nearer to zero (an angle minus a multiple of 2 pi is the same position)",
+                f"{spacing[k] * size[k]:.1e}; this is too coarse for a tolerance of {rtol:g}",
+                "Start nearer to zero (an angle minus a multiple of 2 pi is the same position)",
+                subject=names[k] if len(names) == len(q) else "",
             )
         )
 
@@ -191,9 +194,9 @@ class Stepper(ABC):
         return len(self._v)
 
     @property
-    def warning(self) -> str:
-        """Message on deviations from the given options; empty: none."""
-        return ""
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """Warnings about deviations from the given options, and about errors that are larger than the tolerance."""
+        return ()
 
     @property
     def energy_account(self) -> Array:

@@ -21,6 +21,7 @@ from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.scene import load_scene
 from mbfmu.session.stiffness import spectrum
 from mbfmu.steady.equilibrium import equilibrium
+from mbfmu.util.diagnostics import without_details
 
 DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
 
@@ -151,7 +152,7 @@ def test_auto_takes_the_cheapest_family_and_says_why(case: str) -> None:
     settings = mb.Settings(solver="auto", tolerance=tolerance)
     simulation = mb.Simulation(make(), settings)
     assert simulation.solver_choice.solver == solver
-    assert str(simulation.solver_choice).startswith(f"auto selected {solver!r}: ")
+    assert simulation.diagnostics[0].text.startswith(f"auto selected {solver!r}: ")
     assert mb.Simulation(make(), settings).solver_choice == simulation.solver_choice  # as it would be on any other day
 
 
@@ -182,8 +183,8 @@ def test_the_absolute_tolerance_decides_what_is_followed() -> None:
 def test_a_run_is_that_of_the_solver_it_takes_and_says_so() -> None:
     auto, named = (mb.simulate(FourBar(), 1.0, solver=solver) for solver in ("auto", "adams"))
     np.testing.assert_array_equal(auto.values, named.values)
-    assert auto.remarks[0].startswith("auto selected 'adams': not stiff")
-    assert not named.remarks
+    assert auto.diagnostics[0].text.startswith("auto selected 'adams': not stiff")
+    assert not without_details(named.diagnostics)
 
 
 def test_a_saved_state_is_taken_up_by_the_solver_it_was_saved_from() -> None:

@@ -72,7 +72,7 @@ def test_a_changing_torque_takes_a_step_a_point_and_no_accuracy(amplitude: float
         assert off(simulation, goal) < max(tolerance, 1e-9), tolerance
         assert simulation.statistics.steps <= 1.5 * points, tolerance
         assert simulation.statistics.rhs_evals <= 10.0 * points, tolerance
-        assert simulation.verdict == ""
+        assert simulation.warning == ""
 
 
 def test_single_steps_are_of_order_five() -> None:
@@ -95,7 +95,7 @@ def test_ida_keeps_its_history_across_changes(tolerance: float) -> None:
     assert off(simulation, goal) < max(1e-5, 20.0 * tolerance) if tolerance > 1e-7 else off(simulation, goal) < 5e-7
     assert simulation.statistics.restarts <= 5
     assert simulation.statistics.rhs_evals <= 10_000  # of 1000 points
-    assert simulation.verdict == ""
+    assert simulation.warning == ""
 
 
 def sine(t: float) -> float:
@@ -204,7 +204,7 @@ def test_what_was_reported_of_a_discarded_step_is_reported_again() -> None:
         simulation.set_input("u", 0.5)
         simulation.set_input("du", 1.0)
         simulation.advance(end)
-        reported.append([text for text in simulation.remarks if "its position differs by 0.45 rad" in text])
+        reported.append([d for d in simulation.diagnostics if "its position differs by 0.45 rad" in d.text])
     assert [len(texts) for texts in reported] == [1, 1]
 
 
@@ -250,7 +250,7 @@ def test_the_ramp_of_ida_does_not_rise_for_ever() -> None:
         speed = torque + (speed - torque) * np.exp(-step)
         if k % 500 == 499:
             assert simulation.stepper.v[0] == pytest.approx(speed, rel=2e-5)
-    assert simulation.verdict == ""
+    assert simulation.warning == ""
     assert simulation.statistics.restarts < 400
 
 
@@ -279,7 +279,7 @@ def test_one_change_before_ten_thousand_points() -> None:
     end = 10_000 * step
     exact = 0.5 * load / stiffness * (2.0 - np.cos(omega * (end - first)) - np.cos(omega * (end - second)))
     assert simulation.stepper.q[0] == pytest.approx(exact, abs=2e-5)
-    assert simulation.verdict == ""
+    assert simulation.warning == ""
 
 
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
@@ -297,7 +297,7 @@ def test_a_jump_after_a_long_rest_is_one_of_few(solver: str) -> None:
         simulation.advance((k + 1) * 1e-3)
     assert off(simulation, goal) < 5e-6
     assert simulation.statistics.steps < 700
-    assert simulation.verdict == ""
+    assert simulation.warning == ""
 
 
 class Cranks(Model):

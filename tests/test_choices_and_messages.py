@@ -25,7 +25,6 @@ from mbfmu.modeling.model import as_model
 from mbfmu.native.data import native_model
 from mbfmu.plotting.steady_states import STABILITY_STYLES
 from mbfmu.session.failure_diagnosis import advise
-from mbfmu.util.codes import code_of
 from solvers.outcome import Code, Status
 from solvers.statics.spectrum import Stability
 from solvers.steppers import SOLVER_NAMES, UNLISTED_SOLVERS, drop_unlisted
@@ -48,7 +47,8 @@ def test_a_check_ends_with_the_exit_code_of_a_run(
     )
     code, out, _ = command("check", f"{model}:Open")
     assert (code, "does not start" in out) == (1, True)
-    monkeypatch.setattr(mb.Simulation, "verdict", property(lambda _: "the energy error is too large [energy-balance]"))
+    lost = mb.Diagnostic.warning("energy-balance", "the energy error is too large")
+    monkeypatch.setattr(mb.Simulation, "diagnostics", property(lambda _: (lost,)))
     assert command("check", *short)[0] == 1
 
 
@@ -120,14 +120,14 @@ def test_a_solver_that_was_requested_and_is_not_native_is_refused(
     assert (code, message in err) == (2, True)
     with pytest.raises(mb.UserError, match=message) as refused:
         _with_solver(Preferred(), mb.Settings(solver=solver), lambda _: None)
-    assert code_of(str(refused.value)) == "not-native"
+    assert refused.value.diagnostic.code == "not-native"
     assert not path.exists()
 
 
 def test_the_default_of_a_model_is_replaced_with_a_message() -> None:
-    told: list[str] = []
+    told: list[mb.Diagnostic] = []
     assert _with_solver(FourBar(), mb.Settings(), told.append).solver in NATIVE_SOLVERS
-    assert [text.partition(":")[0] for text in told] == ["solver changed from 'ida' to 'adams'"]
+    assert [found.text.partition(":")[0] for found in told] == ["solver changed from 'ida' to 'adams'"]
 
 
 # causes of a step that collapses, and of near branches
@@ -203,9 +203,9 @@ def test_a_reason_is_given_once_for_all_parameters() -> None:
     settings = mb.Settings(solver="adams", start_at_equilibrium=True)
     frozen = native_model(Governor(), settings).fixed
     assert len(frozen) > 3
-    (text,) = describe_constants(frozen)
-    assert text.startswith(f"parameters {', '.join(map(repr, frozen))} are constants in this FMU: ")
-    assert describe_constants({"a": "x", "b": "y", "c": "x"}) == [
+    (found,) = describe_constants(frozen)
+    assert found.text.startswith(f"parameters {', '.join(map(repr, frozen))} are constants in this FMU: ")
+    assert [d.text for d in describe_constants({"a": "x", "b": "y", "c": "x"})] == [
         "parameters 'a', 'c' are constants in this FMU: x",
         "parameter 'b' is a constant in this FMU: y",
     ]

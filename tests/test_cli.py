@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 
+import mbfmu as mb
 from mbfmu.__main__ import main as run_module
 from mbfmu.cli import main, models, parser
 from mbfmu.cli.common import scene_of
@@ -82,9 +83,15 @@ def test_fmu_and_direct_write_the_same_numbers(command: Command, tmp_path: Path)
             assert float(x) == pytest.approx(float(y), rel=0, abs=1e-12)
 
 
-@pytest.mark.parametrize(("field", "word"), [("failure", "failed"), ("verdict", "inaccurate")])
+@pytest.mark.parametrize(
+    ("found", "word"),
+    [
+        (mb.Diagnostic.error("collapsed-step", "it stopped"), "failed"),
+        (mb.Diagnostic.warning("energy-balance", "energy is lost"), "inaccurate"),
+    ],
+)
 def test_a_run_that_is_not_to_be_trusted_says_so_everywhere(
-    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, field: str, word: str
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found: mb.Diagnostic, word: str
 ) -> None:
     told = ("run", "fourbar/paper", "--direct", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
     assert command(*told)[0] == 0
@@ -92,9 +99,10 @@ def test_a_run_that_is_not_to_be_trusted_says_so_everywhere(
     monkeypatch.setattr(
         "mbfmu.plotting.time_series.set_title", lambda figure, result: drawn.append(time_series.status_label(result))
     )
-    monkeypatch.setattr("mbfmu.cli.run.run", lambda *a, **k: replace(session_run.run(*a, **k), **{field: "it stopped"}))
-    code, out, _ = command(*told)
+    monkeypatch.setattr("mbfmu.cli.run.run", lambda *a, **k: replace(session_run.run(*a, **k), diagnostics=(found,)))
+    code, out, err = command(*told)
     assert code == 1
+    assert err.endswith(f"mbfmu: {found.severity}: {found}\n")
     assert out.endswith(f"paper-hybrid-1e-4-{word}\n")
     assert folders(tmp_path / "fourbar") == ["paper-hybrid-1e-4", f"paper-hybrid-1e-4-{word}"]
     assert drawn[0].startswith(word.upper())

@@ -13,7 +13,7 @@ from fmus.sheet import Sheet
 from mbfmu import simulate
 from mbfmu.mechanics import Harmonic, Mechanism, Revolute, rod
 from mbfmu.session.tolerances import COARSE_ERROR
-from mbfmu.util.codes import code_of
+from mbfmu.util.diagnostics import without_details
 
 SOLVERS = ("adams", "hybrid", "ida", "radau")
 SHIFT = 1e-7  # error of the start that its growth is found by
@@ -21,7 +21,7 @@ LARGE = 0.3  # rad
 
 
 def codes(result: Any) -> set[str]:
-    return {code_of(text) for text in (result.warning, *result.remarks) if text}
+    return {d.code for d in without_details(result.diagnostics)}
 
 
 def apart(one: Any, other: Any, draw: Draw) -> float:
@@ -53,7 +53,7 @@ def test_errors_at_coarse_tolerances_are_reported_and_not_larger(family: Callabl
 def test_the_remark_states_the_size_of_the_errors() -> None:
     draw = pendulum(np.random.default_rng(0))
     result = simulate(draw.mechanism, draw.end, interval=draw.end, solver="adams", tolerance=2e-3)
-    (text,) = (text for text in result.remarks if code_of(text) == "coarse-tolerance")
+    (text,) = (str(d) for d in result.diagnostics if d.code == "coarse-tolerance")
     assert "the tolerance is 0.002" in text
     assert "100 times the tolerance" in text
     assert "a tenth of the tolerance" in text

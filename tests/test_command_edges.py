@@ -21,6 +21,7 @@ from mbfmu.cli.study import place
 from mbfmu.mechanics import Variable
 from mbfmu.modeling.scene import load_scene
 from mbfmu.session.result import Result
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import MAX_MESSAGE_LENGTH, UserError, shorten
 from solvers import Statistics
 
@@ -62,7 +63,7 @@ def test_what_a_scene_could_not_name_is_refused(name: str, tmp_path: Path, comma
 def test_a_gravity_that_is_no_number_of_a_motion_is_refused_as_such(value: str, command: Callable[..., Any]) -> None:
     code, _, err = command("run", "pendulum", "--direct", "--solver", "adams", "--set", f"gravity={value}")
     assert code == 2
-    assert "too large for floating-point numbers; reduce gravity" in err
+    assert "too large for floating-point numbers. Reduce gravity" in err
     assert "t0" not in err
 
 
@@ -105,18 +106,27 @@ def test_messages_do_not_repeat_long_input(command: Callable[..., Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "code", "says"),
+    ("diagnostics", "code", "says"),
     [
-        ({}, 0, ""),
-        ({"coarse": "cells bend too far"}, 0, "warning: cells bend too far"),
-        ({"verdict": "energy is lost"}, 1, "energy is lost"),
-        ({"failure": "it stops"}, 1, "it stops"),
+        ((), 0, ""),
+        ((Diagnostic.warning("coarse-mesh", "cells bend too far"),), 0, "mbfmu: warning: cells bend too far [coarse"),
+        (
+            (Diagnostic.warning("energy-balance", "energy is lost"),),
+            1,
+            "warning: energy is lost [energy-balance]",
+        ),
+        ((Diagnostic.error("collapsed-step", "it stops"),), 1, "mbfmu: error: it stops [collapsed-step]"),
     ],
 )
 def test_view_ends_with_the_code_of_run(
-    changes: dict[str, str], code: int, says: str, command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    diagnostics: tuple[Diagnostic, ...],
+    code: int,
+    says: str,
+    command: Callable[..., Any],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    result = Result(np.zeros(1), np.zeros((1, 1)), (Variable("x", "m", ""),), Statistics(), 0.0, **changes)
+    variables = (Variable("x", "m", ""),)
+    result = Result(np.zeros(1), np.zeros((1, 1)), variables, Statistics(), 0.0, diagnostics=diagnostics)
     motion = SimpleNamespace()
     monkeypatch.setattr(view, "load", lambda _: (motion, None, [result], Path("page.html")))
     monkeypatch.setattr(view, "write_page", lambda *_: Path("page.html"))

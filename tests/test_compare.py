@@ -64,7 +64,7 @@ def test_errors_are_those_of_all_outputs_over_their_ranges(swings: Comparison) -
 
 
 def test_a_run_that_ends_early_has_no_error_and_is_not_drawn(swings: Comparison, monkeypatch: Any) -> None:
-    failed = [r for r in swings.rows if r.status != "ok"]
+    failed = [r for r in swings.rows if r.failed]
     assert failed
     assert {r.solver for r in failed} == {"adams-lu"}
     assert all(r.error is None and not r.errors and not r.trusted for r in failed)
@@ -180,9 +180,9 @@ def test_what_takes_too_long_is_left_out_and_said() -> None:
     scene = short(SwingPendulum(), 6.0, 0.1)
     found = compare(scene, solvers=["adams", "ida"], tolerances=[1e-9, 1e-10], repeats=1, budget=2.0)
     assert {r.solver for r in found.rows} == {"adams"}
-    assert found.left_out == [
-        "ida 1e-9: took more than 0.1 s",
-        "ida 1e-10: a run with a larger tolerance or coarser mesh took too long",
+    assert [d.text for d in found.diagnostics if d.code == "omitted-run"] == [
+        "omitted: ida 1e-9: took more than 0.1 s",
+        "omitted: ida 1e-10: a run with a larger tolerance or coarser mesh took too long",
     ]
     assert "omitted: ida 1e-9: took more than 0.1 s" in as_text(found)
 
@@ -316,7 +316,7 @@ def test_a_coarse_grid_is_chosen_where_it_does() -> None:
     fine = recommend_solver(scene, 2e-3, solvers=["adams"], resolutions=steps, outputs=["tip.deflection"])
     assert rough.row.resolution == {"modes": 1}
     assert fine.row.resolution["modes"] > 1
-    assert any("at any tolerance" in note for note in fine.notes)
+    assert any("at any tolerance" in d.text for d in fine.diagnostics)
     assert fine.scene.model.modes == fine.row.resolution["modes"]  # type: ignore[attr-defined]
 
 

@@ -31,7 +31,7 @@ def test_solvers_that_do_not_suit_contact_are_left_out_in_a_sentence() -> None:
     assert {row.solver for row in found.rows} == {"esdirk", "ida"}
     assert all(row.trusted and row.error is not None and row.error < 1e-2 for row in found.rows)
     assert found.reference.motion.source == "esdirk at 1e-4"
-    (adams,) = found.left_out
+    (adams,) = (str(d) for d in found.diagnostics)
     assert adams.startswith(ADAMS)
     assert adams.endswith("use 'ida' or 'esdirk' [unsuitable-solver]")
 
@@ -41,7 +41,7 @@ def test_what_suits_one_grid_need_not_suit_another() -> None:
     found = compare(scene(), resolutions=[{"nx": 4}, {"nx": 5}], **SMALL)
     large = {("ida", 5), ("esdirk", 5)}
     assert {(row.solver, row.resolution["nx"]) for row in found.rows} == {("ida", 4), ("radau", 4), *large}
-    assert [text.partition(",")[0] for text in found.left_out] == ["solver 'adams' is explicit"]
+    assert [d.text.partition(",")[0] for d in found.diagnostics] == ["omitted: solver 'adams' is explicit"]
 
 
 def test_a_choice_of_solvers_none_of_which_suits_is_refused() -> None:
@@ -55,7 +55,7 @@ def test_a_target_is_answered_by_what_suits() -> None:
     found = mb.recommend_solver(scene(), "1 mm", resolutions=[{}], outputs=["lead.x"])
     assert found.row.solver in {"esdirk", "ida"}
     assert found.sentence.startswith(f"recommended: solver {found.row.solver}, tolerance ")
-    assert any(note.startswith(ADAMS) for note in found.notes)
+    assert any(ADAMS in d.text for d in found.diagnostics)
 
 
 def test_sheets_without_contact_are_compared_as_they_were() -> None:

@@ -263,7 +263,7 @@ def test_released_sheets_are_reported_where_they_lose_a_large_part_of_their_ener
     result = simulate(sheet, 0.4, interval=0.004, solver=solver, tolerance=tolerance)
     lost = np.abs(result["energy"] - result["energy"][0]).max() / result["kinetic_energy"].max()
     assert lost < 0.03 if keeps else lost > 0.1
-    assert bool(result.verdict) != keeps
+    assert bool(result.warning) != keeps
 
 
 KINDS: dict[str, dict[str, Any]] = {
@@ -291,10 +291,10 @@ def test_every_sheet_that_loses_a_twentieth_of_the_energy_exchanged_is_reported(
         result = released(scale, tolerance, "ida", **KINDS[kind])
         lost = np.abs(result["energy"] - result["energy"][0])[20:] / result["energy_throughput"][20:]
         if lost.max() > 0.05:
-            assert result.verdict, (tolerance, lost.max())
+            assert result.warning, (tolerance, lost.max())
             warned += 1
         if lost.max() < 0.03:
-            assert not result.verdict, (tolerance, lost.max())
+            assert not result.warning, (tolerance, lost.max())
             silent += 1
     assert warned >= 2
     assert silent >= 1
@@ -306,7 +306,7 @@ def test_every_sheet_that_loses_a_twentieth_of_the_energy_exchanged_is_reported(
 def test_damped_sheets_raise_no_warning(stretch: bool, damping: float, solver: str, tolerance: float) -> None:
     result = released(1.0, tolerance, solver, damping, stretch=stretch)
     assert np.ptp(result["energy"]) > 0.01 * result["energy_throughput"][-1]  # the damping counts
-    assert not result.verdict
+    assert not result.warning
 
 
 def damped_loops(damping: float) -> Mechanism:
@@ -353,7 +353,7 @@ def test_energy_that_is_lost_is_reported(
     end = 0.6 if build is damped_chain else 2.0
     if (build, solver) != (damped_chain, "ida"):  # which may lose energy by itself there
         right = simulate(build(damping), end, interval=0.02, solver=solver, tolerance=tolerance)
-        assert not right.verdict
+        assert not right.warning
     monkeypatch.setattr(Systems, "_works", lambda self: False)
     result = simulate(build(damping), end, interval=0.02, solver=solver, tolerance=tolerance)
     lost = np.abs(result["energy_error"]).max()

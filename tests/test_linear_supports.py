@@ -43,7 +43,7 @@ def test_the_position_of_a_joint_driven_at_a_speed_is_a_state() -> None:
     np.testing.assert_allclose(space.B, [[0], [c], [1]], atol=1e-12)
     np.testing.assert_allclose(space.C, [[0, 0, 1], [1, 0, 0], [-K, -C, K]], atol=1e-12)
     np.testing.assert_allclose(space.D, [[0], [0], [C]], atol=1e-12)
-    (note,) = space.notes  # the force that accelerates the base
+    (note,) = map(str, space.diagnostics)  # the force that accelerates the base
     assert "input 'v' moves a support and its acceleration is not an input" in note
 
 
@@ -63,7 +63,7 @@ def test_the_driven_position_is_no_mode() -> None:
     assert len(mb.modes(carried(SPEED))) == 1
     m = cart(SPEED)
     assert mb.linearize(m).states == ("bob", "der(bob)")
-    assert any("acceleration is not an input" in note for note in mb.linearize(m).notes)
+    assert any("acceleration is not an input" in d.text for d in mb.linearize(m).diagnostics)
 
 
 def test_the_acceleration_of_a_cart_is_an_input_where_it_has_a_name() -> None:
@@ -72,7 +72,7 @@ def test_the_acceleration_of_a_cart_is_an_input_where_it_has_a_name() -> None:
     assert space.inputs == ("x", "v", "a")
     np.testing.assert_allclose(space.B, [[0, 0, 0], [0, 0, -1.0 / LENGTH]], atol=1e-12)
     assert space.A[1, 0] == pytest.approx(-G / LENGTH)
-    assert not space.notes
+    assert not space.diagnostics
     for names, left_out in (({}, ["rate", "acceleration"]), ({"rate_name": "v"}, ["acceleration"])):
-        notes = mb.linearize(carried(mb.Input(name="x", unit="m", **names))).notes
-        assert all(f"its {what} is not an input" in note for what, note in zip(left_out, notes, strict=True))
+        notes = mb.linearize(carried(mb.Input(name="x", unit="m", **names))).diagnostics
+        assert all(f"its {what} is not an input" in note.text for what, note in zip(left_out, notes, strict=True))

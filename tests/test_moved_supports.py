@@ -30,6 +30,7 @@ from mbfmu.mechanics import (
 from mbfmu.modeling import Model
 from mbfmu.session.run import run
 from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.diagnostics import without_details
 from mbfmu.util.errors import UserError
 from solvers.system import TreeSystem
 
@@ -293,11 +294,11 @@ def test_a_jump_of_position_is_a_motion_of_one_step(way: str) -> None:
     if way == "rate":
         simulation.set_input(1, 1e-3)
         assert simulation.advance(0.02).ok
-        assert ["'u' at t = " in text for text in simulation.remarks] == [True]
+        assert ["'u' at t = " in text for text in map(str, simulation.diagnostics)] == [True]
         assert simulation.outputs()[names.index("base")] == pytest.approx(0.005 + 1e-5, rel=1e-12)
         return
     assert simulation.advance(0.02).ok
-    assert simulation.remarks == []
+    assert not without_details(simulation.diagnostics)
     assert simulation.outputs()[names.index("base")] == pytest.approx(0.005, rel=1e-12)
     assert simulation.advance(0.03).ok
     restarts = simulation.statistics.restarts
@@ -450,7 +451,7 @@ def test_a_smooth_motion_to_rest_is_no_jump(size: float, steps: int) -> None:
             simulation.set_input("u", u + jump * (t > 1.2))
             simulation.set_input("v", v)
             simulation.advance(t + 1.5 / steps)
-        told = [text for text in simulation.remarks if "its position differs by" in text]
+        told = [text for text in map(str, simulation.diagnostics) if "its position differs by" in text]
         assert len(told) == (jump > 0.0)
         assert all(f"its position differs by {jump:.3g} m " in text and "'u' at t = 1.2" in text for text in told)
 
@@ -466,7 +467,7 @@ def jumps_of(way: Callable[[float], float], rate: Callable[[float], float], time
         simulation.set_input("u", way(t))
         simulation.set_input("v", rate(t))
         simulation.advance(end)
-    return [text for text in simulation.remarks if "its position differs by" in text]
+    return [text for text in map(str, simulation.diagnostics) if "its position differs by" in text]
 
 
 EVEN = np.linspace(0.0, 1.0, 101)

@@ -44,7 +44,9 @@ def test_points_that_repel_each_other_form_a_regular_figure(count: int, radius: 
         np.testing.assert_allclose(list(found.outputs.values()), DISTANCE[count] * radius, rtol=1e-8)
         assert found.stability == "neutral"
         directions = 2 if count == 2 else 3  # rotation about the line through two points moves neither
-        assert found.notes == (f"neutral family: {directions} directions in which nothing changes",)
+        assert [d.text for d in found.diagnostics] == [
+            f"neutral family: {directions} directions in which nothing changes"
+        ]
 
 
 def chain_and_wheel(count: int, scale: float, where: str) -> mb.Mechanism:
@@ -90,7 +92,7 @@ def test_a_saddle_in_a_family_is_unstable() -> None:
     found = mb.equilibrium(m)
     assert found.outputs["d10"] == pytest.approx(2.0**0.5, rel=1e-12)
     assert found.stability == "unstable"
-    assert found.notes == ("neutral family: 3 directions in which nothing changes",)
+    assert [d.text for d in found.diagnostics] == ["neutral family: 3 directions in which nothing changes"]
 
 
 def wheel_and_governor(count: int, length: float, speed: float) -> mb.Mechanism:
@@ -114,7 +116,7 @@ def test_cyclic_coordinates_keep_their_rates(count: int, length: float) -> None:
     assert found.v[:2] == pytest.approx([speed, 2.0 * speed], rel=1e-14)
     assert not np.any(found.v[2:])
     assert found.outputs["arm"] == pytest.approx(-np.pi / 6.0, abs=1e-9)
-    assert found.notes == ()
+    assert found.diagnostics == ()
     assert found.iterations < 30  # without continuation
 
 

@@ -292,7 +292,8 @@ def test_a_start_in_a_singular_position_is_told() -> None:
 
     with pytest.raises(UserError, match=r"the start is a singular configuration.*Give the rates of 'bar' and 'rocker'"):
         Simulation(Flat(), Settings(solver="adams"))
-    assert not Simulation(Flat(off=0.1), Settings(solver="adams")).remarks
+    found = Simulation(Flat(off=0.1), Settings(solver="adams")).diagnostics
+    assert [d.code for d in found] == ["removed-constraints"]
 
 
 @pytest.mark.parametrize("given", [{"start": 0.3}, {"rate": 1.0}, {"fixed": True}, {"start": 0.0, "rate": 0.0}])

@@ -17,7 +17,7 @@ from fmus.sheet import Sheet
 from mbfmu.fmi import Fmu
 from mbfmu.modeling.scene import load_scene
 from mbfmu.native.data import native_model
-from mbfmu.util.codes import code_of
+from mbfmu.util.diagnostics import without_details
 from solvers import Options
 from solvers.steppers import SOLVER_NAMES, stepper
 
@@ -89,7 +89,7 @@ def test_the_command_and_a_comparison(command: Callable[..., Any], tmp_path: Pat
     scene = load_scene("pendulum").changed(solver="adams", max_order=8, stop_time=0.2)
     compared = mb.compare(scene, tolerances=[1e-4])
     assert {row.solver for row in compared.rows} <= {"adams", "hybrid", "adams-lu"}
-    assert any("max_order is 8; allowed for solver 'ida'" in text for text in compared.left_out)
+    assert any("max_order is 8; allowed for solver 'ida'" in d.text for d in compared.diagnostics)
 
 
 def test_an_fmu_checks_its_parameters_together(fourbar_fmu: Path) -> None:
@@ -122,7 +122,7 @@ def stiff_joints(others: int = 69) -> mb.Mechanism:
 
 
 def codes(model: Any, **settings: Any) -> list[str]:
-    return [code_of(text) for text in mb.Simulation(model, mb.Settings(**settings)).remarks]
+    return [d.code for d in without_details(mb.Simulation(model, mb.Settings(**settings)).diagnostics)]
 
 
 @pytest.mark.parametrize(("model", "default"), [(stiff_joints(), "limited-order"), (Sheet(nx=7, nz=5), "large-error")])
@@ -148,7 +148,7 @@ def test_a_low_order_that_was_set_is_reported_with_its_error() -> None:
             rtol=1e-12, atol=1e-13,
         )  # fmt: skip
         errors.append(np.abs(found["angle"] - exact.y[0]).max() / 1e-6)
-        told = [text for text in found.remarks if code_of(text) == "limited-order"]
+        told = [str(d) for d in found.diagnostics if d.code == "limited-order"]
         assert len(told) == (order > 0)
         assert all(f"max_order is {order}, so that 'ida' uses order" in text for text in told)
     assert 1000.0 < errors[0] < 10_000.0

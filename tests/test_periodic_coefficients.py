@@ -86,7 +86,7 @@ def test_exponents_are_those_of_the_equations(size: float, speed: float, damping
     found = mb.equilibrium(rotor(inertia, speed=speed, stiffness=4000.0 * size, damping=damping * size))
     expected = multipliers(UNLIKE, speed, 4000.0, damping)
     assert found.periodic
-    assert "periodic coefficients" in found.notes[0]
+    assert "periodic coefficients" in found.diagnostics[0].text
     assert grown(found, 2.0 * pi / abs(speed), 4) == pytest.approx(np.sort(np.abs(expected)), rel=1e-7)
 
 
@@ -124,7 +124,7 @@ def test_a_rotor_that_is_alike_about_its_axis_is_constant(others: int) -> None:
     """B s^2 + (+-) i A W s + k = 0: the gyroscopic pair of frequencies."""
     found = mb.equilibrium(rotor(ALIKE, others=others))
     assert not found.periodic
-    assert not found.notes
+    assert not found.diagnostics
     gyro = 4.0 * 45.0 / 8.0
     pair = [abs(x) for x in np.roots([1.0, gyro, -4000.0 / 8.0])]
     frequencies = [mode.frequency for mode in found.modes if mode.frequency > 5.0]
@@ -136,7 +136,7 @@ def test_speeds_without_a_common_period() -> None:
     m.body("fan", m.ground, mb.Revolute(axis="x", drive=mb.Polynomial((0.0, 45.0 * 2.0**0.5))), mass=1.0)
     found = mb.equilibrium(m)
     assert found.stability == "unknown"
-    assert "no ratio of whole numbers" in found.notes[0]
+    assert "no ratio of whole numbers" in found.diagnostics[0].text
     assert found.as_dict()["eigenvalues"] == []
     with pytest.raises(mb.EquilibriumError, match="no ratio of whole numbers"):
         _ = found.modes

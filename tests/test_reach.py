@@ -92,19 +92,19 @@ def test_rates_that_belong_to_no_branch_are_refused(solver: str, scale: float, o
 def test_rates_of_either_branch_are_kept_silently(solver: str, scale: float, rates: tuple[float, float, float]) -> None:
     """With w of the coupler in the ground: 1 + 2.5 w = b and 1 + 2.5 w^2 = b^2 have w = 0 and w = -4/3."""
     simulation = mb.Simulation(flat_row(rates, scale), mb.Settings(solver=solver))
-    assert not simulation.remarks
+    assert all(d.severity == "note" for d in simulation.diagnostics)
     assert simulation.advance(0.01).ok
     np.testing.assert_allclose(simulation.stepper.q[:3], 0.01 * np.array(rates), rtol=1e-3)
 
 
 def test_one_of_two_open_rates_is_asked_for() -> None:
     one = mb.Simulation(flat(coupler=-1.0), mb.Settings(solver="adams"))
-    assert one.remarks[0].endswith("Give the rate of 'rocker' to choose the branch [singular-start]")
+    assert str(one.diagnostics[0]).endswith("Give the rate of 'rocker' to choose the branch [singular-start]")
 
 
 def test_with_all_rates_given_nothing_is_asked_for() -> None:
     simulation = mb.Simulation(flat(coupler=-1.0, rocker=1.0), mb.Settings(solver="ida"))
-    assert all("Give the rate" not in text for text in simulation.remarks)
+    assert all("Give the rate" not in text for text in map(str, simulation.diagnostics))
     assert simulation.advance(1.0).ok
     np.testing.assert_allclose(simulation.stepper.q, [1.0, -1.0, 1.0], atol=1e-5)
 
@@ -126,4 +126,6 @@ def test_a_singular_position_that_is_passed_is_not_called_out_of_reach(scale: fl
     t = 1.7 - early
     q = np.array([early - np.pi, np.pi - early, np.pi - early])
     for code in (Code.BRANCHES, Code.NOT_CLOSED):
-        assert "[unreachable-drive]" not in explain_failure(Plant(m), Status(code, t), q, 2.0, starts_singular=False)
+        assert "[unreachable-drive]" not in str(
+            explain_failure(Plant(m), Status(code, t), q, 2.0, starts_singular=False)
+        )

@@ -37,7 +37,7 @@ def record(run: Simulation) -> Callable[[float], Any]:
 
     def advance(t: float) -> tuple[bytes, str]:
         assert run.advance(t).ok
-        return run.outputs().tobytes(), run.verdict
+        return run.outputs().tobytes(), run.warning
 
     return advance
 

@@ -76,7 +76,7 @@ def test_a_constant_acceleration_is_exact() -> None:
         simulation.advance(end)
         ends = min(end, 0.5)
         assert simulation.outputs()[0] == pytest.approx(1.5 * ends**2 + 3.0 * ends * (end - ends), abs=1e-12)
-    assert not [text for text in simulation.remarks if "jumps" in text]
+    assert not [text for text in map(str, simulation.diagnostics) if "jumps" in text]
 
 
 def test_a_state_is_restored_with_its_acceleration() -> None:

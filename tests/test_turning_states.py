@@ -200,10 +200,10 @@ class Spun(Model):
 
 
 def test_a_rate_that_is_not_kept_is_told() -> None:
-    note, family = equilibrium(Spun()).notes
+    note, family = (found.text for found in equilibrium(Spun()).diagnostics)
     assert family == "neutral family: 1 direction in which nothing changes"  # it may turn about its axis
     assert "the given rate of 'top.wz' (30) is not kept" in note
-    assert equilibrium(Governor(driven=False)).notes == ()  # its spindle spins on
+    assert equilibrium(Governor(driven=False)).diagnostics == ()  # its spindle spins on
 
 
 def test_whole_turns_signs_and_cyclic_angles_are_no_new_states() -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
+from mbfmu.util.diagnostics import render
+
 from .common import (
     Commands,
     add_json,
@@ -65,6 +67,6 @@ def command_check(options: argparse.Namespace) -> int:
         write_json(found.as_dict(), options.json)
     if not options.json or str(options.json) != "-":
         print_unless_quiet(options, found.as_text())
-    if options.quiet and found.failure:
-        print(f"mbfmu: {found.failure}", file=sys.stderr)
-    return 1 if found.failure or found.inaccurate else 0
+    for line in render(d for d in found.diagnostics if options.quiet and d.severity == "error"):
+        print(f"mbfmu: {line}", file=sys.stderr)
+    return 1 if found.failed or found.inaccurate else 0

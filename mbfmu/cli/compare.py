@@ -9,6 +9,7 @@ from typing import Any
 
 from mbfmu.modeling.scene import Scene, as_toml
 from mbfmu.modeling.settings import offered_solvers
+from mbfmu.util.diagnostics import render
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import write_text
 
@@ -256,9 +257,8 @@ def command_target(options: argparse.Namespace, scene: Scene) -> int:
         write_json([row.as_dict() for row in found.rows], options.json)
     if str(options.json) != "-":
         print(found.sentence)
-        if found.held_inputs:
-            print_unless_quiet(options, f"not examined: {found.held_inputs}")
-        print_if_verbose(options, "\n".join(found.notes))
+        for line in render(d for d in found.diagnostics if options.verbose or d.code == "not-examined"):
+            print_unless_quiet(options, line)
         if options.save:
             print_paths(options, options.save)
     return 0

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from mbfmu.modeling.scene import DEFAULT_SCENE
+from mbfmu.util.diagnostics import Diagnostic, render
 
 from .common import (
     Commands,
@@ -65,14 +66,17 @@ def command_export(options: argparse.Namespace) -> int:
     path = options.output or Path(f"{name}.fmu" if part == DEFAULT_SCENE else f"{name}_{part}.fmu")
     if options.native and options.solver is not None:
         refuse_solver(options.solver)
+    found: list[Diagnostic] = []
     export_scene(
         scene,
         path,
         FmuKind.NATIVE if options.native else FmuKind.PYTHON,
         fmi=options.fmi,
         platforms=options.platforms,
-        report=lambda text: print_unless_quiet(options, text),
+        report=found.append,
     )
+    for line in render(found, details=options.verbose):
+        print_unless_quiet(options, line)
     print_paths(options, path)
     print_if_verbose(options, f"{path.stat().st_size / 1e3:.0f} kB; `mbfmu models {options.scene}` lists its variables")
     return 0

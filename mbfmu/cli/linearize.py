@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.linear import modes_as_text
+from mbfmu.util.diagnostics import Diagnostic, render
 
 from .common import (
     EXISTING_FOLDER_TEXT,
@@ -66,13 +67,12 @@ def command_linearize(options: argparse.Namespace) -> int:
         options, f"{scene.name}: linearized about the steady state found from {found.found_from} ({found.stability})"
     )
     print_if_verbose(options, found.effort)
-    for note in (*found.notes, *space.notes):
-        print_unless_quiet(options, f"note: {note}")
+    diagnostics = [*found.diagnostics, *space.diagnostics]
     if space.periodic:
-        print_unless_quiet(
-            options,
-            f"note: periodic coefficients: {', '.join(space.periodic)} hold at the drives' positions at time 0 only",
-        )
+        text = f"periodic coefficients: {', '.join(space.periodic)} hold at the drives' positions at time 0 only"
+        diagnostics.append(Diagnostic.note("periodic-coefficients", text))
+    for line in render(diagnostics):
+        print_unless_quiet(options, line)
     inputs = ", ".join(space.inputs) or "none"
     print_unless_quiet(options, f"states {', '.join(space.states)}; inputs {inputs}; {len(space.outputs)} outputs")
     print_unless_quiet(options, modes_as_text(space.modes()))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from mbfmu.steady.equilibrium import equilibrium
+from mbfmu.util.diagnostics import render
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import write_text
 from solvers.statics.spectrum import Stability
@@ -59,7 +60,7 @@ def command_modes(options: argparse.Namespace) -> int:
         text = "\n".join(
             (
                 f"{scene.name}: modes about the steady state found from {found.found_from} ({found.stability})",
-                *(f"note: {note}" for note in found.notes),
+                *render(found.diagnostics),
                 str(modes),
             )
         )

@@ -6,6 +6,7 @@ import argparse
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from enum import Enum
@@ -16,12 +17,10 @@ import numpy as np
 from tqdm import tqdm
 
 from mbfmu.modeling.scene import Scene, as_toml
-from mbfmu.modeling.settings import AUTO
 from mbfmu.modeling.variables import ENERGY_OUTPUTS
 from mbfmu.plotting.time_series import errors_of, matching
-from mbfmu.session.run import Result, communication_points, loops, run
-from mbfmu.session.simulation import Simulation
-from mbfmu.util.codes import NOTES, code_of
+from mbfmu.session.run import Result, communication_points, run
+from mbfmu.util.diagnostics import INACCURATE_CODES, Diagnostic, render
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import write_text
 from mbfmu.viewer import Recorder
@@ -123,25 +122,28 @@ def command_run(options: argparse.Namespace) -> int:
     outputs = [name for name, *_ in scene.model.built().outputs]
     matching([*outputs, *(v.name for v in ENERGY_OUTPUTS)], options.plot)  # raises before the run
     with results(options.output, scene, run_part(scene, options.set)) as place:
-        recorder = Recorder()
-        result, method, notes = run_scene(scene, options, recorder)
+        recorder, shown = Recorder(), list[Diagnostic]()
+
+        def warn(found: Diagnostic) -> None:
+            """Print at once that the energy error is too large, or that another solver is far cheaper."""
+            shown.append(found)
+            tqdm.write(f"mbfmu: {render([found])[0]}", file=sys.stderr)
+
+        result, method = run_scene(scene, options, recorder, warn)
         total = time.perf_counter() - begin
         if method is not RunMethod.DIRECT and result.wall_time < MAX_REPEATED_RUN_TIME:
             recorder = repeat_directly(scene, result, compiles=method is not RunMethod.NATIVE)
-        elif method is not RunMethod.DIRECT and scene.settings.solver == AUTO:
-            result.remarks = (str(Simulation(scene.model, scene.settings).solver_choice),)
         write(place, scene, result, recorder, options.plot)
         print_unless_quiet(options, summary(scene, result, method, total))
-        print_if_verbose(
-            options, "\n".join([*(f"  {line}" for line in notes if not code_of(line)), statistics(result)])
-        )
-        for line in (*filter(code_of, notes), *result.remarks):
-            print_unless_quiet(options, f"  {'warning' if code_of(line) not in {'', *NOTES} else 'note'}: {line}")
+        print_if_verbose(options, statistics(result))
+        problems = result.problems
+        for line in render((d for d in result.diagnostics if d not in problems), details=options.verbose):
+            print_unless_quiet(options, f"  {line}")
         print_paths(options, place.keep(mark(result)))
     if not recorder.used:
         print_unless_quiet(options, f"no motion was recorded: use `mbfmu view {options.scene}`, or run with --direct")
-    for text in filter(None, (result.coarse and f"warning: {result.coarse}", result.failure)):
-        print(f"mbfmu: {text}", file=sys.stderr)
+    for line in render(d for d in problems if d not in shown):
+        print(f"mbfmu: {line}", file=sys.stderr)
     return 1 if mark(result) else 0
 
 
@@ -153,9 +155,11 @@ class RunMethod(Enum):
     COUPLED = "FMU that calls Python"
 
 
-def run_scene(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> tuple[Result, RunMethod, list[str]]:
-    """Return the result of a scene, through its FMU or directly, and messages about its loops."""
-    times, notes = communication_points(scene.stop_time, scene.output_interval), list[str]()
+def run_scene(
+    scene: Scene, options: argparse.Namespace, recorder: Recorder, warn: Callable[[Diagnostic], None]
+) -> tuple[Result, RunMethod]:
+    """Return the result of a scene, through its FMU or directly; ``warn`` is called during the run."""
+    times, found = communication_points(scene.stop_time, scene.output_interval), list[Diagnostic]()
     with progress(scene, options.quiet) as bar:
         if options.direct:
             result, method = run(scene.model, scene.settings, times, bar, recorder, warn), RunMethod.DIRECT
@@ -166,25 +170,33 @@ def run_scene(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> 
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
                 path = Path(place) / "model.fmu"
                 try:
-                    export_scene(scene, path, FmuKind.ONE_RUN, report=notes.append)
+                    export_scene(scene, path, FmuKind.ONE_RUN, report=found.append)
                     method = RunMethod.NATIVE
                 except UserError:  # of a wrong model the other export raises it again
                     export_scene(scene, path, FmuKind.PYTHON)
                     method = RunMethod.COUPLED
                 result = run_fmu(path, scene.model, scene.settings, times, bar, warn)
     result.name = scene.name
-    return result, method, notes if method is RunMethod.NATIVE else loops(scene.model)
+    add_missing(result, found)
+    return result, method
+
+
+def add_missing(result: Result, others: Sequence[Diagnostic]) -> None:
+    """Add diagnostics of a direct run or an export, which are more, and more precise, than those that an FMU logs."""
+    found = [d for d in others if d.severity != "error" and d.code not in INACCURATE_CODES]
+    known = {diagnostic.code for diagnostic in found}
+    result.diagnostics = (*found, *(d for d in result.diagnostics if d.code not in known))
 
 
 def repeat_directly(scene: Scene, result: Result, *, compiles: bool) -> Recorder:
-    """Repeat a run directly for its poses and messages, which an FMU does not return; return the recorder.
+    """Repeat a run directly for its poses and diagnostics that an FMU does not report; return the recorder.
 
     It is omitted if it would have to compile and may not.
     """
     recorder = Recorder()
     try:
         with nullcontext() if compiles else forbid_compilation():
-            result.remarks = run(scene.model, scene.settings, result.t, watch=recorder).remarks
+            add_missing(result, run(scene.model, scene.settings, result.t, watch=recorder).diagnostics)
     except CompilationNeeded:
         return Recorder()
     return recorder
@@ -192,7 +204,7 @@ def repeat_directly(scene: Scene, result: Result, *, compiles: bool) -> Recorder
 
 def mark(result: Result) -> str:
     """Return the suffix of the folder name of a run that may be wrong; empty if no problem is known."""
-    return "failed" if result.failure else "inaccurate" if result.verdict else ""
+    return "failed" if result.failed else "inaccurate" if result.inaccurate else ""
 
 
 def write(place: Results, scene: Scene, result: Result, recorder: Recorder, shown: list[str]) -> None:
@@ -207,11 +219,6 @@ def write(place: Results, scene: Scene, result: Result, recorder: Recorder, show
     write_text(place.file(f"{scene_part(scene)}.toml"), as_toml(scene))
     if recorder.used:
         recorder.motion(scene.name).save(place.file(MOTION_FILE))
-
-
-def warn(text: str) -> None:
-    """Print at once that the energy error is too large, or that another solver is far cheaper."""
-    tqdm.write(f"mbfmu: {text}", file=sys.stderr)
 
 
 def summary(scene: Scene, result: Result, method: RunMethod, total: float) -> str:
@@ -243,7 +250,7 @@ def energy_line(result: Result) -> str:
     if not np.isfinite(worst):
         return "energy balance not checked: the model has no degree of freedom (all joints are driven)"
     part = f" ({worst / exchanged:.1e} of the {exchanged:.3g} J of energy exchanged)" if worst < exchanged else ""
-    return f"energy error {worst:.1e} J{part}{'; LARGER than the tolerance explains' if result.verdict else ''}"
+    return f"energy error {worst:.1e} J{part}{'; LARGER than the tolerance explains' if result.inaccurate else ''}"
 
 
 def statistics(result: Result) -> str:

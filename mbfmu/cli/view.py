@@ -16,6 +16,7 @@ from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.scene import Scene
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.run import Result, communication_points, run
+from mbfmu.util.diagnostics import render
 from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, Recorder
 from mbfmu.viewer.gltf import write_glb
@@ -111,9 +112,9 @@ def command_view(options: argparse.Namespace) -> int:
         written.append(write_page(motion, against, options, options.output or page))
     print_paths(options, *written)
     for result in results:
-        for text in filter(None, (result.coarse and f"warning: {result.coarse}", result.failure or result.verdict)):
-            print(f"mbfmu: {text}", file=sys.stderr)
-    return 1 if any(result.failure or result.verdict for result in results) else 0
+        for line in render(result.problems):
+            print(f"mbfmu: {line}", file=sys.stderr)
+    return 1 if any(result.failed or result.inaccurate for result in results) else 0
 
 
 def check(options: argparse.Namespace) -> None:

@@ -31,6 +31,7 @@ from mbfmu.session.result import Result
 from mbfmu.session.run import communication_points, run
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.state import Equilibrium
+from mbfmu.util.diagnostics import Diagnostic, without_repeats
 from mbfmu.util.errors import UserError
 from mbfmu.util.extras import import_optional
 from solvers import Statistics
@@ -42,6 +43,7 @@ from .measures import Measure, Steady
 STATUS_OK, STATUS_SUSPECT, STATUS_FAILED = "ok", "suspect", "failed"
 STOP_TIME_KEY = "stop_time"
 ENERGY_OUTPUT_NAMES = tuple(v.name for v in ENERGY_OUTPUTS)
+FMU_CODE = "fmu-warning"  # of messages without a code
 FMI_WARNING_STATUS = 1  # the status of FMI; larger ones are worse
 STUDY_EXTRA = "study"  # of mbfmu: the packages that studies need
 
@@ -191,7 +193,7 @@ class FmuRunner:
         self._description = read_model_description(str(self._folder))
 
     def result(self, point: Point) -> Result:
-        """Return a run; what the FMU warns of is its verdict."""
+        """Return a run."""
         from fmpy import simulate_fmu
 
         job, messages = self.job, []
@@ -227,9 +229,13 @@ class FmuRunner:
             variables=tuple(Variable(name, unit, "") for name, unit in job.outputs),
             statistics=Statistics(),
             wall_time=0.0,
-            failure=failure,
-            verdict=next((text for status, text in messages if status == FMI_WARNING_STATUS), "")
-            or _find_nonfinite(rows, names),
+            diagnostics=without_repeats(
+                [
+                    *(_parse(text) for status, text in messages if status == FMI_WARNING_STATUS),
+                    *_find_nonfinite(rows, names),
+                    *([Diagnostic.parse(failure, "error", FMU_CODE)] if failure else []),
+                ]
+            ),
         )
 
     def steady(self, point: Point) -> Equilibrium:
@@ -239,16 +245,18 @@ class FmuRunner:
         )
 
 
-def _find_nonfinite(rows: Any, names: Sequence[str]) -> str:
-    """Return which output is no finite number first, and when; empty if all are."""
+def _parse(text: str) -> Diagnostic:
+    return Diagnostic.parse(text, "warning", FMU_CODE)
+
+
+def _find_nonfinite(rows: Any, names: Sequence[str]) -> list[Diagnostic]:
+    """Return a warning about the first output that is no finite number."""
     for name in names:
         odd = ~np.isfinite(rows[name].astype(float))
         if odd.any() and name not in ENERGY_OUTPUT_NAMES:
-            return (
-                f"output {name!r} is {rows[name][odd][0]} at t = {rows['time'][odd][0]:g} s, which is not a "
-                "finite number"
-            )
-    return ""
+            value, time = rows[name][odd][0], rows["time"][odd][0]
+            return [_parse(f"output {name!r} is {value} at t = {time:g} s, which is not a finite number")]
+    return []
 
 
 def _text(given: Any) -> str:
@@ -357,8 +365,8 @@ def _measured(known: PreparedJob, number: int, point: Point) -> Outcome:
     status, message, energy_error, kept = STATUS_OK, "", nan, None
     if any(of_runs) or known.keep or not of_runs:
         result = known.runner.result(point)
-        status = STATUS_FAILED if result.failure else STATUS_SUSPECT if result.warning else STATUS_OK
-        message = result.failure or result.warning
+        status = STATUS_FAILED if result.failed else STATUS_SUSPECT if result.warning else STATUS_OK
+        message = next(map(str, result.problems), "")
         if "energy_error" in result.names:
             energy_error = float(np.abs(result["energy_error"]).max())
         if known.keep:

@@ -17,8 +17,9 @@ from mbfmu.modeling.variables import list_variables, require_xml_text
 from mbfmu.native.families import NATIVE_SOLVERS
 from mbfmu.native.runtime import cached_library
 from mbfmu.native.targets import TARGETS, host
-from mbfmu.session.run import communication_points, loops
+from mbfmu.session.run import communication_points
 from mbfmu.session.simulation import UnstartedSimulation
+from mbfmu.util.diagnostics import Diagnostic, without_details
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import replacing
 from solvers.compiled.cache import CompilationNeeded, forbid_compilation
@@ -71,7 +72,7 @@ def export(
         Platforms of a native FMU, by the names in :data:`mbfmu.native.targets.TARGETS`. Empty: this machine.
     report
         Function that receives a message on every decision of the export (another solver, parameters that become
-        constant) and on a start that is singular or unstable.
+        constant), on redundant constraints, and on a start that is singular or unstable.
 
     Returns
     -------
@@ -90,7 +91,11 @@ def export(
     scene = replace(scene, settings=settings or scene.settings)
     scene = scene.changed(stop_time=stop_time, output_interval=output_interval)
     kind = FmuKind.NATIVE if native else FmuKind.PYTHON
-    return export_scene(scene, Path(path), kind, fmi=fmi, platforms=platforms, report=report)
+    found: list[Diagnostic] = []
+    export_scene(scene, Path(path), kind, fmi=fmi, platforms=platforms, report=found.append)
+    for diagnostic in without_details(found):
+        report(str(diagnostic))
+    return Path(path)
 
 
 def export_scene(
@@ -100,13 +105,15 @@ def export_scene(
     *,
     fmi: int = 2,
     platforms: Sequence[str] = (),
-    report: Callable[[str], None] = lambda _: None,
+    report: Callable[[Diagnostic], None] = lambda _: None,
 ) -> Path:
-    """Write a scene as an FMU of a kind; arguments, result and errors are those of :func:`export`.
+    """Write a scene as an FMU of a kind; arguments, result and errors are those of :func:`export`, but
+    ``report`` receives diagnostics.
 
     Native FMUs are made in another process if this saves compiling: all runtimes exist, nothing has to be found out
     that takes long in plain Python (which solver to take, or a steady state), and a file contains the model. Of
-    ``FmuKind.ONE_RUN`` the messages are those on the loops, and UserError is raised if compiling would not be saved.
+    ``FmuKind.ONE_RUN`` the diagnostics are those of the model and its start, and UserError is raised if compiling
+    would not be saved.
     """
     needs_no_compiler = scene.settings.solver in NATIVE_SOLVERS and not scene.settings.start_at_equilibrium
     needs_no_compiler &= all(name in TARGETS and cached_library(name) is not None for name in platforms or [host()])
@@ -119,21 +126,21 @@ def export_scene(
     if kind is FmuKind.PYTHON or not needs_no_compiler or not scene.reference:
         _write(scene, path, kind, fmi, platforms, report)
         return path
-    messages: list[str] = []
+    found: list[Diagnostic] = []
     try:
         with forbid_compilation():
-            _write(scene, path, kind, fmi, platforms, messages.append)
+            _write(scene, path, kind, fmi, platforms, found.append)
     except CompilationNeeded:
         from .subprocess_export import export_uncompiled  # not before: that process runs it as its main module
 
-        messages = export_uncompiled(scene, path, kind, str(fmi), *platforms)
-    for text in messages:
-        report(text)
+        found = export_uncompiled(scene, path, kind, str(fmi), *platforms)
+    for diagnostic in found:
+        report(diagnostic)
     return path
 
 
 def _write(
-    scene: Scene, path: Path, kind: FmuKind, fmi: int, platforms: Sequence[str], report: Callable[[str], None]
+    scene: Scene, path: Path, kind: FmuKind, fmi: int, platforms: Sequence[str], report: Callable[[Diagnostic], None]
 ) -> None:
     """Write the FMU of a scene in this process."""
     model, settings = scene.model, scene.settings
@@ -147,11 +154,12 @@ def _write(
     if not path.parent.is_dir():
         raise UserError(f"folder {str(path.parent)!r} does not exist")
     if kind is FmuKind.ONE_RUN:
-        content = build_native_fmu(model, settings, experiment, for_one_run=True)
-        messages = loops(model)
+        messages: list[Diagnostic] = []
+        content = build_native_fmu(model, settings, experiment, report=messages.append, for_one_run=True)
+        messages = [diagnostic for diagnostic in messages if diagnostic.code != "constant-parameter"]
     else:
         plant, native = model.plant(), kind is FmuKind.NATIVE
-        messages = check_start(model, settings, plant, native)
+        messages = [*check_start(model, settings, plant, native)]
         if native:
             content = build_native_fmu(
                 model, settings, experiment, fmi=fmi, platforms=platforms, report=messages.append
@@ -166,12 +174,12 @@ def _write(
         if picture.is_file():
             content["model.png"] = picture.read_bytes()
     pack(path, content)
-    for text in messages:
-        report(text)
+    for diagnostic in messages:
+        report(diagnostic)
 
 
-def check_start(model: Model, settings: Settings, plant: Plant, native: bool) -> list[str]:
-    """Return remarks on a singular or an unstable start. Those of a native FMU are in :class:`.NativeModel`.
+def check_start(model: Model, settings: Settings, plant: Plant, native: bool) -> Sequence[Diagnostic]:
+    """Return notes and warnings on the model and its start. Those of a native FMU are in :class:`.NativeModel`.
 
     Raises
     ------
@@ -181,7 +189,7 @@ def check_start(model: Model, settings: Settings, plant: Plant, native: bool) ->
     """
     if native:  # which chooses its own solver, and builds the start
         plant.check_start(0.0, plant.assemble()[0])
-        return []
+        return ()
     if is_given(settings.solver):
         raise UserError(
             f"solver {settings.solver!r} is a class of this program, which an FMU cannot import; allowed: an installed "
@@ -190,9 +198,8 @@ def check_start(model: Model, settings: Settings, plant: Plant, native: bool) ->
     if refused := describe_refusal(settings.solver, plant.system):
         raise UserError(f"model {model.name!r}: {refused}")
     if plant.system.m or settings.start_at_equilibrium:
-        return UnstartedSimulation(model, settings).start_remarks()
-    plant.check_start(0.0, plant.assemble()[0])
-    return []
+        return UnstartedSimulation(model, settings).diagnostics
+    return plant.check_start(0.0, plant.assemble()[0])
 
 
 def pack(path: Path, content: Mapping[str, bytes]) -> None:

@@ -23,7 +23,9 @@ from fmpy.fmi2 import (
 )
 from numpy.typing import NDArray
 
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError, suggest
+from solvers.diagnostics import CODE_PATTERN, Severity
 
 
 def called(variable: Any) -> str:
@@ -31,8 +33,15 @@ def called(variable: Any) -> str:
     return "Integer" if variable.type == "Enumeration" else str(variable.type)
 
 
+def severity_of(status: int) -> Severity:
+    """Return the severity of a message that an FMU logs with a status of FMI."""
+    return "note" if status < fmi2Warning else "warning" if status == fmi2Warning else "error"
+
+
 class Fmu:
-    """An FMU (FMI 2.0 for co-simulation, ours or another's) unzipped and instantiated; ``warnings`` are those it logs.
+    """An FMU (FMI 2.0 for co-simulation, ours or another's) unzipped and instantiated.
+
+    ``diagnostics`` are the notes, warnings and errors that it logs.
 
     >>> with Fmu(path, {"gravity": 1.62}) as fmu:                                   # doctest: +SKIP
     ...     fmu.step(0.01)
@@ -70,7 +79,7 @@ class Fmu:
             modelIdentifier=self.description.coSimulation.modelIdentifier,
             instanceName=self.description.modelName,
         )
-        self.warnings: list[str] = []
+        self.diagnostics: list[Diagnostic] = []
         self.slave.instantiate(callbacks=self._callbacks(), loggingOn=True)
         self.t, self._begun = start_time, False
         try:
@@ -92,8 +101,9 @@ class Fmu:
         return callbacks
 
     def _note(self, _environment: Any, _name: bytes, status: int, _category: bytes, text: bytes) -> None:
-        if status == fmi2Warning:
-            self.warnings.append(text.decode(errors="replace"))
+        message = text.decode(errors="replace")
+        if status >= fmi2Warning or CODE_PATTERN.search(message):  # other FMUs log their course without codes
+            self.diagnostics.append(Diagnostic.parse(message, severity_of(status), "fmu-warning"))
 
     def start(self, values: Mapping[str, Any], tolerance: float | None = None) -> None:
         """Initialize with these start values; raises UserError with the FMU's reason where it cannot."""

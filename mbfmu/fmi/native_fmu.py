@@ -15,6 +15,7 @@ from mbfmu.native.layout import signed
 from mbfmu.native.runtime import library
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.session.solver_selection import select_solver
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from solvers.steppers import describe_refusal, drop_unlisted
 
@@ -34,7 +35,7 @@ def build_native_fmu(
     *,
     fmi: int = 2,
     platforms: Sequence[str] = (),
-    report: Callable[[str], None] = lambda _: None,
+    report: Callable[[Diagnostic], None] = lambda _: None,
     for_one_run: bool = False,
 ) -> dict[str, bytes]:
     """Return the files of an FMU that runs by itself, by their names; see :func:`mbfmu.fmi.export`.
@@ -44,10 +45,8 @@ def build_native_fmu(
     names = _targets(fmi, platforms)
     settings = _with_solver(model, settings, report)
     made = native_model(model, settings, for_one_run)
-    for text in made.remarks:
-        report(text)
-    for text in describe_constants(made.fixed):
-        report(text)
+    for found in (*made.diagnostics, *describe_constants(made.fixed)):
+        report(found)
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
     identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
     shown, terminals = list(made.variables), None
@@ -71,15 +70,16 @@ def build_native_fmu(
     return content
 
 
-def describe_constants(frozen: Mapping[str, str]) -> list[str]:
-    """Return messages on the parameters that are constant, one for each reason; ``fixed``: reasons by name."""
+def describe_constants(frozen: Mapping[str, str]) -> list[Diagnostic]:
+    """Return notes on the parameters that are constant, one for each reason; ``fixed``: reasons by name."""
     found = []
     for why in dict.fromkeys(frozen.values()):
         names = [repr(name) for name, own in frozen.items() if own == why]
         what = (
             f"parameter {names[0]} is a constant" if len(names) == 1 else f"parameters {', '.join(names)} are constants"
         )
-        found.append(f"{what} in this FMU: {why}")
+        text = f"{what} in this FMU: {why}"
+        found.append(Diagnostic.note("constant-parameter", text, subject=names[0].strip("'")))
     return found
 
 
@@ -118,7 +118,7 @@ def refuse_solver(solver: str) -> None:
         )
 
 
-def _with_solver(model: Model, settings: Settings, report: Callable[[str], None]) -> Settings:
+def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic], None]) -> Settings:
     """Return settings with a solver that native FMUs support: the cheapest in place of the model's default.
 
     Raises
@@ -142,14 +142,13 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[str], None]
             "not-native",
         )
     why = found.reason if found.solver in NATIVE_SOLVERS else f"{found.solver!r} would be better, but is not supported"
-    if settings.solver == AUTO:
-        report(f"solver {solver!r} selected: {why}")
-    else:
-        report(
-            f"solver changed from {settings.solver!r} to {solver!r}: native FMUs support {_solvers()} only; the "
-            "model is "
-            f"{why}"
-        )
+    text = (
+        f"solver {solver!r} selected: {why}"
+        if settings.solver == AUTO
+        else f"solver changed from {settings.solver!r} to {solver!r}: native FMUs support {_solvers()} only; the model "
+        f"is {why}"
+    )
+    report(Diagnostic.note("selected-solver", text, subject=solver))
     return replace(settings, solver=solver)
 
 

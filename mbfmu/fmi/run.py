@@ -15,11 +15,13 @@ from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.interrupts import interrupts_held
 from mbfmu.session.run import Result
-from mbfmu.session.step_count import STEP_COUNT_REMARK_START
+from mbfmu.util.diagnostics import INACCURATE_CODES, Diagnostic, without_repeats
 from mbfmu.util.errors import UserError
 from solvers.options import Statistics
 
 from .harness import Fmu
+
+IMMEDIATE_CODES = INACCURATE_CODES | {"slow-solver"}  # reported during the run
 
 
 def run_fmu(
@@ -28,7 +30,7 @@ def run_fmu(
     settings: Settings,
     times: NDArray[np.float64],
     progress: Callable[[float], None] | None = None,
-    warn: Callable[[str], None] | None = None,
+    warn: Callable[[Diagnostic], None] | None = None,
 ) -> Result:
     """Drive the FMU of a model over ``times`` (s); stops where the FMU discards a step.
 
@@ -41,23 +43,20 @@ def run_fmu(
     ):
         values = np.zeros((len(times), len(fmu.real_outputs)))
         values[0] = fmu.reals()
-        begin, done, failure, warning = time.perf_counter(), 1, "", ""
-        reported = len(fmu.warnings)
+        begin, done, failures, reported = time.perf_counter(), 1, list[Diagnostic](), len(fmu.diagnostics)
         for i, t in enumerate(times[1:], 1):
             interrupt()
             try:
                 fmu.step_to(float(t))
             except UserError as error:
-                failure = str(error)
+                failures.append(error.diagnostic)
                 break
             values[i] = fmu.reals()
             done = i + 1
-            if not warning and (warning := fmu.message()) and warn is not None:
-                warn(warning)
-            for text in fmu.warnings[reported:]:
-                if warn is not None and text.startswith(STEP_COUNT_REMARK_START):
-                    warn(text)
-            reported = len(fmu.warnings)
+            for found in fmu.diagnostics[reported:]:
+                if warn is not None and found.code in IMMEDIATE_CODES:
+                    warn(found)
+            reported = len(fmu.diagnostics)
             if progress is not None:
                 progress(float(t))
         wall = time.perf_counter() - begin
@@ -72,7 +71,5 @@ def run_fmu(
             wall_time=wall,
             name=model.name,
             settings=settings,
-            failure=failure,
-            verdict=warning,
-            remarks=tuple(text for text in dict.fromkeys(fmu.warnings) if text != warning),
+            diagnostics=without_repeats([*(d for d in fmu.diagnostics if d.severity != "error"), *failures]),
         )

@@ -25,6 +25,7 @@ from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.serialization import decode_state, encode_state
 from mbfmu.session.simulation import Simulation
+from mbfmu.util.diagnostics import INACCURATE_CODES, Diagnostic
 from mbfmu.util.errors import UserError
 from solvers.compiled.cache import when_compiling
 
@@ -37,6 +38,13 @@ Array = NDArray[np.float64]
 FMU_STATE_FORMAT = 6
 MAX_REPORTED_ERRORS = 5  # errors that are reported one by one
 CLOCK_TOLERANCE = 1e-9  # s, or part of the time: so much may a host's clock differ from ours
+
+Key = tuple[str, str, str]
+
+
+def key_of(diagnostic: Diagnostic) -> Key:
+    """Return what a diagnostic has in common with later ones on the same, such as a larger bend."""
+    return diagnostic.severity, diagnostic.code, diagnostic.subject
 
 
 class ModelSlave(Values):
@@ -51,10 +59,7 @@ class ModelSlave(Values):
         super().__init__(**kwargs)
         self.modelName = self.identifier  # by which PythonFMU names files
         self._t0 = 0.0
-        self._logged_remarks = 0  # how many of the simulation's remarks are in the log
-        self._loops: list[str] = []  # what is in the log of them
-        # what is in the log of the balance; that a grid is too coarse is
-        self._logged_verdict, self._logged_coarse = "", False
+        self._logged: set[Key] = set()  # what is in the log of the simulation
         with when_compiling(self._log_compiling):
             self.declare(self.model.plant())
         finalize_at_exit(self.resources, self.identifier)
@@ -133,7 +138,8 @@ class ModelSlave(Values):
                 self._start_simulation()
                 assert self.simulation is not None
                 self._buffer[self._outputs] = self.simulation.outputs()
-            self._log_loops()
+            self._logged = {key for key in self._logged if key[0] == "note"}  # warnings are those of each run
+            self._log_new()
         except Exception as error:
             self._phase, self.simulation = Phase.FAILED, None
             self.fail(error_text(error))
@@ -149,7 +155,7 @@ class ModelSlave(Values):
 
     def _start_simulation(self) -> None:
         """Start a simulation from the values as they are."""
-        self.simulation, self._logged_remarks = None, 0
+        self.simulation = None
         given = {k: float(self._buffer[r]) for k, r in enumerate(self._inputs) if r in self._changed_references}
         settings = self._settings_of(self._buffer)
         self.simulation = self._new_simulation(self._model_of(self._buffer), settings, self._t0, given)
@@ -162,15 +168,6 @@ class ModelSlave(Values):
     ) -> Simulation:
         with when_compiling(self._log_compiling):
             return Simulation(model, settings, t0, inputs, begins=begins)
-
-    def _log_loops(self) -> None:
-        """Log the choice of ``auto`` and trivially satisfied or redundant constraints, unless reported before."""
-        assert self.simulation is not None
-        choice = str(self.simulation.solver_choice)
-        reported, self._loops = self._loops, [*([choice] if choice else []), *self.simulation.loops()]
-        if reported != self._loops:
-            for line in self._loops:
-                self.log(line, Fmi2Status.ok, "logAll")
 
     def _settings_of(self, values: Array) -> Settings:
         return Settings(**{name: self.variables[r].value_of(values[r].item()) for name, r in self._settings.items()})
@@ -186,17 +183,17 @@ class ModelSlave(Values):
         simulation = self._simulation_for_step(current_time, step_size)
         self._apply_changes()
         if step_size == 0.0:
-            self.message = simulation.verdict
+            self.message = self._balance_message()
             return True
         checkpoint = simulation.checkpoint()
         try:
             simulation.advance(max(simulation.t, current_time + step_size))  # the host's clock may be a little slow
-            if simulation.failure:
+            if simulation.failed:
                 raise UserError(simulation.failure)
         except Exception:
             simulation.rollback(checkpoint)
             raise
-        self._outputs_valid, self.message = False, simulation.verdict
+        self._outputs_valid, self.message = False, self._balance_message()
         self._log_new()
         return True
 
@@ -220,21 +217,23 @@ class ModelSlave(Values):
             )
         return self.simulation
 
+    def _balance_message(self) -> str:
+        """Return the warning that the energy error is too large; empty: it is not."""
+        found = self.simulation.diagnostics if self.simulation is not None and self.simulation.inaccurate else ()
+        return next((str(d) for d in found if d.code in INACCURATE_CODES), "")
+
     def _log_new(self) -> None:
-        """Log what is new: remarks, a lost energy balance, a grid too coarse."""
+        """Log the notes and warnings that are not in the log; print that the energy error is too large."""
         assert self.simulation is not None
-        for text in self.simulation.remarks[self._logged_remarks :]:
-            self._warn(text)
-        self._logged_remarks = len(self.simulation.remarks)
-        verdict = self.simulation.verdict
-        if verdict != self._logged_verdict:
-            self._logged_verdict = verdict
-            if verdict:
-                self._print(verdict)
-                self._warn(verdict)
-        if self.simulation.coarse and not self._logged_coarse:
-            self._logged_coarse = True
-            self._warn(self.simulation.coarse)
+        found = {key_of(d): d for d in reversed(self.simulation.diagnostics)}
+        for d in (found[key] for key in reversed(found) if key not in self._logged):
+            if d.severity == "note":
+                self.log(str(d), Fmi2Status.ok, "logAll")
+            else:
+                self.log(str(d), Fmi2Status.warning, "logStatusWarning")
+            if d.code in INACCURATE_CODES:
+                self._print(str(d))
+        self._logged = set(found)
 
     def _apply_changes(self) -> None:
         simulation = self.simulation
@@ -257,12 +256,9 @@ class ModelSlave(Values):
         if reasons:
             raise UserError("; ".join(reasons))
 
-    @guarded
     def terminate(self) -> None:
-        """Say how far cells have bent at the worst; nothing to release, all memory is Python's."""
+        """Do nothing but end: all memory is Python's."""
         self._phase = Phase.TERMINATED
-        if self.simulation is not None and self.simulation.coarse and not self.simulation.failure:
-            self._print(f"warning: {self.simulation.coarse}")
 
     # ---- FMU state ----------------------------------------------------------------------------------------------
 
@@ -298,7 +294,7 @@ class ModelSlave(Values):
                 simulation = self._new_simulation(
                     model, replace(settings, start_at_equilibrium=False), t0, {}, begins=False
                 )
-                self._logged_remarks = len(simulation.remarks)  # the instance that was saved has reported them
+                self._logged |= set(map(key_of, simulation.diagnostics))  # the instance that was saved has logged them
             simulation.restore(body)
         self.simulation, self._t0, self._buffer[:] = simulation, t0, values
         self._changed_references, self._phase, self.message = (

@@ -19,7 +19,7 @@ from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import Settings, check_setting
 from mbfmu.modeling.variables import Role, ScalarVariable, Type, list_variables
 from mbfmu.session.simulation import Simulation
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 
 Phase = Enum("Phase", ["INSTANTIATED", "INITIALIZING", "RUNNING", "FAILED", "TERMINATED"])
@@ -200,13 +200,13 @@ class Values(Fmi2Slave):  # type: ignore[misc]
 
     def _reject_value(self, what: str, why: str) -> None:
         """Note a value that is not allowed: no step is made until an allowed one is set."""
-        why = coded("fmi-call", why)
+        why = str(Diagnostic.parse(why, "error", "fmi-call"))
         self._rejected[what] = why
         self._report(why)
 
     def _report_protocol_error(self, text: str) -> None:
         """Note a wrong call of the importing tool: the next step is discarded for it."""
-        text = coded("fmi-call", text)
+        text = str(Diagnostic.parse(text, "error", "fmi-call"))
         self._protocol_errors[text] += 1
         if self._protocol_errors[text] == 1:
             self._report(text)
@@ -224,6 +224,3 @@ class Values(Fmi2Slave):  # type: ignore[misc]
 
     def _print(self, text: str) -> None:
         print(f"{self.identifier} ({self.instance_name}): {text}", file=sys.stderr)  # noqa: T201
-
-    def _warn(self, text: str) -> None:
-        self.log(text, Fmi2Status.warning, "logStatusWarning")

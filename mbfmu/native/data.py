@@ -20,7 +20,7 @@ from mbfmu.session.failure_diagnosis import advise
 from mbfmu.session.simulation import Simulation, UnstartedSimulation
 from mbfmu.session.tolerances import COARSE_TOLERANCE, describe_coarse
 from solvers.assembly import Outcome
-from solvers.codes import coded
+from solvers.diagnostics import Diagnostic
 from solvers.outcome import CODES, KEYS, MESSAGES, Status
 from solvers.steppers import ORDER_LIMITS
 
@@ -51,14 +51,14 @@ class NativeModel(NamedTuple):
         those of the variables.
     fixed
         Parameters that are constant, though a model that is built could change them, and why.
-    remarks
-        On a singular or an unstable start.
+    diagnostics
+        Notes and warnings on the model and its start.
     """
 
     variables: tuple[ScalarVariable, ...]
     arrays: tuple[ArrayVariable, ...]
     fixed: dict[str, str]
-    remarks: list[str]
+    diagnostics: Sequence[Diagnostic]
     data: bytes
 
 
@@ -84,7 +84,7 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     )
     several = arrays(model, variables)
     file = _File(simulation, instance, image, settable, variables, several)
-    return NativeModel(variables, several, frozen, simulation.start_remarks(), file.write())
+    return NativeModel(variables, several, frozen, simulation.diagnostics, file.write())
 
 
 def _nothing_settable(model: Model, why: str) -> SettableParameters:
@@ -148,7 +148,7 @@ class _File:
         rows["sentences"] = [self._message(code) for code in CODES]
         system = self._simulation.plant.system
         said = CLOSURE_MESSAGES | start_checks.START_MESSAGES
-        rows["failures"] = [self._failure(said.get(outcome, "")) for outcome in (*Outcome, *start_checks.Flaw)]
+        rows["failures"] = [self._failure(str(said.get(outcome, ""))) for outcome in (*Outcome, *start_checks.Flaw)]
         rows["rows"] = [(self._add_text(name),) for name in system.constraint_names]
         rows["coordinates"] = [(self._add_text(name),) for name in system.coordinate_names]
         rows["cuts"] = [(self._add_text(handle.name),) for handle in self._simulation.plant.mechanism.cuts]
@@ -235,7 +235,7 @@ class _File:
         others = tuple(name for name in self._simulation.stepper.fallback_solvers if name != "ida")
         status = Status(code, 0.0, others)
         advice = advise(self._simulation.plant, status) or status.remedy
-        remedy = coded(KEYS[code], advice) if code in KEYS else ""
+        remedy = str(Diagnostic.error(KEYS[code], advice)) if code in KEYS else ""
         return self._add_text(MESSAGES[code][0]), self._add_text(remedy)
 
     def _failure(self, template: str) -> tuple[int, int, int]:

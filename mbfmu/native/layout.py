@@ -15,9 +15,9 @@ from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import Role, Type
 from mbfmu.session.kernels.points import RUN_STATUS
-from mbfmu.session.tolerances import COARSE_TEXT, COARSE_TOLERANCE
+from mbfmu.session.tolerances import COARSE_REMEDY, COARSE_TEXT, COARSE_TOLERANCE
 from mbfmu.sheets.elements.bending import ADVICE, MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from solvers.assembly import WORST, Outcome
 from solvers.balance import PASSAGE_INACCURATE
 from solvers.compiled.kernel import types
@@ -139,7 +139,8 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     lines += [f"#define {name} {float(np.degrees(angle))!r} /* degrees */" for name, angle in limits.items()]
     lines.append(f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}")
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
-    lines.append(f"#define COARSE_TEXT {json.dumps(coded('coarse-tolerance', COARSE_TEXT))}")
+    coarse = Diagnostic.warning("coarse-tolerance", COARSE_TEXT, COARSE_REMEDY)
+    lines.append(f"#define COARSE_TEXT {json.dumps(str(coarse))}")
     lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(shipped_kernels())}", ""]
     lines += [_struct(name, record) for name, record in STRUCTS.items()]
     lines += [

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.parameters import Parameter
 from mbfmu.util.errors import UserError
-from solvers.codes import without_code
+from solvers.diagnostics import without_code
 from solvers.system import Array
 
 from .clipped import Clipped, fit_clipped

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.arrays.closing import fill_frame_angles
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from solvers.assembly import ASSEMBLED, Outcome
 from solvers.compiled.kernel import inlined, kernel
 from solvers.stepper import MAX_SPACING_IN_TOLERANCES
@@ -30,21 +30,23 @@ class Flaw(IntEnum):
 TURNED, UNRESOLVED, UNPLACED = map(int, Flaw)  # for kernels
 
 START_MESSAGES = {
-    Flaw.TURNED: coded(
+    Flaw.TURNED: Diagnostic.error(
         "cannot-assemble",
         "loop {name!r} closes with a wrong orientation: the frames of its cut joint are rotated by {gap:.0f} deg from "
-        "each other; allowed: 0 deg. Change rotation_a or rotation_b of the cut joint, or start nearer to the closed "
-        "loop",
+        "each other; allowed: 0 deg",
+        "Change rotation_a or rotation_b of the cut joint, or start nearer to the closed loop",
     ),
-    Flaw.UNRESOLVED: coded(
+    Flaw.UNRESOLVED: Diagnostic.error(
         "clock-resolution",
         "the start time is {gap:g} s, where the spacing of floating-point numbers is a time in which the motion "
-        "changes by more than the tolerance; use a start time nearer to zero",
+        "changes by more than the tolerance",
+        "Use a start time nearer to zero",
     ),
-    Flaw.UNPLACED: coded(
+    Flaw.UNPLACED: Diagnostic.error(
         "clock-resolution",
         "a joint coordinate starts at {gap:g}, where the spacing of floating-point numbers is too coarse for the "
-        "tolerance; start nearer to zero (an angle minus a multiple of 2 pi is the same position)",
+        "tolerance",
+        "Start nearer to zero (an angle minus a multiple of 2 pi is the same position)",
     ),
 }
 

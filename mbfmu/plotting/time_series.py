@@ -121,7 +121,7 @@ def draw(figure: Any, result: Result, names: Sequence[str] = ()) -> None:
             fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, title_fontsize=7,
             title=f"{left} more not shown" if left else None,
         )  # fmt: skip
-    if result.failure:
+    if result.failed:
         for ax in axes:
             ax.axvline(result.t[-1], color=FAILURE_COLOR, lw=1.5)
     units = [key[1] for key in every if key not in groups]
@@ -131,18 +131,18 @@ def draw(figure: Any, result: Result, names: Sequence[str] = ()) -> None:
 
 def status_label(result: Result) -> str:
     """Return in capitals how a run failed; empty: it did not."""
-    if result.failure:
+    if result.failed:
         return f"FAILED at {result.t[-1]:.6g} s"
-    return "INACCURATE: the energy error is larger than the tolerance explains" if result.verdict else ""
+    return "INACCURATE: the energy error is larger than the tolerance explains" if result.inaccurate else ""
 
 
 def set_title(figure: Any, result: Result) -> None:
-    """Write the title; in red with the first sentence of the reason if the run failed or is inaccurate."""
+    """Write the title; in red with the reason if the run failed or is inaccurate."""
     wrong = status_label(result)
     if not wrong:
         figure.suptitle(result.title)
         return
-    reason = (result.failure or result.verdict).partition(". ")[0]
+    reason = result.problems[0].text
     figure.suptitle(f"{result.title}\n{wrong}\n{fill(reason, 110)}", color=FAILURE_COLOR, fontsize=10)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import Plant
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from solvers.system import Array
 
 ACCURATE, VALID = 1.0, 2.0  # limits of mbfmu.mechanics.limit_ratio
@@ -24,18 +24,19 @@ class ElementMonitor:
     furthest
         Largest ratio so far, when (s), and at which positions (nq,).
     folded
-        That an element is invalid at the positions looked at last, and what to do; empty: none is.
+        Error if an element is invalid at the positions looked at last; None: none is.
     """
 
     def __init__(self, plant: Plant, t: float, q: Array) -> None:
-        self._plant, self.folded = plant, ""
+        self._plant = plant
+        self.folded: Diagnostic | None = None
         self.furthest: Furthest = (plant.limit_ratio(t, q), t, q)
 
     @property
-    def coarse(self) -> str:
-        """Where, when and how far elements have been beyond what is accurate; empty: they have not."""
+    def coarse(self) -> Diagnostic | None:
+        """Warning about where, when and how far elements have been beyond what is accurate; None: they have not."""
         ratio, t, q = self.furthest
-        return coded("coarse-mesh", self._describe(t, q)) if ratio > ACCURATE else ""
+        return Diagnostic.parse(self._describe(t, q), "warning", "coarse-mesh") if ratio > ACCURATE else None
 
     def update(self, t: float, q: Array) -> bool:
         """Note how far elements are at positions q (nq,); False where one is invalid."""
@@ -45,8 +46,8 @@ class ElementMonitor:
         """Note that elements are as far as ``ratio`` at positions q (nq,); False where one is invalid."""
         if ratio > self.furthest[0]:
             self.furthest = ratio, t, q
-        self.folded = coded("folded-cell", self._describe(t, q)) if ratio > VALID else ""
-        return not self.folded
+        self.folded = Diagnostic.parse(self._describe(t, q), "error", "folded-cell") if ratio > VALID else None
+        return self.folded is None
 
     def _describe(self, t: float, q: Array) -> str:
         return self._plant.describe_limit(t, q, f" at t = {t:.9g} s")
@@ -59,7 +60,7 @@ class ElementMonitor:
 
     def rewind(self, furthest: Furthest) -> None:
         """Forget what came after ``furthest``."""
-        self.furthest, self.folded = furthest, ""
+        self.furthest, self.folded = furthest, None
 
     def state(self) -> list[Any]:
         """Return time and positions of what is worth a warning, for JSON; empty: there was none."""

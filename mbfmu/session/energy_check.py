@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from solvers.balance import BALANCE_OK, PASSAGE_INACCURATE
 
 Array = NDArray[np.float64]
@@ -30,18 +30,19 @@ class EnergyCheck:
 
     Attributes
     ----------
-    verdict
-        Time, size and place of the first violation; empty: there is none.
+    found
+        Warning with time, size and place of the first violation; empty: there is none.
     """
 
     def __init__(self, plant: Plant, status: NDArray[Any]) -> None:
-        self.plant, self.verdict, self._status, self._lost = plant, "", status, status["lost"]
+        self.plant, self._status, self._lost = plant, status, status["lost"]
+        self.found: tuple[Diagnostic, ...] = ()
         self._last: Place | None = None
 
     def describe_state(self, t: float, q: Array) -> None:
         """Describe the violation if it was detected at the time t, s, with positions q (nq,)."""
         if self._is_new:
-            self.verdict = self._describe(self._last, (t, q))
+            self.found = (self._describe(self._last, (t, q)),)
         self._last = t, q
 
     def describe(self, times: Array, q: Array) -> None:
@@ -49,37 +50,42 @@ class EnergyCheck:
         if self._is_new:
             i = int(np.searchsorted(times, self._status["lost_at"][0]))
             before = (float(times[i - 1]), q[i - 1]) if i else self._last
-            self.verdict = self._describe(before, (float(times[i]), q[i]))
+            self.found = (self._describe(before, (float(times[i]), q[i])),)
         self._last = float(times[-1]), q[-1].copy()
 
     @property
     def _is_new(self) -> bool:
         """Whether a violation was detected that is not described yet."""
-        return self._lost[0] != BALANCE_OK and not self.verdict
+        return self._lost[0] != BALANCE_OK and not self.found
 
-    def _describe(self, before: Place | None, here: Place) -> str:
-        """Return the message on a violation here; ``before`` is the last state without one, if there is any."""
+    def _describe(self, before: Place | None, here: Place) -> Diagnostic:
+        """Return the warning about a violation here; ``before`` is the last state without one, if there is any."""
         status = self._status[0]
         energy_error, passage, exchanged = (float(status[name]) for name in ("energy_error", "passage", "exchanged"))
         more = "more" if energy_error > 0.0 else "less"
         change = f"the energy has changed by {abs(energy_error):.3g} J {more} than the work done on the mechanism"
         if status["lost"] == PASSAGE_INACCURATE:
-            return coded(
+            return Diagnostic.warning(
                 "slow-passage",
                 f"the energy error is too large at t = {here[0]:.6g} s: {change}, which is "
-                f"{abs(energy_error) / passage:.2g} of the "
-                f"{passage:.3g} J by which the motion has just passed an unstable "
-                "equilibrium, or missed it. The time of the passage and the motion after it may be wrong: reduce "
-                "the tolerance and compare the results",
+                f"{abs(energy_error) / passage:.2g} of the {passage:.3g} J by which the motion has just passed an "
+                "unstable equilibrium, or missed it",
+                "The time of the passage and the motion after it may be wrong: reduce the tolerance and compare the "
+                "results",
+                subject="energy_error",
+                time=here[0],
             )
         part = (
             f", {abs(energy_error) / exchanged:.2g} of the {exchanged:.3g} J of energy exchanged" if exchanged else ""
         )
-        return coded(
+        return Diagnostic.warning(
             "energy-balance",
             f"the energy error is too large at t = {here[0]:.6g} s: {change}{part}, and more than the tolerance "
-            f"explains{nearest(self.plant, before or here, here)}. The motion after this time may be wrong: reduce the "
-            "tolerance or use another solver, and compare the results",
+            f"explains{nearest(self.plant, before or here, here)}",
+            "The motion after this time may be wrong: reduce the tolerance or use another solver, and compare the "
+            "results",
+            subject="energy_error",
+            time=here[0],
         )
 
 

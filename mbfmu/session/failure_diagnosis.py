@@ -9,7 +9,7 @@ import numpy as np
 
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.assembly import free_bodies
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import AssemblyError
 from solvers.outcome import Code, Status
 from solvers.system import Array
@@ -24,7 +24,7 @@ LIGHT_BODY_MASS_RATIO = 1e-3
 MIN_RATE_PARTICIPATION = 1e-6  # of the largest: what a joint has to do with a motion
 
 
-def explain_failure(plant: Plant, status: Status, q: Array, end: float, starts_singular: bool) -> str:
+def explain_failure(plant: Plant, status: Status, q: Array, end: float, starts_singular: bool) -> Diagnostic:
     """Return why a run stopped at q (nq,) on its way to ``end`` (s), and what to do.
 
     ``starts_singular``: whether the loops do not determine all rates at the start.
@@ -43,10 +43,13 @@ def explain_failure(plant: Plant, status: Status, q: Array, end: float, starts_s
     if last == until:
         return status.explain(advise(plant, status))
     whose = f"the drive of {drives[0]!r} requires" if len(drives) == 1 else "the drives require"
-    return coded(
+    return Diagnostic.error(
         "unreachable-drive",
         f"{whose} a position that the loops cannot reach after t = {last:.6g} s (the run stopped at "
-        f"t = {status.t:.9g} s). Shorten the motion of the drive, or change the lengths of the loops.",
+        f"t = {status.t:.9g} s)",
+        "Shorten the motion of the drive, or change the lengths of the loops.",
+        subject=drives[0],
+        time=last,
     )
 
 

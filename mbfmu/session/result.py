@@ -1,4 +1,4 @@
-"""Result of a run: outputs over time, statistics of the solver, failure, warnings and remarks."""
+"""Result of a run: outputs over time, statistics of the solver, and diagnostics."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from mbfmu.mechanics import Variable
 from mbfmu.modeling.settings import Settings
+from mbfmu.util.diagnostics import Diagnosed, Diagnostic, from_saved, render
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.extras import import_optional
 from mbfmu.util.files import replacing
@@ -20,12 +21,12 @@ from mbfmu.util.text_table import format_tolerance
 from solvers import Statistics
 from solvers.system import Array
 
-RESULT_FORMAT = 1  # of a saved result
+RESULT_FORMAT = 2  # of a saved result; format 1, until version 0.2, had texts in place of diagnostics
 
 
 @dataclass
-class Result:
-    """Result of a run: outputs over time, statistics of the solver, failure, warnings and remarks.
+class Result(Diagnosed):
+    """Result of a run: outputs over time, statistics of the solver, and diagnostics.
 
     ``result["crank.angle"]`` is one output over ``result.t``.
 
@@ -45,14 +46,8 @@ class Result:
         Name of the model or of the scene.
     settings
         Settings of the integration; None: unknown.
-    failure
-        Reason why the run ended early, and advice; empty: it did not.
-    verdict
-        Time and size of the first violation of the energy balance; empty: there is none.
-    coarse
-        Place where cells of a sheet bend too far for their grid; empty: there is none, or the run ended early.
-    remarks
-        Warnings and notes that do not stop the run.
+    diagnostics
+        Notes, warnings and errors of the run.
     inputs
         One message per given input: how it was interpolated.
     """
@@ -64,21 +59,13 @@ class Result:
     wall_time: float
     name: str = ""
     settings: Settings | None = None
-    failure: str = ""
-    verdict: str = ""
-    coarse: str = ""
-    remarks: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     inputs: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the outputs."""
         return tuple(v.name for v in self.variables)
-
-    @property
-    def warning(self) -> str:
-        """Reason why the result may be wrong although the run has reached its end; empty: there is none."""
-        return join_messages(self.verdict, self.coarse)
 
     @property
     def title(self) -> str:
@@ -181,7 +168,7 @@ class Result:
             + "</tr>"
             for v, own in zip(self.variables, self.values.T, strict=True)
         ]
-        notes = [escape(text) for text in (self.failure, self.warning, *self.remarks, *self.inputs) if text]
+        notes = map(escape, (*render(self.diagnostics), *self.inputs))
         said = "".join(f"<p>{note}</p>" for note in notes)
         return f"<b>{escape(self._line())}</b>{said}<table>{head}{''.join(rows)}</table>"
 
@@ -191,7 +178,7 @@ class Result:
 
     def _line(self) -> str:
         span = f"{len(self.t)} times from {self.t[0]:g} to {self.t[-1]:g} s, {len(self.variables)} outputs"
-        return ": ".join(filter(None, (self.title, span))) + (", ended early" if self.failure else "")
+        return ": ".join(filter(None, (self.title, span))) + (", ended early" if self.failed else "")
 
     # ---- files --------------------------------------------------------------------------------------------------
 
@@ -229,6 +216,7 @@ class Result:
         """
         header = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("t", "values")}
         header |= {"variables": [asdict(v) for v in self.variables], "statistics": asdict(self.statistics)}
+        header["diagnostics"] = [asdict(diagnostic) for diagnostic in self.diagnostics]
         header["settings"] = asdict(self.settings) if self.settings else None
         with replacing(path) as unfinished, unfinished.open("wb") as file:
             np.savez_compressed(file, t=self.t, values=self.values, told=json.dumps({"format": RESULT_FORMAT} | header))
@@ -256,8 +244,9 @@ class Result:
             with np.load(path) as file:
                 header = json.loads(str(file["told"]))
                 t, values = file["t"], file["values"]
-            if header.pop("format") != RESULT_FORMAT:
+            if (version := header.pop("format")) not in (1, RESULT_FORMAT):
                 raise ValueError("another format")
+            header["diagnostics"] = _read_texts(header) if version == 1 else from_saved(header["diagnostics"])
             header["variables"] = tuple(Variable(**v) for v in header["variables"])
             header["statistics"] = Statistics(**header["statistics"])
             header["settings"] = Settings(**header["settings"]) if header["settings"] else None
@@ -267,11 +256,13 @@ class Result:
                 or t.dtype.kind + values.dtype.kind != "ff"
             ):
                 raise ValueError(f"times {t.shape} and values {values.shape} do not belong together")
-            return cls(t, values, **header | {name: tuple(header.get(name, ())) for name in ("remarks", "inputs")})
+            return cls(t, values, **header | {"inputs": tuple(header.get("inputs", ()))})
         except Exception as error:  # a file of another kind fails in any of these
             raise UserError(f"{str(path)!r} is not a saved result: {error}") from error
 
 
-def join_messages(*warnings: str) -> str:
-    """Return several messages as one text, without the empty ones."""
-    return ". ".join(filter(None, warnings))
+def _read_texts(header: dict[str, Any]) -> tuple[Diagnostic, ...]:
+    """Return the texts of a result of format 1 as diagnostics, and remove them from its header."""
+    failure, verdict, coarse = (header.pop(name, "") for name in ("failure", "verdict", "coarse"))
+    found = from_saved((*header.pop("remarks", ()), verdict, coarse))
+    return (*found, *([Diagnostic.parse(failure, "error", "invalid-value")] if failure else []))

@@ -16,6 +16,7 @@ from mbfmu.mechanics.signals import Signal
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.scene import MAX_OUTPUTS
 from mbfmu.modeling.settings import Settings
+from mbfmu.util.diagnostics import INACCURATE_CODES, Diagnostic, without_repeats
 from mbfmu.util.errors import UserError
 
 from .interrupts import interrupts_held
@@ -48,12 +49,6 @@ def check_interval(stop_time: float, interval: float) -> None:
             f"interval is {interval!r} s, longer than the run of {stop_time!r} s; allowed: at most the stop time. Give "
             "a shorter interval or a later stop time"
         )
-
-
-def loops(model: Model) -> list[str]:
-    """Return messages on trivially satisfied and redundant constraint equations of a model at its start."""
-    plant = model.plant()
-    return plant.assembly.notes(0.0, plant.assemble()[0]) if plant.mechanism.constraints else []
 
 
 def simulate(
@@ -90,7 +85,7 @@ def simulate(
     Returns
     -------
     Result
-        Outputs over time, statistics of the solver, and ``failure``, ``warning`` and ``remarks``.
+        Outputs over time, statistics of the solver, and ``diagnostics``: notes, warnings and errors.
 
     Raises
     ------
@@ -118,9 +113,9 @@ def is_course(value: Any) -> bool:
     return callable(value) or isinstance(value, str | Signal) or np.ndim(value) > 0 or isinstance(value, tuple | list)
 
 
-def warn_about_step_count(text: str) -> None:
-    """Issue a RuntimeWarning at once: the result, which contains the remark too, may come much later."""
-    warnings.warn(text, RuntimeWarning, stacklevel=2)
+def warn_about_step_count(found: Diagnostic) -> None:
+    """Issue a RuntimeWarning at once: the result, which contains the diagnostic too, may come much later."""
+    warnings.warn(str(found), RuntimeWarning, stacklevel=2)
 
 
 def run(
@@ -129,9 +124,9 @@ def run(
     times: Array,
     progress: Callable[[float], None] | None = None,
     watch: Callable[[Simulation], None] | None = None,
-    warn: Callable[[str], None] | None = None,
+    warn: Callable[[Diagnostic], None] | None = None,
     inputs: Mapping[str, Given] | None = None,
-    report: Callable[[str], None] | None = None,
+    report: Callable[[Diagnostic], None] | None = None,
 ) -> Result:
     """Run a model directly, without an FMU, and record its outputs at ``times``; stops at a failure.
 
@@ -163,27 +158,25 @@ def run(
     values[0] = simulation.outputs()
     if watch is not None:
         watch(simulation)
-    begin, done, failure, reported, batch_size = time.perf_counter(), 1, "", "", FIRST_BATCH_SIZE
+    begin, done, warned, batch_size = time.perf_counter(), 1, False, FIRST_BATCH_SIZE
     with interrupts_held() as interrupt:
-        while done < len(times) and not failure:
+        while done < len(times):
             interrupt()
             for course in varying:
                 simulation.set_input(course.name, course.value(float(times[done - 1])))
             rows, before = slice(done, done + (1 if watch or varying else batch_size)), time.perf_counter()
             done += simulation.record(times[rows], values[rows])
             batch_size *= 1 if time.perf_counter() - before > SHORT_BATCH_TIME else 2
-            if warn is not None and simulation.verdict != reported:
-                reported = simulation.verdict
-                warn(reported)
-            failure = simulation.failure
-            if failure:
+            if warn is not None and not warned and simulation.inaccurate:
+                warned = True
+                warn(next(d for d in simulation.diagnostics if d.code in INACCURATE_CODES))
+            if simulation.failed:
                 break
             if watch is not None:
                 watch(simulation)
             if progress is not None:
                 progress(float(times[done - 1]))
     wall_time = time.perf_counter() - begin
-    coarse = "" if failure else simulation.coarse
     return Result(
         t=times[:done],
         values=values[:done],
@@ -192,9 +185,6 @@ def run(
         wall_time=wall_time,
         name=simulation.model.name,
         settings=settings,
-        failure=failure,
-        verdict=simulation.verdict,
-        coarse=coarse,
-        remarks=tuple(filter(None, (str(simulation.solver_choice), *simulation.remarks, *courses.remarks()))),
+        diagnostics=without_repeats([*simulation.diagnostics, *courses.diagnostics()]),
         inputs=courses.summary(settings.input_interpolation),
     )

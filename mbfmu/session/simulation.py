@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import replace
+from dataclasses import asdict, replace
 from math import isnan, nan
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
 from mbfmu.modeling.variables import ENERGY_OUTPUTS, require_unique
 from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
-from mbfmu.util.codes import code_of, coded
+from mbfmu.util.diagnostics import Diagnosed, Diagnostic, from_saved, without_repeats
 from mbfmu.util.errors import UserError
 from solvers import Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
@@ -34,7 +34,6 @@ from .element_monitor import ElementMonitor, Furthest
 from .energy_check import EnergyCheck
 from .failure_diagnosis import describe_free_rates, explain_failure, explain_rates
 from .kernels.points import Session, begin_session, check_energies
-from .result import join_messages
 from .serialization import decode_state, encode_state
 from .solver_selection import SolverChoice, limit_order, select_solver
 from .step_count import StepCountCheck
@@ -54,14 +53,14 @@ class Checkpoint(NamedTuple):
 
     stepper: bytes  # state of the stepper, with history and counters
     session: bytes  # state of the inputs and of the energy check
-    verdict: str  # of the energy check
+    lost: tuple[Diagnostic, ...]  # what the energy check has found
     furthest: Furthest
-    remarks: int  # how many there were
+    noted: int  # number of diagnostics that were noted
     reported_jumps: frozenset[str]  # names of inputs
     reported_undetermined: bool
 
 
-class Simulation:
+class Simulation(Diagnosed):
     """Simulation of a model that is advanced step by step, with inputs and parameters that change between steps.
 
     Parameters
@@ -89,16 +88,12 @@ class Simulation:
         Solver in use and the reason: that of the settings, or the one that ``auto`` has chosen.
     start
         Positions (nq,) and velocities (n,) at the start, with closed loops.
-    lock
-        Reason why nothing can move although nothing is driven; empty: something can move.
     session
         State of the run besides its solver: energy balance and what was detected at communication points.
-    remarks
-        Warnings and notes that do not stop the run.
     step_count_check
         Check of the number of steps; its ``end`` is the end of the run, s, if that is known.
     report
-        Function that receives a message about the computing time at once, while :meth:`advance` continues.
+        Function that receives a diagnostic about the computing time at once, while :meth:`advance` continues.
     variables
         What :meth:`outputs` returns: the plant's outputs, then those of the energy check (NaN if it is off, or if no
         degree of freedom is free).
@@ -129,7 +124,7 @@ class Simulation:
         self._inputs: dict[Hashable, int] = {key: k for k, v in known for key in (v.name, k)}
         if not isinstance(inputs or {}, Mapping):
             raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
-        given, unstable = self._starts(inputs or {}, t0), ""
+        given, unstable = self._starts(inputs or {}, t0), list[Diagnostic]()
         if settings.start_at_equilibrium:  # whose time is zero; the drives are where they are at the start time
             found = find_state(build_problem(model_given, self._held_plant(inputs or {}, given)))
             unstable = report_unstable(found)
@@ -145,7 +140,7 @@ class Simulation:
         )
         self._options, limited = limit_order(self.plant, self.solver_choice.solver, (t0, q, v), options)
         self.step_count_check = StepCountCheck(self._copy_plant, self._options, self._report_step_count)
-        self.report: Callable[[str], None] | None = None
+        self.report: Callable[[Diagnostic], None] | None = None
         self.variables = (*self.plant.outputs, *ENERGY_OUTPUTS)
         require_unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
         own = self.plant.inputs.own, self.plant.monitored
@@ -157,27 +152,8 @@ class Simulation:
         )
         self._run = StepperRun(self._pinned, self.plant.inputs.pinned, self._stepper(t0, q, v), len(self.variables))
         self._out = self._run.out
-        self.remarks: list[str] = []
         self._reported_jumps: set[str] = set()  # names of inputs
-        self._remark(self.stepper.warning)
-        if self.stepper.starts_singular:
-            if self.plant.system.has_matrices and (off := explain_rates(self.plant, t0, q, v, settings.tolerance)):
-                raise UserError(f"model {self.model.name!r}: {off}", "singular-start")
-            if advice := describe_free_rates(self.plant, t0, q):
-                self._remark(
-                    coded(
-                        "singular-start",
-                        "the start is a singular configuration, in which the loops do not determine all rates; the "
-                        f"rates nearest to the given ones are used. {advice}",
-                    )
-                )
-        changed = [] if settings.start_at_equilibrium else self.plant.assembly.changes(q, v, settings.tolerance)
-        self.lock = self.plant.explain_lock(t0, q, self.stepper.freedom)
-        beside = [*beside, *self.plant.coincident(t0, q)]
-        loose = describe_loose(self.plant, settings.tolerance)
-        coarse = describe_coarse(self.plant, settings.tolerance, self.stepper.freedom)
-        for remark in (unstable, self.lock, *self.plant.rounding, *changed, loose, coarse, limited, *beside):
-            self._remark(remark)
+        self._noted = self._start_diagnostics(t0, unstable, beside, limited)
         how = settings.energy_check, self.stepper.freedom, settings.tolerance
         sizes = float(self.plant.system.rate), float(self.plant.length)
         state = self.t, self.stepper.q, self.stepper.v
@@ -186,6 +162,29 @@ class Simulation:
         self.energy_check = EnergyCheck(self.plant, self.session.status) if is_checked else None
         self._element_monitor, self._reported_undetermined, self._end = ElementMonitor(self.plant, t0, q), False, t0
         self._warm_up(t0, q, v)
+
+    def _start_diagnostics(
+        self, t: float, unstable: list[Diagnostic], contacts: list[Diagnostic], limited: list[Diagnostic]
+    ) -> list[Diagnostic]:
+        """Return the notes and warnings on the model, the solver and the start."""
+        (q, v), settings, found = self.start, self.settings, self.solver_choice.diagnostics
+        if self.stepper.starts_singular:
+            if self.plant.system.has_matrices and (off := explain_rates(self.plant, t, q, v, settings.tolerance)):
+                raise UserError(f"model {self.model.name!r}: {off}", "singular-start")
+            if advice := describe_free_rates(self.plant, t, q):
+                text = (
+                    "the start is a singular configuration, in which the loops do not determine all rates; the rates "
+                    "nearest to the given ones are used"
+                )
+                found.append(Diagnostic.warning("singular-start", text, advice, time=t))
+        found += [*unstable, *self.plant.explain_lock(t, q, self.stepper.freedom), *self.plant.rounding]
+        if not settings.start_at_equilibrium:
+            found += self.plant.assembly.changes(q, v, settings.tolerance)
+        found += describe_loose(self.plant, settings.tolerance)
+        found += describe_coarse(self.plant, settings.tolerance, self.stepper.freedom)
+        found += [*limited, *contacts, *self.plant.coincident(t, q)]
+        known = {diagnostic.code for diagnostic in found}
+        return [*found, *(note for note in self.plant.assembly.notes(t, q) if note.code not in known)]
 
     def _starts(self, inputs: Mapping[Any, Any], t0: float) -> dict[int, float]:
         """Return the values of inputs at the start by their numbers, without those that are signals in this run."""
@@ -216,11 +215,9 @@ class Simulation:
         except ValueError as error:
             reason = str(error)
             if t == 0.0 and reason.startswith("t0 is"):  # the clock resolves everything there but what is no number
-                reason = coded(
-                    "clock-resolution",
-                    "rates or accelerations at the start are too large for floating-point numbers; reduce gravity, "
-                    "forces, stiffness or velocities, or increase masses and lengths",
-                )
+                text = "rates or accelerations at the start are too large for floating-point numbers"
+                remedy = "Reduce gravity, forces, stiffness or velocities, or increase masses and lengths"
+                reason = str(Diagnostic.error("clock-resolution", text, remedy))
             raise UserError(f"model {self.model.name!r}: {reason}") from error
 
     def _errors_of_plugin(self) -> AbstractContextManager[None]:
@@ -243,10 +240,10 @@ class Simulation:
         plant.inputs.restore(self.plant.inputs.state())
         return plant
 
-    def _report_step_count(self, text: str) -> None:
-        self._remark(text)
+    def _report_step_count(self, found: Diagnostic) -> None:
+        self._noted.append(found)
         if self.report is not None:
-            self.report(text)
+            self.report(found)
 
     def _warm_up(self, t0: float, q: Array, v: Array) -> None:
         """Have everything compiled that a run calls, once in a process for each kind of run."""
@@ -289,40 +286,44 @@ class Simulation:
         """Counts of steps, evaluations and other work of the solver so far."""
         return self.stepper.statistics
 
-    def loops(self) -> list[str]:
-        """Return messages on trivially satisfied and on redundant constraint equations."""
-        return self.plant.assembly.notes(self.t, self.stepper.q)
-
     def energy(self) -> float:
         """Kinetic and potential energy at the time reached, J."""
         return self.plant.energy(self.stepper.t, self.stepper.q, self.stepper.v)
 
-    def start_remarks(self) -> list[str]:
-        """Return the remarks on the model and on its start, without those on the choice of the solver."""
-        return [text for text in self.remarks if code_of(text)]
+    @property
+    def diagnostics(self) -> Sequence[Diagnostic]:
+        """Notes and warnings on the model, its start and the run so far, and the error that stopped it."""
+        found = [*self._noted, *self.stepper.diagnostics, *self._lost]
+        last = self._stop or self._element_monitor.coarse
+        return without_repeats([*found, *([last] if last else [])])
 
     @property
-    def failure(self) -> str:
-        """Reason why the last :meth:`advance` or :meth:`record` ended early, and advice; empty: it did not."""
+    def _stop(self) -> Diagnostic | None:
+        """Why the last :meth:`advance` or :meth:`record` ended early; None: it did not."""
         stepper = self.stepper
         if stepper.status.ok:
             return self._element_monitor.folded
         return explain_failure(self.plant, stepper.status, stepper.q, self._end, stepper.starts_singular)
 
     @property
-    def verdict(self) -> str:
-        """Time and size of the first violation of the energy balance; empty: there is none."""
-        return self.energy_check.verdict if self.energy_check else ""
+    def failed(self) -> bool:
+        """Whether the last :meth:`advance` or :meth:`record` ended early."""
+        return not self.stepper.status.ok or self._element_monitor.folded is not None
 
     @property
-    def coarse(self) -> str:
-        """Place, time and angle of the largest bending of cells, if it is too large for the grid; empty: it is not."""
-        return self._element_monitor.coarse
+    def inaccurate(self) -> bool:
+        """Whether the energy error is larger than the tolerance explains."""
+        return bool(self._lost)
 
     @property
-    def warning(self) -> str:
-        """Reason why the result may be wrong; empty: there is none."""
-        return join_messages(self.verdict, self.coarse)
+    def _lost(self) -> tuple[Diagnostic, ...]:
+        """Warning that the energy balance is violated; empty: it is not."""
+        return self.energy_check.found if self.energy_check else ()
+
+    @property
+    def failure(self) -> str:
+        """Reason why the last :meth:`advance` or :meth:`record` ended early, and advice; empty: it did not."""
+        return str(self._stop or "")
 
     def advance(self, t: float) -> Status:
         """Advance to a communication point.
@@ -358,7 +359,6 @@ class Simulation:
         if self.energy_check:
             self.energy_check.describe_state(t, q)
         self._element_monitor.note(float(self._limit_ratio[0]), t, q)
-        self._remark(stepper.warning)
         return stepper.status
 
     def _report_support_motions(self, t: float) -> None:
@@ -373,18 +373,12 @@ class Simulation:
         for name, size in inputs.jumped() if self._supports_jump[0] else []:
             if name not in self._reported_jumps:
                 self._reported_jumps.add(name)
-                self._remark(
-                    coded(
-                        "input-jump",
-                        f"input {name!r} at t = {t:.9g} s: its position differs by {size} from the value that its rate "
-                        "gives; the joint is moved there within the next communication step. Set position and rate "
-                        "consistently, or use a smaller communication step",
-                    )
+                text = (
+                    f"input {name!r} at t = {t:.9g} s: its position differs by {size} from the value that its rate "
+                    "gives; the joint is moved there within the next communication step"
                 )
-
-    def _remark(self, text: str) -> None:
-        if text and text not in self.remarks:
-            self.remarks.append(text)
+                remedy = "Set position and rate consistently, or use a smaller communication step"
+                self._noted.append(Diagnostic.warning("input-jump", text, remedy, subject=name, time=t))
 
     def outputs(self) -> Array:
         """Return the outputs at the time reached.
@@ -460,11 +454,10 @@ class Simulation:
             if count:
                 self._fill_energy_outputs(times[rows], samples.q, samples.energy_account, values[rows])
             done = rows.stop
-            if self.failure:
+            if self.failed:
                 break
         if done:
             self._out[:] = values[done - 1]
-        self._remark(self.stepper.warning)
         self._report_undetermined()
         return done
 
@@ -472,15 +465,13 @@ class Simulation:
         """Warn once that forces were read at a time at which they are not determined."""
         if isnan(self.stepper.undetermined_at) or self._reported_undetermined or not self.plant.has_force_outputs:
             return
-        self._reported_undetermined = True
-        self._remark(
-            coded(
-                "undetermined-forces",
-                f"outputs of forces at t = {self.stepper.undetermined_at:.9g} s are not determined and may be "
-                "unbounded, because the mechanism is in a singular configuration or too near to one. Read them at "
-                "other times, or change the lengths of the loop",
-            )
+        self._reported_undetermined, t = True, float(self.stepper.undetermined_at)
+        text = (
+            f"outputs of forces at t = {t:.9g} s are not determined and may be unbounded, because the mechanism is in "
+            "a singular configuration or too near to one"
         )
+        remedy = "Read them at other times, or change the lengths of the loop"
+        self._noted.append(Diagnostic.warning("undetermined-forces", text, remedy, time=t))
 
     def _input(self, key: int | str) -> int:
         """Return the number of an input."""
@@ -544,8 +535,8 @@ class Simulation:
     def checkpoint(self) -> Checkpoint:
         """Return a checkpoint of the present state for :meth:`rollback`; it costs less than :meth:`save`."""
         session, place = pack(self._session_arrays), self.stepper.save()
-        reported = len(self.remarks), frozenset(self._reported_jumps), self._reported_undetermined
-        return Checkpoint(place, session, self.verdict, self._element_monitor.furthest, *reported)
+        reported = len(self._noted), frozenset(self._reported_jumps), self._reported_undetermined
+        return Checkpoint(place, session, self._lost, self._element_monitor.furthest, *reported)
 
     def rollback(self, checkpoint: Checkpoint) -> None:
         """Return to a checkpoint and discard everything after it, the values of inputs among it.
@@ -559,17 +550,17 @@ class Simulation:
             Checkpoint of this simulation.
         """
         self.stepper.restore(checkpoint.stepper)
-        del self.remarks[checkpoint.remarks :]
+        del self._noted[checkpoint.noted :]
         self._reported_jumps = set(checkpoint.reported_jumps)
         self._reported_undetermined = checkpoint.reported_undetermined
         self._element_monitor.rewind(checkpoint.furthest)
-        self._restore_session(checkpoint.session, checkpoint.verdict)
+        self._restore_session(checkpoint.session, checkpoint.lost)
 
-    def _restore_session(self, session: bytes, verdict: str) -> None:
+    def _restore_session(self, session: bytes, lost: tuple[Diagnostic, ...]) -> None:
         """Restore the arrays of the session, and the message on the violation that they contain."""
         unpack(session, self._session_arrays)
         if self.energy_check:
-            self.energy_check.verdict = verdict
+            self.energy_check.found = lost
 
     @property
     def _state_key(self) -> str:
@@ -590,7 +581,11 @@ class Simulation:
         """
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
         head: dict[str, Any] = {"parameters": changed, "session": pack(self._session_arrays).hex()}
-        head |= {"verdict": self.verdict, "bent": self._element_monitor.state(), "pick": self.solver_choice}
+        head |= {
+            "lost": [asdict(found) for found in self._lost],
+            "bent": self._element_monitor.state(),
+            "pick": self.solver_choice,
+        }
         return encode_state(self._state_key, head, self.stepper.save())
 
     def restore(self, state: bytes) -> None:
@@ -611,7 +606,7 @@ class Simulation:
         if model != self.model:
             self.plant.adopt(model.plant(self._courses))
             self.model = model
-        self._restore_session(bytes.fromhex(head["session"]), head["verdict"])
+        self._restore_session(bytes.fromhex(head["session"]), from_saved(head["lost"]))
         previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])
         if self.solver_choice.solver != previous.solver:  # auto takes another one at other parameters
             self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)

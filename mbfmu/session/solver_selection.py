@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbfmu.mechanics import Plant
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from mbfmu.util.text_table import format_count
 from solvers import stepper
@@ -64,9 +64,11 @@ class SolverChoice(NamedTuple):
     reason: str = ""  # a clause with the numbers that decided
     stiff: bool = False  # whether it was taken because an explicit one would take too many steps
 
-    def __str__(self) -> str:
-        """Return both as a message; empty if the solver was requested."""
-        return f"auto selected {self.solver!r}: {self.reason}" if self.reason else ""
+    @property
+    def diagnostics(self) -> list[Diagnostic]:
+        """A note on both, if ``auto`` selected the solver."""
+        text = f"auto selected {self.solver!r}: {self.reason}"
+        return [Diagnostic.note("selected-solver", text, subject=self.solver)] if self.reason else []
 
 
 class _Trial(NamedTuple):
@@ -100,8 +102,8 @@ def select_solver(plant: Plant, states: Sequence[State], options: Options) -> So
     return SolverChoice(first, f"not stiff: {numbers}; {size}")
 
 
-def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tuple[Options, str]:
-    """Return the options of a run, and a remark if they limit the order of `ida`, or if a lower or higher one was set.
+def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tuple[Options, list[Diagnostic]]:
+    """Return the options of a run, and a warning if they limit the order of `ida`, or if a lower or higher one was set.
 
     Orders from 3 on are unstable on undamped motions that the steps do not resolve. A large tree without a mesh has
     such motions if its fastest undamped one is much faster than what the solver has to follow.
@@ -109,55 +111,60 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
     system = plant.system
     requested = options.max_order
     if solver != "ida":
-        return options, ""
+        return options, []
     meshed = not system.has_matrices and system.mesh_mask is not None and bool(system.mesh_mask.any())
     if requested and requested <= MAX_STABLE_BDF_ORDER:
-        return options, "" if meshed and requested == MAX_STABLE_BDF_ORDER else describe_low_order(requested)
+        return options, [] if meshed and requested == MAX_STABLE_BDF_ORDER else [describe_low_order(requested)]
     if system.has_matrices or system.mesh_mask is None:
-        return options, ""
+        return options, []
     if meshed:  # of itself, it uses low orders there
-        return options, describe_unstable_order(
-            requested, "the membrane motions of sheets are", "or use 'esdirk'"
-        ) if requested else ""
+        what = "the membrane motions of sheets are"
+        return options, [describe_unstable_order(requested, what, "or use 'esdirk'")] if requested else []
     if not COMPILED:  # the eigenvalues would take longer than most runs; without a limit the error is as small
-        return options, ""
+        return options, []
     try:
         found = spectrum(plant, *state)
     except UserError:
-        return options, ""
+        return options, []
     followed = found.followed(options.absolute)
     if followed >= MIN_RESOLVED_RATE_RATIO * found.undamped or followed <= MIN_RATE_PER_DURATION / options.duration:
-        return options, ""  # in the second case it is at rest, and the motion to be resolved is unknown
+        return options, []  # in the second case it is at rest, and the motion to be resolved is unknown
     if requested:
         what = f"the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate {found.leading!r}) is"
-        return options, describe_unstable_order(requested, what, "or use 'adams' if the run is short")
-    return replace(options, max_order=MAX_STABLE_BDF_ORDER), coded(
+        return options, [describe_unstable_order(requested, what, "or use 'adams' if the run is short")]
+    limited = Diagnostic.warning(
         "limited-order",
         f"'ida' uses orders 1 and 2 only: the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate "
         f"{found.leading!r}) is hardly damped and faster than the resolved motion ({followed:.3g} rad/s), and "
-        "higher orders are unstable there. The error may be several hundred times the tolerance: choose a tolerance "
-        "100 times smaller than the required accuracy, or set max_order, or use 'adams' if the run is short",
+        "higher orders are unstable there",
+        "The error may be several hundred times the tolerance: choose a tolerance 100 times smaller than the required "
+        "accuracy, or set max_order, or use 'adams' if the run is short",
+        subject="ida",
     )
+    return replace(options, max_order=MAX_STABLE_BDF_ORDER), [limited]
 
 
-def describe_low_order(order: int) -> str:
-    """Return the remark on an order that was set, where `ida` would use higher ones."""
+def describe_low_order(order: int) -> Diagnostic:
+    """Return the warning about an order that was set, where `ida` would use higher ones."""
     lowest = order == 1
     used, error, factor = ("order 1", "thousand", 10_000) if lowest else ("orders 1 and 2", "hundred", 1000)
-    return coded(
+    return Diagnostic.warning(
         "limited-order",
-        f"max_order is {order}, so that 'ida' uses {used} only: the error may be several {error} times the tolerance. "
+        f"max_order is {order}, so that 'ida' uses {used} only: the error may be several {error} times the tolerance",
         "Leave max_order at 0, which allows the orders that the model permits, or choose a tolerance "
         f"{factor} times smaller than the required accuracy",
+        subject="max_order",
     )
 
 
-def describe_unstable_order(order: int, what: str, other: str) -> str:
-    """Return the remark on an order that was set, where `ida` would use lower ones."""
-    return coded(
+def describe_unstable_order(order: int, what: str, other: str) -> Diagnostic:
+    """Return the warning about an order that was set, where `ida` would use lower ones."""
+    return Diagnostic.warning(
         "unstable-order",
         f"max_order is {order}, but {what} faster than the resolved motion, and orders from 3 on are unstable there if "
-        f"it is hardly damped: the run may take very many steps. Leave max_order at 0 (orders 1 and 2), {other}",
+        "it is hardly damped: the run may take very many steps",
+        f"Leave max_order at 0 (orders 1 and 2), {other}",
+        subject="max_order",
     )
 
 

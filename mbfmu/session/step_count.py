@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbfmu.mechanics import Plant
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from solvers.options import Options
 from solvers.stepper import Stepper
@@ -31,7 +31,6 @@ MIN_COST_RATIO = 4.0  # ratio of the costs from which on another solver is repor
 MAX_EXPLICIT_TRIAL_STEPS = 1500  # of a trial of an explicit solver, which must meet its limit of stability
 # ends of a trial's parts, in what ``ida`` has done since a check
 TRIAL_TIME_FACTORS = tuple(2.0**k for k in range(-10, 4))
-STEP_COUNT_REMARK_START = "'ida' has taken "  # of the remark
 NO_FURTHER_CHECK = np.iinfo(np.int64).max
 
 
@@ -53,7 +52,7 @@ class StepCountCheck:
     options
         Those of the run.
     report
-        Is given the remark.
+        Receives the note.
 
     Attributes
     ----------
@@ -61,7 +60,7 @@ class StepCountCheck:
         End of the run, s; None: not known.
     """
 
-    def __init__(self, copy: Callable[[], Plant], options: Options, report: Callable[[str], None]) -> None:
+    def __init__(self, copy: Callable[[], Plant], options: Options, report: Callable[[Diagnostic], None]) -> None:
         self._copy, self._options, self._report = copy, options, report
         self.end: float | None = None
 
@@ -89,12 +88,12 @@ class StepCountCheck:
         whole = f" and will take about {expected:.1g} for the whole run" if self.end is not None else ""
         names = sorted(costs, key=costs.__getitem__)
         factors = " and ".join(f"{name!r} needed {cost / costs[name]:.2g} times" for name in names)
-        text = (
-            f"{STEP_COUNT_REMARK_START}{done.steps} steps until t = {state[0]:.4g} s{whole}. In a trial from this time "
-            f"{factors} less computation for the same motion: fast undamped oscillations limit the step size of 'ida'. "
-            "Use the solver " + " or ".join(map(repr, names))
+        remedy = (
+            f"In a trial from this time {factors} less computation for the same motion: fast undamped oscillations "
+            f"limit the step size of 'ida'. Use the solver {' or '.join(map(repr, names))}"
         )
-        self._report(coded("slow-solver", text))
+        text = f"'ida' has taken {done.steps} steps until t = {state[0]:.4g} s{whole}"
+        self._report(Diagnostic.note("slow-solver", text, remedy, subject="ida", time=state[0]))
         return NO_FURTHER_CHECK
 
     def _costs(self, state: State, took: float) -> dict[str, float]:

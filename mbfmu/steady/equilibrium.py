@@ -13,7 +13,7 @@ from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.steady.state import Equilibrium
 from mbfmu.steady.supports import Supports, follow_supports
 from mbfmu.steady.times import finish, hold_start
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import EquilibriumError, UserError
 from solvers.statics.spectrum import Stability
 
@@ -95,17 +95,18 @@ def is_unstable(state: Equilibrium) -> bool:
     return False
 
 
-def report_unstable(state: Equilibrium) -> str:
-    """Return a message if a run that starts in this state leaves it; else nothing."""
+def report_unstable(state: Equilibrium) -> list[Diagnostic]:
+    """Return a warning if a run that starts in this state leaves it."""
     if not is_unstable(state):
-        return ""
+        return []
     growth = max(mode.eigenvalue.real for mode in state.modes)
     rate = f" by exp({growth:.3g} t), t in s" if growth > 0.0 else ""  # large models: the lowest modes only
-    return coded(
-        "unstable-start",
+    text = (
         f"the steady state in which {state.model.name!r} starts is unstable: deviations, at first those of rounding, "
-        f"grow{rate}. Other start values may lead to a stable state; `mbfmu equilibrium` lists those it finds",
+        f"grow{rate}"
     )
+    remedy = "Other start values may lead to a stable state; `mbfmu equilibrium` lists those it finds"
+    return [Diagnostic.warning("unstable-start", text, remedy, subject=state.model.name)]
 
 
 def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = None) -> Equilibrium:

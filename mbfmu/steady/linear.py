@@ -22,6 +22,7 @@ from scipy.io import savemat
 
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.closing import check_inertia
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import EquilibriumError, UserError
 from mbfmu.util.extras import import_optional
 from mbfmu.util.files import replacing
@@ -51,8 +52,8 @@ class StateSpace:
         Derivatives of all coordinates with respect to the independent ones (n, f).
     periodic
         Names of the matrices that depend on the positions of the drives; the values are those at time zero.
-    notes
-        Messages on inputs that are left out.
+    diagnostics
+        Notes on derivatives of inputs that are left out.
     """
 
     A: Array
@@ -64,7 +65,7 @@ class StateSpace:
     outputs: tuple[str, ...]
     coordinates: Array
     periodic: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
 
     @property
     def free(self) -> Array:
@@ -226,9 +227,13 @@ def linearize(
         inputs=tuple(v.name for v in plant.inputs.variables),
         outputs=tuple(v.name for v in plant.outputs),
         coordinates=line.coordinates(),
-        notes=tuple(
-            f"input {name!r} moves a support and its {DERIVATIVES[k]} is not an input: terms that depend on it "
-            "are left out"
+        diagnostics=tuple(
+            Diagnostic.note(
+                "not-examined",
+                f"input {name!r} moves a support and its {DERIVATIVES[k]} is not an input: terms that depend on it "
+                "are left out",
+                subject=name,
+            )
             for signal, (name, given, _) in supports.items()
             for k in (1, 2)
             if k not in given and (np.abs(np.concatenate(line.respond(*line.along_drive(signal, k)))) > least).any()

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from mbfmu.mechanics import Plant
 from mbfmu.steady.checks import CHECKED_DRIVE_POSITIONS
 from mbfmu.steady.linear import StateSpace, linearize
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import EquilibriumError
+from solvers.diagnostics import without_code
 from solvers.linalg.blocks import one_thread
 from solvers.projection.products import Products
 from solvers.statics.floquet import characteristic_exponents
@@ -174,13 +176,13 @@ class PeriodicLinearization:
         return replace(first, periodic=tuple(changed))
 
 
-def describe_period(plant: Plant) -> str:
+def describe_period(plant: Plant) -> Diagnostic:
     """Return the note on periodic coefficients."""
     try:
         period = common_period(plant)
     except EquilibriumError as error:
-        return str(error)
-    return PERIODIC_NOTE.format(period=period, frequency=2.0 * pi / period)
+        return Diagnostic.parse(without_code(str(error)), "note", "periodic-coefficients")
+    return Diagnostic.note("periodic-coefficients", PERIODIC_NOTE.format(period=period, frequency=2.0 * pi / period))
 
 
 def common_period(plant: Plant) -> float:

@@ -30,6 +30,7 @@ from mbfmu.steady.periodic import PeriodicLinearization, describe_period
 from mbfmu.steady.rigid_body_modes import describe_pushed
 from mbfmu.steady.state import Equilibrium, position_names
 from mbfmu.steady.supports import Supports
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import AssemblyError, EquilibriumError, UserError, suggest
 from solvers.projection.products import PRODUCT_STEP_SIZE
 from solvers.statics.dense import DenseEquilibriumSolver
@@ -239,36 +240,44 @@ class EquilibriumProblem:
             solve_time=elapsed,
             found_from=found_from,
             continued=continued,
-            notes=(
+            diagnostics=(
                 *self._notes(),
                 *self.plant.coincident(0.0, solution.q),
                 *([describe_period(self.plant)] if periodic else ()),
+                *self._describe_mesh(solution.q),
             ),
             periodic=periodic,
         )
-        family = self._describe_family(found)
-        return replace(found, notes=(*found.notes, family)) if family else found
+        return replace(found, diagnostics=(*found.diagnostics, *self._describe_family(found)))
 
-    def _describe_family(self, found: Equilibrium) -> str:
-        """Return a note if a state has others next to it, cyclic coordinates aside; else nothing."""
+    def _describe_family(self, found: Equilibrium) -> tuple[Diagnostic, ...]:
+        """Return a note if a state has others next to it, cyclic coordinates aside."""
         if not isinstance(self._solver, DenseEquilibriumSolver):
-            return ""
+            return ()
         count = self._solver.count_null_directions(found.q, found.lam, np.flatnonzero(~self._cyclic))
         with suppress(EquilibriumError):
             if count and bool((found.spectrum.values == 0.0).any()):  # not only soft
-                return f"neutral family: {count} direction{'s' * (count > 1)} in which nothing changes"
-        return ""
+                text = f"neutral family: {count} direction{'s' * (count > 1)} in which nothing changes"
+                return (Diagnostic.note("steady-state", text),)
+        return ()
 
-    def _notes(self) -> tuple[str, ...]:
+    def _describe_mesh(self, q: Array) -> tuple[Diagnostic, ...]:
+        """Return a warning if elements are beyond the limits of their theory in a state."""
+        if self.plant.limit_ratio(0.0, q) <= 1.0:
+            return ()
+        return (Diagnostic.parse(self.plant.describe_limit(0.0, q), "warning", "coarse-mesh"),)
+
+    def _notes(self) -> tuple[Diagnostic, ...]:
         """Return what the steady state is not, though the model's start may have meant it to be."""
         given, names = self.plant.assembly.start_velocities(), self.plant.system.coordinate_names
         dropped = [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero((given != self._v) & (given != 0.0))]
         if not dropped:
             return ()
-        return (
+        text = (
             f"the given rate of {', '.join(dropped)} is not kept: in a steady state drives and cyclic coordinates, on "
-            "which nothing depends, move on, and everything else is at rest",
+            "which nothing depends, move on, and everything else is at rest"
         )
+        return (Diagnostic.note("steady-state", text),)
 
     def _set_speed(self, part: float) -> None:
         """Let every drive run at ``part`` of its speed."""

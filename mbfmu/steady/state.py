@@ -5,7 +5,7 @@ Stability is that of the exactly linearized motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -18,6 +18,7 @@ from mbfmu.steady.linear import Mode, StateSpace, modes_as_text
 from mbfmu.steady.modes import LISTED_MODES, ModeShapes, find_spectrum, shapes_of
 from mbfmu.steady.periodic import PeriodicLinearization
 from mbfmu.steady.rigid_body_modes import describe_motions, free_motions
+from mbfmu.util.diagnostics import Diagnosed, Diagnostic, render
 from mbfmu.util.errors import EquilibriumError
 from mbfmu.util.text_table import format_table
 from solvers.statics.spectrum import Spectrum, Stability
@@ -27,7 +28,7 @@ MAX_PRINTED_MODES = 60  # modes that are printed
 
 
 @dataclass(frozen=True, kw_only=True)
-class Equilibrium:
+class Equilibrium(Diagnosed):
     """A steady state.
 
     Attributes
@@ -48,8 +49,9 @@ class Equilibrium:
         Start of Newton's method, as text.
     continued
         Whether Newton's method alone failed; the state may then be far from the start.
-    notes
-        Messages on differences from the model's start, and on periodic coefficients.
+    diagnostics
+        Notes on differences from the model's start and on periodic coefficients, and warnings about forces without
+        direction and about a mesh that is too coarse for the state.
     periodic
         Whether the linearized motion changes with the positions of the drives.
     """
@@ -65,7 +67,7 @@ class Equilibrium:
     solve_time: float
     found_from: str
     continued: bool = False
-    notes: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     periodic: bool = False
 
     @cached_property
@@ -122,7 +124,7 @@ class Equilibrium:
     def stability(self) -> Stability:
         """Stability of the linearized motion, a text: ``stable`` (it decays), ``undamped`` (some of it oscillates
         undamped), ``neutral`` (some of it drifts), ``unstable``, or ``unknown`` if its coefficients are periodic and
-        notes give the reason why it was not found.
+        ``diagnostics`` give the reason why it was not found.
         """
         try:
             return self.spectrum.stability
@@ -144,7 +146,7 @@ class Equilibrium:
         rows = [(name, f"{x:.12g}", units[name]) for name, x in self.outputs.items()]
         lines = [
             f"{self.model.name}: steady state found from {self.found_from} in {self.effort}",
-            *(f"note: {note}" for note in self.notes),
+            *render(d for d in self.diagnostics if d.severity == "note"),
             format_table(("output", "value", "unit"), rows),
             "",
             self.stability.text + (f"; no force resists {self.free}" if self.free else ""),
@@ -155,8 +157,8 @@ class Equilibrium:
             lines.append(
                 f"{len(modes) - MAX_PRINTED_MODES} modes of higher frequency not shown; as_dict() and --json have all"
             )
-        if self.warning:
-            lines += ["", f"warning: {self.warning}"]
+        if warnings := render(d for d in self.diagnostics if d.severity != "note"):
+            lines += ["", *warnings]
         return "\n".join(lines)
 
     @property
@@ -166,12 +168,6 @@ class Equilibrium:
             f"{self.iterations} Newton iterations ({1e3 * self.solve_time:.2f} ms), "
             f"residual {self.residual:.1e} N or N m"
         )
-
-    @cached_property
-    def warning(self) -> str:
-        """Why the state is not to be trusted; empty: nothing speaks against it."""
-        accurate = self.plant.limit_ratio(0.0, self.q) <= 1.0
-        return "" if accurate else self.plant.describe_limit(0.0, self.q)
 
     def positions(self) -> dict[str, float]:
         """Return the coordinates by name; those of an orientation as its quaternion."""
@@ -184,7 +180,7 @@ class Equilibrium:
             "model": self.model.name,
             "parameters": {p.name: getattr(self.model, p.name) for p in self.model.parameters()},
             "found_from": self.found_from,
-            "notes": list(self.notes),
+            "diagnostics": [asdict(diagnostic) for diagnostic in self.diagnostics],
             "periodic_coefficients": self.periodic,
             "iterations": self.iterations,
             "residual": self.residual,
@@ -194,7 +190,6 @@ class Equilibrium:
             "constraint_forces": dict(zip(self.plant.system.constraint_names, map(float, self.lam), strict=True)),
             "stability": self.stability,
             "free_motions": self.free,
-            "warning": self.warning,
             "stable": self.stability.stays,
             "eigenvalues": [
                 {

@@ -18,14 +18,14 @@ from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.scene import Scene, default_scene
 from mbfmu.modeling.settings import Settings
-from mbfmu.session.result import join_messages
 from mbfmu.session.simulation import Simulation
 from mbfmu.session.solver_selection import SolverChoice, State, select_solver
 from mbfmu.session.stiffness import Spectrum, spectrum
 from mbfmu.studies.check_report import format_findings, reasons
-from mbfmu.studies.held_inputs import describe_held_inputs
+from mbfmu.studies.held_inputs import describe_held_inputs, not_examined
 from mbfmu.studies.loops import Loop, loops, redundant_rows
 from mbfmu.studies.nearest_singularity import Nearest, SingularityMonitor
+from mbfmu.util.diagnostics import Diagnosed, Diagnostic
 from mbfmu.util.errors import UserError, require_arguments
 from solvers.options import Statistics
 
@@ -68,7 +68,7 @@ class Stiffness:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Findings:
+class Findings(Diagnosed):
     """Result of :func:`mbfmu.check`.
 
     Attributes
@@ -105,16 +105,10 @@ class Findings:
         Statistics of the solver; None if it did not start.
     outputs
         Number of output times of the scene in the examined time.
-    failure
-        Reason if it cannot start or stopped, and what to do; else empty.
-    warning
-        Warning if the result may be wrong; else empty.
-    inaccurate
-        Whether the energy error is larger than the tolerance explains.
+    diagnostics
+        Notes, warnings and errors of the run, and notes on what was not examined.
     suits
         Recommended solver, and the reason.
-    unseen
-        Messages on what was not examined.
     """
 
     name: str
@@ -134,11 +128,8 @@ class Findings:
     limit: str = "nothing"
     statistics: Statistics | None = None
     outputs: int = 0
-    failure: str = ""
-    warning: str = ""
-    inaccurate: bool = False
+    diagnostics: tuple[Diagnostic, ...] = ()
     suits: SolverChoice | None = None
-    unseen: tuple[str, ...] = ()
 
     @property
     def hard(self) -> tuple[str, ...]:
@@ -208,15 +199,20 @@ def check(
     try:
         plant = scene.model.plant()
     except UserError as error:
-        return replace(found, failure=str(error), unseen=("everything, because the mechanism cannot be built",))
+        return _not_started(found, error, "everything, because the mechanism cannot be built")
     found = _of_plant(found, plant)
     try:
         simulation = Simulation(scene.model, scene.settings)
     except UserError as error:
-        unseen = "singular configurations, stiffness and steps, because the run does not start"
-        at_rest = loops(plant, (), np.full(plant.system.m, nan))
-        return replace(found, failure=str(error), loops=at_rest, unseen=(unseen,))
+        found = replace(found, loops=loops(plant, (), np.full(plant.system.m, nan)))
+        return _not_started(
+            found, error, "singular configurations, stiffness and steps, because the run does not start"
+        )
     return ExaminedRun(scene, plant, simulation, patience).findings(found)
+
+
+def _not_started(found: Findings, error: UserError, unseen: str) -> Findings:
+    return replace(found, diagnostics=(error.diagnostic, not_examined(unseen)))
 
 
 def _of_plant(found: Findings, plant: Plant) -> Findings:
@@ -230,7 +226,7 @@ class ExaminedRun:
 
     def __init__(self, scene: Scene, plant: Plant, simulation: Simulation, patience: float) -> None:
         self.scene, self.plant, self.simulation, self.patience = scene, plant, simulation, patience
-        self.unseen: list[str] = []
+        self.unseen: list[Diagnostic] = []
         self.gaps = np.zeros(plant.system.m)
         self.longest = plant.system.input_step_limit(0.0)[0]
         self.states: list[State] = []
@@ -242,8 +238,8 @@ class ExaminedRun:
         rank = s.m - len(redundant)
         watch = SingularityMonitor(self.plant, rank, run) if rank else None
         self._run(watch)
-        reached, statistics, failure = run.t, run.statistics, run.failure
-        warning = join_messages(run.warning, run.lock)
+        reached, statistics, diagnostics = run.t, run.statistics, run.diagnostics
+        self._note_unseen(reached)
         options, some = self.scene.settings.options(self.scene.stop_time), self._selected_states()
         return replace(
             found,
@@ -257,11 +253,8 @@ class ExaminedRun:
             limit=self._limit(statistics, reached),
             statistics=statistics,
             outputs=int(reached / self.scene.output_interval),
-            failure=failure,
-            warning=warning,
-            inaccurate=bool(run.verdict),
             suits=select_solver(self.plant, some, options),
-            unseen=self._unseen(reached, failure),
+            diagnostics=(*diagnostics, *self.unseen),
         )
 
     def _run(self, watch: SingularityMonitor | None) -> None:
@@ -271,7 +264,7 @@ class ExaminedRun:
         for t in np.linspace(run.t, self.scene.stop_time, count + 1):
             run.advance(float(t))
             self._record(watch)
-            if run.failure or time.perf_counter() - begin > self.patience:
+            if run.failed or time.perf_counter() - begin > self.patience:
                 break
 
     def _record(self, watch: SingularityMonitor | None) -> None:
@@ -296,9 +289,10 @@ class ExaminedRun:
             try:
                 found.append(spectrum(self.plant, *state))
             except UserError as error:
-                why = str(error)
+                why = error.diagnostic.message
         if why:
-            self.unseen.append(f"eigenvalues at {len(states) - len(found)} of {len(states)} states: {why}")
+            what = f"eigenvalues at {len(states) - len(found)} of {len(states)} states: {why}"
+            self.unseen.append(not_examined(what))
         return found
 
     def _limit(self, statistics: Statistics, reached: float) -> str:
@@ -314,19 +308,17 @@ class ExaminedRun:
             return "max_step"
         return "drives" if mean > 0.5 * self.longest else "accuracy"
 
-    def _unseen(self, reached: float, failure: str) -> tuple[str, ...]:
+    def _note_unseen(self, reached: float) -> None:
+        """Note what the run has not shown."""
         s = self.plant.system
-        if reached < self.scene.stop_time and not failure:
-            self.unseen.append(
-                f"the motion after t = {reached:g} s, because the run takes longer than {self.patience:g} s"
-            )
-        if held := describe_held_inputs(self.plant.inputs.variables):
-            self.unseen.append(held)
+        if reached < self.scene.stop_time and not self.simulation.failed:
+            what = f"the motion after t = {reached:g} s, because the run takes longer than {self.patience:g} s"
+            self.unseen.append(not_examined(what))
+        self.unseen += describe_held_inputs(self.plant.inputs.variables)
         if not s.has_matrices:
-            self.unseen.append("eigenvalues other than the largest (large model)")
+            self.unseen.append(not_examined("eigenvalues other than the largest (large model)"))
             if s.m:
-                self.unseen.append("the distance from singular configurations (large model)")
-        return tuple(self.unseen)
+                self.unseen.append(not_examined("the distance from singular configurations (large model)"))
 
 
 def stiffness(found: list[Spectrum], tolerance: float) -> Stiffness | None:

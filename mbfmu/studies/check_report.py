@@ -7,6 +7,7 @@ from math import isfinite, isinf, pi
 from typing import TYPE_CHECKING
 
 from mbfmu.session.energy_check import NEAR_SINGULAR_RATIO
+from mbfmu.util.diagnostics import render
 from mbfmu.util.text_table import format_count, format_tolerance
 from solvers.inertia import LARGE_GROWTH
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from solvers import Statistics
 
 MAX_LISTED_NAMES = 6  # loops that are reported one by one
+LOCKED_CODES = {"locked-mechanism", "locked-loop"}
 OUTPUTS_PER_STEP_LIMIT = 3  # outputs to a step from which on they cost more than it
 
 
@@ -25,8 +27,8 @@ def reasons(found: Findings) -> tuple[str, ...]:
     near, stiff = found.nearest, found.suits is not None and found.suits.stiff
     known = {
         "it does not start": found.freedom is None,
-        "it stops early": found.failure and found.freedom is not None,
-        "its motion may be wrong": found.warning,
+        "it stops early": found.failed and found.freedom is not None,
+        "its motion may be wrong": found.warning or any(d.code in LOCKED_CODES for d in found.diagnostics),
         "it passes through a singular configuration": near and near.ratio <= NEAR_SINGULAR_RATIO and near.gap == 0.0,
         "it comes near a singular configuration": near and near.ratio <= NEAR_SINGULAR_RATIO and near.gap != 0.0,
         "its mass matrix is nearly singular at times": found.statistics and found.statistics.rate_growth > LARGE_GROWTH,
@@ -52,10 +54,9 @@ def lines(found: Findings) -> Iterator[str]:
         free = "" if found.freedom is None else f", {degrees(found.freedom)} of freedom"
         rows = format_count(found.rows, "constraint")
         yield f"size: {format_count(found.coordinates, 'joint coordinate')}, {rows}{free}; {how}"
-    if found.failure:
+    if found.failed:
         yield f"{'does not start' if found.freedom is None else f'stopped at {found.reached:.6g} s'}: {found.failure}"
-    if found.warning:
-        yield f"warning: {found.warning}"
+    yield from render(d for d in found.diagnostics if d.severity == "warning")
     if found.nearest:
         yield f"singular configurations: {describe_nearest(found.nearest)}"
     if (found.rows or found.vanishing) and found.freedom is not None:
@@ -71,7 +72,8 @@ def lines(found: Findings) -> Iterator[str]:
         yield f"and {len(found.loops) - MAX_LISTED_NAMES} more loops"
     if found.suits:
         yield f"recommended solver: {found.suits.solver!r}; {found.suits.reason}"
-    yield from (f"not examined: {text}" for text in found.unseen)
+    reported = ("redundant-constraints", "selected-solver")  # above
+    yield from render(d for d in found.diagnostics if d.severity == "note" and d.code not in reported)
 
 
 def degrees(count: int) -> str:

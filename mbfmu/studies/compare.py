@@ -19,6 +19,7 @@ from mbfmu.studies.held_inputs import describe_held_inputs
 from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, resolution_text, resolutions_of
 from mbfmu.studies.timing import Budget, BudgetExceeded, CpuTimes, check_repeats, time_interleaved
+from mbfmu.util.diagnostics import Diagnosed, Diagnostic
 from mbfmu.util.errors import UserError
 from mbfmu.util.text_table import format_tolerance
 from solvers.stepper import Stepper
@@ -45,7 +46,7 @@ Progress = Callable[[str, float], None]  # what is done, and the share of the wh
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class Row(Diagnosed):
     """One solver at one tolerance and resolution.
 
     Attributes
@@ -75,8 +76,8 @@ class Row:
         Whether the motion left its branch.
     end_time
         Last good time, s.
-    warning
-        When and how the energy balance was lost; empty: it held.
+    diagnostics
+        Notes, warnings and errors of the run.
     """
 
     solver: str
@@ -98,22 +99,21 @@ class Row:
     partition_switches: int
     branch_jump: bool
     end_time: float
-    status: str
-    warning: str = ""
+    diagnostics: Sequence[Diagnostic] = ()
     study: str = "motion"
 
     @property
     def trusted(self) -> bool:
         """Whether it ran to its end, on its branch and in its energy balance."""
-        return self.error is not None and not self.branch_jump and not self.warning
+        return self.error is not None and not self.branch_jump and not self.inaccurate
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the row for JSON."""
-        return asdict(self)
+        """Return the row for JSON, with ``status``: the error of the run or ``ok``, and ``warning``."""
+        return asdict(self) | {"status": self.failure or "ok", "warning": self.warning}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class Comparison(Diagnosed):
     """Result of a comparison.
 
     Attributes
@@ -126,18 +126,16 @@ class Comparison:
         Of the compared tolerances, the one nearest that of the scene.
     reference
         Reference with which the rows are compared.
-    left_out
-        Messages on runs that were omitted or stopped early, with reasons.
-    held_inputs
-        Message on inputs that remain at their start values; empty: there are none.
+    diagnostics
+        Notes on runs that were omitted, with reasons, and on inputs that remain at their start values. Those of each
+        run are in its row.
     """
 
     rows: list[Row]
     energies: dict[str, History]
     tolerance: float
     reference: Reference
-    left_out: list[str]
-    held_inputs: str = ""
+    diagnostics: Sequence[Diagnostic] = ()
 
     def best(self) -> list[Row]:
         """Return the Pareto front: runs for which no cheaper run is as accurate. The cheapest is first.
@@ -242,17 +240,19 @@ def compare(
         left=lambda: account.left,
         progress=lambda what: report(what, 1.0 / count),
     )
-    rows, left_out = (
-        [evaluate_run(case, own, reference_data) for case, own in zip(cases, spent, strict=True)],
-        refused + left_out,
-    )
+    rows = [evaluate_run(case, own, reference_data) for case, own in zip(cases, spent, strict=True)]
     tolerance = min({row.rtol for row in rows}, key=lambda tol: abs(np.log(tol / scene.settings.tolerance)))
     shown = [case for case in cases if case.scene.settings.tolerance == tolerance]
     energies = {case.scene.settings.solver: _history(case.result) for case in sorted(shown, key=lambda c: c.number)}
-    held = describe_held_inputs(scene.model.plant().inputs.variables)
+    diagnostics = [*map(omitted_run, refused + left_out), *describe_held_inputs(scene.model.plant().inputs.variables)]
     return Comparison(
-        rows=rows, energies=energies, tolerance=tolerance, reference=reference_data, left_out=left_out, held_inputs=held
+        rows=rows, energies=energies, tolerance=tolerance, reference=reference_data, diagnostics=diagnostics
     )
+
+
+def omitted_run(text: str) -> Diagnostic:
+    """Return a note on a run that was omitted, or stopped early; ``text`` names it and the reason."""
+    return Diagnostic.parse(f"omitted: {text}", "note", "omitted-run")
 
 
 Chosen = dict[int, list[tuple[str, float]]]  # solvers and tolerances by the number of a resolution
@@ -366,7 +366,7 @@ def evaluate_run(case: Case, cpu_times: CpuTimes, reference_data: Reference) -> 
     result, outputs = case.result, case.result.as_dict()
     own = reference_data.tight[case.number]
     assert own is not None
-    ended = not result.failure
+    ended = not result.failed
     errors = reference_data.errors(outputs) if ended else {}
     worst = max(errors, key=lambda name: errors[name], default="")
     resolved = own is not reference_data.motion
@@ -392,8 +392,7 @@ def evaluate_run(case: Case, cpu_times: CpuTimes, reference_data: Reference) -> 
         partition_switches=result.statistics.partition_switches,
         branch_jump=bool(gap is not None and gap.max() > BRANCH_TOLERANCE),
         end_time=float(result.t[-1]),
-        status=result.failure or "ok",
-        warning=result.verdict,
+        diagnostics=result.diagnostics,
     )
 
 
@@ -405,6 +404,6 @@ def largest(outputs: dict[str, NDArray[np.float64]], name: str) -> float:
 def describe_outcome(row: Row) -> str:
     """Say in a few words how a run ended."""
     jump = "wrong branch" if row.branch_jump else ""
-    lost = "inaccurate" if row.warning else ""
-    stop = "" if row.status == "ok" else f"stopped: {row.status.partition('. ')[0]}"
+    lost = "inaccurate" if row.inaccurate else ""
+    stop = f"stopped: {row.problems[0].text}" if row.failed else ""
     return "; ".join(filter(None, (lost, jump, stop))) or "ok"

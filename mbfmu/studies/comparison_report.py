@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from mbfmu.studies.compare import Comparison, Row, describe_outcome
 from mbfmu.studies.reference import Reference
 from mbfmu.studies.resolution import resolution_text
+from mbfmu.util.diagnostics import render
 from mbfmu.util.text_table import format_table, format_tolerance
 
 MAX_LISTED_OUTPUTS = 6  # names in a list, before the rest is counted
@@ -68,8 +69,7 @@ def explain_table(found: Comparison) -> list[str]:
     lines += [f"excluded outputs: {listed(names)} ({why})" for why, names in reasons.items()]
     if doubtful := [row for row in found.rows if row.error is not None and row.error < reference_data.doubt[0]]:
         lines.append(f"runs with an error below the uncertainty of the reference: {len(doubtful)} of {len(found.rows)}")
-    lines += [f"omitted: {text}" for text in found.left_out]
-    return [*lines, *([f"not examined: {found.held_inputs}"] if found.held_inputs else [])]
+    return [*lines, *render(found.diagnostics)]
 
 
 def describe_reference(reference_data: Reference) -> str:

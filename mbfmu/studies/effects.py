@@ -199,7 +199,7 @@ def changes(before: Result, after: Result, plant: Plant, other: Plant) -> dict[s
 
     What moves in neither run is left out. Empty where a run ended early.
     """
-    if before.failure or after.failure:
+    if before.failed or after.failed:
         return {}
     first, second = scales(before), scales(after)
     moved, moves = set(first) - constant_outputs(before, plant), set(second) - constant_outputs(after, other)
@@ -216,7 +216,7 @@ def advice(
     if not case.effect:
         return ""
     if not found:
-        return f"{case.effect}: {case.name} the run ends early: {result.failure.partition('. ')[0]}"
+        return f"{case.effect}: {case.name} the run ends early: {result.problems[0].text}"
     seen = {name: change for name, change in found.items() if name in (relevant or found)}
     large = {name: change for name, change in seen.items() if change > MIN_CHANGE}
     clear = {name: change for name, change in large.items() if change > 2.0 * noise.get(name, 0.0)}

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from mbfmu.mechanics import Variable
+from mbfmu.util.diagnostics import Diagnostic
 
 MAX_NAMED_INPUTS = 3  # inputs that are named
 
 
-def describe_held_inputs(inputs: Sequence[Variable]) -> str:
-    """Return what is not evaluated because inputs stay at their start values; empty if there are none.
+def not_examined(what: str, remedy: str = "") -> Diagnostic:
+    """Return a note on what was not examined."""
+    return Diagnostic.note("not-examined", f"not examined: {what}", remedy)
+
+
+def describe_held_inputs(inputs: Sequence[Variable]) -> list[Diagnostic]:
+    """Return a note on what is not evaluated because inputs stay at their start values; empty if there are none.
 
     Parameters
     ----------
@@ -18,12 +25,11 @@ def describe_held_inputs(inputs: Sequence[Variable]) -> str:
         Those of the model, with their start values.
     """
     if not inputs:
-        return ""
+        return []
     values = [
         f"{v.name!r} ({v.start or 0.0:g}{f' {v.unit}' if v.unit != '1' else ''})" for v in inputs[:MAX_NAMED_INPUTS]
     ]
     more = f" and {len(inputs) - MAX_NAMED_INPUTS} more" if len(inputs) > MAX_NAMED_INPUTS else ""
-    return (
-        f"other values of {'inputs' if inputs[1:] else 'input'} {', '.join(values)}{more}, which kept this value; to "
-        "examine a varying input, replace it in the model by a signal"
-    )
+    what = f"other values of {'inputs' if inputs[1:] else 'input'} {', '.join(values)}{more}, which kept this value"
+    remedy = "To examine a varying input, replace it in the model by a signal"
+    return [replace(not_examined(what, remedy), subject=inputs[0].name)]

@@ -24,6 +24,7 @@ from mbfmu.studies.compare import (
     as_scene,
     describe_run,
     evaluate_run,
+    omitted_run,
     plan_runs,
 )
 from mbfmu.studies.comparison_report import describe_reference, label, listed
@@ -31,6 +32,7 @@ from mbfmu.studies.held_inputs import describe_held_inputs
 from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, resolution_text
 from mbfmu.studies.timing import Budget, BudgetExceeded, CpuTimes, time_interleaved
+from mbfmu.util.diagnostics import Diagnosed, Diagnostic
 from mbfmu.util.errors import MAX_VALUE_LENGTH, UserError, short
 from mbfmu.util.text_table import format_tolerance
 from mbfmu.util.units import read_unit
@@ -77,7 +79,7 @@ class Target:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recommendation:
+class Recommendation(Diagnosed):
     """Recommended solver, tolerance and resolution.
 
     Attributes
@@ -90,18 +92,15 @@ class Recommendation:
         The recommendation as text.
     rows
         All evaluated runs in the order of the search; each ran once except the last few.
-    notes
-        Messages on the reference and on omissions.
-    held_inputs
-        Message on inputs that remain at their start values; empty: there are none.
+    diagnostics
+        Notes on the reference, on runs that were omitted, and on inputs that remain at their start values.
     """
 
     row: Row
     scene: Scene
     sentence: str
     rows: list[Row]
-    notes: list[str]
-    held_inputs: str = ""
+    diagnostics: Sequence[Diagnostic]
 
 
 def read_target(target: float | str | Target) -> Target:
@@ -272,7 +271,7 @@ class SettingsSearch:
         target: Target,
         times: Array,
         budget: Budget,
-        notes: Sequence[str] = (),
+        omitted: Sequence[str] = (),
     ) -> None:
         self.scene, self.reference, self.target, self.times, self.budget = scene, reference_data, target, times, budget
         scale, doubt = reference_data.motion.scale, reference_data.motion.doubt  # what is not known may add to an error
@@ -281,7 +280,7 @@ class SettingsSearch:
             for name, unit in reference_data.units.items()
         }
         self.rows: list[Row] = []
-        self.notes = list(notes)
+        self.omitted = list(omitted)
         self._candidates: list[Candidate] = []
         self._within: list[tuple[Case, Row]] = []
 
@@ -289,11 +288,11 @@ class SettingsSearch:
         """Add solvers at a resolution to the search, unless the error of the resolution exceeds the target."""
         own, words = self.reference.tight[number], resolution_text(resolution) or "the scene"
         if own is None:
-            self.notes.append(f"{words}: there is no reference in the time given")
+            self.omitted.append(f"{words}: there is no reference in the time given")
             return
         ratio = self._ratio(self.reference.errors(own.values))
         if own is not self.reference.motion and ratio > 1.0:
-            self.notes.append(f"{words}: at any tolerance {ratio:.2g} times the target")
+            self.omitted.append(f"{words}: at any tolerance {ratio:.2g} times the target")
             return
         first = round_to_digit(min(MAX_TRIED_TOLERANCE, max(MIN_TRIED_TOLERANCE, *self.limits.values())))
         for solver in solvers:
@@ -340,10 +339,10 @@ class SettingsSearch:
                 if self.budget.left
                 else f"the budget of {self.budget.seconds:g} s is used"
             )
-            self.notes.append(f"{describe_run(own, candidate.resolution)}: {why}")
+            self.omitted.append(f"{describe_run(own, candidate.resolution)}: {why}")
             return None
         except UserError as error:
-            self.notes.append(f"{describe_run(own, candidate.resolution)}: {error}")
+            self.omitted.append(f"{describe_run(own, candidate.resolution)}: {error}")
             return None
         if taken < MIN_LIMITED_TIME:  # most of it may have gone to the outputs
             taken = self.budget.time(own)
@@ -371,11 +370,13 @@ class SettingsSearch:
         )
         rows = [evaluate_run(case, own, self.reference) for (case, _), own in zip(last, spent, strict=True)]
         k = min(range(len(rows)), key=lambda i: rows[i].cpu_s)
-        notes = [describe_reference(self.reference), *self.notes]
         row, scene = rows[k], last[k][0].scene
         return Recommendation(
-            row=row, scene=scene, sentence=self._describe_choice(row), rows=self.rows, notes=notes,
-            held_inputs=describe_held_inputs(scene.model.plant().inputs.variables),
+            row=row, scene=scene, sentence=self._describe_choice(row), rows=self.rows,
+            diagnostics=[
+                Diagnostic.note("reference-solution", describe_reference(self.reference)),
+                *map(omitted_run, self.omitted), *describe_held_inputs(scene.model.plant().inputs.variables),
+            ],
         )  # fmt: skip
 
     def _describe_choice(self, row: Row) -> str:
@@ -408,7 +409,7 @@ class SettingsSearch:
         ended = [row for row in self.rows if row.trusted]
         near = min(ended, key=lambda row: self._ratio(self._errors(row)), default=None)
         nearest = f"The nearest is {near.solver} {label(near)}, error {self._error(near)}. " if near else ""
-        return f"no run reached the target {self.target}. {nearest}{'; '.join(self.notes)}".rstrip(";. ")
+        return f"no run reached the target {self.target}. {nearest}{'; '.join(self.omitted)}".rstrip(";. ")
 
 
 def round_to_digit(tolerance: float) -> float:

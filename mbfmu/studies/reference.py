@@ -161,9 +161,8 @@ def tight(
         except BudgetExceeded:
             hopeless[pair] = f"{solver} at {format_tolerance(tolerance)} takes more than {min(most, budget.left):.3g} s"
             continue
-        wrong = next(filter(None, (own.failure, other.failure, own.verdict, other.verdict)), "")
-        if wrong:
-            hopeless[pair] = f"{solver} at {format_tolerance(tolerance)}: {wrong.partition('. ')[0]}"
+        if wrong := [d for run in (own, other) if run.failed or run.inaccurate for d in run.problems]:
+            hopeless[pair] = f"{solver} at {format_tolerance(tolerance)}: {wrong[0].text}"
             continue
         values = {name: own[name] for name in scales(own)}
         doubt = {name: float(np.abs(own[name] - other[name]).max()) for name in values}

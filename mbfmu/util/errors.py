@@ -8,7 +8,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
+
+if TYPE_CHECKING:
+    from solvers.diagnostics import Diagnostic
 
 RENAMED = {  # names of earlier versions, and what each is called now
     "TargetChoice": "Recommendation",
@@ -17,15 +20,25 @@ RENAMED = {  # names of earlier versions, and what each is called now
     "add_touch": "add_contact",
     "audit": "energy_check",
     "choose": "recommend_solver",
+    "coarse": "warning",
     "energy_exchanged": "energy_throughput",
     "energy_imbalance": "energy_error",
     "imbalance": "energy_error",
     "inputs": "input_interpolation",
+    "held_inputs": "diagnostics",
+    "left_out": "diagnostics",
+    "lock": "diagnostics",
+    "loops": "diagnostics",
+    "notes": "diagnostics",
     "plate": "element",
     "readout": "show_outputs",
+    "remarks": "diagnostics",
+    "start_remarks": "diagnostics",
     "tell": "report",
     "turning_damping": "rotational_damping",
     "turning_stiffness": "rotational_stiffness",
+    "unseen": "diagnostics",
+    "verdict": "warning",
 }
 SHEET_NAMES = (  # that were in mbfmu.mechanics
     "Drum", "Geodesic", "Guide", "OutOfPlane", "Plate", "Shell", "Stretching", "Surface", "Trough", "Wall",
@@ -43,15 +56,23 @@ class UserError(ValueError):
     message
         What is wrong (name, value, time), what is allowed or why, and what to do.
     code
-        Key of :data:`mbfmu.util.codes.MESSAGE_TITLES`; by default that of the class. A quoted message keeps its own.
+        Key of :data:`mbfmu.util.diagnostics.MESSAGE_TITLES`; by default that of the class. A quoted message keeps its
+        own.
     """
 
     code: ClassVar[str] = "invalid-value"
 
     def __init__(self, message: str = "", code: str = "") -> None:
-        from .codes import coded  # not before it is needed: it loads the solvers
+        from solvers.diagnostics import Diagnostic  # not before it is needed: it loads the solvers
 
-        super().__init__(coded(code or self.code, message))
+        super().__init__(str(Diagnostic.parse(message, "error", code or self.code)))
+
+    @property
+    def diagnostic(self) -> Diagnostic:
+        """The error as a diagnostic."""
+        from solvers.diagnostics import Diagnostic
+
+        return Diagnostic.parse(str(self), "error", self.code)
 
 
 class AssemblyError(UserError):

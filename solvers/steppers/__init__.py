@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from solvers.codes import coded
+from solvers.diagnostics import Diagnostic
 from solvers.options import Options
 from solvers.stepper import Stepper
 from solvers.system import MAX_SOLVER_DENSE_COORDINATES, AnySystem, Array, TreeSystem
@@ -103,10 +103,8 @@ def describe_refusal(name: str, system: AnySystem) -> str:
         return describe_stiffness(name, system)
     if not isinstance(system, TreeSystem):
         if system.n and name not in SOLVERS:
-            return coded(
-                "unsuitable-solver",
-                f"solver {name!r} is for large models only, and this model has {system.n} joint coordinates; use "
-                "'radau'",
+            return _refusal(
+                name, f"is for large models only, and this model has {system.n} joint coordinates; use 'radau'"
             )
         return ""
     if name in TREE_SOLVERS or (not system.m and name in UNCONSTRAINED_SOLVERS):
@@ -128,18 +126,22 @@ def describe_plugin_refusal(name: str, system: AnySystem) -> str:
 def describe_stiffness(name: str, system: AnySystem) -> str:
     """Return the refusal of an explicit solver for a stiff system."""
     implicit = "'ida' or 'esdirk'" if isinstance(system, TreeSystem) else "'radau' or 'ida'"
-    return coded("unsuitable-solver", f"solver {name!r} is explicit, but {system.stiffness_reason}; use {implicit}")
+    return _refusal(name, f"is explicit, but {system.stiffness_reason}; use {implicit}")
 
 
 def describe_large_size(name: str, system: TreeSystem) -> str:
     """Return the refusal of a solver that needs matrices for a system that is too large for them; empty: it is not."""
     if system.dense is not None and system.n <= size_limit(name):
         return ""
-    return coded(
-        "unsuitable-solver",
-        f"solver {name!r} is given {system.n} joint coordinates and {system.m} constraints; allowed: at most "
-        f"{size_limit(name)} coordinates; use 'ida'",
+    return _refusal(
+        name,
+        f"is given {system.n} joint coordinates and {system.m} constraints; allowed: at most {size_limit(name)} "
+        "coordinates; use 'ida'",
     )
+
+
+def _refusal(name: str, why: str) -> str:
+    return str(Diagnostic.error("unsuitable-solver", f"solver {name!r} {why}", subject=name))
 
 
 def find_plugin_orders(name: str) -> tuple[int, int]:

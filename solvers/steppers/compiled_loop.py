@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.codes import coded
 from solvers.compiled.tuple_pointer import pin
+from solvers.diagnostics import Diagnostic
 from solvers.energy_account import WORK, EnergyScales
 from solvers.options import Options, Statistics
 from solvers.outcome import CODES, Code
@@ -155,17 +155,21 @@ class LoopStepper(Stepper):
         return self.formulation.freedom
 
     @property
-    def warning(self) -> str:
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
         """Whether the tolerance was larger than requested near a near miss."""
         control = self._control
         if not control["max_near_miss_factor"] > 1.0:
-            return ""
+            return ()
         used = control["max_near_miss_factor"] * self.options.rtol
-        return coded(
-            "limited-tolerance",
-            f"the tolerance was {used:.0e} instead of {self.options.rtol:g} near a singular configuration that the "
-            f"loop misses by {control['min_gap']:.0e} of its size, because rounding errors allow no smaller one there. "
-            "Change the lengths of the loop if the error is too large",
+        return (
+            Diagnostic.warning(
+                "limited-tolerance",
+                f"the tolerance was {used:.0e} instead of {self.options.rtol:g} near a singular configuration that the "
+                f"loop misses by {control['min_gap']:.0e} of its size, because rounding errors allow no smaller one "
+                "there",
+                "Change the lengths of the loop if the error is too large",
+                subject="tolerance",
+            ),
         )
 
     def arrays(self) -> list[NDArray[Any]]:

@@ -14,7 +14,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
-from solvers.codes import coded
+from solvers.diagnostics import Diagnostic
 from solvers.outcome import SolverError
 from solvers.stepper import Stepper
 from solvers.system import AnySystem
@@ -83,18 +83,19 @@ def load_plugin(name: str) -> type[Stepper]:
     if others:
         told = ", ".join(sorted(describe_entry(one) for one in (point, *others)))
         raise ValueError(
-            coded(
-                "broken-solver", f"solver {name!r} is in several packages: {told}; allowed: one. Uninstall the others"
+            Diagnostic.error(
+                "broken-solver", f"solver {name!r} is in several packages: {told}; allowed: one", "Uninstall the others"
             )
         )
     try:
         found = point.load()
     except Exception as error:
         raise ValueError(
-            coded(
-                "broken-solver",
+            Diagnostic.parse(
                 f"solver {name!r} ({describe_entry(point)}) cannot be loaded: {describe_exception(error)}; repair or "
                 "uninstall the package, or use another solver",
+                "error",
+                "broken-solver",
             )
         ) from error
     require_solver_class(found, f"solver {name!r} ({describe_entry(point)}) is {found!r}")
@@ -112,10 +113,11 @@ def errors_named(name: str, t: float, passing: type[Exception] = SolverError) ->
         raise
     except Exception as error:
         raise ValueError(
-            coded(
-                "broken-solver",
+            Diagnostic.parse(
                 f"solver {name!r} ({describe_origin(name)}) fails after t = {t:.9g} s with "
                 f"{describe_exception(error)}; correct the solver, or use another one",
+                "error",
+                "broken-solver",
             )
         ) from error
 
@@ -151,10 +153,11 @@ def require_solver_class(found: Any, what: str) -> None:
     """Raise ValueError unless an object is a complete subclass of :class:`solvers.Stepper`."""
     if not (isinstance(found, type) and issubclass(found, Stepper)):
         raise ValueError(
-            coded(
+            Diagnostic.error(
                 "broken-solver",
                 f"{what}; allowed: the name of a solver, or a class derived from solvers.OneStepSolver or "
-                "solvers.Stepper. Pass the class itself",
+                "solvers.Stepper",
+                "Pass the class itself",
             )
         )
     missing = sorted(getattr(found, "__abstractmethods__", ()))
@@ -162,9 +165,10 @@ def require_solver_class(found: Any, what: str) -> None:
         missing.append("order")
     if missing:
         raise ValueError(
-            coded(
+            Diagnostic.error(
                 "broken-solver",
-                f"solver {found.__name__} has no {', '.join(missing)}; write what the documentation of its base class "
-                "requires",
+                f"solver {found.__name__} has no {', '.join(missing)}",
+                "Write what the documentation of its base class requires",
+                subject=found.__name__,
             )
         )

@@ -210,6 +210,6 @@ def test_a_fault_at_the_very_end_of_the_initialization_is_told(
     def fault(_: ModelSlave) -> None:
         raise AttributeError("no such thing")
 
-    monkeypatch.setattr(ModelSlave, "_log_loops", fault)
+    monkeypatch.setattr(ModelSlave, "_log_new", fault)
     with pytest.raises(UserError, match="AttributeError: no such thing"):
         Fmu(fourbar_fmu)

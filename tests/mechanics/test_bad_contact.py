@@ -135,7 +135,7 @@ def roller(m: Mechanism, z: float, drive: Any = None) -> Body:
 def test_a_nip_beside_the_sheet_is_remarked_on(z: float, off: str) -> None:
     m, sheet = scene(0.0)
     add_nip(m, "n", sheet, roller(m, z), radius=0.01, at=(0.0, 0.0, z), width=0.02, force=2.0)
-    told = [text for text in Simulation(m, ESDIRK).remarks if "nip" in text]
+    told = [text for text in map(str, Simulation(m, ESDIRK).diagnostics) if "nip" in text]
     wanted = f"nip 'n' is {off} m away from the edge of sheet 's' at the start, across the feed direction"
     assert [text.startswith(wanted) for text in told] == [True] * bool(off)
 
@@ -162,7 +162,7 @@ def test_an_edge_thinner_than_the_points_are_apart_is_remarked_on(
     knife = Guide(start=start, end=end, radius=1e-3, width=0.4, across="x" if turn else "z")
     add_contact(m, "knife", sheet, knife, points=points[::-1] if turn else points)
     wanted = r"surface of contact 'knife' is 0\.002 m thick, but the contact points of sheet 's' are 0\.01\d* m apart"
-    told = [text for text in Simulation(m, ESDIRK).remarks if "knife" in text]
+    told = [text for text in map(str, Simulation(m, ESDIRK).diagnostics) if "knife" in text]
     assert [re.match(wanted, text) is not None for text in told] == [True] * thick
 
 
@@ -170,10 +170,10 @@ def test_a_narrow_rail_is_remarked_on() -> None:
     m, sheet = scene(1e-3 + ABOVE)
     rail = Guide(start=(-0.1, -0.02, 0.1), end=(0.4, -0.02, 0.1), radius=0.02, width=5e-3)
     add_contact(m, "rail", sheet, rail)
-    told = [text for text in Simulation(m, ESDIRK).remarks if "rail" in text]
+    told = [text for text in map(str, Simulation(m, ESDIRK).diagnostics) if "rail" in text]
     assert told == [
         "surface of contact 'rail' is 0.005 m wide, but the contact points of sheet 's' are 0.0175 m apart: an edge "
-        "between two points causes no contact force; use more points per cell than (4, 4) [contact-at-start]"
+        "between two points causes no contact force. Use more points per cell than (4, 4) [contact-at-start]"
     ]
 
 

@@ -178,7 +178,7 @@ def test_the_positions_are_checked_wherever_bodies_are_assembled() -> None:
 
 def test_the_start_is_checked_once() -> None:
     plant = Plant(bob(0.3, gravity=9.81))
-    assert plant.check_start(0.0, plant.assemble()[0]) == ["1 anchors, g = 9.81"]
+    assert [found.text for found in plant.check_start(0.0, plant.assemble()[0])] == ["1 anchors, g = 9.81"]
 
 
 def test_a_run_beyond_the_accurate_limit_warns_and_one_beyond_the_valid_limit_ends() -> None:

@@ -61,7 +61,7 @@ def follow(simulation: Simulation, native: Running, length: float, first: int = 
         assert native.call("step", (k + 1) * length) == int(status.code) == OK
         assert native.call("read") == OK
         np.testing.assert_array_equal(native.out, simulation.outputs())
-    assert native.run_status["lost"] == bool(simulation.verdict)
+    assert native.run_status["lost"] == bool(simulation.warning)
 
 
 @needs_linker

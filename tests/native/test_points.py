@@ -65,7 +65,7 @@ def follow(
     for array, here in zip(*memories, strict=True):
         for one, other in zip(native.view(array) if array.nbytes else (), here, strict=True):
             assert_same_record(one, other)
-    assert native.run_status["lost"] == bool(simulation.verdict)
+    assert native.run_status["lost"] == bool(simulation.warning)
     assert set(codes) == set(ends)
 
 
@@ -180,7 +180,7 @@ def test_a_hub_that_a_host_turns(solver: str, name: str):
     simulation, native = pair(hub, Settings(solver=solver))
     follow(simulation, native, MOTIONS[name])
     assert simulation.discontinuity_work != 0.0
-    assert native.run_status["jumps"] == any("its position differs by" in text for text in simulation.remarks)
+    assert native.run_status["jumps"] == any("its position differs by" in d.text for d in simulation.diagnostics)
     assert native.run_status["jumps"] == (name in ("jumps of both", "small jumps", "now and then"))
 
 
@@ -278,8 +278,8 @@ def test_balance_that_is_lost_is_told():
     told = native.run_status
     assert told["lost"]
     words = f"at t = {told['lost_at']:.6g} s: the energy has changed by {-told['energy_error']:.3g} J less than"
-    assert words in simulation.verdict
-    assert f"of the {told['exchanged']:.3g} J of energy exchanged" in simulation.verdict
+    assert words in simulation.warning
+    assert f"of the {told['exchanged']:.3g} J of energy exchanged" in simulation.warning
 
 
 @needs_linker

@@ -18,6 +18,7 @@ from mbfmu.fmi.export import FmuKind, export_scene
 from mbfmu.modeling.scene import load_scene
 from mbfmu.native.runtime import COMPILERS, library
 from mbfmu.native.targets import host
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from solvers.compiled.cache import CompilationNeeded, cache_root, forbid_compilation, notify_listeners, when_compiling
 
@@ -83,14 +84,14 @@ def test_a_scene_runs_as_a_native_fmu_to_the_bits_of_a_direct_run(
         found[way] = (folder / "outputs.csv").read_text()
         assert (folder / "motion.npz").is_file()  # what a repeat needs is compiled here
     assert found["fmu"] == found["direct"]
-    loops = [line for line in out.splitlines() if line.startswith("  loop")]
+    loops = [line for line in out.splitlines() if line.startswith("  note: loop")]
     assert bool(loops) == ("fourbar" in scene)
 
 
 def test_loops_are_told_of_a_native_run_too(runtime: Path, command: Command, tmp_path: Path):
     _, out, _ = command("-v", "run", "fourbar", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
     assert NATIVE in out
-    assert "  loop 'pivot': 3 of its 5 constraints are trivially satisfied (z, zx, zy) and removed\n" in out
+    assert "  note: loop 'pivot': 3 of its 5 constraints are trivially satisfied (z, zx, zy) and removed [" in out
 
 
 def test_what_a_native_fmu_logs_is_a_note_and_not_among_the_paths(runtime: Path, command: Command, tmp_path: Path):
@@ -98,11 +99,13 @@ def test_what_a_native_fmu_logs_is_a_note_and_not_among_the_paths(runtime: Path,
     told = ("run", "sheet", *free, "--stop-time=0.01", "--interval=1e-3", "-o", str(tmp_path))
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("mbfmu.cli.run.MAX_REPEATED_RUN_TIME", 0.0)  # a repeat has notes of its own
-        _, out, _ = command(*told)
+        _, out, err = command(*told)
         _, quiet, _ = command("-q", *told)
     assert NATIVE in out
     assert re.search(
-        r"^  warning: the mesh is too coarse at t = .*: adjacent cells are rotated by up to \d\d deg", out, re.MULTILINE
+        r"^mbfmu: warning: the mesh is too coarse at t = .*: adjacent cells are rotated by up to \d\d deg",
+        err,
+        re.MULTILINE,
     )
     assert quiet == f"{tmp_path / 'sheet' / 'default-adams-1e-5-nx=4,nz=3,support=free,start_spin=600-2'}\n"
 
@@ -154,13 +157,14 @@ def test_who_waits_for_the_compiler_is_told_after_work_was_given_up():
 def test_interpreted_kernels_make_the_bytes_of_compiled_ones(runtime: Path, tmp_path: Path):
     scene = load_scene("fourbar/paper").changed(model=FourBar(coupler_modes=2, start_angle=0.3))
     paths = tmp_path / "compiled.fmu", tmp_path / "interpreted.fmu"
-    loops: tuple[list[str], list[str]] = [], []
-    export_scene(scene, paths[0], FmuKind.ONE_RUN, report=loops[0].append)
+    found: tuple[list[Diagnostic], list[Diagnostic]] = [], []
+    export_scene(scene, paths[0], FmuKind.ONE_RUN, report=found[0].append)
     with refused():
-        export_scene(scene, paths[1], FmuKind.ONE_RUN, report=loops[1].append)
-    assert (
-        loops[0] == loops[1] == ["loop 'pivot': 3 of its 5 constraints are trivially satisfied (z, zx, zy) and removed"]
-    )
+        export_scene(scene, paths[1], FmuKind.ONE_RUN, report=found[1].append)
+    assert found[0] == found[1]
+    assert [d.text for d in found[0]] == [
+        "loop 'pivot': 3 of its 5 constraints are trivially satisfied (z, zx, zy) and removed"
+    ]
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
@@ -170,14 +174,11 @@ def test_an_export_without_a_compiler_has_the_bytes_and_the_sentences_of_another
     export_scene(scene, paths[0], FmuKind.NATIVE, fmi=3, report=told[0].append)
     with refused():
         export_scene(scene, paths[1], FmuKind.NATIVE, fmi=3, report=told[1].append)
-    assert (
-        told[0]
-        == told[1]
-        == [
-            "parameter 'coupler_elements' is a constant in this FMU: integer, Boolean and text parameters cannot "
-            "be changed after a native export"
-        ]
-    )
+    assert told[0] == told[1]
+    assert [d.text for d in told[0] if d.code == "constant-parameter"] == [
+        "parameter 'coupler_elements' is a constant in this FMU: integer, Boolean and text parameters cannot be "
+        "changed after a native export"
+    ]
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
 

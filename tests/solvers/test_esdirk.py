@@ -140,7 +140,7 @@ def test_the_error_is_in_proportion(tolerance: float) -> None:
     simulation = of(swings(), tolerance=tolerance)
     assert simulation.advance(1.0).ok
     assert abs(row(simulation, "angle")[0] - exact_swing(1.0)) < 60.0 * tolerance
-    assert simulation.verdict == ""
+    assert simulation.warning == ""
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6])
@@ -158,7 +158,7 @@ def test_a_stiff_joint_that_starts_off_its_rest_is_not_jumped_over(tolerance: fl
     first, second = row(simulation, "first", "second")
     assert second == pytest.approx(first, abs=tolerance)
     assert first == pytest.approx(0.3 * J[1] / J.sum(), abs=10.0 * tolerance)
-    assert simulation.verdict == ""
+    assert simulation.warning == ""
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
@@ -217,7 +217,7 @@ def test_loops_move_as_lagrange_says(size: float, tolerance: float) -> None:
     angle, gap = row(simulation, "angle", "gap")
     assert abs(angle - exact_crank(1.0, 0.1 * ((copies - 1) % 3))) < 150.0 * tolerance
     assert gap < 1e-10 * size
-    assert simulation.verdict == ""
+    assert simulation.warning == ""
 
 
 def test_a_row_that_says_nothing_new_changes_nothing() -> None:
@@ -267,7 +267,7 @@ def test_a_stiff_sheet_takes_a_fraction_of_an_explicit_methods_steps() -> None:
     tip = [v.name for v in simulation.variables].index("tip.y")
     assert simulation.outputs()[tip] == pytest.approx(explicit.outputs()[tip], abs=5e-4)
     assert 20 * simulation.statistics.steps < explicit.statistics.steps
-    assert simulation.verdict == ""
+    assert simulation.warning == ""
 
 
 def test_small_mechanisms_are_refused_with_what_to_take() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +12,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import with_unit_quaternion
 from mbfmu.mechanics.numbers import array_of
 from mbfmu.mechanics.records import Data
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import AssemblyError, UserError
 from solvers.compiled.tuple_pointer import pin
 from solvers.system import AnySystem, Array
@@ -26,7 +28,7 @@ from .closing import (
 )
 from .compile import shares_coordinates
 from .rounded import ROUNDED_ADVICE, nearly_parallel
-from .rows import MAX_LISTED, dependent_rows, describe, first_lines
+from .rows import MAX_LISTED, dependent_rows, describe, first_of
 
 
 def free_bodies(mechanism: Mechanism) -> list[Body]:
@@ -92,8 +94,8 @@ class Assembly:
         check_inertia(self._system, t, q, v)
         return q, v
 
-    def changes(self, q: Array, v: Array, tolerance: float) -> list[str]:
-        """Return a sentence for each given start or rate that the assembly has changed by more than ``tolerance``.
+    def changes(self, q: Array, v: Array, tolerance: float) -> list[Diagnostic]:
+        """Return a note on each given start or rate that the assembly has changed by more than ``tolerance``.
 
         q (nq,) and v (n,) are assembled; the tolerance is relative, in units of the coordinates.
         """
@@ -115,7 +117,7 @@ class Assembly:
             most = max(fastest, float(np.abs(first_v[own_v] / size[own_v]).max(initial=0.0)))
             if joint.rate is not None and np.any(moved > tolerance * most):
                 found.append(_changed("rate", body, first_v[own_v], v[own_v]))
-        return first_lines(found, "given starts and rates are changed", "changed-start")
+        return first_of(found, "given starts and rates are changed")
 
     def close(self, t: float, start: Array, held: NDArray[np.bool_], given: NDArray[np.bool_] | None = None) -> Array:
         """Return positions (nq,) with closed loops near ``start``; ``held`` coordinates (n,) stay.
@@ -164,22 +166,24 @@ class Assembly:
         texts = (nearly_parallel(self._mechanism, self._state, handle) for handle in self._mechanism.cuts)
         return " and ".join([text for text in texts if text][:MAX_LISTED])
 
-    def explain_lock(self, t: float, q: Array, why: str) -> str:
-        """Say why nothing can move about q (nq,), where constraints leave no freedom: ``why``, or axes that are nearly
-        parallel; empty: joints are driven, or no coordinate is free.
+    def explain_lock(self, t: float, q: Array, locked: list[Diagnostic]) -> list[Diagnostic]:
+        """Return why nothing can move about q (nq,), where constraints leave no freedom: because of what is ``locked``,
+        or of axes that are nearly parallel; empty: joints are driven, or no coordinate is free.
         """
         s, driven = self._system, any(body.joint.drive is not None for body in self._mechanism.bodies)
         if not s.m or not s.n or driven:
-            return ""
-        self._place(t, q)
-        if not why and (axes := self.nearly_parallel()):
-            why = f"{axes}. If they are intended to be parallel, {ROUNDED_ADVICE}"
+            return []
         rows = "1 constraint equation leaves" if s.m == 1 else f"{s.m} constraint equations leave"
-        return coded(
-            "locked-mechanism",
-            f"the mechanism cannot move: {rows} no degree of freedom of its {s.n} joint coordinates"
-            + (f": {why}" if why else ". Check the joints of its loops, or drive a joint if no motion is intended"),
-        )
+        text = f"the mechanism cannot move: {rows} no degree of freedom of its {s.n} joint coordinates"
+        if locked:
+            remedy = ". ".join((locked[0].remedy, *(other.message for other in locked[1:])))
+            return [replace(locked[0], text=f"{text}: {locked[0].text}", remedy=remedy)]
+        self._place(t, q)
+        if axes := self.nearly_parallel():
+            text, remedy = f"{text}: {axes}", f"If they are intended to be parallel, {ROUNDED_ADVICE}"
+        else:
+            remedy = "Check the joints of its loops, or drive a joint if no motion is intended"
+        return [Diagnostic.warning("locked-mechanism", text, remedy)]
 
     def _place(self, t: float, q: Array) -> None:
         self._system.fill_position(t, q, self._system.allocate_terms())
@@ -203,29 +207,34 @@ class Assembly:
                 best, fewest = near, count
         return best
 
-    def notes(self, t: float, q: Array) -> list[str]:
-        """Return messages on trivially satisfied and on redundant constraint equations at q (nq,)."""
-        names = self._system.constraint_names
-        redundant = dependent_rows(self._system, t, self.nearby(t, q))
-        lines = describe(self._mechanism.constraints, self._vanishing_rows, [names[i] for i in redundant])
-        lost = len(dependent_rows(self._system, t, q)) - len(redundant)
+    def notes(self, t: float, q: Array) -> list[Diagnostic]:
+        """Return notes on trivially satisfied and on redundant constraint equations at q (nq,), and on a singular
+        configuration there.
+        """
+        names, dependent = self._system.constraint_names, dependent_rows(self._system, t, q)
+        redundant = dependent_rows(self._system, t, self.nearby(t, q)) if len(dependent) else dependent
+        found = describe(self._mechanism.constraints, self._vanishing_rows, [names[i] for i in redundant])
+        lost = len(dependent) - len(redundant)
         if lost > 0:
             more = "1 more constraint equation depends" if lost == 1 else f"{lost} more constraint equations depend"
-            lines.append(coded("singular-start", f"singular configuration: {more} on the others here"))
-        return lines
+            text = f"the start is a singular configuration: {more} on the others there"
+            found.append(Diagnostic.note("singular-start", text, time=t))
+        return found
 
 
-def _changed(what: str, body: Body, given: Array, found: Array) -> str:
-    """Return a message on a given start position or velocity (k,) that the assembly has changed."""
+def _changed(what: str, body: Body, given: Array, found: Array) -> Diagnostic:
+    """Return a note on a given start position or velocity (k,) that the assembly has changed."""
     before, after = (", ".join(f"{x:.6g}" for x in values) for values in (given, found))
     if len(given) == 1:
         size = f" {body.joint.units[0]}{'/s' if what == 'rate' else ''}"
     else:
         size = f" (largest change {np.abs(found - given).max():.2g})"
-    return coded(
+    return Diagnostic.note(
         "changed-start",
         f"{what} of body {body.name!r} is changed from {before} to {after}{size}, because the loops cannot close with "
-        "all given values; give consistent values, or declare as fixed the start values that must be kept",
+        "all given values",
+        "Give consistent values, or declare as fixed the start values that must be kept",
+        subject=body.name,
     )
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import Arrays
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import AssemblyError
 from solvers.assembly import (
     ASSEMBLED,
@@ -36,25 +36,26 @@ MAX_CLOSED_ANGLE = 1.0  # rad; closed frames are rotated by zero, or by 120 degr
 MIN_CLOSED_COSINE = float(np.cos(MAX_CLOSED_ANGLE))
 
 CLOSURE_MESSAGES = {  # with the name of a constraint and its violation in SI units, or the names of coordinates
-    Outcome.OPEN: coded(
+    Outcome.OPEN: Diagnostic.error(
         "cannot-assemble",
         "loop cannot close: constraint {name!r} is violated by {gap:.3g} (SI units) in the nearest position that was "
-        "found; check lengths and start positions, or keep fewer start values fixed",
+        "found",
+        "Check lengths and start positions, or keep fewer start values fixed",
     ),
-    Outcome.NOT_FINITE: coded(
+    Outcome.NOT_FINITE: Diagnostic.error(
         "cannot-assemble",
-        "constraint {name!r} or its derivative is not finite during the assembly of the loops; choose other start "
-        "positions",
+        "constraint {name!r} or its derivative is not finite during the assembly of the loops",
+        "Choose other start positions",
     ),
-    Outcome.OPENS: coded(
+    Outcome.OPENS: Diagnostic.error(
         "cannot-assemble",
-        "start velocities are not consistent: constraint {name!r} changes by {gap:.3g} (SI units) per second; "
-        "keep fewer start values fixed, or give consistent rates",
+        "start velocities are not consistent: constraint {name!r} changes by {gap:.3g} (SI units) per second",
+        "Keep fewer start values fixed, or give consistent rates",
     ),
-    Outcome.NO_MASS: coded(
+    Outcome.NO_MASS: Diagnostic.error(
         "no-inertia",
-        "no inertia: coordinate(s) {names} can move without moving mass; give the body a mass or inertia, or drive or "
-        "weld the joint",
+        "no inertia: coordinate(s) {names} can move without moving mass",
+        "Give the body a mass or inertia, or drive or weld the joint",
     ),
 }
 
@@ -109,7 +110,7 @@ def assemble_velocities(
 def _failure_message(system: AnySystem, scratch: Scratch, code: int) -> str:
     """Return which row does not close, and by what."""
     row, gap = scratch.worst[0]
-    return CLOSURE_MESSAGES[Outcome(code)].format(name=system.constraint_names[row], gap=float(gap))
+    return str(CLOSURE_MESSAGES[Outcome(code)]).format(name=system.constraint_names[row], gap=float(gap))
 
 
 class CutFrames(NamedTuple):
@@ -201,4 +202,4 @@ def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
     system.fill(t, q, v, terms)
     if check_mobile_mass(pin(terms), np.zeros((system.n, system.n)), pin(scratch)) != ASSEMBLED:
         names = ", ".join(repr(system.coordinate_names[i]) for i in np.flatnonzero(scratch.massless))
-        raise AssemblyError(CLOSURE_MESSAGES[Outcome.NO_MASS].format(names=names))
+        raise AssemblyError(str(CLOSURE_MESSAGES[Outcome.NO_MASS]).format(names=names))

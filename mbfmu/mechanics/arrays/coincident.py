@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.loads import LineForce, Load, Spring
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 
 COINCIDENT_POINT_TOLERANCE = 1e-14  # distance relative to the length of the mechanism
 
 
-def find_coincident(mechanism: Mechanism, bodies: NDArray[Any], length: float) -> list[str]:
+def find_coincident(mechanism: Mechanism, bodies: NDArray[Any], length: float) -> list[Diagnostic]:
     """Return a warning for every force without direction where ``bodies`` are; ``length`` is in m."""
     found = []
     for acting in mechanism.loads():
@@ -28,10 +28,11 @@ def find_coincident(mechanism: Mechanism, bodies: NDArray[Any], length: float) -
         ]
         if np.linalg.norm(ends[1] - ends[0]) <= COINCIDENT_POINT_TOLERANCE * length:
             found.append(
-                coded(
+                Diagnostic.warning(
                     "coincident-ends",
-                    f"the ends of {acting.what} coincide at the start{omitted} has no direction there and is omitted; "
-                    "choose start positions with a distance between the ends",
+                    f"the ends of {acting.what} coincide at the start{omitted} has no direction there and is omitted",
+                    "Choose start positions with a distance between the ends",
+                    subject=acting.what.partition("'")[2].rstrip("'"),
                 )
             )
     return found

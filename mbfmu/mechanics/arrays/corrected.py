@@ -22,7 +22,7 @@ from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.joints.section import Section
 from mbfmu.mechanics.records import Data
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from solvers.system import Array
 
 from .redundant import Part, Position, Redundancy, near_singular
@@ -166,8 +166,8 @@ def correct(
 
 def describe_correction(
     mechanism: Mechanism, measures: Measures, rows: NDArray[np.int64], part: Part, done: Correction
-) -> str:
-    """Return a message on the redundant equations of a part, their closure error and the correction.
+) -> Diagnostic:
+    """Return a warning about the redundant equations of a part, their closure error and the correction.
 
     ``rows`` are the numbers of the part's equations among all.
     """
@@ -177,13 +177,14 @@ def describe_correction(
     count = len(rows) - part.rank
     redundant = "1 redundant constraint is" if count == 1 else f"{count} redundant constraints are"
     why = f": {axes}" if axes else ""
-    return coded(
+    return Diagnostic.warning(
         "corrected-geometry",
         f"{redundant} not satisfied by the given numbers: {names[rows[worst]]!r} is violated by up to "
         f"{measures.describe(rows[worst], part.gap[worst])}, which is within the assembly tolerance of "
-        f"{mechanism.assembly_tolerance:g}{why}. The joint frames of these loops are shifted by at most "
-        f"{done.shift:.2g} m and rotated by at most {done.turn:.2g} rad so that they close. Give lengths and "
-        "directions with more digits to avoid this",
+        f"{mechanism.assembly_tolerance:g}{why}",
+        f"The joint frames of these loops are shifted by at most {done.shift:.2g} m and rotated by at most "
+        f"{done.turn:.2g} rad so that they close. Give lengths and directions with more digits to avoid this",
+        subject=names[rows[worst]],
     )
 
 

@@ -24,7 +24,7 @@ from mbfmu.mechanics.numbers import finite, is_finite
 from mbfmu.mechanics.signals import Input, Signal, SpeedInput, Table
 from mbfmu.mechanics.signals.fitting import Pieces, UnresolvedError, find_jump, fit
 from mbfmu.mechanics.signals.followed import Followed
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError, short
 
 Array = NDArray[np.float64]
@@ -150,9 +150,9 @@ class Course:
         rate = (self.value(t + step) - self.value(t)) / step
         if abs(rate) * step > RATE_TOLERANCE * START_RATE_SPAN * float(np.ptp(values)):
             self.jerk = (
-                f". The joint that it moves starts at rest although the input starts with the rate {rate:.4g}, so "
+                f"The joint that it moves starts at rest although the input starts with the rate {rate:.4g}, so "
                 "that the bodies connected to the joint receive an impulse at the first output. Give a function whose "
-                "derivative is continuous and zero at the start"
+                "derivative is continuous and zero at the start. "
             )
 
     def note(self) -> None:
@@ -164,19 +164,23 @@ class Course:
         k = np.linspace(0, len(self.times) - 1, min(len(self.times), N_REPEATED_CALLS)).astype(int)
         return np.array([self.value(float(t)) for t in self.times[k]])
 
-    def check_repeats(self) -> str:
-        """Say that the function returns something else than before the run; empty: it does not."""
+    def check_repeats(self) -> list[Diagnostic]:
+        """Return a warning if the function returns something else than before the run."""
         if self._noted is None or self.held:
-            return ""
+            return []
         off = np.abs(self._values() - self._noted).max(initial=0.0)
         if not off > REPEAT_TOLERANCE * np.abs(self._noted).max(initial=0.0):
-            return ""
-        return coded(
-            "sampled-input",
-            f"the function of {self._what} does not depend on time alone: called again for the same times it returned "
-            f"values that differ by {off:.3g}. It is called before the run; set values that depend on the run by "
-            "Simulation.set_input in the function `watch`",
-        )
+            return []
+        return [
+            Diagnostic.warning(
+                "sampled-input",
+                f"the function of {self._what} does not depend on time alone: called again for the same times it "
+                f"returned values that differ by {off:.3g}",
+                "It is called before the run; set values that depend on the run by Simulation.set_input in the "
+                "function `watch`",
+                subject=self.name,
+            )
+        ]
 
 
 class Courses:
@@ -197,7 +201,7 @@ class Courses:
         self.by_name = {name: Course(name, value, times) for name, value in given.items()}
         self._numbers, self._tolerance, self._begin = numbers, tolerance, float(times[0])
         self._sampled = times[np.linspace(0, len(times) - 1, min(len(times), N_REPEATED_CALLS)).astype(int)]
-        self._set_later, self._contradictions = set_later, dict[str, str]()
+        self._set_later, self._contradictions = set_later, dict[str, Diagnostic]()
         self._made: dict[tuple[str, bool], Signal | None] = {}
         self.replaced: set[str] = set()  # names of all values and rates of inputs that are signals in this run
 
@@ -223,19 +227,20 @@ class Courses:
         """Return the values at the begin of all inputs that are used."""
         return {name: course.value(self._begin) for name, course in self.by_name.items() if course.used}
 
-    def remarks(self) -> list[str]:
-        """Return what is unusual about them, after a run."""
+    def diagnostics(self) -> list[Diagnostic]:
+        """Return warnings about inputs that are not evaluated exactly or contradict each other, after a run."""
         found = [
-            coded(
+            Diagnostic.warning(
                 "sampled-input",
                 f"input {course.name!r} cannot be evaluated at the solver's times ({course.held}): it was set at every "
-                f"output only, and the result depends on the interval between outputs{course.jerk}. Reduce the "
-                "interval, or give a smooth function",
+                "output only, and the result depends on the interval between outputs",
+                f"{course.jerk}Reduce the interval, or give a smooth function",
+                subject=course.name,
             )
             for course in self.held
         ]
         found += self._contradictions.values()
-        found += filter(None, (course.check_repeats() for course in self.by_name.values()))
+        found += [diagnostic for course in self.by_name.values() for diagnostic in course.check_repeats()]
         return found
 
     def summary(self, interpolation: str) -> tuple[str, ...]:
@@ -327,11 +332,13 @@ class Courses:
             )  # the first time at which rounding alone decides
             if off[i] > RATE_TOLERANCE * max(np.abs(exact).max(), np.abs(values).max()):
                 what = "second derivative" if k - of == 2 else "derivative"
-                self._contradictions[name] = coded(
+                self._contradictions[name] = Diagnostic.warning(
                     "sampled-input",
                     f"input {name!r} is {values[i]:.6g} at t = {self._sampled[i]:.6g} s, but the {what} of input "
-                    f"{given[of]!r} is {exact[i]:.6g} at this time. {used}; do not give {name!r}, or give consistent "
-                    "values",
+                    f"{given[of]!r} is {exact[i]:.6g} at this time",
+                    f"{used}; do not give {name!r}, or give consistent values",
+                    subject=name,
+                    time=float(self._sampled[i]),
                 )
 
     def _values(self, name: str) -> Array:

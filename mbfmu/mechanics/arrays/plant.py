@@ -17,6 +17,7 @@ from mbfmu.mechanics.recursions.dynamics import energy, observe
 from mbfmu.mechanics.sensors import Follows, largest_residual
 from mbfmu.mechanics.signals import Input, InUse
 from mbfmu.mechanics.tangent import Groups, Tangent
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import AssemblyError, UserError
 from mbfmu.util.units import read_unit
 from solvers.compiled.record import Table
@@ -34,7 +35,7 @@ from .load_groups import LoadGroup, largest_ratio, load_groups
 from .redundant import Course, drive_courses
 from .rounded import describe_omitted, measure_rows
 from .rounding import Rounding
-from .rows import VANISHING_TOLERANCE, find_vanishing_rows, first_lines, row_names
+from .rows import VANISHING_TOLERANCE, find_vanishing_rows, first_of, row_names
 from .scale import characteristic_length
 from .systems import Systems
 from .tables import CalledKernel
@@ -65,9 +66,9 @@ class Plant:
     vanishing_rows
         Names of trivially satisfied constraint equations, which are removed.
     rounded_rows
-        Those that are trivially satisfied except for rounding of the geometry, with a message on each.
+        Those that are trivially satisfied except for rounding of the geometry, with a warning about each.
     corrections
-        Messages on the loops whose joints are shifted and turned so that redundant equations close.
+        Warnings about loops whose joints are shifted and turned so that redundant equations close.
     """
 
     def __init__(self, mechanism: Mechanism, courses: Courses | None = None) -> None:
@@ -93,7 +94,7 @@ class Plant:
         self.data.arrays.residual_scale[:] = self.length / self._systems.row_size
         names = row_names(mechanism.constraints)
         self.vanishing_rows: list[str] = []
-        self.rounded_rows: dict[str, str] = {}
+        self.rounded_rows: dict[str, Diagnostic] = {}
         self.system: Any = self._systems.make(names)
         if names:
             self.vanishing_rows = self._drop_vanishing_rows(names)
@@ -122,10 +123,10 @@ class Plant:
         return [names[i] for i in np.flatnonzero(vanishing)]
 
     @property
-    def rounding(self) -> list[str]:
-        """Messages on constraint equations that are left out, and on corrected joint frames; of many the first."""
-        dropped = first_lines([*self.rounded_rows.values()], "constraints are left out", "nearly-parallel-axes")
-        return [*dropped, *first_lines(self.corrections, "groups of loops are corrected", "corrected-geometry")]
+    def rounding(self) -> list[Diagnostic]:
+        """Warnings about constraint equations that are left out, and corrected joint frames; of many the first."""
+        dropped = first_of([*self.rounded_rows.values()], "constraints are left out")
+        return [*dropped, *first_of(self.corrections, "groups of loops are corrected")]
 
     def _courses(self) -> list[Course]:
         return drive_courses(self.drives, self.inputs, self._compiled.signals)
@@ -147,22 +148,23 @@ class Plant:
         self.check_positions(t, q)
         return q, v
 
-    def explain_lock(self, t: float, q: Array, freedom: int) -> str:
-        """Say which joints cannot move about q (nq,) because of the given numbers, or why nothing can if there is no
-        ``freedom``; empty: nothing is locked so.
+    def explain_lock(self, t: float, q: Array, freedom: int) -> list[Diagnostic]:
+        """Return warnings about joints that cannot move about q (nq,) because of the given numbers, or one that nothing
+        can if there is no ``freedom``; empty: nothing is locked so.
         """
-        locked = ". ".join(self._rounding.explain_lock(t, q))
-        return (self.assembly.explain_lock(t, q, locked) if freedom == 0 else "") or locked
+        locked = self._rounding.explain_lock(t, q)
+        return (self.assembly.explain_lock(t, q, locked) if freedom == 0 else []) or locked
 
     def check_positions(self, t: float, q: Array) -> None:
         """Raise UserError if at free positions q (nq,) bodies are not where the elements between them need them."""
         for group in self._load_groups("check_positions", t, q):
             type(group.acting[0].load).check_positions(group)
 
-    def check_start(self, t: float, q: Array) -> list[str]:
+    def check_start(self, t: float, q: Array) -> list[Diagnostic]:
         """Return what loads warn of where a run starts at free positions q (nq,); UserError where it cannot."""
         groups = self._load_groups("check_start", t, q)
-        return [warning for group in groups for warning in type(group.acting[0].load).check_start(group)]
+        texts = [text for group in groups for text in type(group.acting[0].load).check_start(group)]
+        return [Diagnostic.parse(text, "warning", "contact-at-start") for text in texts]
 
     def _load_groups(self, hook: str, t: float, q: Array) -> list[LoadGroup]:
         """Return the loads of every type with this hook, with the bodies at free positions q (nq,)."""
@@ -293,8 +295,8 @@ class Plant:
         """Kinetic and potential energy, J."""
         return float(energy(t, q, v, self.system.pinned_data))
 
-    def coincident(self, t: float, q: Array) -> list[str]:
-        """Return a message for every force between points that has no direction at free positions q (nq,)."""
+    def coincident(self, t: float, q: Array) -> list[Diagnostic]:
+        """Return a warning about every force between points that has no direction at free positions q (nq,)."""
         if not any(isinstance(acting.load, BETWEEN_POINTS) for acting in self.mechanism.loads()):
             return []
         self.energy(t, q, np.zeros(self.system.n))  # places the bodies

@@ -16,7 +16,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.joints.base import AxisJoint
 from mbfmu.mechanics.records import State
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from solvers.system import Array
 
 ROUNDED_ADVICE = (
@@ -84,13 +84,15 @@ def measure_rows(mechanism: Mechanism, state: State, row_size: Array) -> Measure
     return Measures(units, relative, names, axes)
 
 
-def describe_omitted(name: str, violation: str, tolerance: float, axes: str) -> str:
-    """Return a message on a constraint equation that is left out."""
+def describe_omitted(name: str, violation: str, tolerance: float, axes: str) -> Diagnostic:
+    """Return a warning about a constraint equation that is left out."""
     why = f": {axes}" if axes else ""
-    return coded(
+    return Diagnostic.warning(
         "nearly-parallel-axes",
         f"constraint {name!r} is left out: it is violated by at most {violation}, which is within the assembly "
-        f"tolerance of {tolerance:g}{why}. Reduce the assembly tolerance of the mechanism if it is intended",
+        f"tolerance of {tolerance:g}{why}",
+        "Reduce the assembly tolerance of the mechanism if it is intended",
+        subject=name,
     )
 
 

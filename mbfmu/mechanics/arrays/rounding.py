@@ -15,7 +15,7 @@ from scipy import linalg
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import MAX_ASSEMBLY_TOLERANCE, Mechanism
 from mbfmu.mechanics.records import Data
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from solvers.system import AnySystem, Array
 
 from .assembly import held_coordinates, start_positions
@@ -46,9 +46,9 @@ class Rounding:
         self._mechanism, self._data, self._system = mechanism, data, system
         self._row_size, self._courses = row_size, courses
 
-    def correct(self) -> list[str]:
-        """Correct joint frames so that equations which are redundant within the tolerance close; return messages."""
-        mechanism, tolerance, messages = self._mechanism, self._mechanism.assembly_tolerance, []
+    def correct(self) -> list[Diagnostic]:
+        """Correct joint frames so that equations which are redundant within the tolerance close; return warnings."""
+        mechanism, tolerance, messages = self._mechanism, self._mechanism.assembly_tolerance, list[Diagnostic]()
         if not self._system.m or tolerance == 0.0:
             return []
         start, rows = start_positions(mechanism), self._rows
@@ -69,11 +69,11 @@ class Rounding:
         mechanism, start = self._mechanism, start_positions(self._mechanism)
         measures = self._measures(t, start)
         parts = self._search(measures, MAX_ASSEMBLY_TOLERANCE).find(start, held_coordinates(mechanism))
-        return [_explain(mechanism, measures, self._rows[part.rows], part) for part in parts]
+        return [". ".join(_explain(mechanism, measures, self._rows[part.rows], part)[:2]) for part in parts]
 
-    def explain_lock(self, t: float, q: Array) -> list[str]:
-        """Return messages on joints that cannot move at q (nq,) because of nearly redundant equations."""
-        system, messages = self._system, []
+    def explain_lock(self, t: float, q: Array) -> list[Diagnostic]:
+        """Return warnings about joints that cannot move at q (nq,) because of nearly redundant equations."""
+        system, found = self._system, list[Diagnostic]()
         if not system.m:
             return []
         measures = self._measures(t, q)
@@ -83,10 +83,11 @@ class Rounding:
         for part in search.find(q, np.zeros(system.n, bool)):
             locked = _locked(search, t, q, part)
             if len(locked):
-                why = _explain(self._mechanism, measures, self._rows[part.rows], part)
+                why, remedy, row = _explain(self._mechanism, measures, self._rows[part.rows], part)
                 names = _listed(system.coordinate_names[k] for k in locked)
-                messages.append(coded("locked-loop", f"joints {names} cannot move: {why}"))
-        return messages
+                text = f"joints {names} cannot move: {why}"
+                found.append(Diagnostic.warning("locked-loop", text, remedy, subject=row))
+        return found
 
     @property
     def _rows(self) -> NDArray[np.int64]:
@@ -127,8 +128,10 @@ def _mobility(V: Array) -> Array:
     return np.sqrt(np.maximum(0.0, 1.0 - np.sum(V * V, axis=0)))
 
 
-def _explain(mechanism: Mechanism, measures: Measures, rows: NDArray[np.int64], part: Part) -> str:
-    """Return a message on the nearly redundant equations of a part; ``rows`` are their numbers."""
+def _explain(mechanism: Mechanism, measures: Measures, rows: NDArray[np.int64], part: Part) -> tuple[str, str, str]:
+    """Return what the nearly redundant equations of a part are, what to do, and the name of the one that is violated
+    most; ``rows`` are their numbers.
+    """
     names, worst = row_names(mechanism.constraints), int(part.gap.argmax())
     row, needed = rows[worst], float(part.gap.max())
     count = len(rows) - part.rank
@@ -136,9 +139,11 @@ def _explain(mechanism: Mechanism, measures: Measures, rows: NDArray[np.int64], 
     axes = next((measures.axes[i] for i in (row, *rows) if measures.axes[i]), "")
     return (
         f"{which} redundant except for errors of the given numbers: {names[row]!r} is violated by up to "
-        f"{measures.describe(row, needed)} as the loop moves{', and ' + axes if axes else ''}. Give lengths and "
-        "directions with more digits, use a cut joint with fewer equations, or set the assembly_tolerance of the "
-        f"Mechanism to at least {_rounded_up(needed):g} (now {mechanism.assembly_tolerance:g})"
+        f"{measures.describe(row, needed)} as the loop moves{', and ' + axes if axes else ''}",
+        "Give lengths and directions with more digits, use a cut joint with fewer equations, or set the "
+        f"assembly_tolerance of the Mechanism to at least {_rounded_up(needed):g} "
+        f"(now {mechanism.assembly_tolerance:g})",
+        names[row],
     )
 
 

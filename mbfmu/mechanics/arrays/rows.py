@@ -9,6 +9,7 @@ is closed without it, and the distribution of the reaction forces among them is 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from scipy import linalg
 
 from mbfmu.mechanics.builder.handles import CouplingHandle, CutHandle
 from mbfmu.mechanics.signals import InUse
-from mbfmu.util.codes import coded
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import AssemblyError
 from solvers.system import AnySystem, Array
 
@@ -26,10 +27,9 @@ from .rounded import ROUNDED_ADVICE
 VANISHING_TOLERANCE = 1e-9  # of a Jacobian in units of row and coordinate, and of a gap: what rounding leaves of zero
 DEPENDENT_ROW_PIVOT_RATIO = 1e-4  # to the largest; a loop closed to 1e-11 is that far from a singular configuration
 CHECK_LOOP = "; check the positions and axes of the joints of this loop, or add a joint"
-NOT_UNIQUE = coded(
-    "redundant-constraints",
+NOT_UNIQUE = (
     "The motion is not affected, but the distribution of the reaction forces among them is not unique. Choose a joint "
-    "that constrains fewer directions if these forces are needed",
+    "that constrains fewer directions if these forces are needed"
 )
 MAX_LISTED = 4  # loops that are listed one by one
 
@@ -152,32 +152,36 @@ def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:
     return np.sort(order[rank:])
 
 
-def describe(handles: Iterable[Handle], vanishing: Collection[str], redundant: Collection[str]) -> list[str]:
-    """Return a line for every cut joint or coupling with removed constraints, and one with a code for every one with
-    redundant ones; the first few of each.
+def describe(handles: Iterable[Handle], vanishing: Collection[str], redundant: Collection[str]) -> list[Diagnostic]:
+    """Return a note on every cut joint or coupling with removed constraints, and one on every one with redundant ones;
+    the first few of each.
     """
-    removed: list[str] = []
-    dependent: list[str] = []
+    removed: list[Diagnostic] = []
+    dependent: list[Diagnostic] = []
     for handle in handles:
-        rows = dict(zip(row_names([handle]), handle.rows, strict=True))
-        for lines, those, what in (
-            (removed, vanishing, "trivially satisfied{which} and removed"),
-            (dependent, redundant, f"redundant{{which}}. {NOT_UNIQUE}"),
-        ):
-            named = [row for name, row in rows.items() if name in those]
-            if named:
-                which = f" ({', '.join(named)})" if len(rows) > 1 else ""
-                count = f"{len(named)} of its {len(rows)} constraints {'is' if len(named) == 1 else 'are'}"
-                lines.append(f"{handle.what} {handle.name!r}: {count} {what.format(which=which)}")
+        if text := _describe_rows(handle, vanishing, "trivially satisfied{which} and removed"):
+            removed.append(Diagnostic.note("removed-constraints", text, subject=handle.name))
+        if text := _describe_rows(handle, redundant, "redundant{which}"):
+            dependent.append(Diagnostic.note("redundant-constraints", text, NOT_UNIQUE, subject=handle.name))
     return [
-        *first_lines(removed, "loops with constraints that are trivially satisfied"),
-        *first_lines(dependent, "loops with redundant constraints"),
+        *first_of(removed, "loops with constraints that are trivially satisfied"),
+        *first_of(dependent, "loops with redundant constraints"),
     ]
 
 
-def first_lines(lines: list[str], rest: str, code: str = "") -> list[str]:
-    """Return the first of many messages, and how many more ``rest`` there are, with a code if one is given."""
-    if len(lines) <= MAX_LISTED:
-        return lines
-    more = f"{len(lines) - MAX_LISTED} more {rest}"
-    return [*lines[:MAX_LISTED], coded(code, more) if code else more]
+def _describe_rows(handle: Handle, those: Collection[str], what: str) -> str:
+    """Return which of ``those`` rows a cut joint or a coupling has, and ``what`` they are; empty: it has none."""
+    named = [row for name, row in zip(row_names([handle]), handle.rows, strict=True) if name in those]
+    if not named:
+        return ""
+    which = f" ({', '.join(named)})" if len(handle.rows) > 1 else ""
+    count = f"{len(named)} of its {len(handle.rows)} constraints {'is' if len(named) == 1 else 'are'}"
+    return f"{handle.what} {handle.name!r}: {count} {what.format(which=which)}"
+
+
+def first_of(found: list[Diagnostic], rest: str) -> list[Diagnostic]:
+    """Return the first of many diagnostics of one code, and how many more ``rest`` there are."""
+    if len(found) <= MAX_LISTED:
+        return found
+    more = f"{len(found) - MAX_LISTED} more {rest}"
+    return [*found[:MAX_LISTED], replace(found[0], subject="", text=more, remedy="")]

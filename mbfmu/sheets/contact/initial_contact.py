@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbfmu.mechanics.builder.bodies import Body
-from mbfmu.util.codes import coded
 from mbfmu.util.errors import UserError
 
 from .surface_force import find_max_penetration
@@ -75,12 +74,9 @@ def undersampled_edges(group: LoadGroup) -> list[str]:
         for size, what, gap in ((2.0 * radius, "thick", across.max()), (long, "wide", sideways.max())):
             if size < gap:
                 messages.append(
-                    coded(
-                        "contact-at-start",
-                        f"surface of contact {contact.name!r} is {size:.3g} m {what}, but the contact points of sheet "
-                        f"{_sheet(group, contact)!r} are {gap:.3g} m apart: an edge between two points causes "
-                        f"no contact force; use more points per cell than {tuple(load.samples)}",
-                    )
+                    f"surface of contact {contact.name!r} is {size:.3g} m {what}, but the contact points of sheet "
+                    f"{_sheet(group, contact)!r} are {gap:.3g} m apart: an edge between two points causes "
+                    f"no contact force. Use more points per cell than {tuple(load.samples)}"
                 )
     return messages
 
@@ -95,12 +91,9 @@ def misplaced_nips(group: LoadGroup) -> list[str]:
         off = max(float(across.min()) - middle, middle - float(across.max())) - half
         if off > 0.0:
             messages.append(
-                coded(
-                    "contact-at-start",
-                    f"nip {contact.name!r} is {off:.3g} m away from the edge of sheet {_sheet(group, contact)!r} "
-                    "at the start, across the feed direction; it drives the sheet only if the sheet moves sideways. "
-                    "Check the position and width of the nip",
-                )
+                f"nip {contact.name!r} is {off:.3g} m away from the edge of sheet {_sheet(group, contact)!r} "
+                "at the start, across the feed direction; it drives the sheet only if the sheet moves sideways. "
+                "Check the position and width of the nip"
             )
     return messages
 

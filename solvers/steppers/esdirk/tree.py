@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.codes import coded
 from solvers.compiled.tuple_pointer import pin, unpin
+from solvers.diagnostics import Diagnostic
 from solvers.energy_account import WORK, EnergyScales, fill_account_row, reset_check_schedule
 from solvers.inertia import Growth, describe_large_growth, tolerance_factor
 from solvers.options import Options, Statistics
@@ -351,21 +351,23 @@ class TreeESDIRKStepper(PythonLoopStepper):
         memory.q[:], memory.v[:] = self._q, self._v
 
     @property
-    def warning(self) -> str:
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
         """Whether the tolerance is larger than requested, or errors may be far above it: the order is low for a nearly
         singular mass matrix.
         """
-        large = describe_large_growth(self._growth_data.inertia)
-        if large:
-            text = f"{large}, and errors of 'esdirk' (order 3) may be 100 times the tolerance. Use 'adams' or 'ida'"
-            return coded("ill-conditioned-mass", text)
-        if self._requested_rtol == self.options.rtol:
-            return ""
-        return coded(
-            "limited-tolerance",
-            f"'esdirk' uses a tolerance of {self.options.rtol:g} instead of {self._requested_rtol:g}, because its "
-            "steps would be so short that rounding errors add up. Use 'adams' or 'ida' if this is too large",
-        )
+        found = []
+        if self._requested_rtol != self.options.rtol:
+            text = (
+                f"'esdirk' uses a tolerance of {self.options.rtol:g} instead of {self._requested_rtol:g}, because its "
+                "steps would be so short that rounding errors add up"
+            )
+            remedy = "Use 'adams' or 'ida' if this is too large"
+            found.append(Diagnostic.warning("limited-tolerance", text, remedy, subject="esdirk"))
+        if large := describe_large_growth(self._growth_data.inertia):
+            text = f"{large}, and errors of 'esdirk' (order 3) may be 100 times the tolerance"
+            remedy, since = "Use 'adams' or 'ida'", float(self._growth_data.inertia[0]["large_since"])
+            found.append(Diagnostic.warning("ill-conditioned-mass", text, remedy, subject="esdirk", time=since))
+        return tuple(found)
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sksundae.ida import IDAJacTimes, IDAPrecond
 
-from solvers.codes import coded
 from solvers.compiled.tuple_pointer import pin
+from solvers.diagnostics import Diagnostic
 from solvers.energy_account import WORK, EnergyScales, restart_work
 from solvers.inertia import describe_large_growth, update_growth
 from solvers.options import Options
@@ -301,18 +301,23 @@ class IDAStepper(IDADriver, DenseStepper):
         return DenseStepper._growth(self)
 
     @property
-    def warning(self) -> str:
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
         """Whether the tolerance is larger than requested, or than the mass matrix requires."""
         large = describe_large_growth(self._workspace.inertia) if isinstance(self._ida, BoundIDA) else ""
         if large:
-            text = f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot compensate that. Use 'adams'"
-            return coded("ill-conditioned-mass", text)
+            text = f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot compensate that"
+            since = float(self._workspace.inertia[0]["large_since"])
+            return (Diagnostic.warning("ill-conditioned-mass", text, "Use 'adams'", subject="ida", time=since),)
         if self._rtol == self.options.rtol:
-            return ""
-        return coded(
-            "limited-tolerance",
-            f"'ida' uses a tolerance of {self._rtol:g} instead of {self.options.rtol:g}, because rounding errors of "
-            "closed loops allow no smaller one. Use 'adams' if this is too large",
+            return ()
+        return (
+            Diagnostic.warning(
+                "limited-tolerance",
+                f"'ida' uses a tolerance of {self._rtol:g} instead of {self.options.rtol:g}, because rounding errors "
+                "of closed loops allow no smaller one",
+                "Use 'adams' if this is too large",
+                subject="ida",
+            ),
         )
 
     def _evaluations(self) -> int:

@@ -45,8 +45,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sksundae.ida import IDAPrecond
 
-from solvers.codes import coded
 from solvers.compiled.tuple_pointer import pin
+from solvers.diagnostics import Diagnostic
 from solvers.energy_account import EnergyScales
 from solvers.inertia import Growth, describe_large_growth
 from solvers.linalg.blocks import one_thread
@@ -137,10 +137,11 @@ class TreeIDAStepper(IDADriver):
         ida_options: dict[str, Any] = {"rtol": part * options.rtol, "atol": atol, "max_order": order}
         if system.nonsmooth_reason and not is_library_supported():
             raise ValueError(
-                coded(
+                Diagnostic.error(
                     "unsuitable-solver",
                     "solver 'ida' needs the C functions of SUNDIALS 7 for this model, which are not installed "
                     f"({system.nonsmooth_reason}); use 'esdirk'",
+                    subject="ida",
                 )
             )
         if is_library_supported():
@@ -169,7 +170,7 @@ class TreeIDAStepper(IDADriver):
             max_conv_fails=MAX_CONVERGENCE_FAILURES, **ida_options,
         )  # fmt: skip
 
-    def _describe_mesh_error(self) -> str:
+    def _describe_mesh_error(self) -> tuple[Diagnostic, ...]:
         """Return how large the errors of a mesh may be; empty: hardly larger than the tolerance, or there is no mesh.
 
         The error of a coordinate grows with the square root of their number and falls as the tolerance to the power
@@ -177,17 +178,21 @@ class TreeIDAStepper(IDADriver):
         """
         meshed = self.system.mesh_mask
         if meshed is None or not meshed.any() or self._order > MAX_MESH_ORDER:
-            return ""
+            return ()
         rtol, factor = self.options.rtol, MESH_ERROR_FACTOR * float(np.sum(meshed)) ** 0.5
         error, needed = factor * rtol ** (-1.0 / 3.0), (rtol / factor) ** 1.5
         if error < MIN_REPORTED_ERROR:
-            return ""
+            return ()
         finer = f", or 'ida' at a tolerance of {needed:.0e}" if needed >= MIN_RTOL else ""
-        return coded(
-            "large-error",
-            "'ida' uses only orders 1 and 2 for a model with a mesh: the errors of its coordinates may be about "
-            f"{float(f'{error:.1g}'):.0f} times the tolerance of {rtol:g}, and several times that if vibrations are "
-            f"undamped or the run is long. If this is too large, use 'esdirk' at a tolerance of 1e-6 or more{finer}",
+        return (
+            Diagnostic.warning(
+                "large-error",
+                "'ida' uses only orders 1 and 2 for a model with a mesh: the errors of its coordinates may be about "
+                f"{float(f'{error:.1g}'):.0f} times the tolerance of {rtol:g}, and several times that if vibrations "
+                "are undamped or the run is long",
+                f"If this is too large, use 'esdirk' at a tolerance of 1e-6 or more{finer}",
+                subject="ida",
+            ),
         )
 
     @property
@@ -255,13 +260,15 @@ class TreeIDAStepper(IDADriver):
         self._reduced.inverse[:] = np.linalg.inv(np.block([[J @ J.T + cj * d1, -d0], [-J @ X - d1, -J @ A]]))
 
     @property
-    def warning(self) -> str:
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
         """Whether the mass matrix requires a finer tolerance, and how large the errors of a mesh may be."""
         large = describe_large_growth(self._growth_data.inertia) if isinstance(self._ida, BoundIDA) else ""
         if large:
-            text = f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot compensate that. Use 'adams'"
-            large = coded("ill-conditioned-mass", text)
-        return ". ".join(filter(None, (self._describe_mesh_error(), large)))
+            text = f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot compensate that"
+            since = float(self._growth_data.inertia[0]["large_since"])
+            mass = Diagnostic.warning("ill-conditioned-mass", text, "Use 'adams'", subject="ida", time=since)
+            return (*self._describe_mesh_error(), mass)
+        return self._describe_mesh_error()
 
     def _has_work(self) -> bool:
         return self.system.works()
