@@ -173,7 +173,7 @@ def test_a_narrow_rail_is_remarked_on() -> None:
     told = [text for text in map(str, Simulation(m, ESDIRK).diagnostics) if "rail" in text]
     assert told == [
         "surface of contact 'rail' is 0.005 m wide, but the contact points of sheet 's' are 0.0175 m apart: an edge "
-        "between two points causes no contact force. Use more points per cell than (4, 4) [contact-at-start]"
+        "between two points causes no contact force. Use more points per cell than (4, 4) [element-at-start]"
     ]
 
 

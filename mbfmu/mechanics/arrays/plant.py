@@ -164,7 +164,7 @@ class Plant:
         """Return what loads warn of where a run starts at free positions q (nq,); UserError where it cannot."""
         groups = self._load_groups("check_start", t, q)
         texts = [text for group in groups for text in type(group.acting[0].load).check_start(group)]
-        return [Diagnostic.parse(text, "warning", "contact-at-start") for text in texts]
+        return [Diagnostic.parse(text, "warning", "element-at-start") for text in texts]
 
     def _load_groups(self, hook: str, t: float, q: Array) -> list[LoadGroup]:
         """Return the loads of every type with this hook, with the bodies at free positions q (nq,)."""

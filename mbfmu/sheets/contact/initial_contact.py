@@ -54,7 +54,7 @@ def check_surface_contacts(group: LoadGroup) -> None:
                     f"sheet {_sheet(group, contact)!r} penetrates {contact.name!r} at the start by {depth:.3g} m "
                     f"at ({place[0]:.4g}, {place[1]:.4g}, {place[2]:.4g}) m; allowed: {allowed:.3g} m at most. Move "
                     "the sheet or the surface apart",
-                    "contact-at-start",
+                    "element-at-start",
                 )
 
 
