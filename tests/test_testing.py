@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.mechanics import Coupling, Force, Sensor, kernel
+from mbfmu.mechanics import Coupling, Force, Load, Sensor, kernel, scratch_record
 from mbfmu.testing import ElementReport, Outcome, check_element
 from mbfmu.testing.identities import Deviation
 
@@ -96,6 +96,145 @@ class NotAnalytic(Uniform):
 
 
 @kernel
+def viscous(force: Any, t: float, arrays: Any, state: Any) -> None:
+    body = state.bodies[force.body]
+    for k in range(3):
+        body.F[k] -= force.c * (body.r[k] + 0.3 * body.r[k] * body.r[k] * body.Y[k])
+
+
+@kernel
+def viscous_loss(force: Any, t: float, arrays: Any, state: Any) -> Any:
+    r, Y = state.bodies[force.body].r, state.bodies[force.body].Y
+    return -0.3 * force.c * ((r[0] * Y[0]) ** 2 + (r[1] * Y[1]) ** 2 + (r[2] * Y[2]) ** 2)
+
+
+@kernel
+def viscous_tangent(force: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
+    body = state.bodies[force.body]
+    for k in range(3):
+        K[k, k] += force.c * (1.0 + 0.6 * body.r[k] * body.Y[k] + c1 * 0.3 * body.r[k] * body.r[k])
+    return 1.0
+
+
+@kernel
+def tangent_at_rest(force: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
+    body = state.bodies[force.body]
+    for k in range(3):
+        K[k, k] += force.c * (1.0 + 0.6 * body.r[k] * body.Y[k])
+    return 1.0
+
+
+@kernel
+def tangent_that_overwrites(force: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
+    body = state.bodies[force.body]
+    for k in range(3):
+        K[k, k] = force.c * (1.0 + 0.6 * body.r[k] * body.Y[k] + c1 * 0.3 * body.r[k] * body.r[k])
+    return 1.0
+
+
+@kernel
+def tangent_that_is_not_used(force: Any, c1: float, arrays: Any, state: Any, perturbed: Any, K: Any) -> float:
+    viscous_tangent(force, c1, arrays, state, perturbed, K)
+    return 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Viscous(Load):
+    """A spring and a damper at the origin of a body."""
+
+    record = RECORD
+    apply, potential, power, tangent = viscous, stored, viscous_loss, viscous_tangent
+    c: float = 3.0
+
+    def fill(self, record: Any, site: Any) -> None:
+        record["body"], record["c"] = site.bodies[0], self.c
+
+
+class WrongTangent(Viscous):
+    tangent = tangent_at_rest
+
+
+class OverwritingTangent(Viscous):
+    tangent = tangent_that_overwrites
+
+
+class UnusedTangent(Viscous):
+    tangent = tangent_that_is_not_used
+
+
+SQUARES = np.dtype([("total", np.float64), ("calls", np.int64)])
+
+
+@kernel
+def square_of_distance(load: Any, state: Any) -> Any:
+    work, r = scratch_record(load.scratch, SQUARES, state), state.bodies[load.body].r
+    work.total = 0.0 * r[0]
+    for k in range(3):
+        work.total += r[k] * r[k]
+    work.calls += 1
+    return work.total
+
+
+@kernel
+def stored_by_scratch(load: Any, arrays: Any, state: Any) -> Any:
+    return 0.5 * load.c * square_of_distance(load, state)
+
+
+@kernel
+def stored_by_leftovers(load: Any, arrays: Any, state: Any) -> Any:
+    return 0.5 * load.c * scratch_record(load.scratch, SQUARES, state).total
+
+
+@kernel
+def pull_and_measure(load: Any, t: float, arrays: Any, state: Any) -> None:
+    square_of_distance(load, state)
+    pull(load, t, arrays, state)
+
+
+@kernel
+def remoteness(load: Any, arrays: Any, state: Any) -> Any:
+    return square_of_distance(load, state)
+
+
+@kernel
+def nearness(load: Any, arrays: Any, state: Any) -> Any:
+    return 0.01 - square_of_distance(load, state)
+
+
+@kernel
+def depth_of_ground(load: Any, arrays: Any, state: Any) -> Any:
+    return np.sqrt(-square_of_distance(load, state))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured(Load):
+    """The spring, with scratch memory and a limit, and perhaps another load on its body."""
+
+    record = np.dtype([("body", np.int64), ("scratch", np.int64), ("c", np.float64)])
+    apply, potential, monitor = pull_and_measure, stored_by_scratch, remoteness
+    n_bodies = 1
+    with_it: Any = None
+
+    def fill(self, record: Any, site: Any) -> None:
+        record["body"], record["scratch"], record["c"] = site.bodies[0], site.scratch(SQUARES), 3.0
+
+    def companions(self) -> tuple[Any, ...]:
+        return () if self.with_it is None else (self.with_it,)
+
+
+class Leftover(Measured):
+    potential = stored_by_leftovers
+
+
+class Negative(Measured):
+    monitor = nearness
+
+
+class NoNumber(Measured):
+    monitor = depth_of_ground
+
+
+@kernel
 def square(record: Any, x: Any, arrays: Any) -> Any:
     return x * x, 2.0 * x, 2.0 + 0.0 * x
 
@@ -117,11 +256,20 @@ class WrongSlope(Coupling):
 
 @pytest.mark.parametrize(
     "element",
-    [Right(), Damper(), Square(), mb.Screw(lead=0.1), mb.SphericalCut()],
+    [
+        Right(),
+        Damper(),
+        Viscous(),
+        Measured(),
+        Measured(with_it=Viscous()),
+        Square(),
+        mb.Screw(lead=0.1),
+        mb.SphericalCut(),
+    ],
     ids=lambda item: type(item).__name__,
 )
 def test_a_right_element_passes(element: Any) -> None:
-    report = check_element(element, states=3)
+    report = check_element(element, states=3, bodies=1)
     assert report.passed
     assert all(outcome.examined for outcome in report.outcomes.values())
     assert "FAILED" not in str(report)
@@ -134,12 +282,19 @@ def test_a_right_element_passes(element: Any) -> None:
         (WrongPower(), "energy, potential and power", "`power`"),
         (NotAnalytic(), "complex steps", "not analytic"),
         (WrongSlope(), "derivatives of constraints", "derivatives of a coupling"),
+        (WrongTangent(), "tangents of loads", "`tangent`"),
+        (OverwritingTangent(), "tangents of loads", "`tangent`"),
+        (UnusedTangent(), "tangents of loads", "`tangent`"),
+        (Measured(with_it=WrongTangent()), "tangents of loads", "wrongtangent on an element"),
+        (Leftover(), "limits and scratch memory", "after a call in another state"),
+        (Negative(), "limits and scratch memory", "`monitor`"),
+        (NoNumber(), "limits and scratch memory", "`monitor`"),
     ],
-    ids=["potential", "power", "complex", "slope"],
+    ids=lambda item: type(item).__name__ if not isinstance(item, str) else "",
 )
 def test_a_wrong_element_is_named_with_its_cause(element: Any, identity: str, cause: str) -> None:
     with pytest.raises(AssertionError) as raised:
-        check_element(element, states=3)
+        check_element(element, states=3, bodies=1)
     text = str(raised.value)
     failed = [line for line in text.splitlines() if " FAILED " in line]
     assert any(line.startswith(identity) for line in failed)
@@ -149,14 +304,23 @@ def test_a_wrong_element_is_named_with_its_cause(element: Any, identity: str, ca
     assert cause in reason
 
 
+def test_a_companion_that_is_no_load_is_refused() -> None:
+    with pytest.raises(mb.UserError, match=r"companion of an element is 3\.0; allowed: a Load"):
+        check_element(Measured(with_it=3.0), bodies=1)
+
+
 def test_the_elements_of_the_page_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
     pages = dict(re.findall(r"```python file=(\S+)\n(.*?)```", page, flags=re.DOTALL))
     monkeypatch.chdir(tmp_path)
-    for file, name, options in (("lamp.py", "AirDrag", {"drag": 0.3}), ("roller.py", "Rolling", {"radius": 0.1})):
+    for file, name, options in (
+        ("lamp.py", "AirDrag", {"drag": 0.3}),
+        ("roller.py", "Rolling", {"radius": 0.1}),
+        ("strap.py", "Strap", {"length": 0.2, "stiffness": 100.0}),
+    ):
         Path(file).write_text(pages[file])
         element = runpy.run_path(file)[name](**options)
-        assert isinstance(check_element(element, states=2), ElementReport)
+        assert isinstance(check_element(element, states=4), ElementReport)
 
 
 def test_outputs_of_a_mechanism_are_checked() -> None:

@@ -125,6 +125,11 @@ def check_element_type(what: str, given: Any, role: type[ElementType]) -> None:
             f"{said}, whose record is {record!r}; allowed: a NumPy dtype of named fields, each of one "
             "number or more, float64 or int64"
         )
-    for name in named:
+    check_field_names(f"{said}, whose record", record)
+
+
+def check_field_names(what: str, dtype: np.dtype[Any]) -> None:
+    """Refuse fields of a record that kernels cannot read as attributes when they run as plain Python."""
+    for name in dtype.names or ():
         if hasattr(np.record, name):
-            raise UserError(f"{said}, whose record has a field {name!r}; NumPy's records have that name already")
+            raise UserError(f"{what} has a field {name!r}; NumPy's records have that name already; use another name")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field
 from math import isnan
@@ -30,7 +30,8 @@ from mbfmu.util.errors import UserError
 from mbfmu.util.text_table import format_table
 from solvers.compiled.kernel import COMPILED
 
-from .identities import IDENTITIES, MAX_UNCERTAINTY, TOLERANCE, Deviation, random_state
+from .identities import IDENTITIES, MAX_UNCERTAINTY, TOLERANCE, Deviation, State, random_state
+from .load_identities import has_tangent, load_tangents, load_values
 
 NAME = "element"  # of what is checked, in its mechanism
 CAUSES = {
@@ -41,6 +42,10 @@ CAUSES = {
     "energy, potential and power": "kernels `apply`, `potential` and `power` of a load: the power of what `apply` adds "
     "must be `power` minus the rate of `potential`",
     "complex steps": "a kernel that is not analytic: abs, min, max, arctan2, math, or a comparison without .real",
+    "limits and scratch memory": "kernel `monitor` that is negative or no number; a kernel that reads scratch memory "
+    "before it writes there",
+    "tangents of loads": "kernel `tangent`: it adds minus the derivative of what `apply` adds by the motions of its "
+    "bodies, and c1 times that by their velocities, and returns 1.0, or adds nothing and returns 0.0",
     "outputs": "kernel `read` of a sensor that is not analytic, or that depends on an earlier call",
 }
 
@@ -180,23 +185,38 @@ def check_element(
             mechanism.output(f"_probe.{body.name}.v{axis}", body.velocity(axis, point))
             mechanism.output(f"_probe.{body.name}.a{axis}", body.point_acceleration(axis, point))
     plant = Plant(mechanism)
-    outcomes = {name: Outcome() for name in IDENTITIES}
+    identities = identities_of(mechanism)
+    outcomes = {name: Outcome() for name in identities}
     for _ in range(states):
-        at = random_state(plant, rng, length)
-        for name, identity in IDENTITIES.items():
-            if outcomes[name].error:
-                continue
-            try:
-                with np.errstate(all="ignore"):
-                    for deviation in identity(plant, at):
-                        outcomes[name].add(deviation)
-            except (ArithmeticError, IndexError, TypeError, ValueError) as error:
-                last = extract_tb(error.__traceback__)[-1]
-                outcomes[name].error = f"{type(error).__name__}: {error} ({last.filename}, line {last.lineno})"
+        examine(outcomes, identities, plant, random_state(plant, rng, length))
     report = ElementReport(outcomes, interpreted=not COMPILED)
     if not report.passed:
         raise AssertionError(f"{type(element).__name__} contradicts itself\n{report}")
     return report
+
+
+def identities_of(mechanism: Mechanism) -> dict[str, Callable[[Plant, State], Iterator[Deviation]]]:
+    """Return the identities that concern a mechanism, by name."""
+    loads, found = [acting.load for acting in mechanism.loads()], dict(IDENTITIES)
+    if loads:
+        found["limits and scratch memory"] = load_values
+    if any(has_tangent(load) for load in loads):
+        found["tangents of loads"] = load_tangents
+    return found
+
+
+def examine(outcomes: dict[str, Outcome], identities: dict[str, Callable[..., Iterator[Deviation]]], *at: Any) -> None:
+    """Evaluate identities for these arguments, and add what deviates to the outcomes."""
+    for name, identity in identities.items():
+        if outcomes[name].error:
+            continue
+        try:
+            with np.errstate(all="ignore"):
+                for deviation in identity(*at):
+                    outcomes[name].add(deviation)
+        except (ArithmeticError, IndexError, TypeError, ValueError) as error:
+            last = extract_tb(error.__traceback__)[-1]
+            outcomes[name].error = f"{type(error).__name__}: {error} ({last.filename}, line {last.lineno})"
 
 
 def around(element: Any, bodies: int, length: float, rng: np.random.Generator) -> Mechanism:
@@ -227,6 +247,8 @@ def around(element: Any, bodies: int, length: float, rng: np.random.Generator) -
         m.couple(NAME, element, b0, b3)
     elif isinstance(element, Force):
         m.force(NAME, element, b3, b1)
+    elif isinstance(element, Load) and element.companions():
+        m.element(element, *chain[1 : 1 + bodies])
     elif isinstance(element, Load):
         m.load(NAME, element, *chain[1 : 1 + bodies])
     elif not isinstance(element, Joint):

@@ -97,13 +97,17 @@ def differences(function: Callable[[float], Any]) -> tuple[Array, Array]:
     return found[0], doubt
 
 
-def compare(found: Any, expected: Any, names: list[str], uncertainty: Any = 0.0, scale: float = 0.0) -> Deviation:
-    """Return where two arrays differ most; ``scale`` is the largest number in the sums that they are."""
+def compare(
+    found: Any, expected: Any, names: list[str], uncertainty: Any = 0.0, scale: float = 0.0, least: float = 1.0
+) -> Deviation:
+    """Return where two arrays differ most; ``scale`` is the largest number in the sums that they are, ``least`` what
+    the numbers are at least compared with.
+    """
     found, expected = np.ravel(found), np.ravel(expected)
     unsure = np.broadcast_to(np.ravel(uncertainty), found.shape)
     if not found.size:
         return Deviation(0.0, 0.0, 0.0, "")
-    size = max(1.0, scale, float(np.abs(found).max()), float(np.abs(expected).max()))
+    size = max(least, scale, float(np.abs(found).max()), float(np.abs(expected).max()))
     difference = np.abs(found - expected)
     k = int(np.argmax(np.where(np.isfinite(difference), difference, np.inf)))
     return Deviation(

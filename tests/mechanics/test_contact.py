@@ -254,7 +254,7 @@ def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: st
     case, c1, found = somewhere(plant, np.random.default_rng(8)), 3.0, 0
     _, state = plant.kernel_data
     update_kinematics(0.0, case.q, case.v, *plant.kernel_data)
-    arrays, twin = pin(plant._compiled.tangent_arrays()), pin(to_complex_state(plant.data.state))
+    arrays, twin = pin(plant.tangent_arrays()), pin(to_complex_state(plant.data.state))
     system = plant.complex_system()
     others, there = unpin(system.pinned_data)
     for e, acting in enumerate(plant.mechanism.loads()):

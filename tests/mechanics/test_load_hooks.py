@@ -14,7 +14,7 @@ from mbfmu.mechanics.kind import ElementType
 from mbfmu.util.errors import UserError
 
 ANCHORAGE = np.dtype([("y", np.float64), ("pull", np.float64)])
-CALLS = np.dtype([("count", np.float64), ("sum", np.float64, (3,))])
+CALLS = np.dtype([("count", np.float64), ("total", np.float64, (3,))])
 ENTRY = np.dtype([("x", np.float64), ("limit", np.int64)])
 
 
@@ -158,6 +158,20 @@ def test_scratch_memory_is_kept_and_each_has_its_own() -> None:
     for _ in range(3):
         plant.inverse_dynamics(0.0, np.array([0.25]), np.zeros(1), np.zeros(1))
     assert (calls["count"][0], entry["x"][0]) == (3.0, 0.25)
+
+
+def test_scratch_memory_has_names_that_interpreted_kernels_can_read() -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Summed(Weight):
+        force: float = 1.0
+
+        def fill(self, record: Any, site: Any) -> None:
+            site.scratch(np.dtype([("sum", np.float64)]))
+
+    m = mb.Mechanism()
+    m.load("sum", Summed(), m.body("bob", m.ground, mb.Translational(), mass=1.0))
+    with pytest.raises(UserError, match=r"scratch memory of load 'sum' has a field 'sum'; NumPy's records have that"):
+        Plant(m)
 
 
 def test_what_comes_with_an_element_acts_on_its_bodies() -> None:

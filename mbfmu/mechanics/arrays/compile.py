@@ -13,7 +13,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation, signal_of, vector
 from mbfmu.mechanics.flexible.modal import FLEXIBLE, NODE
 from mbfmu.mechanics.joints import Section
-from mbfmu.mechanics.kind import ElementType, check_element_type, record_of
+from mbfmu.mechanics.kind import ElementType, check_element_type, check_field_names, record_of
 from mbfmu.mechanics.records import (
     MAX_KERNELS,
     MODAL,
@@ -207,7 +207,8 @@ class CompiledAttachment:
         return len(known) - 1
 
     def scratch(self, dtype: np.dtype[Any]) -> int:
-        """Return the place of scratch memory with these fields, bytes."""
+        """Return the place of scratch memory with these fields, bytes; raises UserError for their names."""
+        check_field_names(f"scratch memory of {self.name}", dtype)
         return self._numbering.scratch(dtype)
 
     def numbers(self, values: Any) -> int:

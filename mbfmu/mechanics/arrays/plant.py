@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.kind import ElementType
-from mbfmu.mechanics.records import Data, ItemRecord
+from mbfmu.mechanics.records import Arrays, Data, ItemRecord
 from mbfmu.mechanics.recursions.dynamics import energy, observe
 from mbfmu.mechanics.sensors import Follows, largest_residual
 from mbfmu.mechanics.signals import Input, InUse
@@ -232,6 +232,10 @@ class Plant:
     def tangent(self, groups: Groups | None = None) -> Tangent:
         """Return the structured tangent at the state of this plant, over these groups of bodies."""
         return self._systems.tangent(groups)
+
+    def tangent_arrays(self) -> Arrays:
+        """Return the arrays with the kernels ``tangent`` of loads; a real state has none of them otherwise."""
+        return self._compiled.tangent_arrays()
 
     def poses(self, t: float, q: Array) -> tuple[Array, Array]:
         """Return origins (bodies, 3), m, and axes as columns (bodies, 3, 3), global, of all bodies, ground first."""

@@ -88,6 +88,9 @@ class Loading(Members):
         check_element_type(what, element, Load)
         element.check(what)
         self._check_nodes(what, bodies, element.n_bodies)
+        for companion in element.companions():
+            check_element_type(f"companion of {what}", companion, Load)
+            companion.check(f"companion of {what}")
         self.elements.append(Acting(what, element, bodies))
 
     def pressure(self, name: str, magnitude: Any, faces: Iterable[Sequence[Body]]) -> None:
