@@ -153,7 +153,7 @@ def find_closed_positions(eqs: Any, t: float, start: Any, q: Any, work: Scratch)
 
 @kernel
 def set_weights(stage: int, given: Any, work: Scratch) -> bool:
-    """Fill work.share for a stage of the module docstring; False if the stage does not differ from the last one."""
+    """Fill work.weight for a stage of the module docstring; False if the stage does not differ from the last one."""
     some, others = False, False
     for j in range(given.shape[0]):
         if work.free[j] > 0.0:
@@ -227,7 +227,7 @@ def apply_limited_step(eqs: Loops, q: Any, work: Any) -> None:
 
 @kernel
 def factor_scaled_jacobian(J: Reals, whole: bool, work: Any) -> int:
-    """Factor J (m, n) in units of rows and coordinates, the ``whole`` or weighted by shares; return its rank."""
+    """Factor J (m, n) in units of rows and coordinates, the ``whole`` or weighted; return its rank."""
     m, n = J.shape
     for i in range(m):
         for j in range(n):

@@ -17,7 +17,7 @@ energy at work over the extent.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import Record, f8, i8
@@ -32,9 +32,6 @@ from .energy_account import (
     STEP_BOUND,
     WORK,
 )
-
-if TYPE_CHECKING:
-    pass
 
 
 class BalanceRecord(Record):

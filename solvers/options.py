@@ -13,7 +13,7 @@ from solvers.compiled.record import Record, f8, i8
 
 
 class OptionsRecord(Record):
-    """Fmt: skip."""
+    """Options of a solver, as compiled loops read them."""
 
     rtol: f8
     absolute: f8
@@ -38,7 +38,7 @@ class Switching:
     calm_steps: int = 5  # consecutive steps not shrinking and with one choice of independents to return to LU
 
     def __post_init__(self) -> None:
-        """Refuse counts below one."""
+        """Refuse numbers that are not positive."""
         for name in ("flicker_steps", "energy_jump", "flicker_count", "collapse_cuts", "calm_steps"):
             require(name, getattr(self, name), 0.0, math.inf)
 

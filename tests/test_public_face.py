@@ -80,7 +80,7 @@ def test_a_result_is_saved_and_loaded_whole(result: mb.Result, tmp_path: Path) -
     again = mb.Result.load(tmp_path / "run.npz")
     np.testing.assert_array_equal(again.values, result.values)
     np.testing.assert_array_equal(again.t, result.t)
-    for name in ("variables", "statistics", "settings", "name", "failure", "remarks", "title"):
+    for name in ("variables", "statistics", "settings", "name", "failure", "diagnostics", "title"):
         assert getattr(again, name) == getattr(result, name)
     for content in (b"", b"no archive"):
         (tmp_path / "bad.npz").write_bytes(content)
@@ -197,14 +197,20 @@ def test_a_dozen_curves_are_drawn_in_a_panel_and_the_rest_on_request() -> None:
         result.plot("top.*")
 
 
-@pytest.mark.parametrize(("field", "word"), [("failure", "FAILED at 9 s"), ("verdict", "INACCURATE: the energy err")])
-def test_a_picture_says_that_a_run_went_wrong(field: str, word: str) -> None:
-    figure = made({"x": 1.0}, **{field: "it broke. Try again."}).plot()
+@pytest.mark.parametrize(
+    ("found", "word"),
+    [
+        (mb.Diagnostic.error("collapsed-step", "it broke", "Try again"), "FAILED at 9 s"),
+        (mb.Diagnostic.warning("energy-balance", "it broke", "Try again"), "INACCURATE: the energy err"),
+    ],
+)
+def test_a_picture_says_that_a_run_went_wrong(found: mb.Diagnostic, word: str) -> None:
+    figure = made({"x": 1.0}, diagnostics=[found]).plot()
     lines = figure.get_suptitle().splitlines()
     assert lines[0] == "a/b, ida, tolerance 1e-6"
     assert lines[1].startswith(word)
     assert lines[2] == "it broke"
-    assert len(figure.axes[0].lines) == 1 + (field == "failure")
+    assert len(figure.axes[0].lines) == 1 + (found.severity == "error")
 
 
 def test_a_picture_of_many_units_has_a_limited_height() -> None:

@@ -71,7 +71,7 @@ def build_native_fmu(
 
 
 def describe_constants(frozen: Mapping[str, str]) -> list[Diagnostic]:
-    """Return notes on the parameters that are constant, one for each reason; ``fixed``: reasons by name."""
+    """Return notes on the parameters that are constant, one for each reason; ``frozen``: reasons by name."""
     found = []
     for why in dict.fromkeys(frozen.values()):
         names = [repr(name) for name, own in frozen.items() if own == why]

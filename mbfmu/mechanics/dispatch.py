@@ -130,7 +130,7 @@ def part_value(k: int, kernel: int, arrays: Arrays, state: State, argument: Any)
 def scratch_record(place: int, dtype: Any, state: State) -> Any:
     """Scratch memory of an element type in a state: a record of ``dtype``, where its ``fill`` got the ``place`` of it.
 
-    Its numbers are complex if the state is. It keeps what was written last, and is zero at first.
+    Its numbers are complex if the state is. All elements with these fields share it: a kernel writes before it reads.
     """
     return record_at(state.scratch, place, dtype, state.time)
 

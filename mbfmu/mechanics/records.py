@@ -115,7 +115,7 @@ class Arrays(NamedTuple):
     residual_scale: NDArray[np.float64]  # (rows,) m: length of the mechanism divided by the unit of the row
     flexibles: NDArray[Any]  # FLEXIBLE
     nodes: NDArray[Any]  # NODE
-    kernels: NDArray[np.int64]  # addresses of kernels, KERNELS for each kind that is there; 0: it has none
+    kernels: NDArray[np.int64]  # addresses of kernels, MAX_KERNELS for each kind that is there; 0: it has none
     memory: NDArray[np.uint8]  # every record of whatever has a kind
     numbers: NDArray[np.float64]  # of tables, which are of any length
 

@@ -53,7 +53,7 @@ class MemoryImage:
         Bytes of the block, and of its part that is saved.
     root
         Where the tuple is.
-    places, kernels
+    relocations, kernels
         What is to be put right: addresses within the block, and of kernels.
     """
 

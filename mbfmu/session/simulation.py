@@ -84,7 +84,7 @@ class Simulation(Diagnosed):
 
     Attributes
     ----------
-    select_solver
+    solver_choice
         Solver in use and the reason: that of the settings, or the one that ``auto`` has chosen.
     start
         Positions (nq,) and velocities (n,) at the start, with closed loops.

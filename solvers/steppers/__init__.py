@@ -1,4 +1,4 @@
-"""Integrators by name: Adams PECE on a partition, Radau IIA, and SUNDIALS IDA."""
+"""Integrators by name: Adams PECE on a partition, Radau IIA, ESDIRK, and SUNDIALS IDA."""
 
 from __future__ import annotations
 

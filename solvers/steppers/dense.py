@@ -59,7 +59,7 @@ def classify_nearest_singularity(eqs: Equations, t: float, q: Any, rank: int, wo
 def estimate_rates(
     eqs: Any, t: float, q: Any, v: Reals, rank: int, known: float, loop_rate: float, duration: float, work: Any
 ) -> None:
-    """Note the rate of the motion (1/s, see :func:`solvers.stepper.rate_of_start`), and of every coordinate's own part
+    """Note the rate of the motion (1/s, see :func:`solvers.stepper.start_rate`), and of every coordinate's own part
     in it: a stiff spring at one of them is not to make the others' tolerances coarse.
     """
     if evaluate_state(eqs, t, q, v, rank, work, work.slope, work.lam) != OK:

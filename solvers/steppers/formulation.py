@@ -13,7 +13,7 @@ There are two formulations: :class:`solvers.steppers.dense.DenseFormulation` fac
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,6 @@ from solvers.energy_account import EnergyScales, add_energy_error_bound
 from solvers.options import Options
 from solvers.outcome import Code
 from solvers.system import AnySystem, Array, System, TreeSystem
-
-if TYPE_CHECKING:
-    pass
 
 
 @kernel

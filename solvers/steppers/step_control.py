@@ -13,7 +13,7 @@ from solvers.compiled.kernel import inlined
 from solvers.projection.singular import IMPERFECT
 
 FIRST_STEP_RATIO = 0.1  # first step, in units of one over the rate of the motion
-MIN_STEP_RATIO = 1e-11  # see solvers.stepper.smallest_step
+MIN_STEP_RATIO = 1e-11  # see solvers.stepper.min_step_length
 STEP_SAFETY_FACTOR = 0.9  # of the step that follows from the error estimate
 MIN_STEP_CHANGE = 0.2  # next step in units of this one, at least
 TARGET_TOLERANCE = 1e-9  # part of a step: a step ends at the requested time if its end is so near

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ from solvers.stepper import require_resolved_position, require_resolved_time
 from solvers.system import Array, TreeSystem, energy_callbacks
 
 from .formulation import Formulation
-
-if TYPE_CHECKING:
-    pass
 
 # Absolute tolerance of a rate to that of its coordinate, in units of the motion's rate. A tighter one than IDA's costs
 # nothing if stability limits the step, and a looser one lets the fastest modes grow.

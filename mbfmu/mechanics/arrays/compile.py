@@ -140,7 +140,7 @@ class Numbering:
         return self._number(self._given(signal_of(value, what), what))
 
     def scratch(self, dtype: np.dtype[Any]) -> int:
-        """Return the place of scratch memory with these fields, bytes; every one has its own."""
+        """Return the place of scratch memory with these fields, bytes; equal fields share it."""
         for known, place in self.scratch_places:
             if known == dtype:
                 return place

@@ -154,7 +154,9 @@ def set_input(i: InputRecords, index: int, value: float, t: float) -> None:
 
 @kernel
 def begin_support_motions(i: InputRecords, t: float, end: float) -> int:
-    """Begin a step from t to ``end``, s; return the sum of what applies of CHANGED, DEPARTS and JUMPS."""
+    """Begin a step from t to ``end``, s; return the sum of what applies of LOADS_CHANGED,
+    MOTION_STARTS and RATE_JUMPS.
+    """
     found = 0
     for k in range(i.loads.shape[0]):
         load = i.loads[k]

@@ -106,7 +106,7 @@ class Tables:
         return self.tables[found[0]] if found else records(0, record_of(kind))
 
     def kernels(self, numbers: NumberTypes = REAL) -> NDArray[np.int64]:
-        """Return the addresses of all kernels, KERNELS for each kind, compiled for these numbers."""
+        """Return the addresses of all kernels, MAX_KERNELS for each kind, compiled for these numbers."""
         table = np.zeros((max(1, len(self._used)), MAX_KERNELS), np.int64)
         for own, kind in zip(table, self._used, strict=False):
             analytic = any(name == "tangent" and function is not None for name, _, function in kind.kernels)

@@ -31,13 +31,13 @@ class SpringRecord(Record):
 
     a: i8
     b: i8
-    first: i8  # of the numbers of a table, and how many rows it has
-    count: i8
+    first: i8  # of the numbers of a table
+    count: i8  # rows of the table
     Pa: Vec3  # body axes, m
     Pb: Vec3
     stiffness: f8
     damping: f8
-    free: f8
+    free: f8  # unloaded length, m
 
 
 @kernel

@@ -2,7 +2,7 @@
 
     set input   set the value; count a jump of the potential energy as work; the solver continues at its state
     step        extrapolated loads change; support motions start, with the impulse of all velocity jumps;
-                the solver advances; check of the energy balance; bending of plates
+                the solver advances; check of the energy balance; limits of elements
     read        accelerations and multipliers; outputs; check of the energy balance
     retune      count the change of the energy by parameters as work; the solver restarts
 

@@ -76,7 +76,7 @@ class History(NamedTuple):
 
     control: NDArray[Any]  # (1,)          record of CONTROL
     y: Array  # (size,)       state (q, v, W) at control.t
-    phi: Array  # (size, ROWS)  modified divided differences of y'
+    phi: Array  # (size, N_DIFFERENCES)  modified divided differences of y'
     unit: Array  # (size,)       what the absolute tolerance of y is measured in
     weight: Array  # (size,)       1 / (rtol |y| + atol unit), 0 where the error is not controlled
     p: Array  # (size,)       predicted state

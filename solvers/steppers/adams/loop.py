@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 
 class SettingsRecord(Record):
-    """Fmt: skip."""
+    """Options of Adams on matrices."""
 
     rtol: f8
     atol: f8
@@ -53,8 +53,8 @@ class SettingsRecord(Record):
     max_order: i8
     max_steps: i8
     partition: i8  # PROJECTION, LU, or HYBRID
-    energy_check: i8  # 1: record energy and work; 1: some force does work
-    works: i8
+    energy_check: i8  # 1: record energy and work
+    works: i8  # 1: some force does work
     flicker_steps: i8
     flicker_count: i8
     energy_jump: f8

@@ -11,7 +11,7 @@ under evaluation is in ``work.q`` and ``work.v``.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -48,9 +48,6 @@ from .one_step import (
     truncate_step,
 )
 from .order_control import shorten_step
-
-if TYPE_CHECKING:
-    pass
 
 PECE_HOOKS = (
     "begin", "motion_rate", "set_error_weights", "evaluate_derivative", "evaluate_power", "record_energy",

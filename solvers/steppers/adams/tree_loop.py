@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class SettingsRecord(Record):
-    """Fmt: skip."""
+    """Options of Adams on trees."""
 
     rtol: f8
     atol: f8
@@ -41,8 +41,8 @@ class SettingsRecord(Record):
     max_order: i8
     max_steps: i8
     rate: f8  # of the motion, 1/s
-    energy_check: i8  # 1: record energy and work; 1: some force does work
-    works: i8
+    energy_check: i8  # 1: record energy and work
+    works: i8  # 1: some force does work
 
 
 SETTINGS = SettingsRecord.dtype

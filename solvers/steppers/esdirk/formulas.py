@@ -4,8 +4,8 @@ The method is the implicit one of ARK3(2)4L[2]SA (Kennedy, Carpenter, Appl. Nume
 first explicit, L-stable, stiffly accurate: the last stage is where the step ends, and its slopes are the next step's
 first. With Q_j = N v and A_j = v' in stage j, stage i is at
 
-    q_i = q_e + h gamma Q_i,    v_i = v_e + h gamma A_i,    q_e = q + h sum_j<i a_ij Q_j,    v_e = v + h sum_j<i a_ij
-    A_j.
+    q_i = q_e + h gamma Q_i,    q_e = q + h sum_j<i a_ij Q_j,
+    v_i = v_e + h gamma A_i,    v_e = v + h sum_j<i a_ij A_j.
 
 Newton moves q_i alone: v_i and A_i follow from it, and where q is an angle or a length c = 1 / (h gamma) makes
 dv = c dq, dA = c^2 dq, so that T = c^2 M + c D + K takes the residual's place. A unit quaternion u stands for the
@@ -84,9 +84,9 @@ class Memory(NamedTuple):
     q: Array  # (nq,)
     v: Array  # (n,)
     lam: Array  # (m,)
-    Q: Array  # (STAGES, nq) slopes; before a step, the first row
-    A: Array  # (STAGES, n)
-    P: Array  # (STAGES,) powers, W
+    Q: Array  # (N_STAGES, nq) slopes; before a step, the first row
+    A: Array  # (N_STAGES, n)
+    P: Array  # (N_STAGES,) powers, W
     q0: Array  # (nq,) where it began
     slope0: Array  # (nq,)
     slope: Array  # (nq,) where it ended

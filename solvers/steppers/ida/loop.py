@@ -26,19 +26,19 @@ RESIDUALS, JACOBIANS, NONFINITE_RESIDUALS, STEPS, REJECTED_STEPS, ERROR_TEST_FAI
 
 
 class ProgressRecord(Record):
-    """Fmt: skip."""
+    """Where an integration by IDA stands."""
 
-    t_reached: f8  # s, where IDA itself stands, and where its history begins
-    t_begun: f8
-    last_step: f8  # s, its last step, and how long the next one may be
-    max_next_step: f8
+    t_reached: f8  # s, where IDA itself stands
+    t_begun: f8  # s, where its history begins
+    last_step: f8  # s, its last step
+    max_next_step: f8  # s, how long the next one may be
     max_step: f8  # s, of any step; a shorter one is no progress
     min_step: f8
     truncated_steps: i8  # requested times at which steps are yet to end
-    steps: i8  # steps in this call, and how many there may be
-    max_steps: i8
-    works: i8  # 1: some force does work; 1: record energy and work
-    energy_check: i8
+    steps: i8  # steps in this call
+    max_steps: i8  # how many there may be
+    works: i8  # 1: some force does work
+    energy_check: i8  # 1: record energy and work
 
 
 PROGRESS = ProgressRecord.dtype

@@ -205,7 +205,7 @@ def divided_differences(y0: float, y1: float, y2: float, y3: float) -> tuple[flo
 
 @kernel
 def extrapolate(h: float, memory: Memory) -> None:
-    """``memory.Z`` of the next step, of h, from the polynomial of the last one, of ``pin``."""
+    """``memory.Z`` of the next step, of h, from the polynomial of the last one, of ``hold``."""
     ratio = h / memory.control[0].hold
     for i in range(memory.v.shape[0]):
         z1, z2, z3 = memory.Z[0, i], memory.Z[1, i], memory.Z[2, i]

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 
 class SettingsRecord(Record):
-    """Fmt: skip."""
+    """Options of Radau."""
 
     rtol: f8  # of the estimated error
     atol: f8
@@ -63,8 +63,8 @@ class SettingsRecord(Record):
     newton_tolerance: f8  # what Newton may leave, in tolerances of the estimated error
     max_step: f8
     max_steps: i8
-    energy_check: i8  # 1: record energy and work; 1: some force does work
-    works: i8
+    energy_check: i8  # 1: record energy and work
+    works: i8  # 1: some force does work
 
 
 SETTINGS = SettingsRecord.dtype
