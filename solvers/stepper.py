@@ -17,36 +17,55 @@ from .outcome import Code, SolverError, Status
 from .system import AnySystem, Array
 
 MAX_SPACING_IN_TOLERANCES = 0.1  # largest spacing of floating-point numbers at an initial position
+SPACING_FACTOR = 2.0**-53 * (1.0 + 2.0**-52)  # of a number, which it is less than one step away from
+UNRESOLVED_TIME, RESOLVED = -2, -1  # results of find_unresolved
 DISCONTINUITY_STEP_RATIO = 1e-8  # of the time: signals shorten steps so much only at jumps
 MIN_RATE_PER_DURATION = 0.1  # least rate of a motion, in units of one over the duration of the run
 
 
-def require_resolved_time(t0: float, rate: float, rtol: float) -> None:
-    """Raise if the floating-point numbers near ``t0`` (s) are too far apart for a motion of ``rate`` (1/s)."""
-    spacing = float(np.spacing(abs(t0)))
-    if not spacing * rate <= rtol:
+@inlined
+def spacing(x: float) -> float:
+    """How far the next floating-point number is from x."""
+    return (abs(x) + SPACING_FACTOR * abs(x)) - abs(x)
+
+
+@kernel
+def find_unresolved(t: float, rate: float, q: Any, size: Any, rtol: float) -> int:
+    """Return UNRESOLVED_TIME if the floating-point numbers near t (s) are too far apart for a motion of ``rate`` (1/s),
+    else the position of q (nq,) that they resolve worst to the tolerance, in units of ``size``; RESOLVED: none is.
+    """
+    if not spacing(t) * rate <= rtol:
+        return UNRESOLVED_TIME
+    worst, most = RESOLVED, MAX_SPACING_IN_TOLERANCES * rtol
+    for k in range(q.shape[0]):
+        apart = spacing(q[k]) / size[k]
+        if not apart <= most:
+            worst, most = k, apart
+    return worst
+
+
+def require_resolution(t0: float, rate: float, q: Array, size: Array, rtol: float, names: tuple[str, ...] = ()) -> None:
+    """Raise if floating-point numbers do not resolve the start time ``t0`` (s) and positions q (nq,), see
+    :func:`find_unresolved`; ``names`` are those of the coordinates.
+    """
+    k = find_unresolved(t0, rate, q, size, rtol)
+    if k == UNRESOLVED_TIME:
         raise ValueError(
             Diagnostic.error(
                 "clock-resolution",
-                f"t0 is {t0:g} s, where the spacing of floating-point numbers is {spacing:.1e} s; in that time the "
+                f"t0 is {t0:g} s, where the spacing of floating-point numbers is {spacing(t0):.1e} s; in that time the "
                 f"motion changes by more than the tolerance of {rtol:g}",
                 "Use a start time nearer to zero",
                 time=t0,
             )
         )
-
-
-def require_resolved_position(q: Array, size: Array, rtol: float, names: tuple[str, ...] = ()) -> None:
-    """Raise if a position of q (nq,) is too large to be resolved to the tolerance, in units of ``size``."""
-    spacing = np.spacing(np.abs(q)) / size
-    k = int(np.argmax(spacing)) if len(q) else 0
-    if len(q) and not spacing[k] <= MAX_SPACING_IN_TOLERANCES * rtol:
+    if k != RESOLVED:
         name = f"coordinate {names[k]!r}" if len(names) == len(q) else f"position {k}"
         raise ValueError(
             Diagnostic.error(
                 "clock-resolution",
                 f"{name} starts at {q[k]:g}, where the spacing of floating-point numbers is "
-                f"{spacing[k] * size[k]:.1e}; this is too coarse for a tolerance of {rtol:g}",
+                f"{spacing(q[k]):.1e}; this is too coarse for a tolerance of {rtol:g}",
                 "Start nearer to zero (an angle minus a multiple of 2 pi is the same position)",
                 subject=names[k] if len(names) == len(q) else "",
             )

@@ -30,7 +30,7 @@ from mbfmu.sheets import elements as sheet_elements
 from mbfmu.sheets import joints as sheet_joints
 from mbfmu.sheets import sensors as sheet_sensors
 from mbfmu.util.errors import UserError
-from solvers.assembly import Scratch
+from solvers.assembly import ASSEMBLED, Scratch
 from solvers.compiled.kernel import as_kernel, jit_uncached, records, types
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.energy_account import ACCOUNT_SIZE, EnergyScales
@@ -43,7 +43,7 @@ from solvers.system import Array
 
 from .families import FAMILIES, NATIVE_SOLVERS
 from .image import MemoryImage
-from .start_checks import check_resolution
+from .start_checks import check_resolution, find_misplaced
 
 COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
     joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, signals: signals.Signal,
@@ -257,10 +257,10 @@ def entries(name: str) -> dict[str, Entry]:
         """Let the reported state be the start with its loops closed at t (s); return a code of solvers.assembly.
 
         If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state.
-        It may be TURNED too.
+        It may be TURNED or MISPLACED too.
         """
         code: int = assembled(instance, t)
-        return code
+        return code if code != ASSEMBLED else int(find_misplaced(instance, t))
 
     def begin(instance: Any, t: float) -> int:
         """Begin at t (s) and the reported state, as a stepper that is constructed there."""
@@ -281,9 +281,11 @@ def entries(name: str) -> dict[str, Entry]:
             instance.known[0],
             instance.known[2],
         )
-        instance.session.status[0].flaw = check_resolution(
+        found = check_resolution(
             t, rate, problem.q, problem.work.size_q, problem.scales.rtol[0], instance.start.scratch.worst[0]
         )
+        if found != ASSEMBLED:
+            instance.session.status[0].flaw = found
         return int(code)
 
     def continue_at_state(instance: Any) -> int:
