@@ -13,7 +13,7 @@ from .compiled.kernel import inlined, kernel
 from .diagnostics import Diagnostic
 from .energy_account import ACCOUNT_SIZE
 from .options import Options, Statistics
-from .outcome import Code, SolverError, Status
+from .outcome import OK, Code, SolverError, Status
 from .system import AnySystem, Array
 
 MAX_SPACING_IN_TOLERANCES = 0.1  # largest spacing of floating-point numbers at an initial position
@@ -106,6 +106,36 @@ def is_discontinuity(longest: float, t: float) -> bool:
     with any error if they are as short as :func:`min_step_length`.
     """
     return longest <= DISCONTINUITY_STEP_RATIO * abs(t)
+
+
+def advance_in_pieces_of(limit_steps: Any, advance_to: Any) -> Any:
+    """Return what advances a run in pieces, in each of which no step may miss a signal; compiled if its actions are.
+
+    Parameters
+    ----------
+    limit_steps
+        (run, t) -> until: limit the length of steps from the reported time t (s) on by what depends on time
+        explicitly; return until when the limit holds, s.
+    advance_to
+        (run, t) -> code: advance to time t, s.
+
+    Returns
+    -------
+    callable
+        (run, reached, t) -> code: advance from the reported time ``reached`` to t, s.
+    """
+
+    def advance_in_pieces(run: Any, reached: float, t: float) -> Any:
+        code = OK
+        while code == OK:
+            until = limit_steps(run, reached)
+            reached = min(t, until)
+            code = advance_to(run, reached)
+            if not until < t:
+                break
+        return code
+
+    return advance_in_pieces
 
 
 class Samples(NamedTuple):
@@ -227,17 +257,12 @@ class Stepper(ABC):
         if not t >= self._t:
             raise ValueError(f"the time to advance to is {t} s, but it stands at {self._t} s; use restore() to go back")
         if t > self._t or not self.status.ok:
-            until = self._limit_steps()
-            code = self.advance_to(min(float(t), until))
-            while code is Code.OK and until < t:
-                until = self._limit_steps()
-                code = self.advance_to(min(float(t), until))
-            self.status = self._status(code)
+            self.status = self._status(_advance_in_pieces(self, self._t, float(t)))
         return self.status
 
-    def _limit_steps(self) -> float:
-        """Apply the step-size limit of time-dependent inputs at the reported time; return when it expires, s."""
-        longest, until = self._input_step_limit(self._t)
+    def _limit_steps(self, t: float) -> float:
+        """Apply the step-size limit of time-dependent inputs at the reported time t; return when it expires, s."""
+        longest, until = self._input_step_limit(t)
         self.limit_step(min(longest, self.options.max_step))
         return until
 
@@ -299,7 +324,7 @@ class Stepper(ABC):
         outputs = np.ascontiguousarray(given)
         done, goes_on = 0, True
         while goes_on and done < len(times):
-            until = self._limit_steps()
+            until = self._limit_steps(self._t)
             count = int(np.searchsorted(times[done:], until, side="right"))
             if count:
                 rows = slice(done, done + count)
@@ -393,3 +418,6 @@ def unpack(data: bytes, arrays: list[NDArray[Any]]) -> None:
         count = array.size
         array.reshape(-1)[:] = np.frombuffer(data, array.dtype, count, offset)
         offset += array.nbytes
+
+
+_advance_in_pieces = advance_in_pieces_of(Stepper._limit_steps, lambda stepper, t: stepper.advance_to(t))

@@ -37,6 +37,7 @@ from solvers.energy_account import ACCOUNT_SIZE, EnergyScales
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
+from solvers.stepper import advance_in_pieces_of
 from solvers.steppers import drop_unlisted
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
@@ -202,24 +203,24 @@ def solver_actions(name: str) -> SolverActions:
     advance_reported, limit, continued = family.loop.advance_reported, family.limit, family.continue_at_state
 
     @jit_uncached
-    def advance_in_pieces(instance: Any, t: float) -> int:
-        """Go to t, s, in pieces in each of which no step may miss a signal, as ``Stepper.advance`` does."""
-        problem, reached, code = instance.given, instance.clock[0], OK
-        while code == OK:
-            longest, until = input_step_limit(reached, problem.eqs.data)
-            limit(problem, reached, min(longest, instance.options[0].max_step))
-            reached = min(t, until)
-            code = advance_reported(problem, reached)
-            if not until < t:
-                break
+    def limit_steps(instance: Any, t: float) -> float:
+        longest, until = input_step_limit(t, instance.given.eqs.data)
+        limit(instance.given, t, min(longest, instance.options[0].max_step))
+        return float(until)
+
+    @jit_uncached
+    def advance_to(instance: Any, t: float) -> int:
+        code: int = advance_reported(instance.given, t)
         return code
+
+    advance_in_pieces: Any = jit_uncached(advance_in_pieces_of(limit_steps, advance_to))
 
     @jit_uncached
     def advance(instance: Any, end: float) -> int:
         """Advance to ``end``, s; on failure the last good state stays."""
         status = instance.session.status[0]
         if end > instance.clock[0] or status.code != OK:
-            status.code = advance_in_pieces(instance, end)
+            status.code = advance_in_pieces(instance, instance.clock[0], end)
             instance.clock[0] = end if status.code == OK else instance.given.memory.control[0].t
         return int(status.code)
 
