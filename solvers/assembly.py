@@ -304,6 +304,34 @@ def fill_velocity_residual(terms: Terms, v: Reals, work: Scratch) -> None:
 
 
 @kernel
+def is_off_branch(terms: Any, v: Any, rank: int, tolerance: float, work: Any) -> bool:
+    """Whether the rates v (n,) belong to no branch of the motion in a singular configuration with these ``terms``.
+
+    An acceleration exists if J v' = gamma has a solution. In a singular configuration, in which J has not the ``rank``
+    that it has nearby, this is the tangent cone of the constraints. What the best solution leaves of gamma is compared
+    with ``tolerance`` times the squares of the rates, all in the units of rows and coordinates.
+    """
+    m, n = terms.J.shape
+    for i in range(m):
+        work.gaps[i] = terms.gamma[i] / work.row[i]
+    for j in range(n):
+        work.weight[j] = 1.0
+    if rank == 0 or factor_scaled_jacobian(terms.J, True, work) >= rank:
+        return False
+    solve_least_change(terms.J, 0.0, work)
+    left, rates = 0.0, 0.0
+    for i in range(m):
+        gap = work.gaps[i]
+        for j in range(n):
+            gap -= terms.J[i, j] * (work.size[j] / work.row[i]) * work.step[j]
+        left += gap * gap
+        rates += (terms.nu[i] / work.row[i]) ** 2
+    for j in range(n):
+        rates += (v[j] / work.size[j]) ** 2
+    return bool(np.sqrt(left) > tolerance * rates)
+
+
+@kernel
 def check_mobile_mass(terms: Any, mass: Any, work: Any) -> int:
     """Whether all that the constraints allow moves mass, held or not; ``mass`` (n, n) is scratch.
 

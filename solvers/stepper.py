@@ -13,40 +13,59 @@ from .compiled.kernel import inlined, kernel
 from .diagnostics import Diagnostic
 from .energy_account import ACCOUNT_SIZE
 from .options import Options, Statistics
-from .outcome import Code, SolverError, Status
+from .outcome import OK, Code, SolverError, Status
 from .system import AnySystem, Array
 
 MAX_SPACING_IN_TOLERANCES = 0.1  # largest spacing of floating-point numbers at an initial position
+SPACING_FACTOR = 2.0**-53 * (1.0 + 2.0**-52)  # of a number, which it is less than one step away from
+UNRESOLVED_TIME, RESOLVED = -2, -1  # results of find_unresolved
 DISCONTINUITY_STEP_RATIO = 1e-8  # of the time: signals shorten steps so much only at jumps
 MIN_RATE_PER_DURATION = 0.1  # least rate of a motion, in units of one over the duration of the run
 
 
-def require_resolved_time(t0: float, rate: float, rtol: float) -> None:
-    """Raise if the floating-point numbers near ``t0`` (s) are too far apart for a motion of ``rate`` (1/s)."""
-    spacing = float(np.spacing(abs(t0)))
-    if not spacing * rate <= rtol:
+@inlined
+def spacing(x: float) -> float:
+    """How far the next floating-point number is from x."""
+    return (abs(x) + SPACING_FACTOR * abs(x)) - abs(x)
+
+
+@kernel
+def find_unresolved(t: float, rate: float, q: Any, size: Any, rtol: float) -> int:
+    """Return UNRESOLVED_TIME if the floating-point numbers near t (s) are too far apart for a motion of ``rate`` (1/s),
+    else the position of q (nq,) that they resolve worst to the tolerance, in units of ``size``; RESOLVED: none is.
+    """
+    if not spacing(t) * rate <= rtol:
+        return UNRESOLVED_TIME
+    worst, most = RESOLVED, MAX_SPACING_IN_TOLERANCES * rtol
+    for k in range(q.shape[0]):
+        apart = spacing(q[k]) / size[k]
+        if not apart <= most:
+            worst, most = k, apart
+    return worst
+
+
+def require_resolution(t0: float, rate: float, q: Array, size: Array, rtol: float, names: tuple[str, ...] = ()) -> None:
+    """Raise if floating-point numbers do not resolve the start time ``t0`` (s) and positions q (nq,), see
+    :func:`find_unresolved`; ``names`` are those of the coordinates.
+    """
+    k = find_unresolved(t0, rate, q, size, rtol)
+    if k == UNRESOLVED_TIME:
         raise ValueError(
             Diagnostic.error(
                 "clock-resolution",
-                f"t0 is {t0:g} s, where the spacing of floating-point numbers is {spacing:.1e} s; in that time the "
+                f"t0 is {t0:g} s, where the spacing of floating-point numbers is {spacing(t0):.1e} s; in that time the "
                 f"motion changes by more than the tolerance of {rtol:g}",
                 "Use a start time nearer to zero",
                 time=t0,
             )
         )
-
-
-def require_resolved_position(q: Array, size: Array, rtol: float, names: tuple[str, ...] = ()) -> None:
-    """Raise if a position of q (nq,) is too large to be resolved to the tolerance, in units of ``size``."""
-    spacing = np.spacing(np.abs(q)) / size
-    k = int(np.argmax(spacing)) if len(q) else 0
-    if len(q) and not spacing[k] <= MAX_SPACING_IN_TOLERANCES * rtol:
+    if k != RESOLVED:
         name = f"coordinate {names[k]!r}" if len(names) == len(q) else f"position {k}"
         raise ValueError(
             Diagnostic.error(
                 "clock-resolution",
                 f"{name} starts at {q[k]:g}, where the spacing of floating-point numbers is "
-                f"{spacing[k] * size[k]:.1e}; this is too coarse for a tolerance of {rtol:g}",
+                f"{spacing(q[k]):.1e}; this is too coarse for a tolerance of {rtol:g}",
                 "Start nearer to zero (an angle minus a multiple of 2 pi is the same position)",
                 subject=names[k] if len(names) == len(q) else "",
             )
@@ -87,6 +106,36 @@ def is_discontinuity(longest: float, t: float) -> bool:
     with any error if they are as short as :func:`min_step_length`.
     """
     return longest <= DISCONTINUITY_STEP_RATIO * abs(t)
+
+
+def advance_in_pieces_of(limit_steps: Any, advance_to: Any) -> Any:
+    """Return what advances a run in pieces, in each of which no step may miss a signal; compiled if its actions are.
+
+    Parameters
+    ----------
+    limit_steps
+        (run, t) -> until: limit the length of steps from the reported time t (s) on by what depends on time
+        explicitly; return until when the limit holds, s.
+    advance_to
+        (run, t) -> code: advance to time t, s.
+
+    Returns
+    -------
+    callable
+        (run, reached, t) -> code: advance from the reported time ``reached`` to t, s.
+    """
+
+    def advance_in_pieces(run: Any, reached: float, t: float) -> Any:
+        code = OK
+        while code == OK:
+            until = limit_steps(run, reached)
+            reached = min(t, until)
+            code = advance_to(run, reached)
+            if not until < t:
+                break
+        return code
+
+    return advance_in_pieces
 
 
 class Samples(NamedTuple):
@@ -208,17 +257,12 @@ class Stepper(ABC):
         if not t >= self._t:
             raise ValueError(f"the time to advance to is {t} s, but it stands at {self._t} s; use restore() to go back")
         if t > self._t or not self.status.ok:
-            until = self._limit_steps()
-            code = self.advance_to(min(float(t), until))
-            while code is Code.OK and until < t:
-                until = self._limit_steps()
-                code = self.advance_to(min(float(t), until))
-            self.status = self._status(code)
+            self.status = self._status(_advance_in_pieces(self, self._t, float(t)))
         return self.status
 
-    def _limit_steps(self) -> float:
-        """Apply the step-size limit of time-dependent inputs at the reported time; return when it expires, s."""
-        longest, until = self._input_step_limit(self._t)
+    def _limit_steps(self, t: float) -> float:
+        """Apply the step-size limit of time-dependent inputs at the reported time t; return when it expires, s."""
+        longest, until = self._input_step_limit(t)
         self.limit_step(min(longest, self.options.max_step))
         return until
 
@@ -280,7 +324,7 @@ class Stepper(ABC):
         outputs = np.ascontiguousarray(given)
         done, goes_on = 0, True
         while goes_on and done < len(times):
-            until = self._limit_steps()
+            until = self._limit_steps(self._t)
             count = int(np.searchsorted(times[done:], until, side="right"))
             if count:
                 rows = slice(done, done + count)
@@ -374,3 +418,6 @@ def unpack(data: bytes, arrays: list[NDArray[Any]]) -> None:
         count = array.size
         array.reshape(-1)[:] = np.frombuffer(data, array.dtype, count, offset)
         offset += array.nbytes
+
+
+_advance_in_pieces = advance_in_pieces_of(Stepper._limit_steps, lambda stepper, t: stepper.advance_to(t))

@@ -54,7 +54,7 @@ SLOW = {  # excess of the start rate with which the error decides on the passage
 def test_a_restored_run_reports_the_same_slow_passage(solver: str, tolerance: float, monkeypatch: Any) -> None:
     model = Swing(excess=SLOW[solver, tolerance])
     if solver in ("tree adams", "esdirk"):
-        monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 0)
+        monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 0)
     settings = Settings(solver=solver.rpartition(" ")[2], tolerance=tolerance)
     times = np.arange(1, round(END / STEP)) * STEP
     whole, saved, told = Simulation(model, settings), [], []

@@ -223,7 +223,7 @@ def test_a_saved_run_goes_on() -> None:
 
 @pytest.mark.parametrize("solver", ["adams", "hybrid"])
 def test_explicit_solvers_say_what_they_cannot_do(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solvers.steppers, "MAX_DENSE_COORDINATES", 100)
+    monkeypatch.setattr(solvers.steppers, "MAX_DENSE_TREE_COORDINATES", 100)
     with pytest.raises(UserError, match=r"solver '.*' is given 168 joint coordinates and 21 constraints; .* 'ida'"):
         Simulation(Held(), Settings(solver=solver))
 
@@ -432,7 +432,7 @@ def test_springs_and_forces_on_a_large_sheet_are_those_of_the_dense_way(monkeypa
     assert isinstance(found.plant.system, TreeSystem)
     near = found.q + 1e-7 * np.random.default_rng(0).normal(size=len(found.q))
     assert balance.solve(near).iterations <= 3  # the tangent is exact
-    monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 10_000)
+    monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10_000)
     expected = still(Fixed(build()))
     assert isinstance(expected.plant.system, System)
     assert found.outputs == pytest.approx(expected.outputs, abs=1e-9)

@@ -13,6 +13,7 @@ import pytest
 
 import mbfmu as mb
 from mbfmu.mechanics import Coupling, Force, Load, Sensor, kernel, scratch_record
+from mbfmu.sheets import Surface
 from mbfmu.testing import ElementReport, Outcome, check_element
 from mbfmu.testing.identities import Deviation
 
@@ -316,11 +317,153 @@ def test_the_elements_of_the_page_pass(tmp_path: Path, monkeypatch: pytest.Monke
     for file, name, options in (
         ("lamp.py", "AirDrag", {"drag": 0.3}),
         ("roller.py", "Rolling", {"radius": 0.1}),
+        ("ball.py", "Ball", {"radius": 0.05}),
         ("strap.py", "Strap", {"length": 0.2, "stiffness": 100.0}),
     ):
         Path(file).write_text(pages[file])
         element = runpy.run_path(file)[name](**options)
         assert isinstance(check_element(element, states=4), ElementReport)
+
+
+@kernel
+def ball_gap(ball: Any, contact: Any) -> Any:
+    p, n = contact.p, contact.n
+    distance = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+    for k in range(3):
+        n[k] = p[k] / distance
+    return distance - ball.radius
+
+
+@kernel
+def difference_of_squares(ball: Any, contact: Any) -> Any:
+    gap = ball_gap(ball, contact)
+    return gap * (gap + 2.0 * ball.radius) / (2.0 * ball.radius)
+
+
+@kernel
+def with_inner_normal(ball: Any, contact: Any) -> Any:
+    gap = ball_gap(ball, contact)
+    for k in range(3):
+        contact.n[k] = -contact.n[k]
+    return gap
+
+
+@kernel
+def with_long_normal(ball: Any, contact: Any) -> Any:
+    gap = ball_gap(ball, contact)
+    contact.n[0] = 1.01 * contact.n[0]
+    return gap
+
+
+@kernel
+def of_real_point(ball: Any, contact: Any) -> Any:
+    p, gap = contact.p, ball_gap(ball, contact)
+    return np.sqrt(p[0].real ** 2 + p[1].real ** 2 + p[2].real ** 2) - ball.radius + 0.0 * gap
+
+
+@kernel
+def outside_of_arrays(ball: Any, contact: Any) -> Any:
+    gap = ball_gap(ball, contact)
+    contact.n[ball.count] = gap
+    return gap
+
+
+@kernel
+def cavity(ball: Any, contact: Any) -> Any:
+    gap = ball_gap(ball, contact)
+    for k in range(3):
+        contact.n[k] = -contact.n[k]
+    return -gap
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ball(Surface):
+    record = np.dtype([("radius", np.float64), ("count", np.int64)])
+    gap = ball_gap
+    convex = True
+    declared: float = 20.0  # 1/m
+    depth: float = 0.05  # m
+    ends: Any = None
+
+    def fill(self, record: Any, site: Any) -> None:
+        record["radius"], record["count"] = 0.05, 3
+
+    def curvature(self) -> float:
+        return self.declared
+
+    def core(self) -> float:
+        return self.depth
+
+    def edges(self) -> Any:
+        return self.ends
+
+
+class Quadratic(Ball):
+    gap = difference_of_squares
+
+
+class InnerNormal(Ball):
+    gap = with_inner_normal
+
+
+class LongNormal(Ball):
+    gap = with_long_normal
+
+
+class RealPoint(Ball):
+    gap = of_real_point
+
+
+class OutsideOfArrays(Ball):
+    gap = outside_of_arrays
+
+
+class Cavity(Ball):
+    gap = cavity
+
+
+SURFACES = [
+    Ball(),
+    mb.Wall(at=(0.1, 0.0, 0.2), normal=(0.1, 1.0, -0.2)),
+    mb.Drum(radius=0.2, length=0.5, at=(0.15, -0.2, 0.1), axis=(0.1, 0.0, 1.0)),
+    mb.Trough(radius=0.4, length=0.5, angle=2.5, towards=(0.0, -1.0, 0.0), at=(0.15, 0.4, 0.1)),
+    mb.Guide(start=(0.05, -0.01, 0.1), end=(0.2, -0.01, 0.1), radius=0.01, width=0.5),
+]
+
+
+@pytest.mark.parametrize("surface", SURFACES, ids=lambda item: type(item).__name__)
+def test_a_right_surface_passes(surface: Surface) -> None:
+    report = check_element(surface, length=0.3)
+    assert "FAILED" not in str(report)
+    assert all(outcome.examined >= 5 for outcome in report.outcomes.values())
+
+
+@pytest.mark.parametrize(
+    ("surface", "identity", "text"),
+    [
+        (Quadratic(), "distance from the surface", "kernel `gap`"),
+        (InnerNormal(), "normal of the surface", "component"),
+        (LongNormal(), "normal of the surface", "length of the normal"),
+        (RealPoint(), "complex steps", "derivative of the distance"),
+        (OutsideOfArrays(), "normal of the surface", "IndexError"),
+        (Ball(declared=0.0), "shape of the surface", "is 20 instead of 0"),
+        (Ball(depth=0.06), "distance from the surface", "core()"),
+        (Ball(ends=(0.05, 1.0, (0.0, 0.0, 1.0))), "shape of the surface", "along the axis of edges()"),
+        (Cavity(), "shape of the surface", "tangent plane"),
+    ],
+    ids=lambda item: type(item).__name__ if isinstance(item, Surface) else "",
+)
+def test_a_wrong_surface_is_named_with_its_cause(surface: Surface, identity: str, text: str) -> None:
+    with pytest.raises(AssertionError) as raised:
+        check_element(surface, length=0.1)
+    reasons = [line for line in str(raised.value).splitlines() if line.startswith(f"{identity}: ")]
+    assert len(reasons) == 1
+    assert text in reasons[0]
+
+
+def test_a_surface_that_is_nowhere_has_not_passed() -> None:
+    with pytest.raises(AssertionError, match="nothing could be compared"):
+        check_element(mb.Drum(radius=0.01, length=1e-6), states=2)
 
 
 def test_outputs_of_a_mechanism_are_checked() -> None:

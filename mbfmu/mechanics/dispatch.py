@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 PLACE, BIAS = 0, 1  # of a joint
 EVALUATE = 0  # of a cut joint, of a coupling, of a signal
 LONGEST_STEP = 1  # of a signal
-APPLY, POTENTIAL, POWER, TANGENT, MONITOR = 0, 1, 2, 3, 4  # of a load
+APPLY, POTENTIAL, POWER, TANGENT, MONITOR, MISPLACEMENT = 0, 1, 2, 3, 4, 5  # of a load
 READ = 0  # of a sensor
 
 
@@ -114,6 +114,15 @@ def longest_step(k: int, t: float, arrays: Arrays) -> tuple[float, float]:
 def load_monitor(load: Any, arrays: Arrays, state: State) -> float:
     """How far a load is from the limits of its theory; see :mod:`.loads.base`. Zero where it does not say."""
     address = arrays.kernels[load.kind + MONITOR]
+    if address == 0:
+        return 0.0
+    return call_f(address, arrays.memory, load.at, state.time, (arrays, state))
+
+
+@inlined
+def load_misplacement(load: Any, arrays: Arrays, state: State) -> float:
+    """How far bodies of a load are from where it requires them, see :mod:`.loads.base`; zero: nothing is required."""
+    address = arrays.kernels[load.kind + MISPLACEMENT]
     if address == 0:
         return 0.0
     return call_f(address, arrays.memory, load.at, state.time, (arrays, state))

@@ -152,6 +152,10 @@ class _File:
         rows["rows"] = [(self._add_text(name),) for name in system.constraint_names]
         rows["coordinates"] = [(self._add_text(name),) for name in system.coordinate_names]
         rows["cuts"] = [(self._add_text(handle.name),) for handle in self._simulation.plant.mechanism.cuts]
+        rows["loads"] = [
+            (self._add_text(f"{acting.what} at {acting.bodies[0].name}" if acting.load.misplacement else ""),)
+            for acting in self._simulation.plant.mechanism.loads()
+        ]
         rows["text"] = [(byte,) for byte in self._text]
         header = np.zeros(1, layout.HEADER)
         at, parts = layout.HEADER.itemsize, []

@@ -30,20 +30,21 @@ from mbfmu.sheets import elements as sheet_elements
 from mbfmu.sheets import joints as sheet_joints
 from mbfmu.sheets import sensors as sheet_sensors
 from mbfmu.util.errors import UserError
-from solvers.assembly import Scratch
+from solvers.assembly import ASSEMBLED, Scratch
 from solvers.compiled.kernel import as_kernel, jit_uncached, records, types
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.energy_account import ACCOUNT_SIZE, EnergyScales
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
+from solvers.stepper import advance_in_pieces_of
 from solvers.steppers import drop_unlisted
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
 
 from .families import FAMILIES, NATIVE_SOLVERS
 from .image import MemoryImage
-from .start_checks import check_resolution
+from .start_checks import check_resolution, find_misplaced
 
 COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
     joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, signals: signals.Signal,
@@ -202,24 +203,24 @@ def solver_actions(name: str) -> SolverActions:
     advance_reported, limit, continued = family.loop.advance_reported, family.limit, family.continue_at_state
 
     @jit_uncached
-    def advance_in_pieces(instance: Any, t: float) -> int:
-        """Go to t, s, in pieces in each of which no step may miss a signal, as ``Stepper.advance`` does."""
-        problem, reached, code = instance.given, instance.clock[0], OK
-        while code == OK:
-            longest, until = input_step_limit(reached, problem.eqs.data)
-            limit(problem, reached, min(longest, instance.options[0].max_step))
-            reached = min(t, until)
-            code = advance_reported(problem, reached)
-            if not until < t:
-                break
+    def limit_steps(instance: Any, t: float) -> float:
+        longest, until = input_step_limit(t, instance.given.eqs.data)
+        limit(instance.given, t, min(longest, instance.options[0].max_step))
+        return float(until)
+
+    @jit_uncached
+    def advance_to(instance: Any, t: float) -> int:
+        code: int = advance_reported(instance.given, t)
         return code
+
+    advance_in_pieces: Any = jit_uncached(advance_in_pieces_of(limit_steps, advance_to))
 
     @jit_uncached
     def advance(instance: Any, end: float) -> int:
         """Advance to ``end``, s; on failure the last good state stays."""
         status = instance.session.status[0]
         if end > instance.clock[0] or status.code != OK:
-            status.code = advance_in_pieces(instance, end)
+            status.code = advance_in_pieces(instance, instance.clock[0], end)
             instance.clock[0] = end if status.code == OK else instance.given.memory.control[0].t
         return int(status.code)
 
@@ -257,10 +258,10 @@ def entries(name: str) -> dict[str, Entry]:
         """Let the reported state be the start with its loops closed at t (s); return a code of solvers.assembly.
 
         If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state.
-        It may be TURNED too.
+        It may be TURNED or MISPLACED too.
         """
         code: int = assembled(instance, t)
-        return code
+        return code if code != ASSEMBLED else int(find_misplaced(instance, t))
 
     def begin(instance: Any, t: float) -> int:
         """Begin at t (s) and the reported state, as a stepper that is constructed there."""
@@ -281,9 +282,11 @@ def entries(name: str) -> dict[str, Entry]:
             instance.known[0],
             instance.known[2],
         )
-        instance.session.status[0].flaw = check_resolution(
+        found = check_resolution(
             t, rate, problem.q, problem.work.size_q, problem.scales.rtol[0], instance.start.scratch.worst[0]
         )
+        if found != ASSEMBLED:
+            instance.session.status[0].flaw = found
         return int(code)
 
     def continue_at_state(instance: Any) -> int:

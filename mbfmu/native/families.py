@@ -10,7 +10,13 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from mbfmu.mechanics.recursions import dynamics as recursions
-from solvers.assembly import ASSEMBLED, check_mobile_mass, find_closed_positions, find_consistent_velocities
+from solvers.assembly import (
+    ASSEMBLED,
+    check_mobile_mass,
+    find_closed_positions,
+    find_consistent_velocities,
+    is_off_branch,
+)
 from solvers.compiled.kernel import kernel
 from solvers.energy_account import WORK
 from solvers.outcome import OK
@@ -32,7 +38,7 @@ from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.tree import Scratch, TreeEquations
 from solvers.system import Equations, Terms
 
-from .start_checks import find_turned
+from .start_checks import NO_BRANCH, find_turned
 
 DENSE_KERNELS = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
 TREE_KERNELS = {name: getattr(recursions, name) for name in TreeEquations._fields[:-1]}
@@ -48,7 +54,8 @@ class Family(NamedTuple):
     memory: Callable[..., Any]  # (nq, n, m): what is remembered from step to step
     work: Callable[..., Any]  # (nq, n, m, positions): scratch, with units ``size``
     assemble: Any  # (instance, t) -> code of solvers.assembly: the reported state is the start with its loops closed
-    begin: Any  # (instance, t) -> code and rate (1/s): options, units and paces as a stepper's constructor takes them
+    begin: Any  # (instance, t) -> code and rate (1/s): options, units and paces as a stepper's constructor takes
+    # them, and a flaw of the start into the status of the run
     evaluate: Any  # (instance) -> code: accelerations and multipliers at the reported state
     continue_at_state: Any  # (instance, restart): continue at the reported state; restart: no history is kept
     limit: Any  # (problem, t, longest): no step from the reported state at t on is longer, s
@@ -88,6 +95,9 @@ def project_and_scale(instance: Any, t: float) -> tuple[int, int]:
     position_sizes(instance.positions, problem.work.size, problem.work.size_q)
     rank = find_normal_rank(problem.eqs, t, problem.q, problem.v, problem.work)
     code = project(problem.eqs, t, problem.q, problem.v, rank, problem.work)
+    problem.eqs.dynamics(t, problem.q, problem.v, problem.eqs.data, problem.eqs.terms)
+    off = is_off_branch(problem.eqs.terms, problem.v, rank, instance.options[0].rtol, instance.start.scratch)
+    instance.session.status[0].flaw = NO_BRANCH if off else ASSEMBLED
     estimate_rates(
         problem.eqs,
         t,
@@ -124,6 +134,7 @@ def begin_radau(instance: Any, t: float) -> tuple[int, float]:
 def begin_tree(instance: Any, t: float) -> tuple[int, float]:
     """As ``TreeAdamsStepper`` is made."""
     set_options(instance.options, instance.given.settings)
+    instance.session.status[0].flaw = ASSEMBLED
     tree_loop.set_up(instance.given, t, instance.known[0], instance.options[0].duration)
     return OK, instance.given.settings[0].rate
 

@@ -29,7 +29,7 @@ from .entries import Entry, shipped_kernels
 from .start_checks import Flaw
 
 ENTRY_C_TYPES = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
-FILE_MAGIC = int.from_bytes(b"mbfmu19a", "little")
+FILE_MAGIC = int.from_bytes(b"mbfmu20a", "little")
 TOKEN_BYTES = 40  # bytes of the identity of an FMU
 
 RELOCATION = np.dtype([("at", "i8"), ("target", "i8")])  # see image.Relocation
@@ -85,6 +85,7 @@ SECTIONS = {
     "rows": NAME_RECORD,
     "coordinates": NAME_RECORD,
     "cuts": NAME_RECORD,
+    "loads": NAME_RECORD,
     "text": np.dtype("u1"),
 }
 HEADER_OFFSETS = (

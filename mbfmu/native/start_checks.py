@@ -1,7 +1,4 @@
-"""Whether a start is what was meant, in machine code: loops closed the right way round, and numbers fine enough.
-
-In Python :func:`mbfmu.mechanics.arrays.closing.check_frames` and two functions of :mod:`solvers.stepper` do this.
-"""
+"""Whether a start is what was meant: what the kernels that Python uses too find, as codes of machine code."""
 
 from __future__ import annotations
 
@@ -11,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.arrays.closing import fill_frame_angles
+from mbfmu.mechanics.arrays.load_groups import find_misplaced_load
+from mbfmu.session.kernels.points import energy_at
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.assembly import ASSEMBLED, Outcome
-from solvers.compiled.kernel import inlined, kernel
-from solvers.stepper import MAX_SPACING_IN_TOLERANCES
-
-SPACING_FACTOR = 2.0**-53 * (1.0 + 2.0**-52)  # of a number, which it is less than one step away from
+from solvers.compiled.kernel import kernel
+from solvers.stepper import RESOLVED, UNRESOLVED_TIME, find_unresolved
 
 
 class Flaw(IntEnum):
@@ -25,9 +22,11 @@ class Flaw(IntEnum):
     TURNED = len(Outcome)  # a loop is closed the wrong way round: cut joint, and its angle in degrees
     UNRESOLVED = len(Outcome) + 1  # numbers about the start time are too far apart: the time
     UNPLACED = len(Outcome) + 2  # numbers about a position are: the position
+    MISPLACED = len(Outcome) + 3  # bodies are not where a load requires them: load, and its ``misplacement``
+    NO_BRANCH = len(Outcome) + 4  # the rates belong to no branch of the motion in a singular configuration
 
 
-TURNED, UNRESOLVED, UNPLACED = map(int, Flaw)  # for kernels
+TURNED, UNRESOLVED, UNPLACED, MISPLACED, NO_BRANCH = map(int, Flaw)  # for kernels
 
 START_MESSAGES = {
     Flaw.TURNED: Diagnostic.error(
@@ -48,6 +47,18 @@ START_MESSAGES = {
         "tolerance",
         "Start nearer to zero (an angle minus a multiple of 2 pi is the same position)",
     ),
+    Flaw.MISPLACED: Diagnostic.error(
+        "invalid-value",
+        "{name!r} is misplaced at the start: its bodies are {gap:.3g} times as far from the places that it requires as "
+        "is allowed",
+        "Give start positions in which they are nearer to these",
+    ),
+    Flaw.NO_BRANCH: Diagnostic.error(
+        "singular-start",
+        "the start is a singular configuration, in which several branches of the motion cross, and the given rates are "
+        "not those of any branch",
+        "Give other rates",
+    ),
 }
 
 
@@ -61,22 +72,24 @@ def find_turned(instance: Any, worst: Any) -> int:
     return TURNED
 
 
-@inlined
-def spacing(x: float) -> float:
-    """How far the next number is from x."""
-    return (abs(x) + SPACING_FACTOR * abs(x)) - abs(x)
+@kernel
+def find_misplaced(instance: Any, t: float) -> int:
+    """MISPLACED if bodies of a load are not where it requires them in the reported state; ``worst`` names it."""
+    session, worst = instance.session, instance.start.scratch.worst[0]
+    energy_at(session, t, instance.q, instance.v)  # places the bodies
+    arrays = session.data.arrays
+    k, ratio = find_misplaced_load(arrays.loads, arrays, session.data.state)
+    if ratio <= 1.0:
+        return ASSEMBLED
+    worst.row, worst.gap = k, ratio
+    return MISPLACED
 
 
 @kernel
 def check_resolution(t: float, rate: float, q: Any, size_q: Any, rtol: float, worst: Any) -> int:
-    """Whether numbers resolve t (s) and q (nq,), in units ``size_q``, to the tolerance; ``rate`` in 1/s."""
-    code, most = ASSEMBLED, MAX_SPACING_IN_TOLERANCES * rtol
-    for k in range(q.shape[0]):
-        apart = spacing(q[k]) / size_q[k]
-        if not apart <= most:
-            code, most = UNPLACED, apart
-            worst.row, worst.gap = k, q[k]
-    if not spacing(t) * rate <= rtol:
-        code = UNRESOLVED
-        worst.row, worst.gap = 0, t
-    return code
+    """Whether numbers resolve t (s) and q (nq,), see :func:`solvers.stepper.find_unresolved`."""
+    k = find_unresolved(t, rate, q, size_q, rtol)
+    if k == RESOLVED:
+        return ASSEMBLED
+    worst.row, worst.gap = k, t if k == UNRESOLVED_TIME else q[k]
+    return UNRESOLVED if k == UNRESOLVED_TIME else UNPLACED

@@ -27,10 +27,10 @@ class ElementMonitor:
         Error if an element is invalid at the positions looked at last; None: none is.
     """
 
-    def __init__(self, plant: Plant, t: float, q: Array) -> None:
+    def __init__(self, plant: Plant, ratio: float, t: float, q: Array) -> None:
         self._plant = plant
         self.folded: Diagnostic | None = None
-        self.furthest: Furthest = (plant.limit_ratio(t, q), t, q)
+        self.furthest: Furthest = ratio, t, q
 
     @property
     def coarse(self) -> Diagnostic | None:

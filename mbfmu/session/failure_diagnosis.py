@@ -11,6 +11,8 @@ from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import AssemblyError
+from solvers.assembly import Scratch, is_off_branch
+from solvers.compiled.tuple_pointer import pin
 from solvers.outcome import Code, Status
 from solvers.system import Array
 
@@ -143,22 +145,14 @@ def describe_free_rates(plant: Plant, t: float, q: Array) -> str:
     return f"Give the rate{'s' if len(names) > 1 else ''} of {joints} to choose the branch"
 
 
-def explain_rates(plant: Plant, t: float, q: Array, v: Array, tolerance: float) -> str:
+def explain_rates(plant: Plant, t: float, q: Array, v: Array, rank: int, tolerance: float) -> str:
     """Return why the rates v (n,) belong to no branch of the motion in a singular configuration q (nq,); empty: they
-    do.
-
-    An acceleration exists if J v' = gamma has a solution: if u^T gamma = 0 for all u with u^T J = 0. In a singular
-    position this is the tangent cone of the constraints. Deviations of the rates from it, relative to them, are
-    compared with ``tolerance``.
+    do, or it is none. ``rank`` is that of the constraints nearby; see :func:`solvers.assembly.is_off_branch`.
     """
     system: Any = plant.system
     terms = system.allocate_terms()
     system.fill(t, q, v, terms)
-    U, sigma, _ = np.linalg.svd(terms.J * system.size / system.row_size[:, None])
-    left = U[:, int(np.sum(sigma > NULL_SPACE_RATIO * sigma[0])) :]
-    off = np.abs(left.T @ (terms.gamma / system.row_size)).max(initial=0.0)
-    rates = np.square(v / system.size).sum() + np.square(terms.nu / system.row_size).sum()
-    if off <= tolerance * rates:
+    if not is_off_branch(pin(terms), v, rank, tolerance, pin(Scratch.of(system))):
         return ""
     bodies, first, values = free_bodies(plant.mechanism), 0, []
     for body in bodies:

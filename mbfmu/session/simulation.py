@@ -160,7 +160,8 @@ class Simulation(Diagnosed):
         begin_session(self._pinned, *state, int(self.stepper.status.code), *how, *sizes)
         is_checked = bool(self.session.balance["is_checked"][0])
         self.energy_check = EnergyCheck(self.plant, self.session.status) if is_checked else None
-        self._element_monitor, self._reported_undetermined, self._end = ElementMonitor(self.plant, t0, q), False, t0
+        self._element_monitor = ElementMonitor(self.plant, float(self._limit_ratio[0]), t0, self.stepper.q)
+        self._reported_undetermined, self._end = False, t0
         self._warm_up(t0, q, v)
 
     def _start_diagnostics(
@@ -168,15 +169,16 @@ class Simulation(Diagnosed):
     ) -> list[Diagnostic]:
         """Return the notes and warnings on the model, the solver and the start."""
         (q, v), settings, found = self.start, self.settings, self.solver_choice.diagnostics
-        if self.stepper.starts_singular:
-            if self.plant.system.has_matrices and (off := explain_rates(self.plant, t, q, v, settings.tolerance)):
+        if self.plant.system.has_matrices and self.plant.system.m:
+            rank = self.plant.system.n - self.stepper.freedom
+            if off := explain_rates(self.plant, t, q, v, rank, settings.tolerance):
                 raise UserError(f"model {self.model.name!r}: {off}", "singular-start")
-            if advice := describe_free_rates(self.plant, t, q):
-                text = (
-                    "the start is a singular configuration, in which the loops do not determine all rates; the rates "
-                    "nearest to the given ones are used"
-                )
-                found.append(Diagnostic.warning("singular-start", text, advice, time=t))
+        if self.stepper.starts_singular and (advice := describe_free_rates(self.plant, t, q)):
+            text = (
+                "the start is a singular configuration, in which the loops do not determine all rates; the rates "
+                "nearest to the given ones are used"
+            )
+            found.append(Diagnostic.warning("singular-start", text, advice, time=t))
         found += [*unstable, *self.plant.explain_lock(t, q, self.stepper.freedom), *self.plant.rounding]
         if not settings.start_at_equilibrium:
             found += self.plant.assembly.changes(q, v, settings.tolerance)

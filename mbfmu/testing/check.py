@@ -26,12 +26,14 @@ from mbfmu.mechanics import (
 )
 from mbfmu.mechanics.checks import whole
 from mbfmu.mechanics.numbers import positive
+from mbfmu.sheets import Surface
 from mbfmu.util.errors import UserError
 from mbfmu.util.text_table import format_table
 from solvers.compiled.kernel import COMPILED
 
 from .identities import IDENTITIES, MAX_UNCERTAINTY, TOLERANCE, Deviation, State, random_state
 from .load_identities import has_tangent, load_tangents, load_values
+from .surface_identities import SURFACE_IDENTITIES, Probe
 
 NAME = "element"  # of what is checked, in its mechanism
 CAUSES = {
@@ -46,6 +48,9 @@ CAUSES = {
     "before it writes there",
     "tangents of loads": "kernel `tangent`: it adds minus the derivative of what `apply` adds by the motions of its "
     "bodies, and c1 times that by their velocities, and returns 1.0, or adds nothing and returns 0.0",
+    "distance from the surface": "kernel `gap`, which returns no distance to the nearest point, or method `core`",
+    "normal of the surface": "kernel `gap`, which writes no gradient of the distance into contact.n",
+    "shape of the surface": "methods `curvature` and `edges`, or the attribute `convex`",
     "outputs": "kernel `read` of a sensor that is not analytic, or that depends on an earlier call",
 }
 
@@ -129,7 +134,10 @@ class ElementReport:
             if outcome.error:
                 yield f"{name}: {outcome.error}"
             elif not outcome.examined:
-                yield f"{name}: the mechanism is not smooth at any state; change the parameters, or examine more states"
+                yield (
+                    f"{name}: nothing could be compared, because the element is not smooth or not there; change its "
+                    "parameters, change `length` to its size, or examine more states"
+                )
             elif not outcome.passed:
                 worst = outcome.worst
                 yield (
@@ -141,11 +149,12 @@ class ElementReport:
 def check_element(
     element: Any, *, bodies: int = 2, length: float = 1.0, states: int = 10, seed: int = 0
 ) -> ElementReport:
-    """Check the kernels of a user-defined joint, cut joint, coupling, force or load by identities of mechanics.
+    """Check the kernels of a user-defined joint, cut joint, coupling, force, load or surface by identities.
 
     The element is placed in a random tree of bodies. At random states its kernels are compared with derivatives of
     each other: velocities with positions, Jacobians with residuals, power with the rate of the energy, and complex
     steps with differences. States at which the mechanism is not smooth (a stop is reached) are skipped.
+    A surface is examined at random points near it.
 
     Parameters
     ----------
@@ -155,9 +164,9 @@ def check_element(
     bodies
         Number of bodies to which a load is applied that is not a force.
     length
-        Size of the random mechanism and of its displacements, m.
+        Size of the random mechanism and of its displacements, or of the surface, m.
     states
-        Number of random states.
+        Number of random states, or of points of a surface.
     seed
         Of the random numbers.
 
@@ -177,6 +186,20 @@ def check_element(
     if states < 1:
         raise UserError(f"states are {states}; allowed: one or more")
     rng = np.random.default_rng(seed)
+    subject = Probe(element, length, rng) if isinstance(element, Surface) else plant_of(element, bodies, length, rng)
+    identities = SURFACE_IDENTITIES if isinstance(subject, Probe) else identities_of(subject.mechanism)
+    outcomes = {name: Outcome() for name in identities}
+    for _ in range(states):
+        at = () if isinstance(subject, Probe) else (random_state(subject, rng, length),)
+        examine(outcomes, identities, subject, *at)
+    report = ElementReport(outcomes, interpreted=not COMPILED)
+    if not report.passed:
+        raise AssertionError(f"{type(element).__name__} contradicts itself\n{report}")
+    return report
+
+
+def plant_of(element: Any, bodies: int, length: float, rng: np.random.Generator) -> Plant:
+    """Return a random mechanism that contains an element, or a copy of a mechanism, with outputs of all motions."""
     mechanism = deepcopy(element) if isinstance(element, Mechanism) else around(element, bodies, length, rng)
     for body in mechanism.bodies[1:]:
         for axis in "xyz":
@@ -184,15 +207,7 @@ def check_element(
             mechanism.output(f"_probe.{body.name}.r{axis}", body.position(axis, point))
             mechanism.output(f"_probe.{body.name}.v{axis}", body.velocity(axis, point))
             mechanism.output(f"_probe.{body.name}.a{axis}", body.point_acceleration(axis, point))
-    plant = Plant(mechanism)
-    identities = identities_of(mechanism)
-    outcomes = {name: Outcome() for name in identities}
-    for _ in range(states):
-        examine(outcomes, identities, plant, random_state(plant, rng, length))
-    report = ElementReport(outcomes, interpreted=not COMPILED)
-    if not report.passed:
-        raise AssertionError(f"{type(element).__name__} contradicts itself\n{report}")
-    return report
+    return Plant(mechanism)
 
 
 def identities_of(mechanism: Mechanism) -> dict[str, Callable[[Plant, State], Iterator[Deviation]]]:
@@ -253,7 +268,7 @@ def around(element: Any, bodies: int, length: float, rng: np.random.Generator) -
         m.load(NAME, element, *chain[1 : 1 + bodies])
     elif not isinstance(element, Joint):
         raise UserError(
-            f"element is {element!r}; allowed: an instance of a joint, cut joint, coupling, force or load, or a "
-            "mechanism that contains the element"
+            f"element is {element!r}; allowed: an instance of a joint, cut joint, coupling, force, load or surface, or "
+            "a mechanism that contains the element"
         )
     return m

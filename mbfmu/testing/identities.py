@@ -87,14 +87,16 @@ def path(plant: Plant, at: State, shift: float) -> tuple[float, Array, Array]:
     return at.t + shift, q, at.v + shift * at.a
 
 
+def difference_quotient(function: Callable[[float], Any], step: float = STEP) -> Any:
+    """Return the derivative of a function at zero by central differences of sixth order."""
+    return sum(weight * np.asarray(function(k * step), dtype=float) for k, weight in STENCIL.items()) / step
+
+
 def differences(function: Callable[[float], Any]) -> tuple[Array, Array]:
     """Return the derivative of a function at zero by differences, and how far it can be trusted."""
-    found: list[Array] = []
-    for h in (0.5 * STEP, STEP):
-        values = [weight * np.asarray(function(k * h), dtype=float) for k, weight in STENCIL.items()]
-        found.append(np.sum(values, axis=0) / h)
-    doubt: Array = np.abs(found[0] - found[1])
-    return found[0], doubt
+    found, coarse = (difference_quotient(function, step) for step in (0.5 * STEP, STEP))
+    doubt: Array = np.abs(found - coarse)
+    return found, doubt
 
 
 def compare(

@@ -32,7 +32,7 @@ from solvers.projection.singular import (
     record_accepted,
 )
 from solvers.projection.workspace import Workspace, evaluate_and_factor, factor
-from solvers.stepper import Stepper, coordinate_rate, require_resolved_position, require_resolved_time, start_rate
+from solvers.stepper import Stepper, coordinate_rate, require_resolution, start_rate
 from solvers.system import Array, Equations, System, Terms
 
 from .formulation import Formulation
@@ -141,7 +141,6 @@ class DenseFormulation(Formulation):
         workspace = self.workspace = self.work.value if COMPILED else self.work
         workspace.size[:] = system.size
         workspace.size_q[:] = system.position_sizes(system.size)
-        require_resolved_position(q, workspace.size_q, options.rtol, system.coordinate_names)
         self.rank = find_normal_rank(self.equations, t, q, v, self.work)
         code = project(self.equations, t, q, v, self.rank, self.work)
         self.starts_singular = self._loses_rank()
@@ -149,7 +148,7 @@ class DenseFormulation(Formulation):
         known = system.rate, system.loop_rate, options.duration
         estimate_rates(self.equations, t, q, v, self.rank, *known, self.work)
         self.rate = float(workspace.rate[0])
-        require_resolved_time(t, self.rate, options.rtol)
+        require_resolution(t, self.rate, q, workspace.size_q, options.rtol, system.coordinate_names)
         self.position_units, self.rate_units = workspace.size_q, workspace.coordinate_rates * system.size
 
     def _loses_rank(self) -> bool:

@@ -15,7 +15,7 @@ from solvers.options import Options
 from solvers.outcome import Code
 from solvers.positions import Positions
 from solvers.projection.saddle import Accelerations, count_freedom, motion_rate, project
-from solvers.stepper import require_resolved_position, require_resolved_time
+from solvers.stepper import require_resolution
 from solvers.system import Array, TreeSystem, energy_callbacks
 
 from .formulation import Formulation
@@ -110,9 +110,8 @@ class TreeFormulation(Formulation):
         super().__init__(system)
         self._motion, self.equations = Accelerations(system), TreeEquations.of(system)
         self.rate = motion_rate(self._motion, t, q, v, options.duration)
-        require_resolved_time(t, self.rate, options.rtol)
         self.position_units = system.position_sizes(system.size)
-        require_resolved_position(q, self.position_units, options.rtol, system.coordinate_names)
+        require_resolution(t, self.rate, q, self.position_units, options.rtol, system.coordinate_names)
         self.rate_units = RATE_TOLERANCE_RATIO * self.rate * system.size
         self._scratch = Scratch.allocate(system.nq, system.n, system.positions, system.m)
         self._scratch.size[:], self._scratch.size_q[:] = system.size, self.position_units

@@ -198,7 +198,7 @@ def somewhere(plant: Plant, rng: Any) -> Case:
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("name", SURFACES)
 def test_power_of_a_touch_is_the_rate_of_its_energy(name: str, moving: bool, monkeypatch: Any) -> None:
-    monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 10**6)
+    monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10**6)
     monkeypatch.setattr(test_power, "TOLERANCE", 1e-5)  # points that come into touch within the stencil of differences
     plant, rng, touched = Plant(flag(SURFACES[name], moving=moving)), np.random.default_rng(4), 0
     for _ in range(4):
@@ -213,7 +213,7 @@ def test_power_of_a_touch_is_the_rate_of_its_energy(name: str, moving: bool, mon
 @pytest.mark.parametrize("idle", [False, True])
 def test_power_of_a_nip_is_the_rate_of_its_energy_while_its_stations_are_held(idle: bool, monkeypatch: Any) -> None:
     """But for what the share of a station does that comes in: there is none in the middle of the sheet."""
-    monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 10**6)
+    monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10**6)
     monkeypatch.setattr(test_power, "TOLERANCE", 1e-8)  # the differences of a sheet so bent, without a nip too
     plant, rng = Plant(flag(nip=True, idle=idle)), np.random.default_rng(5)
     for _ in range(4):
@@ -227,7 +227,7 @@ def test_power_of_a_nip_is_the_rate_of_its_energy_while_its_stations_are_held(id
 @pytest.mark.parametrize("name", [*SURFACES, "nip", "idler", "carried"])
 def test_the_structured_tangent_of_contact(name: str, monkeypatch: Any) -> None:
     """With a roller and an idler that turn freely too, which no group has."""
-    monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 0)
+    monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 0)
     nip, idle = name not in SURFACES, name in ("idler", "carried")
     plant = Plant(flag(nip=True, idle=idle, carried=name == "carried") if nip else flag(SURFACES[name]))
     case, n, h = somewhere(plant, np.random.default_rng(6)), plant.system.n, 1e-7
@@ -248,7 +248,7 @@ def test_the_structured_tangent_of_contact(name: str, monkeypatch: Any) -> None:
 @pytest.mark.parametrize("name", [*SURFACES, "nip", "idler"])
 def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: str, monkeypatch: Any) -> None:
     """On a body that moves too, and by velocities."""
-    monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 10**6)
+    monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10**6)
     nip = name in ("nip", "idler")
     plant = Plant(flag(nip=True, idle=name == "idler") if nip else flag(SURFACES[name], moving=True))
     case, c1, found = somewhere(plant, np.random.default_rng(8)), 3.0, 0

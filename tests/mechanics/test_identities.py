@@ -15,10 +15,9 @@ from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution, up
 from mbfmu.mechanics.recursions.kinematics import update_positions as place_joints
 from mbfmu.mechanics.recursions.rnea import momentum
 from mbfmu.sheets import Geodesic, Stretching
+from mbfmu.testing.identities import State, difference_quotient, path
 
 TOLERANCE = 1e-9
-STENCIL = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}  # sixth order
-H = 1e-3
 
 
 def close(a: Any, b: Any, scale: float = 1.0) -> None:
@@ -28,28 +27,13 @@ def close(a: Any, b: Any, scale: float = 1.0) -> None:
 
 
 def along(case: Case, s: float) -> tuple[float, Any, Any]:
-    """State at time s from the case's on the path with constant v' = a, by classical Runge-Kutta on q' = N v."""
-    system, steps = case.plant.system, 4
-    terms = system.allocate_terms()
-    q, h = case.q.copy(), s / steps
-
-    def rate(q: Any, x: float) -> Any:
-        system.fill(case.t + x, q, case.v + x * case.a, terms)
-        return terms.qdot.copy()
-
-    for i in range(steps):
-        x = i * h
-        k1 = rate(q, x)
-        k2 = rate(q + h / 2 * k1, x + h / 2)
-        k3 = rate(q + h / 2 * k2, x + h / 2)
-        k4 = rate(q + h * k3, x + h)
-        q = q + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return case.t + s, q, case.v + s * case.a
+    """State at time s from the case's on the path with constant v' = a."""
+    return path(case.plant, State(case.t, case.q, case.v, case.a, np.zeros(0)), s)
 
 
 def derivative(case: Case, function: Any) -> Any:
     """Time derivative of ``function(t, q, v)`` along that path."""
-    return sum(weight * function(*along(case, k * H)) for k, weight in STENCIL.items()) / H
+    return difference_quotient(lambda s: function(*along(case, s)))
 
 
 def observed(case: Case, t: float, q: Any, v: Any, a: Any, lam: Any) -> dict[str, float]:

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from random_mechanisms import Case, cases
-from test_identities import derivative, observed
+from test_identities import observed
 
 from mbfmu.mechanics import Beam, Harmonic, Input, Mechanism, Plant, Revolute, rod
 from mbfmu.mechanics.arrays import systems
 from mbfmu.sheets import Support, add_sheet
+from mbfmu.testing.identities import State, energy_rate
 from solvers.compiled.kernel import kernel
 from solvers.system import TreeSystem
 
@@ -36,15 +37,8 @@ def call_forward(function: Any, t: float, q: Any, v: Any, data: Any, qdot: Any, 
 
 def check(case: Case, lam: Any) -> None:
     """dE/dt = power + what moves the free coordinates as they are moved + what a cut joint that opens gives."""
-    system = case.plant.system
-    rate = derivative(case, case.plant.energy)
-    terms = system.allocate_terms()
-    system.fill(case.t, case.q, case.v, terms)
-    power = call_power(system.power, case.t, case.q, case.v, case.a, lam, system.pinned_data)
-    effort = terms.M @ case.a + terms.h + terms.J.T @ lam  # zero where a and lam solve the equations of motion
-    total = power + effort @ case.v - lam @ (terms.J @ case.v - terms.nu)
-    stored = case.plant.energy(case.t, case.q, case.v)
-    assert abs(rate - total) < TOLERANCE * max(1.0, abs(rate), abs(power), abs(stored), *np.abs(effort)), (rate, total)
+    for deviation in energy_rate(case.plant, State(case.t, case.q, case.v, case.a, lam)):
+        assert deviation.size < TOLERANCE, deviation
 
 
 @settings(deadline=None)
@@ -142,7 +136,7 @@ def sheet(driven: bool) -> Mechanism:
 def test_power_of_elastic_bodies_is_the_rate_of_their_energy(make: Any, driven: bool, monkeypatch: Any) -> None:
     """Modes, plates, drag, pressure and their damping, on a hinge that swings and on one that is driven."""
     rng = np.random.default_rng(5)
-    monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 10**6)
+    monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10**6)
     plant = Plant(make(driven))
     q = plant.assembly.start_positions()
     n = plant.system.n
@@ -154,9 +148,9 @@ def test_power_of_elastic_bodies_is_the_rate_of_their_energy(make: Any, driven: 
 def test_power_of_a_large_tree_is_that_of_the_dense_system(driven: bool, monkeypatch: Any) -> None:
     """After the articulated-body recursion as after inverse dynamics."""
     rng = np.random.default_rng(6)
-    monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 10**6)
+    monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10**6)
     dense = Plant(sheet(driven))
-    monkeypatch.setattr(systems, "MAX_DENSE_COORDINATES", 0)
+    monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 0)
     tree = Plant(sheet(driven))
     assert isinstance(tree.system, TreeSystem)
     n, none = tree.system.n, np.zeros(0)

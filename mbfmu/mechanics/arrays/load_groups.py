@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.loading import Acting
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.dispatch import load_monitor
+from mbfmu.mechanics.dispatch import load_misplacement, load_monitor
 from mbfmu.mechanics.kind import kernel_of, record_of
 from mbfmu.mechanics.loads import Load
 from mbfmu.mechanics.records import Data
@@ -101,3 +101,16 @@ def largest_ratio(loads: Table[ItemRecord], arrays: Arrays, state: State) -> flo
     for k in range(loads.shape[0]):
         largest = max(largest, load_monitor(loads[k], arrays, state))
     return largest
+
+
+@kernel
+def find_misplaced_load(loads: Table[ItemRecord], arrays: Arrays, state: State) -> tuple[int, float]:
+    """Return the load whose ``misplacement`` is the largest of these loads (k,), ItemRecord, and this number; bodies
+    are where they are.
+    """
+    worst, largest = 0, 0.0
+    for k in range(loads.shape[0]):
+        ratio = load_misplacement(loads[k], arrays, state)
+        if not ratio <= largest:
+            worst, largest = k, ratio
+    return worst, largest

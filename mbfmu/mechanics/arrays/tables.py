@@ -33,7 +33,7 @@ class NumberTypes(NamedTuple):
     left_out: frozenset[str]
 
 
-UNMOVED = frozenset(("longest_step", "power", "monitor"))  # nothing is derived from these
+UNMOVED = frozenset(("longest_step", "power", "monitor", "misplacement"))  # nothing is derived from these
 REAL = NumberTypes(float, float, frozenset(("tangent",)))
 COMPLEX = NumberTypes(complex, complex, UNMOVED | {"tangent"})  # derivatives by all that is in both
 TANGENT_NUMBERS = NumberTypes(float, complex, UNMOVED | {"bias", "potential", "read"})  # ... by the state alone

@@ -13,6 +13,8 @@ Its kernels:
                                              complex state, scratch, for complex steps
     monitor(load, arrays, state)             returns how far it is from the limits of its theory, see
                                              :func:`limit_ratio`; None: it does not say
+    misplacement(load, arrays, state)        returns how far its bodies are from where it requires them at the start:
+                                             more than 1 is refused; None: it requires nothing
 
 A load without ``tangent`` is differentiated by complex steps, so ``apply`` is analytic in every real
 number it reads. A load whose tangent is negligible has ``zero_tangent``. A load that a scene does not call for has no
@@ -81,12 +83,14 @@ class Load(ElementType):
         "power": "time, arrays, state -> number",
         "tangent": "time, arrays, state, perturbed, matrix -> number",
         "monitor": "arrays, state -> number",
+        "misplacement": "arrays, state -> number",
     }
     apply: ClassVar[Any]
     potential: ClassVar[Any] = None
     power: ClassVar[Any] = None
     tangent: ClassVar[Any] = None
     monitor: ClassVar[Any] = None
+    misplacement: ClassVar[Any] = None
     drawings: ClassVar = ("", "coil")
     drawn: ClassVar[str] = ""  # how pictures show it: one of these; a coil is between its points, or along its joint
     symmetric: ClassVar[bool] = True  # its tangent is, so nearly that who takes it to be so is corrected soon

@@ -82,7 +82,7 @@ static bool good_sections(const Header *h)
     return SECTION(variables, Variable) && SECTION(arrays, Array) && SECTION(members, Member) &&
            SECTION(entries, Entry) && SECTION(sums, Sum) && SECTION(terms, Term) && SECTION(factors, Factor) &&
            SECTION(relocations, Relocation) && SECTION(kernels, Relocation) && SECTION(sentences, Sentence) &&
-           SECTION(failures, Failure) && SECTION(rows, Name) && SECTION(coordinates, Name) && SECTION(cuts, Name) &&
+           SECTION(failures, Failure) && SECTION(rows, Name) && SECTION(coordinates, Name) && SECTION(cuts, Name) && SECTION(loads, Name) &&
            SECTION(text, char) && h->sentences_count >= CODE_COUNT && h->failures_count >= ASSEMBLY_COUNT;
 }
 

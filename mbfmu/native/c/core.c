@@ -190,12 +190,7 @@ static void log_new(Instance *own, const RunStatus *status)
             warn(own, own->message);
         own->warned_balance = true;
     }
-    if (status->limit_ratio > 1.0 && !own->warned_coarse) {
-        char text[SAYS];
-        describe_bend(own, "the mesh is too coarse", " [coarse-mesh]", text);
-        warn(own, text);
-        own->warned_coarse = true;
-    }
+    warn_coarse(own, status);
 }
 
 static Outcome go(Instance *own, double t, double length)

@@ -72,6 +72,7 @@ void describe_assembly(Instance *own, int64_t code, char text[SAYS]);
 void describe_energy_error(const Instance *own, char text[SAYS]);
 void describe_bend(Instance *own, const char *before, const char *after, char text[SAYS]);
 void warn(Instance *own, const char *text);
+void warn_coarse(Instance *own, const RunStatus *status);
 
 /* Make a text of parts. */
 #define SAY(text, ...)                                                             \

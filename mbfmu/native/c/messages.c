@@ -82,7 +82,7 @@ void describe_stop(Instance *own, int64_t code, char text[SAYS])
 }
 
 /* Say what is wrong with a start: which row does not close and by what, which coordinates move no mass, which loop is
- * closed the wrong way round, or what numbers are too coarse for. */
+ * closed the wrong way round, which load is misplaced, or what numbers are too coarse for. */
 void describe_assembly(Instance *own, int64_t code, char text[SAYS])
 {
     const Header *h = own->header;
@@ -90,10 +90,13 @@ void describe_assembly(Instance *own, int64_t code, char text[SAYS])
     const Worst *worst = (const Worst *)(own->block + h->worst_at);
     const double *massless = (const double *)(own->block + h->massless_at);
     const Name *coordinates = section(own, h->coordinates);
-    const Name *names = section(own, code == ASSEMBLY_TURNED ? h->cuts : h->rows);
-    const int64_t named = code == ASSEMBLY_TURNED ? h->cuts_count : h->rows_count;
+    const bool turned = code == ASSEMBLY_TURNED, misplaced = code == ASSEMBLY_MISPLACED;
+    const Name *names = section(own, turned ? h->cuts : misplaced ? h->loads : h->rows);
+    const int64_t named = turned ? h->cuts_count : misplaced ? h->loads_count : h->rows_count;
     char digits[32];
     SAY(text, text_at(own, f->before));
+    if (code == ASSEMBLY_NO_BRANCH)
+        return;
     if (code == ASSEMBLY_UNRESOLVED || code == ASSEMBLY_UNPLACED) {
         add(text, in_digits(digits, worst->gap));
         add(text, text_at(own, f->between));
@@ -160,4 +163,15 @@ void describe_bend(Instance *own, const char *before, const char *after, char te
 void warn(Instance *own, const char *text)
 {
     own->log(own->host, WARNING, "logStatusWarning", text);
+}
+
+/* Tell once that cells of a sheet bend too far for their grid. */
+void warn_coarse(Instance *own, const RunStatus *status)
+{
+    char text[SAYS];
+    if (status->limit_ratio <= 1.0 || own->warned_coarse)
+        return;
+    describe_bend(own, "the mesh is too coarse", " [coarse-mesh]", text);
+    warn(own, text);
+    own->warned_coarse = true;
 }

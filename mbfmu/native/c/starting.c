@@ -128,5 +128,6 @@ Outcome start_anew(Instance *own)
         return fail(own, ERROR, text);
     }
     own->reached = own->start;
+    warn_coarse(own, status);
     return evaluate(own);
 }

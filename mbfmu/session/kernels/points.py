@@ -78,6 +78,13 @@ def energy_at(session: Session, t: float, q: Any, v: Any) -> float:
 
 
 @kernel
+def note_limits(session: Any) -> None:
+    """Note how far elements are from their limits where the bodies are."""
+    if session.monitored.shape[0] > 0:
+        session.status[0].limit_ratio = largest_ratio(session.monitored, session.data.arrays, session.data.state)
+
+
+@kernel
 def begin_session(
     session: Session,
     t: float,
@@ -107,6 +114,7 @@ def begin_session(
     balance.tolerance, balance.last_passage_energy = tolerance, 0.0
     balance.reference_energy = energy_at(session, t, q, v)
     balance.energy_floor = energy_floor(mass, length, rate, tolerance)
+    note_limits(session)
 
 
 @kernel
@@ -203,7 +211,7 @@ def check_point(session: Any, t: float, q: Any, v: Any, account: Any) -> None:
         check_energy(session, t, energy_at(session, t, q, v), account)
     if session.monitored.shape[0] > 0:
         energy_at(session, t, q, v)  # places the bodies
-        session.status[0].limit_ratio = largest_ratio(session.monitored, session.data.arrays, session.data.state)
+        note_limits(session)
 
 
 @kernel

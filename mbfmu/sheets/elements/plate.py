@@ -15,7 +15,7 @@ from mbfmu.mechanics.numbers import array_of, not_negative, positive
 from mbfmu.util.errors import UserError
 
 from .bending import describe_limit, monitor
-from .corners import check_corners
+from .corners import check_corners, plate_edge_angle, plate_misplacement
 from .material import Matrix, PlaneStress, add_crease_compliance
 from .plate_curvature import curvature
 from .plate_energy import PLATE, PLATE_SCRATCH, apply, potential
@@ -57,6 +57,7 @@ class Plate(Load):
     potential = potential
     tangent = tangent
     monitor = monitor
+    misplacement = plate_misplacement
     n_bodies = 4
     title = "a plate"
 
@@ -197,7 +198,7 @@ class Plate(Load):
     @classmethod
     def check_positions(cls, group: LoadGroup) -> None:
         """See the base: the bodies are at the corners."""
-        check_corners(group)
+        check_corners(group, plate_edge_angle)
 
     @classmethod
     def describe_limit(cls, group: LoadGroup, ratio: float, when: str = "") -> str:

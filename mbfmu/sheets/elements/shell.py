@@ -16,7 +16,7 @@ from mbfmu.mechanics.numbers import array_of, not_negative
 from mbfmu.util.errors import UserError
 
 from .bending import describe_limit, monitor
-from .corners import check_corners
+from .corners import check_corners, shell_edge_angle, shell_misplacement
 from .shell_energy import SHELL, SHELL_SCRATCH, apply, potential
 from .shell_stiffness import Matrix, assumed_strains, bending, curvature, drilling, flat_axes, membrane, stresses
 from .shell_tangent import tangent
@@ -56,6 +56,7 @@ class Shell(Load):
     potential = potential
     tangent = tangent
     monitor = monitor
+    misplacement = shell_misplacement
     n_bodies = 4
     title = "a plate"
     stiffness_reason = "shell elements vibrate in their plane hundreds of times faster than in bending"
@@ -162,7 +163,7 @@ class Shell(Load):
     @classmethod
     def check_positions(cls, group: LoadGroup) -> None:
         """See the base: the bodies are at the corners."""
-        check_corners(group)
+        check_corners(group, shell_edge_angle)
 
     @classmethod
     def describe_limit(cls, group: LoadGroup, ratio: float, when: str = "") -> str:

@@ -32,8 +32,7 @@ from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, Saddle, count_freedom, motion_rate, project
 from solvers.stepper import (
     min_step_length,
-    require_resolved_position,
-    require_resolved_time,
+    require_resolution,
     start_rate,
 )
 from solvers.steppers.python_loop import PythonLoopStepper
@@ -108,8 +107,8 @@ class TreeESDIRKStepper(PythonLoopStepper):
         self._pinned = pin(self._memory), pin(self._stage)
         self._eqs = TreeEquations.of(system)
         self._rate = motion_rate(self._motion, self._t, self._q, self._v, options.duration)
-        require_resolved_time(self._t, self._rate, options.rtol)
-        require_resolved_position(self._q, system.position_sizes(system.size), options.rtol, system.coordinate_names)
+        sizes = system.position_sizes(system.size)
+        require_resolution(self._t, self._rate, self._q, sizes, options.rtol, system.coordinate_names)
         self._absolute_tolerances = options.absolute * system.size
         self._growth_data = Growth.of(system, self._rate)
         self._pinned_growth = pin(self._growth_data)

@@ -53,7 +53,7 @@ from solvers.linalg.blocks import one_thread
 from solvers.options import Options
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, count_freedom, inverse_squares, motion_rate, project
-from solvers.stepper import require_resolved_position, require_resolved_time
+from solvers.stepper import require_resolution
 from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array, TreeSystem, energy_callbacks
 
 from .binding import BoundIDA
@@ -104,10 +104,8 @@ class TreeIDAStepper(IDADriver):
         self._reduced = Reduced(np.ones(1), z((2, m)), z((m, n)), z((n, m)), z((n, m)), z((2 * m, 2 * m)))
         self._motion = Accelerations(system)
         self._rate = motion_rate(self._motion, self._t, self._q, self._v, self.options.duration)
-        require_resolved_time(self._t, self._rate, self.options.rtol)
-        require_resolved_position(
-            self._q, system.position_sizes(system.size), self.options.rtol, system.coordinate_names
-        )
+        sizes, rtol = system.position_sizes(system.size), self.options.rtol
+        require_resolution(self._t, self._rate, self._q, sizes, rtol, system.coordinate_names)
         self._progress["min_step"] = STANDSTILL_RATIO / self._rate
         self._growth_data = Growth.of(system, self._rate)
         self._ida = self._make_ida()
