@@ -44,9 +44,9 @@ class ElementMonitor:
 
     def note(self, ratio: float, t: float, q: Array) -> bool:
         """Note that elements are as far as ``ratio`` at positions q (nq,); False where one is invalid."""
-        if ratio > self.furthest[0]:
+        if not ratio <= self.furthest[0]:
             self.furthest = ratio, t, q
-        self.folded = Diagnostic.parse(self._describe(t, q), "error", "folded-cell") if ratio > VALID else None
+        self.folded = Diagnostic.parse(self._describe(t, q), "error", "folded-cell") if not ratio <= VALID else None
         return self.folded is None
 
     def _describe(self, t: float, q: Array) -> str:

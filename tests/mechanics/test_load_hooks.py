@@ -181,6 +181,77 @@ def test_what_comes_with_an_element_acts_on_its_bodies() -> None:
     assert [acting.what for acting in bob(0.3, weight=5.0).loads()] == ["an anchor", "weight on an anchor"]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Pair(Weight):
+    """A weight that comes with another one, which comes with a third."""
+
+    then: tuple[Load, ...] = ()
+
+    def companions(self) -> tuple[Load, ...]:
+        return self.then
+
+
+def hung(load: Load) -> mb.Mechanism:
+    """A mass on a spring of 100 N/m that is loaded."""
+    m = mb.Mechanism()
+    body = m.body("bob", m.ground, mb.Translational(axis="y"), mass=1.0)
+    m.force("spring", mb.JointSpring(stiffness=100.0), body)
+    m.load("weight", load, body)
+    m.output("y", body.coordinate())
+    return m
+
+
+def test_what_comes_with_a_named_load_and_with_that_acts_too() -> None:
+    chain = Pair(force=1.0, then=(Pair(force=2.0, then=(Weight(force=4.0),)),))
+    assert mb.equilibrium(hung(chain)).outputs["y"] == pytest.approx(-0.07, rel=1e-9)
+
+
+@pytest.mark.parametrize("then", [None, 3.0, (mb.Revolute(),)])
+def test_companions_are_loads(then: Any) -> None:
+    with pytest.raises(UserError, match="companions of load 'weight'"):
+        Plant(hung(Pair(force=1.0, then=then)))
+
+
+def test_a_load_is_not_its_own_companion() -> None:
+    endless = Pair(force=1.0)
+    object.__setattr__(endless, "then", (endless,))
+    with pytest.raises(UserError, match="cannot be a companion of itself"):
+        Plant(hung(endless))
+
+
+@kernel
+def no_number(load: Any, arrays: Any, state: Any) -> float:
+    return np.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mute(Weight):
+    """Its limit is never a number; hooks return what they should not."""
+
+    monitor = no_number
+    start: Any = ()
+
+    @classmethod
+    def describe_limit(cls, group: LoadGroup, ratio: float, when: str = "") -> Any:
+        return 1.0 / 0.0
+
+    @classmethod
+    def check_start(cls, group: LoadGroup) -> Any:
+        return group.acting[0].load.start  # type: ignore[attr-defined]
+
+
+def test_a_limit_that_is_no_number_ends_the_run_and_a_broken_text_is_named() -> None:
+    result = mb.simulate(hung(Mute(force=1.0)), 0.1)
+    assert "an element of type Mute is beyond the limits of its theory at t = " in result.failure
+    assert "describe_limit of Mute failed: ZeroDivisionError" in result.failure
+
+
+@pytest.mark.parametrize("start", [None, "a text", [1, 2]])
+def test_warnings_about_the_start_are_a_list_of_texts(start: Any) -> None:
+    with pytest.raises(UserError, match=r"check_start of Mute returned .*; allowed: a list of texts"):
+        mb.simulate(hung(Mute(force=1.0, start=start)), 0.1)
+
+
 def test_the_positions_are_checked_wherever_bodies_are_assembled() -> None:
     with pytest.raises(UserError, match="too far out"):
         Plant(bob(0.3, x=4.0)).assemble()

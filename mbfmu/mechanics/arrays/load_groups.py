@@ -15,6 +15,7 @@ from mbfmu.mechanics.dispatch import load_misplacement, load_monitor
 from mbfmu.mechanics.kind import kernel_of, record_of
 from mbfmu.mechanics.loads import Load
 from mbfmu.mechanics.records import Data
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel, records
 
 if TYPE_CHECKING:
@@ -65,6 +66,34 @@ class LoadGroup:
         """Magnitude of gravity, m/s^2."""
         return float(np.linalg.norm(self.data.arrays.world[0]["gravity"]))
 
+    def ask(self, hook: str, *arguments: Any) -> Any:
+        """Return what a class method of this type returns for these loads.
+
+        Parameters
+        ----------
+        hook
+            Name of the method, such as ``"check_start"``.
+        arguments
+            Further arguments.
+
+        Returns
+        -------
+        Any
+            Its result.
+
+        Raises
+        ------
+        UserError
+            From the method, or because it fails.
+        """
+        kind = type(self.acting[0].load)
+        try:
+            return getattr(kind, hook)(self, *arguments)
+        except UserError:
+            raise
+        except Exception as error:
+            raise UserError(f"{hook} of {kind.__name__} failed: {type(error).__name__}: {error}") from error
+
     def mesh_of(self, body: Any) -> Any:
         """Return the mesh that a body is a node of.
 
@@ -99,7 +128,9 @@ def largest_ratio(loads: Table[ItemRecord], arrays: Arrays, state: State) -> flo
     """The largest value of ``monitor`` of these loads (k,), ItemRecord, where the bodies are."""
     largest = 0.0
     for k in range(loads.shape[0]):
-        largest = max(largest, load_monitor(loads[k], arrays, state))
+        ratio = load_monitor(loads[k], arrays, state)
+        if not ratio <= largest:  # nan as well
+            largest = ratio
     return largest
 
 

@@ -158,13 +158,21 @@ class Plant:
     def check_positions(self, t: float, q: Array) -> None:
         """Raise UserError if at free positions q (nq,) bodies are not where the elements between them need them."""
         for group in self._load_groups("check_positions", t, q):
-            type(group.acting[0].load).check_positions(group)
+            group.ask("check_positions")
 
     def check_start(self, t: float, q: Array) -> list[Diagnostic]:
         """Return what loads warn of where a run starts at free positions q (nq,); UserError where it cannot."""
         groups = self._load_groups("check_start", t, q)
-        texts = [text for group in groups for text in type(group.acting[0].load).check_start(group)]
-        return [Diagnostic.parse(text, "warning", "element-at-start") for text in texts]
+        found = []
+        for group in groups:
+            texts = group.ask("check_start")
+            if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
+                kind = type(group.acting[0].load).__name__
+                raise UserError(
+                    f"check_start of {kind} returned {texts!r}; allowed: a list of texts, empty if all is well"
+                )
+            found += [Diagnostic.parse(text, "warning", "element-at-start") for text in texts]
+        return found
 
     def _load_groups(self, hook: str, t: float, q: Array) -> list[LoadGroup]:
         """Return the loads of every type with this hook, with the bodies at free positions q (nq,)."""
@@ -332,7 +340,18 @@ class Plant:
         loads: Any = self.data.arrays.loads
         ratios = [largest_ratio(loads[group.numbers], *self.kernel_data) for group in groups]
         worst = int(np.argmax(ratios))
-        return type(groups[worst].acting[0].load).describe_limit(groups[worst], float(ratios[worst]), when)
+        group, ratio = groups[worst], float(ratios[worst])
+        try:
+            text = group.ask("describe_limit", ratio, when)
+        except UserError as error:
+            text, failed = "", f" ({error})"
+        else:
+            failed = f" (describe_limit returned {text!r}; allowed: a text)"
+        if isinstance(text, str) and text:
+            return text
+        return (
+            f"an element of type {type(group.acting[0].load).__name__} is beyond the limits of its theory{when}{failed}"
+        )
 
     def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
         """Largest constraint residual in position, m, and velocity, m/s, of the residual outputs."""

@@ -13,6 +13,8 @@ from .bodies import Body
 from .handles import ForceHandle
 from .members import Members
 
+MAX_COMPANION_LEVELS = 10  # of loads that come with loads
+
 
 class Acting(NamedTuple):
     """A load, what messages call it, the bodies it acts on, and the name that it was given."""
@@ -161,17 +163,41 @@ class Loading(Members):
         return [*(f[0] for f in self.forces), *(a.name for a in self.others)]
 
     def loads(self) -> Iterator[Acting]:
-        """Yield the loads: forces, then elements, then what comes with those, then pressures, then other loads."""
+        """Yield the loads: forces, elements and what comes with them, pressures, what comes with other loads, other
+        loads.
+        """
         for name, force, a, b in self.forces:
             yield Acting(f"force {name!r}", force, (a, b))
         yield from self.elements
         for acting in self.elements:
-            for companion in acting.load.companions():
-                yield Acting(f"{type(companion).__name__.lower()} on {acting.what}", companion, acting.bodies)
+            yield from self._companions(acting)
         for name, pressure, faces in self.pressures:
             for face in faces:
                 yield Acting(f"pressure {name!r}", pressure, face)
+        for acting in self.others:
+            yield from self._companions(acting)
         yield from self.others
+
+    def _companions(self, acting: Acting) -> list[Acting]:
+        """Return the loads that come with a load, and those that come with these; UserError for what is none."""
+        what = f"companions of {acting.what}"
+        try:
+            own = tuple(acting.load.companions())
+        except Exception as error:
+            raise UserError(
+                f"{what}: {type(error).__name__}: {error}; companions() returns a tuple of loads"
+            ) from error
+        found = []
+        for companion in own:
+            check_element_type(what, companion, Load)
+            companion.check(what)
+            if companion.n_bodies is not None:
+                self._check_nodes(what, acting.bodies, companion.n_bodies)
+            added = Acting(f"{type(companion).__name__.lower()} on {acting.what}", companion, acting.bodies)
+            if acting.what.count(" on ") > MAX_COMPANION_LEVELS:
+                raise UserError(f"{what} have companions again and again; a load cannot be a companion of itself")
+            found += [added, *self._companions(added)]
+        return found
 
     def _check_nodes(self, what: str, nodes: tuple[Body, ...], count: int | None) -> None:
         """Refuse bodies that are not of this mechanism, not all different, or not as many as an element has."""

@@ -220,7 +220,7 @@ static Outcome go(Instance *own, double t, double length)
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
     }
-    if (status->limit_ratio > 2.0) {
+    if (!(status->limit_ratio <= 2.0)) {
         describe_bend(own, "a cell is folded", ". " UNFOLD " [folded-cell]", text);
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);

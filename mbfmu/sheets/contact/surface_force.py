@@ -120,7 +120,7 @@ def evaluate_contact(contact: Any, arrays: Arrays, state: State) -> None:
         for k in range(nz + (1 if own else contact.ends[1, 1])):
             evaluate_on_line(here.line, k / nz, here.r)
             d = -gap(contact, arrays, state)
-            if d.real > 0.0 and here.part.real > 0.0:
+            if not (d.real <= 0.0 or here.part.real <= 0.0):  # nan passes, and ends the run
                 evaluate_weights(contact, i / nx, k / nz, here.c)
                 point_velocity(contact, here.c, bodies, here.v)
                 point_force(contact, point_area(contact, i, k, own), d, bodies[contact.body], here)
@@ -195,7 +195,7 @@ def tangent(contact: Any, c1: float, arrays: Arrays, state: State, perturbed: St
             for j in range(3):
                 there.r[j] = here.r[j]
             d = -gap(contact, arrays, perturbed)
-            if d.real > 0.0 and there.part.real > 0.0:
+            if not (d.real <= 0.0 or there.part.real <= 0.0):
                 evaluate_weights(contact, i / nx, k / nz, here.c)
                 share = point_area(contact, i, k, False)
                 point_velocity(contact, here.c, bodies, here.v)
