@@ -286,7 +286,7 @@ def test_a_right_element_passes(element: Any) -> None:
         (WrongTangent(), "tangents of loads", "`tangent`"),
         (OverwritingTangent(), "tangents of loads", "`tangent`"),
         (UnusedTangent(), "tangents of loads", "`tangent`"),
-        (Measured(with_it=WrongTangent()), "tangents of loads", "wrongtangent on an element"),
+        (Measured(with_it=WrongTangent()), "tangents of loads", "wrongtangent on load 'element'"),
         (Leftover(), "limits and scratch memory", "after a call in another state"),
         (Negative(), "limits and scratch memory", "`monitor`"),
         (NoNumber(), "limits and scratch memory", "`monitor`"),
@@ -306,7 +306,7 @@ def test_a_wrong_element_is_named_with_its_cause(element: Any, identity: str, ca
 
 
 def test_a_companion_that_is_no_load_is_refused() -> None:
-    with pytest.raises(mb.UserError, match=r"companion of an element is 3\.0; allowed: a Load"):
+    with pytest.raises(mb.UserError, match=r"companion of load 'element' is 3\.0; allowed: a Load"):
         check_element(Measured(with_it=3.0), bodies=1)
 
 
@@ -323,6 +323,25 @@ def test_the_elements_of_the_page_pass(tmp_path: Path, monkeypatch: pytest.Monke
         Path(file).write_text(pages[file])
         element = runpy.run_path(file)[name](**options)
         assert isinstance(check_element(element, states=4), ElementReport)
+
+
+def test_a_wrong_potential_between_two_bodies_is_found(tmp_path: Path) -> None:
+    """Their origins change their distance: else no force along the line between them does work."""
+    page = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
+    file = tmp_path / "strap.py"
+    file.write_text(dict(re.findall(r"```python file=(\S+)\n(.*?)```", page, flags=re.DOTALL))["strap.py"])
+    page_names = runpy.run_path(str(file))
+    right = page_names["potential"]
+
+    @kernel
+    def doubled(strap: Any, arrays: Any, state: Any) -> Any:
+        return 2.0 * right(strap, arrays, state)
+
+    class Wrong(page_names["Strap"]):  # type: ignore[misc]
+        potential = doubled
+
+    with pytest.raises(AssertionError, match="potential"):
+        check_element(Wrong(length=0.01, stiffness=100.0), states=4)
 
 
 @kernel

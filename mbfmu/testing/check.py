@@ -234,6 +234,9 @@ def examine(outcomes: dict[str, Outcome], identities: dict[str, Callable[..., It
             outcomes[name].error = f"{type(error).__name__}: {error} ({last.filename}, line {last.lineno})"
 
 
+LOADED_BODIES = (5, 2, 4, 1, 3)  # numbers of bodies whose origins move, and change their distance, in this order
+
+
 def around(element: Any, bodies: int, length: float, rng: np.random.Generator) -> Mechanism:
     """Return a random mechanism that contains an element; raises UserError if its role is unknown."""
 
@@ -262,10 +265,8 @@ def around(element: Any, bodies: int, length: float, rng: np.random.Generator) -
         m.couple(NAME, element, b0, b3)
     elif isinstance(element, Force):
         m.force(NAME, element, b3, b1)
-    elif isinstance(element, Load) and element.companions():
-        m.element(element, *chain[1 : 1 + bodies])
     elif isinstance(element, Load):
-        m.load(NAME, element, *chain[1 : 1 + bodies])
+        m.load(NAME, element, *(chain[k] for k in LOADED_BODIES[:bodies]))
     elif not isinstance(element, Joint):
         raise UserError(
             f"element is {element!r}; allowed: an instance of a joint, cut joint, coupling, force, load or surface, or "

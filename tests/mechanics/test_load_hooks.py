@@ -208,7 +208,7 @@ def test_what_comes_with_a_named_load_and_with_that_acts_too() -> None:
 
 @pytest.mark.parametrize("then", [None, 3.0, (mb.Revolute(),)])
 def test_companions_are_loads(then: Any) -> None:
-    with pytest.raises(UserError, match="companions of load 'weight'"):
+    with pytest.raises(UserError, match="companion of load 'weight'"):
         Plant(hung(Pair(force=1.0, then=then)))
 
 

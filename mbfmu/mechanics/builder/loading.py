@@ -37,6 +37,8 @@ class Loading(Members):
         super().__init__()
         self.forces: list[tuple[str, Load, Body, Body]] = []
         self.elements: list[Acting] = []  # loads without a name
+        self._element_companions: list[Acting] = []
+        self._other_companions: list[Acting] = []
         self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
         self.others: list[Acting] = []  # loads, by their name
 
@@ -90,10 +92,8 @@ class Loading(Members):
         check_element_type(what, element, Load)
         element.check(what)
         self._check_nodes(what, bodies, element.n_bodies)
-        for companion in element.companions():
-            check_element_type(f"companion of {what}", companion, Load)
-            companion.check(f"companion of {what}")
         self.elements.append(Acting(what, element, bodies))
+        self._element_companions += self._companions(self.elements[-1])
 
     def pressure(self, name: str, magnitude: Any, faces: Iterable[Sequence[Body]]) -> None:
         """Add a pressure on surfaces, along their normals in the deformed position.
@@ -135,6 +135,7 @@ class Loading(Members):
         if load.n_bodies is not None:
             self._check_nodes(f"load {name!r}", bodies, load.n_bodies)
         self.others.append(Acting(f"load {name!r}", load, bodies, name))
+        self._other_companions += self._companions(self.others[-1])
 
     def load_all(self, name: str, loads: Sequence[tuple[Load, tuple[Body, ...]]]) -> int:
         """Add loads of one name, each on its bodies, such as those of the cells of a mesh.
@@ -156,7 +157,10 @@ class Loading(Members):
             check_element_type(f"load {name!r}", load, Load)
             for body in bodies:
                 self._member(body, f"a body of load {name!r}")
-        self.others += [Acting(f"load {name!r}", load, bodies, name) for load, bodies in loads]
+        added = [Acting(f"load {name!r}", load, bodies, name) for load, bodies in loads]
+        self.others += added
+        for acting in added:
+            self._other_companions += self._companions(acting)
         return len(self.others) - len(loads)
 
     def _loads_named(self) -> list[str]:
@@ -169,18 +173,16 @@ class Loading(Members):
         for name, force, a, b in self.forces:
             yield Acting(f"force {name!r}", force, (a, b))
         yield from self.elements
-        for acting in self.elements:
-            yield from self._companions(acting)
+        yield from self._element_companions
         for name, pressure, faces in self.pressures:
             for face in faces:
                 yield Acting(f"pressure {name!r}", pressure, face)
-        for acting in self.others:
-            yield from self._companions(acting)
+        yield from self._other_companions
         yield from self.others
 
     def _companions(self, acting: Acting) -> list[Acting]:
         """Return the loads that come with a load, and those that come with these; UserError for what is none."""
-        what = f"companions of {acting.what}"
+        what = f"companion of {acting.what}"
         try:
             own = tuple(acting.load.companions())
         except Exception as error:
@@ -195,7 +197,7 @@ class Loading(Members):
                 self._check_nodes(what, acting.bodies, companion.n_bodies)
             added = Acting(f"{type(companion).__name__.lower()} on {acting.what}", companion, acting.bodies)
             if acting.what.count(" on ") > MAX_COMPANION_LEVELS:
-                raise UserError(f"{what} have companions again and again; a load cannot be a companion of itself")
+                raise UserError(f"{what} has companions again and again; a load cannot be a companion of itself")
             found += [added, *self._companions(added)]
         return found
 
