@@ -257,7 +257,13 @@ class Stepper(ABC):
         if not t >= self._t:
             raise ValueError(f"the time to advance to is {t} s, but it stands at {self._t} s; use restore() to go back")
         if t > self._t or not self.status.ok:
-            self.status = self._status(_advance_in_pieces(self, self._t, float(t)))
+            code = _advance_in_pieces(self, self._t, float(t))
+            if not isinstance(code, Code):
+                raise TypeError(
+                    f"advance_to() of {type(self).__name__} returned {code!r}; allowed: a solvers.outcome.Code. Return "
+                    "Code.OK at the requested time"
+                )
+            self.status = self._status(code)
         return self.status
 
     def _limit_steps(self, t: float) -> float:

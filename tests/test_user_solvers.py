@@ -19,6 +19,7 @@ from mbfmu.fmi.harness import Fmu
 from mbfmu.mechanics import JointSpring, PointForce, Spherical, Step, Translational
 from mbfmu.modeling.model import as_model
 from mbfmu.modeling.scene import default_scene
+from mbfmu.modeling.settings import offered_solvers
 from mbfmu.session.simulation import Simulation
 from mbfmu.studies.comparison_report import as_text
 from solvers import OneStepSolver, Options, stepper
@@ -58,6 +59,24 @@ def test_the_example_has_the_order_four() -> None:
     errors = np.array([error_of_steps(h) for h in (0.1, 0.05, 0.025, 0.0125)])
     orders = np.log2(errors[:-1] / errors[1:])
     np.testing.assert_allclose(orders, 4.0, atol=0.1)
+
+
+class Buffered(RK4):  # type: ignore[misc, valid-type]
+    """Returns the same array after every step."""
+
+    name = "rk4-buffered"
+
+    def step(self, f: Any, t: float, y: Any, h: float) -> Any:
+        if not hasattr(self, "memory"):
+            self.memory = np.zeros(len(y))
+        self.memory[:] = super().step(f, t, y, h)
+        return self.memory
+
+
+def test_a_result_in_an_array_that_is_used_again_has_its_error_estimated() -> None:
+    result = mb.simulate(oscillator(), 2.0, interval=1.0, solver=Buffered, tolerance=1e-8)
+    assert not result.failure
+    assert np.abs(result["x"] - AMPLITUDE * np.cos(RATE * result.t)).max() < 1e-6 * AMPLITUDE
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
@@ -237,6 +256,26 @@ class Constructed(RK4):  # type: ignore[misc, valid-type]
         """Take no arguments."""
 
 
+class Complex(RK4):  # type: ignore[misc, valid-type]
+    def step(self, f: Any, t: float, y: Any, h: float) -> Any:
+        return y + 0j
+
+
+class Calling(RK4):  # type: ignore[misc, valid-type]
+    def step(self, f: Any, t: float, y: Any, h: float) -> Any:
+        return y + h * f(t, y[:2])
+
+
+class Dividing(RK4):  # type: ignore[misc, valid-type]
+    def step(self, f: Any, t: float, y: Any, h: float) -> Any:
+        return y + np.nan
+
+
+class Silent(RK4):  # type: ignore[misc, valid-type]
+    def advance_to(self, t: float) -> Any:
+        super().advance_to(t)
+
+
 class NamedIda(RK4):  # type: ignore[misc, valid-type]
     name = "ida"
 
@@ -252,6 +291,10 @@ class NamedIda(RK4):  # type: ignore[misc, valid-type]
         ("rk5x", ("solver is 'rk5x'", "allowed: adams, auto, esdirk")),
         (Constructed, ("'constructed'", "TypeError")),
         (Short, ("'short'", "shape (1,)", "allowed: that of y, (3,)")),
+        (Complex, ("'complex'", "type complex128", "of real numbers")),
+        (Calling, ("'calling'", "Calling calls f(t, y) with", "shape (2,)", "(3,)")),
+        (Dividing, ("'dividing'", "step() of Dividing returned a value that is not finite")),
+        (Silent, ("'silent'", "advance_to() of Silent returned None", "Code.OK", "[broken-solver]")),
     ],
 )
 def test_what_is_wrong_with_a_solver_is_in_the_message(given: Any, parts: tuple[str, ...]) -> None:
@@ -259,6 +302,33 @@ def test_what_is_wrong_with_a_solver_is_in_the_message(given: Any, parts: tuple[
         mb.simulate(oscillator(), 1.0, solver=given)
     for part in parts:
         assert part in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value"),
+    [(a, x) for a in ("order", "error_order") for x in (0, -2, np.nan, 1000, "4", True)]
+    + [("order", None), ("order", 2.5), ("error_order", np.inf)],
+)
+def test_an_order_that_is_no_order_is_refused(attribute: str, value: Any) -> None:
+    with pytest.raises(mb.UserError) as error:
+        mb.Settings(solver=type("Ordered", (RK4,), {attribute: value}))
+    for part in (f"Ordered has the {attribute} {value!r}", "allowed: a", "20", "[broken-solver]"):
+        assert part in str(error.value)
+
+
+def test_two_classes_of_one_name_are_refused_and_the_first_keeps_it() -> None:
+    first, second = (type("Twin", (RK4,), {"order": order}) for order in (4, 3))
+    with pytest.raises(mb.UserError, match=r"Twin has the name 'twin' of another class that this program uses.*Give"):
+        mb.compare(oscillator(), solvers=[first, second], tolerances=[1e-4])
+    result = mb.simulate(oscillator(), 0.1, solver="twin")
+    assert result.statistics.order == 4
+
+
+def test_a_class_that_is_defined_again_takes_the_place_of_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    for order in (4, 3):
+        again = type("Again", (RK4,), {"order": order, "__module__": __name__})
+        monkeypatch.setitem(globals(), "Again", again)
+        assert mb.simulate(oscillator(), 0.1, solver=again).statistics.order == order
 
 
 class Raising(RK4):  # type: ignore[misc, valid-type]
@@ -295,7 +365,7 @@ number = rk4_plugin:number
 twice = rk4_plugin:RK4
 """,
     "others-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: others\nVersion: 1.0\n",
-    "others-1.0.dist-info/entry_points.txt": "[mbfmu.solvers]\ntwice = rk4_plugin:RK4\nida = rk4_plugin:RK4\n",
+    "others-1.0.dist-info/entry_points.txt": "[mbfmu.solvers]\ntwice = rk4_plugin:RK4\n",
 }
 
 
@@ -345,10 +415,19 @@ def test_a_broken_package_is_named_and_concerns_nothing_else(packages: Path, nam
     for part in parts:
         assert part in str(error.value)
     assert not mb.simulate(oscillator(), 0.1, solver="installed-rk4").failure
-    assert not mb.simulate(oscillator(), 0.1, solver="ida").failure  # not the one of the package
 
 
 def test_a_comparison_leaves_a_broken_package_out(packages: Path) -> None:
     found = mb.compare(oscillator(4.0), solvers=["adams", "broken"], tolerances=[1e-4], repeats=1, outputs=["x"])
     assert [row.solver for row in found.rows] == ["adams"]
     assert any("broken_plugin" in d.text for d in found.diagnostics)
+
+
+@pytest.mark.parametrize("name", ["adams", "auto"])
+def test_a_package_that_takes_the_name_of_a_solver_is_told_and_not_used(packages: Path, name: str) -> None:
+    entries = packages / "site" / "others-1.0.dist-info" / "entry_points.txt"
+    entries.write_text(f"[mbfmu.solvers]\n{name} = broken_plugin:Solver\n")
+    with pytest.warns(RuntimeWarning, match=f"solver '{name}' .*package 'others'.* is not used.*another name"):
+        assert offered_solvers().count(name) == 1
+    with pytest.warns(RuntimeWarning, match="is not used"):
+        assert not mb.simulate(oscillator(), 0.1, solver="installed-rk4").failure

@@ -106,7 +106,7 @@ def check_setting(name: str, value: Any) -> Any:
 def check_solver(solver: Any) -> str:
     """Return the name of a solver that is given by its name or as a class; raises UserError if there is none."""
     try:
-        name = solver_name(solver, reserved=(AUTO,))
+        name = solver_name(solver)
     except ValueError as error:
         raise UserError(str(error)) from error
     if name != AUTO and not is_solver(name):

@@ -47,6 +47,7 @@ UNCONSTRAINED_SOLVERS: dict[str, Callable[..., Stepper]] = dict.fromkeys(
     ("adams", "hybrid", "adams-lu"), TreeAdamsStepper
 )
 SOLVER_NAMES = tuple(dict.fromkeys((*SOLVERS, *TREE_SOLVERS)))
+RESERVED_NAMES = (*SOLVER_NAMES, "auto")  # auto: a simulation takes the solver for its model
 UNLISTED_SOLVERS = ("adams-lu",)  # accepted by name, for comparison with a paper; in no list of solvers for users
 ORDER_LIMITS = {  # lowest and highest order that a run can be limited to; one number: the method has this order
     "ida": (1, 5),
@@ -72,23 +73,23 @@ def size_limit(name: str) -> int:
 
 def solver_names() -> tuple[str, ...]:
     """Return the names of all solvers that are offered to users, with those from outside this package."""
-    return (*drop_unlisted(SOLVER_NAMES), *(name for name in plugin_names() if name not in SOLVER_NAMES))
+    return (*drop_unlisted(SOLVER_NAMES), *plugin_names(RESERVED_NAMES))
 
 
 def is_solver(name: str) -> bool:
     """Whether there is a solver of this name, be it from outside this package."""
-    return name in SOLVER_NAMES or name in plugin_names()
+    return name in SOLVER_NAMES or name in plugin_names(RESERVED_NAMES)
 
 
-def solver_name(solver: Any, reserved: tuple[str, ...] = ()) -> Any:
+def solver_name(solver: Any) -> Any:
     """Return the name of a solver that is given as a class, by which it is known from then on; else what was given.
 
     Raises
     ------
     ValueError
-        The class is no solver that can be used, or its name is another one's, or ``reserved``.
+        The class is no solver that can be used, or its name is another one's.
     """
-    return solver if isinstance(solver, str) else give_solver(solver, (*SOLVER_NAMES, *reserved))
+    return solver if isinstance(solver, str) else give_solver(solver, RESERVED_NAMES)
 
 
 def describe_refusal(name: str, system: AnySystem) -> str:
@@ -98,7 +99,7 @@ def describe_refusal(name: str, system: AnySystem) -> str:
     ``auto``, is not refused here.
     """
     if name not in SOLVER_NAMES:
-        return describe_plugin_refusal(name, system) if name in plugin_names() else ""
+        return describe_plugin_refusal(name, system) if name in plugin_names(RESERVED_NAMES) else ""
     if system.stiffness_reason and name in UNCONSTRAINED_SOLVERS:
         return describe_stiffness(name, system)
     if not isinstance(system, TreeSystem):

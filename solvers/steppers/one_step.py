@@ -50,6 +50,7 @@ from .step_control import (
 Derivative = Callable[[float, Array], Array]  # (t, y) -> y'
 
 MAX_STEP_CHANGE = 5.0  # next step in units of this one, at most
+MAX_ORDER = 20  # highest order of formulas that is accepted
 CONTROL = np.dtype(
     [
         *ACCOUNT_FIELDS,
@@ -80,10 +81,11 @@ class OneStepSolver(PythonLoopStepper):
     Attributes
     ----------
     order
-        Order of the formulas, for the control of the step size.
+        Order of the formulas, for the control of the step size: a whole number from 1 to :data:`MAX_ORDER`.
     error_order
         Order of the estimated error: it is proportional to the step size to the power of ``error_order`` + 1. By
-        default ``order``; of a pair of formulas that of the less accurate ones.
+        default ``order``; of a pair of formulas that of the less accurate ones. A number above 0, at most
+        :data:`MAX_ORDER`.
     name
         Name of the solver; by default that of the class in lower case. Of an installed solver that of its entry point.
     is_explicit
@@ -91,7 +93,7 @@ class OneStepSolver(PythonLoopStepper):
     """
 
     order: ClassVar[int]
-    error_order: ClassVar[int] = 0
+    error_order: ClassVar[float | None] = None
     name: ClassVar[str] = ""
     is_explicit: ClassVar[bool] = True
     fallback_solvers = ("adams", "ida")
@@ -109,6 +111,7 @@ class OneStepSolver(PythonLoopStepper):
         units = np.concatenate((self.formulation.position_units, self.formulation.rate_units))
         self._absolute_tolerances = options.absolute * units
         self._max_step, self._has_work = options.max_step, False
+        self._is_finite = True  # what the formulas returned last
         self.restart()
 
     @abstractmethod
@@ -129,8 +132,8 @@ class OneStepSolver(PythonLoopStepper):
         Returns
         -------
         ndarray or tuple
-            y at the end of the step, or a tuple of this and its estimated error. Without an estimate the step is
-            repeated in two halves.
+            y at the end of the step, or a tuple of this and its estimated error, real numbers each. Without an
+            estimate the step is repeated in two halves. The arrays are copied: the solver may use them again.
         """
 
     def _prepare(self) -> Code:
@@ -178,6 +181,11 @@ class OneStepSolver(PythonLoopStepper):
             control["h"] = h * (self._step_factor(h, error) if np.isfinite(error) else MIN_STEP_CHANGE)
             smallest = min_step_length(MIN_STEP_RATIO, self.formulation.rate, self._max_step, t)
             if not control["h"] > smallest:
+                if not self._is_finite:
+                    raise ArithmeticError(
+                        f"step() of {type(self).__name__} returned a value that is not finite, with all step sizes "
+                        f"down to {h:.3g} s"
+                    )
                 if is_min_step or code is not Code.OK or not is_discontinuity(self._max_step, t):
                     return Code.COLLAPSED if code is Code.OK else code
                 control["h"], is_min_step = smallest, True
@@ -185,11 +193,13 @@ class OneStepSolver(PythonLoopStepper):
     def _attempt(self, t: float, y: Array, h: float, after: float) -> tuple[Code, Array, Array]:
         """Return code, y at the end of a step of h, and its error; the state there is projected and evaluated."""
         form, nq, n = self.formulation, self.system.nq, self.system.n
+        self._is_finite = True
         try:
             end, errors = self._step_with_error(t, y, h)
         except StageFailure as failure:
             return failure.code, y, y
-        if not (np.isfinite(end).all() and np.isfinite(errors).all()):
+        self._is_finite = bool(np.isfinite(end).all() and np.isfinite(errors).all())
+        if not self._is_finite:
             return Code.NOT_FINITE, y, y
         q, v = end[:nq].copy(), end[nq : nq + n].copy()
         code = form.project(after, q, v)
@@ -211,20 +221,22 @@ class OneStepSolver(PythonLoopStepper):
         end = self._checked(self.step(self._derivative, t + 0.5 * h, middle, 0.5 * h))
         return end, (end - whole) / (2.0**self.order - 1.0)
 
-    def _checked(self, found: Any) -> Array:
+    def _checked(self, found: Any, action: str = "step() of {} returns") -> Array:
+        """Return a copy of an array that the formulas give, in which they may go on to write; raise for a wrong one."""
         size = self.system.nq + self.system.n + 1
-        array = np.asarray(found, float)
-        if array.shape != (size,):
+        array = np.asarray(found)
+        if array.shape != (size,) or array.dtype.kind not in "fiu":
             raise ValueError(
-                f"step() of {type(self).__name__} returns an array of the shape {array.shape}; allowed: that of y, "
-                f"({size},), or a tuple of y and its error"
+                f"{action.format(type(self).__name__)} an array of the shape {array.shape} and the type {array.dtype}; "
+                f"allowed: that of y, ({size},), of real numbers"
             )
-        return array
+        return np.array(array, float)
 
     def _derivative(self, t: float, y: Array) -> Array:
         """Return y' (nq + n + 1,) at a state that need not be on the constraints."""
         form, nq, n = self.formulation, self.system.nq, self.system.n
-        q, v = np.array(y[:nq], float), np.array(y[nq : nq + n], float)
+        given = self._checked(y, "{} calls f(t, y) with")
+        q, v = given[:nq].copy(), given[nq : nq + n].copy()
         code = form.evaluate_stage(t, q, v)
         self._control["evaluations"] += 1
         if code is not Code.OK:
@@ -248,7 +260,8 @@ class OneStepSolver(PythonLoopStepper):
 
     def _step_factor(self, h: float, error: float) -> float:
         """Return the factor of the next step after one of h, from this error and, if it was accepted, the last one."""
-        control, exponent = self._control, 1.0 / ((self.error_order or self.order) + 1.0)
+        control, order = self._control, self.order if self.error_order is None else self.error_order
+        exponent = 1.0 / (order + 1.0)
         last_step = float(control["last_error_step"]) if error <= 1.0 else 0.0
         return float(step_factor(h, error, float(control["last_error"]), last_step, exponent, MAX_STEP_CHANGE))
 

@@ -7,7 +7,9 @@ package is imported when its solver is used, so that an error in it concerns not
 
 from __future__ import annotations
 
+import sys
 import traceback
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
@@ -19,7 +21,7 @@ from solvers.outcome import SolverError
 from solvers.stepper import Stepper
 from solvers.system import AnySystem
 
-from .one_step import OneStepSolver
+from .one_step import MAX_ORDER, OneStepSolver
 
 SOLVER_ENTRY_POINTS = "mbfmu.solvers"
 
@@ -29,17 +31,29 @@ _given: dict[str, type[Stepper]] = {}  # classes that this process was given, by
 def give_solver(cls: Any, reserved: tuple[str, ...]) -> str:
     """Make the class of a solver known in this process, and return its name; ``reserved`` names are refused.
 
-    A class of the name of an earlier one takes its place.
+    A class that is defined again, as in a notebook, takes the place of the one before.
 
     Raises
     ------
     ValueError
-        The object is no class of a solver that can be used, or has a name that is taken.
+        The object is no class of a solver that can be used, or has a name that is taken, be it by another class that
+        was given.
     """
     name = getattr(cls, "name", "") or getattr(cls, "__name__", "").lower()
     require_solver_class(cls, f"solver is {cls!r}")
     if not isinstance(name, str) or not name.isprintable():
         raise ValueError(f"the attribute name of solver {cls.__name__} is {name!r}; allowed: text. Change it")
+    earlier = _given.get(name, cls)
+    if earlier is not cls and not is_redefinition(earlier, cls):
+        raise ValueError(
+            Diagnostic.error(
+                "broken-solver",
+                f"solver {describe_class(cls)} has the name {name!r} of another class that this program uses, "
+                f"{describe_class(earlier)}; allowed: one class of a name",
+                "Give one of the two another attribute name",
+                subject=name,
+            )
+        )
     if name in reserved or name in installed_solvers():
         raise ValueError(
             f"solver {cls.__name__} has the name {name!r}, which another solver has; give the class another attribute "
@@ -57,9 +71,21 @@ def installed_solvers() -> dict[str, list[EntryPoint]]:
     return found
 
 
-def plugin_names() -> tuple[str, ...]:
-    """Return the names of all solvers from outside."""
-    return tuple(dict.fromkeys((*_given, *installed_solvers())))
+def plugin_names(reserved: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of all solvers from outside; a warning names the installed ones of a ``reserved`` name, which
+    are not among them.
+    """
+    installed = installed_solvers()
+    for name in sorted(installed.keys() & set(reserved)):
+        text = Diagnostic.error(
+            "broken-solver",
+            f"solver {name!r} ({', '.join(map(describe_entry, installed[name]))}) is not used: mbfmu has a solver of "
+            "that name",
+            "Give the entry point another name, or uninstall the package",
+            subject=name,
+        )
+        warnings.warn(str(text), RuntimeWarning, stacklevel=2)
+    return tuple(name for name in dict.fromkeys((*_given, *installed)) if name not in reserved)
 
 
 def is_given(name: str) -> bool:
@@ -132,8 +158,19 @@ def create_plugin(name: str, system: AnySystem, t0: float, *arguments: Any) -> S
 def describe_origin(name: str) -> str:
     """Return where the class of a solver from outside is."""
     if name in _given:
-        return f"class {_given[name].__module__}.{_given[name].__qualname__}"
+        return f"class {describe_class(_given[name])}"
     return ", ".join(map(describe_entry, installed_solvers().get(name, ())))
+
+
+def describe_class(cls: type) -> str:
+    """Return the full name of a class."""
+    return f"{cls.__module__}.{cls.__qualname__}"
+
+
+def is_redefinition(earlier: type, cls: type) -> bool:
+    """Whether a class is what the full name of an earlier one leads to now."""
+    module = sys.modules.get(cls.__module__)
+    return describe_class(earlier) == describe_class(cls) and getattr(module, cls.__qualname__, None) is cls
 
 
 def describe_entry(point: EntryPoint) -> str:
@@ -169,6 +206,29 @@ def require_solver_class(found: Any, what: str) -> None:
                 "broken-solver",
                 f"solver {found.__name__} has no {', '.join(missing)}",
                 "Write what the documentation of its base class requires",
+                subject=found.__name__,
+            )
+        )
+    if issubclass(found, OneStepSolver):
+        require_orders(found)
+
+
+def require_orders(found: type[OneStepSolver]) -> None:
+    """Raise ValueError unless the orders of a one-step method are numbers with which steps can be controlled."""
+    order, error_order = found.order, found.error_order
+    wrong = ""
+    if not isinstance(order, int) or isinstance(order, bool) or not 1 <= order <= MAX_ORDER:
+        wrong = f"order {order!r}; allowed: a whole number from 1 to {MAX_ORDER}"
+    elif error_order is not None and not (
+        isinstance(error_order, int | float) and not isinstance(error_order, bool) and 0.0 < error_order <= MAX_ORDER
+    ):
+        wrong = f"error_order {error_order!r}; allowed: a number above 0, at most {MAX_ORDER}"
+    if wrong:
+        raise ValueError(
+            Diagnostic.error(
+                "broken-solver",
+                f"solver {found.__name__} has the {wrong}",
+                "Write the order of its formulas",
                 subject=found.__name__,
             )
         )
