@@ -349,6 +349,17 @@ def test_an_exception_in_a_step_names_the_solver_the_time_and_the_line_and_other
     assert "correct the solver" in text
 
 
+def test_the_last_good_state_remains_when_a_step_raises() -> None:
+    simulation = Simulation(oscillator(), mb.Settings(solver=Raising, tolerance=1e-8, max_step=0.01))
+    with pytest.raises(mb.UserError) as error:
+        simulation.advance(1.0)
+    assert 0.495 <= simulation.t < 0.51  # from there, half a step leads to 0.5 s or beyond
+    assert f"after t = {simulation.t:.9g} s" in str(error.value)
+    found = dict(zip([v.name for v in simulation.variables], simulation.outputs(), strict=True))
+    assert abs(found["x"] - AMPLITUDE * np.cos(RATE * simulation.t)) < 1e-6 * AMPLITUDE
+    assert abs(found["energy_error"]) < 1e-6
+
+
 def test_a_class_given_to_a_program_is_not_exported(tmp_path: Path) -> None:
     with pytest.raises(mb.UserError, match=r"solver 'rk4' is a class of this program.*entry point"):
         mb.export(FourBar(), tmp_path / "out.fmu", mb.Settings(solver=RK4))

@@ -229,7 +229,7 @@ class Simulation(Diagnosed):
     @contextmanager
     def _named_errors(self) -> Iterator[None]:
         try:
-            with errors_named(self.solver_choice.solver, self.t):
+            with errors_named(self.solver_choice.solver, lambda: self.t):
                 yield
         except ValueError as error:
             raise UserError(f"model {self.model.name!r}: {error}") from error

@@ -151,6 +151,14 @@ class OneStepSolver(PythonLoopStepper):
             control["starts"] += 1
         return code
 
+    def advance_to(self, t: float) -> Code:
+        """As :meth:`solvers.stepper.Stepper.advance_to`; the last good state is reported if the formulas raise, too."""
+        try:
+            return super().advance_to(t)
+        except Exception:
+            self._report(t, Code.COLLAPSED)
+            raise
+
     def _report(self, t: float, code: Code) -> Code:
         """Report where the last step ended: steps end at the requested times."""
         self._t = float(self._control["t"])

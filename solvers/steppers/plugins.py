@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -129,9 +129,9 @@ def load_plugin(name: str) -> type[Stepper]:
 
 
 @contextmanager
-def errors_named(name: str, t: float, passing: type[Exception] = SolverError) -> Iterator[None]:
-    """Raise ValueError with the name of the solver for an exception in its own code, at time ``t`` (s) or later, but
-    for those that are ``passing``.
+def errors_named(name: str, reached: Callable[[], float], passing: type[Exception] = SolverError) -> Iterator[None]:
+    """Raise ValueError with the name of the solver for an exception in its own code, but for those that are
+    ``passing``; ``reached`` returns the time of the last good state, s.
     """
     try:
         yield
@@ -140,7 +140,7 @@ def errors_named(name: str, t: float, passing: type[Exception] = SolverError) ->
     except Exception as error:
         raise ValueError(
             Diagnostic.parse(
-                f"solver {name!r} ({describe_origin(name)}) fails after t = {t:.9g} s with "
+                f"solver {name!r} ({describe_origin(name)}) fails after t = {reached():.9g} s with "
                 f"{describe_exception(error)}; correct the solver, or use another one",
                 "error",
                 "broken-solver",
@@ -151,7 +151,7 @@ def errors_named(name: str, t: float, passing: type[Exception] = SolverError) ->
 def create_plugin(name: str, system: AnySystem, t0: float, *arguments: Any) -> Stepper:
     """Return a solver from outside at a state; ValueError if it cannot be loaded or created."""
     cls = load_plugin(name)
-    with errors_named(name, t0, passing=ValueError):
+    with errors_named(name, lambda: t0, passing=ValueError):
         return cls(system, t0, *arguments)
 
 
