@@ -12,7 +12,7 @@ import pytest
 from element_pictures import FOLDER, PICTURES
 from PIL import Image
 
-from mbfmu import mechanics
+from mbfmu import mechanics, sheets
 from mbfmu.mechanics import Coupling, Cut, Force, Joint
 from mbfmu.sheets import Surface
 
@@ -20,8 +20,9 @@ ROOT = Path(__file__).parents[1]
 BASES = (Joint, Cut, Coupling, Force, Surface)
 ELEMENTS = {
     name
-    for name, item in vars(mechanics).items()
-    if name in mechanics.__all__ and inspect.isclass(item) and issubclass(item, BASES) and item not in BASES
+    for package in (mechanics, sheets)
+    for name, item in vars(package).items()
+    if name in package.__all__ and inspect.isclass(item) and issubclass(item, BASES) and item not in BASES
 } | {"Plate", "Shell", "pressure", "nip"}
 
 

@@ -154,7 +154,7 @@ def test_the_model_stretches_on_request() -> None:
 
 def test_forces_in_the_plane_at_a_loose_tolerance_are_remarked_once() -> None:
     """Curvatures and moments are not, nor anything at 1e-7."""
-    said = r"output 'force.xx\[0,0\]' and 23 more depends .* the tolerance of 1e-05 .* use 1e-07 or less"
+    said = r"output 'force.xx\[0,0\]' and 23 more depends .* the tolerance of 1e-05 .* Use a tolerance of 1e-07 or less"
     for field, tolerance, wanted in (
         ("force.xx", 1e-5, 1), ("strain.xz", 1e-6, 1), ("stress_top.zz", 1e-5, 1), ("force.xx", 1e-7, 0),
         ("moment.xx", 1e-5, 0), ("curvature.xz", 1e-5, 0), ("none", 1e-5, 0),

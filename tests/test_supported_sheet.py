@@ -223,7 +223,7 @@ def test_a_saved_run_goes_on() -> None:
 
 @pytest.mark.parametrize("solver", ["adams", "hybrid"])
 def test_explicit_solvers_say_what_they_cannot_do(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solvers.steppers, "MAX_DENSE_TREE_COORDINATES", 100)
+    monkeypatch.setattr(solvers.steppers, "MAX_SOLVER_DENSE_COORDINATES", 100)
     with pytest.raises(UserError, match=r"solver '.*' is given 168 joint coordinates and 21 constraints; .* 'ida'"):
         Simulation(Held(), Settings(solver=solver))
 

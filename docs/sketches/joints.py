@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import mbfmu.mechanics as mbm
+import mbfmu.sheets as mbs
 
 from .sketch import BEHIND, BLUE, DARK, GRAY, LINE, MOTION, Sketch, pose
 from .solids import ball, block, disc, gear, rod
@@ -220,7 +221,7 @@ def marks(s: Sketch, b: Any, middle: Any) -> None:
 @element("OutOfPlane")
 def out_of_plane() -> Sketch:
     """The projected length remains: a straight step in the plane, then one along the normal."""
-    s, b = nodes(mbm.OutOfPlane(at=(STEP, 0.0, 0.0), start=(0.85, 0.5, 0.0)))
+    s, b = nodes(mbs.OutOfPlane(at=(STEP, 0.0, 0.0), start=(0.85, 0.5, 0.0)))
     marks(s, b, [(0.0, 0.0, 0.0), (STEP, 0.0, 0.0), (STEP, 0.85, 0.0)])
     return s
 
@@ -236,7 +237,7 @@ def bent(alpha: float, theta: float, end: Any) -> list[tuple[float, float, float
 @element("Geodesic")
 def geodesic() -> Sketch:
     """The length of the bent line remains: the second node moves back towards the first."""
-    joint = mbm.Geodesic(at=(STEP, 0.0, 0.0), start=(0.75, 0.9, 0.0))
+    joint = mbs.Geodesic(at=(STEP, 0.0, 0.0), start=(0.75, 0.9, 0.0))
     s, b = nodes(joint)
     end = FLAT.T @ s.poses[b.index][0]
     line = np.array(bent(end[1], 0.9, end))
@@ -255,7 +256,7 @@ def geodesic() -> Sketch:
 @element("Stretching")
 def stretching() -> Sketch:
     """Six free directions: also along the plane and about the normal."""
-    s, b = nodes(mbm.Geodesic(at=(STEP, 0.0, 0.0), start=(0.75, 0.9, 0.0)), (0.35, 0.0, 0.0))
+    s, b = nodes(mbs.Geodesic(at=(STEP, 0.0, 0.0), start=(0.75, 0.9, 0.0)), (0.35, 0.0, 0.0))
     origin, axes = s.poses[b.index]
     end = FLAT.T @ origin
     marks(s, b, bent(end[1], 0.9, end))

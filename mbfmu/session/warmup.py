@@ -55,6 +55,7 @@ def compile_kernels(trial: Stepper, plant: Plant, outputs: int) -> bool:
     sampled = trial.sample(np.array([t0 + h]), values)
     plant.observe(t0, q, v, np.zeros(len(v)), np.zeros(plant.system.m), values[0])
     plant.energy(t0, q, v)
+    plant.limit_ratio(t0, q)
     ends = [trial.status, trial.advance(t0 + 2.0 * h)]
     for k in (3, 4):  # as where loads change, the second time with what is kept across
         trial.continue_after_event()

@@ -17,10 +17,11 @@ from mbfmu.mechanics.joints.base import AxisJoint
 from mbfmu.mechanics.kind import element_types_of
 from mbfmu.mechanics.loads import DistanceStop, Force, JointStop, LineForce, Spring, TorsionSpring
 from mbfmu.mechanics.signals import Harmonic, Polynomial
+from mbfmu.sheets import joints as sheet_joints
 
 Generator = np.random.Generator
 JOINTS, CUTS, COUPLINGS = (
-    element_types_of(joints, Joint),
+    sorted(element_types_of(joints, Joint) + element_types_of(sheet_joints, Joint), key=lambda kind: kind.__name__),
     element_types_of(cuts, Cut),
     element_types_of(couplings, Coupling),
 )
