@@ -49,6 +49,8 @@ nitpicky = True
 nitpick_ignore = [
     ("py:class", "Vector"),  # aliases that annotations spell out
     ("py:class", "Array"),
+    ("py:class", "Arrays"),  # what kernels are called with
+    ("py:class", "State"),
     ("py:class", "dict[float"),
     ("py:func", "scale.characteristic_length"),  # no part of the site
     ("py:attr", "System.dynamics"),

@@ -81,11 +81,10 @@ class OneStepSolver(PythonLoopStepper):
     Attributes
     ----------
     order
-        Order of the formulas, for the control of the step size: a whole number from 1 to :data:`MAX_ORDER`.
+        Order of the formulas, for the control of the step size: a whole number from 1 to 20.
     error_order
         Order of the estimated error: it is proportional to the step size to the power of ``error_order`` + 1. By
-        default ``order``; of a pair of formulas that of the less accurate ones. A number above 0, at most
-        :data:`MAX_ORDER`.
+        default ``order``; of a pair of formulas that of the less accurate ones. A number above 0, at most 20.
     name
         Name of the solver; by default that of the class in lower case. Of an installed solver that of its entry point.
     is_explicit

@@ -58,7 +58,7 @@ class LoadGroup:
 
     @property
     def bodies(self) -> NDArray[Any]:
-        """Where the bodies are, by their numbers; fields of :class:`.records.MotionRecord`."""
+        """Where the bodies are, by their numbers; fields of ``mbfmu.mechanics.records.MotionRecord``."""
         return self.data.state.bodies
 
     @property

@@ -323,7 +323,7 @@ class Plant:
         return loads[numbers]
 
     def limit_ratio(self, t: float, q: Array) -> float:
-        """Return the largest ratio of :func:`.loads.base.limit_ratio` at free positions q (nq,); zero: no load has
+        """Return the largest ratio of :func:`mbfmu.mechanics.limit_ratio` at free positions q (nq,); zero: no load has
         one.
         """
         if not len(self.monitored):
