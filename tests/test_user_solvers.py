@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from mbfmu.modeling.settings import offered_solvers
 from mbfmu.session.simulation import Simulation
 from mbfmu.studies.comparison_report import as_text
 from solvers import OneStepSolver, Options, stepper
-from solvers.steppers import solver_names
+from solvers.steppers import plugins, solver_names
 
 PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
 (TEXT,) = re.findall(r"```python file=rk4.py\n(.*?)```", PAGE, flags=re.DOTALL)
@@ -33,6 +33,16 @@ RK4: type[OneStepSolver] = SPACE["RK4"]
 
 MASS, STIFFNESS, AMPLITUDE = 2.0, 50.0, 0.3
 RATE = np.sqrt(STIFFNESS / MASS)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _classes_of_this_file_alone() -> Iterator[None]:
+    """Other tests of this process may have given the RK4 of the page, which is another class."""
+    before = plugins._given.copy()
+    plugins._given.clear()
+    yield
+    plugins._given.clear()
+    plugins._given.update(before)
 
 
 def oscillator(damping: float = 0.0) -> mb.Mechanism:
