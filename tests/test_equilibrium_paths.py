@@ -201,7 +201,7 @@ def test_unstable_motions_of_a_large_tree_are_the_buckling_loads_that_are_passed
 
 @pytest.mark.parametrize(("guided", "load"), [(False, 0.5), (False, 10.0), (True, 10.0), (False, 2000.0)])
 def test_unstable_motions_of_a_very_large_tree_that_turns_are_counted(guided: bool, load: float) -> None:
-    """A disk that turns beside the column changes nothing, but its matrix is assembled and factored no more."""
+    """A disk that turns next to the column changes nothing, but its matrix is assembled and factored no more."""
     n = 320
     loads, m = buckling_loads(n, guided), column(n, guided=guided)
     speed = mb.SpeedInput(name="speed", unit="rad/s", start=1.0)

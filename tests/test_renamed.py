@@ -20,6 +20,7 @@ ATTRIBUTES: dict[str, Callable[[], object]] = {
     "SurfaceContactHandle": lambda: mechanics.TouchHandle,
     "show_outputs": lambda: mb.Mechanism().readout,
     "element": lambda: mb.Mechanism().plate,
+    "meshes": lambda: mb.Mechanism().sheets,
 }
 ARGUMENTS: dict[str, Callable[[], object]] = {
     "energy_check": lambda: mb.Settings(audit=False),

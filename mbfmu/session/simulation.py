@@ -130,7 +130,7 @@ class Simulation(Diagnosed):
             unstable = report_unstable(found)
         self.plant.inputs.begin(t0, given)
         q, v = (found.q, found.v) if settings.start_at_equilibrium else self.plant.assemble(t0)
-        beside = self.plant.check_start(t0, q) if begins else []
+        start_warnings = self.plant.check_start(t0, q) if begins else []
         self.start, found_out = (q, v), settings.solver == AUTO
         if duration is not None and finite("duration", duration) < 0.0:
             raise UserError(f"duration is {duration!r}; allowed: at least 0 s (0: the stop time of the model)")
@@ -153,7 +153,7 @@ class Simulation(Diagnosed):
         self._run = StepperRun(self._pinned, self.plant.inputs.pinned, self._stepper(t0, q, v), len(self.variables))
         self._out = self._run.out
         self._reported_jumps: set[str] = set()  # names of inputs
-        self._noted = self._start_diagnostics(t0, unstable, beside, limited)
+        self._noted = self._start_diagnostics(t0, unstable, start_warnings, limited)
         how = settings.energy_check, self.stepper.freedom, settings.tolerance
         sizes = float(self.plant.system.rate), float(self.plant.length)
         state = self.t, self.stepper.q, self.stepper.v
@@ -165,7 +165,7 @@ class Simulation(Diagnosed):
         self._warm_up(t0, q, v)
 
     def _start_diagnostics(
-        self, t: float, unstable: list[Diagnostic], contacts: list[Diagnostic], limited: list[Diagnostic]
+        self, t: float, unstable: list[Diagnostic], start_warnings: list[Diagnostic], limited: list[Diagnostic]
     ) -> list[Diagnostic]:
         """Return the notes and warnings on the model, the solver and the start."""
         (q, v), settings, found = self.start, self.settings, self.solver_choice.diagnostics
@@ -184,7 +184,7 @@ class Simulation(Diagnosed):
             found += self.plant.assembly.changes(q, v, settings.tolerance)
         found += describe_loose(self.plant, settings.tolerance)
         found += describe_coarse(self.plant, settings.tolerance, self.stepper.freedom)
-        found += [*limited, *contacts, *self.plant.coincident(t, q)]
+        found += [*limited, *start_warnings, *self.plant.coincident(t, q)]
         known = {diagnostic.code for diagnostic in found}
         return [*found, *(note for note in self.plant.assembly.notes(t, q) if note.code not in known)]
 

@@ -173,8 +173,8 @@ def modes(model: Model | Mechanism, count: int = 8, start: Mapping[str, float] |
     Returns
     -------
     ModeShapes
-        List of modes: eigenvalues (1/s), frequencies (Hz), damping ratios and shapes in the coordinates. ``print``
-        writes it as a table without the shapes.
+        List of modes: eigenvalues (1/s), frequencies (rad/s), damping ratios and shapes in the coordinates. ``print``
+        writes it as a table without the shapes, with frequencies in rad/s and Hz.
 
     Raises
     ------

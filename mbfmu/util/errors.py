@@ -34,6 +34,7 @@ RENAMED = {  # names of earlier versions, and what each is called now
     "readout": "show_outputs",
     "remarks": "diagnostics",
     "start_remarks": "diagnostics",
+    "sheets": "meshes",
     "tell": "report",
     "turning_damping": "rotational_damping",
     "turning_stiffness": "rotational_stiffness",

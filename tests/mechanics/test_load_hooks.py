@@ -174,6 +174,52 @@ def test_scratch_memory_has_names_that_interpreted_kernels_can_read() -> None:
         Plant(m)
 
 
+WIDE = np.dtype([("x", np.float64, (5000,))])
+NARROW = np.dtype([("x", np.float64)])
+
+
+@kernel
+def spill(load: Any, t: float, arrays: Any, state: Any) -> None:
+    work = scratch_record(load.scratch, WIDE, state)
+    for k in range(5000):
+        work.x[k] = 1.0
+    state.bodies[load.body].F[1] -= work.x[4999]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spilling(Load):
+    """Writes 40 kB of scratch memory, whatever it has asked for."""
+
+    record = np.dtype([("body", np.int64), ("scratch", np.int64)])
+    apply = spill
+    asked: Any = WIDE
+
+    def fill(self, record: Any, site: Any) -> None:
+        (record["body"],) = site.bodies
+        if self.asked is not None:
+            record["scratch"] = site.scratch(self.asked)
+
+
+def test_scratch_memory_that_was_asked_for_is_used() -> None:
+    assert mb.equilibrium(hung(Spilling())).outputs["y"] == pytest.approx(-0.01, rel=1e-9)
+
+
+@pytest.mark.parametrize("asked", [None, NARROW])
+def test_scratch_memory_that_was_not_asked_for_is_not_written(asked: Any) -> None:
+    with pytest.raises(
+        UserError, match=r"load 'weight': kernel 'spill' .* writes scratch memory that its fill has not"
+    ):
+        Plant(hung(Spilling(asked=asked)))
+
+
+@pytest.mark.parametrize("asked", [np.float64, 3.0, [("x", float)], np.dtype(float)])
+def test_scratch_memory_is_a_dtype_of_fields(asked: Any) -> None:
+    with pytest.raises(
+        UserError, match=r"scratch memory of load 'weight' is .*; allowed: a NumPy dtype of named fields"
+    ):
+        Plant(hung(Spilling(asked=asked)))
+
+
 def test_what_comes_with_an_element_acts_on_its_bodies() -> None:
     """50 y^3 = -5: the weight that comes with the anchor stretches it."""
     state = mb.equilibrium(bob(-0.3, weight=5.0))

@@ -7,17 +7,20 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.dispatch import BIAS, LONGEST_STEP, MISPLACEMENT, MONITOR, POTENTIAL, POWER
 from mbfmu.mechanics.records import MAX_KERNELS, Arrays, Data, State, copy_state
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import COMPILED, bounds_checked, records
+from solvers.compiled.record_view import aligned_bytes
 from solvers.compiled.tuple_pointer import pin
 
 from .own_joints import check_joints
 from .tables import CalledKernel
 
+GUARD_SIZE, GUARD_BYTE = 4 * 2**20, 0xA5  # bytes behind the scratch memory, and what they contain
 OWN_PACKAGES = ("mbfmu.", "fmus.")  # modules whose kernels have separate tests
 
 
@@ -31,9 +34,10 @@ class KernelUse(NamedTuple):
 
 
 def check_bounds(mechanism: Mechanism, called: list[CalledKernel | None], data: Data) -> None:
-    """Raise UserError if a user-defined kernel uses an index outside an array; ``data`` is left as it is.
+    """Raise UserError if a user-defined kernel uses an index outside an array, or writes scratch memory that its
+    ``fill`` has not requested; ``data`` is left as it is.
 
-    Compiled kernels do not check indices: such a kernel would overwrite memory of something else.
+    Compiled kernels check neither: such a kernel would overwrite memory of something else.
     """
     foreign = {
         k for k, own in enumerate(called) if own is not None and not own.function.__module__.startswith(OWN_PACKAGES)
@@ -42,12 +46,31 @@ def check_bounds(mechanism: Mechanism, called: list[CalledKernel | None], data: 
         return
     given: Any = data.arrays
     arrays, state = Arrays(*(array.copy() for array in given)), copy_state(data.state)
+    state = state._replace(scratch=guarded(state.scratch))
     state.bodies["A"][:] = np.eye(3)
     for use in _uses(mechanism, arrays, state):
         own = called[use.kernel] if use.kernel in foreign else None
         if own is not None:
             _call(use, own, arrays, state)
+            _check_guard(use, own, state.scratch, len(data.state.scratch))
     check_joints(mechanism, called, foreign, arrays, copy_state(data.state))
+
+
+def guarded(scratch: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return scratch memory with a guard behind it, which no kernel may write."""
+    found = aligned_bytes(len(scratch) + GUARD_SIZE)
+    found[len(scratch) :] = GUARD_BYTE
+    return found
+
+
+def _check_guard(use: KernelUse, own: CalledKernel, scratch: NDArray[np.uint8], size: int) -> None:
+    """Raise UserError if a kernel has written behind the ``size`` bytes that were requested."""
+    if np.any(scratch[size:] != GUARD_BYTE):
+        raise UserError(
+            f"{use.what}: kernel {own.function.__name__!r} ({own.function.__module__}) writes scratch memory that its "
+            "fill has not requested; allowed: the fields of the dtype that is passed to site.scratch. Store the place "
+            "that it returns in the record, and use the same dtype in scratch_record"
+        )
 
 
 def _by_words(own: CalledKernel, arrays: Arrays, state: State) -> tuple[Any, ...]:

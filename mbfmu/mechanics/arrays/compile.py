@@ -208,6 +208,8 @@ class CompiledAttachment:
 
     def scratch(self, dtype: np.dtype[Any]) -> int:
         """Return the place of scratch memory with these fields, bytes; raises UserError for their names."""
+        if not isinstance(dtype, np.dtype) or not dtype.names:
+            raise UserError(f"scratch memory of {self.name} is {dtype!r}; allowed: a NumPy dtype of named fields")
         check_field_names(f"scratch memory of {self.name}", dtype)
         return self._numbering.scratch(dtype)
 

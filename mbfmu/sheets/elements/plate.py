@@ -4,30 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from mbfmu.mechanics.checks import flag
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.loads import Drag, Load
 from mbfmu.mechanics.numbers import array_of, not_negative, positive
 from mbfmu.util.errors import UserError
 
-from .bending import describe_limit, monitor
-from .corners import check_corners, plate_edge_angle, plate_misplacement
+from .base import PlaneElement
+from .corners import plate_edge_angle, plate_misplacement
 from .material import Matrix, PlaneStress, add_crease_compliance
 from .plate_curvature import curvature
 from .plate_energy import PLATE, PLATE_SCRATCH, apply, potential
 from .plate_tangent import tangent
 from .stress_recovery import Recovered, recover
 
-if TYPE_CHECKING:
-    from mbfmu.mechanics.arrays.load_groups import LoadGroup
-
 
 @dataclass(frozen=True, kw_only=True)
-class Plate(Load):
+class Plate(PlaneElement):
     """Rectangular element of a thin plate; the bodies at its corners are given to the builder.
 
     Parameters
@@ -56,10 +52,8 @@ class Plate(Load):
     apply = apply
     potential = potential
     tangent = tangent
-    monitor = monitor
     misplacement = plate_misplacement
-    n_bodies = 4
-    title = "a plate"
+    edge_angle = plate_edge_angle
 
     a: float
     b: float
@@ -185,22 +179,3 @@ class Plate(Load):
         bent[:, :9] = curvature(self.a, self.b, x * self.a, z * self.b)
         stretched = np.eye(12)[9:] if set(self.strains) == set("xzs") else None
         return recover(stretched, bent, self.stretching, self.bending, natural=natural)
-
-    @property
-    def is_nonconservative(self) -> bool:
-        """Whether its material is damped."""
-        return self.damping > 0.0
-
-    def companions(self) -> tuple[Load, ...]:
-        """Return the drag of the air."""
-        return (Drag(density=self.drag, area=self.area),) if self.drag > 0.0 else ()
-
-    @classmethod
-    def check_positions(cls, group: LoadGroup) -> None:
-        """See the base: the bodies are at the corners."""
-        check_corners(group, plate_edge_angle)
-
-    @classmethod
-    def describe_limit(cls, group: LoadGroup, ratio: float, when: str = "") -> str:
-        """See the base."""
-        return describe_limit(group, ratio, when)

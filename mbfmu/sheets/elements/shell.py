@@ -4,26 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.loads import Drag, Load
 from mbfmu.mechanics.numbers import array_of, not_negative
 from mbfmu.util.errors import UserError
 
-from .bending import describe_limit, monitor
-from .corners import check_corners, shell_edge_angle, shell_misplacement
+from .base import PlaneElement
+from .corners import shell_edge_angle, shell_misplacement
 from .shell_energy import SHELL, SHELL_SCRATCH, apply, potential
 from .shell_stiffness import Matrix, assumed_strains, bending, curvature, drilling, flat_axes, membrane, stresses
 from .shell_tangent import tangent
 from .stress_recovery import Recovered, recover
-
-if TYPE_CHECKING:
-    from mbfmu.mechanics.arrays.load_groups import LoadGroup
 
 MIN_CORNER_SINE = 1e-3  # sine of the least angle at a corner
 MAX_CORNER_ANGLE = np.radians(
@@ -32,7 +28,7 @@ MAX_CORNER_ANGLE = np.radians(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shell(Load):
+class Shell(PlaneElement):
     """Element of a thin shell, flat or nearly flat; the bodies at its corners are given to the builder, with six free
     coordinates each.
 
@@ -55,10 +51,8 @@ class Shell(Load):
     apply = apply
     potential = potential
     tangent = tangent
-    monitor = monitor
     misplacement = shell_misplacement
-    n_bodies = 4
-    title = "a plate"
+    edge_angle = shell_edge_angle
     stiffness_reason = "shell elements vibrate in their plane hundreds of times faster than in bending"
 
     corners: Any
@@ -150,25 +144,6 @@ class Shell(Load):
         X = self._flat[1]
         p, q = X[2] - X[0], X[3] - X[1]
         return 0.5 * float(p[0] * q[2] - p[2] * q[0])
-
-    @property
-    def is_nonconservative(self) -> bool:
-        """Whether its material is damped."""
-        return self.damping > 0.0
-
-    def companions(self) -> tuple[Load, ...]:
-        """Return the drag of the air."""
-        return (Drag(density=self.drag, area=self.area),) if self.drag > 0.0 else ()
-
-    @classmethod
-    def check_positions(cls, group: LoadGroup) -> None:
-        """See the base: the bodies are at the corners."""
-        check_corners(group, shell_edge_angle)
-
-    @classmethod
-    def describe_limit(cls, group: LoadGroup, ratio: float, when: str = "") -> str:
-        """See the base."""
-        return describe_limit(group, ratio, when)
 
 
 def _matrix(what: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
