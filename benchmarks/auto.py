@@ -85,7 +85,7 @@ def four_bar_turning() -> mb.Mechanism:
     rocker = m.body("rocker", m.ground, mb.Revolute(at=(2.0, 0.0, 0.0), start=1.7), **mb.rod(mass=1.0, length=1.5))
     flap = m.body("flap", rocker, mb.Revolute(at=(1.5, 0.0, 0.0)), **mb.rod(mass=0.1, length=0.2))
     m.force("hinge", mb.JointSpring(stiffness=1e4, damping=3.0), flap)
-    m.cut("pin", mb.RevoluteCut(at_a=(2.0, 0.0, 0.0), at_b=(1.5, 0.0, 0.0)), coupler, rocker)
+    m.cut("pin", mb.RevoluteCutJoint(at_a=(2.0, 0.0, 0.0), at_b=(1.5, 0.0, 0.0)), coupler, rocker)
     return m
 
 
@@ -96,7 +96,7 @@ def watt() -> mb.Mechanism:
     middle = m.body("middle", left, mb.Revolute(at=(2.0, 0.0, 0.0), start=1.2), **mb.rod(mass=0.5, length=1.0))
     pin = mb.Revolute(at=(4.0, 1.0, 0.0), start=3.3)
     right = m.body("right", m.ground, pin, **mb.rod(mass=1.0, length=2.0))
-    m.cut("pin", mb.RevoluteCut(at_a=(1.0, 0.0, 0.0), at_b=(2.0, 0.0, 0.0)), middle, right)
+    m.cut("pin", mb.RevoluteCutJoint(at_a=(1.0, 0.0, 0.0), at_b=(2.0, 0.0, 0.0)), middle, right)
     return m
 
 
@@ -152,7 +152,7 @@ def ladder(loops: int) -> mb.Mechanism:
         )
         pin = mb.Revolute(at=(1.0, 0.0, 0.0), start=1.0)
         rung = m.body(f"rung{k}", left, pin, mass=1.0, com=(1.0, 0.0, 0.0), inertia=(0.1, 0.1, 0.1))
-        m.cut(f"pin{k}", mb.RevoluteCut(at_a=(2.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), rung, right)
+        m.cut(f"pin{k}", mb.RevoluteCutJoint(at_a=(2.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), rung, right)
         on, sides = rung, ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0))
     return m
 
@@ -214,9 +214,9 @@ def run(case: Case, solver: str, tolerance: float, longest: float = LONGEST) -> 
     return time.process_time() - begin, np.array(q)
 
 
-def families(plant: Any) -> Sequence[str]:
+def families(compiled: Any) -> Sequence[str]:
     """Return the solvers that come into question."""
-    s = plant.system
+    s = compiled.system
     if s.has_matrices:
         return ("adams", "hybrid", "radau", "ida") if s.m else ("adams", "radau", "ida")
     return ("adams", "esdirk", "ida") if s.n <= MAX_SOLVER_DENSE_COORDINATES and not s.m else ("ida",)
@@ -235,9 +235,9 @@ def cost(points: Sequence[Point], wanted: float) -> float:
     return inf
 
 
-def sizes(plant: Any) -> Any:
+def sizes(compiled: Any) -> Any:
     """Return the units of positions: those of the coordinates, or 1 where there are quaternions among them."""
-    return plant.system.size if plant.system.nq == plant.system.n else 1.0
+    return compiled.system.size if compiled.system.nq == compiled.system.n else 1.0
 
 
 def exact(case: Case) -> Array:
@@ -262,16 +262,16 @@ def lowest(case: Case, solvers: Sequence[str], tolerance: float, right: Array, u
 
 
 def taken(case: Case) -> tuple[str, float, Any]:
-    """Return what ``auto`` takes, what taking it costs (s), the lowest of three, and the plant."""
+    """Return what ``auto`` takes, what taking it costs (s), the lowest of three, and the compiled mechanism."""
     settings = mb.Settings(tolerance=case.tolerance)
     simulation = mb.Simulation(case.make(), settings)
     start = simulation.t, simulation.stepper.q, simulation.stepper.v
     times = []
     for _ in range(3):
         begin = time.process_time()
-        found = select_solver(simulation.plant, [start], settings.options(simulation.stepper.options.duration))
+        found = select_solver(simulation.compiled, [start], settings.options(simulation.stepper.options.duration))
         times.append(time.process_time() - begin)
-    return found.solver, min(times), simulation.plant
+    return found.solver, min(times), simulation.compiled
 
 
 def compare(names: Sequence[str]) -> None:
@@ -279,8 +279,8 @@ def compare(names: Sequence[str]) -> None:
     for name, case in CASES.items():
         if names and not any(part in name for part in names):
             continue
-        solver, picking, plant = taken(case)
-        right, unit, rivals = exact(case), sizes(plant), families(plant)
+        solver, picking, compiled = taken(case)
+        right, unit, rivals = exact(case), sizes(compiled), families(compiled)
         runs = [lowest(case, rivals, tolerance, right, unit) for tolerance in TOLERANCES]
         own, seconds = runs[TOLERANCES.index(case.tolerance)][solver]
         error = max(own, case.tolerance)
@@ -294,16 +294,16 @@ def compare_scenes(names: Sequence[str]) -> None:
     """Print what ``auto`` and ``ida`` cost and err by on every scene that ships: in 10 s, of sheets in 0.5 s."""
     for name in names or [f"{model}/{scene}" for model in sorted(models()) for scene in scenes(find(model))]:
         scene = load_scene(name)
-        tolerance, large = scene.settings.tolerance, not scene.model.plant().system.has_matrices
+        tolerance, large = scene.settings.tolerance, not scene.model.compile().system.has_matrices
         case = Case(
             make=lambda scene=scene: scene.model,
             stop_time=min(scene.stop_time, 0.5 if large else 10.0),
             tolerance=tolerance,
             reference=("esdirk" if large else "adams", max(1e-11, (1e-2 if large else 1e-4) * tolerance)),
         )
-        solver, picking, plant = taken(case)
+        solver, picking, compiled = taken(case)
         right = exact(case)
-        found = lowest(case, list(dict.fromkeys((solver, "ida"))), case.tolerance, right, sizes(plant))
+        found = lowest(case, list(dict.fromkeys((solver, "ida"))), case.tolerance, right, sizes(compiled))
         (error, seconds), (other, long) = found[solver], found["ida"]
         print(
             f"| {name} | {solver} in {1e3 * picking:.1f} ms | {1e3 * seconds:.3g} | {error:.1e} | {1e3 * long:.3g} "

@@ -35,7 +35,7 @@ from mechanisms import CASES, GAPS, Case, grashof, n_four_bar, parallelogram  # 
 from overconstrained import OVERCONSTRAINED  # noqa: E402
 
 import mbfmu as mb  # noqa: E402
-from mbfmu.mechanics import Mechanism, Plant  # noqa: E402
+from mbfmu.mechanics import CompiledMechanism, Mechanism  # noqa: E402
 from mbfmu.util.text_table import format_tolerance  # noqa: E402
 
 SOLVERS = ("ida", "adams", "hybrid", "radau", "esdirk")
@@ -194,7 +194,7 @@ def at_once(loops: int, grounded: bool) -> Case:
 
 def solvers_of(mechanism: Mechanism, chosen: Sequence[str]) -> list[str]:
     """Return the chosen solvers that accept this mechanism: `esdirk` is for large trees, `hybrid` for loops."""
-    small = Plant(mechanism).system.has_matrices
+    small = CompiledMechanism(mechanism).system.has_matrices
     return [s for s in chosen if not (s == "esdirk" and small) and not (s == "hybrid" and not mechanism.constraints)]
 
 
@@ -294,7 +294,7 @@ def described() -> str:
     ]
     for kind, own in kinds.items():
         made = [hard.make() for hard in own]
-        systems = [Plant(case.mechanism).system for case in made]
+        systems = [CompiledMechanism(case.mechanism).system for case in made]
         names = [hard.name for hard in own if hard.gap is None] + [f"{kind} +, -"] * any(hard.gap for hard in own)
         columns = (
             [str(s.n) for s in systems],

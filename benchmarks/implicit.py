@@ -20,7 +20,7 @@ from explicit import Swing, exact_motion, loosest
 from timing import median_times
 
 from fmus.fourbar import FourBar
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.text_table import format_table
 from solvers.steppers.ida import dense
@@ -108,8 +108,8 @@ def _casadi(tolerance: float) -> Callable[[], Any]:
     import casadi as ca
 
     mechanism = squeezer().mechanism
-    plant = Plant(mechanism)
-    q0, v0 = plant.assemble()
+    compiled = CompiledMechanism(mechanism)
+    q0, v0 = compiled.assemble()
     q, v, a = ca.SX.sym("q", 7), ca.SX.sym("v", 7), ca.SX.sym("a", 7)
     lam = ca.SX.sym("lam", 6)
 

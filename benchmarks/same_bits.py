@@ -24,7 +24,7 @@ import numpy as np
 from mbfmu.mechanics import (
     Beam,
     BeamElement,
-    DistanceCut,
+    DistanceCutJoint,
     Floating,
     Harmonic,
     Input,
@@ -34,10 +34,10 @@ from mbfmu.mechanics import (
     PointForce,
     Polynomial,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     RunUp,
     Spherical,
-    SphericalCut,
+    SphericalCutJoint,
     Spring,
     Torque,
     Translational,
@@ -69,7 +69,7 @@ def every_kind() -> Mechanism:
     free = m.body("free", m.ground, Floating(at=(1.0, 1.0, 0)), mass=0.5, inertia=(0.02, 0.03, 0.04))
     shaken = m.body("shaken", m.ground, Translational(axis="z", drive=Harmonic(amplitude=0.1, frequency=3.0)), mass=1.0)
     held = m.body("held", shaken, Revolute(at=(0, 0.5, 0), start=0.3), **rod(mass=0.2, length=0.4))
-    tie = m.cut("tie", DistanceCut(at_a=(0.3, 0, 0), at_b=(0.1, 0, 0), length=1.0), arm, free)
+    tie = m.cut("tie", DistanceCutJoint(at_a=(0.3, 0, 0), at_b=(0.1, 0, 0), length=1.0), arm, free)
     m.force("spring", Spring(stiffness=40.0, damping=0.5, free=0.3, at_a=(0.1, 0, 0), at_b=(0, 0.1, 0)), free, held)
     m.force("ram.spring", JointSpring(stiffness=300.0, damping=1.0, free=0.1), ram)
     m.force("motor", JointForce(magnitude=Harmonic(amplitude=0.5, frequency=2.0, mean=0.1)), arm)
@@ -105,7 +105,7 @@ def bent_loop() -> Mechanism:
     beam = Beam(length=0.3, mass=0.4, bending_stiffness=2.0, modes=2, damping=1e-4)
     coupler = m.flexible_body("coupler", crank, Revolute(at=(0.1, 0, 0), start=-0.4), beam)
     slider = m.body("slider", m.ground, Translational(axis="x", start=0.38), mass=1.0)
-    pin = m.cut("pin", RevoluteCut(), coupler.section(0.3), slider)
+    pin = m.cut("pin", RevoluteCutJoint(), coupler.section(0.3), slider)
     m.output("crank.angle", m.turn(crank))
     m.output("crank.rate", m.turn_rate(crank))
     m.output("middle", coupler.deflection(0.15))
@@ -134,7 +134,7 @@ def links() -> Mechanism:
             f"link{i}", link, Revolute(at=(0.01 if i else 0, 0, 0), start=0.01), **rod(mass=0.01, length=0.01)
         )
         m.force(f"hinge{i}", JointSpring(stiffness=0.05, damping=1e-4), link)
-    m.cut("pin", SphericalCut(at_a=(0.01, 0, 0), at_b=(0.8, -0.3, 0)), link, m.ground)
+    m.cut("pin", SphericalCutJoint(at_a=(0.01, 0, 0), at_b=(0.8, -0.3, 0)), link, m.ground)
     m.force("pull", Spring(stiffness=3.0, damping=0.01, free=0.1, at_b=(0.4, 0.4, 0)), link, m.ground)
     m.output("tip", link.position("y"))
     return m
@@ -200,7 +200,7 @@ def speeds(repeats: int = 21) -> None:
             found = []
             for _ in range(repeats):
                 times = [time.process_time()]
-                model.plant()
+                model.compile()
                 times.append(time.process_time())
                 simulation = Simulation(model, Settings(solver=solver, tolerance=1e-6))
                 times.append(time.process_time())

@@ -16,7 +16,7 @@ import without_effects
 
 from fmus.sheet import Sheet
 from fmus.sheet.model import RELEASE_DATA
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.studies.effects import time_of_evaluation
@@ -35,9 +35,11 @@ def evaluations() -> None:
     """Cost per node, and the exponent of its growth with the number of nodes."""
     lines, costs = [], []
     for nx, nz in GRIDS:
-        plants = [Plant(Sheet(nx=nx, nz=nz, membrane=membrane).build()) for membrane in (False, True)]
-        own = [1e6 * time_of_evaluation(plant) / (nx * nz) for plant in plants]
-        own.append(1e6 * time_of_forward_dynamics(plants[0]) / (nx * nz))
+        compiled_mechanisms = [
+            CompiledMechanism(Sheet(nx=nx, nz=nz, membrane=membrane).build()) for membrane in (False, True)
+        ]
+        own = [1e6 * time_of_evaluation(compiled) / (nx * nz) for compiled in compiled_mechanisms]
+        own.append(1e6 * time_of_forward_dynamics(compiled_mechanisms[0]) / (nx * nz))
         costs.append(own)
         lines.append((f"{nx} x {nz}", *(f"{cost:.3f}" for cost in own)))
     print(format_table(("grid", "inverse, bending [us a node]", "with membrane", "articulated body, bending"), lines))
@@ -46,10 +48,10 @@ def evaluations() -> None:
     print(f"growth with the nodes: exponents {', '.join(f'{x:.2f}' for x in exponents)} (at most 1.1)\n")
 
 
-def time_of_forward_dynamics(plant: Plant) -> float:
+def time_of_forward_dynamics(compiled: CompiledMechanism) -> float:
     """Return the shortest time of one articulated-body evaluation from Python, s, in a random state near the start."""
-    system, random = plant.system, np.random.default_rng(0)
-    q, v = plant.assembly.start_positions(), 0.1 * random.normal(size=system.n)
+    system, random = compiled.system, np.random.default_rng(0)
+    q, v = compiled.assembly.start_positions(), 0.1 * random.normal(size=system.n)
     system.apply(q, 0.01 * random.normal(size=system.n) * system.size)
     motion, times = Accelerations(system), []
     for _ in range(50):
@@ -78,7 +80,7 @@ def releases() -> None:
     for (nx, nz), solver, tolerance in RELEASES:
         model = Sheet(nx=nx, nz=nz)
         simulation = Simulation(model, Settings(solver=solver, tolerance=tolerance))
-        tip = [v.name for v in simulation.plant.outputs].index("tip.y")
+        tip = [v.name for v in simulation.compiled.outputs].index("tip.y")
         heights, begin = [0.0], time.process_time()
         for t in data["t_s"][1:]:
             assert simulation.advance(float(t)).ok

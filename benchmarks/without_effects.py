@@ -28,10 +28,10 @@ REPEATS = 201
 WORKER = """
 import sys
 from fmus.sheet import Sheet
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.studies.effects import evaluations
 
-call = evaluations(Plant(Sheet(nx={}, nz={}, membrane=False, gravity_y=0.0).build()))
+call = evaluations(CompiledMechanism(Sheet(nx={}, nz={}, membrane=False, gravity_y=0.0).build()))
 for _ in sys.stdin:
     print(call(), flush=True)
 """

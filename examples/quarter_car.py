@@ -87,10 +87,10 @@ class QuarterCar(mb.Model):
                 )
                 m.force(f"{name}.{side}", bushing, body, arm)
             m.shape(arm, *(bar((x, 0, 0), end) for x in (spread, -spread)))
-            m.cut(f"{name}.ball", mb.SphericalCut(at_a=end, at_b=difference(ball, WHEEL)), arm, upright)
+            m.cut(f"{name}.ball", mb.SphericalCutJoint(at_a=end, at_b=difference(ball, WHEEL)), arm, upright)
             if name == "lower":
                 length = float(np.linalg.norm(end))
-                rod = mb.DistanceCut(length=length, at_a=np.add(hinge, TIE), at_b=difference(ball, WHEEL) + TIE)
+                rod = mb.DistanceCutJoint(length=length, at_a=np.add(hinge, TIE), at_b=difference(ball, WHEEL) + TIE)
                 m.cut("tie.rod", rod, body, upright)
                 foot, lower = difference(STRUT_FOOT, hinge), arm
 
@@ -114,7 +114,7 @@ class QuarterCar(mb.Model):
             com=-0.3 * axis,
             inertia=(0.01, 0.01, 0.01),
         )
-        m.cut("strut.foot", mb.SphericalCut(at_b=foot), rod, lower)
+        m.cut("strut.foot", mb.SphericalCutJoint(at_b=foot), rod, lower)
         free = length + self.preload / self.spring
         m.force("strut", mb.JointSpring(stiffness=self.spring, damping=self.damping, free=free), rod)
         control = mb.Input(

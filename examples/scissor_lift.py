@@ -65,11 +65,11 @@ class ScissorLift(mb.Model):
 
         # Loops: a hinge, a roller and a slider on either side. Those of the second side are redundant.
         for side, z in sides.items():
-            m.cut(f"roller.{side}", mb.PlaneCut(axis="y", at_b=(half, 0, z)), m.ground, falling[0])
+            m.cut(f"roller.{side}", mb.PlaneCutJoint(axis="y", at_b=(half, 0, z)), m.ground, falling[0])
             for k in range(1, STAGES):
-                hinge = mb.RevoluteCut(at_a=(LENGTH, 0, z), at_b=(half, 0, z))
+                hinge = mb.RevoluteCutJoint(at_a=(LENGTH, 0, z), at_b=(half, 0, z))
                 m.cut(f"hinge{k + 1}.{side}", hinge, rising[k - 1], falling[k])
-            m.cut(f"slider.{side}", mb.PlaneCut(axis="y", at_b=(LENGTH, 0, z)), platform, rising[-1])
+            m.cut(f"slider.{side}", mb.PlaneCutJoint(axis="y", at_b=(LENGTH, 0, z)), platform, rising[-1])
 
         # Cylinder: the frame of its tube is at the lower pin, that of its ram at the upper pin.
         x, y = cylinder(self.angle)
@@ -77,7 +77,7 @@ class ScissorLift(mb.Model):
         tube = m.body("tube", rising[0], tilt, **mb.rod(mass=self.tube_mass, length=TUBE))
         stroke = mb.Translational(axis="x", start=hypot(x, y))
         ram = m.body("ram", tube, stroke, **mb.rod(mass=self.ram_mass, length=-RAM))
-        m.cut("pin", mb.RevoluteCut(at_b=(UPPER, 0, 0)), ram, rising[1])
+        m.cut("pin", mb.RevoluteCutJoint(at_b=(UPPER, 0, 0)), ram, rising[1])
         force = mb.Input(name="cylinder.force", unit="N", description="Force of the oil on the ram")
         m.force("oil", mb.JointForce(force), ram)
         m.force("friction", mb.JointSpring(damping=self.damping), ram)

@@ -54,7 +54,7 @@ def ladder(loops: int) -> mb.Mechanism:
         )
         pin = mb.Revolute(at=(1.0, 0.0, 0.0), start=1.0)
         rung = m.body(f"rung{k}", left, pin, mass=1.0, com=(1.0, 0.0, 0.0), inertia=(0.1, 0.1, 0.1))
-        m.cut(f"pin{k}", mb.RevoluteCut(at_a=(2.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), rung, right)
+        m.cut(f"pin{k}", mb.RevoluteCutJoint(at_a=(2.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), rung, right)
         on, sides = rung, ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0))
     return m
 
@@ -93,7 +93,7 @@ def turning_loop() -> mb.Mechanism:
     crank = m.body("crank", m.ground, mb.Revolute(start=1.0, rate=20.0), mass=50.0, inertia=(5.0, 5.0, 5.0))
     coupler = m.body("coupler", crank, mb.Revolute(at=(0.5, 0.0, 0.0), start=-0.5), **mb.rod(mass=1.0, length=2.0))
     rocker = m.body("rocker", m.ground, mb.Revolute(at=(2.0, 0.0, 0.0), start=1.7), **mb.rod(mass=1.0, length=1.5))
-    m.cut("pin", mb.RevoluteCut(at_a=(2.0, 0.0, 0.0), at_b=(1.5, 0.0, 0.0)), coupler, rocker)
+    m.cut("pin", mb.RevoluteCutJoint(at_a=(2.0, 0.0, 0.0), at_b=(1.5, 0.0, 0.0)), coupler, rocker)
     return m
 
 
@@ -160,17 +160,17 @@ def test_auto_takes_the_cheapest_family_and_says_why(case: str) -> None:
 def test_differences_find_the_eigenvalues_of_exact_state_matrices(model: mb.Model) -> None:
     found = equilibrium(model, DOWN if isinstance(model, FourBar) else None)
     exact = np.linalg.eigvals(found.state_space.free)
-    values = spectrum(found.plant, 0.0, found.q, found.v).values
+    values = spectrum(found.compiled, 0.0, found.q, found.v).values
     exact, values = (np.sort_complex(np.round(x, 9)) for x in (exact, values))
     np.testing.assert_allclose(values, exact, atol=1e-6 * np.abs(exact).max())
 
 
 def test_arnoldi_finds_the_fastest_of_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    plant = as_model(chain(30)).plant()
-    q, v = plant.assemble()
-    whole = spectrum(plant, 0.0, q, v)
+    compiled = as_model(chain(30)).compile()
+    q, v = compiled.assemble()
+    whole = spectrum(compiled, 0.0, q, v)
     monkeypatch.setattr("mbfmu.session.stiffness.MAX_DENSE_FREEDOM", 3)
-    assert abs(spectrum(plant, 0.0, q, v).fastest) == pytest.approx(abs(whole.fastest), rel=1e-4)
+    assert abs(spectrum(compiled, 0.0, q, v).fastest) == pytest.approx(abs(whole.fastest), rel=1e-4)
 
 
 def test_the_absolute_tolerance_decides_what_is_followed() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbfmu.mechanics import Mechanism, Plant, Revolute, RevoluteCut
+from mbfmu.mechanics import CompiledMechanism, Mechanism, Revolute, RevoluteCutJoint
 from mbfmu.mechanics.arrays.rows import dependent_rows
 from solvers import Options, stepper
 
@@ -13,7 +13,7 @@ G = 9.81
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, -1, 0], [1, -1, 1], [0, -1, 1], [0, 0, 1]], float)  # of the unit cube
 
 
-def bricard() -> Plant:
+def bricard() -> CompiledMechanism:
     """Five rods of 1 m and 1 kg on the ground, the sixth, along edges of a cube; every hinge normal to its two rods."""
     m = Mechanism(gravity=(0.0, -G, 0.0))
     rods = np.roll(CORNERS, -1, axis=0) - CORNERS
@@ -24,30 +24,30 @@ def bricard() -> Plant:
         body = m.body(f"rod{i}", body, joint, mass=1.0, com=0.5 * rods[i], inertia=inertia)
     hinge = np.cross(rods[4], rods[5])
     frame = np.column_stack((rods[4], np.cross(hinge, rods[4]), hinge))
-    cut = RevoluteCut(at_a=rods[4], at_b=CORNERS[5], rotation_a=frame, rotation_b=frame)
+    cut = RevoluteCutJoint(at_a=rods[4], at_b=CORNERS[5], rotation_a=frame, rotation_b=frame)
     m.cut("hinge", cut, body, m.ground)
     m.output("energy", m.energy)
-    return Plant(m)
+    return CompiledMechanism(m)
 
 
 def test_the_redundant_row_is_reported() -> None:
-    plant = bricard()
-    q, _ = plant.assemble()
-    assert (plant.system.n, plant.system.m) == (5, 5)
-    assert len(dependent_rows(plant.system, 0.0, q)) == 1
-    (line,) = map(str, plant.assembly.notes(0.0, q))
+    compiled = bricard()
+    q, _ = compiled.assemble()
+    assert (compiled.system.n, compiled.system.m) == (5, 5)
+    assert len(dependent_rows(compiled.system, 0.0, q)) == 1
+    (line,) = map(str, compiled.assembly.notes(0.0, q))
     assert line.startswith("loop 'hinge': 1 of its 5 constraints is redundant (")
 
 
 @pytest.mark.parametrize(("solver", "bound"), [("ida", 1e-4), ("adams", 1e-6), ("hybrid", 1e-6), ("adams-lu", 1e-6)])
 def test_it_swings_with_threefold_symmetry_and_keeps_its_energy(solver: str, bound: float) -> None:
-    plant = bricard()
-    motion = stepper(solver, plant.system, 0.0, *plant.assemble(), Options(rtol=1e-8))
+    compiled = bricard()
+    motion = stepper(solver, compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-8))
     samples = motion.sample(np.linspace(0.01, 10.0, 1000))
     assert motion.status.ok, motion.status.message
     assert np.ptp(samples.q[:, 0]) > 1.0  # it does swing
     for i in range(2, 5):
         np.testing.assert_allclose(samples.q[:, i], samples.q[:, i - 2], atol=1e-7)
     energy = np.zeros((len(samples.q), 1))
-    plant.observe_all(np.linspace(0.01, 10.0, 1000), *samples[:4], energy)
+    compiled.observe_all(np.linspace(0.01, 10.0, 1000), *samples[:4], energy)
     np.testing.assert_allclose(energy, -3.0 * G, atol=bound)  # at rest on the cube

@@ -16,7 +16,7 @@ from mbfmu.mechanics import (
     JointSpring,
     Mechanism,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     Translational,
     rod,
 )
@@ -313,7 +313,7 @@ class Cranks(Model):
         for k in (1, 2):
             at = (1.5 * k * length, 0.0, 0.0)
             crank = m.body(f"crank{k}", m.ground, Revolute(at=at, start=0.7), **rod(mass=1.0, length=length))
-            m.cut(f"pin{k}", RevoluteCut(at_a=at, at_b=(length, 0.0, 0.0)), bar, crank)
+            m.cut(f"pin{k}", RevoluteCutJoint(at_a=at, at_b=(length, 0.0, 0.0)), bar, crank)
         m.output("angle", first.angle())
         return m
 

@@ -34,7 +34,7 @@ def parallelogram(scale: float = 1.0, longer: float = 0.0, cranks: int = 2) -> m
         on = mb.Revolute(at=(x, 0.0, 0.0), start=float(back) if cranks == 2 else START)
         own = m.body(f"crank{k}", m.ground, on, **mb.rod(mass=1.0, length=l))
         at = whole * scale if k == cranks else x
-        m.cut(f"pin{k}", mb.RevoluteCut(at_a=(at, 0.0, 0.0), at_b=(l, 0.0, 0.0)), coupler, own)
+        m.cut(f"pin{k}", mb.RevoluteCutJoint(at_a=(at, 0.0, 0.0), at_b=(l, 0.0, 0.0)), coupler, own)
     return m
 
 
@@ -118,7 +118,7 @@ def test_what_swings_must_be_followed_and_is_not_stiff() -> None:
 def open_loop() -> mb.Mechanism:
     m = mb.Mechanism()
     a = m.body("a", m.ground, mb.Revolute(), **mb.rod(mass=1.0, length=1.0))
-    m.cut("pin", mb.RevoluteCut(at_a=(5.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), m.ground, a)
+    m.cut("pin", mb.RevoluteCutJoint(at_a=(5.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), m.ground, a)
     return m
 
 
@@ -250,8 +250,8 @@ def door(floating: bool) -> mb.Mechanism:
     own = mb.Floating() if floating else mb.Revolute(axis="y")
     leaf = m.body("leaf", m.ground, own, mass=1.0, com=(0.5, 0.0, 0.0), inertia=(0.1, 0.1, 0.1))
     if floating:
-        m.cut("lower", mb.RevoluteCut(axis="y"), m.ground, leaf)
-    m.cut("upper", mb.RevoluteCut(axis="y", at_a=(0.0, 1.0, 0.0), at_b=(0.0, 1.0, 0.0)), m.ground, leaf)
+        m.cut("lower", mb.RevoluteCutJoint(axis="y"), m.ground, leaf)
+    m.cut("upper", mb.RevoluteCutJoint(axis="y", at_a=(0.0, 1.0, 0.0), at_b=(0.0, 1.0, 0.0)), m.ground, leaf)
     return m
 
 

@@ -43,7 +43,7 @@ def test_a_check_ends_with_the_exit_code_of_a_run(
     model.write_text(
         "import mbfmu as mb\n\nclass Open(mb.Model):\n    def build(self):\n        m = mb.Mechanism()\n"
         "        arm = m.body('arm', m.ground, mb.Revolute(), **mb.rod(mass=1.0, length=1.0))\n"
-        "        m.cut('far', mb.SphericalCut(at_a=(3.0, 0.0, 0.0)), m.ground, arm)\n        return m\n"
+        "        m.cut('far', mb.SphericalCutJoint(at_a=(3.0, 0.0, 0.0)), m.ground, arm)\n        return m\n"
     )
     code, out, _ = command("check", f"{model}:Open")
     assert (code, "does not start" in out) == (1, True)
@@ -142,7 +142,9 @@ def chain(*masses: float, load: bool = False, drive: bool = False, loop: bool = 
     if load:
         m.force("damper", mb.JointSpring(damping=1.0), body)
     if loop:
-        m.cut("pin", mb.DistanceCut(length=1.0, at_a=(len(masses), 1.0, 0.0), at_b=(1.0, 0.0, 0.0)), m.ground, body)
+        m.cut(
+            "pin", mb.DistanceCutJoint(length=1.0, at_a=(len(masses), 1.0, 0.0), at_b=(1.0, 0.0, 0.0)), m.ground, body
+        )
     return m
 
 
@@ -156,7 +158,7 @@ WORDS = {"load": "force", "drive": "drive", "loop": "singular", "light": "kg"}
 def test_causes_are_those_that_a_model_can_have(load: bool, drive: bool, loop: bool, light: bool) -> None:
     masses = (1e-6 if light else 1.0, 1.0, 1.0)
     m = chain(*masses, load=load, drive=drive, loop=loop)
-    text = advise(as_model(m).plant(), Status(Code.COLLAPSED, 0.0, ("ida",)))
+    text = advise(as_model(m).compile(), Status(Code.COLLAPSED, 0.0, ("ida",)))
     expected = {"load": load, "drive": drive and loop, "loop": loop, "light": light}
     assert {key: word in text for key, word in WORDS.items()} == expected, text
     assert ("'link0' of 1e-06 kg, which carries one of 1 kg" in text) == light
@@ -168,8 +170,8 @@ def test_near_branches_name_drives_and_several_loops_if_there_are_any(drive: boo
     for loops in (1, 2):
         m = chain(1.0, 1.0, 1.0, 1.0, drive=drive, loop=True)
         if loops == 2:
-            m.cut("other", mb.DistanceCut(length=2.0**0.5, at_a=(3.0, 1.0, 0.0)), m.ground, m.bodies[3])
-        text = advise(as_model(m).plant(), Status(Code.BRANCHES, 0.0))
+            m.cut("other", mb.DistanceCutJoint(length=2.0**0.5, at_a=(3.0, 1.0, 0.0)), m.ground, m.bodies[3])
+        text = advise(as_model(m).compile(), Status(Code.BRANCHES, 0.0))
         assert ("drive" in text, "several" in text) == (drive, loops == 2)
 
 
@@ -248,7 +250,7 @@ def tilted(rotation: Any) -> mb.Mechanism:
     last = m.body("last", arm, slide, **mb.box(mass=1.0, size=(0.1, 0.2, 0.3), rotation=rotation))
     bushing = mb.Bushing(stiffness=(1.0, 2.0, 3.0), rotation_a=rotation, rotation_b=rotation)
     m.force("bushing", bushing, m.ground, last)
-    m.cut("plane", mb.PlaneCut(rotation_a=rotation), m.ground, last)
+    m.cut("plane", mb.PlaneCutJoint(rotation_a=rotation), m.ground, last)
     m.output("angle", arm.angle())
     return m
 

@@ -100,9 +100,9 @@ def test_the_best_choices_are_a_front(swings: Comparison) -> None:
 
 
 def test_driven_outputs_judge_nobody() -> None:
-    assert driven_outputs(SpinningArm().plant()) == {"hub.angle", "hub.speed"}
-    assert {"crank.angle", "crank.speed"} <= driven_outputs(SwingPendulum().plant())
-    assert "rod.angle" not in driven_outputs(SwingPendulum().plant())
+    assert driven_outputs(SpinningArm().compile()) == {"hub.angle", "hub.speed"}
+    assert {"crank.angle", "crank.speed"} <= driven_outputs(SwingPendulum().compile())
+    assert "rod.angle" not in driven_outputs(SwingPendulum().compile())
     found = compare(short(SpinningArm(), 2.0), solvers=["adams"], tolerances=[1e-4], resolutions=[{}], repeats=1)
     assert {name for name, why in found.reference.not_evaluated.items() if why == "driven"} == {
         "hub.angle",
@@ -134,9 +134,9 @@ def test_a_run_without_energy_check_has_no_energy_error() -> None:
 
 
 def test_solvers_that_do_the_same_run_once() -> None:
-    assert solvers_of(SwingPendulum().plant()) == ("ida", "adams", "radau")
-    assert solvers_of(Governor().plant()) == ("ida", "adams", "hybrid", "radau")
-    assert solvers_of(Sheet(nx=7, nz=5).plant()) == ("ida", "esdirk", "adams")
+    assert solvers_of(SwingPendulum().compile()) == ("ida", "adams", "radau")
+    assert solvers_of(Governor().compile()) == ("ida", "adams", "hybrid", "radau")
+    assert solvers_of(Sheet(nx=7, nz=5).compile()) == ("ida", "esdirk", "adams")
 
 
 # ---- times -----------------------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from mbfmu.mechanics import (
     Beam,
     Body,
     Cam,
+    CompiledMechanism,
     CouplingHandle,
     Cylindrical,
     Gear,
@@ -23,12 +24,11 @@ from mbfmu.mechanics import (
     JointForce,
     JointSpring,
     Mechanism,
-    Plant,
     Polynomial,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     Spherical,
-    SphericalCut,
+    SphericalCutJoint,
     Table,
     Torque,
     Translational,
@@ -87,7 +87,7 @@ def test_a_rack_falls_against_its_pinion(size: float) -> None:
     m.output("pinion", pinion.angle())
     m.output("force", mesh.effort())
     m.output("torque", mesh.effort("b"))
-    assert [v.unit for v in Plant(m).outputs] == ["m", "rad", "N", "N.m"]
+    assert [v.unit for v in CompiledMechanism(m).outputs] == ["m", "rad", "N", "N.m"]
     result = simulate(m, 0.5, **TIGHT)
     fallen = 0.5 * 9.81 * 2.0 / 5.0 * result.t**2
     np.testing.assert_allclose(result["rack"], result["rack"][0] - fallen, atol=1e-7 * size)
@@ -240,16 +240,16 @@ def test_two_drives_agree_or_are_refused() -> None:
         return m, m.couple("mesh", Gear(ratio=-3.0), a, b)
 
     m, mesh = both(-6.0)
-    assert Plant(m).vanishing_rows == ["mesh"]
+    assert CompiledMechanism(m).vanishing_rows == ["mesh"]
     m, mesh = both(-6.0)
     m.output("effort", mesh.effort())
     with pytest.raises(
         UserError,
         match="'effort' reads coupling 'mesh', whose constraint is trivially satisfied in this mechanism: both its",
     ):
-        Plant(m)
+        CompiledMechanism(m)
     with pytest.raises(AssemblyError, match=r"the drives open .*'mesh' is violated by .* rad"):
-        Plant(both(-5.0)[0])
+        CompiledMechanism(both(-5.0)[0])
 
 
 def slider_crank(geared: bool) -> Mechanism:
@@ -262,7 +262,7 @@ def slider_crank(geared: bool) -> Mechanism:
         m.couple("mesh", Gear(ratio=-4.0, offset=1.0), wheel(m, "flywheel", 2e-3), crank)
     else:
         m.body("flywheel", crank, Revolute(drive=0.0), inertia=(0.0, 0.032, 0.032))
-    m.cut("pin", SphericalCut(at_a=(0.3, 0, 0)), link, slider)
+    m.cut("pin", SphericalCutJoint(at_a=(0.3, 0, 0)), link, slider)
     m.force("push", JointForce(Harmonic(amplitude=8.0, frequency=1.5)), slider)
     m.output("crank", crank.angle())
     return m
@@ -296,8 +296,8 @@ def test_three_gears_in_a_ring_are_redundant_or_stand(solver: str) -> None:
     result = simulate(ring(1.0), 1.0, solver=solver, tolerance=1e-8)
     assert not result.failure
     np.testing.assert_allclose(result["a"], 0.5 / (0.1 * (1.0 + 0.25 + 1.0)) * result.t**2, atol=1e-7)
-    plant = Plant(ring(1.0))
-    (told,) = map(str, plant.assembly.notes(0.0, plant.assemble()[0]))
+    compiled = CompiledMechanism(ring(1.0))
+    (told,) = map(str, compiled.assembly.notes(0.0, compiled.assemble()[0]))
     assert told.startswith("coupling '")
     assert ": 1 of its 1 constraints is redundant. " in told
     stuck = simulate(ring(1.1), 1.0, solver=solver, tolerance=1e-8)
@@ -305,11 +305,11 @@ def test_three_gears_in_a_ring_are_redundant_or_stand(solver: str) -> None:
 
 
 def test_starts_that_do_not_fit() -> None:
-    def two(fixed: bool) -> Plant:
+    def two(fixed: bool) -> CompiledMechanism:
         m = Mechanism()
         a, b = wheel(m, "a", 1.0, start=1.0, fixed=fixed), wheel(m, "b", 1.0, start=0.2, rate=3.0, fixed=True)
         m.couple("mesh", Gear(ratio=-2.0), a, b)
-        return Plant(m)
+        return CompiledMechanism(m)
 
     q, v = two(False).assemble()
     np.testing.assert_allclose(q, [-0.4, 0.2], atol=1e-12)
@@ -404,8 +404,8 @@ def test_a_large_tree_with_gears() -> None:
     found = {}
     for solver, tolerance in (("ida", 1e-7), ("adams", 1e-7)):
         m = train(65)
-        assert Plant(m).system.n == 130
-        assert not Plant(m).system.has_matrices
+        assert CompiledMechanism(m).system.n == 130
+        assert not CompiledMechanism(m).system.has_matrices
         found[solver] = simulate(m, 0.3, solver=solver, tolerance=tolerance)
         assert not found[solver].failure
         assert not found[solver].warning
@@ -464,7 +464,7 @@ def test_what_cannot_be_coupled_is_refused() -> None:
         (Cam(lambda q: 0.1 * q * q), a, slider, {}, "is a function of a displacement; use Cam"),
         (Cam(lambda q: np.sin(900.0 * q)), slider, a, {}, "changes faster than differences"),
         (Cam("0.1 * q", width=-1.0), slider, a, {}, "width of coupling 'g' is -1.0; allowed: finite and greater"),
-        (RevoluteCut(), a, slider, {}, "coupling 'g' is RevoluteCut.*; allowed: a Coupling"),
+        (RevoluteCutJoint(), a, slider, {}, "coupling 'g' is RevoluteCutJoint.*; allowed: a Coupling"),
     ]
     for coupling, first, second, options, message in refused:
         with pytest.raises(UserError, match=message):
@@ -474,7 +474,7 @@ def test_what_cannot_be_coupled_is_refused() -> None:
             Cam(law)
     m.couple("g", Gear(ratio=1.0), a, slider)
     with pytest.raises(UserError, match="cut is named 'g'"):
-        m.cut("g", RevoluteCut(), a, slider)
+        m.cut("g", RevoluteCutJoint(), a, slider)
 
 
 def test_a_driven_cam_has_no_steady_state() -> None:

@@ -17,7 +17,7 @@ from mbfmu.mechanics.sensors import Sensor
 from mbfmu.mechanics.shapes import Shape
 
 # Their methods are called by the package and described once, in the base class.
-HOOKED = (ElementType, Sensor, Shape, mechanics.Plant)
+HOOKED = (ElementType, Sensor, Shape, mechanics.CompiledMechanism)
 
 
 def section(text: str, title: str) -> str:

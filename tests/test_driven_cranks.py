@@ -8,7 +8,7 @@ from math import acos, atan2, cos, radians, sin
 import numpy as np
 import pytest
 
-from mbfmu.mechanics import Mechanism, Polynomial, Revolute, RevoluteCut, Translational, rod
+from mbfmu.mechanics import Mechanism, Polynomial, Revolute, RevoluteCutJoint, Translational, rod
 from mbfmu.modeling import Model
 from mbfmu.session.run import run
 from mbfmu.session.simulation import Settings
@@ -35,7 +35,7 @@ class Driven(Model):
         rod_ = m.body("coupler", crank, link, **rod(mass=2.0, length=coupler))
         pin = Revolute(at=(coupler, 0.0, 0.0), start=atan2(back.imag, back.real) - along)
         rocker = m.body("rocker", rod_, pin, **rod(mass=0.5, length=-1.0))
-        m.cut("pivot", RevoluteCut(at_a=(2.5, 0.0, 0.0), at_b=(-1.0, 0.0, 0.0)), m.ground, rocker)
+        m.cut("pivot", RevoluteCutJoint(at_a=(2.5, 0.0, 0.0), at_b=(-1.0, 0.0, 0.0)), m.ground, rocker)
         m.output("link", rod_.angle())
         return m
 
@@ -55,7 +55,7 @@ class Across(Model):
         pin = Revolute(at=(r, 0.0, 0.0), start=-2.0 * self.start)
         link = m.body("rod", crank, pin, **rod(mass=0.5, length=r))
         slider = m.body("slider", m.ground, Translational(axis="x", start=2.0 * r * cos(self.start)), mass=0.8)
-        m.cut("pin", RevoluteCut(at_a=(r, 0.0, 0.0)), link, slider)
+        m.cut("pin", RevoluteCutJoint(at_a=(r, 0.0, 0.0)), link, slider)
         m.output("way", slider.coordinate())
         return m
 

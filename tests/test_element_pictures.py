@@ -13,11 +13,11 @@ from element_pictures import FOLDER, PICTURES
 from PIL import Image
 
 from mbfmu import mechanics, sheets
-from mbfmu.mechanics import Coupling, Cut, Force, Joint
+from mbfmu.mechanics import Coupling, CutJoint, Force, Joint
 from mbfmu.sheets import Surface
 
 ROOT = Path(__file__).parents[1]
-BASES = (Joint, Cut, Coupling, Force, Surface)
+BASES = (Joint, CutJoint, Coupling, Force, Surface)
 ELEMENTS = {
     name
     for package in (mechanics, sheets)

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 from random_mechanisms import random_inertia, random_joint
 
-from mbfmu.mechanics import DistanceCut, Mechanism, Plant, Revolute, RevoluteCut, SphericalCut
+from mbfmu.mechanics import (
+    CompiledMechanism,
+    DistanceCutJoint,
+    Mechanism,
+    Revolute,
+    RevoluteCutJoint,
+    SphericalCutJoint,
+)
 from mbfmu.mechanics.joints import Floating, Joint, Spherical, Translational
 from solvers import SOLVERS, Options
 
@@ -21,14 +28,14 @@ TREES: dict[str, list[type[Joint]]] = {
 }
 
 
-def loop(seed: int, kinds: list[type[Joint]], cut: type) -> Plant:
+def loop(seed: int, kinds: list[type[Joint]], cut: type) -> CompiledMechanism:
     """A chain from the ground whose end is tied to it, closed exactly at a random start position."""
     rng = np.random.default_rng(seed)
     joints = [random_joint(kind, rng, False) for kind in kinds]
     masses = [
         {"mass": rng.uniform(0.5, 2.0), "com": 0.3 * rng.normal(size=3), "inertia": random_inertia(rng)} for _ in kinds
     ]
-    tree = Plant(chain(joints, masses))
+    tree = CompiledMechanism(chain(joints, masses))
     q = tree.assembly.start_positions()
     tree.system.apply(q, 0.5 * rng.normal(size=tree.system.n))
     tree.energy(0.0, q, np.zeros(tree.system.n))  # places the bodies
@@ -39,12 +46,12 @@ def loop(seed: int, kinds: list[type[Joint]], cut: type) -> Plant:
     starts = [replace(j, start=q[a:b]) for j, a, b in zip(joints, offsets[:-1], offsets[1:], strict=True)]
     m = chain(starts, masses)
     options: dict[str, Any] = {"at_a": p, "at_b": on_ground}
-    if cut is DistanceCut:
+    if cut is DistanceCutJoint:
         options |= {"at_b": on_ground + np.array([0.0, 0.0, 1.5]), "length": 1.5}
-    if cut is RevoluteCut:
+    if cut is RevoluteCutJoint:
         options |= {"rotation_a": np.array(end["A"]).T}
     m.cut("tie", cut(**options), m.bodies[-1], m.ground)
-    return Plant(m)
+    return CompiledMechanism(m)
 
 
 def chain(joints: list[Joint], masses: list[dict[str, Any]]) -> Mechanism:
@@ -55,24 +62,27 @@ def chain(joints: list[Joint], masses: list[dict[str, Any]]) -> Mechanism:
     return m
 
 
-def drift(plant: Plant, solver: str, rtol: float) -> float:
+def drift(compiled: CompiledMechanism, solver: str, rtol: float) -> float:
     """Largest change of the energy within half a second, J."""
-    q, v = plant.assemble()
-    stepper = SOLVERS[solver](plant.system, 0.0, q, v, Options(rtol=rtol))
-    start, worst = plant.energy(0.0, q, v), 0.0
+    q, v = compiled.assemble()
+    stepper = SOLVERS[solver](compiled.system, 0.0, q, v, Options(rtol=rtol))
+    start, worst = compiled.energy(0.0, q, v), 0.0
     for t in np.linspace(0.05, 0.5, 10):
         status = stepper.advance(float(t))
         assert status.ok, status.message
-        worst = max(worst, abs(plant.energy(stepper.t, stepper.q, stepper.v) - start))
-        assert max(plant.residuals(stepper.t, stepper.q, stepper.v)) < 1e-8
+        worst = max(worst, abs(compiled.energy(stepper.t, stepper.q, stepper.v) - start))
+        assert max(compiled.residuals(stepper.t, stepper.q, stepper.v)) < 1e-8
     return worst
 
 
-@pytest.mark.parametrize("cut", [DistanceCut, SphericalCut, RevoluteCut])
+@pytest.mark.parametrize("cut", [DistanceCutJoint, SphericalCutJoint, RevoluteCutJoint])
 @pytest.mark.parametrize("tree", TREES)
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
 def test_energy_drift_falls_with_the_tolerance(solver: str, tree: str, cut: type) -> None:
-    plant = loop(3, TREES[tree], cut)
-    loose, tight = drift(plant, solver, 1e-5), drift(plant, solver, 1e-10)  # far apart: one drift may be small by luck
+    compiled = loop(3, TREES[tree], cut)
+    loose, tight = (
+        drift(compiled, solver, 1e-5),
+        drift(compiled, solver, 1e-10),
+    )  # far apart: one drift may be small by luck
     assert tight < 1e-3 * loose
     assert tight < 1e-7

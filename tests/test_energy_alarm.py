@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from fmus.sheet import Sheet
 from mbfmu import simulate
-from mbfmu.mechanics import JointSpring, JointStop, Mechanism, Revolute, RevoluteCut, Translational, rod
+from mbfmu.mechanics import JointSpring, JointStop, Mechanism, Revolute, RevoluteCutJoint, Translational, rod
 from mbfmu.mechanics.arrays.systems import Systems
 from mbfmu.session.run import Result
 
@@ -87,7 +87,7 @@ def crank(stiffness: float, damping: float, upper: float, rate: float) -> Mechan
     coupler = m.body("coupler", wheel, hinge, **rod(mass=1.0, length=length))
     slide = Translational(axis="x", start=radius * np.cos(start) + length * np.cos(lean))
     slider = m.body("slider", m.ground, slide, mass=1.0, inertia=(0.1, 0.1, 0.1))
-    m.cut("pin", RevoluteCut(at_a=(length, 0.0, 0.0)), coupler, slider)
+    m.cut("pin", RevoluteCutJoint(at_a=(length, 0.0, 0.0)), coupler, slider)
     m.force("stop", JointStop(upper=upper, stiffness=stiffness, damping=damping), slider)
     m.output("angle", wheel.angle())
     m.output("energy", m.energy)
@@ -159,7 +159,7 @@ def row_of_loops(count: int, rate: float) -> Mechanism:
         bar = m.body(f"bar {i}", up, Revolute(at=end, start=-angle, rate=-rate), **link)
         hinge = Revolute(at=(1.0, 0.0, 0.0), start=angle, rate=rate)
         up = m.body(f"crank {i}", bar, hinge, **rod(mass=1.0, length=-1.0))
-        m.cut(f"pivot {i}", RevoluteCut(at_a=(-1.0, 0.0, 0.0), at_b=(float(i), 0.0, 0.0)), up, m.ground)
+        m.cut(f"pivot {i}", RevoluteCutJoint(at_a=(-1.0, 0.0, 0.0), at_b=(float(i), 0.0, 0.0)), up, m.ground)
         end = (0.0, 0.0, 0.0)
     m.output("angle", first.angle())
     return m
@@ -333,7 +333,7 @@ def small_swing(damping: float) -> Mechanism:
     one = m.body("a", m.ground, Revolute(start=start, fixed=True), **rod(mass=1.0, length=1.0))
     two = m.body("b", one, Revolute(at=(1.0, 0.0, 0.0), start=-start), **rod(mass=1.0, length=2.0))
     three = m.body("c", two, Revolute(at=(2.0, 0.0, 0.0), start=start), **rod(mass=1.0, length=-1.0))
-    m.cut("pivot", RevoluteCut(at_a=(-1.0, 0.0, 0.0), at_b=(2.0, 0.0, 0.0)), three, m.ground)
+    m.cut("pivot", RevoluteCutJoint(at_a=(-1.0, 0.0, 0.0), at_b=(2.0, 0.0, 0.0)), three, m.ground)
     m.force("hidden", JointSpring(damping=damping), one)
     return m
 

@@ -120,7 +120,7 @@ def test_a_jump_at_a_singular_position_is_seen_at_once_and_named(solver: str, fa
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_the_balance_closes_over_changes_and_a_restored_state(solver: str) -> None:
     simulation = Simulation(Arm(), Settings(solver=solver, tolerance=1e-8))
-    names = [variable.name for variable in simulation.plant.inputs.variables]
+    names = [variable.name for variable in simulation.compiled.inputs.variables]
     saved, found = b"", {}
     for step in range(40):
         if step % 8 == 3:

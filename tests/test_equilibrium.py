@@ -19,7 +19,16 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.cli.equilibrium import branches_as_text
-from mbfmu.mechanics import DistanceCut, Input, JointSpring, Mechanism, Revolute, RevoluteCut, Translational, rod
+from mbfmu.mechanics import (
+    DistanceCutJoint,
+    Input,
+    JointSpring,
+    Mechanism,
+    Revolute,
+    RevoluteCutJoint,
+    Translational,
+    rod,
+)
 from mbfmu.modeling import Model, parameter
 from mbfmu.session.run import run
 from mbfmu.session.simulation import Settings, Simulation
@@ -139,7 +148,7 @@ class Overbraced(Model):
         table = m.body("table", crank, Revolute(at=(1.0, 0.0, 0.0), start=-0.2), **rod(mass=2.0, length=2.0))
         for k in range(1, self.bars):
             bar = m.body(f"bar{k}", table, Revolute(at=(float(k), 0.0, 0.0), start=0.2))
-            m.cut(f"pivot{k}", RevoluteCut(at_a=(-1.0, 0.0, 0.0), at_b=(float(k), 0.0, 0.0)), bar, m.ground)
+            m.cut(f"pivot{k}", RevoluteCutJoint(at_a=(-1.0, 0.0, 0.0), at_b=(float(k), 0.0, 0.0)), bar, m.ground)
         m.force("spring", JointSpring(stiffness=60.0), crank)
         m.output("angle", crank.angle())
         return m
@@ -165,7 +174,7 @@ class DrivenLoop(Model):
         m = Mechanism()
         crank = m.body("crank", m.ground, Revolute(drive=Polynomial((1.0, 3.0))), **rod(mass=1.0, length=0.3))
         slider = m.body("slider", m.ground, Translational(axis="x", start=1.0), mass=1.0)
-        m.cut("rod", DistanceCut(at_a=(0.3, 0.0, 0.0), length=0.9), crank, slider)
+        m.cut("rod", DistanceCutJoint(at_a=(0.3, 0.0, 0.0), length=0.9), crank, slider)
         m.output("x", slider.coordinate())
         return m
 
@@ -194,7 +203,7 @@ def test_a_loop_whose_only_row_vanishes_at_rest_is_refused(scale: float, off: fl
     m, (at, tip) = Mechanism(gravity=(9.81, 0.0, 0.0)), (4.0, -scale) if locked else (2.0, scale)
     left = m.body("left", m.ground, Revolute(start=off), **rod(mass=1.0, length=scale))
     right = m.body("right", m.ground, Revolute(at=(at * scale, 0.0, 0.0), start=off), **rod(mass=1.0, length=tip))
-    m.cut("rod", DistanceCut(at_a=(scale, 0, 0), at_b=(tip, 0, 0), length=2.0 * scale), left, right)
+    m.cut("rod", DistanceCutJoint(at_a=(scale, 0, 0), at_b=(tip, 0, 0), length=2.0 * scale), left, right)
     with pytest.raises(EquilibriumError, match="singular configuration"):
         equilibrium(m)
 
@@ -213,20 +222,20 @@ def test_state_matrices_are_differences_of_the_simulation(model: Governor) -> No
     f, h = space.coordinates.shape[1], 1e-4
 
     def rates(x: Any, u: float) -> tuple[Any, Any]:
-        simulation = Simulation(model, Settings(solver="adams"), 0.0, {0: found.plant.inputs.variables[0].start + u})
-        names = simulation.plant.system.coordinate_names
+        simulation = Simulation(model, Settings(solver="adams"), 0.0, {0: found.compiled.inputs.variables[0].start + u})
+        names = simulation.compiled.system.coordinate_names
         line = [names.index(name) for name in space.states[:f]]
-        plant = simulation.plant
+        compiled = simulation.compiled
         q, held = found.q.copy(), np.zeros(len(names), bool)
         q[line] += x[:f]
         held[line] = True
-        q = plant.assembly.close(0.0, q, held)
-        terms = plant.system.allocate_terms()
-        plant.system.fill_position(0.0, q, terms)
+        q = compiled.assembly.close(0.0, q, held)
+        terms = compiled.system.allocate_terms()
+        compiled.system.fill_position(0.0, q, terms)
         v = np.zeros(len(names))
         v[line] = x[f:]
         v[~held] = np.linalg.solve(terms.J[:, ~held], -terms.J[:, held] @ v[held])
-        stepper = type(simulation.stepper)(plant.system, 0.0, q, v, Settings(solver="adams").options())
+        stepper = type(simulation.stepper)(compiled.system, 0.0, q, v, Settings(solver="adams").options())
         simulation.stepper = stepper
         a, _ = stepper.accelerations()
         return np.concatenate((stepper.v[line], a[line])), simulation.outputs()[:-2].copy()

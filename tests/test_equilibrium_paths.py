@@ -83,7 +83,7 @@ def toggle(bar: float, start: float, stiffness: float, angle: float) -> mb.Mecha
     right = m.body("right", left, mb.Revolute(at=(bar, 0.0, 0.0), start=-2.0 * start), **mb.rod(mass=1.0, length=bar))
     span = 2.0 * bar * cos(start)
     slider = m.body("slider", frame, mb.Translational(axis="x", start=span), mass=1.0)
-    m.cut("pin", mb.RevoluteCut(at_a=(bar, 0.0, 0.0)), right, slider)
+    m.cut("pin", mb.RevoluteCutJoint(at_a=(bar, 0.0, 0.0)), right, slider)
     m.force("spring", mb.JointSpring(stiffness=stiffness, free=span), slider)
     load = mb.Input(name="force", unit="N")
     for axis, part in (("x", sin(angle)), ("y", -cos(angle))):
@@ -122,7 +122,7 @@ def column(n: int, *, guided: bool = False, length: float = 1.0, spring: float =
     tip = (bar, 0.0, 0.0)
     m.force("load", mb.PointForce(magnitude=mb.Product(force, -1.0), axis="x", at_a=tip), body)
     if guided:
-        m.cut("guide", mb.PlaneCut(at_b=tip, axis="y"), m.ground, body)
+        m.cut("guide", mb.PlaneCutJoint(at_b=tip, axis="y"), m.ground, body)
     m.output("x", body.position("x", point=tip))
     m.output("y", body.position("y", point=tip))
     return m
@@ -195,7 +195,7 @@ def test_unstable_motions_of_a_large_tree_are_the_buckling_loads_that_are_passed
     problem.apply(load * loads[0])
     equations = problem.problem.linearized()
     assert isinstance(equations, TreeLinearized)
-    q, none = problem.problem.start(), np.zeros(problem.plant.system.m)
+    q, none = problem.problem.start(), np.zeros(problem.compiled.system.m)
     assert equations.inspect(q, none) == np.sum(loads < load * loads[0])
 
 
@@ -209,8 +209,8 @@ def test_unstable_motions_of_a_very_large_tree_that_turns_are_counted(guided: bo
     problem = PathProblem(m, "force")
     problem.apply(load * loads[0])
     equations = problem.problem.linearized()
-    assert problem.plant.system.n > MAX_ASSEMBLED_COORDINATES
-    none = np.zeros(problem.plant.system.m)
+    assert problem.compiled.system.n > MAX_ASSEMBLED_COORDINATES
+    none = np.zeros(problem.compiled.system.m)
     assert equations.inspect(problem.problem.start(), none) == np.sum(loads < load * loads[0])
 
 
@@ -237,7 +237,7 @@ def test_a_column_that_may_buckle_to_all_sides_has_a_double_bifurcation(n: int) 
 def test_redundant_guides_of_a_large_tree_change_nothing(load: float) -> None:
     n, tip = 110, (1.0 / 110, 0.0, 0.0)
     loads, m = buckling_loads(n, guided=True), column(n, guided=True)
-    m.cut("again", mb.PlaneCut(at_b=tip, axis="y"), m.ground, m.bodies[-1])
+    m.cut("again", mb.PlaneCutJoint(at_b=tip, axis="y"), m.ground, m.bodies[-1])
     problem = PathProblem(m, "force")
     problem.apply(load * loads[0])
     equations = problem.problem.linearized()

@@ -10,7 +10,7 @@ import pytest
 
 import mbfmu
 from mbfmu.cli import main
-from mbfmu.mechanics import Coupling, Cut, Force, Joint, Signal, couplings, cuts, joints, loads, signals
+from mbfmu.mechanics import Coupling, CutJoint, Force, Joint, Signal, couplings, cuts, joints, loads, signals
 from mbfmu.mechanics.kind import element_types_of
 from mbfmu.modeling.variables import arrays, list_variables
 from mbfmu.sheets import Surface
@@ -55,7 +55,7 @@ def test_examples_run(
         assert (tmp_path / "results" / "slidercrank" / "default-ida-1e-6-crank_length=0.12" / "outputs.png").is_file()
         flap = mbfmu.find("flap.py")
         assert resolutions_of(flap(), None)[0] == {"nx": 5, "nz": 3}
-        assert not flap(nx=5, nz=3).plant().system.m
+        assert not flap(nx=5, nz=3).compile().system.m
         piston = mbfmu.find("piston.py:Piston")()
         (joints,) = arrays(piston, list_variables(piston, mbfmu.Settings()))
         assert joints.shape == (2, 2)
@@ -65,7 +65,7 @@ def test_the_page_of_kinds_has_every_kind_and_no_other() -> None:
     packages = (
         (joints, Joint),
         (sheet_joints, Joint),
-        (cuts, Cut),
+        (cuts, CutJoint),
         (couplings, Coupling),
         (loads, Force),
         (signals, Signal),

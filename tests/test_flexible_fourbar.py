@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fmus.fourbar import FourBar
-from mbfmu.mechanics import Mechanism, Plant, Revolute, RevoluteCut, add_chain, rod
+from mbfmu.mechanics import CompiledMechanism, Mechanism, Revolute, RevoluteCutJoint, add_chain, rod
 from mbfmu.modeling import Model
 from mbfmu.session.run import Result, run
 from mbfmu.session.simulation import Settings, Simulation
@@ -136,7 +136,7 @@ def test_a_stiff_coupler_moves_as_the_rigid_one(solver: str) -> None:
 
 
 def test_without_modes_the_mechanism_is_the_rigid_one() -> None:
-    arrays: Any = Plant(FourBar(coupler_modes=0, coupler_elements=50).build()).data.arrays
+    arrays: Any = CompiledMechanism(FourBar(coupler_modes=0, coupler_elements=50).build()).data.arrays
     assert len(arrays.flexibles) == len(arrays.nodes) == 0
     assert len(arrays.bodies) == 4
 
@@ -156,7 +156,7 @@ def chain(elements: int, damping: float) -> type[Model]:
                 axial=117e9 * 9e-4, bending_stiffness=7897.5, elements=elements, damping=damping,
             )  # fmt: skip
             rocker = m.body("rocker", nodes[-1], Revolute(start=angle), **rod(mass=8.019, length=-1.0))
-            m.cut("pivot", RevoluteCut(at_a=(-1.0, 0.0, 0.0), at_b=(3.0, 0.0, 0.0)), rocker, m.ground)
+            m.cut("pivot", RevoluteCutJoint(at_a=(-1.0, 0.0, 0.0), at_b=(3.0, 0.0, 0.0)), rocker, m.ground)
             for name, body in (("a", nodes[0]), ("middle", nodes[elements // 2]), ("b", nodes[-1])):
                 m.output(f"{name}.x", body.position("x"))
                 m.output(f"{name}.y", body.position("y"))
@@ -180,12 +180,12 @@ def test_a_chain_of_nodal_bodies_passes_by_stretching_and_agrees() -> None:
 
 def test_the_static_sag_is_that_of_a_pinned_beam() -> None:
     """Hanging still the coupler is level: w = 5 q L^4 / (384 E I), of which the first sine has 4 / pi^5 * 384 / 5."""
-    plant: Plant = Plant(FourBar(coupler_modes=1, coupler_elements=40).build())
+    compiled: CompiledMechanism = CompiledMechanism(FourBar(coupler_modes=1, coupler_elements=40).build())
     from mbfmu.steady.equilibrium import build_problem
 
     model = FourBar(coupler_modes=1, coupler_elements=40, start_angle=-1.5)
     sag = build_problem(model).solve().outputs["coupler.deflection"]
-    assert plant.system.n == 4
+    assert compiled.system.n == 4
     assert sag == pytest.approx(-4.0 / np.pi**5 * 24.057 / 3.0 * 9.81 * 3.0**4 / 7897.5, rel=1e-6)
 
 

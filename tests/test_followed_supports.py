@@ -261,7 +261,7 @@ class Flat(mb.Model):
         left = m.body("left", m.ground, mb.Revolute(rate=self.rate), **mb.rod(mass=1.0, length=0.5))
         right = m.body("right", m.ground, mb.Revolute(at=(1.0, 0.0, 0.0)), **mb.rod(mass=1.0, length=0.5))
         bar = m.body("bar", left, mb.Revolute(at=(0.5, 0.0, 0.0)), **mb.rod(mass=2.0, length=1.0))
-        m.cut("pin", mb.SphericalCut(at_a=(1.0, 0.0, 0.0), at_b=(0.5, 0.0, 0.0)), bar, right)
+        m.cut("pin", mb.SphericalCutJoint(at_a=(1.0, 0.0, 0.0), at_b=(0.5, 0.0, 0.0)), bar, right)
         m.output("angle", left.angle())
         return m
 

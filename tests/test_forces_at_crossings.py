@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from mbfmu.mechanics import Mechanism, Polynomial, Revolute, RevoluteCut, rod
+from mbfmu.mechanics import Mechanism, Polynomial, Revolute, RevoluteCutJoint, rod
 from mbfmu.modeling import Model
 from mbfmu.session.run import run
 from mbfmu.session.simulation import Settings
@@ -29,7 +29,7 @@ class Lifted(Model):
         crank = m.body("crank", m.ground, Revolute(drive=Polynomial((-0.6, self.speed))), **rod(mass=1.0, length=1.0))
         coupler = m.body("coupler", crank, Revolute(at=(1.0, 0.0, 0.0), start=0.6), **rod(mass=2.0, length=3.0))
         rocker = m.body("rocker", m.ground, Revolute(at=(3.0, 0.0, 0.0), start=-0.6), **rod(mass=1.5, length=1.0))
-        pin = m.cut("pin", RevoluteCut(at_a=(3.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
+        pin = m.cut("pin", RevoluteCutJoint(at_a=(3.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
         if self.beside:
             m.body("bar", m.ground, Revolute(at=(0.0, -2.0, 0.0), start=1.0), **rod(mass=1.0, length=1.0))
         m.output("crank", crank.angle())

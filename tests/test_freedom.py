@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 
 from fmus.sheet import Sheet
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.steady.rigid_body_modes import describe_motions
 
 
 @pytest.fixture(scope="module")
-def plant() -> Plant:
+def compiled() -> CompiledMechanism:
     """A free sheet; its master node 3, 2 lies at x = 0.15, z = 0.105 m, its coordinates come first."""
-    return Plant(Sheet(nx=7, nz=5, support="free", gravity_y=0.0).build())
+    return CompiledMechanism(Sheet(nx=7, nz=5, support="free", gravity_y=0.0).build())
 
 
-def described(plant: Plant, *twists: Any) -> str:
+def described(compiled: CompiledMechanism, *twists: Any) -> str:
     """The motions of the master node alone, (velocity, angular velocity) each."""
-    motions = np.zeros((plant.system.n, len(twists)))
+    motions = np.zeros((compiled.system.n, len(twists)))
     motions[:6] = np.transpose(twists)
-    return describe_motions(plant, plant.assembly.start_positions(), motions)
+    return describe_motions(compiled, compiled.assembly.start_positions(), motions)
 
 
 @pytest.mark.parametrize(
@@ -37,15 +37,15 @@ def described(plant: Plant, *twists: Any) -> str:
         ([(0, 2, 0, 0, 0, 1), (0, 1, 0, 0, 0, 0)], "translation along y; rotation about z through (0.15, 0, 0.105) m"),
     ],
 )
-def test_rigid_motions(plant: Plant, twists: Any, words: str) -> None:
-    assert described(plant, *twists) == words
+def test_rigid_motions(compiled: CompiledMechanism, twists: Any, words: str) -> None:
+    assert described(compiled, *twists) == words
 
 
-def test_other_motions_are_told_by_their_coordinates(plant: Plant) -> None:
-    motion = np.zeros((plant.system.n, 1))
-    names = plant.system.coordinate_names
+def test_other_motions_are_told_by_their_coordinates(compiled: CompiledMechanism) -> None:
+    motion = np.zeros((compiled.system.n, 1))
+    names = compiled.system.coordinate_names
     moving = [names.index(name) for name in ("sheet.0.0.alpha", "sheet.0.4.alpha", "sheet.1.1.theta_x")]
     motion[moving, 0] = 1.0, -2.0, 0.5
-    assert describe_motions(plant, plant.assembly.start_positions(), motion) == (
+    assert describe_motions(compiled, compiled.assembly.start_positions(), motion) == (
         "a motion that is largest in 'sheet.1.1.theta_x', 'sheet.0.0.alpha', 'sheet.0.4.alpha'"
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu import Gear, JointForce, Mechanism, Revolute, RevoluteCut, rod, simulate
+from mbfmu import Gear, JointForce, Mechanism, Revolute, RevoluteCutJoint, rod, simulate
 
 CRANK, COUPLER, ROCKER, WHEEL = 1.3, 2.1, 0.7, 0.4  # kg; of the wheel: inertia in kg and lengths of the crank
 
@@ -18,7 +18,7 @@ def geared(length: float, start: float, ratio: float, torque: float) -> Mechanis
         "coupler", crank, Revolute(at=(length, 0, 0), start=-start), **rod(mass=COUPLER, length=2 * length)
     )
     rocker = m.body("rocker", coupler, Revolute(at=(2 * length, 0, 0), start=start), **rod(mass=ROCKER, length=-length))
-    m.cut("pivot", RevoluteCut(at_a=(-length, 0, 0), at_b=(2 * length, 0, 0)), rocker, m.ground)
+    m.cut("pivot", RevoluteCutJoint(at_a=(-length, 0, 0), at_b=(2 * length, 0, 0)), rocker, m.ground)
     inertia = (WHEEL * length**2,) * 3
     wheel = m.body("wheel", m.ground, Revolute(at=(0, 3 * length, 0), start=ratio * start), mass=1.0, inertia=inertia)
     mesh = m.couple("mesh", Gear(ratio=ratio), wheel, crank)

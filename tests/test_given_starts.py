@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import mbfmu as mb
-from mbfmu.mechanics import Floating, Mechanism, Plant, Revolute, RevoluteCut, Spherical, rod
+from mbfmu.mechanics import CompiledMechanism, Floating, Mechanism, Revolute, RevoluteCutJoint, Spherical, rod
 
 COM, MASS, INERTIA = np.array((0.0, 0.1, 0.05)), 1.0, np.diag((0.01, 0.01, 0.02))
 
@@ -65,8 +65,8 @@ def test_units_of_a_quaternion_follow_from_its_joint_and_not_from_the_attitude(a
     m.body("b", m.ground, joint, mass=1, inertia=(1, 1, 1))
     arm = m.body("arm", m.ground, Revolute(nominal=7.0), **rod(mass=1, length=1))
     m.output("angle", arm.angle())
-    plant = Plant(m)
-    motion: Any = stepper("adams", plant.system, 0.0, *plant.assemble())
+    compiled = CompiledMechanism(m)
+    motion: Any = stepper("adams", compiled.system, 0.0, *compiled.assemble())
     np.testing.assert_array_equal(motion.formulation.workspace.size_q, [2.0, 3.0, 4.0, 0.1, 0.1, 0.1, 0.1, 7.0])
 
 
@@ -77,7 +77,7 @@ def four_bar(size: float = 1.0, **joints: dict[str, Any]) -> Mechanism:
     crank = m.body("crank", m.ground, Revolute(**of["crank"]), **rod(mass=1, length=size))
     coupler = m.body("coupler", crank, Revolute(at=(size, 0, 0), **of["coupler"]), **rod(mass=3, length=3 * size))
     rocker = m.body("rocker", coupler, Revolute(at=(3 * size, 0, 0), **of["rocker"]), **rod(mass=1, length=-size))
-    m.cut("pivot", RevoluteCut(at_a=(-size, 0, 0), at_b=(3 * size, 0, 0)), rocker, m.ground)
+    m.cut("pivot", RevoluteCutJoint(at_a=(-size, 0, 0), at_b=(3 * size, 0, 0)), rocker, m.ground)
     m.output("angle", crank.angle())
     return m
 
@@ -85,10 +85,10 @@ def four_bar(size: float = 1.0, **joints: dict[str, Any]) -> Mechanism:
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 def test_given_values_are_kept_where_the_others_can_follow(size: float) -> None:
     given = {"crank": {"start": 0.3, "rate": 0.5}, "coupler": {"start": -0.31}, "rocker": {"start": 0.28}}
-    plant = Plant(four_bar(size, **given))
-    q, v = plant.assemble()
+    compiled = CompiledMechanism(four_bar(size, **given))
+    q, v = compiled.assemble()
     np.testing.assert_allclose(v, [0.5, -0.5, 0.5], rtol=1e-9)  # of a parallelogram
-    only = Plant(four_bar(size, crank={"start": 0.3, "rate": 0.5}))
+    only = CompiledMechanism(four_bar(size, crank={"start": 0.3, "rate": 0.5}))
     q, v = only.assemble()
     assert (q[0], v[0]) == (0.3, 0.5)
     assert max(only.residuals(0.0, q, v)) < 1e-10 * size
@@ -97,13 +97,13 @@ def test_given_values_are_kept_where_the_others_can_follow(size: float) -> None:
 
 def test_what_is_not_given_changes_first_where_given_values_contradict_each_other() -> None:
     """Crank and coupler do not fit together; the rocker is free. The change of the given ones is the least there is."""
-    plant = Plant(four_bar(crank={"start": 0.3}, coupler={"start": -0.35}, rocker={"rate": 0.2}))
-    q, v = plant.assemble()
+    compiled = CompiledMechanism(four_bar(crank={"start": 0.3}, coupler={"start": -0.35}, rocker={"rate": 0.2}))
+    q, v = compiled.assemble()
     a = q[0]
     np.testing.assert_allclose(q, [a, -a, a], atol=1e-9)
     np.testing.assert_allclose(v, [0.2, -0.2, 0.2], rtol=1e-9)
     assert a == pytest.approx(0.325, abs=5e-3)  # halfway, as both weigh the same; a third less if all did
-    told = list(map(str, plant.assembly.changes(q, v, 1e-6)))
+    told = list(map(str, compiled.assembly.changes(q, v, 1e-6)))
     assert [text.partition(" is changed from ")[0] for text in told] == [
         "start of body 'crank'",
         "start of body 'coupler'",

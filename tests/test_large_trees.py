@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.mechanics import Body, Mechanism, Plant, Polynomial, Revolute, Spring, rod
+from mbfmu.mechanics import Body, CompiledMechanism, Mechanism, Polynomial, Revolute, Spring, rod
 from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.mechanics.tangent.groups import MAX_BLOCK_BODIES
@@ -167,4 +167,4 @@ def test_what_ties_everything_to_everything_is_refused_by_name(monkeypatch: pyte
     for k in range(2, 100):
         m.force(f"spring{k}", Spring(stiffness=1.0), m.bodies[1], m.bodies[k])
     with pytest.raises(UserError, match=r"joints, forces and elements connect 9\d bodies, 'link98' among them"):
-        Plant(m)
+        CompiledMechanism(m)

@@ -126,7 +126,7 @@ def test_a_drive_of_one_short_jerk_does_not_blind_the_energy_check():
 
 
 def test_steps_are_halved_on_the_way_to_what_begins():
-    found = Simulation(pushed(Step(height=1.0, begin=8.0, duration=0.5)), Settings()).plant
+    found = Simulation(pushed(Step(height=1.0, begin=8.0, duration=0.5)), Settings()).compiled
     t, ends = 0.0, []
     while t < 8.0:
         longest, until = found.system.input_step_limit(t)

@@ -40,16 +40,16 @@ def test_hanging_fourbar_swings_as_a_pendulum_and_its_coupler_as_a_pinned_beam(h
 def test_shapes_are_sines_and_keep_the_loop_closed(hanging: Equilibrium) -> None:
     shapes = hanging.shapes(8)
     assert [shape.mode for shape in shapes] == hanging.modes
-    plant = hanging.plant
-    terms = plant.system.allocate_terms()
-    plant.system.fill(0.0, hanging.q, hanging.v, terms)
-    (bar,) = draw(plant.mechanism, 0.0).bars
+    compiled = hanging.compiled
+    terms = compiled.system.allocate_terms()
+    compiled.system.fill(0.0, hanging.q, hanging.v, terms)
+    (bar,) = draw(compiled.mechanism, 0.0).bars
     moved = []
     for shape in shapes:
         size = np.abs(shape.motion).max()
         assert np.abs(terms.J @ shape.motion).max() < 1e-10 * size
         phase = np.exp(-1j * np.angle(shape.motion[np.argmax(np.abs(shape.motion))]))
-        moved.append(displacements(plant, hanging.q, (phase * shape.motion).real, bar))
+        moved.append(displacements(compiled, hanging.q, (phase * shape.motion).real, bar))
     x = np.array(bar.x) / 3.0
     swing, first, second = moved
     assert np.ptp(swing[:, 0]) < 1e-6 * np.abs(swing[:, 0]).max()

@@ -14,15 +14,15 @@ from scipy.integrate import solve_ivp
 from fmus.sheet import Sheet
 from mbfmu.mechanics import (
     Body,
+    CompiledMechanism,
     Harmonic,
     Input,
     JointSpring,
     Mechanism,
-    Plant,
     Revolute,
     RunUp,
     SpeedInput,
-    SphericalCut,
+    SphericalCutJoint,
     Translational,
     Weld,
     rod,
@@ -117,7 +117,7 @@ def test_an_oscillator_on_a_moved_base_converges_in_the_square_of_the_step(way: 
     errors = []
     for steps in (20, 40):
         simulation = begin(oscillator(way, copies), solver, 1e-9 if solver == "adams" and copies == 1 else 1e-7)
-        assert isinstance(simulation.plant.system, TreeSystem) == (copies == LARGE)
+        assert isinstance(simulation.compiled.system, TreeSystem) == (copies == LARGE)
         times, rows = shake(simulation, way, 0.2, steps)
         errors.append(np.abs(rows[:, 0] - from_rest(times)).max())
     assert from_rest(0.2) == pytest.approx(7.518e-3, abs=1e-6)
@@ -205,7 +205,7 @@ def four_bar(m: Mechanism) -> None:
     drive = Input(name="u", unit="m", rate_name="du")
     slider = m.body("slider", m.ground, Translational(axis="x", at=(tip[0], tip[1], 0.0), drive=drive))
     third = m.body("rocker", slider, Revolute(start=up), **rod(mass=mc, length=c))
-    m.cut("pin", SphericalCut(at_a=(b, 0, 0), at_b=(c, 0, 0)), second, third)
+    m.cut("pin", SphericalCutJoint(at_a=(b, 0, 0), at_b=(c, 0, 0)), second, third)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -224,7 +224,7 @@ def test_a_drive_that_moves_a_loop_jumps_with_it(solver: str) -> None:
     spins = np.linalg.solve(np.block([[M, J.T], [J, np.zeros((2, 2))]]), right)[:3]
     found = simulation.stepper.v - before
     np.testing.assert_allclose(found, [spins[0], spins[1] - spins[0], spins[2]], rtol=1e-8)
-    assert simulation.plant.residuals(simulation.t, simulation.stepper.q, simulation.stepper.v)[1] < 1e-9
+    assert simulation.compiled.residuals(simulation.t, simulation.stepper.q, simulation.stepper.v)[1] < 1e-9
 
 
 def parallelogram(start: float) -> Callable[[Mechanism], None]:
@@ -235,7 +235,7 @@ def parallelogram(start: float) -> Callable[[Mechanism], None]:
         left = m.body("left", base, Revolute(start=start, fixed=True), **rod(mass=1.0, length=0.5))
         right = m.body("right", base, Revolute(at=(1.0, 0, 0), start=start), **rod(mass=1.0, length=0.5))
         bar = m.body("bar", left, Revolute(at=(0.5, 0, 0), start=-start), **rod(mass=2.0, length=1.0))
-        m.cut("pin", SphericalCut(at_a=(1.0, 0, 0), at_b=(0.5, 0, 0)), bar, right)
+        m.cut("pin", SphericalCutJoint(at_a=(1.0, 0, 0), at_b=(0.5, 0, 0)), bar, right)
         m.output("angle", left.angle())
 
     return make
@@ -261,11 +261,11 @@ def test_a_closed_loop_on_a_shaken_base(solver: str) -> None:
 
 def test_no_impulse_where_branches_cross_at_rest() -> None:
     simulation = begin(parallelogram(0.0))
-    before = simulation.plant.inputs.state()
+    before = simulation.compiled.inputs.state()
     simulation.set_input(1, 1.0)
     with pytest.raises(UserError, match=r"the rate of input 'u' jumps at t = .*, where the impulse is not determined"):
         simulation.advance(0.1)
-    assert simulation.plant.inputs.state()["held"] == before["held"]
+    assert simulation.compiled.inputs.state()["held"] == before["held"]
 
 
 def test_inputs_that_jump_together_make_one_impulse() -> None:
@@ -288,7 +288,7 @@ def test_inputs_that_jump_together_make_one_impulse() -> None:
 def test_a_jump_of_position_is_a_motion_of_one_step(way: str) -> None:
     """The host is told where it gave a rate that says otherwise; what then stays costs no restart."""
     simulation = begin(oscillator(way))
-    names = [v.name for v in simulation.plant.outputs]
+    names = [v.name for v in simulation.compiled.outputs]
     assert simulation.advance(0.01).ok
     simulation.set_input(0, 0.005)
     if way == "rate":
@@ -311,7 +311,7 @@ def test_a_jump_of_position_is_a_motion_of_one_step(way: str) -> None:
 
 def test_a_rate_alone_goes_on_from_what_it_has_reached() -> None:
     simulation = begin(oscillator("rate"))
-    base = [v.name for v in simulation.plant.outputs].index("base")
+    base = [v.name for v in simulation.compiled.outputs].index("base")
     for t, speed, expected in ((0.1, 0.3, 0.03), (0.2, 0.3, 0.06), (0.3, -0.1, 0.05), (0.4, -0.1, 0.04)):
         simulation.set_input(1, speed)
         assert simulation.advance(t).ok
@@ -418,12 +418,12 @@ def test_a_shaken_sheet_is_that_on_a_harmonic_drive(grid: tuple[int, int]) -> No
     settings, times = Settings(tolerance=1e-7), np.linspace(0.0, 0.06, 13)
     exact = run(Shaken(**values), settings, times)["tip.y"][1:]
     model, errors = Sheet(support="moved", **values), []
-    names = [v.name for v in Plant(model.build()).inputs.variables]
+    names = [v.name for v in CompiledMechanism(model.build()).inputs.variables]
     first = names.index("edge.y")
     assert names[first + 1] == "edge.vy"
     for steps in (12, 24):
         simulation = Simulation(model, settings, inputs={first + 1: rate(0.0)})
-        tip = [v.name for v in simulation.plant.outputs].index("tip.y")
+        tip = [v.name for v in simulation.compiled.outputs].index("tip.y")
         _, rows = shake(simulation, "rate", times[-1], steps, first)
         errors.append(np.abs(rows[steps // 12 - 1 :: steps // 12, tip] - exact).max())
     assert np.ptp(exact - [position(t) for t in times[1:]]) > 0.2 * AMPLITUDE

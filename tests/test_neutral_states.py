@@ -28,7 +28,7 @@ def points_on_a_sphere(count: int, seed: int, radius: float, places: ArrayLike |
         for axis, start in zip("xyz", place, strict=True):
             joint = mb.Translational(axis=axis, start=float(start), fixed=True)
             body = m.body(f"{axis}{i}", body, joint, mass=1.0 if axis == "z" else 0.0)
-        m.cut(f"rod{i}", mb.DistanceCut(length=radius), m.ground, body)
+        m.cut(f"rod{i}", mb.DistanceCutJoint(length=radius), m.ground, body)
         for j, other in enumerate(bodies):
             m.force(f"force{i}.{j}", mb.Spring(stiffness=repulsion, free=0.0), body, other)
             m.output(f"d{i}{j}", m.distance(body, other))

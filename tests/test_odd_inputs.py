@@ -13,16 +13,16 @@ from scipy.integrate import solve_ivp
 from fmus.fourbar import FourBar
 from mbfmu.mechanics import (
     Box,
+    CompiledMechanism,
     CutHandle,
-    DistanceCut,
+    DistanceCutJoint,
     Input,
     JointForce,
     Mechanism,
-    Plant,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     SpeedInput,
-    SphericalCut,
+    SphericalCutJoint,
     Translational,
     rod,
 )
@@ -64,7 +64,7 @@ def other() -> Mechanism:
 def foreign_cut() -> CutHandle:
     """A cut joint of another mechanism."""
     m = other()
-    return m.cut("pin", SphericalCut(), m.bodies[-1], m.ground)
+    return m.cut("pin", SphericalCutJoint(), m.bodies[-1], m.ground)
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def foreign_cut() -> CutHandle:
         (lambda m, bar: SpeedInput(name="speed", unit="rad/s", start=float("inf")), "start of input 'speed' is inf"),
         (lambda m, bar: m.body("b", bar, Translational(nominal="x"), mass=1.0), "nominal of body 'b' is 'x'"),
         (
-            lambda m, bar: m.cut("far", RevoluteCut(at_a=(1e160, 0.0, 0.0)), bar, m.ground),
+            lambda m, bar: m.cut("far", RevoluteCutJoint(at_a=(1e160, 0.0, 0.0)), bar, m.ground),
             "largest length of the mechanism",
         ),
     ],
@@ -207,7 +207,7 @@ def test_a_rod_of_no_length_and_a_place_that_is_none() -> None:
     m = Mechanism()
     bar = m.body("bar", m.ground, Revolute(), **rod(mass=1.0, length=1.0))
     with pytest.raises(UserError, match="length of cut 'tie' is 1e-300 m; allowed: 1e-50 to"):
-        m.cut("tie", DistanceCut(length=1e-300), bar, m.ground)
+        m.cut("tie", DistanceCutJoint(length=1e-300), bar, m.ground)
     with pytest.raises(UserError, match=r"supports of sheet 'paper' are .* a list"):
         add_sheet(m, "paper", length=1.0, width=1.0, density=1.0, thickness=1e-3, youngs_modulus=1e9, poisson=0.3,
                   grid=(4, 4), supports=Support("x0", "clamped"))  # fmt: skip
@@ -268,7 +268,7 @@ def test_a_mass_on_the_axis_but_for_rounding_moves_no_mass(mass: float) -> None:
     away = Revolute(at=(0.1 + 0.2, 0.0, 0.0), axis="z")
     m.body("pin", m.bodies[-1], away, mass=mass, com=(0.1 + 0.2 - 0.3, 0.0, 0.0))  # 5.6e-17 m off
     with pytest.raises(UserError, match="'pin' can move without moving mass"):
-        Plant(m).assemble()
+        CompiledMechanism(m).assemble()
 
 
 def test_a_start_in_a_singular_position_is_told() -> None:
@@ -286,7 +286,7 @@ def test_a_start_in_a_singular_position_is_told() -> None:
             rocker = m.body(
                 "rocker", m.ground, Revolute(at=(3.0, 0.0, 0.0), start=self.off), **rod(mass=1.0, length=1.0)
             )
-            m.cut("pin", RevoluteCut(at_a=(3.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), bar, rocker)
+            m.cut("pin", RevoluteCutJoint(at_a=(3.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), bar, rocker)
             m.output("angle", crank.angle())
             return m
 

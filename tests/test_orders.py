@@ -47,9 +47,9 @@ def by_scene(solver: str, order: int, folder: Path) -> None:
 
 
 def by_stepper(solver: str, order: int, _: Path) -> None:
-    plant = (Sheet(nx=7, nz=5) if solver == "esdirk" else SwingPendulum()).plant()
+    compiled = (Sheet(nx=7, nz=5) if solver == "esdirk" else SwingPendulum()).compile()
     try:
-        stepper(solver, plant.system, 0.0, *plant.assemble(), Options(max_order=order))
+        stepper(solver, compiled.system, 0.0, *compiled.assemble(), Options(max_order=order))
     except ValueError as error:
         raise mb.UserError(str(error)) from error
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mbfmu import Mechanism, Revolute, UserError, rod, simulate
-from mbfmu.mechanics import Coupling, Cut, Force, Joint, Plant, Sensor, Signal, kernel
+from mbfmu.mechanics import CompiledMechanism, Coupling, CutJoint, Force, Joint, Sensor, Signal, kernel
 
 KEPT = np.dtype([("far", np.int64)], align=True)
 
@@ -81,7 +81,7 @@ def own(role: type, **said: Any) -> Any:
 
 
 OwnJoint = own(Joint, place=place, nq=1, nv=1, coordinates=("",), units=("rad",))
-OwnCut = own(Cut, evaluate=evaluate_cut, rows=("x",), units=("N",))
+OwnCut = own(CutJoint, evaluate=evaluate_cut, rows=("x",), units=("N",))
 OwnCoupling = own(Coupling, evaluate=evaluate_coupling)
 OwnSignal = own(Signal, evaluate=evaluate_signal)
 OwnForce, OwnBodyForce, OwnSensor = own(Force, apply=apply), own(Force, apply=apply_to_body), own(Sensor, read=read)
@@ -114,7 +114,7 @@ NAMED = {
 @pytest.mark.parametrize("off", [0, 1000])
 def test_an_index_outside_an_array_is_refused_before_the_first_compiled_call(role: str, off: int) -> None:
     with pytest.raises(UserError, match=f"{NAMED[role]}: kernel '.*' .* uses an index outside an array"):
-        Plant(built(role, FIRST_OUTSIDE[role] + off))
+        CompiledMechanism(built(role, FIRST_OUTSIDE[role] + off))
 
 
 @pytest.mark.parametrize("role", ["joint", "signal", "force", "wrench", "sensor"])
@@ -198,7 +198,7 @@ def test_velocities_that_are_not_those_of_the_pose_are_refused(wrong: dict[str, 
     m.body("bead", m.ground, Bead(k=k, given=wrong), mass=1.0)
     name = "bias" if "bias" in wrong else "place"
     with pytest.raises(UserError, match=f"joint of body 'bead': kernel '{name}' of Bead contradicts the pose"):
-        Plant(m)
+        CompiledMechanism(m)
 
 
 @pytest.mark.parametrize("k", [1e-3, 1.0, 1e3])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mbfmu import Cam, Mechanism, Translational, UserError, simulate
-from mbfmu.mechanics import Body, Cut, Force, Joint, Sensor, kernel
+from mbfmu.mechanics import Body, CutJoint, Force, Joint, Sensor, kernel
 
 KEPT = np.dtype([("w", np.float64)])
 
@@ -74,7 +74,7 @@ def force(**said: Any) -> Callable[[Mechanism, Body], Any]:
         (force(apply=nothing, record=np.dtype([("x", "U4")])), "float64 or int64"),
         (force(apply=nothing, record=KEPT, fill=odd_fill), "force 'f': fill of Own failed: ValueError"),
         (lambda m, b: m.body("c", b, own(Joint, place=nothing)(), mass=1.0), "does not say its 'nq'"),
-        (lambda m, b: m.cut("c", own(Cut, evaluate=nothing)(), b, m.ground), "does not say its 'rows'"),
+        (lambda m, b: m.cut("c", own(CutJoint, evaluate=nothing)(), b, m.ground), "does not say its 'rows'"),
         (lambda m, b: m.output("s", own(Sensor, read=two)(unit="m")), "kernel 'read' .* cannot be compiled"),
     ],
 )

@@ -80,7 +80,7 @@ def test_the_check_does_not_change_the_motion() -> None:
     watched.step_count_check.end = 1.0
     assert watched.advance(5e-3).ok
     assert any("has taken" in text for text in map(str, watched.diagnostics))
-    plain = stepper("ida", watched.plant.system, 0.0, *watched.start, Options(rtol=1e-8))
+    plain = stepper("ida", watched.compiled.system, 0.0, *watched.start, Options(rtol=1e-8))
     assert plain.advance(5e-3).ok
     np.testing.assert_array_equal(plain.q, watched.stepper.q)
     assert plain.statistics == watched.statistics

@@ -13,7 +13,7 @@ from scipy.special import fresnel
 
 import mbfmu as mb
 from fmus.sheet import Sheet
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.sheets import Crease, Plate, Support, add_sheet
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.modes import shapes
@@ -32,8 +32,8 @@ def frequencies(grid: tuple[int, int], clamped: bool, count: int, **options: Any
         m, "sheet", length=LENGTH, width=WIDTH, thickness=THICKNESS, density=DENSITY, grid=grid,
         **PAPER, **held, **options,
     )  # fmt: skip
-    plant, rigid = Plant(m), 0 if clamped else 6
-    found = shapes(plant, plant.assembly.start_positions(), rigid + count, np.zeros(0))
+    compiled, rigid = CompiledMechanism(m), 0 if clamped else 6
+    found = shapes(compiled, compiled.assembly.start_positions(), rigid + count, np.zeros(0))
     return np.array([shape.mode.frequency for shape in found])[rigid:] / (2.0 * np.pi)
 
 
@@ -238,7 +238,7 @@ def test_mistakes_are_named(options: dict[str, Any], message: str) -> None:
 
 def test_the_model_takes_grain_and_curl_and_leaves_out_what_is_zero() -> None:
     plain = Sheet(nx=7, nz=5)
-    record = Plant(plain.build()).records(Plate)
+    record = CompiledMechanism(plain.build()).records(Plate)
     assert not record["grain"].any()
     assert not record["curled"].any()
     grained = plain.with_values({"youngs_modulus_cross": 4e9, "angle": 0.5, "shear_modulus": 3e9})

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbfmu.mechanics import (
-    Coupling, Cut, Force, Joint, Load, Mechanism, Sensor, Signal, Translational, kernel, rod, signal_value
+    Coupling, CutJoint, Force, Joint, Load, Mechanism, Sensor, Signal, Translational, kernel, rod, signal_value
 )
 from mbfmu.mechanics.spatial import arm
 from mbfmu.modeling import Model, parameter
@@ -77,7 +77,7 @@ def level(cut, A, B, row, state):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LevelCut(Cut):
+class LevelCut(CutJoint):
     rows, units = ("y",), ("N",)
     evaluate = level
 
@@ -236,7 +236,7 @@ def test_runs_as_the_closed_equations_say(beads: Any, solver: str) -> None:
 def test_a_large_tree_and_its_tangent(beads: Any) -> None:
     """110 links with complex steps of the joint, the cut joint, the force and the element in ida's tangent."""
     model = beads(links=110)
-    assert model.plant().system.n > 100
+    assert model.compile().system.n > 100
     ends = [simulate(model, 0.05, solver=s, tolerance=1e-7)["x"][-1] for s in ("ida", "adams")]
     assert ends[0] == pytest.approx(ends[1], abs=1e-5)
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.session.failure_diagnosis import explain_failure
 from solvers.outcome import Code, Status
 
@@ -25,7 +25,7 @@ def pushed(scale: float, rate: float, arms: int) -> mb.Mechanism:
         at = (scale, 0.0, 0.0) if k else (0.0, 0.0, 0.0)
         on = m.body(f"arm{k}", on, mb.Revolute(at=at, start=1.2), **mb.rod(mass=1.0, length=scale))
     rocker = m.body("rocker", m.ground, mb.Revolute(start=1.0), **mb.rod(mass=1.0, length=scale))
-    m.cut("pin", mb.RevoluteCut(at_a=(scale, 0.0, 0.0), at_b=(scale, 0.0, 0.0)), on, rocker)
+    m.cut("pin", mb.RevoluteCutJoint(at_a=(scale, 0.0, 0.0), at_b=(scale, 0.0, 0.0)), on, rocker)
     return m
 
 
@@ -54,7 +54,7 @@ def flat(coupler: float | None = None, rocker: float | None = None) -> mb.Mechan
     bar = m.body("coupler", crank, pin, **mb.rod(mass=1.0, length=2.5))
     pin = mb.Revolute(at=(2.5, 0.0, 0.0), start=0.0, rate=rocker)
     other = m.body("rocker", m.ground, pin, **mb.rod(mass=1.0, length=1.0))
-    m.cut("pin", mb.RevoluteCut(at_a=(2.5, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), bar, other)
+    m.cut("pin", mb.RevoluteCutJoint(at_a=(2.5, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), bar, other)
     return m
 
 
@@ -67,7 +67,7 @@ def flat_row(rates: Sequence[float | None], scale: float, others: int = 0) -> mb
     bar = m.body("coupler", crank, pin, **mb.rod(mass=1.0, length=2.5 * scale))
     pin = mb.Revolute(at=(2.5 * scale, 0.0, 0.0), start=0.0, rate=rates[2])
     other = m.body("rocker", stand, pin, **mb.rod(mass=1.0, length=scale))
-    m.cut("pin", mb.RevoluteCut(at_a=(2.5 * scale, 0.0, 0.0), at_b=(scale, 0.0, 0.0)), bar, other)
+    m.cut("pin", mb.RevoluteCutJoint(at_a=(2.5 * scale, 0.0, 0.0), at_b=(scale, 0.0, 0.0)), bar, other)
     for k in range(others):
         m.body(f"p{k}", stand, mb.Revolute(rate=0.1 * k), **mb.rod(mass=1.0, length=scale))
     return m
@@ -122,10 +122,10 @@ def test_a_singular_position_that_is_passed_is_not_called_out_of_reach(scale: fl
         x = 1.09 * k * scale
         joint = mb.Revolute(at=(x, 0.0, 0.0), start=np.pi - 1.7)
         rocker = m.body(f"rocker{k}", m.ground, joint, **mb.rod(mass=1.0, length=0.78 * scale))
-        m.cut(f"pin{k}", mb.RevoluteCut(at_a=(x, 0.0, 0.0), at_b=(0.78 * scale, 0.0, 0.0)), bar, rocker)
+        m.cut(f"pin{k}", mb.RevoluteCutJoint(at_a=(x, 0.0, 0.0), at_b=(0.78 * scale, 0.0, 0.0)), bar, rocker)
     t = 1.7 - early
     q = np.array([early - np.pi, np.pi - early, np.pi - early])
     for code in (Code.BRANCHES, Code.NOT_CLOSED):
         assert "[unreachable-drive]" not in str(
-            explain_failure(Plant(m), Status(code, t), q, 2.0, starts_singular=False)
+            explain_failure(CompiledMechanism(m), Status(code, t), q, 2.0, starts_singular=False)
         )

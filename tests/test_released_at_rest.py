@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.mechanics import Mechanism, Revolute, RevoluteCut
+from mbfmu.mechanics import Mechanism, Revolute, RevoluteCutJoint
 from mbfmu.modeling import Model
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.run import run
@@ -35,7 +35,7 @@ class Parallelogram(Model):
         crank = m.body("crank", m.ground, Revolute(start=self.start, fixed=True), **own[0])
         coupler = m.body("coupler", crank, Revolute(at=(1.0, 0.0, 0.0), start=-self.start), **own[1])
         rocker = m.body("rocker", m.ground, Revolute(at=(self.ground, 0.0, 0.0), start=self.start), **own[2])
-        m.cut("pin", RevoluteCut(at_a=(self.ground, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
+        m.cut("pin", RevoluteCutJoint(at_a=(self.ground, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
         m.output("crank", crank.angle())
         m.output("rocker", rocker.angle())
         return m

@@ -10,12 +10,12 @@ from scipy.integrate import solve_ivp
 
 import mbfmu as mb
 from mbfmu.mechanics import (
-    CylindricalCut,
+    CompiledMechanism,
+    CylindricalCutJoint,
     Mechanism,
-    Plant,
     Revolute,
-    RevoluteCut,
-    SphericalCut,
+    RevoluteCutJoint,
+    SphericalCutJoint,
     Translational,
     Weld,
     rod,
@@ -40,8 +40,8 @@ ASKEW = turn(0.7, "x") @ turn(-1.1, "y") @ turn(0.4, "z")
 def cut_of(kind: str, size: float) -> Any:
     at: Any = {"at_a": (COUPLER * size, 0, 0), "at_b": (ROCKER * size, 0, 0)}
     if kind == "ball":
-        return SphericalCut(**at)
-    role = {"sleeve": CylindricalCut, "hinge": RevoluteCut}[kind]
+        return SphericalCutJoint(**at)
+    role = {"sleeve": CylindricalCutJoint, "hinge": RevoluteCutJoint}[kind]
     return role(axis="z", rotation_b=turn(0.5 * np.pi, "x"), **at)
 
 
@@ -121,7 +121,7 @@ def test_it_does_so_at_every_size_and_attitude(size: float, attitude: Any) -> No
 def test_an_exact_loop_is_not_remarked_on() -> None:
     run = mb.simulate(four_bar(0.0, "ball"), 0.1, solver="adams")
     assert not any("is left out" in text or "cannot move" in text for text in map(str, run.diagnostics))
-    assert Plant(four_bar(0.0, "ball")).rounded_rows == {}
+    assert CompiledMechanism(four_bar(0.0, "ball")).rounded_rows == {}
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_what_is_further_off_is_refused_by_the_axes(tilt: float, given: Any, ang
     with pytest.raises(
         mb.UserError, match=rf"'coupler' and .*'(crank|pin|rocker)'.* are {angle} rad from parallel"
     ) as said:
-        Plant(four_bar(tilt, kind, **given)).assemble()
+        CompiledMechanism(four_bar(tilt, kind, **given)).assemble()
     assert "drive" not in str(said.value)
     run = mb.simulate(four_bar(tilt, kind, assembly_tolerance=5e-3), 0.1, solver="adams")
     assert not run.failure
@@ -151,7 +151,9 @@ def door(tilt: float, size: float = 1.0, offset: float = 0.0, **given: Any) -> M
     joint = Revolute(axis="z", start=0.3, rate=0.5)
     leaf = m.body("door", m.ground, joint, mass=10, com=(0.4 * size, 0, size), inertia=np.array((1, 1, 1)) * size**2)
     top = (offset, 0, 2 * size)
-    m.cut("upper", RevoluteCut(axis="z", at_a=(0, 0, 2 * size), at_b=top, rotation_b=turn(tilt, "y")), leaf, m.ground)
+    m.cut(
+        "upper", RevoluteCutJoint(axis="z", at_a=(0, 0, 2 * size), at_b=top, rotation_b=turn(tilt, "y")), leaf, m.ground
+    )
     m.output("angle", leaf.angle())
     return m
 
@@ -167,7 +169,7 @@ def test_a_door_on_hinges_that_are_not_in_line_turns(size: float, tilt: float) -
 @pytest.mark.parametrize(("tilt", "offset"), [(1e-3, 0.0), (0.0, 1e-3), (1e-7, 1e-3)])
 def test_a_door_whose_hinges_do_not_meet_is_refused(tilt: float, offset: float) -> None:
     with pytest.raises(mb.UserError, match=r"'upper\.(x|y|zx|zy)' is violated by (0\.001|0\.00095)"):
-        Plant(door(tilt, offset=offset)).assemble()
+        CompiledMechanism(door(tilt, offset=offset)).assemble()
 
 
 def skewed(tilt: float, count: int = 1) -> Mechanism:
@@ -179,7 +181,7 @@ def skewed(tilt: float, count: int = 1) -> Mechanism:
         axis = np.array((tilt / 3.0, 1.0, tilt))
         pivot = Revolute(axis=tuple(axis / np.linalg.norm(axis)), at=(2, 0, 0))
         rocker = m.body(f"rocker{k}", m.ground, pivot, mass=1, com=(0, 0, 0.5), inertia=(0.1, 0.1, 0.1))
-        m.cut(f"pin{k}", SphericalCut(at_a=(2, 0, 0), at_b=(0, 0, 1)), coupler, rocker)
+        m.cut(f"pin{k}", SphericalCutJoint(at_a=(2, 0, 0), at_b=(0, 0, 1)), coupler, rocker)
         m.output(f"angle{k}", crank.angle())
     return m
 
@@ -215,7 +217,7 @@ def test_where_it_does_the_axes_are_named(tilt: float) -> None:
 @pytest.mark.parametrize("solver", ["ida", "esdirk", "adams"])
 def test_large_systems_that_are_locked_name_the_axes_too(solver: str) -> None:
     """35 loops have 105 coordinates, which are solved by recursions."""
-    assert not Plant(skewed(1e-3, 35)).system.has_matrices
+    assert not CompiledMechanism(skewed(1e-3, 35)).system.has_matrices
     run = mb.simulate(skewed(1e-3, 35), 0.1, solver=solver)
     (told,) = [text for text in map(str, run.diagnostics) if "cannot move" in text]
     assert "105 constraint equations leave no degree of freedom of its 105 joint coordinates" in told
@@ -233,9 +235,9 @@ def test_a_truss_says_that_nothing_moves_and_a_driven_loop_does_not() -> None:
         b = m.body("b", a, Revolute(at=(1, 0, 0), start=-2.0), **rod(mass=1, length=1))
         if crank.get("drive") is not None:
             slide = m.body("slide", m.ground, Translational(start=1.0, axis="x"), mass=1)
-            m.cut("pin", RevoluteCut(at_a=(1, 0, 0)), b, slide)
+            m.cut("pin", RevoluteCutJoint(at_a=(1, 0, 0)), b, slide)
         else:
-            m.cut("pin", RevoluteCut(at_a=(1, 0, 0), at_b=(1, 0, 0)), b, m.ground)
+            m.cut("pin", RevoluteCutJoint(at_a=(1, 0, 0), at_b=(1, 0, 0)), b, m.ground)
         m.output("angle", b.angle())
         return m
 
@@ -255,7 +257,7 @@ def test_small_loops_of_large_mechanisms_are_kept(small: float) -> None:
     crank = m.body("crank", arm, Revolute(at=(1, 0, 0), start=0.3), **rod(mass=1e-3, length=small))
     coupler = m.body("coupler", crank, Revolute(at=(small, 0, 0), start=-0.3), **rod(mass=1e-3, length=3 * small))
     rocker = m.body("rocker", coupler, Revolute(at=(3 * small, 0, 0), start=0.3), **rod(mass=1e-3, length=-small))
-    m.cut("pivot", RevoluteCut(at_a=(-small, 0, 0), at_b=(1 + 3 * small, 0, 0)), rocker, arm)
-    plant = Plant(m)
-    assert plant.rounded_rows == {}
-    assert plant.system.constraint_names == ("pivot.x", "pivot.y")
+    m.cut("pivot", RevoluteCutJoint(at_a=(-small, 0, 0), at_b=(1 + 3 * small, 0, 0)), rocker, arm)
+    compiled = CompiledMechanism(m)
+    assert compiled.rounded_rows == {}
+    assert compiled.system.constraint_names == ("pivot.x", "pivot.y")

@@ -16,7 +16,16 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
-from mbfmu.mechanics import Mechanism, Plant, Revolute, RevoluteCut, SphericalCut, Translational, Weld, rod
+from mbfmu.mechanics import (
+    CompiledMechanism,
+    Mechanism,
+    Revolute,
+    RevoluteCutJoint,
+    SphericalCutJoint,
+    Translational,
+    Weld,
+    rod,
+)
 
 MASS, INERTIA = 1.0, 0.1 + 0.25
 ASKEW = Rotation.from_rotvec((0.7, -1.1, 0.4)).as_matrix()
@@ -64,7 +73,7 @@ def cranks(off: float, size: float = 1.0, *, count: int = 3, frame: Any = None, 
     for k in range(1, count):
         x, z = 2.0 * k, 0.2 * k * k
         at: Any = {"at_a": (x * size, 0, z * size), "at_b": (0, 0, size)}
-        cut = RevoluteCut(axis="y", **at) if frame is None else SphericalCut(rotation_a=frame, **at)
+        cut = RevoluteCutJoint(axis="y", **at) if frame is None else SphericalCutJoint(rotation_a=frame, **at)
         m.cut(f"pin{k}", cut, coupler, crank(k, x, z))
     m.output("angle", first.angle())
     return m
@@ -102,9 +111,9 @@ def test_parallel_cranks_move_as_exact_ones(name: str, off: float, size: float) 
 
 def test_of_many_messages_the_first_are_given() -> None:
     """Nine cranks leave out three equations at each of eight pins."""
-    plant = Plant(cranks(3e-6, count=9))
-    left_out = [d for d in plant.rounding if d.code == "nearly-parallel-axes"]
-    assert len(plant.rounded_rows) == 24
+    compiled = CompiledMechanism(cranks(3e-6, count=9))
+    left_out = [d for d in compiled.rounding if d.code == "nearly-parallel-axes"]
+    assert len(compiled.rounded_rows) == 24
     assert len(left_out) == 5
     assert left_out[-1].text.startswith("20 more constraints are left out")
 
@@ -131,18 +140,18 @@ def locked(tilt: float, size: float = 1.0, off: float = 0.0, **given: Any) -> Me
     them longer by ``off``; and a pendulum.
     """
     m = Mechanism(gravity=(3.0 * size, 0, -9.81 * size), **given)
-    for k, cut in (("", SphericalCut), ("2", RevoluteCut)):
-        lean = tilt if cut is SphericalCut else 0.0
+    for k, cut in (("", SphericalCutJoint), ("2", RevoluteCutJoint)):
+        lean = tilt if cut is SphericalCutJoint else 0.0
         axis = np.array((lean / 3.0, 1.0, lean)) / np.linalg.norm((lean / 3.0, 1.0, lean))
         arm = {"mass": 1, "com": (0, 0, 0.5 * size), "inertia": np.full(3, 0.1) * size**2}
         crank = m.body(f"crank{k}", m.ground, Revolute(axis="y"), **arm)
         coupler = m.body(f"coupler{k}", crank, Revolute(axis="y", at=(0, 0, size)), **rod(mass=1, length=4 * size))
         rockers = [m.body(f"rocker{k}", m.ground, Revolute(axis=tuple(axis), at=(2 * size, 0, 0)), **arm)]
-        if cut is RevoluteCut:
+        if cut is RevoluteCutJoint:
             rockers.append(m.body("third", m.ground, Revolute(axis="y", at=(4 * size, 0, 0.2 * size)), **arm))
         for i, rocker in enumerate(rockers):
             at: Any = {"at_a": (2 * (i + 1) * size, 0, 0.2 * i * size), "at_b": (0, 0, (1.0 + i * off) * size)}
-            m.cut(f"pin{k}{i or ''}", cut(axis="y", **at) if cut is RevoluteCut else cut(**at), coupler, rocker)
+            m.cut(f"pin{k}{i or ''}", cut(axis="y", **at) if cut is RevoluteCutJoint else cut(**at), coupler, rocker)
     m.output("pendulum", m.body("pendulum", m.ground, Revolute(axis="y"), **rod(mass=1, length=size)).angle())
     m.output("angle", m.bodies[1].angle())
     return m
@@ -175,7 +184,7 @@ def test_check_warns_of_locked_loops() -> None:
 @pytest.mark.parametrize("size", [1e-3, 1e3])
 def test_lengths_that_do_not_close_are_refused_with_the_tolerance_that_accepts_them(size: float) -> None:
     with pytest.raises(mb.UserError, match=r"1 constraint is redundant except for .*'pin2.* is violated by") as said:
-        Plant(locked(0.0, size, 1e-3)).assemble()
+        CompiledMechanism(locked(0.0, size, 1e-3)).assemble()
     run = mb.simulate(locked(0.0, size, 1e-3, assembly_tolerance=needed(str(said.value))), 0.1, solver="adams")
     assert not run.failure
     assert any("1 redundant constraint is not satisfied" in text for text in map(str, run.diagnostics))
@@ -185,13 +194,13 @@ def test_trusses_and_dead_centers_beside_moving_parts_are_not_reported() -> None
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     a = m.body("a", m.ground, Revolute(start=1.0471), **rod(mass=1, length=1))
     b = m.body("b", a, Revolute(at=(1, 0, 0), start=-2.0943), **rod(mass=1, length=1))
-    m.cut("pin", RevoluteCut(at_a=(1, 0, 0), at_b=(1, 0, 0)), b, m.ground)
+    m.cut("pin", RevoluteCutJoint(at_a=(1, 0, 0), at_b=(1, 0, 0)), b, m.ground)
     crank = m.body(
         "crank", m.ground, Revolute(start=0.0, rate=1.0, fixed=True, at=(3, 0, 0)), **rod(mass=1, length=0.3)
     )
     link = m.body("link", crank, Revolute(at=(0.3, 0, 0), start=0.0), **rod(mass=1, length=1))
     slide = m.body("slide", m.ground, Translational(axis="x", at=(3, 0, 0), start=1.3), mass=1)
-    m.cut("wrist", RevoluteCut(at_a=(1, 0, 0)), link, slide)
+    m.cut("wrist", RevoluteCutJoint(at_a=(1, 0, 0)), link, slide)
     m.output("angle", crank.angle())
     run = mb.simulate(m, 0.1, solver="adams")
     assert not any("cannot move" in text for text in map(str, run.diagnostics))

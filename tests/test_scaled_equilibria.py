@@ -8,7 +8,7 @@ from math import cos, sin
 import numpy as np
 import pytest
 
-from mbfmu.mechanics import JointSpring, Mechanism, Polynomial, Revolute, SphericalCut, Translational, rod
+from mbfmu.mechanics import JointSpring, Mechanism, Polynomial, Revolute, SphericalCutJoint, Translational, rod
 from mbfmu.modeling import Model
 from mbfmu.sheets import Support, add_sheet
 from mbfmu.steady.equilibrium import equilibrium
@@ -47,7 +47,7 @@ class Umbrella(Copy):
         collar = m.body("collar", column, Translational(axis="y", start=-0.6 * L), mass=1.5 * M)
         link = m.body("link", collar, Revolute(start=0.8), **rod(mass=0.3 * M, length=0.7 * L))
         m.force("spring", JointSpring(stiffness=400.0 * M / T**2, free=-0.4 * L), collar)
-        m.cut("tie", SphericalCut(at_a=(0.7 * L, 0.0, 0.0), at_b=(0.6 * L, 0.0, 0.0)), link, arm)
+        m.cut("tie", SphericalCutJoint(at_a=(0.7 * L, 0.0, 0.0), at_b=(0.6 * L, 0.0, 0.0)), link, arm)
         m.output("angle", arm.angle())
         return m
 
@@ -73,7 +73,7 @@ class Flag(Copy):
 def stands(model: Copy) -> np.ndarray:
     """Positions of the steady state, in units of the copy."""
     found = equilibrium(model)
-    slides = [name.endswith(("alpha", "collar")) for name in position_names(found.plant)]
+    slides = [name.endswith(("alpha", "collar")) for name in position_names(found.compiled)]
     return found.q / np.where(slides, model.length, 1.0)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from fmus.sheet import Sheet
-from mbfmu.mechanics import Body, Mechanism, Plant, Revolute, rod
+from mbfmu.mechanics import Body, CompiledMechanism, Mechanism, Revolute, rod
 from solvers import Options, stepper
 
 LINKS = 64
@@ -31,7 +31,7 @@ ON_EARTH = {  # the tolerances of a sheet know how far its weight bends it there
 }
 
 
-def chain(length: float, mass: float, time: float, gravity: float = -9.8125) -> Plant:
+def chain(length: float, mass: float, time: float, gravity: float = -9.8125) -> CompiledMechanism:
     """A chain of 1/64 m links that is let go, or thrown."""
     m = Mechanism(gravity=(0.0, gravity * length / time**2, 0.0))
     body: Body = m.ground
@@ -39,17 +39,17 @@ def chain(length: float, mass: float, time: float, gravity: float = -9.8125) -> 
         at = (length / LINKS if i else 0.0, 0.0, 0.0)
         joint = Revolute(at=at, start=0.0 if i else -0.25, rate=0.0 if gravity or i % 8 else 2.0 / time)
         body = m.body(str(i), body, joint, **rod(mass=mass / LINKS, length=length / LINKS))
-    return Plant(m)
+    return CompiledMechanism(m)
 
 
-def thrown(length: float, mass: float, time: float) -> Plant:
+def thrown(length: float, mass: float, time: float) -> CompiledMechanism:
     """The same without gravity: only the start says how fast it moves."""
     return chain(length, mass, time, gravity=0.0)
 
 
-def sheet(length: float, mass: float, time: float) -> Plant:
+def sheet(length: float, mass: float, time: float) -> CompiledMechanism:
     """A clamped sheet of 9 x 7 nodes under its weight."""
-    return Plant(
+    return CompiledMechanism(
         Sheet(
             nx=9,
             nz=7,
@@ -63,12 +63,12 @@ def sheet(length: float, mass: float, time: float) -> Plant:
     )
 
 
-def moved(plant: Plant, time: float, solver: str) -> tuple[Any, ...]:
+def moved(compiled: CompiledMechanism, time: float, solver: str) -> tuple[Any, ...]:
     """Positions at the end of a short run in units of their sizes, and what it took."""
-    motion = stepper(solver, plant.system, 0.0, *plant.assemble(), Options(rtol=1e-5))
+    motion = stepper(solver, compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-5))
     assert motion.advance(0.015625 * time).ok
     s = motion.statistics
-    return motion.q / plant.system.size, (s.steps, s.rejected, s.rhs_evals)
+    return motion.q / compiled.system.size, (s.steps, s.rejected, s.rhs_evals)
 
 
 @pytest.mark.parametrize("solver", ["adams", "ida", "esdirk"])

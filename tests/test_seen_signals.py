@@ -12,16 +12,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from mbfmu.mechanics import (
+    CompiledMechanism,
     Function,
     Harmonic,
     Input,
     JointForce,
     JointSpring,
     Mechanism,
-    Plant,
     Product,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     RunUp,
     Signal,
     Step,
@@ -87,7 +87,7 @@ def test_a_loop_that_lies_still_until_it_is_shaken(solver: str) -> None:
         crank = m.body("crank", m.ground, Revolute(start=0.5, fixed=True), **rod(mass=1.0, length=1.0))
         coupler = m.body("coupler", crank, Revolute(at=(1.0, 0.0, 0.0), start=-0.5), **rod(mass=3.0, length=3.0))
         rocker = m.body("rocker", coupler, Revolute(at=(3.0, 0.0, 0.0), start=0.5), **rod(mass=1.0, length=-1.0))
-        m.cut("pivot", RevoluteCut(at_a=(-1.0, 0.0, 0.0), at_b=(3.0, 0.0, 0.0)), rocker, m.ground)
+        m.cut("pivot", RevoluteCutJoint(at_a=(-1.0, 0.0, 0.0), at_b=(3.0, 0.0, 0.0)), rocker, m.ground)
         m.force("shaker", JointForce(magnitude=Harmonic(amplitude=500.0, frequency=100.0)), crank)
         m.output("angle", crank.angle())
         return m
@@ -124,13 +124,13 @@ def test_a_short_run_up_sets_a_hanging_mass_swinging(duration: float, solver: st
 
 
 def test_the_longest_step_sees_every_signal() -> None:
-    plant = Made(make=lambda: shaken_slider(5.0)).plant()
-    assert plant.system.input_step_limit(0.7) == (pytest.approx(0.06), np.inf)
-    plant = Plant(pushed_by(RunUp(speed=2.0, duration=0.5)))
-    assert plant.system.input_step_limit(-1.0) == (0.5, -0.5)
-    assert plant.system.input_step_limit(-0.1) == (pytest.approx(0.15), 0.5)
-    assert plant.system.input_step_limit(0.2) == (pytest.approx(0.15), 0.5)
-    assert plant.system.input_step_limit(0.5) == (np.inf, np.inf)
+    compiled = Made(make=lambda: shaken_slider(5.0)).compile()
+    assert compiled.system.input_step_limit(0.7) == (pytest.approx(0.06), np.inf)
+    compiled = CompiledMechanism(pushed_by(RunUp(speed=2.0, duration=0.5)))
+    assert compiled.system.input_step_limit(-1.0) == (0.5, -0.5)
+    assert compiled.system.input_step_limit(-0.1) == (pytest.approx(0.15), 0.5)
+    assert compiled.system.input_step_limit(0.2) == (pytest.approx(0.15), 0.5)
+    assert compiled.system.input_step_limit(0.5) == (np.inf, np.inf)
 
 
 POINTS = (2.0, 2.4, 2.5)
@@ -154,7 +154,7 @@ LATER = {
 def test_steps_are_short_from_where_a_signal_varies(name: str) -> None:
     """Two seconds before, close before, in the middle, and after it."""
     signal, *expected = LATER[name]
-    system = Plant(pushed_by(signal)).system
+    system = CompiledMechanism(pushed_by(signal)).system
     assert [system.input_step_limit(t) for t in (0.0, 1.9, 2.2, 3.0)] == [pytest.approx(one) for one in expected]
 
 
@@ -188,16 +188,16 @@ def own_signal(**said: Any) -> Signal:
 
 
 def test_a_signal_of_a_user_s_own_may_say_how_short_steps_must_be() -> None:
-    assert Plant(pushed_by(own_signal())).system.input_step_limit(2.5) == (np.inf, np.inf)
+    assert CompiledMechanism(pushed_by(own_signal())).system.input_step_limit(2.5) == (np.inf, np.inf)
     told = own_signal(longest_step=chirp_seen)
-    assert Plant(pushed_by(told)).system.input_step_limit(2.5) == (pytest.approx(1.0 / 15.0), 3.0)
-    assert Plant(pushed_by(Sum(told, 1.0))).system.input_step_limit(2.5) == (pytest.approx(1.0 / 15.0), 3.0)
+    assert CompiledMechanism(pushed_by(told)).system.input_step_limit(2.5) == (pytest.approx(1.0 / 15.0), 3.0)
+    assert CompiledMechanism(pushed_by(Sum(told, 1.0))).system.input_step_limit(2.5) == (pytest.approx(1.0 / 15.0), 3.0)
 
 
 @pytest.mark.skipif(not COMPILED, reason="plain Python is a kernel where nothing is compiled")
 def test_a_longest_step_that_is_no_kernel_is_refused() -> None:
     with pytest.raises(UserError, match="of class Chirp, whose 'longest_step' is not a kernel; decorate it"):
-        Plant(pushed_by(own_signal(longest_step=chirp_in_python)))
+        CompiledMechanism(pushed_by(own_signal(longest_step=chirp_in_python)))
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

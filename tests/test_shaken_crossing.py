@@ -16,7 +16,7 @@ from mbfmu.mechanics import (
     Mechanism,
     Polynomial,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     Translational,
     rod,
 )
@@ -38,7 +38,7 @@ def parallelogram(
     coupler = m.body("coupler", crank, joint, **rod(mass=2.0, length=3.0))
     joint = Revolute(at=(3.0, 0.0, 0.0), start=start, rate=rate)
     rocker = m.body("rocker", base, joint, **rod(mass=1.5, length=1.0))
-    m.cut("pin", RevoluteCut(at_a=(3.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
+    m.cut("pin", RevoluteCutJoint(at_a=(3.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
     m.output("crank", crank.coordinate())
     m.output("rocker", rocker.coordinate())
     return crank, coupler

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from mbfmu.mechanics import Harmonic, Mechanism, Revolute, RevoluteCut, Translational, rod
+from mbfmu.mechanics import Harmonic, Mechanism, Revolute, RevoluteCutJoint, Translational, rod
 from mbfmu.modeling import Model
 from mbfmu.session.run import run
 from mbfmu.session.simulation import Settings
@@ -52,7 +52,7 @@ class Sled(Model):
         pin = Revolute(at=(L, 0.0, 0.0), start=-self.start)
         bar = m.body("bar", cranks[0], pin, mass=3.0 * mass, com=(middle, 0.0, 0.0), inertia=inertia)
         for k, crank in enumerate(cranks[1:], 1):
-            m.cut(f"pin{k}", RevoluteCut(at_a=(L, 0.0, 0.0), at_b=(k * L, 0.0, 0.0)), crank, bar)
+            m.cut(f"pin{k}", RevoluteCutJoint(at_a=(L, 0.0, 0.0), at_b=(k * L, 0.0, 0.0)), crank, bar)
         m.output("angle", cranks[0].angle())
         return m
 

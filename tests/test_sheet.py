@@ -12,7 +12,7 @@ from fmpy.validation import validate_fmu
 from fmus.sheet import Sheet
 from fmus.sheet.model import RELEASE_DATA
 from mbfmu.fmi import Fmu, export
-from mbfmu.mechanics import Mechanism, Plant, Weld
+from mbfmu.mechanics import CompiledMechanism, Mechanism, Weld
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.recursions.rnea import momentum
 from mbfmu.session.run import run
@@ -110,7 +110,7 @@ def test_fields_of_a_stretched_sheet_are_one_state_by_hooke() -> None:
 
 
 def test_sheet_without_a_field_publishes_none() -> None:
-    plain, told = (Plant(Sheet(nx=5, nz=4, field=field).build()).outputs for field in ("none", "moment.zz"))
+    plain, told = (CompiledMechanism(Sheet(nx=5, nz=4, field=field).build()).outputs for field in ("none", "moment.zz"))
     assert told[: len(plain)] == plain
     assert [v.name for v in told[len(plain) :]] == [f"moment.zz[{i},{k}]" for i in range(4) for k in range(3)]
     with pytest.raises(UserError, match="use stretch=True"):
@@ -127,8 +127,8 @@ def test_frequencies_flat(support: str, expected: list[float], rigid: int) -> No
 
     errors = []
     for nx, nz in ((17, 12), (33, 23)):
-        plant = Plant(Sheet(nx=nx, nz=nz, support=support, gravity_y=0.0).build())
-        found = shapes(plant, plant.assembly.start_positions(), rigid + 8, np.zeros(0))
+        compiled = CompiledMechanism(Sheet(nx=nx, nz=nz, support=support, gravity_y=0.0).build())
+        found = shapes(compiled, compiled.assembly.start_positions(), rigid + 8, np.zeros(0))
         frequencies = np.array([shape.mode.frequency for shape in found]) / (2.0 * np.pi)
         assert (frequencies[:rigid] < 1e-3 * expected[0]).all()
         errors.append(np.abs(frequencies[rigid:] / expected - 1.0))
@@ -187,7 +187,7 @@ def test_bent_sheet_twists_as_a_developable_surface() -> None:
 def test_stiff_sheet_swings_on_at_the_tolerance_of_the_scene() -> None:
     """Its angles are small, and the tolerance is relative to them."""
     simulation = Simulation(Sheet(thickness=3e-3), Settings(tolerance=1e-5))
-    names = [v.name for v in simulation.plant.outputs]
+    names = [v.name for v in simulation.compiled.outputs]
     energy, tip = names.index("energy"), names.index("tip.y")
     before, weight = simulation.outputs()[energy], 1000.0 * 0.3 * 0.21 * 3e-3 * 9.81
     assert simulation.advance(0.5).ok
@@ -281,7 +281,7 @@ def test_mistakes_are_named(values: dict[str, Any], words: str) -> None:
 
 def inputs_of(simulation: Simulation) -> dict[str, int]:
     """Numbers of the inputs by name."""
-    return {variable.name: k for k, variable in enumerate(simulation.plant.inputs.variables)}
+    return {variable.name: k for k, variable in enumerate(simulation.compiled.inputs.variables)}
 
 
 def test_fmu(tmp_path: Path) -> None:
@@ -331,7 +331,7 @@ def test_gravity_turns_while_the_sheet_swings(grid: tuple[int, int], solver: str
     for simulation, g in ((down, -9.81), (up, 9.81)):
         simulation.set_input(inputs_of(simulation)["gravity.y"], g)
         assert simulation.advance(0.02).ok
-    outputs = {v.name: k for k, v in enumerate(down.plant.outputs)}
+    outputs = {v.name: k for k, v in enumerate(down.compiled.outputs)}
     tip = down.outputs()[outputs["tip.y"]]
     assert tip < -1e-3
     assert up.outputs()[outputs["tip.y"]] == pytest.approx(-tip, abs=1e-6)
@@ -422,7 +422,7 @@ def test_effects_turned_off_leave_nothing_behind() -> None:
         poisson=off.poisson, density=off.density, grid=(5, 4),
         supports=[Support("x1", body=m.body("edge", m.ground, Weld()))],
     )  # fmt: skip
-    acting, quiet, bare = (Plant(built) for built in (on.build(), off.build(), m))
+    acting, quiet, bare = (CompiledMechanism(built) for built in (on.build(), off.build(), m))
     assert len(acting.records(Drag)) == len(acting.records(Plate)) == 12
     assert acting.records(Plate)["membrane"].all()
     assert acting.records(Plate)["damped"].all()
@@ -437,13 +437,13 @@ def test_effects_turned_off_leave_nothing_behind() -> None:
 def test_thrown_sheet_tumbles_and_keeps_its_momentum(solver: str, tolerance: float, within: float) -> None:
     model = Sheet(nx=7, nz=5, support="free", gravity_y=0.0, start_spin=40.0, start_velocity=1.0)
     simulation = Simulation(model, Settings(solver=solver, tolerance=tolerance))
-    energy = [v.name for v in simulation.plant.outputs].index("energy")
+    energy = [v.name for v in simulation.compiled.outputs].index("energy")
 
     def kept() -> Any:
         now, out = simulation.outputs()[energy], np.zeros(6)
-        plant, stepper = simulation.plant, simulation.stepper
-        plant.energy(stepper.t, stepper.q, stepper.v)  # places the bodies
-        momentum(plant.data.arrays, plant.data.state, out)
+        compiled, stepper = simulation.compiled, simulation.stepper
+        compiled.energy(stepper.t, stepper.q, stepper.v)  # places the bodies
+        momentum(compiled.data.arrays, compiled.data.state, out)
         return np.append(out, now)
 
     start, leaned = kept(), 1.0

@@ -25,8 +25,8 @@ TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 def motion(request: pytest.FixtureRequest) -> tuple[Any, Any]:
     """A clamped sheet of so many nodes and this damping time (s), and its positions at the end, by DOP853."""
     nx, nz, damping = request.param
-    plant = Sheet(nx=nx, nz=nz, damping=damping).plant()
-    system, (q, v) = plant.system, plant.assemble()
+    compiled = Sheet(nx=nx, nz=nz, damping=damping).compile()
+    system, (q, v) = compiled.system, compiled.assemble()
     accelerations = Accelerations(system)
 
     def right(t: float, y: Any) -> Any:
@@ -35,14 +35,14 @@ def motion(request: pytest.FixtureRequest) -> tuple[Any, Any]:
 
     found = solve_ivp(right, (0.0, END), np.concatenate((q, v)), method="DOP853", rtol=1e-10, atol=1e-12)
     assert found.success
-    return plant, found.y[: system.nq, -1]
+    return compiled, found.y[: system.nq, -1]
 
 
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_an_error_of_a_hundred_tolerances_on_a_sheet_is_reported(motion: tuple[Any, Any], tolerance: float) -> None:
-    plant, exact = motion
-    system = plant.system
-    run = stepper("ida", system, 0.0, *plant.assemble(), Options(rtol=tolerance))
+    compiled, exact = motion
+    system = compiled.system
+    run = stepper("ida", system, 0.0, *compiled.assemble(), Options(rtol=tolerance))
     assert run.advance(END).ok
     error = float(np.max(np.abs(run.q - exact) / system.position_sizes(system.size))) / tolerance
     assert error <= SILENT or "orders 1 and 2" in str(run.diagnostics), error

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.session.simulation import Settings, Simulation
 
 A, W = 0.02, 30.0
@@ -96,11 +96,11 @@ def test_a_state_is_restored_with_its_acceleration() -> None:
 
 def test_the_error_is_listed_with_the_input() -> None:
     def told(m: mb.Mechanism) -> str:
-        return Plant(m).inputs.variables[0].description
+        return CompiledMechanism(m).inputs.variables[0].description
 
     assert "force of the drive without inertia" in told(base())
     assert "an error of O(h)" in told(base(rate_name="v"))
-    both = Plant(base(rate_name="v", acceleration_name="a"))
+    both = CompiledMechanism(base(rate_name="v", acceleration_name="a"))
     assert both.inputs.variables[0].description == ""
     assert [(v.name, v.unit) for v in both.inputs.variables] == [("u", "m"), ("v", "m/s"), ("a", "m/s2")]
 
@@ -112,4 +112,4 @@ def test_an_acceleration_needs_a_rate_and_a_joint() -> None:
     body = m.body("b", m.ground, mb.Translational(axis="x"), mass=1.0)
     m.force("f", mb.JointForce(mb.Input(name="F", unit="N", rate_name="dF", acceleration_name="ddF")), body)
     with pytest.raises(mb.UserError, match="input 'F' has an acceleration, 'ddF', and does not drive a joint"):
-        Plant(m)
+        CompiledMechanism(m)

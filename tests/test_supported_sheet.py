@@ -15,7 +15,16 @@ from scipy.integrate import solve_bvp
 import solvers
 from fmus.sheet import Sheet
 from mbfmu.fmi import Fmu, export
-from mbfmu.mechanics import JointSpring, Mechanism, PlaneCut, Plant, PointForce, Revolute, Spring, Translational
+from mbfmu.mechanics import (
+    CompiledMechanism,
+    JointSpring,
+    Mechanism,
+    PlaneCutJoint,
+    PointForce,
+    Revolute,
+    Spring,
+    Translational,
+)
 from mbfmu.mechanics.arrays import systems
 from mbfmu.modeling import Model, parameter
 from mbfmu.session.run import run
@@ -60,7 +69,7 @@ class Held(Model):
             pressure=self.pressure,
         )  # fmt: skip
         if self.doubled:
-            m.cut("again", PlaneCut(rotation_a=NORMAL_FRAME, rotation_b=NORMAL_FRAME), m.ground, sheet.node(0, 1))
+            m.cut("again", PlaneCutJoint(rotation_a=NORMAL_FRAME, rotation_b=NORMAL_FRAME), m.ground, sheet.node(0, 1))
         m.output("middle", sheet.node(self.nx // 2, self.nz // 2).position("y"))
         m.output("corner", sheet.node(0, 0).position("y"))
         m.output("slide", sheet.node(0, self.nz // 2).position("x"))
@@ -97,10 +106,10 @@ def dense(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_statics_are_those_of_the_dense_way(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
     model = Held(way=way, gravity=9.81 if way != "simple" else 2.0)
     found = still(model)
-    assert isinstance(found.plant.system, TreeSystem)
+    assert isinstance(found.compiled.system, TreeSystem)
     dense(monkeypatch)
     expected = still(model)
-    assert isinstance(expected.plant.system, System)
+    assert isinstance(expected.compiled.system, System)
     for name in ("middle", "corner", "slide"):
         assert found.outputs[name] == pytest.approx(expected.outputs[name], abs=1e-11)
     np.testing.assert_allclose(found.lam, expected.lam, atol=1e-8 * np.abs(expected.lam).max())
@@ -114,7 +123,7 @@ def test_motion_and_reactions_are_those_of_the_dense_way(way: str, monkeypatch: 
     large = Simulation(model, Settings())
     dense(monkeypatch)
     reference = run(model, Settings(tolerance=1e-7), times)
-    assert isinstance(large.plant.system, TreeSystem)
+    assert isinstance(large.compiled.system, TreeSystem)
     assert not structured.failure
     scale = np.ptp(reference["middle"])
     assert np.abs(structured["middle"] - reference["middle"]).max() < 2e-3 * scale
@@ -168,7 +177,9 @@ def test_an_edge_clamped_by_cut_joints_is_a_clamped_edge() -> None:
         gaps.append(abs(tree["corner"] - cuts["corner"]))
         flat = [
             [shape.mode.frequency for shape in shapes(p, p.assembly.start_positions(), 6, np.zeros(p.system.m))]
-            for p in (Plant(Held(nx=nx, nz=nz, way=way, gravity=0.0).build()) for way in ("clamped", "master"))
+            for p in (
+                CompiledMechanism(Held(nx=nx, nz=nz, way=way, gravity=0.0).build()) for way in ("clamped", "master")
+            )
         ]
         np.testing.assert_allclose(flat[1], flat[0], rtol=1e-7)
     assert gaps[0] < 3e-4
@@ -192,7 +203,7 @@ def test_strip_on_two_edges_bends_as_a_beam() -> None:
 def test_modes_on_cut_joints_are_the_dense_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     model = Held(way="guided")
     found = still(model)
-    frequencies = [shape.mode.frequency for shape in shapes(found.plant, found.q, 5, found.lam)]
+    frequencies = [shape.mode.frequency for shape in shapes(found.compiled, found.q, 5, found.lam)]
     dense(monkeypatch)
     expected = sorted(mode.frequency for mode in still(model).modes)[:5]
     np.testing.assert_allclose(frequencies, expected, rtol=1e-5)
@@ -202,9 +213,9 @@ def test_redundant_cut_joints_are_survived() -> None:
     """One node held twice: it moves as held once, and the two share its reaction."""
     once, twice = still(Held()), still(Held(doubled=True))
     assert twice.outputs["middle"] == pytest.approx(once.outputs["middle"], abs=1e-11)
-    names = twice.plant.system.constraint_names
+    names = twice.compiled.system.constraint_names
     shared = [twice.lam[names.index(name)] for name in ("sheet.x0.1.z", "again.z")]
-    assert sum(shared) == pytest.approx(once.lam[once.plant.system.constraint_names.index("sheet.x0.1.z")], rel=1e-6)
+    assert sum(shared) == pytest.approx(once.lam[once.compiled.system.constraint_names.index("sheet.x0.1.z")], rel=1e-6)
     times = np.linspace(0.0, 0.05, 3)
     settings = Settings(tolerance=1e-6)
     first, second = (run(Held(doubled=doubled), settings, times) for doubled in (False, True))
@@ -283,7 +294,7 @@ def test_pressure_may_change_during_a_run_but_not_appear() -> None:
     simulation = Simulation(model, Settings(tolerance=1e-5))
     simulation.advance(0.002)
     simulation.retune(model.with_values({"pressure": 2.0}))
-    assert simulation.plant.signals(simulation.plant.data)[0].record["c"][0] == 2.0
+    assert simulation.compiled.signals(simulation.compiled.data)[0].record["c"][0] == 2.0
     assert simulation.advance(0.004).ok
     none = Simulation(model.with_values({"pressure": 0.0}), Settings())
     with pytest.raises(UserError, match="'pressure' cannot change during a run"):
@@ -307,8 +318,8 @@ def test_hybrid_adams_and_ida_agree_on_a_small_sheet_held_by_cut_joints() -> Non
 
 def shaken(simulation: Simulation, times: Any) -> Any:
     """Corner of a sheet whose edge goes up and down by 5 mm at 8 Hz, held by its rate between the points."""
-    names = [v.name for v in simulation.plant.inputs.variables]
-    tip = [v.name for v in simulation.plant.outputs].index("corner1.y")
+    names = [v.name for v in simulation.compiled.inputs.variables]
+    tip = [v.name for v in simulation.compiled.outputs].index("corner1.y")
     found = []
     for t, after in pairwise(times):
         for name, value in zip(("edge.y", "edge.vy"), shake(t, after), strict=True):
@@ -357,7 +368,7 @@ def test_a_clamp_at_one_end_of_the_edge_twists_the_sheet() -> None:
     assert corners((WIDTH - 0.07, WIDTH)) == pytest.approx((far, near), rel=1e-8)
 
 
-def linearization(at: Plant, q: Any, lam: Any) -> Any:
+def linearization(at: CompiledMechanism, q: Any, lam: Any) -> Any:
     """Exact derivative (n, n) of h + J^T lambda at rest, by complex step on the dense twin."""
     from mbfmu.mechanics.recursions.dynamics import gather_free, inverse_dynamics_at_solution
 
@@ -378,7 +389,7 @@ def linearization(at: Plant, q: Any, lam: Any) -> Any:
 @pytest.mark.parametrize("way", ["master", "guided", "simple"])
 def test_saddle_system_is_the_exact_linearization(way: str) -> None:
     """At a bent position, with reactions: [K + M, J^T; J, 0] (x, y) = (f, g)."""
-    at = Plant(Held(nx=7, nz=6, way=way).build())
+    at = CompiledMechanism(Held(nx=7, nz=6, way=way).build())
     system, rng = at.system, np.random.default_rng(0)
     q = at.assembly.start_positions()
     system.apply(q, 0.05 * rng.normal(size=system.n))
@@ -397,7 +408,7 @@ def test_saddle_system_is_the_exact_linearization(way: str) -> None:
 
 def test_accelerations_obey_the_equations_of_motion() -> None:
     """M a + h + J^T lambda = 0 and J a = gamma, moving."""
-    at = Plant(Held().build())
+    at = CompiledMechanism(Held().build())
     system, rng = at.system, np.random.default_rng(1)
     q, v = at.assembly.start_positions(), rng.normal(size=system.n)
     system.apply(q, 0.02 * rng.normal(size=system.n))
@@ -429,12 +440,12 @@ def test_springs_and_forces_on_a_large_sheet_are_those_of_the_dense_way(monkeypa
 
     balance = build_problem(Fixed(build()))
     found = balance.solve()
-    assert isinstance(found.plant.system, TreeSystem)
+    assert isinstance(found.compiled.system, TreeSystem)
     near = found.q + 1e-7 * np.random.default_rng(0).normal(size=len(found.q))
     assert balance.solve(near).iterations <= 3  # the tangent is exact
     monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10_000)
     expected = still(Fixed(build()))
-    assert isinstance(expected.plant.system, System)
+    assert isinstance(expected.compiled.system, System)
     assert found.outputs == pytest.approx(expected.outputs, abs=1e-9)
     assert abs(found.outputs["tip0"] - found.outputs["tip-1"]) > 1e-3
     assert found.stability == expected.stability == "undamped"

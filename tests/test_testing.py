@@ -265,7 +265,7 @@ class WrongSlope(Coupling):
         Measured(with_it=Viscous()),
         Square(),
         mb.Screw(lead=0.1),
-        mb.SphericalCut(),
+        mb.SphericalCutJoint(),
     ],
     ids=lambda item: type(item).__name__,
 )

@@ -12,7 +12,7 @@ import pytest
 import mbfmu as mb
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.simulation import Simulation
 from mbfmu.session.warmup import MAX_WARMUP_STEPS, compile_kernels
@@ -52,13 +52,13 @@ FAMILY: dict[str, Callable[[], mb.Mechanism]] = {
 @pytest.mark.parametrize("name", FAMILY)
 def test_a_trial_integrates_nothing(name: str, t0: float) -> None:
     """It takes a few steps at any size and stiffness, all goes well, and no coordinate moves by a tolerance."""
-    plant = Plant(FAMILY[name]())
-    q, v = plant.assemble(t0)
+    compiled = CompiledMechanism(FAMILY[name]())
+    q, v = compiled.assemble(t0)
     for solver in ("adams", "ida", "radau", "esdirk"):
-        if describe_refusal(solver, plant.system):
+        if describe_refusal(solver, compiled.system):
             continue
-        trial = stepper(solver, plant.system, t0, q, v, Options(rtol=1e-8, max_steps=MAX_WARMUP_STEPS))
-        assert compile_kernels(trial, plant, len(plant.outputs) + 2), solver
+        trial = stepper(solver, compiled.system, t0, q, v, Options(rtol=1e-8, max_steps=MAX_WARMUP_STEPS))
+        assert compile_kernels(trial, compiled, len(compiled.outputs) + 2), solver
         assert trial.statistics.steps <= 2 * MAX_WARMUP_STEPS, solver
         assert trial.t > t0, solver
         moved = np.abs(trial.q - q) / np.maximum(1.0, np.abs(q))
@@ -73,8 +73,8 @@ def test_a_trial_does_not_depend_on_what_the_run_is_asked_for() -> None:
 
 @pytest.mark.parametrize("count", [MAX_RADAU_COORDINATES, MAX_RADAU_COORDINATES + 1])
 def test_radau_is_refused_where_its_matrices_are_too_large(count: int) -> None:
-    plant = Plant(chain(count))
-    refused = describe_refusal("radau", plant.system)
+    compiled = CompiledMechanism(chain(count))
+    refused = describe_refusal("radau", compiled.system)
     if count <= MAX_RADAU_COORDINATES:
         assert refused == ""
         return
@@ -82,7 +82,7 @@ def test_radau_is_refused_where_its_matrices_are_too_large(count: int) -> None:
         f"solver 'radau' is given {count} joint coordinates and 0 constraints; allowed: at most 200 coordinates; use "
         "'ida' [unsuitable-solver]"
     )
-    assert describe_refusal("ida", plant.system) == describe_refusal("adams", plant.system) == ""
+    assert describe_refusal("ida", compiled.system) == describe_refusal("adams", compiled.system) == ""
     with pytest.raises(UserError, match="solver 'radau' is given"):
         Simulation(chain(count), Settings(solver="radau"))
 

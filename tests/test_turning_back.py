@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.mechanics import Harmonic, JointSpring, Mechanism, Polynomial, Revolute, RevoluteCut, rod
+from mbfmu.mechanics import Harmonic, JointSpring, Mechanism, Polynomial, Revolute, RevoluteCutJoint, rod
 from mbfmu.modeling import Model
 from mbfmu.session.run import run
 from mbfmu.session.simulation import Settings
@@ -48,7 +48,7 @@ class Parallelogram(Model):
             Revolute(at=(3.0, 0.0, 0.0), start=first, rate=self.rate),
             **rod(mass=1.5, length=1.0),
         )
-        m.cut("pin", RevoluteCut(at_a=(3.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
+        m.cut("pin", RevoluteCutJoint(at_a=(3.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
         if self.rest is not None:
             m.force("spring", JointSpring(stiffness=50.0, damping=DAMPING, free=self.rest), crank)
         m.output("crank", crank.coordinate())

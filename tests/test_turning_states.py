@@ -12,18 +12,18 @@ from scipy.optimize import brentq
 
 from fmus.governor import Governor
 from mbfmu.mechanics import (
-    DistanceCut,
+    DistanceCutJoint,
     JointSpring,
     Mechanism,
-    PlanarCut,
-    PlaneCut,
+    PlanarCutJoint,
+    PlaneCutJoint,
     Polynomial,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     Spherical,
-    SphericalCut,
+    SphericalCutJoint,
     Translational,
-    WeldCut,
+    WeldCutJoint,
     rod,
 )
 from mbfmu.modeling import Model
@@ -67,12 +67,12 @@ class Umbrella(Model):
             on_arm = m.body("shoe", arm, Revolute(at=(PIN, 0.0, 0.0), start=1.2 if self.kind == "weld" else 0.2))
             tie["at_b"] = (0.0, 0.0, 0.0)
         kinds: dict[str, Any] = {
-            "distance": lambda **at: DistanceCut(length=LINK, **at),
-            "spherical": SphericalCut,
-            "revolute": RevoluteCut,
-            "weld": WeldCut,
-            "plane": lambda **at: PlaneCut(rotation_a=UP, rotation_b=UP, **at),
-            "planar": lambda **at: PlanarCut(rotation_a=UP, rotation_b=UP, **at),
+            "distance": lambda **at: DistanceCutJoint(length=LINK, **at),
+            "spherical": SphericalCutJoint,
+            "revolute": RevoluteCutJoint,
+            "weld": WeldCutJoint,
+            "plane": lambda **at: PlaneCutJoint(rotation_a=UP, rotation_b=UP, **at),
+            "planar": lambda **at: PlanarCutJoint(rotation_a=UP, rotation_b=UP, **at),
         }
         pair = [on_collar, on_arm]
         if self.swapped:
@@ -162,7 +162,7 @@ class Rotor(Model):
         flap = m.body("flap", disk, Revolute(at=(0.1, 0, 0), axis="y", start=0.3), **rod(mass=0.2, length=0.2))
         m.force("spring", JointSpring(stiffness=1.0), flap)
         pair = (m.ground, disk) if self.bearing_first else (disk, m.ground)
-        m.cut("bearing", SphericalCut(), *pair)
+        m.cut("bearing", SphericalCutJoint(), *pair)
         m.output("flap", flap.angle())
         return m
 

@@ -55,8 +55,8 @@ def oscillator(damping: float = 0.0) -> mb.Mechanism:
 
 def error_of_steps(h: float) -> float:
     """Largest error of positions with steps of h and no control of the error."""
-    plant = as_model(oscillator()).plant()
-    motion = stepper("rk4", plant.system, 0.0, *plant.assemble(), Options(rtol=1e-2, atol=1e3, max_step=h))
+    compiled = as_model(oscillator()).compile()
+    motion = stepper("rk4", compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-2, atol=1e3, max_step=h))
     motion._control["h"] = h
     times = np.arange(1, 11) / 10.0
     samples = motion.sample(times)

@@ -51,7 +51,7 @@ class Pair:
         self.draw(s, s.body("b", s.a, kind(start=self.start, **self._axis)))
         return s
 
-    def cut(self, kind: type[mbm.Joint], cut: type[mbm.Cut]) -> Sketch:
+    def cut(self, kind: type[mbm.Joint], cut: type[mbm.CutJoint]) -> Sketch:
         """Draw the cut joint, in the pose that the joint gives."""
         s = Sketch(*self.view)
         origin, axes = pose(kind(start=self.start, **self._axis))
@@ -139,9 +139,9 @@ PAIRS = {
     ),
 }  # fmt: skip
 for name, own in PAIRS.items():
-    of_joint, of_cut = getattr(mbm, name), getattr(mbm, f"{name}Cut")
+    of_joint, of_cut = getattr(mbm, name), getattr(mbm, f"{name}CutJoint")
     PICTURES[name] = partial(own.tree, of_joint)
-    PICTURES[f"{name}Cut"] = partial(own.cut, of_joint, of_cut)
+    PICTURES[f"{name}CutJoint"] = partial(own.cut, of_joint, of_cut)
 
 
 @element("Screw")
@@ -266,12 +266,12 @@ def stretching() -> Sketch:
     return s
 
 
-@element("DistanceCut")
+@element("DistanceCutJoint")
 def distance() -> Sketch:
     """A rod with a ball at each end."""
     s = Sketch(20.0, 20.0, bar=0.13)
     b = s.other((1.1, 0.0, 0.5))
-    s.mechanism.cut("c", mbm.DistanceCut(at_a=(-1.1, 0.0, -0.5), length=2.417), s.a, b)
+    s.mechanism.cut("c", mbm.DistanceCutJoint(at_a=(-1.1, 0.0, -0.5), length=2.417), s.a, b)
     s.show(s.a, GRAY, block((0.8, 0.8, 0.8), (-1.55, 0.0, -0.5)))
     s.show(b, BLUE, block((0.8, 0.8, 0.8), (0.45, 0.0, 0.0)))
     s.turn((2.2, 0.0, 1.0), (0.0, 0.0, 0.0), 0.4)
@@ -280,12 +280,12 @@ def distance() -> Sketch:
     return s
 
 
-@element("PlaneCut")
+@element("PlaneCutJoint")
 def plane() -> Sketch:
     """A point that remains in a plane: five free directions."""
     s = Sketch(25.0, 28.0)
     b = s.other((0.1, 0.0, 0.0), (0.0, 0.3, 0.0))
-    s.mechanism.cut("c", mbm.PlaneCut(axis="z"), s.a, b)
+    s.mechanism.cut("c", mbm.PlaneCutJoint(axis="z"), s.a, b)
     s.show(s.a, GRAY, block((3.0, 2.2, 0.12), (0.0, 0.0, -0.08)))
     s.show(b, BLUE, ball(0.1, (0.0, 0.0, 0.1)))
     s.show(b, BLUE, *(disc(0.05 + 0.027 * k, 0.1, (0.0, 0.0, 0.15 + 0.09 * k)) for k in range(10)))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from mbfmu.mechanics import MODES, Beam, Body, CutHandle, Input, JointForce, Mechanism, Revolute, RevoluteCut, rod
+from mbfmu.mechanics import MODES, Beam, Body, CutHandle, Input, JointForce, Mechanism, Revolute, RevoluteCutJoint, rod
 from mbfmu.modeling import Model, parameter
 from mbfmu.util.errors import UserError
 
@@ -103,7 +103,7 @@ class FourBar(Model):
         )
         pivot = m.cut(
             "pivot",
-            RevoluteCut(at_a=(self.ground_length, 0.0, 0.0), at_b=(-self.rocker_length, 0.0, 0.0)),
+            RevoluteCutJoint(at_a=(self.ground_length, 0.0, 0.0), at_b=(-self.rocker_length, 0.0, 0.0)),
             m.ground,
             rocker,
         )

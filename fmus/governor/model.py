@@ -28,7 +28,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from mbfmu.mechanics import (
-    DistanceCut,
+    DistanceCutJoint,
     Input,
     JointForce,
     JointSpring,
@@ -110,7 +110,7 @@ class Governor(Model):
         rods = [
             m.cut(
                 f"rod{i}",
-                DistanceCut(at_a=(side * self.rod_position, 0.0, 0.0), length=self.rod_length),
+                DistanceCutJoint(at_a=(side * self.rod_position, 0.0, 0.0), length=self.rod_length),
                 arms[i - 1],
                 collar,
             )

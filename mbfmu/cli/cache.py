@@ -96,7 +96,7 @@ def warm(references: list[str], options: argparse.Namespace) -> None:
     chosen = [load_scene(reference).model for reference in references]
     runs = [(model, solver) for model in chosen for solver in (*drop_unlisted(SOLVER_NAMES), "equilibrium", "check")]
     for model in chosen:
-        model.plant()  # a model that cannot be built is reported, and not skipped
+        model.compile()  # a model that cannot be built is reported, and not skipped
     with bar(len(runs), "warm", options.quiet, "run") as shown:
         for model, solver in runs:
             shown.set_description(f"{model.name} {solver}")

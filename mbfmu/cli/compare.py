@@ -200,8 +200,8 @@ def command_table(options: argparse.Namespace, scene: Scene) -> int:
     from mbfmu.studies.settling import Settled, settle
     from mbfmu.studies.settling import as_text as settled_as_text
 
-    plant = scene.model.plant()
-    settling = scene.model.settling if plant.system.has_matrices else {}
+    compiled = scene.model.compile()
+    settling = scene.model.settling if compiled.system.has_matrices else {}
     settled: list[Settled] = []
     with results(options.output, scene, f"{scene_part(scene)}-compare") as place:
         with bar(100, "compare", options.quiet, "%") as shown:
@@ -209,7 +209,7 @@ def command_table(options: argparse.Namespace, scene: Scene) -> int:
                 scene, **common_arguments(options), repeats=options.repeats, progress=counting(options, shown)
             )
         if settling:
-            tolerances, solvers = options.tolerance or DEFAULT_TOLERANCES, options.solver or solvers_of(plant)
+            tolerances, solvers = options.tolerance or DEFAULT_TOLERANCES, options.solver or solvers_of(compiled)
             total = options.repeats * (1 + len(tolerances) * len(solvers))
             with bar(total, "settling", options.quiet) as shown:
                 settled = settle(

@@ -45,6 +45,6 @@ def parameter_names(parsed_args: argparse.Namespace, **_: Any) -> list[str]:
 def output_names(parsed_args: argparse.Namespace, **_: Any) -> list[str]:
     """Return the outputs of the model that the command line names."""
     try:
-        return [variable.name for variable in load_scene(parsed_args.scene).model.plant().outputs]
+        return [variable.name for variable in load_scene(parsed_args.scene).model.compile().outputs]
     except UserError:
         return []

@@ -41,7 +41,7 @@ def command_effects(options: argparse.Namespace) -> int:
     from mbfmu.studies.effects import EFFECT_ROUNDS, as_text, costs
 
     scene = scene_of(options)
-    known = [variable.name for variable in scene.model.plant().outputs]
+    known = [variable.name for variable in scene.model.compile().outputs]
     for name in options.show:
         if name not in known:
             raise UserError(f"--show: there is no output {name!r}{suggest(name, known)}")

@@ -103,7 +103,7 @@ def swept(scene: Scene, options: argparse.Namespace) -> int:
     """Follow the steady states over a parameter; print a line a branch, write every state."""
     parameter, values = read_sweep(options.sweep)
     model = scene.model
-    outputs = {variable.name: variable.unit for variable in model.plant().outputs}
+    outputs = {variable.name: variable.unit for variable in model.compile().outputs}
     shown = options.plot or next(iter(outputs))
     if shown not in outputs:
         raise UserError(f"--plot: there is no output {shown!r}{suggest(shown, outputs)}")

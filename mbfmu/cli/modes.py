@@ -65,10 +65,10 @@ def command_modes(options: argparse.Namespace) -> int:
             )
         )
         write_text(place.file("modes.txt"), text + "\n")
-        mechanism = found.plant.mechanism
+        mechanism = found.compiled.mechanism
         if modes and (mechanism.surfaces or mechanism.flexible_bodies):
             plot = plot_shapes if mechanism.surfaces else plot_bars
-            plot(found.plant, found.q, modes, f"{scene.name}: natural modes", place.file("shapes.png"))
+            plot(found.compiled, found.q, modes, f"{scene.name}: natural modes", place.file("shapes.png"))
         print_unless_quiet(options, text)
         print_if_verbose(options, found.effort)
         if found.stability is Stability.UNSTABLE:

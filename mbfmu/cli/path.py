@@ -77,7 +77,7 @@ def command_path(options: argparse.Namespace) -> int:
     if options.until:
         ((name, value),) = assignments("--until", [options.until]).items()
         until = name, number("--until", value)
-    outputs = [variable.name for variable in scene.model.plant().outputs]
+    outputs = [variable.name for variable in scene.model.compile().outputs]
     shown = options.plot or (until[0] if until else outputs[0])
     if shown not in outputs:
         raise UserError(f"{'--plot' if options.plot else '--until'} {shown!r}: no such output{suggest(shown, outputs)}")

@@ -84,13 +84,13 @@ class ModelTarget:
 
     def __post_init__(self) -> None:
         """Build the model once; raises UserError where it cannot be built."""
-        plant, model = self.scene.model.plant(), self.scene.model
+        compiled, model = self.scene.model.compile(), self.scene.model
         units = {p.name: p.unit for p in declared(Settings)} | {STOP_TIME_KEY: "s"}
-        units |= {v.name: v.unit for v in plant.inputs.variables} | {p.name: p.unit for p in model.parameters()}
+        units |= {v.name: v.unit for v in compiled.inputs.variables} | {p.name: p.unit for p in model.parameters()}
         object.__setattr__(self, "units", units)
-        object.__setattr__(self, "inputs", frozenset(v.name for v in plant.inputs.variables))
+        object.__setattr__(self, "inputs", frozenset(v.name for v in compiled.inputs.variables))
         checked = ENERGY_OUTPUTS if self.scene.settings.energy_check else ()
-        object.__setattr__(self, "outputs", {v.name: v.unit for v in (*plant.outputs, *checked)})
+        object.__setattr__(self, "outputs", {v.name: v.unit for v in (*compiled.outputs, *checked)})
 
     @property
     def name(self) -> str:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.scene import Scene, default_scene
 from mbfmu.modeling.settings import Settings
@@ -158,8 +158,8 @@ def _write(
         content = build_native_fmu(model, settings, experiment, report=messages.append, for_one_run=True)
         messages = [diagnostic for diagnostic in messages if diagnostic.code != "constant-parameter"]
     else:
-        plant, native = model.plant(), kind is FmuKind.NATIVE
-        messages = [*check_start(model, settings, plant, native)]
+        compiled, native = model.compile(), kind is FmuKind.NATIVE
+        messages = [*check_start(model, settings, compiled, native)]
         if native:
             content = build_native_fmu(
                 model, settings, experiment, fmi=fmi, platforms=platforms, report=messages.append
@@ -167,7 +167,7 @@ def _write(
         elif fmi != 2 or platforms:
             raise UserError("versions of FMI and platforms can be chosen for machine code alone: native=True")
         else:
-            shown = page(model, list_variables(model, settings, plant), needs_python=True)
+            shown = page(model, list_variables(model, settings, compiled), needs_python=True)
             content = build_python_fmu(model, settings, experiment) | {"documentation/index.html": shown.encode()}
         content |= {f"documentation/licenses/{name}": text for name, text in licenses(native=native).items()}
         picture = Path(inspect.getsourcefile(type(model)) or ".").parent / "model.png"
@@ -178,7 +178,7 @@ def _write(
         report(diagnostic)
 
 
-def check_start(model: Model, settings: Settings, plant: Plant, native: bool) -> Sequence[Diagnostic]:
+def check_start(model: Model, settings: Settings, compiled: CompiledMechanism, native: bool) -> Sequence[Diagnostic]:
     """Return notes and warnings on the model and its start. Those of a native FMU are in :class:`.NativeModel`.
 
     Raises
@@ -188,18 +188,18 @@ def check_start(model: Model, settings: Settings, plant: Plant, native: bool) ->
         singular start, or no steady state.
     """
     if native:  # which chooses its own solver, and builds the start
-        plant.check_start(0.0, plant.assemble()[0])
+        compiled.check_start(0.0, compiled.assemble()[0])
         return ()
     if is_given(settings.solver):
         raise UserError(
             f"solver {settings.solver!r} is a class of this program, which an FMU cannot import; allowed: an installed "
             "solver. Install it in a package with an entry point of the group 'mbfmu.solvers'"
         )
-    if refused := describe_refusal(settings.solver, plant.system):
+    if refused := describe_refusal(settings.solver, compiled.system):
         raise UserError(f"model {model.name!r}: {refused}")
-    if plant.system.m or settings.start_at_equilibrium:
+    if compiled.system.m or settings.start_at_equilibrium:
         return UnstartedSimulation(model, settings).diagnostics
-    return plant.check_start(0.0, plant.assemble()[0])
+    return compiled.check_start(0.0, compiled.assemble()[0])
 
 
 def pack(path: Path, content: Mapping[str, bytes]) -> None:

@@ -130,12 +130,12 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic]
         return settings
     if settings.solver not in (AUTO, model.default_solver):
         refuse_solver(settings.solver)
-    plant = model.plant()
-    found = select_solver(plant, [(0.0, *plant.assemble())], settings.options(model.stop_time))
-    implicit = "radau" if plant.system.has_matrices else "adams"  # which is all that large trees have
+    compiled = model.compile()
+    found = select_solver(compiled, [(0.0, *compiled.assemble())], settings.options(model.stop_time))
+    implicit = "radau" if compiled.system.has_matrices else "adams"  # which is all that large trees have
     solver = found.solver if found.solver in NATIVE_SOLVERS else implicit
-    if refused := describe_refusal(solver, plant.system):
-        why = f", since {plant.system.stiffness_reason}" if plant.system.stiffness_reason else f" ({refused})"
+    if refused := describe_refusal(solver, compiled.system):
+        why = f", since {compiled.system.stiffness_reason}" if compiled.system.stiffness_reason else f" ({refused})"
         raise UserError(
             f"model {model.name!r} needs the solver 'ida' or 'esdirk'{why}, but native FMUs support {_solvers()} only; "
             "export it without --native",

@@ -61,7 +61,7 @@ class ModelSlave(Values):
         self._t0 = 0.0
         self._logged: set[Key] = set()  # what is in the log of the simulation
         with when_compiling(self._log_compiling):
-            self.declare(self.model.plant())
+            self.declare(self.model.compile())
         finalize_at_exit(self.resources, self.identifier)
         import_once(self.resources)
 
@@ -159,7 +159,7 @@ class ModelSlave(Values):
         given = {k: float(self._buffer[r]) for k, r in enumerate(self._inputs) if r in self._changed_references}
         settings = self._settings_of(self._buffer)
         self.simulation = self._new_simulation(self._model_of(self._buffer), settings, self._t0, given)
-        for reference, variable in zip(self._inputs, self.simulation.plant.inputs.variables, strict=True):
+        for reference, variable in zip(self._inputs, self.simulation.compiled.inputs.variables, strict=True):
             if reference not in self._changed_references:  # it starts where the parameters put it
                 self._buffer[reference] = variable.start
 

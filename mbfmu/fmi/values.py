@@ -14,7 +14,7 @@ import numpy as np
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import Settings, check_setting
 from mbfmu.modeling.variables import Role, ScalarVariable, Type, list_variables
@@ -67,15 +67,15 @@ class Values(Fmi2Slave):  # type: ignore[misc]
         self._changed_references: set[int] = set()  # value references of inputs and parameters set since the last step
         self._outputs_valid = False  # outputs are those of the present state
 
-    def declare(self, plant: Plant) -> None:
+    def declare(self, compiled: CompiledMechanism) -> None:
         """Make the list of variables and give each its start value."""
-        self.variables = list_variables(self.model, self.settings, plant)
+        self.variables = list_variables(self.model, self.settings, compiled)
         self._buffer = np.array([nan if v.start is None else float(v.start) for v in self.variables])
         self._are_real = np.array([v.type is Type.REAL for v in self.variables])
         self._are_outputs = np.array([v.role is Role.OUTPUT for v in self.variables])
         self._outputs = np.flatnonzero(self._are_outputs)
         self._inputs = self._references(Role.INPUT)
-        self._motions = {r for k, r in enumerate(self._inputs) if plant.inputs.moves_support(k)}
+        self._motions = {r for k, r in enumerate(self._inputs) if compiled.inputs.moves_support(k)}
         self._settings = {self.variables[r].name: r for r in self._references(Role.SETTING)}
         free = [r for r in self._references(Role.PARAMETER) if self.variables[r].settable]
         self._parameters = {r: self.variables[r].name for r in free}

@@ -4,8 +4,8 @@ from mbfmu.util.errors import AssemblyError, UserError, missing_attribute
 from solvers.compiled.kernel import kernel
 
 from .arrays.compile import Variable
+from .arrays.compiled_mechanism import CompiledMechanism
 from .arrays.load_groups import LoadGroup
-from .arrays.plant import Plant
 from .builder.bodies import Body, FlexibleBody
 from .builder.chain import add_chain
 from .builder.handles import CouplingHandle, CutHandle, ForceHandle
@@ -13,15 +13,15 @@ from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.mechanism import Mechanism
 from .couplings import Cam, Coupling, Gear
 from .cuts import (
-    Cut,
-    CylindricalCut,
-    DistanceCut,
-    PlanarCut,
-    PlaneCut,
-    RevoluteCut,
-    SphericalCut,
-    TranslationalCut,
-    WeldCut,
+    CutJoint,
+    CylindricalCutJoint,
+    DistanceCutJoint,
+    PlanarCutJoint,
+    PlaneCutJoint,
+    RevoluteCutJoint,
+    SphericalCutJoint,
+    TranslationalCutJoint,
+    WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
 from .flexible import MODES, Beam
@@ -66,14 +66,15 @@ __all__ = [
     "Box",
     "Bushing",
     "Cam",
+    "CompiledMechanism",
     "Coupling",
     "CouplingHandle",
-    "Cut",
     "CutHandle",
+    "CutJoint",
     "Cylinder",
     "Cylindrical",
-    "CylindricalCut",
-    "DistanceCut",
+    "CylindricalCutJoint",
+    "DistanceCutJoint",
     "DistanceStop",
     "FlexibleBody",
     "Floating",
@@ -93,15 +94,14 @@ __all__ = [
     "Mechanism",
     "Panel",
     "Planar",
-    "PlanarCut",
-    "PlaneCut",
-    "Plant",
+    "PlanarCutJoint",
+    "PlaneCutJoint",
     "PointForce",
     "Polynomial",
     "Product",
     "Ramp",
     "Revolute",
-    "RevoluteCut",
+    "RevoluteCutJoint",
     "RunUp",
     "Screw",
     "Sensor",
@@ -109,7 +109,7 @@ __all__ = [
     "SpeedInput",
     "Sphere",
     "Spherical",
-    "SphericalCut",
+    "SphericalCutJoint",
     "Spring",
     "Step",
     "Sum",
@@ -117,12 +117,12 @@ __all__ = [
     "Torque",
     "TorsionSpring",
     "Translational",
-    "TranslationalCut",
+    "TranslationalCutJoint",
     "Universal",
     "UserError",
     "Variable",
     "Weld",
-    "WeldCut",
+    "WeldCutJoint",
     "add_chain",
     "box",
     "cylinder",

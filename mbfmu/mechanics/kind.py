@@ -1,7 +1,7 @@
 """Base class of element types: joints, cut joints, couplings, loads, signals, sensors and surfaces.
 
 An element type (kind) is a class in a separate file, of this package or of a user. It has a *record* of parameters,
-which ``fill`` writes, and *kernels*, which read them; its role (:class:`.joints.Joint`, :class:`.cuts.Cut`,
+which ``fill`` writes, and *kernels*, which read them; its role (:class:`.joints.Joint`, :class:`.cuts.CutJoint`,
 :class:`.couplings.Coupling`, :class:`.loads.Load`, :class:`.signals.Signal`, :class:`.sensors.Sensor`, or one of
 another package) specifies them. The rest of the package is independent of the existing element types: the recursions
 call kernels by their address (:mod:`.dispatch`).

@@ -27,7 +27,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.arrays.given import Courses
 from mbfmu.util.errors import UserError, require_arguments, suggest
 
@@ -131,7 +131,7 @@ class Model:
             raise UserError(f"model {self.name!r}: build() returns {mechanism!r}; it must return a Mechanism")
         return mechanism
 
-    def plant(self, courses: Courses | None = None) -> Plant:
+    def compile(self, courses: Courses | None = None) -> CompiledMechanism:
         """Return the compiled mechanism; raises the errors of :meth:`built`.
 
         Parameters
@@ -139,7 +139,7 @@ class Model:
         courses
             Inputs given for the whole run, see :mod:`mbfmu.mechanics.arrays.given`.
         """
-        return Plant(self.built(), courses)
+        return CompiledMechanism(self.built(), courses)
 
     def arrays(self) -> Mapping[str, Sequence[Any]]:
         """Return outputs that are one array in FMI 3: nested lists of their names, by the name of the array."""
@@ -213,7 +213,7 @@ class Model:
     def _hint(self, name: str) -> str:
         """Return what a name is instead of a parameter, as the end of a message."""
         known = [p.name for p in self.parameters()]
-        if name in (variable.name for variable in self.plant().inputs.variables):
+        if name in (variable.name for variable in self.compile().inputs.variables):
             return (
                 "; it is an input. Set its value by Input(start=...) in the model, or simulate with "
                 f"mb.simulate(model, inputs={{{name!r}: ...}})"

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu import mechanics
-from mbfmu.mechanics import Plant, Variable
+from mbfmu.mechanics import CompiledMechanism, Variable
 from mbfmu.util.errors import UserError
 from mbfmu.util.units import read_unit
 
@@ -174,19 +174,21 @@ def _capitalize(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def list_variables(model: Model, settings: Settings, plant: Plant | None = None) -> tuple[ScalarVariable, ...]:
-    """Return every variable of a model under these settings; ``plant`` saves building it again.
+def list_variables(
+    model: Model, settings: Settings, compiled: CompiledMechanism | None = None
+) -> tuple[ScalarVariable, ...]:
+    """Return every variable of a model under these settings; ``compiled`` saves building it again.
 
     Raises
     ------
     UserError
         A name is taken twice or no structured name of FMI, or a unit is unknown.
     """
-    plant = plant or model.plant()
-    found = (*parameters(model), *solver_settings(settings), *inputs(plant), *outputs(plant), *solver_outputs())
+    compiled = compiled or model.compile()
+    found = (*parameters(model), *solver_settings(settings), *inputs(compiled), *outputs(compiled), *solver_outputs())
     check_variables(found)
     return tuple(
-        replace(v, nominal=v.nominal or plant.nominal(v.unit)) if v.role in (Role.INPUT, Role.OUTPUT) else v
+        replace(v, nominal=v.nominal or compiled.nominal(v.unit)) if v.role in (Role.INPUT, Role.OUTPUT) else v
         for v in found
     )
 
@@ -281,22 +283,22 @@ def parameter(p: Parameter, role: Role, value: Any, variability: str) -> ScalarV
     )
 
 
-def inputs(plant: Plant) -> Iterator[ScalarVariable]:
+def inputs(compiled: CompiledMechanism) -> Iterator[ScalarVariable]:
     """Yield the inputs."""
-    for v in plant.inputs.variables:
+    for v in compiled.inputs.variables:
         yield describe_signal(v, Role.INPUT, start=v.start, allowed="any finite number")
 
 
-def outputs(plant: Plant) -> Iterator[ScalarVariable]:
+def outputs(compiled: CompiledMechanism) -> Iterator[ScalarVariable]:
     """Yield the outputs, and those of the energy check."""
-    names = [v.name for v in plant.inputs.variables]
-    reached = [*plant.feedthrough(), *(() for _ in ENERGY_OUTPUTS)]
-    for v, at_once in zip((*plant.outputs, *ENERGY_OUTPUTS), reached, strict=True):
+    names = [v.name for v in compiled.inputs.variables]
+    reached = [*compiled.feedthrough(), *(() for _ in ENERGY_OUTPUTS)]
+    for v, at_once in zip((*compiled.outputs, *ENERGY_OUTPUTS), reached, strict=True):
         yield describe_signal(v, Role.OUTPUT, depends_on=tuple(names[i] for i in at_once))
 
 
 def describe_signal(v: mechanics.Variable, role: Role, **attributes: Any) -> ScalarVariable:
-    """Return an input or output of a plant with its attributes."""
+    """Return an input or output of a compiled mechanism with its attributes."""
     return ScalarVariable(
         name=v.name,
         role=role,

@@ -80,7 +80,8 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     settable = _nothing_settable(model, why) if why else find_settable(model)
     frozen = {name: why for name, why in settable.fixed.items() if not _structural(model, name)}
     variables = tuple(
-        _native_variable(v, model, settable, settings.solver) for v in list_variables(model, settings, simulation.plant)
+        _native_variable(v, model, settable, settings.solver)
+        for v in list_variables(model, settings, simulation.compiled)
     )
     several = arrays(model, variables)
     file = _File(simulation, instance, image, settable, variables, several)
@@ -146,15 +147,15 @@ class _File:
         rows["entries"] = [self._entry(entry, rows) for entry in self._settable.entries]
         rows["relocations"], rows["kernels"] = list(self._image.relocations), list(self._image.kernels)
         rows["sentences"] = [self._message(code) for code in CODES]
-        system = self._simulation.plant.system
+        system = self._simulation.compiled.system
         said = CLOSURE_MESSAGES | start_checks.START_MESSAGES
         rows["failures"] = [self._failure(str(said.get(outcome, ""))) for outcome in (*Outcome, *start_checks.Flaw)]
         rows["rows"] = [(self._add_text(name),) for name in system.constraint_names]
         rows["coordinates"] = [(self._add_text(name),) for name in system.coordinate_names]
-        rows["cuts"] = [(self._add_text(handle.name),) for handle in self._simulation.plant.mechanism.cuts]
+        rows["cuts"] = [(self._add_text(handle.name),) for handle in self._simulation.compiled.mechanism.cuts]
         rows["loads"] = [
             (self._add_text(f"{acting.what} at {acting.bodies[0].name}" if acting.load.misplacement else ""),)
-            for acting in self._simulation.plant.mechanism.loads()
+            for acting in self._simulation.compiled.mechanism.loads()
         ]
         rows["text"] = [(byte,) for byte in self._text]
         header = np.zeros(1, layout.HEADER)
@@ -167,8 +168,8 @@ class _File:
         header["magic"], header["block"] = layout.FILE_MAGIC, at
         header["family"] = list(FAMILIES).index(family_of(self._simulation))
         header["size"], header["saved"], header["root"] = self._image.size, self._image.saved, self._image.root
-        plant, freedom = self._simulation.plant, self._simulation.stepper.freedom
-        header["reports_coarse"] = bool(describe_coarse(plant, COARSE_TOLERANCE, freedom))
+        compiled, freedom = self._simulation.compiled, self._simulation.stepper.freedom
+        header["reports_coarse"] = bool(describe_coarse(compiled, COARSE_TOLERANCE, freedom))
         for name, place in self._places.items():
             header[f"{name}_at"] = place
         return b"".join((header.tobytes(), *parts, self._block))
@@ -191,7 +192,7 @@ class _File:
             low, high = 0.0, 1.0
         unknown = nan if v.type is Type.REAL else 0.0
         start = unknown if v.start is None else float(v.start)
-        moves = v.role is Role.INPUT and self._simulation.plant.inputs.moves_support(number)
+        moves = v.role is Role.INPUT and self._simulation.compiled.inputs.moves_support(number)
         rests = v.role is Role.INPUT and self._simulation.settings.start_at_equilibrium
         rest_scale = max(abs(start), v.nominal or 0.0) if rests else 0.0
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)
@@ -215,7 +216,7 @@ class _File:
         inputs = [k for k, v in enumerate(self._variables) if v.role is Role.INPUT]
         owner = -1 if entry.input is None else inputs[entry.input]
         base = float(np.frombuffer(self._block, np.float64, 1, at)[0])
-        once = entry.place.array == "size"  # as Plant.adopt has it: solvers keep their units
+        once = entry.place.array == "size"  # as CompiledMechanism.adopt has it: solvers keep their units
         return at, owner, once, entry.root, first, len(entry.sums), base
 
     def _factors(self, term: Term) -> list[tuple[int, float]]:
@@ -231,14 +232,14 @@ class _File:
             return self._image.at(self._instance.known) + known[place.array]
         texts: dict[str, NDArray[Any]] = {"q": start.q, "v": start.v}
         texts |= {"size": start.scratch.size, "row_size": start.scratch.row}
-        arrays = self._simulation.plant.data.arrays._asdict()
+        arrays = self._simulation.compiled.data.arrays._asdict()
         array = texts[place.array] if place.array in texts else arrays[place.array]
         return self._image.at(array) + place.offset
 
     def _message(self, code: Any) -> tuple[int, int]:
         others = tuple(name for name in self._simulation.stepper.fallback_solvers if name != "ida")
         status = Status(code, 0.0, others)
-        advice = advise(self._simulation.plant, status) or status.remedy
+        advice = advise(self._simulation.compiled, status) or status.remedy
         remedy = str(Diagnostic.error(KEYS[code], advice)) if code in KEYS else ""
         return self._add_text(MESSAGES[code][0]), self._add_text(remedy)
 

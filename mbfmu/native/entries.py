@@ -47,8 +47,8 @@ from .image import MemoryImage
 from .start_checks import check_resolution, find_misplaced
 
 COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
-    joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, signals: signals.Signal,
-    sensors: sensors.Sensor,
+    joints: joints.Joint, cuts: cuts.CutJoint, couplings: couplings.Coupling, loads: loads.Load,
+    signals: signals.Signal, sensors: sensors.Sensor,
     sheet_joints: joints.Joint, sheet_elements: loads.Load, sheet_sensors: sensors.Sensor,
 }  # fmt: skip
 KERNEL_TABLE_SYMBOL = "mb_kinds"  # symbol of the addresses of all kernels of kinds
@@ -101,14 +101,14 @@ def family_of(simulation: Simulation) -> str:
 def instance_of(simulation: Simulation) -> Instance:
     """Return an instance that is assembled and yet to begin, where a simulation began; with zeros for the functions."""
     stepper: Any = simulation.stepper
-    plant, system, family = simulation.plant, simulation.plant.system, FAMILIES[family_of(simulation)]
+    compiled, system, family = simulation.compiled, simulation.compiled.system, FAMILIES[family_of(simulation)]
     given, (q, v) = unpin(stepper.integration), (array.copy() for array in simulation.start)
     sizes = system.nq, system.n, system.m
     eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, *sizes)
     work = family.work(*sizes, system.placed)
     work.size[:] = system.size
     work.inertia["watched"] = unpin(given.work).inertia["watched"]
-    assembly = plant.assembly
+    assembly = compiled.assembly
     scratch = Scratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
     if simulation.settings.start_at_equilibrium:
         start = Start(q.copy(), v.copy(), scratch)
@@ -116,12 +116,12 @@ def instance_of(simulation: Simulation) -> Instance:
         start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
     scales = EnergyScales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Integration(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ACCOUNT_SIZE))
-    known = np.array([system.rate, system.loop_rate if system.has_matrices else 0.0, plant.length])
-    session = Session.allocate(system.pinned_data, plant.inputs.own, plant.monitored)
+    known = np.array([system.rate, system.loop_rate if system.has_matrices else 0.0, compiled.length])
+    session = Session.allocate(system.pinned_data, compiled.inputs.own, compiled.monitored)
     state = np.array([simulation.t]), q, v, own.energy_account
     buffers = np.zeros(system.n), np.zeros(system.m), np.zeros(system.n), np.zeros(len(simulation.variables))
     settings = known, stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
-    places = assembly.frames, np.zeros(len(plant.mechanism.cuts)), system.placed
+    places = assembly.frames, np.zeros(len(compiled.mechanism.cuts)), system.placed
     return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places)
 
 
@@ -133,7 +133,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     UserError
         Its solver, or a kernel of it, is not in the runtime.
     """
-    family, system = family_of(simulation), simulation.plant.system
+    family, system = family_of(simulation), simulation.compiled.system
     if not family:
         raise UserError(
             f"native FMUs do not support the solver {simulation.solver_choice.solver!r}; allowed: "
@@ -148,7 +148,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
             "not-native",
         )
     known, numbers = {own: k for k, own in enumerate(shipped_kernels())}, []
-    for own in simulation.plant.called():
+    for own in simulation.compiled.called():
         if own is not None and own not in known:
             what = f"{own.function.__module__}.{own.function.__qualname__}"
             foreign = "<locals>" in what or not what.startswith("mbfmu.")  # or made of a function of the model
@@ -159,7 +159,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
                 "not-native",
             )
         numbers.append(-1 if own is None else known[own])
-    instance, arrays = instance_of(simulation), simulation.plant.data.arrays
+    instance, arrays = instance_of(simulation), simulation.compiled.data.arrays
     own, start = instance.given, instance.start
     state = [
         *own.memory,

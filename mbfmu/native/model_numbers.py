@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays.scale import spans
 from mbfmu.modeling.model import Model
 from mbfmu.util.errors import UserError
@@ -22,7 +22,7 @@ class Place(NamedTuple):
 
     ``array`` is a field of :class:`mbfmu.mechanics.records.Arrays`; or ``q``, ``v``: start positions and velocities
     before loops are closed; or ``size``, ``row_size``, ``rate``, ``loop_rate`` of the system; or ``length`` of the
-    plant.
+    compiled mechanism.
     """
 
     array: str
@@ -30,7 +30,7 @@ class Place(NamedTuple):
 
 
 class Reader:
-    """Reads the numbers of plants that are built like one model with other parameter values.
+    """Reads the numbers of compiled mechanisms that are built like one model with other parameter values.
 
     Parameters
     ----------
@@ -56,22 +56,22 @@ class Reader:
     def __init__(self, model: Model) -> None:
         self._model = model
         self._known: dict[tuple[tuple[str, float], ...], Array | UserError] = {}
-        plant = model.plant()
-        arrays = plant.data.arrays
-        masks = {name: _real_words(name, array, plant) for name, array in arrays._asdict().items()}
+        compiled = model.compile()
+        arrays = compiled.data.arrays
+        masks = {name: _real_words(name, array, compiled) for name, array in arrays._asdict().items()}
         self._real = np.concatenate(list(masks.values()))
-        self._whole = _words(plant)[~self._real]
-        self.inputs = _input_places(plant)
-        self._solver_columns = {name: len(values) for name, values in _solver_data(plant).items()}
+        self._whole = _words(compiled)[~self._real]
+        self.inputs = _input_places(compiled)
+        self._solver_columns = {name: len(values) for name, values in _solver_data(compiled).items()}
         self.places = [Place(name, 8 * int(k)) for name, mask in masks.items() for k in np.flatnonzero(mask)]
         self.places += [Place(name, 8 * k) for name, count in self._solver_columns.items() for k in range(count)]
         arrays_of = np.array([place.array for place in self.places])
         self._columns = {name: np.flatnonzero(arrays_of == name) for name in np.unique(arrays_of).tolist()}
         self.guesses = np.zeros(len(self.places), bool)
-        if plant.system.m and plant.system.nq == plant.system.n:
-            self.guesses[self.columns("q")] = ~plant.assembly.held()
+        if compiled.system.m and compiled.system.nq == compiled.system.n:
+            self.guesses[self.columns("q")] = ~compiled.assembly.held()
         self.gravity = np.array([self.places.index(Place("world", 8 * k)) for k in range(3)])
-        self.base = self._numbers(plant)
+        self.base = self._numbers(compiled)
 
     def columns(self, *names: str) -> NDArray[np.int64]:
         """Return the columns of these arrays."""
@@ -95,37 +95,37 @@ class Reader:
 
     def _read(self, values: Mapping[str, float]) -> Array:
         with np.errstate(all="ignore"):
-            plant = self._model.with_values(values).plant()
-            words = _words(plant)
+            compiled = self._model.with_values(values).compile()
+            words = _words(compiled)
             if len(words) != len(self._real) or np.any(words[~self._real] != self._whole):
                 raise UserError(STRUCTURE_REASON)
-            return self._numbers(plant)
+            return self._numbers(compiled)
 
-    def _numbers(self, plant: Plant) -> Array:
-        told = _solver_data(plant)
+    def _numbers(self, compiled: CompiledMechanism) -> Array:
+        told = _solver_data(compiled)
         if {name: len(values) for name, values in told.items()} != self._solver_columns:
             raise UserError(STRUCTURE_REASON)
-        found = np.concatenate([_words(plant)[self._real].view(np.float64), *told.values()])
+        found = np.concatenate([_words(compiled)[self._real].view(np.float64), *told.values()])
         if not np.isfinite(found).all():
             raise UserError("other values lead to numbers that are not finite")
         return found
 
 
-def _words(plant: Plant) -> NDArray[np.int64]:
+def _words(compiled: CompiledMechanism) -> NDArray[np.int64]:
     """Return all arrays as consecutive words of eight bytes."""
-    return np.concatenate([np.frombuffer(array.tobytes(), np.int64) for array in plant.data.arrays])
+    return np.concatenate([np.frombuffer(array.tobytes(), np.int64) for array in compiled.data.arrays])
 
 
-def _real_words(name: str, array: NDArray[Any], plant: Plant) -> NDArray[np.bool_]:
+def _real_words(name: str, array: NDArray[Any], compiled: CompiledMechanism) -> NDArray[np.bool_]:
     """Return which words of an array are real numbers that may follow parameters: a bound that is infinite stays so."""
-    return _real_or_infinite(name, array, plant) & np.isfinite(np.frombuffer(array.tobytes(), np.float64))
+    return _real_or_infinite(name, array, compiled) & np.isfinite(np.frombuffer(array.tobytes(), np.float64))
 
 
-def _real_or_infinite(name: str, array: NDArray[Any], plant: Plant) -> NDArray[np.bool_]:
+def _real_or_infinite(name: str, array: NDArray[Any], compiled: CompiledMechanism) -> NDArray[np.bool_]:
     if name != "memory":
         return np.tile(_real_fields(array.dtype), array.size)
     mask = np.zeros(array.nbytes // 8, bool)
-    for table in plant.tables:
+    for table in compiled.tables:
         first = (_address(table) - _address(array)) // 8
         mask[first : first + table.nbytes // 8] = np.tile(_real_fields(table.dtype), len(table))
     return mask
@@ -142,30 +142,30 @@ def _real_fields(dtype: np.dtype[Any]) -> NDArray[np.bool_]:
     return mask
 
 
-def _solver_data(plant: Plant) -> dict[str, Array]:
+def _solver_data(compiled: CompiledMechanism) -> dict[str, Array]:
     """Return the data of solvers besides the arrays, and the components of lengths and rates."""
-    system, drives = plant.system, plant.drives
-    squares = spans(plant.mechanism, plant.data.arrays) ** 2
+    system, drives = compiled.system, compiled.drives
+    squares = spans(compiled.mechanism, compiled.data.arrays) ** 2
     time_scales = [(drives.sizes[k], drives.time_scale(k)) for k in drives.signals]
     return {
-        "q": plant.assembly.start_positions(),
-        "v": plant.assembly.start_velocities(),
+        "q": compiled.assembly.start_positions(),
+        "v": compiled.assembly.start_velocities(),
         "size": system.size,
         "row_size": system.row_size,
         "rate": np.array([system.rate]),
         "loop_rate": np.array([system.loop_rate] if system.has_matrices else []),
-        "length": np.array([plant.length]),
-        "span": squares if squares.any() else np.array([plant.length**2]),
+        "length": np.array([compiled.length]),
+        "span": squares if squares.any() else np.array([compiled.length**2]),
         "drive size": np.array([size for size, _ in time_scales]),
         "drive rate": np.array([(size / time_scale) ** 4 if time_scale else 0.0 for size, time_scale in time_scales]),
     }
 
 
-def _input_places(plant: Plant) -> dict[Place, int]:
+def _input_places(compiled: CompiledMechanism) -> dict[Place, int]:
     """Return the number of the input that owns a place."""
-    arrays = plant.data.arrays
+    arrays = compiled.data.arrays
     found = {}
-    for number, (vector, index) in enumerate(plant.inputs.places(arrays, plant.signals(plant.data))):
+    for number, (vector, index) in enumerate(compiled.inputs.places(arrays, compiled.signals(compiled.data))):
         for name, array in (("world", arrays.world), ("memory", arrays.memory)):
             offset = _address(vector) - _address(array) + 8 * index
             if 0 <= offset < array.nbytes:

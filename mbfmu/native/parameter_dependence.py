@@ -57,7 +57,7 @@ class ParameterDependence:
     Attributes
     ----------
     reader
-        The numbers of its plants.
+        The numbers of its compiled mechanisms.
     settable
         Parameters that are not frozen, in their order.
     fixed
@@ -143,7 +143,7 @@ class ParameterDependence:
             self.settable.remove(name)
 
     def describe_refusal(self, values: dict[str, float]) -> str:
-        """Return why there is no plant with these values of live parameters; empty: there is."""
+        """Return why there is no compiled mechanism with these values of live parameters; empty: there is."""
         try:
             self.reader.read(values)
         except UserError as error:
@@ -239,7 +239,7 @@ class ParameterDependence:
         )
 
     def _fit(self) -> bool:
-        """Fit all sums and compare them with fresh plants; false where that froze a parameter."""
+        """Fit all sums and compare them with fresh compiled mechanisms; false where that froze a parameter."""
         keys: dict[tuple[Powers, ...], list[int]] = {}
         for i in sorted(set().union(*(self._powers[n] for n in self.settable)) - self.guessed - self._bounded):
             keys.setdefault(tuple(self._powers[n].get(i, CONSTANT_POWERS) for n in self.settable), []).append(i)
@@ -312,7 +312,9 @@ class ParameterDependence:
         return np.asarray(np.append(gravity @ gravity / length**2, rate / size**4) ** 0.25)
 
     def _agrees_at(self, point: dict[str, float]) -> bool:
-        """Return whether the fits agree with a plant; false where they do not, which freezes what is to blame."""
+        """Return whether the fits agree with a compiled mechanism; false where they do not, which freezes what is to
+        blame.
+        """
         reason, columns = self.compare_at(point)
         if reason:
             self._fix(
@@ -323,7 +325,9 @@ class ParameterDependence:
         return not reason
 
     def compare_at(self, point: dict[str, float], good: float = FIT_TOLERANCE) -> tuple[str, list[int]]:
-        """Return why the fits do not agree with a plant to within an error, and in which columns; empty: they agree."""
+        """Return why the fits do not agree with a compiled mechanism to within an error, and in which columns; empty:
+        they agree.
+        """
         try:
             row = self.reader.read(point)
         except UserError as error:
@@ -361,7 +365,7 @@ class ParameterDependence:
         return by_sums or found or self.settable
 
     def describe_difference(self, point: dict[str, float]) -> str:
-        """Return why the fits do not agree with a plant; empty: they agree."""
+        """Return why the fits do not agree with a compiled mechanism; empty: they agree."""
         return self.compare_at(point)[0]
 
     def responsible_parameters(

@@ -59,7 +59,7 @@ def _mixtures(dependence: ParameterDependence) -> list[dict[str, int]]:
 
 
 def _extend_ends(dependence: ParameterDependence, sides: dict[str, int], goals: Goals) -> None:
-    """Compare the fits with a plant at the goals on these sides; drop the goals of parameters to blame."""
+    """Compare the fits with a compiled mechanism at the goals on these sides; drop the goals of parameters to blame."""
     while True:
         there = {n: goals[n, side] for n, side in sides.items() if (n, side) in goals}
         point = {n: there.get(n, dependence.ends[n][side]) for n, side in sides.items()}
@@ -83,7 +83,9 @@ def _agrees_far(dependence: ParameterDependence, name: str, side: int) -> bool:
 
 
 def _check_corners(dependence: ParameterDependence) -> None:
-    """Compare the fits with plants where all parameters are at an end; move ends inward where they do not agree."""
+    """Compare the fits with compiled mechanisms where all parameters are at an end; move ends inward where they do not
+    agree.
+    """
     for sides in _mixtures(dependence):
         for _ in range(MAX_CORNER_HALVINGS):
             corner = {n: dependence.ends[n][side] for n, side in sides.items()}

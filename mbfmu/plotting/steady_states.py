@@ -40,7 +40,7 @@ def plot_branches(branches: Sequence[Branch], axis: str, output: str, title: str
                 labeled.add(label)
                 style = {"ls": line, "marker": marker, "ms": 3.0, "lw": 1.2, "color": color, "label": shown}
                 ax.plot(values, np.where(own, heights, np.nan), **style)
-    unit = next(v.unit for v in branches[0].states[0].plant.outputs if v.name == output)
+    unit = next(v.unit for v in branches[0].states[0].compiled.outputs if v.name == output)
     ax.set_xlabel(axis)
     ax.set_ylabel(f"{output} [{unit}]")
     ax.set_title(title)

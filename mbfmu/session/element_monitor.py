@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.system import Array
 
@@ -17,7 +17,7 @@ Furthest = tuple[float, float, Array]
 
 
 class ElementMonitor:
-    """Watches the elements of a plant; one whose elements have no limits costs nothing.
+    """Watches the elements of a compiled mechanism; one whose elements have no limits costs nothing.
 
     Attributes
     ----------
@@ -27,8 +27,8 @@ class ElementMonitor:
         Error if an element is invalid at the positions looked at last; None: none is.
     """
 
-    def __init__(self, plant: Plant, ratio: float, t: float, q: Array) -> None:
-        self._plant = plant
+    def __init__(self, compiled: CompiledMechanism, ratio: float, t: float, q: Array) -> None:
+        self._compiled_mechanism = compiled
         self.folded: Diagnostic | None = None
         self.furthest: Furthest = ratio, t, q
 
@@ -40,7 +40,7 @@ class ElementMonitor:
 
     def update(self, t: float, q: Array) -> bool:
         """Note how far elements are at positions q (nq,); False where one is invalid."""
-        return self.note(self._plant.limit_ratio(t, q), t, q)
+        return self.note(self._compiled_mechanism.limit_ratio(t, q), t, q)
 
     def note(self, ratio: float, t: float, q: Array) -> bool:
         """Note that elements are as far as ``ratio`` at positions q (nq,); False where one is invalid."""
@@ -50,11 +50,11 @@ class ElementMonitor:
         return self.folded is None
 
     def _describe(self, t: float, q: Array) -> str:
-        return self._plant.describe_limit(t, q, f" at t = {t:.9g} s")
+        return self._compiled_mechanism.describe_limit(t, q, f" at t = {t:.9g} s")
 
     def unfolded(self, times: Array, q: Array) -> int:
         """Return how many of the positions q (k, nq) at ``times`` come before the first with an invalid element."""
-        if not len(self._plant.monitored):
+        if not len(self._compiled_mechanism.monitored):
             return len(q)
         return next((i for i in range(len(q)) if not self.update(float(times[i]), q[i])), len(q))
 
@@ -70,5 +70,5 @@ class ElementMonitor:
     def restore(self, state: list[Any], t: float, q: Array) -> None:
         """Take up a :meth:`state` at the positions q (nq,) of time t."""
         then, there = (state[0], np.array(state[1])) if state else (t, q)
-        self.furthest = self._plant.limit_ratio(then, there), then, there
+        self.furthest = self._compiled_mechanism.limit_ratio(then, there), then, there
         self.update(t, q)

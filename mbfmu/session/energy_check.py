@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.balance import BALANCE_OK, PASSAGE_INACCURATE
 
@@ -34,8 +34,8 @@ class EnergyCheck:
         Warning with time, size and place of the first violation; empty: there is none.
     """
 
-    def __init__(self, plant: Plant, status: NDArray[Any]) -> None:
-        self.plant, self._status, self._lost = plant, status, status["lost"]
+    def __init__(self, compiled: CompiledMechanism, status: NDArray[Any]) -> None:
+        self.compiled, self._status, self._lost = compiled, status, status["lost"]
         self.found: tuple[Diagnostic, ...] = ()
         self._last: Place | None = None
 
@@ -81,7 +81,7 @@ class EnergyCheck:
         return Diagnostic.warning(
             "energy-balance",
             f"the energy error is too large at t = {here[0]:.6g} s: {change}{part}, and more than the tolerance "
-            f"explains{nearest(self.plant, before or here, here)}",
+            f"explains{nearest(self.compiled, before or here, here)}",
             "The motion after this time may be wrong: reduce the tolerance or use another solver, and compare the "
             "results",
             subject="energy_error",
@@ -89,43 +89,43 @@ class EnergyCheck:
         )
 
 
-def nearest(plant: Plant, before: Place, here: Place) -> str:
+def nearest(compiled: CompiledMechanism, before: Place, here: Place) -> str:
     """Return which loops are near a singular configuration somewhere between two positions; empty if none is."""
-    if plant.system.m == 0:
+    if compiled.system.m == 0:
         return ""
     between = (
         (before[0] + s * (here[0] - before[0]), before[1] + s * (here[1] - before[1]))
         for s in np.linspace(0.0, 1.0, 41)
     )
-    ratio, rows = min((distance(plant, t, q) for t, q in between), key=lambda found: found[0])
+    ratio, rows = min((distance(compiled, t, q) for t, q in between), key=lambda found: found[0])
     if ratio > NEAR_SINGULAR_RATIO:
         return ""
-    loops = " and ".join(map(repr, loops_of(plant, rows)))
+    loops = " and ".join(map(repr, loops_of(compiled, rows)))
     return f"; the loop closed by {loops} is near a singular configuration (ratio of singular values {ratio:.1e})"
 
 
-def loops_of(plant: Plant, rows: Array) -> tuple[str, ...]:
+def loops_of(compiled: CompiledMechanism, rows: Array) -> tuple[str, ...]:
     """Return the names of the cut joints and couplings whose rows take most part (m,)."""
-    names = [name for name, part in zip(plant.system.constraint_names, rows, strict=True) if part > 0.5 * rows.max()]
-    whole = {handle.name for handle in plant.mechanism.constraints}
+    names = [name for name, part in zip(compiled.system.constraint_names, rows, strict=True) if part > 0.5 * rows.max()]
+    whole = {handle.name for handle in compiled.mechanism.constraints}
     return tuple(dict.fromkeys(name if name in whole else name.rpartition(".")[0] for name in names))
 
 
-def distance(plant: Plant, t: float, q: Array, rank: int | None = None) -> tuple[float, Array]:
+def distance(compiled: CompiledMechanism, t: float, q: Array, rank: int | None = None) -> tuple[float, Array]:
     """Return the smallest singular value of J over the largest, and how much each row takes part in it (m,).
 
     Redundant constraint equations do not count: all beyond ``rank``, or if that is unknown those that are zero here.
     Singular values are those of J M^-1/2 (of a large tree, where M is not at hand, of J itself), a cut joint's rows in
     units of the longest of them, lengths and angles apart.
     """
-    system: Any = plant.system
+    system: Any = compiled.system
     terms = system.allocate_terms()
     system.fill(t, q, np.zeros(system.n), terms)
     J = terms.J
     if terms.M.size:
         inertia, axes = np.linalg.eigh(terms.M)
         J = J @ axes / np.sqrt(np.maximum(inertia, 1e-12 * inertia[-1]))
-    J = J / row_sizes(plant, np.linalg.norm(J, axis=1))[:, None]
+    J = J / row_sizes(compiled, np.linalg.norm(J, axis=1))[:, None]
     U, sigma, _ = np.linalg.svd(J, full_matrices=False)
     last = (int(np.sum(sigma > 1e-12 * sigma[0])) if rank is None else rank) - 1
     part, U = np.abs(U[:, last]), U[:, : last + 1]
@@ -133,11 +133,11 @@ def distance(plant: Plant, t: float, q: Array, rank: int | None = None) -> tuple
     return float(sigma[last] / sigma[0]), np.maximum(part, tied)
 
 
-def row_sizes(plant: Plant, lengths: Array) -> Array:
+def row_sizes(compiled: CompiledMechanism, lengths: Array) -> Array:
     """Return for every row of J the largest of ``lengths`` (m,) among those of its cut joint and kind, of a coupling
     its own.
     """
-    data: Any = plant.data
+    data: Any = compiled.data
     first = np.concatenate((data.arrays.cuts["row"], data.arrays.couplings["row"]))
     kept = np.flatnonzero(data.arrays.kept >= 0)
     owner = np.searchsorted(first, kept, side="right")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import AssemblyError
@@ -26,24 +26,26 @@ LIGHT_BODY_MASS_RATIO = 1e-3
 MIN_RATE_PARTICIPATION = 1e-6  # of the largest: what a joint has to do with a motion
 
 
-def explain_failure(plant: Plant, status: Status, q: Array, end: float, starts_singular: bool) -> Diagnostic:
+def explain_failure(
+    compiled: CompiledMechanism, status: Status, q: Array, end: float, starts_singular: bool
+) -> Diagnostic:
     """Return why a run stopped at q (nq,) on its way to ``end`` (s), and what to do.
 
     ``starts_singular``: whether the loops do not determine all rates at the start.
     """
     stuck = status.code in (Code.BRANCHES, Code.COLLAPSED, Code.NOT_CLOSED)
-    advice = describe_free_rates(plant, status.t, q) if starts_singular else ""
+    advice = describe_free_rates(compiled, status.t, q) if starts_singular else ""
     if advice and status.code in (Code.BRANCHES, Code.UNDECIDABLE):
         return status.explain(advice)
-    drives = driven_bodies(plant)
+    drives = driven_bodies(compiled)
     until = 2.0 * end - status.t  # beyond the requested time: it may end right there
     last = (
-        _find_last_reachable_time(plant, status.t, q, until)
-        if stuck and drives and plant.system.has_matrices
+        _find_last_reachable_time(compiled, status.t, q, until)
+        if stuck and drives and compiled.system.has_matrices
         else until
     )
     if last == until:
-        return status.explain(advise(plant, status))
+        return status.explain(advise(compiled, status))
     whose = f"the drive of {drives[0]!r} requires" if len(drives) == 1 else "the drives require"
     return Diagnostic.error(
         "unreachable-drive",
@@ -55,22 +57,24 @@ def explain_failure(plant: Plant, status: Status, q: Array, end: float, starts_s
     )
 
 
-def driven_bodies(plant: Plant) -> list[str]:
+def driven_bodies(compiled: CompiledMechanism) -> list[str]:
     """Return the names of the bodies whose joints are driven."""
-    return [body.name for body in plant.mechanism.bodies if body.joint.drive is not None]
+    return [body.name for body in compiled.mechanism.bodies if body.joint.drive is not None]
 
 
-def advise(plant: Plant, status: Status) -> str:
+def advise(compiled: CompiledMechanism, status: Status) -> str:
     """Return what to do after a step that collapsed, or near branches, by what the model has; of other ends nothing."""
     if status.code is Code.COLLAPSED:
-        causes = [*_causes(plant)]
+        causes = [*_causes(compiled)]
         if not causes:
             return f"Use a larger tolerance{status.alternatives}."
         what, remedies = (" or ".join(texts) for texts in zip(*causes, strict=True))
         return f"Possible cause: {what}. Possible remedy: {remedies}{status.alternatives}."
     if status.code is Code.BRANCHES:
-        several = ", or several loops are at slightly different times" if len(plant.mechanism.constraints) > 1 else ""
-        turns = "Do not let a drive stop or turn back there. " if driven_bodies(plant) else ""
+        several = (
+            ", or several loops are at slightly different times" if len(compiled.mechanism.constraints) > 1 else ""
+        )
+        turns = "Do not let a drive stop or turn back there. " if driven_bodies(compiled) else ""
         return (
             f"A loop is in a singular configuration, or very near one{several}. If the position is meant to be passed "
             "exactly, give lengths with all their digits; otherwise change them so that the loop stays farther from "
@@ -79,21 +83,21 @@ def advise(plant: Plant, status: Status) -> str:
     return ""
 
 
-def _causes(plant: Plant) -> Iterator[tuple[str, str]]:
+def _causes(compiled: CompiledMechanism) -> Iterator[tuple[str, str]]:
     """Yield what may make a step collapse in a model, and what helps."""
-    if any(True for _ in plant.mechanism.loads()):
+    if any(True for _ in compiled.mechanism.loads()):
         yield "a force that jumps or has a kink", "smooth the force"
-    if plant.system.m:
+    if compiled.system.m:
         yield "a singular configuration nearby", "change the lengths so that the loops stay farther from it"
-        if driven_bodies(plant):
+        if driven_bodies(compiled):
             yield "a drive that moves its loop out of reach", "shorten the motion of the drive"
-    if light := describe_light_body(plant):
+    if light := describe_light_body(compiled):
         yield light, "give it more mass"
 
 
-def describe_light_body(plant: Plant) -> str:
+def describe_light_body(compiled: CompiledMechanism) -> str:
     """Return the body that is lightest compared with the heaviest body that it carries; empty: none is light."""
-    bodies, masses = plant.mechanism.bodies, plant.data.arrays.bodies["mass"]
+    bodies, masses = compiled.mechanism.bodies, compiled.data.arrays.bodies["mass"]
     carried = np.zeros(len(bodies))
     for body in reversed(bodies[1:]):
         k = body.index
@@ -106,15 +110,15 @@ def describe_light_body(plant: Plant) -> str:
     return f"body {bodies[k].name!r} of {own[k]:.3g} kg, which carries one of {carried[k]:.3g} kg"
 
 
-def _find_last_reachable_time(plant: Plant, begin: float, q: Array, end: float) -> float:
+def _find_last_reachable_time(compiled: CompiledMechanism, begin: float, q: Array, end: float) -> float:
     """Return until when loops can be closed, s: ``end`` where nothing ends that."""
-    held, whole = np.zeros(plant.system.n, bool), end - begin
+    held, whole = np.zeros(compiled.system.n, bool), end - begin
     reached, step = begin, whole / SEARCH_INTERVALS
     way = [(begin, q)]
 
     def closed(t: float, near: Array) -> Array | None:
         try:
-            return plant.assembly.close(t, near, held)
+            return compiled.assembly.close(t, near, held)
         except AssemblyError:
             return None
 
@@ -136,44 +140,44 @@ def _find_last_reachable_time(plant: Plant, begin: float, q: Array, end: float) 
     return reached if opens else end
 
 
-def describe_free_rates(plant: Plant, t: float, q: Array) -> str:
+def describe_free_rates(compiled: CompiledMechanism, t: float, q: Array) -> str:
     """Return a message on the rates that choose the branch in a singular configuration q (nq,); empty: all given."""
-    names = [repr(name) for name in find_undetermined_rates(plant, t, q)]
+    names = [repr(name) for name in find_undetermined_rates(compiled, t, q)]
     if not names:
         return ""
     joints = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
     return f"Give the rate{'s' if len(names) > 1 else ''} of {joints} to choose the branch"
 
 
-def explain_rates(plant: Plant, t: float, q: Array, v: Array, rank: int, tolerance: float) -> str:
+def explain_rates(compiled: CompiledMechanism, t: float, q: Array, v: Array, rank: int, tolerance: float) -> str:
     """Return why the rates v (n,) belong to no branch of the motion in a singular configuration q (nq,); empty: they
     do, or it is none. ``rank`` is that of the constraints nearby; see :func:`solvers.assembly.is_off_branch`.
     """
-    system: Any = plant.system
+    system: Any = compiled.system
     terms = system.allocate_terms()
     system.fill(t, q, v, terms)
     if not is_off_branch(pin(terms), v, rank, tolerance, pin(Scratch.of(system))):
         return ""
-    bodies, first, values = free_bodies(plant.mechanism), 0, []
+    bodies, first, values = free_bodies(compiled.mechanism), 0, []
     for body in bodies:
         values += [f"{body.name!r} {x:.6g}" for x in v[first : first + body.joint.nv]]
         first += body.joint.nv
     return (
         "the start is a singular configuration, in which several branches of the motion cross, and the given rates are "
-        f"not those of any branch ({', '.join(values)}). {describe_free_rates(plant, t, q) or 'Give other rates'}"
+        f"not those of any branch ({', '.join(values)}). {describe_free_rates(compiled, t, q) or 'Give other rates'}"
     )
 
 
-def find_undetermined_rates(plant: Plant, t: float, q: Array) -> tuple[str, ...]:
+def find_undetermined_rates(compiled: CompiledMechanism, t: float, q: Array) -> tuple[str, ...]:
     """Return the joints whose rates the loops do not determine at q (nq,), and that were not given one."""
-    system: Any = plant.system
+    system: Any = compiled.system
     terms = system.allocate_terms()
     system.fill_position(t, q, terms)
     _, sigma, V = np.linalg.svd(terms.J * system.size / system.row_size[:, None])
     null = V[int(np.sum(sigma > NULL_SPACE_RATIO * sigma[0])) :]
     moved = np.linalg.norm(null, axis=0) > MIN_RATE_PARTICIPATION
     first, names = 0, []
-    for body in free_bodies(plant.mechanism):
+    for body in free_bodies(compiled.mechanism):
         if body.joint.rate is None and moved[first : first + body.joint.nv].any():
             names.append(body.name)
         first += body.joint.nv

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.arrays.given import Courses
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model, as_model
@@ -95,8 +95,8 @@ class Simulation(Diagnosed):
     report
         Function that receives a diagnostic about the computing time at once, while :meth:`advance` continues.
     variables
-        What :meth:`outputs` returns: the plant's outputs, then those of the energy check (NaN if it is off, or if no
-        degree of freedom is free).
+        What :meth:`outputs` returns: the compiled mechanism's outputs, then those of the energy check (NaN if it is
+        off, or if no degree of freedom is free).
 
     Raises
     ------
@@ -117,10 +117,10 @@ class Simulation(Diagnosed):
     ) -> None:
         self.model = model_given = as_model(model)
         self.settings, self._courses = settings, courses
-        self.plant = model_given.plant(courses)
+        self.compiled = model_given.compile(courses)
         if settings.input_interpolation == "linear":
-            self.plant.inputs.extrapolate()
-        known = enumerate(self.plant.inputs.variables)
+            self.compiled.inputs.extrapolate()
+        known = enumerate(self.compiled.inputs.variables)
         self._inputs: dict[Hashable, int] = {key: k for k, v in known for key in (v.name, k)}
         if not isinstance(inputs or {}, Mapping):
             raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
@@ -128,39 +128,39 @@ class Simulation(Diagnosed):
         if settings.start_at_equilibrium:  # whose time is zero; the drives are where they are at the start time
             found = find_state(build_problem(model_given, self._held_plant(inputs or {}, given)))
             unstable = report_unstable(found)
-        self.plant.inputs.begin(t0, given)
-        q, v = (found.q, found.v) if settings.start_at_equilibrium else self.plant.assemble(t0)
-        start_warnings = self.plant.check_start(t0, q) if begins else []
+        self.compiled.inputs.begin(t0, given)
+        q, v = (found.q, found.v) if settings.start_at_equilibrium else self.compiled.assemble(t0)
+        start_warnings = self.compiled.check_start(t0, q) if begins else []
         self.start, found_out = (q, v), settings.solver == AUTO
         if duration is not None and finite("duration", duration) < 0.0:
             raise UserError(f"duration is {duration!r}; allowed: at least 0 s (0: the stop time of the model)")
         options = settings.options(duration or model_given.stop_time)
         self.solver_choice = (
-            select_solver(self.plant, [(t0, q, v)], options) if found_out else SolverChoice(settings.solver)
+            select_solver(self.compiled, [(t0, q, v)], options) if found_out else SolverChoice(settings.solver)
         )
-        self._options, limited = limit_order(self.plant, self.solver_choice.solver, (t0, q, v), options)
+        self._options, limited = limit_order(self.compiled, self.solver_choice.solver, (t0, q, v), options)
         self.step_count_check = StepCountCheck(self._copy_plant, self._options, self._report_step_count)
         self.report: Callable[[Diagnostic], None] | None = None
-        self.variables = (*self.plant.outputs, *ENERGY_OUTPUTS)
-        require_unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
-        own = self.plant.inputs.own, self.plant.monitored
-        self.session = Session.allocate(self.plant.system.pinned_data, *own)
+        self.variables = (*self.compiled.outputs, *ENERGY_OUTPUTS)
+        require_unique(["time", *(v.name for v in (*self.compiled.inputs.variables, *self.variables))])
+        own = self.compiled.inputs.own, self.compiled.monitored
+        self.session = Session.allocate(self.compiled.system.pinned_data, *own)
         self._pinned = pin(self.session)
         self._session_arrays = [*self.session.memory(), *self.session.inputs.values()]
         self._impulse_is_unknown, self._supports_jump, self._limit_ratio = (
             self.session.status[name] for name in ("unknown", "jumps", "limit_ratio")
         )
-        self._run = StepperRun(self._pinned, self.plant.inputs.pinned, self._stepper(t0, q, v), len(self.variables))
+        self._run = StepperRun(self._pinned, self.compiled.inputs.pinned, self._stepper(t0, q, v), len(self.variables))
         self._out = self._run.out
         self._reported_jumps: set[str] = set()  # names of inputs
         self._noted = self._start_diagnostics(t0, unstable, start_warnings, limited)
         how = settings.energy_check, self.stepper.freedom, settings.tolerance
-        sizes = float(self.plant.system.rate), float(self.plant.length)
+        sizes = float(self.compiled.system.rate), float(self.compiled.length)
         state = self.t, self.stepper.q, self.stepper.v
         begin_session(self._pinned, *state, int(self.stepper.status.code), *how, *sizes)
         is_checked = bool(self.session.balance["is_checked"][0])
-        self.energy_check = EnergyCheck(self.plant, self.session.status) if is_checked else None
-        self._element_monitor = ElementMonitor(self.plant, float(self._limit_ratio[0]), t0, self.stepper.q)
+        self.energy_check = EnergyCheck(self.compiled, self.session.status) if is_checked else None
+        self._element_monitor = ElementMonitor(self.compiled, float(self._limit_ratio[0]), t0, self.stepper.q)
         self._reported_undetermined, self._end = False, t0
         self._warm_up(t0, q, v)
 
@@ -169,24 +169,24 @@ class Simulation(Diagnosed):
     ) -> list[Diagnostic]:
         """Return the notes and warnings on the model, the solver and the start."""
         (q, v), settings, found = self.start, self.settings, self.solver_choice.diagnostics
-        if self.plant.system.has_matrices and self.plant.system.m:
-            rank = self.plant.system.n - self.stepper.freedom
-            if off := explain_rates(self.plant, t, q, v, rank, settings.tolerance):
+        if self.compiled.system.has_matrices and self.compiled.system.m:
+            rank = self.compiled.system.n - self.stepper.freedom
+            if off := explain_rates(self.compiled, t, q, v, rank, settings.tolerance):
                 raise UserError(f"model {self.model.name!r}: {off}", "singular-start")
-        if self.stepper.starts_singular and (advice := describe_free_rates(self.plant, t, q)):
+        if self.stepper.starts_singular and (advice := describe_free_rates(self.compiled, t, q)):
             text = (
                 "the start is a singular configuration, in which the loops do not determine all rates; the rates "
                 "nearest to the given ones are used"
             )
             found.append(Diagnostic.warning("singular-start", text, advice, time=t))
-        found += [*unstable, *self.plant.explain_lock(t, q, self.stepper.freedom), *self.plant.rounding]
+        found += [*unstable, *self.compiled.explain_lock(t, q, self.stepper.freedom), *self.compiled.rounding]
         if not settings.start_at_equilibrium:
-            found += self.plant.assembly.changes(q, v, settings.tolerance)
-        found += describe_loose(self.plant, settings.tolerance)
-        found += describe_coarse(self.plant, settings.tolerance, self.stepper.freedom)
-        found += [*limited, *start_warnings, *self.plant.coincident(t, q)]
+            found += self.compiled.assembly.changes(q, v, settings.tolerance)
+        found += describe_loose(self.compiled, settings.tolerance)
+        found += describe_coarse(self.compiled, settings.tolerance, self.stepper.freedom)
+        found += [*limited, *start_warnings, *self.compiled.coincident(t, q)]
         known = {diagnostic.code for diagnostic in found}
-        return [*found, *(note for note in self.plant.assembly.notes(t, q) if note.code not in known)]
+        return [*found, *(note for note in self.compiled.assembly.notes(t, q) if note.code not in known)]
 
     def _starts(self, inputs: Mapping[Any, Any], t0: float) -> dict[int, float]:
         """Return the values of inputs at the start by their numbers, without those that are signals in this run."""
@@ -199,19 +199,21 @@ class Simulation(Diagnosed):
         signals = self._courses.replaced if self._courses else set()
         return {self._input(key): value for key, value in checked.items() if key not in signals}
 
-    def _held_plant(self, inputs: Mapping[Any, Any], given: dict[int, float]) -> Plant:
-        """Return a plant whose inputs are all held at their values at the start, to look for a steady state in."""
-        plant = self.model.plant()  # whose signals are held too
+    def _held_plant(self, inputs: Mapping[Any, Any], given: dict[int, float]) -> CompiledMechanism:
+        """Return a compiled mechanism whose inputs are all held at their values at the start, to look for a steady
+        state in.
+        """
+        compiled = self.model.compile()  # whose signals are held too
         if self._courses:
-            known = {v.name: k for k, v in enumerate(plant.inputs.variables)}
+            known = {v.name: k for k, v in enumerate(compiled.inputs.variables)}
             given = {known[name]: float(value) for name, value in {**inputs, **self._courses.starts()}.items()}
-        plant.inputs.begin(0.0, given)
-        return plant
+        compiled.inputs.begin(0.0, given)
+        return compiled
 
     def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
         """Return the solver that was chosen, at a state."""
         try:
-            created = stepper(self.solver_choice.solver, self.plant.system, t, q, v, self._options)
+            created = stepper(self.solver_choice.solver, self.compiled.system, t, q, v, self._options)
             self.step_count_check.attach(created)
             return created
         except ValueError as error:
@@ -234,13 +236,13 @@ class Simulation(Diagnosed):
         except ValueError as error:
             raise UserError(f"model {self.model.name!r}: {error}") from error
 
-    def _copy_plant(self) -> Plant:
-        """Return another plant of the same model, whose inputs are what they are now."""
-        plant = self.model.plant(self._courses)
+    def _copy_plant(self) -> CompiledMechanism:
+        """Return another compiled mechanism of the same model, whose inputs are what they are now."""
+        compiled = self.model.compile(self._courses)
         if self.settings.input_interpolation == "linear":
-            plant.inputs.extrapolate()
-        plant.inputs.restore(self.plant.inputs.state())
-        return plant
+            compiled.inputs.extrapolate()
+        compiled.inputs.restore(self.compiled.inputs.state())
+        return compiled
 
     def _report_step_count(self, found: Diagnostic) -> None:
         self._noted.append(found)
@@ -249,13 +251,13 @@ class Simulation(Diagnosed):
 
     def _warm_up(self, t0: float, q: Array, v: Array) -> None:
         """Have everything compiled that a run calls, once in a process for each kind of run."""
-        kind = (type(self.stepper), self.plant.system.m > 0)
+        kind = (type(self.stepper), self.compiled.system.m > 0)
         if kind in _compiled or not COMPILED:
             return
         options = replace(self._options, max_steps=MAX_WARMUP_STEPS)
         with self._errors_of_plugin():
-            trial = stepper(self.solver_choice.solver, self.plant.system, t0, q, v, options)
-            if compile_kernels(trial, self.plant, len(self._out)):
+            trial = stepper(self.solver_choice.solver, self.compiled.system, t0, q, v, options)
+            if compile_kernels(trial, self.compiled, len(self._out)):
                 _compiled.add(kind)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
@@ -290,7 +292,7 @@ class Simulation(Diagnosed):
 
     def energy(self) -> float:
         """Kinetic and potential energy at the time reached, J."""
-        return self.plant.energy(self.stepper.t, self.stepper.q, self.stepper.v)
+        return self.compiled.energy(self.stepper.t, self.stepper.q, self.stepper.v)
 
     @property
     def diagnostics(self) -> Sequence[Diagnostic]:
@@ -305,7 +307,7 @@ class Simulation(Diagnosed):
         stepper = self.stepper
         if stepper.status.ok:
             return self._element_monitor.folded
-        return explain_failure(self.plant, stepper.status, stepper.q, self._end, stepper.starts_singular)
+        return explain_failure(self.compiled, stepper.status, stepper.q, self._end, stepper.starts_singular)
 
     @property
     def failed(self) -> bool:
@@ -365,7 +367,7 @@ class Simulation(Diagnosed):
 
     def _report_support_motions(self, t: float) -> None:
         """Report what is unusual about the support motions that have started at t, s; raise if they cannot start."""
-        inputs = self.plant.inputs
+        inputs = self.compiled.inputs
         if self._impulse_is_unknown[0]:
             names = ", ".join(map(repr, inputs.jumping()))
             raise UserError(
@@ -446,13 +448,13 @@ class Simulation(Diagnosed):
             begin = self.t
             SEQUENCE.begin_step(self._run, float(times[done]))
             self._report_support_motions(begin)
-            ahead = times[done:] if self.plant.inputs.motions_finished else times[done : done + 1]
+            ahead = times[done:] if self.compiled.inputs.motions_finished else times[done : done + 1]
             with self._errors_of_plugin():
                 samples = self.stepper.sample(ahead, values[done : done + len(ahead)])
             count = self._element_monitor.unfolded(ahead, samples.q)
             rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
             if count > 1:
-                self.plant.inputs.skip_points(float(ahead[count - 2]))
+                self.compiled.inputs.skip_points(float(ahead[count - 2]))
             if count:
                 self._fill_energy_outputs(times[rows], samples.q, samples.energy_account, values[rows])
             done = rows.stop
@@ -465,7 +467,7 @@ class Simulation(Diagnosed):
 
     def _report_undetermined(self) -> None:
         """Warn once that forces were read at a time at which they are not determined."""
-        if isnan(self.stepper.undetermined_at) or self._reported_undetermined or not self.plant.has_force_outputs:
+        if isnan(self.stepper.undetermined_at) or self._reported_undetermined or not self.compiled.has_force_outputs:
             return
         self._reported_undetermined, t = True, float(self.stepper.undetermined_at)
         text = (
@@ -508,7 +510,7 @@ class Simulation(Diagnosed):
             There is no such input, it is given for the whole run, or the value is not finite.
         """
         index = self._input(key)
-        SEQUENCE.set_input(self._run, index, self.plant.inputs.checked(index, value))
+        SEQUENCE.set_input(self._run, index, self.compiled.inputs.checked(index, value))
 
     def retune(self, model: Model) -> None:
         """Change tunable parameters at the time reached.
@@ -528,9 +530,9 @@ class Simulation(Diagnosed):
             if before != after and not (p.varies(before) and p.varies(after)):
                 why = f", from {before!r} to {after!r}" if p.tunable else ": it is not tunable"
                 raise UserError(f"parameter {p.name!r} cannot change during a run{why}")
-        plant = model.plant(self._courses)
+        compiled = model.compile(self._courses)
         SEQUENCE.note_energy(self._run)
-        self.plant.adopt(plant)
+        self.compiled.adopt(compiled)
         SEQUENCE.retune(self._run)
         self.model = model
 
@@ -606,7 +608,7 @@ class Simulation(Diagnosed):
         head, body = decode_state(self._state_key, state)
         model = self.model.with_values(head["parameters"])
         if model != self.model:
-            self.plant.adopt(model.plant(self._courses))
+            self.compiled.adopt(model.compile(self._courses))
             self.model = model
         self._restore_session(bytes.fromhex(head["session"]), from_saved(head["lost"]))
         previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])

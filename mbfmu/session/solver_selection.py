@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from mbfmu.util.text_table import format_count
@@ -80,21 +80,21 @@ class _Trial(NamedTuple):
     limited: bool  # whether stability set the length of steps
 
 
-def select_solver(plant: Plant, states: Sequence[State], options: Options) -> SolverChoice:
+def select_solver(compiled: CompiledMechanism, states: Sequence[State], options: Options) -> SolverChoice:
     """Return the solver of the cheaper family for motions from these states, which must keep the constraints."""
-    if not plant.system.n:
+    if not compiled.system.n:
         return SolverChoice("adams", "the drives determine the motion, and nothing is integrated")
-    if plant.system.stiffness_reason:
-        solver, size = select_implicit(plant, options.absolute)
-        return SolverChoice(solver, f"stiff: {plant.system.stiffness_reason}; {size}", True)
-    first, size = select_explicit(plant)
+    if compiled.system.stiffness_reason:
+        solver, size = select_implicit(compiled, options.absolute)
+        return SolverChoice(solver, f"stiff: {compiled.system.stiffness_reason}; {size}", True)
+    first, size = select_explicit(compiled)
     if first == "ida":
         return SolverChoice(first, size)
-    tried = [_try_explicit(plant, first, state, options) for state in states]
+    tried = [_try_explicit(compiled, first, state, options) for state in states]
     if not any(trial.limited for trial in tried):
         return SolverChoice(first, f"not stiff, the step size is limited by accuracy; {size}")
-    other, other_size = select_implicit(plant, options.absolute)
-    costs = [_costs(plant, first, other, *both, options) for both in zip(states, tried, strict=True)]
+    other, other_size = select_implicit(compiled, options.absolute)
+    costs = [_costs(compiled, first, other, *both, options) for both in zip(states, tried, strict=True)]
     cost, least = (sum(family) / len(states) for family in zip(*costs, strict=True))
     numbers = f"per second of motion {cost:.3g} evaluations with {first!r}, and the cost of {least:.3g} with {other!r}"
     if least < cost:
@@ -102,13 +102,15 @@ def select_solver(plant: Plant, states: Sequence[State], options: Options) -> So
     return SolverChoice(first, f"not stiff: {numbers}; {size}")
 
 
-def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tuple[Options, list[Diagnostic]]:
+def limit_order(
+    compiled: CompiledMechanism, solver: str, state: State, options: Options
+) -> tuple[Options, list[Diagnostic]]:
     """Return the options of a run, and a warning if they limit the order of `ida`, or if a lower or higher one was set.
 
     Orders from 3 on are unstable on undamped motions that the steps do not resolve. A large tree without a mesh has
     such motions if its fastest undamped one is much faster than what the solver has to follow.
     """
-    system = plant.system
+    system = compiled.system
     requested = options.max_order
     if solver != "ida":
         return options, []
@@ -123,7 +125,7 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
     if not COMPILED:  # the eigenvalues would take longer than most runs; without a limit the error is as small
         return options, []
     try:
-        found = spectrum(plant, *state)
+        found = spectrum(compiled, *state)
     except UserError:
         return options, []
     followed = found.followed(options.absolute)
@@ -168,61 +170,65 @@ def describe_unstable_order(order: int, what: str, other: str) -> Diagnostic:
     )
 
 
-def _try_explicit(plant: Plant, solver: str, state: State, options: Options) -> _Trial:
-    rate = max(_rate(plant, state), MIN_RATE_PER_DURATION / options.duration)
-    return try_solver(plant, solver, state, options, [MAX_TRIAL_TIME_FACTOR / rate], EXPLICIT_TRIAL_STEPS)
+def _try_explicit(compiled: CompiledMechanism, solver: str, state: State, options: Options) -> _Trial:
+    rate = max(_rate(compiled, state), MIN_RATE_PER_DURATION / options.duration)
+    return try_solver(compiled, solver, state, options, [MAX_TRIAL_TIME_FACTOR / rate], EXPLICIT_TRIAL_STEPS)
 
 
-def _costs(plant: Plant, first: str, other: str, state: State, before: _Trial, options: Options) -> tuple[float, float]:
+def _costs(
+    compiled: CompiledMechanism, first: str, other: str, state: State, before: _Trial, options: Options
+) -> tuple[float, float]:
     """Return what a second from this state on costs the explicit solver and the implicit one, 1/s.
 
     ``before`` is the trial of the explicit one. The implicit one is tried last, since that takes longest, and gets on:
     where it ends is the second state, about which the explicit one and the estimate are asked again.
     """
     weight, whole = EVALUATION_WEIGHTS[other], IMPLICIT_TRIAL_TIME_FACTOR * before.took
-    least = weight * MIN_EVALUATIONS_PER_RATE * plant.system.rate
+    least = weight * MIN_EVALUATIONS_PER_RATE * compiled.system.rate
     if not before.took:
         return 0.0, 0.0
     if not least < before.cost:
         return before.cost, least
-    later = max(least, weight * _evaluations_after(plant, state, options.absolute, whole))
+    later = max(least, weight * _evaluations_after(compiled, state, options.absolute, whole))
     if later < before.cost:
         return before.cost, later
     trial = try_solver(
-        plant,
+        compiled,
         other,
         state,
         options,
         [whole / 2.0**rung for rung in range(TRIAL_TIME_DOUBLINGS, -1, -1)],
         IMPLICIT_TRIAL_STEPS,
     )
-    again = _try_explicit(plant, first, trial.end, options)
-    later = weight * _evaluations_after(plant, trial.end, options.absolute, IMPLICIT_TRIAL_TIME_FACTOR * again.took)
+    again = _try_explicit(compiled, first, trial.end, options)
+    later = weight * _evaluations_after(compiled, trial.end, options.absolute, IMPLICIT_TRIAL_TIME_FACTOR * again.took)
     return again.cost if again.took else before.cost, max(least, min(weight * trial.cost, later))
 
 
-def _evaluations_after(plant: Plant, state: State, tolerance: float, after: float) -> float:
+def _evaluations_after(compiled: CompiledMechanism, state: State, tolerance: float, after: float) -> float:
     """Return the evaluations of an implicit solver for a second of what is left ``after`` so long (s), 1/s.
 
     They are infinite where they are not known.
     """
     try:
-        swinging = spectrum(plant, *state).swinging(tolerance, after)
+        swinging = spectrum(compiled, *state).swinging(tolerance, after)
     except UserError:
         return inf
-    gain = DENSE_TOLERANCE_EXPONENT if plant.system.has_matrices else TREE_TOLERANCE_EXPONENT
+    gain = DENSE_TOLERANCE_EXPONENT if compiled.system.has_matrices else TREE_TOLERANCE_EXPONENT
     return float(
-        max(EVALUATIONS_PER_MOTION_RATE * _rate(plant, state), EVALUATIONS_PER_OSCILLATION_RATE * swinging)
+        max(EVALUATIONS_PER_MOTION_RATE * _rate(compiled, state), EVALUATIONS_PER_OSCILLATION_RATE * swinging)
         * (1e-6 / tolerance) ** gain
     )
 
 
-def _rate(plant: Plant, state: State) -> float:
+def _rate(compiled: CompiledMechanism, state: State) -> float:
     """Return the rate of the motion by gravity, drives and velocities, 1/s; zero: at rest."""
-    return max(float(plant.system.rate), float(np.abs(state[2] / plant.system.size).max()))
+    return max(float(compiled.system.rate), float(np.abs(state[2] / compiled.system.size).max()))
 
 
-def try_solver(plant: Plant, solver: str, state: State, options: Options, times: Sequence[float], steps: int) -> _Trial:
+def try_solver(
+    compiled: CompiledMechanism, solver: str, state: State, options: Options, times: Sequence[float], steps: int
+) -> _Trial:
     """Try a solver for these times (s) one after the other, until it has taken ``steps`` steps.
 
     A start that it refuses gets nowhere here; the run will say why.
@@ -231,7 +237,7 @@ def try_solver(plant: Plant, solver: str, state: State, options: Options, times:
     order = None if describe_order_refusal(solver, options.max_order) else options.max_order
     options = replace(options, max_steps=steps, max_order=order, energy_check=False)
     try:
-        trial = stepper(solver, plant.system, *state, options)
+        trial = stepper(solver, compiled.system, *state, options)
     except ValueError:
         return _Trial(state, 0.0, inf, False)
     for t in times:
@@ -242,9 +248,9 @@ def try_solver(plant: Plant, solver: str, state: State, options: Options, times:
     return _Trial((trial.t, trial.q, trial.v), took, cost, done.stability_limited > 0)
 
 
-def select_explicit(plant: Plant) -> tuple[str, str]:
+def select_explicit(compiled: CompiledMechanism) -> tuple[str, str]:
     """Return the solver to take where nothing is stiff, and what its size has to do with it."""
-    system, size = plant.system, format_count(plant.system.n, "joint coordinate")
+    system, size = compiled.system, format_count(compiled.system.n, "joint coordinate")
     if not system.has_matrices and not system.m:
         return "adams", f"a large open-chain model with {size}"
     if system.n > MAX_SOLVER_DENSE_COORDINATES:
@@ -254,9 +260,9 @@ def select_explicit(plant: Plant) -> tuple[str, str]:
     return "adams", f"{size} and {format_count(system.m, 'constraint')}" if system.m else f"{size} without loops"
 
 
-def select_implicit(plant: Plant, tolerance: float) -> tuple[str, str]:
+def select_implicit(compiled: CompiledMechanism, tolerance: float) -> tuple[str, str]:
     """Return the solver to take where something is stiff, and what its size has to do with it."""
-    system, size = plant.system, format_count(plant.system.n, "joint coordinate")
+    system, size = compiled.system, format_count(compiled.system.n, "joint coordinate")
     if system.has_matrices:
         return "radau", size
     if system.nonsmooth_reason:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from solvers.options import Options
@@ -48,7 +48,7 @@ class StepCountCheck:
     Parameters
     ----------
     copy
-        Returns a plant of the same mechanism, with inputs as they are now.
+        Returns a compiled mechanism of the same mechanism, with inputs as they are now.
     options
         Those of the run.
     report
@@ -60,7 +60,9 @@ class StepCountCheck:
         End of the run, s; None: not known.
     """
 
-    def __init__(self, copy: Callable[[], Plant], options: Options, report: Callable[[Diagnostic], None]) -> None:
+    def __init__(
+        self, copy: Callable[[], CompiledMechanism], options: Options, report: Callable[[Diagnostic], None]
+    ) -> None:
         self._copy, self._options, self._report = copy, options, report
         self.end: float | None = None
 
@@ -104,14 +106,15 @@ class StepCountCheck:
         which its error is too large.
         """
         try:
-            plant = self._copy()
+            compiled = self._copy()
         except UserError:
             return {}
-        names = {} if plant.system.nonsmooth_reason else {"adams": MAX_EXPLICIT_TRIAL_STEPS}
+        names = {} if compiled.system.nonsmooth_reason else {"adams": MAX_EXPLICIT_TRIAL_STEPS}
         if self._options.absolute >= MIN_ESDIRK_TOLERANCE:
             names["esdirk"] = IMPLICIT_TRIAL_STEPS
         times = [took * part for part in TRIAL_TIME_FACTORS]
         return {
-            name: EVALUATION_WEIGHTS.get(name, 1.0) * try_solver(plant, name, state, self._options, times, steps).cost
+            name: EVALUATION_WEIGHTS.get(name, 1.0)
+            * try_solver(compiled, name, state, self._options, times, steps).cost
             for name, steps in names.items()
         }

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.blocks import one_thread
@@ -110,8 +110,8 @@ class PerturbedDynamics:
         Whether some constraint equation nearly depends on others: always, or in a singular configuration.
     """
 
-    def __init__(self, plant: Plant, t: float, q: Array, v: Array) -> None:
-        self.system, self.t, self.q, self.v = plant.system, t, q, v
+    def __init__(self, compiled: CompiledMechanism, t: float, q: Array, v: Array) -> None:
+        self.system, self.t, self.q, self.v = compiled.system, t, q, v
         system = self.system
         self._terms = system.allocate_terms()
         self._held: Any = pin(self._terms)
@@ -172,25 +172,25 @@ class PerturbedDynamics:
         return self.as_changes((there - back) / (2.0 * STIFFNESS_DIFFERENCE_STEP))
 
 
-def spectrum(plant: Plant, t: float, q: Array, v: Array) -> Spectrum:
+def spectrum(compiled: CompiledMechanism, t: float, q: Array, v: Array) -> Spectrum:
     """Return the eigenvalues about the state (q (nq,), v (n,)) at time t, s, which must keep the constraints.
 
     In a singular configuration, or very near one, they are those of a nearby position. Raises UserError if the
     accelerations there are not determined or not finite.
     """
     try:
-        with one_thread() if plant.system.n > MIN_SINGLE_THREAD_SIZE else nullcontext():
-            return _compute_spectrum(plant, t, q, v)
+        with one_thread() if compiled.system.n > MIN_SINGLE_THREAD_SIZE else nullcontext():
+            return _compute_spectrum(compiled, t, q, v)
     except np.linalg.LinAlgError as error:
         raise UserError("the accelerations of perturbed states are not determined") from error
 
 
-def _compute_spectrum(plant: Plant, t: float, q: Array, v: Array) -> Spectrum:
+def _compute_spectrum(compiled: CompiledMechanism, t: float, q: Array, v: Array) -> Spectrum:
     """Return what :func:`spectrum` does."""
-    rate = max(plant.system.rate, float(np.abs(v / plant.system.size).max(initial=0.0)))
-    dynamics = PerturbedDynamics(plant, t, q, v) if plant.system.n else None
+    rate = max(compiled.system.rate, float(np.abs(v / compiled.system.size).max(initial=0.0)))
+    dynamics = PerturbedDynamics(compiled, t, q, v) if compiled.system.n else None
     if dynamics and dynamics.weak:
-        dynamics = PerturbedDynamics(plant, t, plant.assembly.nearby(t, q), v)
+        dynamics = PerturbedDynamics(compiled, t, compiled.assembly.nearby(t, q), v)
     if not dynamics or not dynamics.count:  # drives leave nothing free
         return Spectrum(t=t, values=np.zeros(0, complex), amplitudes=np.zeros(0), own=rate)
     still = np.zeros(dynamics.count)
@@ -201,7 +201,7 @@ def _compute_spectrum(plant: Plant, t: float, q: Array, v: Array) -> Spectrum:
     values, motions, amplitudes = _all_eigenvalues(dynamics, a) if few else _largest_eigenvalues(dynamics, a, rate)
     order = np.argsort(-np.abs(values), kind="stable")
     fastest = np.abs(dynamics.as_motion(motions[:, order[0]]))
-    leading = plant.system.coordinate_names[int(np.argmax(fastest))]
+    leading = compiled.system.coordinate_names[int(np.argmax(fastest))]
     return Spectrum(t=t, values=values[order], amplitudes=amplitudes[order], own=rate, leading=leading)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.util.diagnostics import Diagnostic
 
 STIFF_OUTPUT_TOLERANCE = 1e-7  # tolerance at which forces in the plane of a sheet in motion are good to some percents
@@ -15,9 +15,9 @@ COARSE_TEXT = (
 COARSE_REMEDY = "Repeat the run with a tenth of the tolerance and compare the results"
 
 
-def describe_loose(plant: Plant, tolerance: float) -> list[Diagnostic]:
+def describe_loose(compiled: CompiledMechanism, tolerance: float) -> list[Diagnostic]:
     """Return a warning if outputs need a smaller tolerance."""
-    names = plant.stiff_outputs
+    names = compiled.stiff_outputs
     if not names or tolerance <= STIFF_OUTPUT_TOLERANCE:
         return []
     more = f" and {len(names) - 1} more" if names[1:] else ""
@@ -29,13 +29,13 @@ def describe_loose(plant: Plant, tolerance: float) -> list[Diagnostic]:
     return [Diagnostic.warning("loose-tolerance", text, remedy, subject=names[0])]
 
 
-def describe_coarse(plant: Plant, tolerance: float, freedom: int) -> list[Diagnostic]:
+def describe_coarse(compiled: CompiledMechanism, tolerance: float, freedom: int) -> list[Diagnostic]:
     """Return a warning on how large errors may be at a coarse tolerance, if anything is integrated.
 
     The growth of errors is not estimated: at 1e-3 a growth of 3, that of a pendulum in a few swings, makes an error of
     0.3 rad possible. Sheets are left out: the solvers report their errors.
     """
-    if tolerance < COARSE_TOLERANCE or freedom == 0 or plant.mechanism.meshes:
+    if tolerance < COARSE_TOLERANCE or freedom == 0 or compiled.mechanism.meshes:
         return []
     text = f"the tolerance is {tolerance:g}: {COARSE_TEXT}"
     return [Diagnostic.warning("coarse-tolerance", text, COARSE_REMEDY, subject="tolerance")]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays import points
 from solvers import SolverError
 from solvers.compiled.tuple_pointer import pin
@@ -33,41 +33,42 @@ WARMUP_TIME_FACTOR = 1e-6  # of the time in which the motion changes
 MAX_WARMUP_STEPS = 30  # between two times of a trial
 
 
-def interval_of(trial: Stepper, plant: Plant) -> float:
+def interval_of(trial: Stepper, compiled: CompiledMechanism) -> float:
     """Return a time in which next to nothing moves, s; above the resolution of the clock."""
     n = len(trial.v)
     try:
         a, _ = trial.accelerations()
     except SolverError:
         a = np.zeros(n)
-    size = np.ascontiguousarray(np.broadcast_to(plant.system.size, n), float)
-    rate = float(start_rate(plant.system.rate, trial.options.duration, size, trial.v, a))
+    size = np.ascontiguousarray(np.broadcast_to(compiled.system.size, n), float)
+    rate = float(start_rate(compiled.system.rate, trial.options.duration, size, trial.v, a))
     return max(WARMUP_TIME_FACTOR / rate if np.isfinite(rate) else 0.0, 1e4 * float(np.spacing(abs(trial.t))))
 
 
-def compile_kernels(trial: Stepper, plant: Plant, outputs: int) -> bool:
-    """Whether all went well with everything that a run calls: steps of ``trial``, and ``outputs`` of the plant.
+def compile_kernels(trial: Stepper, compiled: CompiledMechanism, outputs: int) -> bool:
+    """Whether all went well with everything that a run calls: steps of ``trial``, and ``outputs`` of the compiled
+    mechanism.
 
     Kernels differ with the solver, with dense or large systems, and with constraints.
     """
     t0, q, v = trial.t, trial.q, trial.v
-    h, values = interval_of(trial, plant), np.zeros((1, outputs))
+    h, values = interval_of(trial, compiled), np.zeros((1, outputs))
     sampled = trial.sample(np.array([t0 + h]), values)
-    plant.observe(t0, q, v, np.zeros(len(v)), np.zeros(plant.system.m), values[0])
-    plant.energy(t0, q, v)
-    plant.limit_ratio(t0, q)
+    compiled.observe(t0, q, v, np.zeros(len(v)), np.zeros(compiled.system.m), values[0])
+    compiled.energy(t0, q, v)
+    compiled.limit_ratio(t0, q)
     ends = [trial.status, trial.advance(t0 + 2.0 * h)]
     for k in (3, 4):  # as where loads change, the second time with what is kept across
         trial.continue_after_event()
         ends.append(trial.advance(t0 + k * h))
-    _warm_up_points(trial, plant, outputs)
+    _warm_up_points(trial, compiled, outputs)
     return len(sampled.q) > 0 and all(status.ok for status in ends)
 
 
-def _warm_up_points(trial: Stepper, plant: Plant, outputs: int) -> None:
+def _warm_up_points(trial: Stepper, compiled: CompiledMechanism, outputs: int) -> None:
     """Call what communication points call, with inputs that are nobody's."""
     inputs = points.InputRecords.example()
-    session, pinned = pin(Session.allocate(plant.system.pinned_data, inputs, plant.monitored)), pin(inputs)
+    session, pinned = pin(Session.allocate(compiled.system.pinned_data, inputs, compiled.monitored)), pin(inputs)
     run = StepperRun(session, pinned, trial, outputs)
     state = trial.t, trial.q, trial.v
     begin_session(session, *state, 0, True, 1, 1e-6, 0.0, 1.0)

@@ -12,7 +12,7 @@ from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Matrix, Vector, rotation, vector
-from mbfmu.mechanics.cuts import Cut, PlaneCut
+from mbfmu.mechanics.cuts import CutJoint, PlaneCutJoint
 from mbfmu.mechanics.joints import Floating, Joint, Planar, Revolute, Weld
 from mbfmu.mechanics.numbers import is_finite
 from mbfmu.sheets.elements import Plate, Shell
@@ -264,8 +264,10 @@ class SheetMeshBuilder:
             self.held_nodes.add(node)
             kind, local = cut_of(support, n == held[len(held) // 2])
             name, place = f"{self.name}.{support.edge}.{n}", tuple(at + axes @ self._flat_position(node))
-            if support.kind == "pinned" and kind is PlaneCut:  # the pin stays in the plane of the node as that turns
-                cut: Cut = kind(at_b=place, rotation_a=local, rotation_b=axes @ local)
+            if (
+                support.kind == "pinned" and kind is PlaneCutJoint
+            ):  # the pin stays in the plane of the node as that turns
+                cut: CutJoint = kind(at_b=place, rotation_a=local, rotation_b=axes @ local)
                 yield self.mechanism.cut(name, cut, self.bodies[node], body)
             else:
                 cut = kind(at_a=place, rotation_a=axes @ local, rotation_b=local)

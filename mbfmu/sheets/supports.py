@@ -9,7 +9,7 @@ import numpy as np
 
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.checks import Matrix, Vector, one_of
-from mbfmu.mechanics.cuts import Cut, PlanarCut, PlaneCut, RevoluteCut, WeldCut
+from mbfmu.mechanics.cuts import CutJoint, PlanarCutJoint, PlaneCutJoint, RevoluteCutJoint, WeldCutJoint
 from mbfmu.util.errors import UserError
 
 SHEET_EDGES = ("x0", "x1", "z0", "z1")
@@ -53,10 +53,10 @@ def check_support(what: str, support: Support) -> None:
     one_of(f"kind of the support at {support.edge!r} of {what}", support.kind, SUPPORT_KINDS)
 
 
-def cut_of(support: Support, first: bool) -> tuple[type[Cut], Matrix]:
+def cut_of(support: Support, first: bool) -> tuple[type[CutJoint], Matrix]:
     """Kind of the cut joint of a held node, and its frame in the sheet's; ``first``: it holds the plane too."""
     if support.kind == "clamped" and first:
-        return WeldCut, np.eye(3)
+        return WeldCutJoint, np.eye(3)
     if support.kind == "pinned" and first:
-        return RevoluteCut, np.eye(3) if support.edge[0] == "x" else NORMAL_FRAME.T
-    return PlanarCut if support.kind in ("clamped", "guided") else PlaneCut, NORMAL_FRAME
+        return RevoluteCutJoint, np.eye(3) if support.edge[0] == "x" else NORMAL_FRAME.T
+    return PlanarCutJoint if support.kind in ("clamped", "guided") else PlaneCutJoint, NORMAL_FRAME

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.steady.linear import StateSpace
 from mbfmu.steady.modes import ModeShapes
@@ -18,12 +18,12 @@ from mbfmu.util.errors import EquilibriumError, UserError
 from solvers.statics.spectrum import Stability
 
 
-def build_problem(model: Model | Mechanism, plant: Plant | None = None) -> EquilibriumProblem:
-    """Return the equilibrium problem of a model, or of a plant of it whose inputs are set.
+def build_problem(model: Model | Mechanism, compiled: CompiledMechanism | None = None) -> EquilibriumProblem:
+    """Return the equilibrium problem of a model, or of a compiled mechanism of it whose inputs are set.
 
-    Steps and run-ups of drives and loads are taken to their ends. If the plant is given, a run starts in the steady
-    state, and signals are held at their values at t = 0 in this plant. If the model cannot be assembled with the
-    supports where they are, it is laid out as it was before they moved.
+    Steps and run-ups of drives and loads are taken to their ends. If the compiled mechanism is given, a run starts in
+    the steady state, and signals are held at their values at t = 0 in this compiled mechanism. If the model cannot be
+    assembled with the supports where they are, it is laid out as it was before they moved.
 
     Raises
     ------
@@ -32,11 +32,11 @@ def build_problem(model: Model | Mechanism, plant: Plant | None = None) -> Equil
         becomes constant.
     """
     model = as_model(model)
-    made = plant or model.plant()
+    made = compiled or model.compile()
     if made.system.n == 0:
         raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")
-    supports = Supports(made, finishes=plant is None)
-    if plant is None:
+    supports = Supports(made, finishes=compiled is None)
+    if compiled is None:
         finish(model.name, made)
     else:
         hold_start(made)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 from scipy.io import savemat
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays.closing import check_inertia
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import EquilibriumError, UserError
@@ -178,7 +178,7 @@ def without_rounding(mode: Mode, floor: float) -> Mode:
 
 
 def linearize(
-    plant: Plant,
+    compiled: CompiledMechanism,
     t: float,
     q: Array,
     v: Array,
@@ -193,15 +193,15 @@ def linearize(
 
     Raises EquilibriumError where a slope is not finite, AssemblyError where a free motion has no inertia.
     """
-    check_inertia(plant.system, t, q, v)
-    line = LinearizedPlant(plant, t, q, v, rows, independent)
+    check_inertia(compiled.system, t, q, v)
+    line = LinearizedPlant(compiled, t, q, v, rows, independent)
     freedom = len(line.independent)
-    free, inputs = line.unit_states(), [line.along_input(k) for k in range(len(plant.inputs))]
-    supports = plant.inputs.supports()
+    free, inputs = line.unit_states(), [line.along_input(k) for k in range(len(compiled.inputs))]
+    supports = compiled.inputs.supports()
     speeds = [k for k, (_, _, speed) in supports.items() if speed]
     directions = [*free, *(line.along_drive(k, 0) for k in speeds), *inputs]
     columns = [np.concatenate(line.respond(*direction)) for direction in directions]
-    slope = np.array(columns).reshape(len(columns), 2 * freedom + len(plant.outputs)).T
+    slope = np.array(columns).reshape(len(columns), 2 * freedom + len(compiled.outputs)).T
     if not np.isfinite(slope[: 2 * freedom]).all():
         raise EquilibriumError(
             "the linearized motion is not finite, because forces and masses differ by too many orders of magnitude"
@@ -209,23 +209,23 @@ def linearize(
     least = ZERO_ENTRY_RATIO * np.abs(slope[np.isfinite(slope)]).max(initial=0.0)
     matters = [True] * len(free) + [bool((np.abs(slope[:, len(free) + k]) > least).any()) for k in range(len(speeds))]
     if driven is not None:
-        matters[len(free) :] = [plant.drives.name(k) in driven for k in speeds]
+        matters[len(free) :] = [compiled.drives.name(k) in driven for k in speeds]
     speeds = [k for k, matter in zip(speeds, matters[len(free) :], strict=True) if matter]
     slope = slope[:, matters + [True] * len(inputs)]
     seen, slope, s = slope[2 * freedom :], slope[: 2 * freedom], len(free) + len(speeds)
     follows = np.zeros((len(speeds), s + len(inputs)))
     for row, k in zip(follows, speeds, strict=True):
-        row[s + plant.inputs.number(k, 1)] = 1.0
+        row[s + compiled.inputs.number(k, 1)] = 1.0
     slope = np.vstack((slope, follows))
-    names = [plant.system.coordinate_names[k] for k in line.independent]
+    names = [compiled.system.coordinate_names[k] for k in line.independent]
     return StateSpace(
         A=slope[:, :s],
         B=slope[:, s:],
         C=seen[:, :s],
         D=seen[:, s:],
-        states=(*names, *(f"der({name})" for name in names), *(plant.drives.name(k) for k in speeds)),
-        inputs=tuple(v.name for v in plant.inputs.variables),
-        outputs=tuple(v.name for v in plant.outputs),
+        states=(*names, *(f"der({name})" for name in names), *(compiled.drives.name(k) for k in speeds)),
+        inputs=tuple(v.name for v in compiled.inputs.variables),
+        outputs=tuple(v.name for v in compiled.outputs),
         coordinates=line.coordinates(),
         diagnostics=tuple(
             Diagnostic.note(
@@ -242,20 +242,20 @@ def linearize(
 
 
 class LinearizedPlant:
-    """First-order changes of a plant's motion along one state or input at a time."""
+    """First-order changes of a compiled mechanism's motion along one state or input at a time."""
 
     def __init__(
         self,
-        plant: Plant,
+        compiled: CompiledMechanism,
         t: float,
         q: Array,
         v: Array,
         rows: NDArray[np.int64],
         independent: NDArray[np.int64] | None = None,
     ) -> None:
-        self.plant, self.t, self.rows = plant, t, rows
+        self.compiled, self.t, self.rows = compiled, t, rows
         self.q, self.v = q.astype(complex), v.astype(complex)
-        self.system = system = plant.complex_system()
+        self.system = system = compiled.complex_system()
         self.terms = system.allocate_terms(complex)
         system.fill(t, self.q, self.v, self.terms)
         J = self.terms.J.real[rows]
@@ -274,12 +274,12 @@ class LinearizedPlant:
 
     def along_input(self, index: int) -> Direction:
         """Return the direction of an input."""
-        zero, data, inputs = np.zeros(len(self.independent)), self.system.data, self.plant.inputs
-        return zero, zero, (*inputs.places(data.arrays, self.plant.signals(data))[index], inputs.scale(index))
+        zero, data, inputs = np.zeros(len(self.independent)), self.system.data, self.compiled.inputs
+        return zero, zero, (*inputs.places(data.arrays, self.compiled.signals(data))[index], inputs.scale(index))
 
     def along_drive(self, signal: int, derivative: int) -> Direction:
         """Return the direction of the position of a drive that is an input, of its rate or of its acceleration."""
-        zero, place = np.zeros(len(self.independent)), self.plant.signals(self.system.data)[signal].record["c"]
+        zero, place = np.zeros(len(self.independent)), self.compiled.signals(self.system.data)[signal].record["c"]
         return zero, zero, (place, derivative, 0.5 if derivative == 2 else 1.0)
 
     def respond(self, x: Array, rate: Array, place: tuple[Any, int, float] | None) -> tuple[Array, Array]:
@@ -295,7 +295,7 @@ class LinearizedPlant:
         v = self.v + self._spread(rate, (T.nu - T.J @ self.v).imag[self.rows] / PRODUCT_STEP_SIZE)
         s.fill(self.t, q, v, T)
         a, lam = self._solve()
-        out = self.plant.observe_complex(s, self.t, q, v, a, lam)
+        out = self.compiled.observe_complex(s, self.t, q, v, a, lam)
         if place:
             vector[k] = vector[k].real
         change = np.concatenate((v[self.independent], a[self.independent])).imag / PRODUCT_STEP_SIZE

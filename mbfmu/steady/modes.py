@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays.closing import check_inertia
 from mbfmu.steady.linear import Mode, modes_as_text
 from mbfmu.util.errors import EquilibriumError
@@ -43,7 +43,7 @@ class ModeShapes(list[ModeShape]):
         return modes_as_text([shape.mode for shape in self])
 
 
-def find_spectrum(plant: Plant, q: Array, v: Array, lam: Array, count: int = LISTED_MODES) -> Spectrum:
+def find_spectrum(compiled: CompiledMechanism, q: Array, v: Array, lam: Array, count: int = LISTED_MODES) -> Spectrum:
     """Return the eigenvalues of the motion about a steady state q (nq,), v (n,), lam (m,).
 
     All of them, of a tree with more than LARGEST_ASSEMBLED coordinates the lowest ``count`` at least.
@@ -53,11 +53,11 @@ def find_spectrum(plant: Plant, q: Array, v: Array, lam: Array, count: int = LIS
     EquilibriumError
         They were not found.
     """
-    system = plant.system
+    system = compiled.system
     try:
         if system.has_matrices:
             check_inertia(system, 0.0, q, v)
-            return spectrum_of(linearized_matrices(plant.complex_system(), 0.0, q, v, lam))
+            return spectrum_of(linearized_matrices(compiled.complex_system(), 0.0, q, v, lam))
         if system.n <= MAX_ASSEMBLED_COORDINATES:
             with one_thread():
                 return spectrum_of(linearized_matrices(system, 0.0, q, v, lam))
@@ -66,13 +66,13 @@ def find_spectrum(plant: Plant, q: Array, v: Array, lam: Array, count: int = LIS
         raise EquilibriumError(f"the natural modes were not found: {reason}") from reason
 
 
-def shapes(plant: Plant, q: Array, count: int, lam: Array, v: Array | None = None) -> list[ModeShape]:
+def shapes(compiled: CompiledMechanism, q: Array, count: int, lam: Array, v: Array | None = None) -> list[ModeShape]:
     """Return the lowest modes about a steady state q (nq,), lam (m,), v (n,), which is rest by default.
 
     A motion that nothing resists has the eigenvalue zero.
     """
-    v = np.zeros(plant.system.n) if v is None else v
-    return shapes_of(find_spectrum(plant, q, v, lam, count))[:count]
+    v = np.zeros(compiled.system.n) if v is None else v
+    return shapes_of(find_spectrum(compiled, q, v, lam, count))[:count]
 
 
 def shapes_of(spectrum: Spectrum) -> list[ModeShape]:

@@ -139,8 +139,8 @@ class PathProblem:
 
     def __init__(self, model: Model | Mechanism, over: str) -> None:
         self.problem = build_problem(model)
-        self.plant, name = self.problem.plant, self.problem.model.name
-        inputs = [variable.name for variable in self.plant.inputs.variables]
+        self.compiled, name = self.problem.compiled, self.problem.model.name
+        inputs = [variable.name for variable in self.compiled.inputs.variables]
         if over not in inputs:
             if over in {p.name for p in self.problem.model.parameters()}:
                 raise UserError(
@@ -151,7 +151,7 @@ class PathProblem:
                 )
             raise UserError(f"model {name!r} has no input {over!r}{suggest(over, inputs)}")
         self._index = inputs.index(over)
-        self.variable = self.plant.inputs.variables[self._index]
+        self.variable = self.compiled.inputs.variables[self._index]
 
     def follower(self, begin: float, end: float, start: Mapping[str, float] | None) -> Follower:
         """Return what follows the path from the steady state at the begin."""
@@ -168,7 +168,7 @@ class PathProblem:
 
     def passing(self, name: str, limit: float) -> Callable[[State], float]:
         """Return the function that gives the distance of an output from a limit."""
-        names, limit = [variable.name for variable in self.plant.outputs], finite(f"until of {name!r}", limit)
+        names, limit = [variable.name for variable in self.compiled.outputs], finite(f"until of {name!r}", limit)
         if name not in names:
             model = self.problem.model.name
             raise UserError(f"until {name!r}: model {model!r} has no such output{suggest(name, names)}")
@@ -182,7 +182,7 @@ class PathProblem:
         """Return what is known of a state; EquilibriumError where it is no steady one."""
         self.apply(at.p)
         found = self.problem.state(at.q, at.lam, "the path")
-        known = self.plant.system.has_matrices or self.plant.system.n <= MAX_ASSEMBLED_COORDINATES
+        known = self.compiled.system.has_matrices or self.compiled.system.n <= MAX_ASSEMBLED_COORDINATES
         return PathState(
             value=at.p,
             outputs=found.outputs,
@@ -257,7 +257,7 @@ def equilibrium_path(
     return EquilibriumPath(
         input=over,
         unit=problem.variable.unit,
-        units={variable.name: variable.unit for variable in problem.plant.outputs},
+        units={variable.name: variable.unit for variable in problem.compiled.outputs},
         branches=branches,
     )
 

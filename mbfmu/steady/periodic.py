@@ -12,7 +12,7 @@ from math import gcd, lcm, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.steady.checks import CHECKED_DRIVE_POSITIONS
 from mbfmu.steady.linear import StateSpace, linearize
 from mbfmu.util.diagnostics import Diagnostic
@@ -40,26 +40,26 @@ UNKNOWN_STABILITY_TEXT = (
 
 
 class PeriodicLinearization:
-    """The linearized motion of a plant at other positions of its drives.
+    """The linearized motion of a compiled mechanism at other positions of its drives.
 
     Parameters
     ----------
-    plant, q, v, lam, rows
+    compiled, q, v, lam, rows
         A steady state (nq,), (n,), (m,), and its independent constraints.
     """
 
-    def __init__(self, plant: Plant, q: Array, v: Array, lam: Array, rows: NDArray[np.int64]) -> None:
-        self.plant, self.q, self.v, self.lam, self.rows = plant, q, v, lam, rows
-        self._system = plant.complex_system() if plant.system.has_matrices else plant.system
+    def __init__(self, compiled: CompiledMechanism, q: Array, v: Array, lam: Array, rows: NDArray[np.int64]) -> None:
+        self.compiled, self.q, self.v, self.lam, self.rows = compiled, q, v, lam, rows
+        self._system = compiled.complex_system() if compiled.system.has_matrices else compiled.system
 
     def at(self, t: float) -> tuple[Array, Array]:
         """Return positions (nq,) and multipliers (m,) at time t, when constraints may have turned with the drives."""
-        q, lam, system = self.q.copy(), self.lam, self.plant.system
+        q, lam, system = self.q.copy(), self.lam, self.compiled.system
         system.apply(q, t * self.v)
         if len(self.rows):
             terms = system.allocate_terms()
             system.fill_position(t, q, terms)
-            forces = self.plant.inverse_dynamics(t, q, self.v, np.zeros(system.n), np.zeros(system.m))
+            forces = self.compiled.inverse_dynamics(t, q, self.v, np.zeros(system.n), np.zeros(system.m))
             lam = np.zeros(system.m)
             lam[self.rows] = np.linalg.lstsq(terms.J[self.rows].T, -forces, rcond=None)[0]
         return q, lam
@@ -71,11 +71,11 @@ class PeriodicLinearization:
 
     def changes(self) -> bool:
         """Whether the linearized motion differs at other positions of the drives."""
-        fastest = max(self.plant.drives.rates(), default=0.0)
+        fastest = max(self.compiled.drives.rates(), default=0.0)
         if not fastest:
             return False
         times = [turn / fastest for turn in CHECKED_DRIVE_POSITIONS]
-        if not self.plant.system.has_matrices and self.plant.system.n > MAX_ASSEMBLED_COORDINATES:
+        if not self.compiled.system.has_matrices and self.compiled.system.n > MAX_ASSEMBLED_COORDINATES:
             return self._products_change(times)
         first = self.matrices(0.0)
         stiff = np.sqrt(np.abs(np.diag(first.K)) + first.rate**2 * np.diag(first.M))
@@ -96,7 +96,7 @@ class PeriodicLinearization:
 
     def _constraints_turn(self, t: float, basis: Array) -> bool:
         """Whether the constraints at time t do not allow the motions of a basis (n, f)."""
-        system = self.plant.system
+        system = self.compiled.system
         if not system.m:
             return False
         terms = system.allocate_terms()
@@ -106,7 +106,7 @@ class PeriodicLinearization:
 
     def _products_change(self, times: list[float]) -> bool:
         """Whether products with a random motion differ; of a tree without constraints."""
-        system = self.plant.system
+        system = self.compiled.system
         if system.m:
             return False
         products, random = Products(system), np.random.default_rng(4)
@@ -122,8 +122,8 @@ class PeriodicLinearization:
 
     def spectrum(self) -> Spectrum:
         """Return the characteristic exponents; EquilibriumError where they are not found."""
-        period, system = common_period(self.plant), self.plant.system
-        cycles = period * sum(abs(speed) for _, speed, _ in self.plant.drives.speeds()) / (2.0 * pi)
+        period, system = common_period(self.compiled), self.compiled.system
+        cycles = period * sum(abs(speed) for _, speed, _ in self.compiled.drives.speeds()) / (2.0 * pi)
         if not system.has_matrices and system.n > MAX_ASSEMBLED_COORDINATES:
             raise EquilibriumError(
                 UNKNOWN_STABILITY_TEXT.format(
@@ -143,27 +143,27 @@ class PeriodicLinearization:
 
     def _state_matrix(self, t: float) -> Array:
         """Return A (2n, 2n) of a mechanism without constraints, coordinates in units."""
-        found = self.matrices(t, np.diag(self.plant.system.size))
+        found = self.matrices(t, np.diag(self.compiled.system.size))
         n = len(found.M)
         inverse = np.linalg.solve(found.M, np.hstack((found.K, found.C)))
         return np.block([[np.zeros((n, n)), np.eye(n)], [-inverse]])
 
     def _constrained(self, period: float, cycles: float) -> Spectrum:
         """Return the characteristic exponents by the independent coordinates."""
-        first = linearize(self.plant, 0.0, self.q, self.v, self.rows)
+        first = linearize(self.compiled, 0.0, self.q, self.v, self.rows)
         return characteristic_exponents(lambda t: self._linearized(t, first).free, period, cycles, first.coordinates)
 
     def _linearized(self, t: float, first: StateSpace) -> StateSpace:
         """Return the state matrices at time t, of the states of the first ones."""
-        names, freedom = list(self.plant.system.coordinate_names), first.coordinates.shape[1]
+        names, freedom = list(self.compiled.system.coordinate_names), first.coordinates.shape[1]
         independent = np.array([names.index(name) for name in first.states[:freedom]], np.int64)
         driven = first.states[2 * freedom :]
-        return linearize(self.plant, t, self.at(t)[0], self.v, self.rows, independent, driven)
+        return linearize(self.compiled, t, self.at(t)[0], self.v, self.rows, independent, driven)
 
     def state_space(self) -> StateSpace:
         """Return the state matrices, and which of them are others at other positions of the drives."""
-        first = linearize(self.plant, 0.0, self.q, self.v, self.rows)
-        fastest = max(self.plant.drives.rates(), default=0.0)
+        first = linearize(self.compiled, 0.0, self.q, self.v, self.rows)
+        fastest = max(self.compiled.drives.rates(), default=0.0)
         if not fastest:
             return first
         others = [self._linearized(turn / fastest, first) for turn in CHECKED_DRIVE_POSITIONS]
@@ -176,19 +176,19 @@ class PeriodicLinearization:
         return replace(first, periodic=tuple(changed))
 
 
-def describe_period(plant: Plant) -> Diagnostic:
+def describe_period(compiled: CompiledMechanism) -> Diagnostic:
     """Return the note on periodic coefficients."""
     try:
-        period = common_period(plant)
+        period = common_period(compiled)
     except EquilibriumError as error:
         return Diagnostic.parse(without_code(str(error)), "note", "periodic-coefficients")
     return Diagnostic.note("periodic-coefficients", PERIODIC_NOTE.format(period=period, frequency=2.0 * pi / period))
 
 
-def common_period(plant: Plant) -> float:
+def common_period(compiled: CompiledMechanism) -> float:
     """Return the time in which all drives come back to where they are, s; EquilibriumError where there is none."""
-    units = {body.name: body.joint.units[0] for body in plant.mechanism.bodies if body.joint.drive is not None}
-    moving = [(name, abs(speed)) for name, speed, _ in plant.drives.speeds() if speed]
+    units = {body.name: body.joint.units[0] for body in compiled.mechanism.bodies if body.joint.drive is not None}
+    moving = [(name, abs(speed)) for name, speed, _ in compiled.drives.speeds() if speed]
     for name, _ in moving:
         if units[name] != "rad":
             raise EquilibriumError(UNKNOWN_STABILITY_TEXT.format(reason=f"the drive of {name!r} is not periodic"))

@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model
@@ -74,29 +74,29 @@ class EquilibriumProblem:
         Supports that steps and inputs move.
     """
 
-    def __init__(self, model: Model, plant: Plant, supports: Supports) -> None:
-        self.model, self.plant, self.supports = model, plant, supports
-        self._names = position_names(plant)
+    def __init__(self, model: Model, compiled: CompiledMechanism, supports: Supports) -> None:
+        self.model, self.compiled, self.supports = model, compiled, supports
+        self._names = position_names(compiled)
         self._start = self.start()
-        self._v, self._cyclic = np.zeros(plant.system.n), np.zeros(plant.system.n, bool)
+        self._v, self._cyclic = np.zeros(compiled.system.n), np.zeros(compiled.system.n, bool)
         self._lay_out()
-        if not plant.system.has_matrices:
-            data = plant.data
-            self._cyclic = find_cyclic(plant.system, self._start)
+        if not compiled.system.has_matrices:
+            data = compiled.data
+            self._cyclic = find_cyclic(compiled.system, self._start)
             self._v = self._steady_velocities()
-            self._solver: EquilibriumSolver = TreeEquilibriumSolver(plant.system, self._v, bool(self._cyclic.any()))
+            self._solver: EquilibriumSolver = TreeEquilibriumSolver(compiled.system, self._v, bool(self._cyclic.any()))
             self._solver.run_trial(self._start)
         else:
-            self._complex = plant.complex_system()
+            self._complex = compiled.complex_system()
             data = self._complex.data
-            general = plant.assembly.nearby(0.0, self._start)
+            general = compiled.assembly.nearby(0.0, self._start)
             self._cyclic = self._find_cyclic(general)
             self._v = self._steady_velocities()
             self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
             self._solver.run_trial(self._start)
-            supports.add_complex_copy(data.arrays, plant.signals(data))
-        self.signals = plant.signals(data)
-        self._full_speeds = plant.drives.full_speeds()
+            supports.add_complex_copy(data.arrays, compiled.signals(data))
+        self.signals = compiled.signals(data)
+        self._full_speeds = compiled.drives.full_speeds()
 
     def start(self, given: Mapping[str, float] | None = None) -> Array:
         """Return closed positions (nq,): the model's start with coordinates ``given`` by name instead, held.
@@ -106,7 +106,7 @@ class EquilibriumProblem:
         UserError
             No such coordinate, or the loops cannot be closed, or a sheet is folded there.
         """
-        q, held = self.plant.assembly.start_positions(), self.plant.assembly.held()
+        q, held = self.compiled.assembly.start_positions(), self.compiled.assembly.held()
         if not isinstance(given or {}, Mapping):
             raise UserError(f"start is {given!r}; allowed: positions by the names of coordinates")
         for name, value in (given or {}).items():
@@ -116,19 +116,19 @@ class EquilibriumProblem:
                 )
             q[self._names.index(name)] = finite(f"start of coordinate {name!r}", value)
         if given:
-            held[:] = [name in given for name in self.plant.system.coordinate_names]
-        q = self.plant.assembly.close(0.0, q, held)
-        self.plant.check_positions(0.0, q)
+            held[:] = [name in given for name in self.compiled.system.coordinate_names]
+        q = self.compiled.assembly.close(0.0, q, held)
+        self.compiled.check_positions(0.0, q)
         return q
 
     def set_input(self, index: int, value: float) -> None:
         """Let an input have another value, here and in the complex twin."""
-        plant, dense = self.plant, self.plant.system.has_matrices
-        plant.inputs.start(index, value)
+        compiled, dense = self.compiled, self.compiled.system.has_matrices
+        compiled.inputs.start(index, value)
         if dense:
-            place, k = plant.inputs.places(self._complex.data.arrays, self.signals)[index]
-            place[k] = value * plant.inputs.scale(index)
-        self._full_speeds = plant.drives.full_speeds()
+            place, k = compiled.inputs.places(self._complex.data.arrays, self.signals)[index]
+            place[k] = value * compiled.inputs.scale(index)
+        self._full_speeds = compiled.drives.full_speeds()
         if self._cyclic.any():
             self._v = self._steady_velocities()
             self._solver.set_velocities(self._v)
@@ -137,11 +137,11 @@ class EquilibriumProblem:
         """Return the equations as paths take them, with the inputs as they are at any time."""
         if isinstance(self._solver, DenseEquilibriumSolver):
             return DenseLinearized(self._solver)
-        return TreeLinearized(self.plant.system, self._v)
+        return TreeLinearized(self.compiled.system, self._v)
 
     def state(self, q: Array, lam: Array, found_from: str) -> Equilibrium:
         """Return what else found, by the multipliers of the independent rows; EquilibriumError where it is no state."""
-        full = np.zeros(self.plant.system.m)
+        full = np.zeros(self.compiled.system.m)
         full[self._solver.rows] = lam
         forces, gaps = self._solver.residual(0.0, q, full)
         solution = Solution(outcome=Outcome.FOUND, q=q, lam=full, iterations=0, forces=forces, gaps=gaps)
@@ -149,20 +149,20 @@ class EquilibriumProblem:
 
     def scattered(self, count: int) -> Iterator[Array]:
         """Yield up to ``count`` closed starts spread over the coordinates, the same in every run."""
-        system = self.plant.system
+        system = self.compiled.system
         random, free = np.random.default_rng(0), np.zeros(system.n, bool)
         far = 2.0 * system.size  # the errors of a chain add up, so do starts
         for _ in range(count):
             q = self._start.copy()
             system.apply(q, far * random.uniform(-1.0, 1.0, system.n))
             try:
-                yield self.plant.assembly.close(0.0, q, free)
+                yield self.compiled.assembly.close(0.0, q, free)
             except AssemblyError:
                 continue
 
     def _find_cyclic(self, q: Array) -> NDArray[np.bool_]:
         """Return the coordinates (n,) on which the equations of motion do not depend, at positions q (nq,)."""
-        system, n = self._complex, self.plant.system.n
+        system, n = self._complex, self.compiled.system.n
         v, terms = np.random.default_rng(2).uniform(-1.0, 1.0, n).astype(complex), system.allocate_terms(complex)
         cyclic = np.zeros(n, bool)
         for k in range(n):
@@ -176,12 +176,12 @@ class EquilibriumProblem:
 
     def _steady_velocities(self) -> Array:
         """Return the velocities (n,) of the steady motion: those of cyclic coordinates, as the couplings want them."""
-        plant, system = self.plant, self.plant.system
-        v = np.where(self._cyclic, plant.assembly.start_velocities(), 0.0)
-        if plant.mechanism.couplings and self._cyclic.any():
+        compiled, system = self.compiled, self.compiled.system
+        v = np.where(self._cyclic, compiled.assembly.start_velocities(), 0.0)
+        if compiled.mechanism.couplings and self._cyclic.any():
             terms = system.allocate_terms()
             system.fill(0.0, self._start, v, terms)
-            held, opening = ~self._cyclic | plant.assembly.held(), terms.J @ v - terms.nu
+            held, opening = ~self._cyclic | compiled.assembly.held(), terms.J @ v - terms.nu
             v -= system.size * least_change(system, terms.J, opening / system.row_size, held)
         return v
 
@@ -202,7 +202,7 @@ class EquilibriumProblem:
         """
         q = self._start if q is None else q
         if self._solver.is_singular(0.0, q):
-            forces, _ = self._solver.residual(0.0, q, np.zeros(self.plant.system.m))
+            forces, _ = self._solver.residual(0.0, q, np.zeros(self.compiled.system.m))
             raise EquilibriumError(
                 f"the start of {self.model.name!r} is a singular configuration: the constraints lose rank, so "
                 f"that their forces are not determined (residual {np.abs(forces).max():.3g} N or N m without "
@@ -226,11 +226,11 @@ class EquilibriumProblem:
 
     def _checked(self, solution: Solution, found_from: str, elapsed: float, *, continued: bool) -> Equilibrium:
         """Return what was found, if it is a steady state."""
-        check(self.model.name, self.plant, self._solver, self._v, solution, lasts=self.supports.finishes)
-        periodic = PeriodicLinearization(self.plant, solution.q, self._v, solution.lam, self._solver.rows).changes()
+        check(self.model.name, self.compiled, self._solver, self._v, solution, lasts=self.supports.finishes)
+        periodic = PeriodicLinearization(self.compiled, solution.q, self._v, solution.lam, self._solver.rows).changes()
         found = Equilibrium(
             model=self.model,
-            plant=self.plant,
+            compiled=self.compiled,
             q=solution.q,
             v=self._v,
             lam=solution.lam,
@@ -242,8 +242,8 @@ class EquilibriumProblem:
             continued=continued,
             diagnostics=(
                 *self._notes(),
-                *self.plant.coincident(0.0, solution.q),
-                *([describe_period(self.plant)] if periodic else ()),
+                *self.compiled.coincident(0.0, solution.q),
+                *([describe_period(self.compiled)] if periodic else ()),
                 *self._describe_mesh(solution.q),
             ),
             periodic=periodic,
@@ -263,13 +263,13 @@ class EquilibriumProblem:
 
     def _describe_mesh(self, q: Array) -> tuple[Diagnostic, ...]:
         """Return a warning if elements are beyond the limits of their theory in a state."""
-        if self.plant.limit_ratio(0.0, q) <= 1.0:
+        if self.compiled.limit_ratio(0.0, q) <= 1.0:
             return ()
-        return (Diagnostic.parse(self.plant.describe_limit(0.0, q), "warning", "coarse-mesh"),)
+        return (Diagnostic.parse(self.compiled.describe_limit(0.0, q), "warning", "coarse-mesh"),)
 
     def _notes(self) -> tuple[Diagnostic, ...]:
         """Return what the steady state is not, though the model's start may have meant it to be."""
-        given, names = self.plant.assembly.start_velocities(), self.plant.system.coordinate_names
+        given, names = self.compiled.assembly.start_velocities(), self.compiled.system.coordinate_names
         dropped = [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero((given != self._v) & (given != 0.0))]
         if not dropped:
             return ()
@@ -281,14 +281,14 @@ class EquilibriumProblem:
 
     def _set_speed(self, part: float) -> None:
         """Let every drive run at ``part`` of its speed."""
-        self.plant.drives.run_at(part * self._full_speeds, self.signals)
+        self.compiled.drives.run_at(part * self._full_speeds, self.signals)
         if self._cyclic.any():
             self._v = self._steady_velocities()
             self._solver.set_velocities(self._v)
 
     def _continue_from_rest(self, q: Array, failed: Solution) -> Solution:
         """Follow the steady state from rest to full speed."""
-        if not any(speed for _, speed, _ in self.plant.drives.speeds()):
+        if not any(speed for _, speed, _ in self.compiled.drives.speeds()):
             raise EquilibriumError(self._failure(failed, "no equilibrium was found"))
         part, step, iterations = 0.0, 0.25, failed.iterations
         lam: Array | None = None
@@ -318,33 +318,33 @@ class EquilibriumProblem:
 
     def _failure(self, solution: Solution, what: str) -> str:
         worst = int(np.argmax(np.abs(solution.forces)))
-        gap = self.plant.length * float(np.abs(solution.gaps / self.plant.system.row_size).max(initial=0.0))
+        gap = self.compiled.length * float(np.abs(solution.gaps / self.compiled.system.row_size).max(initial=0.0))
         if solution.outcome is not Outcome.NOT_FINITE and (pushed := self._describe_pushed()):
             return (
                 f"{what} for {self.model.name!r}: at the start nothing resists {pushed}, on which the loads act; "
                 "add a support, or try another start (--from)"
             )
-        advice = SLIDING_TEXT if self.plant.system.nonsmooth_reason else "try another start (--from)"
+        advice = SLIDING_TEXT if self.compiled.system.nonsmooth_reason else "try another start (--from)"
         return (
             f"{what} for {self.model.name!r}: {OUTCOME_TEXTS[solution.outcome]}; residual "
             f"{abs(solution.forces[worst]):.3g} "
-            f"N or N m at {self.plant.system.coordinate_names[worst]!r}, loops open by {gap:.3g} m; "
+            f"N or N m at {self.compiled.system.coordinate_names[worst]!r}, loops open by {gap:.3g} m; "
             f"{advice}"
         )
 
     def _describe_pushed(self) -> str:
         """Return a message on the motion of a large model at the start on which loads act without resistance."""
-        if self.plant.system.has_matrices:
+        if self.compiled.system.has_matrices:
             return ""
-        forces, _ = self._solver.residual(0.0, self._start, np.zeros(self.plant.system.m))
-        return describe_pushed(self.plant, self._start, forces, STEADY_TOLERANCE)
+        forces, _ = self._solver.residual(0.0, self._start, np.zeros(self.compiled.system.m))
+        return describe_pushed(self.compiled, self._start, forces, STEADY_TOLERANCE)
 
     def others(self, found: Equilibrium, count: int | None = None) -> list[Equilibrium]:
         """Return further steady states, each once: from scattered starts (24, 4 on a large tree), and where the one
         found is unstable, by continuation from the model's start.
         """
         if count is None:
-            count = 4 if not self.plant.system.has_matrices else 24
+            count = 4 if not self.compiled.system.has_matrices else 24
         states = [found]
         searches = [(q, "a scattered start", False) for q in self.scattered(count)]
         if count and found.stability is Stability.UNSTABLE:
@@ -361,7 +361,7 @@ class EquilibriumProblem:
     def same(self, a: Array, b: Array) -> bool:
         """Whether two positions are one: whole turns of a joint do not count, nor cyclic coordinates."""
         change = self.difference(a, b)
-        change[self._plain[0]] /= self.plant.system.size[self._plain[1]]
+        change[self._plain[0]] /= self.compiled.system.size[self._plain[1]]
         return bool(np.abs(change).max() < SAME_STATE_DISTANCE)
 
     def difference(self, a: Array, b: Array) -> Array:
@@ -384,7 +384,7 @@ class EquilibriumProblem:
         self._angles: list[int] = []
         self._quaternions: list[int] = []
         k = i = 0
-        for body in self.plant.mechanism.bodies:
+        for body in self.compiled.mechanism.bodies:
             joint = body.joint
             if joint.drive is not None or joint.nq == 0:
                 continue

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.recursions.dynamics import update_kinematics
 from mbfmu.steady.modes import shapes
 from mbfmu.util.errors import EquilibriumError
@@ -21,10 +21,10 @@ ZERO_COMPONENT_TOLERANCE = 1e-3  # components of directions below which they are
 Matrix = NDArray[np.float64]
 
 
-def free_motions(plant: Plant, q: Array, lam: Array) -> Matrix:
+def free_motions(compiled: CompiledMechanism, q: Array, lam: Array) -> Matrix:
     """Return the motions (n, k) about a state q (nq,), lam (m,) that nothing resists, of unit modal mass."""
-    found = [in_phase(s.motion) for s in shapes(plant, q, EVALUATED_MODES, lam) if s.mode.eigenvalue == 0.0]
-    return np.array(found).reshape(len(found), plant.system.n).T
+    found = [in_phase(s.motion) for s in shapes(compiled, q, EVALUATED_MODES, lam) if s.mode.eigenvalue == 0.0]
+    return np.array(found).reshape(len(found), compiled.system.n).T
 
 
 def in_phase(motion: NDArray[Any]) -> Matrix:
@@ -32,10 +32,10 @@ def in_phase(motion: NDArray[Any]) -> Matrix:
     return np.asarray((motion * np.exp(-1j * np.angle(motion[np.argmax(np.abs(motion))]))).real)
 
 
-def describe_motions(plant: Plant, q: Array, motions: Matrix) -> str:
+def describe_motions(compiled: CompiledMechanism, q: Array, motions: Matrix) -> str:
     """Describe motions (n, k) about positions q (nq,), rigid ones together by what spans them."""
-    names = plant.system.coordinate_names
-    place, size, twists = _twists(plant, q, motions)
+    names = compiled.system.coordinate_names
+    place, size, twists = _twists(compiled, q, motions)
     words: list[str] = []
     rigid = [twist for twist in twists if twist is not None]
     if rigid:
@@ -48,29 +48,29 @@ def describe_motions(plant: Plant, q: Array, motions: Matrix) -> str:
     return "; ".join(words)
 
 
-def describe_pushed(plant: Plant, q: Array, forces: Array, least: float) -> str:
+def describe_pushed(compiled: CompiledMechanism, q: Array, forces: Array, least: float) -> str:
     """Return a message on the motion about q (nq,) on which forces (n,) act without resistance; empty: none.
 
     ``least``: share of the forces from which on they act on a motion.
     """
     try:
-        motions = free_motions(plant, q, np.zeros(plant.system.m))
+        motions = free_motions(compiled, q, np.zeros(compiled.system.m))
     except EquilibriumError:  # what failed first is what there is to report
         return ""
     along = motions.T @ forces
     if np.abs(along).max(initial=0.0) <= least * float(np.linalg.norm(forces)):
         return ""
-    return describe_motions(plant, q, motions @ along[:, np.newaxis])
+    return describe_motions(compiled, q, motions @ along[:, np.newaxis])
 
 
-def _twists(plant: Plant, q: Array, motions: Matrix) -> tuple[Matrix, float, list[Matrix | None]]:
+def _twists(compiled: CompiledMechanism, q: Array, motions: Matrix) -> tuple[Matrix, float, list[Matrix | None]]:
     """Return the middle of the bodies, their reach from it, and the twist (6,) of every motion about that middle.
 
     A twist is (velocity, angular velocity times reach); None: the motion is none of a rigid body.
     """
-    n, data = plant.system.n, plant.data
+    n, data = compiled.system.n, compiled.data
     massive = data.arrays.bodies["mass"] > 0.0
-    update_kinematics(0.0, q, np.zeros(n), *plant.kernel_data)
+    update_kinematics(0.0, q, np.zeros(n), *compiled.kernel_data)
     drift, r = data.state.bodies["Y"][massive].copy(), data.state.bodies["r"][massive].copy()
     place = r.mean(axis=0)
     size = float(np.linalg.norm(r - place, axis=1).max()) or 1.0
@@ -82,7 +82,7 @@ def _twists(plant: Plant, q: Array, motions: Matrix) -> tuple[Matrix, float, lis
     flat = map_.reshape(-1, 6)
     found: list[Matrix | None] = []
     for motion in motions.T:
-        update_kinematics(0.0, q, motion, *plant.kernel_data)
+        update_kinematics(0.0, q, motion, *compiled.kernel_data)
         Y = data.state.bodies["Y"][massive] - drift
         Y[:, 3:] *= size
         twist = np.linalg.lstsq(flat, Y.reshape(-1), rcond=None)[0]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.modeling.model import Model
 from mbfmu.steady.linear import Mode, StateSpace, modes_as_text
 from mbfmu.steady.modes import LISTED_MODES, ModeShapes, find_spectrum, shapes_of
@@ -33,7 +33,7 @@ class Equilibrium(Diagnosed):
 
     Attributes
     ----------
-    model, plant
+    model, compiled
         Model, and its compiled mechanism with the drives and inputs of the steady state.
     q, v, lam
         Positions (nq,), velocities (n,) and multipliers (m,).
@@ -57,7 +57,7 @@ class Equilibrium(Diagnosed):
     """
 
     model: Model
-    plant: Plant
+    compiled: CompiledMechanism
     q: Array
     v: Array
     lam: Array
@@ -73,19 +73,19 @@ class Equilibrium(Diagnosed):
     @cached_property
     def outputs(self) -> dict[str, float]:
         """The model's outputs in the steady state."""
-        out = np.zeros(len(self.plant.outputs))
-        self.plant.observe(0.0, self.q, self.v, np.zeros(self.plant.system.n), self.lam, out)
-        return {v.name: float(x) for v, x in zip(self.plant.outputs, out, strict=True)}
+        out = np.zeros(len(self.compiled.outputs))
+        self.compiled.observe(0.0, self.q, self.v, np.zeros(self.compiled.system.n), self.lam, out)
+        return {v.name: float(x) for v, x in zip(self.compiled.outputs, out, strict=True)}
 
     @cached_property
     def state_space(self) -> StateSpace:
         """The linearized motion; EquilibriumError for a large tree, which has no dense matrices."""
-        if not self.plant.system.has_matrices:
+        if not self.compiled.system.has_matrices:
             raise EquilibriumError(
-                f"model {self.model.name!r} has {self.plant.system.n} coordinates: too many for state matrices; "
+                f"model {self.model.name!r} has {self.compiled.system.n} coordinates: too many for state matrices; "
                 "its lowest modes are known (mbfmu modes)"
             )
-        return PeriodicLinearization(self.plant, self.q, self.v, self.lam, self.rows).state_space()
+        return PeriodicLinearization(self.compiled, self.q, self.v, self.lam, self.rows).state_space()
 
     @cached_property
     def spectrum(self) -> Spectrum:
@@ -93,8 +93,8 @@ class Equilibrium(Diagnosed):
         periodic, its characteristic exponents.
         """
         if self.periodic:
-            return PeriodicLinearization(self.plant, self.q, self.v, self.lam, self.rows).spectrum()
-        return find_spectrum(self.plant, self.q, self.v, self.lam)
+            return PeriodicLinearization(self.compiled, self.q, self.v, self.lam, self.rows).spectrum()
+        return find_spectrum(self.compiled, self.q, self.v, self.lam)
 
     @cached_property
     def modes(self) -> list[Mode]:
@@ -117,7 +117,7 @@ class Equilibrium(Diagnosed):
             Largest number of modes.
         """
         enough = self.spectrum.complete or count <= LISTED_MODES
-        found = self.spectrum if enough else find_spectrum(self.plant, self.q, self.v, self.lam, count)
+        found = self.spectrum if enough else find_spectrum(self.compiled, self.q, self.v, self.lam, count)
         return ModeShapes(shapes_of(found)[:count])
 
     @property
@@ -136,13 +136,13 @@ class Equilibrium(Diagnosed):
     @cached_property
     def free(self) -> str:
         """Message on the motions of a large model without resistance; empty if there are none."""
-        if self.stability is not Stability.NEUTRAL or self.plant.system.has_matrices:
+        if self.stability is not Stability.NEUTRAL or self.compiled.system.has_matrices:
             return ""
-        return describe_motions(self.plant, self.q, free_motions(self.plant, self.q, self.lam))
+        return describe_motions(self.compiled, self.q, free_motions(self.compiled, self.q, self.lam))
 
     def __str__(self) -> str:
         """Return outputs with their units, stability and modes as tables."""
-        units = {v.name: v.unit for v in self.plant.outputs}
+        units = {v.name: v.unit for v in self.compiled.outputs}
         rows = [(name, f"{x:.12g}", units[name]) for name, x in self.outputs.items()]
         lines = [
             f"{self.model.name}: steady state found from {self.found_from} in {self.effort}",
@@ -171,7 +171,7 @@ class Equilibrium(Diagnosed):
 
     def positions(self) -> dict[str, float]:
         """Return the coordinates by name; those of an orientation as its quaternion."""
-        names = position_names(self.plant)
+        names = position_names(self.compiled)
         return dict(zip(names, map(float, self.q), strict=True))
 
     def as_dict(self) -> dict[str, Any]:
@@ -187,7 +187,7 @@ class Equilibrium(Diagnosed):
             "solve_time_s": self.solve_time,
             "positions": self.positions(),
             "outputs": self.outputs,
-            "constraint_forces": dict(zip(self.plant.system.constraint_names, map(float, self.lam), strict=True)),
+            "constraint_forces": dict(zip(self.compiled.system.constraint_names, map(float, self.lam), strict=True)),
             "stability": self.stability,
             "free_motions": self.free,
             "stable": self.stability.stays,
@@ -204,10 +204,10 @@ class Equilibrium(Diagnosed):
         }
 
 
-def position_names(plant: Plant) -> list[str]:
+def position_names(compiled: CompiledMechanism) -> list[str]:
     """Return a name for each position (nq,): the coordinate's, or ``body.e0`` ... for a quaternion."""
     names: list[str] = []
-    for body in plant.mechanism.bodies:
+    for body in compiled.mechanism.bodies:
         joint = body.joint
         if joint.drive is None:
             plain = joint.nq - 4 * joint.quaternion

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.signals import InUse
 from mbfmu.steady.state import Equilibrium
 from mbfmu.util.errors import EquilibriumError
@@ -37,29 +37,29 @@ FOLLOWED_TEXT = "the supports where they start, by following their motion"
 
 
 class Supports:
-    """Positions of the supports of a plant that steps and inputs move, those of steps first.
+    """Positions of the supports of a compiled mechanism that steps and inputs move, those of steps first.
 
     Parameters
     ----------
-    plant
-        Plant whose steps have not been taken to their ends yet.
+    compiled
+        CompiledMechanism whose steps have not been taken to their ends yet.
     finishes
         Whether they will be. Else they are held at t = 0, because a run starts in the steady state.
     """
 
-    def __init__(self, plant: Plant, *, finishes: bool) -> None:
-        signals, self.finishes = plant.signals(plant.data), finishes
-        steps = [step.record for step in plant.drives.steps(signals)] if finishes else []
+    def __init__(self, compiled: CompiledMechanism, *, finishes: bool) -> None:
+        signals, self.finishes = compiled.signals(compiled.data), finishes
+        steps = [step.record for step in compiled.drives.steps(signals)] if finishes else []
         self._before = [float(record["offset"]) for record in steps]
         self._zero = [0.0 if record["height"] else float(record["offset"]) for record in steps]
-        self._steps, self._plant, self._inputs = [steps], plant, plant.inputs.positions()
-        self._places = [plant.inputs.places(plant.data.arrays, signals)]
+        self._steps, self._compiled_mechanism, self._inputs = [steps], compiled, compiled.inputs.positions()
+        self._places = [compiled.inputs.places(compiled.data.arrays, signals)]
 
     def add_complex_copy(self, arrays: Any, signals: list[InUse]) -> None:
-        """Let the supports of the complex twin of the plant move as well."""
+        """Let the supports of the complex twin of the compiled mechanism move as well."""
         if self._before:
-            self._steps.append([step.record for step in self._plant.drives.steps(signals)])
-        self._places.append(self._plant.inputs.places(arrays, signals))
+            self._steps.append([step.record for step in self._compiled_mechanism.drives.steps(signals)])
+        self._places.append(self._compiled_mechanism.inputs.places(arrays, signals))
 
     def positions(self) -> Array:
         """Return where the supports are, m or rad."""
@@ -69,7 +69,7 @@ class Supports:
     def beginnings(self) -> list[Array]:
         """Return from where the supports have come to their positions: from where they start, then from zero."""
         here, found = self.positions(), list[Array]()
-        starts = [self._plant.inputs.variables[index].start for index in self._inputs]
+        starts = [self._compiled_mechanism.inputs.variables[index].start for index in self._inputs]
         for places in ([*self._before, *starts], [*self._zero, *(0.0 for _ in starts)]):
             begin = np.array(places)
             if not any(np.array_equal(begin, other) for other in (here, *found)):
@@ -83,7 +83,7 @@ class Supports:
             for record, position in zip(records, positions[:count], strict=True):
                 record["offset"] = position
         for index, position in zip(self._inputs, positions[count:], strict=True):
-            self._plant.inputs.start(index, float(position))
+            self._compiled_mechanism.inputs.start(index, float(position))
             for places in self._places[1:]:
                 array, k = places[index]
                 array[k] = position

@@ -5,7 +5,7 @@ A signal that drives a joint may move at constant speed in a steady state. One t
 
 from __future__ import annotations
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.dispatch import signal as signal_at
 from mbfmu.mechanics.signals import Function, InUse
 from mbfmu.util.errors import EquilibriumError
@@ -13,7 +13,7 @@ from mbfmu.util.errors import EquilibriumError
 REST_TOLERANCE = 1e-6  # change of a drive by its speed and acceleration within its pace, in units of its coordinate
 
 
-def finish(name: str, plant: Plant) -> None:
+def finish(name: str, compiled: CompiledMechanism) -> None:
     """Set all signals of the model ``name`` to their ends.
 
     Raises
@@ -21,15 +21,15 @@ def finish(name: str, plant: Plant) -> None:
     EquilibriumError
         A load does not end at a constant value, or a drive at a constant speed.
     """
-    for own in plant.signals(plant.data):
+    for own in compiled.signals(compiled.data):
         own.signal.run_on(own)
-    for body, speed, constant in plant.drives.speeds():
+    for body, speed, constant in compiled.drives.speeds():
         if not constant:
             raise EquilibriumError(
                 f"the drive of {body!r} has no constant speed (now {speed:g}); allowed: "
                 "a constant speed, or a RunUp or a Step to one"
             )
-    for what, load in plant.magnitudes().items():
+    for what, load in compiled.magnitudes().items():
         if not load.is_constant:
             raise EquilibriumError(
                 f"the {what} is {describe(load)}, which does not end at a constant value, so that {name!r} has no "
@@ -38,7 +38,7 @@ def finish(name: str, plant: Plant) -> None:
             )
 
 
-def hold_start(plant: Plant) -> None:
+def hold_start(compiled: CompiledMechanism) -> None:
     """Hold all signals at their values at t = 0, except drives at constant speed.
 
     Raises
@@ -46,10 +46,10 @@ def hold_start(plant: Plant) -> None:
     EquilibriumError
         A drive is neither at constant speed nor at rest at t = 0.
     """
-    signals, arrays = plant.signals(plant.data), plant.kernel_data.arrays
+    signals, arrays = compiled.signals(compiled.data), compiled.kernel_data.arrays
     now = [signal_at(own.number, 0.0, arrays) for own in signals]
     held = {own.number for own in signals if not own.signal.operands(own)}
-    for body, size, term in plant.drives.terms():
+    for body, size, term in compiled.drives.terms():
         if term.steady()[1]:
             held -= {member.number for member in term.members()}
             continue

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.scene import Scene, default_scene
@@ -197,46 +197,46 @@ def check(
         name=scene.name, solver=scene.settings.solver, tolerance=scene.settings.tolerance, stop_time=scene.stop_time
     )
     try:
-        plant = scene.model.plant()
+        compiled = scene.model.compile()
     except UserError as error:
         return _not_started(found, error, "everything, because the mechanism cannot be built")
-    found = _of_plant(found, plant)
+    found = _of_plant(found, compiled)
     try:
         simulation = Simulation(scene.model, scene.settings)
     except UserError as error:
-        found = replace(found, loops=loops(plant, (), np.full(plant.system.m, nan)))
+        found = replace(found, loops=loops(compiled, (), np.full(compiled.system.m, nan)))
         return _not_started(
             found, error, "singular configurations, stiffness and steps, because the run does not start"
         )
-    return ExaminedRun(scene, plant, simulation, patience).findings(found)
+    return ExaminedRun(scene, compiled, simulation, patience).findings(found)
 
 
 def _not_started(found: Findings, error: UserError, unseen: str) -> Findings:
     return replace(found, diagnostics=(error.diagnostic, not_examined(unseen)))
 
 
-def _of_plant(found: Findings, plant: Plant) -> Findings:
-    s = plant.system
-    vanishing = tuple(plant.vanishing_rows)
+def _of_plant(found: Findings, compiled: CompiledMechanism) -> Findings:
+    s = compiled.system
+    vanishing = tuple(compiled.vanishing_rows)
     return replace(found, coordinates=s.n, rows=s.m, tree=not s.has_matrices, vanishing=vanishing)
 
 
 class ExaminedRun:
     """One run of a scene, looked at."""
 
-    def __init__(self, scene: Scene, plant: Plant, simulation: Simulation, patience: float) -> None:
-        self.scene, self.plant, self.simulation, self.patience = scene, plant, simulation, patience
+    def __init__(self, scene: Scene, compiled: CompiledMechanism, simulation: Simulation, patience: float) -> None:
+        self.scene, self.compiled, self.simulation, self.patience = scene, compiled, simulation, patience
         self.unseen: list[Diagnostic] = []
-        self.gaps = np.zeros(plant.system.m)
-        self.longest = plant.system.input_step_limit(0.0)[0]
+        self.gaps = np.zeros(compiled.system.m)
+        self.longest = compiled.system.input_step_limit(0.0)[0]
         self.states: list[State] = []
 
     def findings(self, found: Findings) -> Findings:
         """Return the report."""
-        s, run = self.plant.system, self.simulation
-        redundant = redundant_rows(self.plant, run.t, run.stepper.q) if s.m else ()
+        s, run = self.compiled.system, self.simulation
+        redundant = redundant_rows(self.compiled, run.t, run.stepper.q) if s.m else ()
         rank = s.m - len(redundant)
-        watch = SingularityMonitor(self.plant, rank, run) if rank else None
+        watch = SingularityMonitor(self.compiled, rank, run) if rank else None
         self._run(watch)
         reached, statistics, diagnostics = run.t, run.statistics, run.diagnostics
         self._note_unseen(reached)
@@ -246,21 +246,21 @@ class ExaminedRun:
             solver=run.solver_choice.solver,
             reached=reached,
             freedom=run.stepper.freedom if s.has_matrices else s.n - rank,
-            loops=loops(self.plant, redundant, self.gaps),
+            loops=loops(self.compiled, redundant, self.gaps),
             redundant=redundant,
             nearest=watch.nearest(run) if watch else None,
             stiffness=stiffness(self._spectra(some), options.absolute),
             limit=self._limit(statistics, reached),
             statistics=statistics,
             outputs=int(reached / self.scene.output_interval),
-            suits=select_solver(self.plant, some, options),
+            suits=select_solver(self.compiled, some, options),
             diagnostics=(*diagnostics, *self.unseen),
         )
 
     def _run(self, watch: SingularityMonitor | None) -> None:
         """Run, and look at what there is to see between steps."""
         run, begin = self.simulation, time.perf_counter()
-        count = MAX_EXAMINED_STATES if self.plant.system.has_matrices else MAX_EXAMINED_TREE_STATES
+        count = MAX_EXAMINED_STATES if self.compiled.system.has_matrices else MAX_EXAMINED_TREE_STATES
         for t in np.linspace(run.t, self.scene.stop_time, count + 1):
             run.advance(float(t))
             self._record(watch)
@@ -271,10 +271,10 @@ class ExaminedRun:
         run = self.simulation
         q, v = run.stepper.q, run.stepper.v
         self.states.append((run.t, q, v))
-        self.longest = min(self.longest, self.plant.system.input_step_limit(run.t)[0])
-        if self.plant.system.m:
-            terms = self.plant.system.allocate_terms()
-            self.plant.system.fill_position(run.t, q, terms)
+        self.longest = min(self.longest, self.compiled.system.input_step_limit(run.t)[0])
+        if self.compiled.system.m:
+            terms = self.compiled.system.allocate_terms()
+            self.compiled.system.fill_position(run.t, q, terms)
             self.gaps = np.maximum(self.gaps, np.abs(terms.Phi))
         if watch is not None:
             watch.record(run)
@@ -287,7 +287,7 @@ class ExaminedRun:
         found, why = [], ""
         for state in states:
             try:
-                found.append(spectrum(self.plant, *state))
+                found.append(spectrum(self.compiled, *state))
             except UserError as error:
                 why = error.diagnostic.message
         if why:
@@ -310,11 +310,11 @@ class ExaminedRun:
 
     def _note_unseen(self, reached: float) -> None:
         """Note what the run has not shown."""
-        s = self.plant.system
+        s = self.compiled.system
         if reached < self.scene.stop_time and not self.simulation.failed:
             what = f"the motion after t = {reached:g} s, because the run takes longer than {self.patience:g} s"
             self.unseen.append(not_examined(what))
-        self.unseen += describe_held_inputs(self.plant.inputs.variables)
+        self.unseen += describe_held_inputs(self.compiled.inputs.variables)
         if not s.has_matrices:
             self.unseen.append(not_examined("eigenvalues other than the largest (large model)"))
             if s.m:

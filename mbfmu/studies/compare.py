@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.scene import Scene, default_scene
 from mbfmu.session.result import Result
@@ -157,9 +157,9 @@ def error_of_complete(error: float | None) -> float:
     return error
 
 
-def solvers_of(plant: Plant) -> tuple[str, ...]:
+def solvers_of(compiled: CompiledMechanism) -> tuple[str, ...]:
     """Return the solvers offered to users that differ from each other on a mechanism."""
-    system = plant.system
+    system = compiled.system
     same = () if system.m else tuple(UNCONSTRAINED_SOLVERS)[1:]  # where nothing is partitioned
     if system.has_matrices:
         return drop_unlisted(name for name in SOLVERS if name not in same)
@@ -244,7 +244,7 @@ def compare(
     tolerance = min({row.rtol for row in rows}, key=lambda tol: abs(np.log(tol / scene.settings.tolerance)))
     shown = [case for case in cases if case.scene.settings.tolerance == tolerance]
     energies = {case.scene.settings.solver: _history(case.result) for case in sorted(shown, key=lambda c: c.number)}
-    diagnostics = [*map(omitted_run, refused + left_out), *describe_held_inputs(scene.model.plant().inputs.variables)]
+    diagnostics = [*map(omitted_run, refused + left_out), *describe_held_inputs(scene.model.compile().inputs.variables)]
     return Comparison(
         rows=rows, energies=energies, tolerance=tolerance, reference=reference_data, diagnostics=diagnostics
     )
@@ -271,8 +271,8 @@ def plan_runs(
         if given is not None and (isinstance(given, str) or not isinstance(given, Sequence | np.ndarray)):
             raise UserError(f"{name} are {given!r}; allowed: a list of them, such as [{given!r}]")
     steps = resolutions_of(scene.model, values)
-    plants = [scene.model.with_values(step).plant() for step in steps]
-    small = all(plant.system.has_matrices for plant in plants)
+    compiled_mechanisms = [scene.model.with_values(step).compile() for step in steps]
+    small = all(compiled.system.has_matrices for compiled in compiled_mechanisms)
     usual = TREE_TOLERANCES if not small else DEFAULT_TOLERANCES if len(steps) == 1 else RESOLUTION_TOLERANCES
     tried = dict.fromkeys(usual if tolerances is None else tolerances)
     if not tried or (solvers is not None and not solvers):
@@ -283,11 +283,11 @@ def plan_runs(
         scene.changed(tolerance=tolerance)
     requested = [scene.changed(solver=solver).settings.solver for solver in solvers or ()]
     ordered = sorted(tried, reverse=True)
-    names = [dict.fromkeys(requested or solvers_of(plant)) for plant in plants]
+    names = [dict.fromkeys(requested or solvers_of(compiled)) for compiled in compiled_mechanisms]
     order = scene.settings.max_order or None
     why = [
-        {name: describe_refusal(name, plant.system) or describe_order_refusal(name, order) for name in own}
-        for plant, own in zip(plants, names, strict=True)
+        {name: describe_refusal(name, compiled.system) or describe_order_refusal(name, order) for name in own}
+        for compiled, own in zip(compiled_mechanisms, names, strict=True)
     ]
     chosen = {
         k: [(name, tolerance) for tolerance in ordered for name in own if not own[name]] for k, own in enumerate(why)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.scene import Scene, default_scene
 from mbfmu.modeling.settings import Settings
@@ -154,15 +154,15 @@ def costs(
     for case in found:
         results.append(run(case.model, settings, times))
         report(case.name)
-    plants = [case.model.plant() for case in found]
+    compiled_mechanisms = [case.model.compile() for case in found]
     tighter = run(
         model,
         replace(settings, tolerance=max(MIN_EFFECT_TOLERANCE, EFFECT_TOLERANCE_FACTOR * settings.tolerance)),
         times,
     )
-    others = zip([tighter, *results[1:]], plants, strict=True)
-    differences = [changes(results[0], other, plants[0], own) for other, own in others]
-    single = time_interleaved([evaluations(plant) for plant in plants], EVALUATION_REPEATS)
+    others = zip([tighter, *results[1:]], compiled_mechanisms, strict=True)
+    differences = [changes(results[0], other, compiled_mechanisms[0], own) for other, own in others]
+    single = time_interleaved([evaluations(compiled) for compiled in compiled_mechanisms], EVALUATION_REPEATS)
     scenes = [replace(default_scene(case.model), settings=settings, stop_time=end) for case in found]
     whole = timed(scenes, [result.wall_time for result in results], report)
     noise = {name: change for name, (change, _) in differences[0].items()}
@@ -194,7 +194,9 @@ def timed(scenes: Sequence[Scene], expected: Sequence[float], report: Callable[[
     return time_interleaved(runs, EFFECT_ROUNDS, expected=expected, left=lambda: account.left, progress=report)
 
 
-def changes(before: Result, after: Result, plant: Plant, other: Plant) -> dict[str, tuple[float, float]]:
+def changes(
+    before: Result, after: Result, compiled: CompiledMechanism, other: CompiledMechanism
+) -> dict[str, tuple[float, float]]:
     """Return by name how far outputs differ at most over the run, of their range, and that range.
 
     What moves in neither run is left out. Empty where a run ended early.
@@ -202,7 +204,7 @@ def changes(before: Result, after: Result, plant: Plant, other: Plant) -> dict[s
     if before.failed or after.failed:
         return {}
     first, second = scales(before), scales(after)
-    moved, moves = set(first) - constant_outputs(before, plant), set(second) - constant_outputs(after, other)
+    moved, moves = set(first) - constant_outputs(before, compiled), set(second) - constant_outputs(after, other)
     names = [name for name in first if name in second and (name in moved or name in moves)]
     largest = {unit: max(first[n] for n in names if before.unit(n) == unit) for unit in map(before.unit, names)}
     ranges = {name: max(first[name], second[name], MIN_RANGE_RATIO * largest[before.unit(name)]) for name in names}
@@ -244,21 +246,21 @@ def oscillation(model: Model, start: Mapping[str, float]) -> tuple[float | None,
     return min(frequencies, default=None), found.stability
 
 
-def time_of_evaluation(plant: Plant) -> float:
+def time_of_evaluation(compiled: CompiledMechanism) -> float:
     """Return the CPU time of one evaluation in a compiled loop, s, in a random state near the start."""
-    call = evaluations(plant)
+    call = evaluations(compiled)
     return min(call() for _ in range(EVALUATION_REPEATS))  # what disturbs it only adds
 
 
-def evaluations(plant: Plant) -> Callable[[], float]:
+def evaluations(compiled: CompiledMechanism) -> Callable[[], float]:
     """Return a call that evaluates the equations of motion in a random state near the start, and returns the CPU time
     of one evaluation, s.
 
     At rest numbers of the size of rounding would meet, whose products are slow to compute.
     """
-    system = plant.system
+    system = compiled.system
     random = np.random.default_rng(0)
-    q, v = plant.assembly.start_positions(), 0.1 * random.normal(size=system.n)
+    q, v = compiled.assembly.start_positions(), 0.1 * random.normal(size=system.n)
     system.apply(q, 0.01 * random.normal(size=system.n) * system.size)
     if system.has_matrices:
         equations = Equations.of(system, system.allocate_terms())

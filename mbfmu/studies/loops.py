@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.arrays.rounded import loop_path
 from mbfmu.mechanics.arrays.rows import dependent_rows, row_names
 from mbfmu.mechanics.builder.handles import CutHandle
@@ -43,22 +43,22 @@ class Loop:
     gap: float
 
 
-def loops(plant: Plant, redundant: Collection[str], gaps: Array) -> tuple[Loop, ...]:
+def loops(compiled: CompiledMechanism, redundant: Collection[str], gaps: Array) -> tuple[Loop, ...]:
     """Return every loop; ``redundant`` are names of rows, ``gaps`` (m,) the largest residuals of all, m or rad."""
-    names = list(plant.system.constraint_names)
+    names = list(compiled.system.constraint_names)
     found = []
-    for handle in plant.mechanism.cuts:
+    for handle in compiled.mechanism.cuts:
         rows = row_names([handle])
-        path, size = loop_path(plant.mechanism, handle), loop_size(plant, handle)
+        path, size = loop_path(compiled.mechanism, handle), loop_size(compiled, handle)
         units = dict(zip(rows, handle.units, strict=True))
         own = [gaps[names.index(r)] / (size if units[r] == "m" else 1.0) for r in rows if r in names]
         found.append(
             Loop(
                 name=handle.name,
-                bodies=tuple(dict.fromkeys(body_name(plant.mechanism, k) for k in path)),
+                bodies=tuple(dict.fromkeys(body_name(compiled.mechanism, k) for k in path)),
                 size=size,
                 rows=len(rows),
-                vanishing=tuple(r for r in rows if r in plant.vanishing_rows),
+                vanishing=tuple(r for r in rows if r in compiled.vanishing_rows),
                 redundant=tuple(r for r in rows if r in redundant),
                 gap=float(max(own, default=0.0)),
             )
@@ -75,9 +75,11 @@ def body_name(mechanism: Mechanism, k: int) -> str:
     return name
 
 
-def loop_size(plant: Plant, handle: CutHandle) -> float:
-    """Return the largest distance between two joints of one body of a loop, m; of a loop in one point the plant's."""
-    mechanism, bodies = plant.mechanism, plant.data.arrays.bodies
+def loop_size(compiled: CompiledMechanism, handle: CutHandle) -> float:
+    """Return the largest distance between two joints of one body of a loop, m; of a loop in one point the compiled
+    mechanism's.
+    """
+    mechanism, bodies = compiled.mechanism, compiled.data.arrays.bodies
     path = loop_path(mechanism, handle)
     points: dict[int, list[Array]] = {k: [] for k in path}
     for k in path:
@@ -88,10 +90,10 @@ def loop_size(plant: Plant, handle: CutHandle) -> float:
     for body, at in ((handle.a, handle.cut.at_a), (handle.b, handle.cut.at_b)):
         points[body.index].append(np.asarray(at, float))
     spans = [float(np.linalg.norm(p - q)) for own in points.values() for p in own for q in own]
-    return max(spans, default=0.0) or float(plant.length)
+    return max(spans, default=0.0) or float(compiled.length)
 
 
-def redundant_rows(plant: Plant, t: float, q: Array) -> tuple[str, ...]:
+def redundant_rows(compiled: CompiledMechanism, t: float, q: Array) -> tuple[str, ...]:
     """Return the names of the redundant constraint equations about q (nq,), away from singular configurations."""
-    found = dependent_rows(plant.system, t, plant.assembly.nearby(t, q))
-    return tuple(plant.system.constraint_names[k] for k in found)
+    found = dependent_rows(compiled.system, t, compiled.assembly.nearby(t, q))
+    return tuple(compiled.system.constraint_names[k] for k in found)

@@ -14,7 +14,7 @@ from math import inf, nan
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.session.energy_check import NEAR_SINGULAR_RATIO, distance, loops_of
 from mbfmu.session.simulation import Simulation
 from solvers.options import Options
@@ -60,7 +60,7 @@ class SingularityMonitor:
 
     Parameters
     ----------
-    plant
+    compiled
         One of the same model, that is not the run's.
     rank
         Constraint equations that do not depend on others.
@@ -68,12 +68,12 @@ class SingularityMonitor:
         The run, where it starts.
     """
 
-    def __init__(self, plant: Plant, rank: int, simulation: Simulation) -> None:
-        self._plant, self._rank = plant, rank
+    def __init__(self, compiled: CompiledMechanism, rank: int, simulation: Simulation) -> None:
+        self._compiled_mechanism, self._rank = compiled, rank
         start = simulation.t, simulation.stepper.q, simulation.stepper.v
         rtol = max(Options().rtol, simulation.settings.tolerance)  # accepts what the run accepts
         coarse = Options(rtol=rtol, duration=simulation.stepper.options.duration)
-        system = plant.system
+        system = compiled.system
         self._formulation = DenseFormulation(system, *start, coarse) if isinstance(system, System) else None
         self._times: list[float] = []
         self._ratios: list[float] = []
@@ -88,7 +88,7 @@ class SingularityMonitor:
         self._states.append(simulation.save())
 
     def _ratio(self, simulation: Simulation) -> float:
-        return distance(self._plant, simulation.t, simulation.stepper.q, self._rank)[0]
+        return distance(self._compiled_mechanism, simulation.t, simulation.stepper.q, self._rank)[0]
 
     def nearest(self, simulation: Simulation) -> Nearest | None:
         """Return where the run came nearest; it is taken back for that. None where nothing was looked at."""
@@ -107,7 +107,7 @@ class SingularityMonitor:
         return Nearest(
             t=t,
             ratio=ratio,
-            loops=loops_of(self._plant, distance(self._plant, t, q, self._rank)[1]),
+            loops=loops_of(self._compiled_mechanism, distance(self._compiled_mechanism, t, q, self._rank)[1]),
             gap=self._formulation.bifurcation_gap(t, q) if self._formulation is not None else nan,
             passes=sum(ratio <= NEAR_SINGULAR_RATIO for _, ratio in found),
         )

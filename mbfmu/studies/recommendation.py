@@ -375,7 +375,7 @@ class SettingsSearch:
             row=row, scene=scene, sentence=self._describe_choice(row), rows=self.rows,
             diagnostics=[
                 Diagnostic.note("reference-solution", describe_reference(self.reference)),
-                *map(omitted_run, self.omitted), *describe_held_inputs(scene.model.plant().inputs.variables),
+                *map(omitted_run, self.omitted), *describe_held_inputs(scene.model.compile().inputs.variables),
             ],
         )  # fmt: skip
 

@@ -14,7 +14,7 @@ from math import log10
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.scene import Scene
 from mbfmu.modeling.settings import Settings
@@ -104,32 +104,32 @@ def scales(result: Result) -> dict[str, float]:
     return {v.name: max(ranges[v.name], exchanged) if v.unit == "J" else ranges[v.name] for v in own}
 
 
-def constant_outputs(result: Result, plant: Plant) -> set[str]:
+def constant_outputs(result: Result, compiled: CompiledMechanism) -> set[str]:
     """Return the outputs that do not move but for rounding."""
-    units = {v.name: v.unit for v in plant.outputs}
-    sizes = {name: float(np.abs(result[name]).max()) + plant.nominal(unit) for name, unit in units.items()}
+    units = {v.name: v.unit for v in compiled.outputs}
+    sizes = {name: float(np.abs(result[name]).max()) + compiled.nominal(unit) for name, unit in units.items()}
     return {name for name, scale in scales(result).items() if not scale > CONSTANT_OUTPUT_RATIO * sizes[name]}
 
 
-def driven_outputs(plant: Plant) -> set[str]:
+def driven_outputs(compiled: CompiledMechanism) -> set[str]:
     """Return the outputs that nothing free changes at the start."""
-    system, random = plant.system, np.random.default_rng(0)
-    q, v = plant.assemble()
+    system, random = compiled.system, np.random.default_rng(0)
+    q, v = compiled.assemble()
     seen = []
     for part in (0.0, 0.1):
         there = q.copy()
         system.apply(there, part * random.normal(size=system.n) * system.size)
         dv, a, lam = (part * random.normal(size=count) for count in (system.n, system.n, system.m))
-        out = np.zeros(len(plant.outputs))
-        plant.observe(0.0, there, v + dv, a, lam, out)
+        out = np.zeros(len(compiled.outputs))
+        compiled.observe(0.0, there, v + dv, a, lam, out)
         seen.append(out)
     same = seen[0] == seen[1]
-    return {variable.name for variable, alike in zip(plant.outputs, same, strict=True) if alike}
+    return {variable.name for variable, alike in zip(compiled.outputs, same, strict=True) if alike}
 
 
-def tight_runs(plant: Plant, finest: float) -> tuple[Runs, ...]:
+def tight_runs(compiled: CompiledMechanism, finest: float) -> tuple[Runs, ...]:
     """Return what to try for the motion of a mechanism, the best first; ``finest`` is its smallest tolerance."""
-    system = plant.system
+    system = compiled.system
     if system.has_matrices:
         return tuple(pair for pair in TIGHT_RUNS if not describe_refusal(pair[0][0], system))
     tolerance = max(MIN_TIGHT_TOLERANCE, TIGHT_TOLERANCE_FACTOR * finest)
@@ -193,7 +193,7 @@ def reference(
     UserError
         No accurate run ends in its time, or no output can be evaluated, or a requested one cannot.
     """
-    units = {v.name: v.unit for v in scene.model.with_values(steps[-1]).plant().outputs}
+    units = {v.name: v.unit for v in scene.model.with_values(steps[-1]).compile().outputs}
     for name in requested:
         if name not in units:
             raise UserError(f"model {scene.model.name!r} has no output {name!r}{suggest(name, units)}")
@@ -202,15 +202,15 @@ def reference(
     hopeless: dict[Runs, str] = {}
     for step in steps:
         own = scene.changed(model=scene.model.with_values(step))
-        plant = own.model.plant()
-        ran = tight(own, times, tight_runs(plant, finest), budget, hopeless)
+        compiled = own.model.compile()
+        ran = tight(own, times, tight_runs(compiled, finest), budget, hopeless)
         if progress is not None:
             progress(f"reference {resolution_text(step)}".strip())
         if ran is None:
             found.append(None)
             continue
         motion, result = ran
-        quiet, held = constant_outputs(result, plant), driven_outputs(plant)
+        quiet, held = constant_outputs(result, compiled), driven_outputs(compiled)
         for name, doubt in motion.doubt.items():
             if name in held and doubt <= CONSTANT_OUTPUT_RATIO * motion.scale[name]:
                 not_evaluated[name] = "driven"

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import (
+    CompiledMechanism,
     Coupling,
-    Cut,
+    CutJoint,
     Cylindrical,
     Force,
     Joint,
     Load,
     Mechanism,
-    Plant,
     Revolute,
     Spherical,
     Translational,
@@ -186,7 +186,7 @@ def check_element(
     if states < 1:
         raise UserError(f"states are {states}; allowed: one or more")
     rng = np.random.default_rng(seed)
-    subject = Probe(element, length, rng) if isinstance(element, Surface) else plant_of(element, bodies, length, rng)
+    subject = Probe(element, length, rng) if isinstance(element, Surface) else compiled_of(element, bodies, length, rng)
     identities = SURFACE_IDENTITIES if isinstance(subject, Probe) else identities_of(subject.mechanism)
     outcomes = {name: Outcome() for name in identities}
     for _ in range(states):
@@ -198,7 +198,7 @@ def check_element(
     return report
 
 
-def plant_of(element: Any, bodies: int, length: float, rng: np.random.Generator) -> Plant:
+def compiled_of(element: Any, bodies: int, length: float, rng: np.random.Generator) -> CompiledMechanism:
     """Return a random mechanism that contains an element, or a copy of a mechanism, with outputs of all motions."""
     mechanism = deepcopy(element) if isinstance(element, Mechanism) else around(element, bodies, length, rng)
     for body in mechanism.bodies[1:]:
@@ -207,10 +207,10 @@ def plant_of(element: Any, bodies: int, length: float, rng: np.random.Generator)
             mechanism.output(f"_probe.{body.name}.r{axis}", body.position(axis, point))
             mechanism.output(f"_probe.{body.name}.v{axis}", body.velocity(axis, point))
             mechanism.output(f"_probe.{body.name}.a{axis}", body.point_acceleration(axis, point))
-    return Plant(mechanism)
+    return CompiledMechanism(mechanism)
 
 
-def identities_of(mechanism: Mechanism) -> dict[str, Callable[[Plant, State], Iterator[Deviation]]]:
+def identities_of(mechanism: Mechanism) -> dict[str, Callable[[CompiledMechanism, State], Iterator[Deviation]]]:
     """Return the identities that concern a mechanism, by name."""
     loads, found = [acting.load for acting in mechanism.loads()], dict(IDENTITIES)
     if loads:
@@ -259,7 +259,7 @@ def around(element: Any, bodies: int, length: float, rng: np.random.Generator) -
         mass = rng.uniform(0.5, 2.0)
         chain.append(m.body(f"b{k}", chain[-1], joint, mass=mass, com=vector(0.3 * length), inertia=inertia))
     _, b0, b1, _, b3, b4 = chain
-    if isinstance(element, Cut):
+    if isinstance(element, CutJoint):
         m.cut(NAME, element, b4, b0)
     elif isinstance(element, Coupling):
         m.couple(NAME, element, b0, b3)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from solvers.compiled.kernel import kernel
 from solvers.system import Array, Terms
 
@@ -54,23 +54,23 @@ def _power(function: Any, t: float, q: Any, v: Any, a: Any, lam: Any, data: Any)
     return power
 
 
-def random_state(plant: Plant, rng: np.random.Generator, length: float) -> State:
+def random_state(compiled: CompiledMechanism, rng: np.random.Generator, length: float) -> State:
     """Return a random state; coordinates that are lengths deviate by about ``length`` (m) from the start."""
-    system = plant.system
-    free = [body.joint for body in plant.mechanism.bodies[1:] if body.joint.drive is None]
+    system = compiled.system
+    free = [body.joint for body in compiled.mechanism.bodies[1:] if body.joint.drive is None]
     size = np.array([length if unit == "m" else 1.0 for joint in free for unit in joint.units])
-    q = plant.assembly.start_positions()
+    q = compiled.assembly.start_positions()
     system.apply(q, size * rng.normal(size=system.n))
     v, a = (size * rng.normal(size=system.n) for _ in range(2))
     return State(float(rng.normal()), q, v, a, rng.normal(size=system.m))
 
 
-def path(plant: Plant, at: State, shift: float) -> tuple[float, Array, Array]:
+def path(compiled: CompiledMechanism, at: State, shift: float) -> tuple[float, Array, Array]:
     """Return time, positions and velocities a time ``shift`` (s) after a state.
 
     They are integrated by Runge-Kutta's method from q' = N v and v' = a.
     """
-    system, terms, q, h = plant.system, plant.system.allocate_terms(), at.q.copy(), shift / PATH_STEPS
+    system, terms, q, h = compiled.system, compiled.system.allocate_terms(), at.q.copy(), shift / PATH_STEPS
 
     def rate(place: Array, x: float) -> Array:
         system.fill(at.t + x, place, at.v + x * at.a, terms)
@@ -117,24 +117,24 @@ def compare(
     )
 
 
-def energy_rate(plant: Plant, at: State) -> Iterator[Deviation]:
+def energy_rate(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]:
     """The energy changes by the power of what has no potential, and by what moves the coordinates: `power`."""
-    system, terms = plant.system, plant.system.allocate_terms()
-    rate, unsure = differences(lambda shift: plant.energy(*path(plant, at, shift)))
+    system, terms = compiled.system, compiled.system.allocate_terms()
+    rate, unsure = differences(lambda shift: compiled.energy(*path(compiled, at, shift)))
     system.fill(at.t, at.q, at.v, terms)
     power = _power(system.power, at.t, at.q, at.v, at.a, at.lam, system.pinned_data)
     effort = terms.M @ at.a + terms.h + terms.J.T @ at.lam
     total = power + effort @ at.v - at.lam @ (terms.J @ at.v - terms.nu)
-    scale = max(abs(power), abs(plant.energy(at.t, at.q, at.v)), float(np.abs(effort).max(initial=0.0)))
+    scale = max(abs(power), abs(compiled.energy(at.t, at.q, at.v)), float(np.abs(effort).max(initial=0.0)))
     yield compare(total, rate, ["power of all forces against the rate of the energy, W"], unsure, scale)
 
 
-def constraint_rates(plant: Plant, at: State) -> Iterator[Deviation]:
+def constraint_rates(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]:
     """The Jacobian, nu and gamma of constraints are the derivatives of their residuals."""
-    system, terms = plant.system, plant.system.allocate_terms()
+    system, terms = compiled.system, compiled.system.allocate_terms()
 
     def residuals(shift: float) -> Array:
-        t, q, v = path(plant, at, shift)
+        t, q, v = path(compiled, at, shift)
         system.fill(t, q, v, terms)
         return np.concatenate((terms.Phi, terms.J @ v - terms.nu))
 
@@ -146,14 +146,14 @@ def constraint_rates(plant: Plant, at: State) -> Iterator[Deviation]:
     yield compare(np.concatenate((terms.J @ at.v - terms.nu, terms.J @ at.a - terms.gamma)), rates, names, unsure)
 
 
-def motions(plant: Plant, at: State) -> Iterator[Deviation]:
+def motions(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]:
     """Velocities and accelerations of every body are the derivatives of its position."""
-    outputs = [variable.name for variable in plant.outputs]
+    outputs = [variable.name for variable in compiled.outputs]
 
     def observed(shift: float) -> Array:
-        t, q, v = path(plant, at, shift)
+        t, q, v = path(compiled, at, shift)
         out = np.zeros(len(outputs))
-        plant.observe(t, q, v, at.a, at.lam, out)
+        compiled.observe(t, q, v, at.a, at.lam, out)
         return out
 
     rates, unsure = differences(observed)
@@ -161,7 +161,7 @@ def motions(plant: Plant, at: State) -> Iterator[Deviation]:
     of = {name: k for k, name in enumerate(outputs)}
     pairs = [
         (f"{b.name}.{x}{i}", f"{b.name}.{y}{i}")
-        for b in plant.mechanism.bodies[1:]
+        for b in compiled.mechanism.bodies[1:]
         for x, y in ("rv", "va")
         for i in "xyz"
     ]
@@ -173,27 +173,27 @@ def motions(plant: Plant, at: State) -> Iterator[Deviation]:
     yield compare(exact[second], rates[first], names, unsure[first])
 
 
-def mass_matrix(plant: Plant, at: State) -> Iterator[Deviation]:
+def mass_matrix(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]:
     """The kinetic energy is half of v M v, and forward dynamics undoes inverse dynamics."""
-    terms = plant.system.allocate_terms()
-    plant.system.fill(at.t, at.q, at.v, terms)
-    rest = plant.energy(at.t, at.q, np.zeros_like(at.v))
-    kinetic = plant.energy(at.t, at.q, at.v) - rest
-    if not any(body.joint.drive is not None for body in plant.mechanism.bodies):
+    terms = compiled.system.allocate_terms()
+    compiled.system.fill(at.t, at.q, at.v, terms)
+    rest = compiled.energy(at.t, at.q, np.zeros_like(at.v))
+    kinetic = compiled.energy(at.t, at.q, at.v) - rest
+    if not any(body.joint.drive is not None for body in compiled.mechanism.bodies):
         yield compare(0.5 * at.v @ terms.M @ at.v, kinetic, ["kinetic energy, J"], 0.0, abs(rest))
     yield compare(terms.M, terms.M.T, [f"M, entry {k}" for k in range(terms.M.size)])
 
 
-def complex_derivatives(plant: Plant, at: State) -> Iterator[Deviation]:
+def complex_derivatives(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]:
     """Kernels are analytic: a step along i e gives the derivatives by differences, and real parts are unchanged."""
-    rng, system = np.random.default_rng(0), plant.complex_system()
+    rng, system = np.random.default_rng(0), compiled.complex_system()
     dq, dv = rng.normal(size=system.n), rng.normal(size=system.n)
-    real = plant.system.allocate_terms()
+    real = compiled.system.allocate_terms()
 
     def moved(shift: float) -> Array:
         q = at.q.copy()
-        plant.system.apply(q, shift * dq)
-        plant.system.fill(at.t, q, at.v + shift * dv, real)
+        compiled.system.apply(q, shift * dq)
+        compiled.system.fill(at.t, q, at.v + shift * dv, real)
         return np.concatenate([np.ravel(term) for term in real])
 
     terms = Terms.allocate(system.nq, system.n, system.m, complex)
@@ -212,17 +212,17 @@ def complex_derivatives(plant: Plant, at: State) -> Iterator[Deviation]:
         yield compare(term.imag / COMPLEX_STEP, slopes[own], where, unsure[own], scale)
 
 
-def outputs(plant: Plant, at: State) -> Iterator[Deviation]:
+def outputs(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]:
     """Outputs do not depend on earlier calls, and their derivatives by complex steps are those by differences."""
-    rng, system, names = np.random.default_rng(1), plant.complex_system(), [v.name for v in plant.outputs]
+    rng, system, names = np.random.default_rng(1), compiled.complex_system(), [v.name for v in compiled.outputs]
     dq, dv = rng.normal(size=system.n), rng.normal(size=system.n)
-    terms = plant.system.allocate_terms()
+    terms = compiled.system.allocate_terms()
 
     def moved(shift: float) -> Array:
         q, out = at.q.copy(), np.zeros(len(names))
-        plant.system.apply(q, shift * dq)
-        plant.system.fill(at.t, q, at.v + shift * dv, terms)
-        plant.observe(at.t, q, at.v + shift * dv, at.a, at.lam, out)
+        compiled.system.apply(q, shift * dq)
+        compiled.system.fill(at.t, q, at.v + shift * dv, terms)
+        compiled.observe(at.t, q, at.v + shift * dv, at.a, at.lam, out)
         return out
 
     before = moved(0.0)
@@ -231,12 +231,12 @@ def outputs(plant: Plant, at: State) -> Iterator[Deviation]:
     q: Any = at.q.astype(complex)
     step: Any = 1j * COMPLEX_STEP * dq
     system.apply(q, step)
-    found = plant.observe_complex(system, at.t, q, at.v + 1j * COMPLEX_STEP * dv, at.a, at.lam)
+    found = compiled.observe_complex(system, at.t, q, at.v + 1j * COMPLEX_STEP * dv, at.a, at.lam)
     where = [f"derivative of output {name!r}" for name in names]
     yield compare(found.imag / COMPLEX_STEP, slope, where, unsure, float(np.abs(before).max(initial=0.0)))
 
 
-IDENTITIES: dict[str, Callable[[Plant, State], Iterator[Deviation]]] = {
+IDENTITIES: dict[str, Callable[[CompiledMechanism, State], Iterator[Deviation]]] = {
     "positions, velocities and accelerations": motions,
     "kinetic energy and mass matrix": mass_matrix,
     "derivatives of constraints": constraint_rates,

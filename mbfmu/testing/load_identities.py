@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import Load, Plant
+from mbfmu.mechanics import CompiledMechanism, Load
 from mbfmu.mechanics.arrays.bounds import OWN_PACKAGES
 from mbfmu.mechanics.dispatch import apply_load, load_monitor, load_potential, load_power, load_tangent
 from mbfmu.mechanics.kind import kernel_of
@@ -29,16 +29,16 @@ def has_tangent(load: Load) -> bool:
     return tangent is not None and not tangent.__module__.startswith(OWN_PACKAGES)
 
 
-def load_tangents(plant: Plant, at: State) -> Iterator[Deviation]:
+def load_tangents(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]:
     """The tangent of a load is minus the derivative of what it applies, by complex steps of the motions of its bodies.
 
     It adds to the matrix, whatever is in there and in the scratch memory.
     """
-    rng, data = np.random.default_rng(2), plant.data
-    update_kinematics(at.t, at.q, at.v, *plant.kernel_data)
-    arrays, state = pin(plant.tangent_arrays()), plant.kernel_data[1]
-    system, perturbed = plant.complex_system(), to_complex_state(data.state)
-    for e, acting in enumerate(plant.mechanism.loads()):
+    rng, data = np.random.default_rng(2), compiled.data
+    update_kinematics(at.t, at.q, at.v, *compiled.kernel_data)
+    arrays, state = pin(compiled.tangent_arrays()), compiled.kernel_data[1]
+    system, perturbed = compiled.complex_system(), to_complex_state(data.state)
+    for e, acting in enumerate(compiled.mechanism.loads()):
         if not has_tangent(acting.load):
             continue
         bodies = [body.index for body in acting.bodies]
@@ -61,16 +61,16 @@ def load_tangents(plant: Plant, at: State) -> Iterator[Deviation]:
             yield compare(found, expected, names, least=MIN_SCALE)
 
 
-def load_values(plant: Plant, at: State) -> Iterator[Deviation]:
+def load_values(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]:
     """Kernels do not depend on what earlier calls left in the scratch memory, and monitors are numbers of at least
     zero.
     """
-    rng, memory = np.random.default_rng(3), plant.data.state.scratch
-    elsewhere, q = 0.1 * rng.normal(size=plant.system.n), at.q.copy()
-    plant.system.apply(q, elsewhere)
-    expected = _results(plant, at, np.zeros_like(memory))
-    _results(plant, at._replace(q=q, v=at.v + elsewhere), None)
-    found = _results(plant, at, memory.copy())
+    rng, memory = np.random.default_rng(3), compiled.data.state.scratch
+    elsewhere, q = 0.1 * rng.normal(size=compiled.system.n), at.q.copy()
+    compiled.system.apply(q, elsewhere)
+    expected = _results(compiled, at, np.zeros_like(memory))
+    _results(compiled, at._replace(q=q, v=at.v + elsewhere), None)
+    found = _results(compiled, at, memory.copy())
     for name, values in expected.items():
         names = [f"{name}, after a call in another state," for _ in values]
         yield compare(found[name], values, names, least=MIN_SCALE)
@@ -78,14 +78,14 @@ def load_values(plant: Plant, at: State) -> Iterator[Deviation]:
             yield compare(values, np.maximum(values, 0.0), [name])
 
 
-def _results(plant: Plant, at: State, memory: Any) -> dict[str, Array]:
+def _results(compiled: CompiledMechanism, at: State, memory: Any) -> dict[str, Array]:
     """Return what every kernel of the loads gives at a state; before each the scratch memory is set to ``memory``
     (bytes), None: is left as it is.
     """
-    data, (arrays, state) = plant.data, plant.kernel_data
+    data, (arrays, state) = compiled.data, compiled.kernel_data
     update_kinematics(at.t, at.q, at.v, arrays, state)
     own, found = data.state, dict[str, Array]()
-    for e, acting in enumerate(plant.mechanism.loads()):
+    for e, acting in enumerate(compiled.mechanism.loads()):
         load = data.arrays.loads[e]
         for name in ("force", "potential", "power", "monitor"):
             if memory is not None:

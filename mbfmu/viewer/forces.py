@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.recursions.applied import apply_single_load
 
 Array = NDArray[np.float64]
@@ -68,9 +68,9 @@ def point(at: Any) -> tuple[float, ...]:
     return tuple(float(x) for x in at)
 
 
-def read(plant: Plant, found: list[Source], t: float) -> Array:
+def read(compiled: CompiledMechanism, found: list[Source], t: float) -> Array:
     """Return force and moment (sources, 2, 3), global axes, N and N m, in the state whose outputs were read last."""
-    arrays, state = plant.data
+    arrays, state = compiled.data
     wrenches = np.zeros((len(found), 6))
     for wrench, source in zip(wrenches, found, strict=True):
         if source.kind == "cut":
@@ -81,22 +81,22 @@ def read(plant: Plant, found: list[Source], t: float) -> Array:
             wrench[:] = state.bodies["W"][source.body]
     loads = [k for k, source in enumerate(found) if source.kind == "load"]
     if loads:
-        wrenches[loads] = load_wrenches(plant, [found[k] for k in loads], t)
+        wrenches[loads] = load_wrenches(compiled, [found[k] for k in loads], t)
     arms = np.array([state.bodies["A"][s.body] @ s.at for s in found]).reshape(-1, 3)
     return np.stack((wrenches[:, :3], wrenches[:, 3:] - np.cross(arms, wrenches[:, :3])), axis=1)
 
 
-def load_wrenches(plant: Plant, found: list[Source], t: float) -> Array:
+def load_wrenches(compiled: CompiledMechanism, found: list[Source], t: float) -> Array:
     """Return what forces exert on their bodies (loads, 6), about the origins: each alone, and the state as it was."""
-    state, bodies = plant.data.state, plant.data.arrays.bodies
+    state, bodies = compiled.data.state, compiled.data.arrays.bodies
     kept = state.bodies["F"].copy(), state.Q.copy(), state.cached_power.copy()
     wrenches = np.zeros((len(found), 6))
     for k, source in enumerate(found):
         state.bodies["F"][:] = 0.0
         state.Q[:] = 0.0
-        apply_single_load(source.index, t, *plant.kernel_data)
+        apply_single_load(source.index, t, *compiled.kernel_data)
         wrenches[k] = state.bodies["F"][source.body]
-        if plant.mechanism.forces[source.index][1].on_joint:
+        if compiled.mechanism.forces[source.index][1].on_joint:
             own = bodies[source.body]
             wrenches[k] += state.Q[int(own["vi"])] * state.S[int(own["si"])]
     state.bodies["F"][:], state.Q[:], state.cached_power[:] = kept

@@ -16,7 +16,7 @@ from .picture import PALETTE
 from .picture import draw as picture_of
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics import Plant
+    from mbfmu.mechanics import CompiledMechanism
     from mbfmu.steady.modes import ModeShape
     from solvers.system import Array
 
@@ -26,16 +26,16 @@ ZERO_DEFLECTION_RATIO = 1e-4  # of the largest deflection: less is taken for non
 IN_PHASE_TOLERANCE = 0.01  # of the largest displacement: out of step less than this does not show
 
 
-def plot_shapes(plant: Plant, q: Array, shapes: Sequence[ModeShape], title: str, path: Path) -> None:
+def plot_shapes(compiled: CompiledMechanism, q: Array, shapes: Sequence[ModeShape], title: str, path: Path) -> None:
     """Draw the deflection of the first surface along its normal, one panel a mode, over its place in the grid."""
-    surface = plant.mechanism.surfaces[0]
-    at_rest, normals = poses(plant, q, surface.bodies)
+    surface = compiled.mechanism.surfaces[0]
+    at_rest, normals = poses(compiled, q, surface.bodies)
     x, z = distances(at_rest[:, at_rest.shape[1] // 2]), distances(at_rest[at_rest.shape[0] // 2])
     figure, axes = panels(len(shapes))
     for number, (ax, shape) in enumerate(zip(axes, shapes, strict=True), 1):
         moved, step = q.copy(), 1e-6 / max(1e-300, float(np.abs(shape.motion).max()))
-        plant.system.apply(moved, step * shape.motion)
-        deflection = np.einsum("ijk,ijk->ij", poses(plant, moved, surface.bodies)[0] - at_rest, normals)
+        compiled.system.apply(moved, step * shape.motion)
+        deflection = np.einsum("ijk,ijk->ij", poses(compiled, moved, surface.bodies)[0] - at_rest, normals)
         share = deflection.T / (float(np.abs(deflection).max()) or 1.0)
         drawn = ax.pcolormesh(x, z, share, cmap="RdBu", vmin=-1.0, vmax=1.0, shading="gouraud")
         settled = without_rounding(share)
@@ -70,17 +70,17 @@ def without_rounding(share: Array) -> Array:
     return found
 
 
-def plot_bars(plant: Plant, q: Array, shapes: Sequence[ModeShape], title: str, path: Path) -> None:
+def plot_bars(compiled: CompiledMechanism, q: Array, shapes: Sequence[ModeShape], title: str, path: Path) -> None:
     """Draw how elastic bodies move across their axes, one panel a mode, over the place on the axis.
 
     Displacements are against the largest one of any point of an axis, in any direction. Of points that do not move in
     step the motion a quarter of a period later is dashed.
     """
-    bars = picture_of(plant.mechanism, 0.0).bars
+    bars = picture_of(compiled.mechanism, 0.0).bars
     figure, axes = panels(len(shapes))
     for number, (ax, shape) in enumerate(zip(axes, shapes, strict=True), 1):
         motion = shape.motion.astype(complex)
-        parts = ([displacements(plant, q, part, bar) for bar in bars] for part in (motion.real, motion.imag))
+        parts = ([displacements(compiled, q, part, bar) for bar in bars] for part in (motion.real, motion.imag))
         moved = [there + 1j * later for there, later in zip(*parts, strict=True)]
         every = np.concatenate(moved).ravel()
         largest = every[np.argmax(np.abs(every))] or 1.0
@@ -102,22 +102,22 @@ def plot_bars(plant: Plant, q: Array, shapes: Sequence[ModeShape], title: str, p
     finish(figure, path)
 
 
-def displacements(plant: Plant, q: Array, motion: Array, bar: Bar) -> Array:
+def displacements(compiled: CompiledMechanism, q: Array, motion: Array, bar: Bar) -> Array:
     """Return how the axis (k, 3) of a bar moves with the coordinates, frame's axes, to first order."""
     step = 1e-6 / max(1e-300, float(np.abs(motion).max()))
     ends = []
     for sign in (-1.0, 1.0):
         moved = q.copy()
-        plant.system.apply(moved, sign * step * motion)
-        plant.energy(0.0, moved, np.zeros(plant.system.n))  # places the bodies
-        frame = plant.data.state.bodies[bar.body]
-        ends.append(frame["r"] + bar.axis(amplitudes(plant)[bar.modes], 1.0) @ frame["A"].T)
-    plant.energy(0.0, q, np.zeros(plant.system.n))
-    there: Array = (ends[1] - ends[0]) @ plant.data.state.bodies[bar.body]["A"] / (2.0 * step)
+        compiled.system.apply(moved, sign * step * motion)
+        compiled.energy(0.0, moved, np.zeros(compiled.system.n))  # places the bodies
+        frame = compiled.data.state.bodies[bar.body]
+        ends.append(frame["r"] + bar.axis(amplitudes(compiled)[bar.modes], 1.0) @ frame["A"].T)
+    compiled.energy(0.0, q, np.zeros(compiled.system.n))
+    there: Array = (ends[1] - ends[0]) @ compiled.data.state.bodies[bar.body]["A"] / (2.0 * step)
     return there
 
 
-def poses(plant: Plant, q: Array, bodies: Any) -> tuple[Array, Array]:
+def poses(compiled: CompiledMechanism, q: Array, bodies: Any) -> tuple[Array, Array]:
     """Return origins and y axes of bodies (..., 3) at positions q (nq,)."""
-    r, A = plant.poses(0.0, q)
+    r, A = compiled.poses(0.0, q)
     return r[bodies], A[bodies][..., 1]

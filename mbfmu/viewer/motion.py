@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.numbers import positive
 from mbfmu.session.simulation import Simulation
@@ -175,18 +175,18 @@ class Recorder:
 
     def __call__(self, simulation: Simulation) -> None:
         """Note where the bodies are, and what was read of them; raises UserError for a mechanism it cannot draw."""
-        plant = simulation.plant
-        bodies = plant.data.state.bodies
-        if self._mechanism is not plant.mechanism:
-            check_fields(plant.mechanism)
-            self._mechanism, self._sources = plant.mechanism, sources(plant.mechanism)
+        compiled = simulation.compiled
+        bodies = compiled.data.state.bodies
+        if self._mechanism is not compiled.mechanism:
+            check_fields(compiled.mechanism)
+            self._mechanism, self._sources = compiled.mechanism, sources(compiled.mechanism)
             self._outputs = tuple((variable.name, variable.unit) for variable in simulation.variables)
         self._times.append(simulation.t)
         self._r.append(bodies["r"].astype(np.float32))
         self._A.append(bodies["A"].astype(np.float32))
-        self._p.append(amplitudes(plant).astype(np.float32))
+        self._p.append(amplitudes(compiled).astype(np.float32))
         self._values.append(simulation.last_outputs)
-        self._forces.append(read(plant, self._sources, simulation.t))
+        self._forces.append(read(compiled, self._sources, simulation.t))
 
     @property
     def used(self) -> bool:
@@ -224,10 +224,12 @@ def joint_of(body: Body) -> str:
     return f"{words}{', driven' * (body.joint.drive is not None)}" if body.index else ""
 
 
-def amplitudes(plant: Plant) -> Array:
-    """Return the amplitudes (na,) of the elastic bodies of a plant whose bodies are in place, in their order, m."""
-    owners = [plant.data.arrays.bodies[elastic.modes.index] for elastic in plant.mechanism.flexible_bodies]
-    q = plant.data.state.q
+def amplitudes(compiled: CompiledMechanism) -> Array:
+    """Return the amplitudes (na,) of the elastic bodies of a compiled mechanism whose bodies are in place, in their
+    order, m.
+    """
+    owners = [compiled.data.arrays.bodies[elastic.modes.index] for elastic in compiled.mechanism.flexible_bodies]
+    q = compiled.data.state.q
     return np.array([q[own["qi"] + k] for own in owners for k in range(own["nv"])])
 
 

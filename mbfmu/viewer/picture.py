@@ -20,7 +20,7 @@ from mbfmu.mechanics.axes import along
 from mbfmu.mechanics.builder.appearance import Surface
 from mbfmu.mechanics.builder.bodies import Body, FlexibleBody
 from mbfmu.mechanics.builder.handles import CutHandle
-from mbfmu.mechanics.cuts import Cut
+from mbfmu.mechanics.cuts import CutJoint
 from mbfmu.mechanics.joints.section import Section
 from mbfmu.util.errors import UserError
 
@@ -354,7 +354,7 @@ class _Artist:
         self._feet((parent, joint.at))
 
     def _cut(self, handle: CutHandle) -> None:
-        cut: Cut = handle.cut
+        cut: CutJoint = handle.cut
         a, b, r = handle.a, handle.b, self.radius
         if {a.index, b.index} <= self.skinned:
             return

@@ -81,8 +81,8 @@ def test_what_is_declared_is_what_a_simulation_does() -> None:
     """Set at one time, with products that are not zero."""
     simulation = Simulation(Excavator(), ADAMS, 0.0, {"cylinder.push": 3.0, "motor.torque": 1.0})
     assert simulation.advance(0.05).ok
-    names = [v.name for v in simulation.plant.outputs]
-    for v in simulation.plant.inputs.variables:
+    names = [v.name for v in simulation.compiled.outputs]
+    for v in simulation.compiled.inputs.variables:
         own = {"cylinder.push": 3.0, "motor.torque": 1.0}.get(v.name, v.start)
         before = simulation.outputs()[: len(names)].copy()
         simulation.set_input(v.name, own + 2.0)

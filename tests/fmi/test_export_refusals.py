@@ -10,7 +10,7 @@ import pytest
 
 from fmus.pendulum import SwingPendulum
 from mbfmu.fmi import export
-from mbfmu.mechanics import Mechanism, Revolute, SphericalCut, rod
+from mbfmu.mechanics import Mechanism, Revolute, SphericalCutJoint, rod
 from mbfmu.modeling import Model, models
 from mbfmu.modeling.settings import Settings
 from mbfmu.util.errors import EquilibriumError, UserError
@@ -29,8 +29,8 @@ REFUSED = {  # explicit solvers by the stiff nips, esdirk by matrices
 @pytest.mark.parametrize("name", sorted(models()))
 def test_a_solver_that_does_not_suit_a_model_is_refused_as_a_run_refuses_it(name: str, tmp_path: Path) -> None:
     model = models()[name](**SMALL.get(name, {}))
-    system = model.plant().system
-    start = (0.0, *model.plant().assemble())
+    system = model.compile().system
+    start = (0.0, *model.compile().assemble())
     for solver in SOLVER_NAMES:
         why, path = describe_refusal(solver, system), tmp_path / f"{solver}.fmu"
         assert bool(why) == ((name, solver) in REFUSED), (solver, why)
@@ -67,7 +67,7 @@ class Festoon(Model):
         for k in range(110):
             joint = Revolute(at=(0.1 if k else 0.0, 0.0, 0.0), start=0.01 if k else -0.55)
             link = m.body(f"link{k}", link, joint, **rod(mass=0.1, length=0.1))
-        m.cut("hook", SphericalCut(at_a=(10.5, 0.0, 0.0), at_b=(0.1, 0.0, 0.0)), m.ground, link)
+        m.cut("hook", SphericalCutJoint(at_a=(10.5, 0.0, 0.0), at_b=(0.1, 0.0, 0.0)), m.ground, link)
         m.output("angle", link.angle())
         return m
 

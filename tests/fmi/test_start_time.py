@@ -74,7 +74,7 @@ class Timed(Model):
 
 def named(simulation: Simulation) -> dict[str, float]:
     """The outputs by their names, without those of the energy check."""
-    return dict(zip([v.name for v in simulation.plant.outputs], simulation.outputs().tolist(), strict=False))
+    return dict(zip([v.name for v in simulation.compiled.outputs], simulation.outputs().tolist(), strict=False))
 
 
 @pytest.mark.parametrize("t0", TIMES)
@@ -160,7 +160,7 @@ def test_a_native_fmu_begins_its_motions_at_the_start_time(model: Model, opened:
     for t0 in TIMES:
         for given in ({}, {name: 2.5 for name in ("spindle.drive", "speed") if name in known}):
             fmu, simulation = binary.instantiate(), Simulation(model, ADAMS, t0, given)
-            names = [v.name for v in simulation.plant.outputs]
+            names = [v.name for v in simulation.compiled.outputs]
             assert fmu.set("Real", [known[name] for name in given], list(given.values())) == OK
             assert fmu.set_up(t0) == fmu.call("EnterInitializationMode") == fmu.call("ExitInitializationMode") == OK
             for k in range(3):

@@ -19,7 +19,7 @@ from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
 from mbfmu.fmi import Fmu, export
-from mbfmu.mechanics import Input, JointForce, Mechanism, Revolute, SpeedInput, SphericalCut, Translational, rod
+from mbfmu.mechanics import Input, JointForce, Mechanism, Revolute, SpeedInput, SphericalCutJoint, Translational, rod
 from mbfmu.modeling import Model, parameter
 from mbfmu.modeling.variables import Role, Type, list_variables
 from mbfmu.session.simulation import Settings, Simulation
@@ -50,7 +50,7 @@ class Moved(Model):
         arm = m.body("arm", base, Revolute(start=np.deg2rad(self.angle)), **rod(mass=1.0, length=1.0))
         tip = m.body("tip", arm, Revolute(at=(1.0, 0.0, 0.0)), **rod(mass=1.0, length=0.5))
         if self.gripped:
-            hook = m.cut("hook", SphericalCut(at_a=(1.2, 0.3, 0.0), at_b=(0.5, 0.0, 0.0)), base, tip)
+            hook = m.cut("hook", SphericalCutJoint(at_a=(1.2, 0.3, 0.0), at_b=(0.5, 0.0, 0.0)), base, tip)
             m.output("hook.force", hook.force("x"), "at the tip")
         torque = Input(name="torque", unit="N.m", rate_name="torque.rate")
         m.force("motor", JointForce(magnitude=torque), arm)

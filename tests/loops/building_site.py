@@ -15,9 +15,9 @@ from mbfmu.mechanics import (
     Mechanism,
     Polynomial,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     RunUp,
-    SphericalCut,
+    SphericalCutJoint,
     Translational,
 )
 
@@ -149,9 +149,9 @@ class Site:
         """Tie two bodies by a cut joint across the plane, of one kind or another."""
         normal = self.poses[self.base.index].R @ self.axes
         if self.rng.random() < 0.7:
-            self.cut(RevoluteCut, a, b, at, normal)
+            self.cut(RevoluteCutJoint, a, b, at, normal)
         else:
-            self.cut(SphericalCut, a, b, at)
+            self.cut(SphericalCutJoint, a, b, at)
 
     def dyad(self, a: Any, at: tuple[float, float], b: Any, bt: tuple[float, float]) -> list[Any]:
         """Two bodies between a point of a and one of b: a loop more, mobility as before."""

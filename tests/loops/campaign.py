@@ -117,7 +117,8 @@ def examine(task: Task) -> list[Row]:
     except UserError as error:
         trouble = Verdict("refused", f"{error}")
     except (ArithmeticError, ValueError, LookupError) as error:
-        ours = any(Path(frame.f_code.co_filename).name == "plant.py" for frame, _ in walk_tb(error.__traceback__))
+        places = {Path(frame.f_code.co_filename).name for frame, _ in walk_tb(error.__traceback__)}
+        ours = "compiled_mechanism.py" in places
         trouble = Verdict("wrong" if ours else "skipped", f"{type(error).__name__}: {error}")
     except Late:
         trouble = Verdict("skipped", "the reference takes too long")

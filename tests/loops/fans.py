@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from mechanisms import Case, G, swinging
 
-from mbfmu.mechanics import Mechanism, Revolute, RevoluteCut, rod
+from mbfmu.mechanics import Mechanism, Revolute, RevoluteCutJoint, rod
 
 
 def fan(
@@ -42,7 +42,7 @@ def fan(
         column = m.body(
             f"column{i + 1}", m.ground, Revolute(at=foot, start=start, rate=rate), **rod(mass=1.0, length=1.0)
         )
-        m.cut(f"pin{i}", RevoluteCut(at_a=(reach, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, column)
+        m.cut(f"pin{i}", RevoluteCutJoint(at_a=(reach, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, column)
         signs += [-1.0, 1.0]
     N = len(tilts)
     at, way = np.array([x for tilt in tilts for x in (tilt, 0.0)]), np.array(signs)

@@ -26,7 +26,7 @@ from tree import forward, units
 
 import mbfmu
 import solvers
-from mbfmu.mechanics import JointForce, JointSpring, LineForce, Mechanism, Plant, PointForce, Spring, Torque
+from mbfmu.mechanics import CompiledMechanism, JointForce, JointSpring, LineForce, Mechanism, PointForce, Spring, Torque
 from mbfmu.util.errors import UserError
 from solvers import Options, stepper
 
@@ -44,7 +44,7 @@ class Truth:
     Attributes
     ----------
     times, q
-        (k,) s, (k, nq) in the plant's order; fewer than asked for where the reference ended.
+        (k,) s, (k, nq) in the compiled mechanism's order; fewer than asked for where the reference ended.
     v
         (k, n).
     amplification
@@ -52,7 +52,7 @@ class Truth:
     doubt
         (k,) difference of two runs of the reference, in the mechanism's lengths and rad.
     start
-        (q, v) as the plant assembles.
+        (q, v) as the compiled mechanism assembles.
     ended
         Why the reference ended early; empty: it did not.
     seconds
@@ -113,8 +113,8 @@ class Verdict:
 def truth(mechanism: Mechanism, times: Any, exact: Any = None) -> Truth:
     """The truth at ``times`` (k,): the exact motion where it is given, else the reference."""
     begin = time.process_time()
-    plant = Plant(mechanism)
-    start = plant.assemble(float(times[0]))
+    compiled = CompiledMechanism(mechanism)
+    start = compiled.assemble(float(times[0]))
     times = np.asarray(times, float)
     if exact is not None:
         q, v = exact(times)
@@ -151,14 +151,14 @@ def judge(
     At the time ``restart`` (s), one of the truth's, it begins anew, as it does where an input jumps.
     """
     begin = time.process_time()
-    plant = Plant(mechanism)
+    compiled = CompiledMechanism(mechanism)
     k = len(known.times)
     q, v = np.full((k, known.q.shape[1]), np.nan), np.full((k, known.v.shape[1]), np.nan)
     q[0], v[0], done, why, evaluations = *known.start, 1, "", 0
     coarser = 1.0
     try:
         options = Options(rtol=rtol, max_steps=max_steps)
-        motion = stepper(solver, plant.system, float(known.times[0]), *known.start, options)
+        motion = stepper(solver, compiled.system, float(known.times[0]), *known.start, options)
         for i in range(1, k):
             rows = motion.sample(known.times[i : i + 1])
             if len(rows.q) == 0:
@@ -174,7 +174,7 @@ def judge(
             return Verdict("wrong", f"raw {type(error).__name__}: {error}")
         why = str(error)
     seconds = time.process_time() - begin
-    return _weigh(mechanism, plant, known, q[:done], v[:done], coarser * rtol, factor, why, evaluations, seconds)
+    return _weigh(mechanism, compiled, known, q[:done], v[:done], coarser * rtol, factor, why, evaluations, seconds)
 
 
 def meant(error: Exception) -> bool:
@@ -189,7 +189,7 @@ def meant(error: Exception) -> bool:
 
 def _weigh(
     mechanism: Mechanism,
-    plant: Any,
+    compiled: Any,
     known: Truth,
     q: Any,
     v: Any,
@@ -208,7 +208,7 @@ def _weigh(
     last = int(np.sum(judged))
     error = float(off[:last].max(initial=0.0))
     ratio = float((off / (rtol * amplification))[:last].max(initial=0.0))
-    lost = energy_error(mechanism, plant, known, q, v)
+    lost = energy_error(mechanism, compiled, known, q, v)
     gaping = max(opening(mechanism, float(t), a, known.start[1]) for t, a in zip(times[::-4], q[::-4], strict=True))
     faults = []
     late = np.flatnonzero(~(off <= bound) & judged)
@@ -235,12 +235,12 @@ def _weigh(
     )
 
 
-def energy_error(mechanism: Mechanism, plant: Any, known: Truth, q: Any, v: Any) -> Any:
+def energy_error(mechanism: Mechanism, compiled: Any, known: Truth, q: Any, v: Any) -> Any:
     """Error of the energy (k,) by the largest kinetic energy of the truth; of a driven mechanism only while judged."""
     k, zero = len(known.times), 0.0 * known.start[1]
-    true = np.array([plant.energy(t, a, b) for t, a, b in zip(known.times, known.q, known.v, strict=True)])
-    rest = np.array([plant.energy(t, a, zero) for t, a in zip(known.times, known.q, strict=True)])
-    own = np.array([plant.energy(t, a, b) for t, a, b in zip(known.times[: len(q)], q, v, strict=True)])
+    true = np.array([compiled.energy(t, a, b) for t, a, b in zip(known.times, known.q, known.v, strict=True)])
+    rest = np.array([compiled.energy(t, a, zero) for t, a in zip(known.times, known.q, strict=True)])
+    own = np.array([compiled.energy(t, a, b) for t, a, b in zip(known.times[: len(q)], q, v, strict=True)])
     largest = float(np.max(true - rest)) if k else 0.0
     return np.abs(own - true[: len(q)]) / max(largest, 1e-300)
 

@@ -1,8 +1,8 @@
 """Mechanisms with closed loops, by name: singular ones with their exact motion, ones beside them, redundant ones.
 
 Every function returns a :class:`Case`. Where all cranks of a linkage stay parallel its motion is that of a few angles;
-``exact`` integrates their equation and gives the plant's coordinates, through every singular position. ``scale`` makes
-the same mechanism of another size: what is returned moves alike, in its own lengths, masses and times.
+``exact`` integrates their equation and gives the compiled mechanism's coordinates, through every singular position.
+``scale`` makes the same mechanism of another size: what is returned moves alike, in its own lengths, masses and times.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from mbfmu.mechanics import (
     Mechanism,
     Polynomial,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     RunUp,
-    SphericalCut,
+    SphericalCutJoint,
     Spring,
     Translational,
     rod,
@@ -137,7 +137,7 @@ def four_bar(
     pin = Revolute(at=(a, 0.0, 0.0), start=along - start)
     coupler = m.body("coupler", crank, pin, **rod(mass=mb, length=b))
     rocker = m.body("rocker", coupler, Revolute(at=(b, 0.0, 0.0), start=up - along), **rod(mass=mc, length=-c))
-    m.cut("pivot", RevoluteCut(at_a=(-c, 0.0, 0.0), at_b=(d, 0.0, 0.0)), rocker, m.ground)
+    m.cut("pivot", RevoluteCutJoint(at_a=(-c, 0.0, 0.0), at_b=(d, 0.0, 0.0)), rocker, m.ground)
     return _finish(m)
 
 
@@ -183,7 +183,7 @@ def three_cranks(*, start: float = -20.0, rate: float = 0.0, eps: float = 0.0, s
         crank = m.body(
             f"crank{i}", m.ground, Revolute(at=foot, start=angle, rate=speed), **rod(mass=masses[i], length=l)
         )
-        m.cut(f"pin{i}", RevoluteCut(at_a=(l, 0.0, 0.0), at_b=foot), crank, coupler)
+        m.cut(f"pin{i}", RevoluteCutJoint(at_a=(l, 0.0, 0.0), at_b=foot), crank, coupler)
     bars = masses[0] + masses[2] + masses[3]
     inertia, weight = (bars / 3.0 + masses[1]) * l * l, (0.5 * bars + masses[1]) * scale.gravity * l
     return Case(
@@ -211,7 +211,7 @@ def table(*, start: float = -20.0, rate: float = 0.0, scale: Scale = UNSCALED) -
         crank = m.body(
             f"crank{i}", m.ground, Revolute(at=foot, start=angle, rate=speed), **rod(mass=masses[i], length=l)
         )
-        m.cut(f"ball{i}", SphericalCut(at_a=(l, 0.0, 0.0), at_b=foot), crank, top)
+        m.cut(f"ball{i}", SphericalCutJoint(at_a=(l, 0.0, 0.0), at_b=foot), crank, top)
     bars = masses.sum() - masses[1]
     inertia, weight = (bars / 3.0 + masses[1]) * l * l, (0.5 * bars + masses[1]) * scale.gravity * l
     return Case(
@@ -235,7 +235,7 @@ def ladder(loops: int, *, start: Any = -60.0, rate: Any = 0.0, scale: Scale = UN
         pin = Revolute(at=(l, 0.0, 0.0), start=-angle, rate=-speed)
         here = m.body(f"rung{k}", left, pin, **rod(mass=rung, length=2.0 * l))
         right = m.body(f"right{k}", here, Revolute(at=corner, start=angle, rate=speed), **rod(mass=side, length=-l))
-        m.cut(f"pivot{k}", RevoluteCut(at_a=(-l, 0.0, 0.0), at_b=corner), right, above)
+        m.cut(f"pivot{k}", RevoluteCutJoint(at_a=(-l, 0.0, 0.0), at_b=corner), right, above)
         above = here
 
     def embed(a: Any, b: Any) -> tuple[Any, Any]:
@@ -294,11 +294,11 @@ def n_four_bar(
         if grounded:
             hinge = Revolute(at=foot, start=angle, rate=speed)
             upright = m.body(f"column{i}", m.ground, hinge, **rod(mass=mass, length=l))
-            m.cut(f"pin{i}", RevoluteCut(at_a=end, at_b=top), coupler, upright)
+            m.cut(f"pin{i}", RevoluteCutJoint(at_a=end, at_b=top), coupler, upright)
         else:
             hinge = Revolute(at=end, start=angle, rate=speed)
             upright = m.body(f"column{i}", coupler, hinge, **rod(mass=mass, length=-l))
-            m.cut(f"pivot{i}", RevoluteCut(at_a=(-l, 0.0, 0.0), at_b=foot), upright, m.ground)
+            m.cut(f"pivot{i}", RevoluteCutJoint(at_a=(-l, 0.0, 0.0), at_b=foot), upright, m.ground)
             top = (0.0, 0.0, 0.0)
         signs += [-1.0, 1.0]
     inertia, weight = ((loops + 1) / 3.0 + loops) * mass * l * l, (0.5 * (loops + 1) + loops) * mass * scale.gravity * l
@@ -318,7 +318,7 @@ def slider_crank(eps: float = 0.0, *, start: float = 20.0, rate: float = 6.0, sc
     pin = Revolute(at=(r, 0.0, 0.0), start=lean - angle, rate=-2.0 * speed)
     second = m.body("rod", first, pin, **rod(mass=link, length=L))
     block = m.body("slider", m.ground, Translational(axis="x", start=r * cos(angle) + L * cos(lean)), mass=slider)
-    m.cut("pin", RevoluteCut(at_a=(L, 0.0, 0.0)), second, block)
+    m.cut("pin", RevoluteCutJoint(at_a=(L, 0.0, 0.0)), second, block)
 
     def inertia(a: float) -> tuple[float, float]:
         moving = 2.0 * link * r * r + 4.0 * slider * r * r
@@ -352,7 +352,10 @@ def bricard(*, scale: Scale = UNSCALED, attitude: Any = None) -> Case:
     hinge = np.cross(rods[4], rods[5]) / l**2
     frame = np.column_stack((rods[4] / l, np.cross(hinge, rods[4] / l), hinge))
     m.cut(
-        "hinge", RevoluteCut(at_a=rods[4], at_b=R @ corners[5], rotation_a=frame, rotation_b=R @ frame), body, m.ground
+        "hinge",
+        RevoluteCutJoint(at_a=rods[4], at_b=R @ corners[5], rotation_a=frame, rotation_b=R @ frame),
+        body,
+        m.ground,
     )
     return Case(_finish(m), None, 5.0 * scale.times)
 
@@ -390,7 +393,7 @@ def squeezer(*, scale: Scale = UNSCALED) -> Case:
     k6 = body("K6", k7, (0.0, -0.04), -phi, 0.00706, 5.667e-7, (0.02 - 0.01421, 0.0))
     tip = (-0.028 * L, 0.0, 0.0)
     for name, link, at in (("P3", k3, (0.0, -0.035)), ("P4", k4, (0.0, -0.02)), ("P6", k6, (0.02, 0.0))):
-        m.cut(name, RevoluteCut(at_a=(at[0] * L, at[1] * L, 0.0), at_b=tip), link, k2)
+        m.cut(name, RevoluteCutJoint(at_a=(at[0] * L, at[1] * L, 0.0), at_b=tip), link, k2)
     m.force("motor", JointForce(magnitude=0.033 * scale.torque), k1)
     spring = Spring(
         stiffness=4530.0 * ms / scale.times**2,
@@ -428,7 +431,7 @@ def crane(*, drive: str = "run-up", start: float = 0.0, axis: Any = "y", scale: 
     piston = m.body(
         "piston", cylinder, Translational(axis="x", start=length * L), **rod(mass=0.3 * ms, length=-0.5 * L)
     )
-    m.cut("pin", RevoluteCut(at_b=(1.2 * L, 0.0, 0.0)), piston, boom)
+    m.cut("pin", RevoluteCutJoint(at_b=(1.2 * L, 0.0, 0.0)), piston, boom)
     m.force("oil", JointSpring(stiffness=400.0 * ms / T**2, free=1.1 * length * L), piston)
     return Case(_finish(m), None, 5.0 * T)
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from mechanisms import UNSCALED, Case, Exact, Scale, turning
 
-from mbfmu.mechanics import Mechanism, Revolute, RevoluteCut, rod
+from mbfmu.mechanics import Mechanism, Revolute, RevoluteCutJoint, rod
 
 STEP = 1e-30  # of complex differences
 
@@ -56,7 +56,7 @@ def bennett(*, start: float = 60.0, rate: float = 0.0, tilt: float = 17.0, scale
         frame, at = about_x(bends[k]), (float(lengths[k]), 0.0, 0.0)
     back = base @ about_x(-twists[1])
     foot = back @ np.array((-long, 0.0, 0.0))
-    m.cut("hinge", RevoluteCut(at_a=at, at_b=foot, rotation_a=frame, rotation_b=back), body, m.ground)
+    m.cut("hinge", RevoluteCutJoint(at_a=at, at_b=foot, rotation_a=frame, rotation_b=back), body, m.ground)
     m.output("energy", m.energy, "kinetic and potential energy")
 
     def at_unit_rate(x: complex) -> tuple[complex, complex]:
@@ -112,7 +112,7 @@ def sarrus(*, start: float = 30.0, rate: float = 0.0, stop_time: float = 4.0, sc
     third = m.body("upper2", plate, hinge((-aside, 0.0, aside), -angle, -1.0, **other), **along_z(upper2))
     fourth = m.body("lower2", third, hinge((0.0, 0.0, l), pi + 2.0 * angle, 2.0, **other), **along_z(lower2))
     frame = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-    foot = RevoluteCut(at_a=(0.0, 0.0, l), at_b=(0.0, 0.0, aside), rotation_a=frame, rotation_b=frame)
+    foot = RevoluteCutJoint(at_a=(0.0, 0.0, l), at_b=(0.0, 0.0, aside), rotation_a=frame, rotation_b=frame)
     m.cut("hinge", foot, fourth, m.ground)
     m.output("energy", m.energy, "kinetic and potential energy")
     lows, ups = lower + lower2, upper + upper2

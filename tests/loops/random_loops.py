@@ -24,19 +24,19 @@ from hypothesis import strategies as st
 from mechanisms import Case, Scale, swinging
 
 from mbfmu.mechanics import (
-    DistanceCut,
+    DistanceCutJoint,
     Floating,
     Harmonic,
     JointSpring,
-    PlanarCut,
-    PlaneCut,
+    PlanarCutJoint,
+    PlaneCutJoint,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     Spherical,
-    SphericalCut,
+    SphericalCutJoint,
     Spring,
     Translational,
-    WeldCut,
+    WeldCutJoint,
     rod,
 )
 
@@ -145,7 +145,7 @@ def _fold(site: Site, gap: float) -> list[Any]:
     coupler = site.link(crank, (a * L, 0.0), along, b * L)
     rocker = site.link(coupler, (b * L, 0.0), atan2(b * sin(along) - y, b * cos(along) - x), -c * L)
     pivot = site.axes @ (d * L, 0.0, 0.0)  # not the point where the rocker happens to end: the gap is in the lengths
-    normal = RevoluteCut(at_a=(-c * L, 0.0, 0.0), at_b=pivot, rotation_b=site.axes)
+    normal = RevoluteCutJoint(at_a=(-c * L, 0.0, 0.0), at_b=pivot, rotation_b=site.axes)
     site.mechanism.cut("fold", normal, rocker, site.base)
     return [crank, coupler]
 
@@ -169,7 +169,7 @@ def _crank_and_slider(site: Site, gap: float) -> list[Any]:
     start = L * (r * cos(angle) + rod_length * cos(lean))
     joint = Translational(axis="x", start=start, **site.on_base(0.0, offset * L))
     slider = site.add(site.base, joint, **site.mass(0.3 * L))
-    site.mechanism.cut("fold", RevoluteCut(at_a=(rod_length * L, 0.0, 0.0)), link, slider)
+    site.mechanism.cut("fold", RevoluteCutJoint(at_a=(rod_length * L, 0.0, 0.0)), link, slider)
     return [crank, link]
 
 
@@ -211,7 +211,7 @@ def _parallel(rng: Generator, scale: Scale) -> tuple[Case, float | None]:
         foot = (i * float(rng.uniform(0.5, 1.5)) * l, float(rng.choice((0.0, 1.0))) * float(rng.normal()) * l)
         joint = Revolute(start=angle, **site.on_base(*foot))
         crank = m.body(f"crank{i}", m.ground, joint, **rod_of[i])
-        kind = RevoluteCut if rng.random() < 0.5 else SphericalCut
+        kind = RevoluteCutJoint if rng.random() < 0.5 else SphericalCutJoint
         m.cut(f"pin{i}", kind(at_a=(l, 0.0, 0.0), at_b=(*foot, 0.0)), crank, coupler)
     bars = float(masses[:n].sum())
     J, weight = (bars / 3.0 + masses[n]) * l * l, (0.5 * bars + masses[n]) * pull * l
@@ -227,20 +227,20 @@ def _parallel(rng: Generator, scale: Scale) -> tuple[Case, float | None]:
 
 # Joints of a chain and the cut joints that close it: more freedoms than rows.
 CHAINS: tuple[tuple[tuple[Any, ...], tuple[Any, ...]], ...] = (
-    ((Revolute, Spherical), (DistanceCut,)),
-    ((Revolute, Revolute), (PlaneCut,)),
-    ((Revolute, Revolute), (DistanceCut,)),
-    ((Spherical, Revolute), (SphericalCut,)),
-    ((Revolute, Spherical, Revolute), (SphericalCut,)),
-    ((Revolute, Spherical, Spherical), (RevoluteCut,)),
-    ((Revolute, Spherical, Spherical), (WeldCut,)),
-    ((Floating,), (SphericalCut, SphericalCut)),  # a hinge of two balls: one row redundant
-    ((Floating,), (DistanceCut, DistanceCut, DistanceCut)),
-    ((Floating,), (PlanarCut, DistanceCut)),
-    ((Revolute, Revolute, Revolute, Revolute), (SphericalCut,)),
-    ((Translational, Spherical), (SphericalCut,)),
-    ((Revolute, Spherical, Translational), (SphericalCut,)),
-    ((Revolute, Floating), (SphericalCut, SphericalCut, DistanceCut)),
+    ((Revolute, Spherical), (DistanceCutJoint,)),
+    ((Revolute, Revolute), (PlaneCutJoint,)),
+    ((Revolute, Revolute), (DistanceCutJoint,)),
+    ((Spherical, Revolute), (SphericalCutJoint,)),
+    ((Revolute, Spherical, Revolute), (SphericalCutJoint,)),
+    ((Revolute, Spherical, Spherical), (RevoluteCutJoint,)),
+    ((Revolute, Spherical, Spherical), (WeldCutJoint,)),
+    ((Floating,), (SphericalCutJoint, SphericalCutJoint)),  # a hinge of two balls: one row redundant
+    ((Floating,), (DistanceCutJoint, DistanceCutJoint, DistanceCutJoint)),
+    ((Floating,), (PlanarCutJoint, DistanceCutJoint)),
+    ((Revolute, Revolute, Revolute, Revolute), (SphericalCutJoint,)),
+    ((Translational, Spherical), (SphericalCutJoint,)),
+    ((Revolute, Spherical, Translational), (SphericalCutJoint,)),
+    ((Revolute, Floating), (SphericalCutJoint, SphericalCutJoint, DistanceCutJoint)),
 )
 
 
@@ -281,14 +281,14 @@ def _close(site: Site, kind: Any, a: Any, b: Any) -> None:
     """Tie a to b where a is now."""
     rng, pose = site.rng, site.poses[a.index]
     at = pose.o + 0.8 * site.size * rng.normal(size=3)
-    if kind is not DistanceCut:
+    if kind is not DistanceCutJoint:
         site.cut(kind, a, b, at, random_rotation(rng))
         return
     A, B = pose, site.poses[b.index]
     way = rng.normal(size=3)
     length = site.size
     there = at + length * way / np.linalg.norm(way)
-    cut = DistanceCut(at_a=A.R.T @ (at - A.o), at_b=B.R.T @ (there - B.o), length=length)
+    cut = DistanceCutJoint(at_a=A.R.T @ (at - A.o), at_b=B.R.T @ (there - B.o), length=length)
     site.mechanism.cut(f"c{len(site.mechanism.cuts)}", cut, a, b)
 
 

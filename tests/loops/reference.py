@@ -30,7 +30,7 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 from tree import NotCovered, Units, backward, forward, sizes, units
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 
 TOLERANCE = 1e-12  # of DOP853, relative to the mechanism's own units
 RESOLUTION = 0.3  # largest step by sigma / |sigma'|
@@ -44,7 +44,7 @@ SHORTEST = 1e-13  # step, in the mechanism's unit of time
 
 @dataclass
 class Motion:
-    """A motion at some times, in the plant's coordinates.
+    """A motion at some times, in the compiled mechanism's coordinates.
 
     Attributes
     ----------
@@ -93,12 +93,13 @@ class Reference(Motion):
 def reference(
     mechanism: Mechanism, times: Any, start: tuple[Any, Any] | None = None, *, tolerance: float = TOLERANCE
 ) -> Reference:
-    """The motion at ``times`` (k,), ascending from the start; ``start``: (q, v) of the plant, None: as it assembles.
+    """The motion at ``times`` (k,), ascending from the start; ``start``: (q, v) of the compiled mechanism, None: as it
+    assembles.
 
     The second run, at thirty times the tolerance and half the resolution, tells how far the first can be trusted.
     """
     if start is None:
-        start = Plant(mechanism).assemble(float(times[0]))
+        start = CompiledMechanism(mechanism).assemble(float(times[0]))
     best = integrate(mechanism, times, start, tolerance=tolerance)
     other = integrate(mechanism, best.times, start, tolerance=30.0 * tolerance, resolution=0.5 * RESOLUTION)
     k = len(other.times)

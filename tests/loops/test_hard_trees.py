@@ -12,7 +12,7 @@ from judge import Truth, judge, truth
 from mechanisms import Case, G
 
 import mbfmu as mb
-from mbfmu.mechanics import JointForce, JointSpring, Mechanism, Plant, Revolute, Translational, rod
+from mbfmu.mechanics import CompiledMechanism, JointForce, JointSpring, Mechanism, Revolute, Translational, rod
 from mbfmu.util.diagnostics import without_details
 from solvers import Options, stepper
 from solvers.compiled.kernel import COMPILED
@@ -78,8 +78,8 @@ def test_orders_are_not_limited_where_fast_motions_are_followed_or_damped(make: 
 
 def test_a_state_that_ida_does_not_have_is_not_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """The code that IDA returns was not read: after a restart the state of another time was reported."""
-    plant = Plant(pendulum_among(61).mechanism)
-    motion: Any = stepper("ida", plant.system, 0.0, *plant.assemble(), Options(rtol=1e-6))
+    compiled = CompiledMechanism(pendulum_among(61).mechanism)
+    motion: Any = stepper("ida", compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-6))
     assert motion.advance(0.5).ok
     before = motion.q.copy()
     interpolate = motion._ida.interpolate

@@ -12,7 +12,7 @@ from judge import Truth, judge, truth
 from mechanisms import Case, G
 
 import mbfmu as mb
-from mbfmu.mechanics import Mechanism, Plant, Revolute, Translational, rod
+from mbfmu.mechanics import CompiledMechanism, Mechanism, Revolute, Translational, rod
 from mbfmu.util.diagnostics import without_details
 from solvers import Options, stepper
 from solvers.compiled.kernel import COMPILED, kernel
@@ -96,14 +96,14 @@ def test_parts_of_the_inertia_are_those_of_the_energy() -> None:
         if k % 4 == 0:
             joint = Translational(at=at, axis=axis)
             bodies[-1] = m.body(f"s{k}", bodies[-1], joint, mass=1.0, com=com, inertia=inertia)
-    plant = Plant(m)
-    system: Any = plant.system
+    compiled = CompiledMechanism(m)
+    system: Any = compiled.system
     assert not system.has_matrices
-    q, _ = plant.assemble()
+    q, _ = compiled.assemble()
     v, rest = rng.normal(size=system.n), np.zeros(system.n)
 
     def quadratic(x: Any) -> float:
-        return plant.energy(0.3, q, x) + plant.energy(0.3, q, -x) - 2.0 * plant.energy(0.3, q, rest)
+        return compiled.energy(0.3, q, x) + compiled.energy(0.3, q, -x) - 2.0 * compiled.energy(0.3, q, rest)
 
     parts, qdot, tau = np.zeros(1 + system.n), np.zeros(system.nq), np.zeros(system.n)
     call_parts(system.inverse, system.inertia_parts, q, v, system.pinned_data, qdot, tau, parts)
@@ -120,8 +120,8 @@ def call_parts(inverse: Any, parts_of: Any, q: Any, v: Any, data: Any, qdot: Any
 
 def growth(mechanism: Mechanism, stop_time: float, solver: str = "adams") -> float:
     """Return the largest rate growth of a run."""
-    plant = Plant(mechanism)
-    motion = stepper(solver, plant.system, 0.0, *plant.assemble(), Options(rtol=1e-6))
+    compiled = CompiledMechanism(mechanism)
+    motion = stepper(solver, compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-6))
     assert motion.advance(stop_time).ok
     return motion.statistics.rate_growth
 
@@ -181,12 +181,12 @@ def test_light_bodies_are_reported_by_check_and_leave_a_run_silent() -> None:
 @pytest.mark.parametrize("solver", ["adams", "radau"])
 def test_growth_is_saved_with_the_state(solver: str) -> None:
     """A restored run goes on with the tolerance it had, here in the middle of a passage."""
-    plant = Plant(light_cart().mechanism)
-    motion = stepper(solver, plant.system, 0.0, *plant.assemble(), Options(rtol=1e-6))
+    compiled = CompiledMechanism(light_cart().mechanism)
+    motion = stepper(solver, compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-6))
     assert motion.advance(0.4514).ok
     saved = motion.save()
     assert motion.advance(1.0).ok
-    other = stepper(solver, plant.system, 0.0, *plant.assemble(), Options(rtol=1e-6))
+    other = stepper(solver, compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-6))
     other.restore(saved)
     assert other.advance(1.0).ok
     np.testing.assert_array_equal(other.q, motion.q)

@@ -9,7 +9,7 @@ import pytest
 from judge import judge, truth
 from mechanisms import CASES, GAPS, grashof, parallelogram
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from solvers import Options, Switching, stepper
 
 NAMED = ("three cranks", "three cranks, singular", "table", "double parallelogram, singular", "slider-crank + 1e-5")
@@ -41,9 +41,9 @@ def test_where_rounding_sets_the_accuracy_the_tolerance_follows_and_it_is_said(m
     verdict = judge(mechanism, motion, solver, 1e-10)
     assert verdict.word == "right", verdict
     assert verdict.evaluations < 6000  # noise would make it 20 000
-    plant = Plant(mechanism)
-    q, v = plant.assemble()
-    run = stepper(solver, plant.system, 0.0, q, v, Options(rtol=1e-10))
+    compiled = CompiledMechanism(mechanism)
+    q, v = compiled.assemble()
+    run = stepper(solver, compiled.system, 0.0, q, v, Options(rtol=1e-10))
     assert run.diagnostics == ()
     assert run.advance(2.0).ok
     assert 1.0 < run.statistics.coarser < 1e3
@@ -70,8 +70,8 @@ def test_redundant_and_singular_loops(name, solver):
 )
 def test_what_makes_the_hybrid_leave_lu_beside_a_singular_position(why, switching):
     mechanism = grashof(1e-3).mechanism
-    plant = Plant(mechanism)
-    q, v = plant.assemble()
-    motion = stepper("hybrid", plant.system, 0.0, q, v, Options(rtol=1e-6, switching=switching))
+    compiled = CompiledMechanism(mechanism)
+    q, v = compiled.assemble()
+    motion = stepper("hybrid", compiled.system, 0.0, q, v, Options(rtol=1e-6, switching=switching))
     assert motion.advance(2.0).ok
     assert getattr(motion.statistics, why) > 0

@@ -36,12 +36,12 @@ from spatial import Spatial
 from tree import backward, forward, units
 
 from mbfmu.mechanics import (
+    CompiledMechanism,
     Floating,
     Mechanism,
-    Plant,
     Polynomial,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     Spherical,
     Translational,
     rod,
@@ -50,7 +50,7 @@ from mbfmu.mechanics import (
 
 def coordinates(mechanism: Mechanism) -> tuple[Maximal, Any, Any]:
     """The maximal coordinates of a mechanism as it assembles."""
-    start = Plant(mechanism).assemble()
+    start = CompiledMechanism(mechanism).assemble()
     unit = units(mechanism, start[1])
     body = formulate(mechanism, unit, 0.0, forward(mechanism, 0.0, *start))
     return body, *body.start()
@@ -59,7 +59,7 @@ def coordinates(mechanism: Mechanism) -> tuple[Maximal, Any, Any]:
 def error(case: Case, times: Any) -> float:
     """How far the reference is from the exact motion."""
     assert case.exact is not None
-    start = Plant(case.mechanism).assemble()
+    start = CompiledMechanism(case.mechanism).assemble()
     run = integrate(case.mechanism, times, start)
     assert not run.ended
     return float(distance(case.mechanism, start[1], run.q, case.exact(times)[0]).max())
@@ -99,7 +99,7 @@ def test_a_pendulum_turns_and_is_counted_in_whole_turns() -> None:
 
 def test_squeezer_ends_where_the_test_set_has_it() -> None:
     case = squeezer()
-    run = integrate(case.mechanism, np.array((0.0, 0.03)), Plant(case.mechanism).assemble())
+    run = integrate(case.mechanism, np.array((0.0, 0.03)), CompiledMechanism(case.mechanism).assemble())
     np.testing.assert_allclose(run.q[-1], SQUEEZER_END, atol=1e-8)
 
 
@@ -109,9 +109,9 @@ def test_a_driven_slider_crank_is_where_its_formula_has_it() -> None:
     crank = m.body("crank", m.ground, Revolute(drive=Polynomial((0.2, speed, 3.0))), **rod(mass=1.0, length=r))
     link = m.body("rod", crank, Revolute(at=(r, 0.0, 0.0), start=-0.3), **rod(mass=1.0, length=L))
     slider = m.body("slider", m.ground, Translational(axis="x", start=r + L), mass=1.0)
-    m.cut("pin", RevoluteCut(at_a=(L, 0.0, 0.0)), link, slider)
+    m.cut("pin", RevoluteCutJoint(at_a=(L, 0.0, 0.0)), link, slider)
     times = np.linspace(0.0, 2.0, 11)
-    run = integrate(m, times, Plant(m).assemble())
+    run = integrate(m, times, CompiledMechanism(m).assemble())
     angle = 0.2 + speed * times + 3.0 * times**2
     np.testing.assert_allclose(run.q[:, 1], r * np.cos(angle) + np.sqrt(L**2 - (r * np.sin(angle)) ** 2), atol=1e-10)
 
@@ -121,7 +121,7 @@ def test_a_free_body_keeps_its_angular_momentum_and_falls() -> None:
     inertia = np.array((1.0, 2.0, 2.5))
     m.body("stone", m.ground, Floating(rate=(1.0, 0.0, 3.0, 0.1, 2.0, 0.1)), mass=1.0, inertia=inertia)
     times = np.linspace(0.0, 5.0, 6)
-    run = integrate(m, times, Plant(m).assemble())
+    run = integrate(m, times, CompiledMechanism(m).assemble())
     np.testing.assert_allclose(run.q[:, 0], times, atol=1e-9)
     np.testing.assert_allclose(run.q[:, 2], 3.0 * times - 0.5 * 9.81 * times**2, atol=1e-9)
     for q, v in zip(run.q, run.v, strict=True):
@@ -140,7 +140,7 @@ def test_a_conical_pendulum_goes_round() -> None:
     joint = Spherical(start=turn, rate=spin)
     m.body("rod", m.ground, joint, mass=1.0, com=(0.0, 0.0, -0.5 * l), inertia=thin)
     times = np.linspace(0.0, 4.0 * 2.0 * pi / rate, 5)
-    run = integrate(m, times, Plant(m).assemble())
+    run = integrate(m, times, CompiledMechanism(m).assemble())
     for q, v in zip(run.q, run.v, strict=True):
         tip = forward(m, 0.0, q, v)[1].R[:, 2]
         np.testing.assert_allclose(tip, (-sin(lean), 0.0, cos(lean)), atol=1e-6)
@@ -161,7 +161,7 @@ def test_beside_singular_positions_two_runs_agree_and_keep_their_energy(make: An
 @pytest.mark.parametrize("make", [parallelogram, n_four_bar, slider_crank])
 def test_no_exact_singular_position_is_passed(make: Any) -> None:
     case = make()
-    run = integrate(case.mechanism, np.linspace(0.0, 1.0, 101), Plant(case.mechanism).assemble())
+    run = integrate(case.mechanism, np.linspace(0.0, 1.0, 101), CompiledMechanism(case.mechanism).assemble())
     assert "singular" in run.ended
     q, _ = case.exact(run.times)
     np.testing.assert_allclose(run.q, q, atol=1e-9)
@@ -174,7 +174,7 @@ def test_a_slewed_crane_does_not_care_where_it_looks(drive: str) -> None:
     runs = []
     for start in (0.0, -45.0):
         m = crane(drive=drive, start=start).mechanism
-        runs.append(integrate(m, times, Plant(m).assemble()).q)
+        runs.append(integrate(m, times, CompiledMechanism(m).assemble()).q)
     assert np.ptp(runs[0], axis=0).max() > 0.05
     np.testing.assert_allclose(runs[1], runs[0], atol=1e-9)
 
@@ -184,7 +184,7 @@ def test_scaled_copies_move_alike(name: str) -> None:
     scale, runs = Scale(1e-3, 20.0, 0.05), []
     for own in (Scale(), scale):
         case = CASES[name](scale=own)
-        start = Plant(case.mechanism).assemble()
+        start = CompiledMechanism(case.mechanism).assemble()
         run = integrate(case.mechanism, np.linspace(0.0, 0.3 * case.stop_time, 5), start)
         lengths = np.array(
             [
@@ -226,7 +226,7 @@ def test_rows_are_the_derivatives_of_each_other(drawn: Drawn) -> None:
 @settings(max_examples=10)
 def test_positions_come_back_as_they_were_given(drawn: Drawn) -> None:
     m = drawn.case.mechanism
-    q, v = Plant(m).assemble()
+    q, v = CompiledMechanism(m).assemble()
     body, x, u = coordinates(m)
     assert isinstance(body, Planar | Spatial)
     back, rates = backward(m, body.poses(x, u), q)
@@ -240,12 +240,12 @@ def test_positions_come_back_as_they_were_given(drawn: Drawn) -> None:
 def test_in_space_a_planar_mechanism_moves_as_in_its_plane(seed: int) -> None:
     drawn = draw(seed, "planar")
     m, times = drawn.case.mechanism, np.linspace(0.0, 0.3 * drawn.case.stop_time, 4)
-    start = Plant(m).assemble()
+    start = CompiledMechanism(m).assemble()
     runs = [integrate(m, times, start).q]
     drawn = draw(seed, "planar")
     m = drawn.case.mechanism
     m.body("stone", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0))  # moves as it likes: no plane for all
-    q, v = Plant(m).assemble()
+    q, v = CompiledMechanism(m).assemble()
     n = len(start[0])
     assert isinstance(coordinates(m)[0], Spatial)
     runs.append(integrate(m, times, (np.r_[start[0], q[n:]], np.r_[start[1], v[len(start[1]) :]])).q[:, :n])

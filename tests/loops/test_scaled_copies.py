@@ -10,7 +10,7 @@ import pytest
 from mechanisms import Scale, crane, grashof, parallelogram, slider_crank, three_cranks
 from random_loops import _MAKERS as RANDOM
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from solvers import Options, stepper
 
 CASES = {
@@ -32,13 +32,13 @@ SCALES = {
 def moved(make, scale, solver, rtol):
     """Run a case; return angles and lengths (k, n) in units of the scale, and what the run took."""
     case = make(scale=scale)
-    plant = Plant(case.mechanism)
-    q, v = plant.assemble()
-    motion = stepper(solver, plant.system, 0.0, q, v, Options(rtol=rtol))
+    compiled = CompiledMechanism(case.mechanism)
+    q, v = compiled.assemble()
+    motion = stepper(solver, compiled.system, 0.0, q, v, Options(rtol=rtol))
     samples = motion.sample(0.3 * scale.times * np.arange(1, 6))
     assert motion.status.ok
     s = motion.statistics
-    slides = plant.system.size != 1.0
+    slides = compiled.system.size != 1.0
     return samples.q / np.where(slides, scale.lengths, 1.0), (s.steps, s.rejected, s.rhs_evals)
 
 
@@ -55,9 +55,9 @@ def test_a_scaled_copy_takes_the_same_steps_to_the_same_numbers(name, solver):
 def taken(family, seed, scale, solver):
     """How a run of a random loop ended, and what it took."""
     case, _ = RANDOM[family](np.random.default_rng(seed), scale)
-    plant = Plant(case.mechanism)
-    q, v = plant.assemble()
-    motion = stepper(solver, plant.system, 0.0, q, v, Options(rtol=1e-6))
+    compiled = CompiledMechanism(case.mechanism)
+    q, v = compiled.assemble()
+    motion = stepper(solver, compiled.system, 0.0, q, v, Options(rtol=1e-6))
     motion.sample(0.1 * case.stop_time * np.arange(1, 4))
     s = motion.statistics
     return motion.status.code, s.steps, s.rejected, s.rhs_evals

@@ -10,7 +10,7 @@ from judge import judge, truth
 from mechanisms import n_four_bar
 from watch import Watch
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from solvers import Options, stepper
 from solvers.projection import singular
 
@@ -100,8 +100,8 @@ def test_a_jump_of_any_number_of_loops_is_found(loops: int) -> None:
 @pytest.mark.parametrize("gap", [1e-9, 1e-6, -1e-4])
 def test_the_gap_of_one_loop_among_others_is_found(loops: int, gap: float) -> None:
     """In the position where all links lie on a line all loops but one are closed, and that one gapes by its excess."""
-    plant = Plant(n_four_bar(loops, longer={1 + loops // 2: gap}).mechanism)
-    motion = stepper("adams", plant.system, 0.0, *plant.assemble(), Options(rtol=1e-6))
+    compiled = CompiledMechanism(n_four_bar(loops, longer={1 + loops // 2: gap}).mechanism)
+    motion = stepper("adams", compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-6))
     open_by = np.zeros(2 * loops)  # x and y at the feet of the columns: those behind the coupler are off by its excess
     open_by[2 * (loops // 2) :: 2] = gap
     assert motion.formulation.bifurcation_gap(0.0, parallel(loops, 0.02)) == pytest.approx(

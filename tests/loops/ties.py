@@ -8,20 +8,20 @@ import numpy as np
 from tree import Known, NotCovered, joint_axes, known
 
 from mbfmu.mechanics import (
-    CylindricalCut,
-    DistanceCut,
+    CylindricalCutJoint,
+    DistanceCutJoint,
     Floating,
     Mechanism,
-    PlanarCut,
-    PlaneCut,
+    PlanarCutJoint,
+    PlaneCutJoint,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     Spherical,
-    SphericalCut,
+    SphericalCutJoint,
     Translational,
-    TranslationalCut,
+    TranslationalCutJoint,
     Weld,
-    WeldCut,
+    WeldCutJoint,
 )
 
 
@@ -79,21 +79,21 @@ def _of_cut(cut: Any, a: int, b: int) -> list[Tie]:
     meet, hinge = Tie("meet", a, b, at_a, at_b), Tie("hinge", a, b, Ra[:, 2], Rb[:, 2])
     slide, guide = (Tie(kind, a, b, (Ra[:, 2], at_a), at_b) for kind in ("slide", "guide"))
     match cut:
-        case DistanceCut():
+        case DistanceCutJoint():
             return [Tie("apart", a, b, at_a, at_b, length=cut.length)]
-        case SphericalCut():
+        case SphericalCutJoint():
             return [meet]
-        case RevoluteCut():
+        case RevoluteCutJoint():
             return [meet, hinge]
-        case WeldCut():
+        case WeldCutJoint():
             return [meet, Tie("lock", a, b, Ra, Rb)]
-        case PlaneCut():
+        case PlaneCutJoint():
             return [slide]
-        case PlanarCut():
+        case PlanarCutJoint():
             return [slide, hinge]
-        case TranslationalCut():
+        case TranslationalCutJoint():
             return [guide, Tie("lock", a, b, Ra, Rb)]
-        case CylindricalCut():
+        case CylindricalCutJoint():
             return [guide, hinge]
     raise NotCovered(f"cut {cut!r}")
 

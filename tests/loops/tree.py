@@ -159,7 +159,9 @@ def quaternion_of(R: Any) -> Any:
 
 
 def forward(mechanism: Mechanism, t: float, q: Any, v: Any) -> list[Pose]:
-    """Poses of all bodies, the ground first, from free positions q and velocities v in the plant's order."""
+    """Poses of all bodies, the ground first, from free positions q and velocities v in the compiled mechanism's
+    order.
+    """
     zero = np.zeros(3)
     poses = [Pose(np.eye(3), zero, zero, zero)]
     iq = iv = 0

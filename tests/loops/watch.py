@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from solvers import Options, stepper
 from solvers.compiled.kernel import kernel
 from solvers.projection import branch, singular
@@ -35,8 +35,8 @@ class Watch:
     """What a stepper knows of the motion so far, without any step."""
 
     def __init__(self, mechanism: Mechanism) -> None:
-        plant = Plant(mechanism)
-        self.motion = stepper("adams", plant.system, 0.0, *plant.assemble(), Options(rtol=1e-6))
+        compiled = CompiledMechanism(mechanism)
+        self.motion = stepper("adams", compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-6))
 
     def begin(self, q) -> int:
         """As the function."""

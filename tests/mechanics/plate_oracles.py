@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution
 from mbfmu.sheets import Sheet, Support, add_sheet
 from solvers.system import TreeSystem
@@ -56,16 +56,16 @@ def cantilever(grid: tuple[int, int], *, gravity: float = 9.81, **options: Any) 
     return m, add_sheet(m, "sheet", **(given | options))
 
 
-def bodies_at(plant: Plant, q: Any) -> Any:
+def bodies_at(compiled: CompiledMechanism, q: Any) -> Any:
     """Motions of all bodies at rest in q."""
-    n = plant.system.n
-    inverse_dynamics_at_solution(0.0, q, np.zeros(n), np.zeros(n), np.zeros(plant.system.m), plant.kernel_data)
-    return plant.data.state.bodies
+    n = compiled.system.n
+    inverse_dynamics_at_solution(0.0, q, np.zeros(n), np.zeros(n), np.zeros(compiled.system.m), compiled.kernel_data)
+    return compiled.data.state.bodies
 
 
-def forces_and_tangent(plant: Plant, q: Any) -> tuple[Any, Any]:
+def forces_and_tangent(compiled: CompiledMechanism, q: Any) -> tuple[Any, Any]:
     """Static residual (n,) by inverse dynamics and its exact derivative (n, n)."""
-    system = plant.complex_system()
+    system = compiled.complex_system()
     n = system.n
     K, zero = np.zeros((n, n)), np.zeros(n, complex)
     for k in range(n):
@@ -77,10 +77,10 @@ def forces_and_tangent(plant: Plant, q: Any) -> tuple[Any, Any]:
     return system.data.state.tau.real.copy(), K
 
 
-def newton(plant: Plant, q: Any) -> tuple[Any, int]:
+def newton(compiled: CompiledMechanism, q: Any) -> tuple[Any, int]:
     """Static equilibrium of a tree without cut joints, and the iterations it took."""
     for iteration in range(1, 16):
-        f, K = forces_and_tangent(plant, q)
+        f, K = forces_and_tangent(compiled, q)
         dq = np.linalg.solve(K, -f)
         q = q + dq
         if np.abs(dq).max() < 1e-9:
@@ -91,17 +91,17 @@ def newton(plant: Plant, q: Any) -> tuple[Any, int]:
 def cylindrical(grid: tuple[int, int], spine: bool) -> Any:
     """Coordinates of a sheet bent as one strip of it would be: where Newton with membrane may start."""
     m, _ = cantilever((grid[0], 2), tree="rows")
-    plant = Plant(m)
-    strip = newton(plant, np.zeros(plant.system.n))[0].reshape(-1, 2, 3).mean(axis=1)
+    compiled = CompiledMechanism(m)
+    strip = newton(compiled, np.zeros(compiled.system.n))[0].reshape(-1, 2, 3).mean(axis=1)
     q = np.zeros((grid[0] - 1, grid[1], 3))
     q[:, : 1 if spine else None, :2] = strip[:, None, :2]
     return q.reshape(-1)
 
 
-def frequencies(plant: Plant) -> Any:
+def frequencies(compiled: CompiledMechanism) -> Any:
     """Natural frequencies in Hz, lowest first, at the start; negative where the stiffness is."""
-    q = plant.assembly.start_positions()
-    system = plant.system
+    q = compiled.assembly.start_positions()
+    system = compiled.system
     free, still = np.eye(system.n), np.zeros(system.n)
     terms = system.allocate_terms()
     system.fill(0.0, q, still, terms)
@@ -109,7 +109,7 @@ def frequencies(plant: Plant) -> Any:
     if isinstance(system, TreeSystem):
         at_rest = system.residual(0.0, q, still, still)
         M = np.array([system.residual(0.0, q, still, a) - at_rest for a in free]).T
-    K = forces_and_tangent(plant, q)[1]
+    K = forces_and_tangent(compiled, q)[1]
     if system.m:
         _, sigma, Vt = np.linalg.svd(terms.J)
         free = Vt[int(np.sum(sigma > 1e-9 * sigma[0])) :].T

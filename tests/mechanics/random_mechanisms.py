@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from mbfmu.mechanics import Cam, Mechanism, Plant, Screw, Table, Universal, couplings, cuts, joints, loads
+from mbfmu.mechanics import Cam, CompiledMechanism, Mechanism, Screw, Table, Universal, couplings, cuts, joints, loads
 from mbfmu.mechanics.couplings import Coupling
-from mbfmu.mechanics.cuts import Cut, DistanceCut
+from mbfmu.mechanics.cuts import CutJoint, DistanceCutJoint
 from mbfmu.mechanics.cuts.base import AxisCut
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.joints.base import AxisJoint
@@ -22,7 +22,7 @@ from mbfmu.sheets import joints as sheet_joints
 Generator = np.random.Generator
 JOINTS, CUTS, COUPLINGS = (
     sorted(element_types_of(joints, Joint) + element_types_of(sheet_joints, Joint), key=lambda kind: kind.__name__),
-    element_types_of(cuts, Cut),
+    element_types_of(cuts, CutJoint),
     element_types_of(couplings, Coupling),
 )
 FORCES = element_types_of(loads, Force)
@@ -32,9 +32,9 @@ NUMBERS = ("stiffness", "damping", *TURNING, "free", "axial", "torsion", "bendin
 
 @dataclass
 class Case:
-    """A plant with a random state."""
+    """A compiled mechanism with a random state."""
 
-    plant: Plant
+    compiled: CompiledMechanism
     t: float
     q: Any
     v: Any
@@ -104,18 +104,18 @@ def add_couplings(m: Mechanism, rng: Generator, kinds: list[type[Coupling]]) -> 
 
 def smooth(case: Case) -> bool:
     """Whether no load is about to jump, to bend or to turn fast: differences would not be derivatives."""
-    plant, state = case.plant, case.plant.data.state
-    plant.energy(case.t, case.q, case.v)
-    lines = [f for kind in (Spring, LineForce, DistanceStop) for f in plant.records(kind)]
+    compiled, state = case.compiled, case.compiled.data.state
+    compiled.energy(case.t, case.q, case.v)
+    lines = [f for kind in (Spring, LineForce, DistanceStop) for f in compiled.records(kind)]
     if any(line_velocity(f, *(state.bodies[int(f[k])] for k in "ab")) > 5.0 for f in lines):
         return False
-    lengths = [(f, *distance(f, *(state.bodies[int(f[k])] for k in "ab"))) for f in plant.records(DistanceStop)]
-    coordinates = [(f, state.q[int(f["q"])], state.v[int(f["v"])]) for f in plant.records(JointStop)]
+    lengths = [(f, *distance(f, *(state.bodies[int(f[k])] for k in "ab"))) for f in compiled.records(DistanceStop)]
+    coordinates = [(f, state.q[int(f["q"])], state.v[int(f["v"])]) for f in compiled.records(JointStop)]
     for f, q, rate in lengths + coordinates:
         v = abs(rate)
         if min(abs(q - f["lower"]), abs(q - f["upper"])) < 0.05 * (1.0 + v) or f["damping"] * v > 0.9:
             return False
-    for f in plant.records(TorsionSpring):
+    for f in compiled.records(TorsionSpring):
         A, B = state.bodies["A"][int(f["a"])], state.bodies["A"][int(f["b"])]
         R = f["Ea"] @ A.T @ B @ f["Eb"].T
         if R[2, 2] < -0.4 or abs(np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])) > 2.8:
@@ -162,10 +162,10 @@ def drawn(seed: int, kinds: list[type[Joint]], closing: list[type], driven: bool
         joint = random_joint(kind, rng, driven and i == 0)
         mass = rng.uniform(0.5, 2.0)
         m.body(f"b{i}", parent, joint, mass=mass, com=rng.normal(size=3), inertia=random_inertia(rng))
-    for i, cut in enumerate(kind for kind in closing if issubclass(kind, Cut)):
+    for i, cut in enumerate(kind for kind in closing if issubclass(kind, CutJoint)):
         options: dict[str, Any] = {"at_a": rng.normal(size=3), "at_b": rng.normal(size=3)}
         options |= {"rotation_a": random_rotation(rng), "rotation_b": random_rotation(rng)}
-        if cut is DistanceCut:
+        if cut is DistanceCutJoint:
             options["length"] = rng.uniform(0.5, 2.0)
         if issubclass(cut, AxisCut):
             options["axis"] = ("x", "y", "z", rng.normal(size=3))[rng.integers(4)]
@@ -183,11 +183,11 @@ def drawn(seed: int, kinds: list[type[Joint]], closing: list[type], driven: bool
             m.output(f"{body.name}.drive_rate", body.rate())
     m.output("energy", m.energy)
     m.output("jacobi", m.jacobi_integral)
-    plant = Plant(m)
-    n = plant.system.n
-    q = plant.assembly.start_positions()
-    plant.system.apply(q, rng.normal(size=n))
-    return Case(plant, float(rng.normal()), q, rng.normal(size=n), rng.normal(size=n))
+    compiled = CompiledMechanism(m)
+    n = compiled.system.n
+    q = compiled.assembly.start_positions()
+    compiled.system.apply(q, rng.normal(size=n))
+    return Case(compiled, float(rng.normal()), q, rng.normal(size=n), rng.normal(size=n))
 
 
 MOVING = [joint for joint in JOINTS if joint.nv > 0]

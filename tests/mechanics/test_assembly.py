@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 
 from mbfmu.mechanics import (
-    DistanceCut,
+    CompiledMechanism,
+    DistanceCutJoint,
     Floating,
     Harmonic,
     Input,
     JointForce,
     Mechanism,
-    Plant,
     PointForce,
     Polynomial,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     Spherical,
-    SphericalCut,
+    SphericalCutJoint,
     Spring,
     Torque,
     Translational,
-    WeldCut,
+    WeldCutJoint,
     rod,
 )
 from mbfmu.mechanics.joints import Joint
@@ -37,36 +37,36 @@ def four_bar(*, ground: float = 3.0, angle: float = 0.3, guess: float = 0.0) -> 
     crank = m.body("crank", m.ground, Revolute(start=angle, fixed=True), **rod(mass=1, length=1))
     coupler = m.body("coupler", crank, Revolute(at=(1, 0, 0), start=-angle + guess), **rod(mass=3, length=3))
     rocker = m.body("rocker", coupler, Revolute(at=(3, 0, 0), start=angle), **rod(mass=1, length=-1))
-    m.cut("pivot", RevoluteCut(at_a=(-1, 0, 0), at_b=(ground, 0, 0)), rocker, m.ground)
+    m.cut("pivot", RevoluteCutJoint(at_a=(-1, 0, 0), at_b=(ground, 0, 0)), rocker, m.ground)
     return m
 
 
 def test_vanishing_rows_are_dropped_and_named() -> None:
-    plant = Plant(four_bar())
-    assert plant.vanishing_rows == ["pivot.z", "pivot.zx", "pivot.zy"]
-    assert plant.system.constraint_names == ("pivot.x", "pivot.y")
+    compiled = CompiledMechanism(four_bar())
+    assert compiled.vanishing_rows == ["pivot.z", "pivot.zx", "pivot.zy"]
+    assert compiled.system.constraint_names == ("pivot.x", "pivot.y")
 
 
 def test_closes_from_a_bad_guess_and_holds_what_is_fixed() -> None:
-    plant = Plant(four_bar(guess=0.2))
-    q, v = plant.assemble()
+    compiled = CompiledMechanism(four_bar(guess=0.2))
+    q, v = compiled.assemble()
     assert q[0] == 0.3
     np.testing.assert_allclose(q, [0.3, -0.3, 0.3], atol=1e-10)
-    assert max(plant.residuals(0.0, q, v)) < 1e-11
+    assert max(compiled.residuals(0.0, q, v)) < 1e-11
 
 
 def test_says_which_loop_cannot_close_and_by_how_much() -> None:
     with pytest.raises(AssemblyError, match=r"'pivot\.[xy]' is violated by"):
-        Plant(four_bar(ground=10.0)).assemble()
+        CompiledMechanism(four_bar(ground=10.0)).assemble()
 
 
 def test_out_of_plane_gap_cannot_close() -> None:
     m = Mechanism()
     a = m.body("a", m.ground, Revolute(), **rod(mass=1, length=1))
     b = m.body("b", a, Revolute(at=(1, 0, 0)), **rod(mass=1, length=1))
-    m.cut("pin", RevoluteCut(at_a=(1, 0, 0), at_b=(2, 0, 0.5)), b, m.ground)
+    m.cut("pin", RevoluteCutJoint(at_a=(1, 0, 0), at_b=(2, 0, 0.5)), b, m.ground)
     with pytest.raises(AssemblyError, match=r"'pin\.z' is violated by 0\.5"):
-        Plant(m)
+        CompiledMechanism(m)
 
 
 def test_parallelogram_with_three_cranks_reports_its_redundant_row() -> None:
@@ -75,19 +75,19 @@ def test_parallelogram_with_three_cranks_reports_its_redundant_row() -> None:
     coupler = m.body("coupler", crank, Revolute(at=(1, 0, 0), start=-0.5), **rod(mass=2, length=2))
     for i, x in enumerate((1.0, 2.0)):
         follower = m.body(f"f{i}", coupler, Revolute(at=(x, 0, 0), start=0.5), **rod(mass=1, length=-1))
-        m.cut(f"pin{i}", RevoluteCut(at_a=(-1, 0, 0), at_b=(x, 0, 0)), follower, m.ground)
-    plant = Plant(m)
-    q, _ = plant.assemble()
+        m.cut(f"pin{i}", RevoluteCutJoint(at_a=(-1, 0, 0), at_b=(x, 0, 0)), follower, m.ground)
+    compiled = CompiledMechanism(m)
+    q, _ = compiled.assemble()
     first, second, third = map(
-        str, plant.assembly.notes(0.0, q)
+        str, compiled.assembly.notes(0.0, q)
     )  # either loop may name the row that both have in common
-    first, second, third = map(str, plant.assembly.notes(0.0, q))
+    first, second, third = map(str, compiled.assembly.notes(0.0, q))
     assert first.startswith("loop 'pin0': 3 of its 5 constraints are trivially satisfied (z, zx, zy)")
     assert second.startswith("loop 'pin1': 3 of its 5 constraints are trivially satisfied (z, zx, zy)")
     assert ": 1 of its 5 constraints is redundant (" in third
     assert third.endswith(" [redundant-constraints]")
     q[:] = 0.0
-    assert str(plant.assembly.notes(0.0, q)[3]) == (
+    assert str(compiled.assembly.notes(0.0, q)[3]) == (
         "the start is a singular configuration: 1 more constraint equation depends on the others there [singular-start]"
     )
 
@@ -97,11 +97,11 @@ def test_zero_mass_is_refused_where_inertia_is_needed_and_welcome_where_not() ->
     a = m.body("a", m.ground, Revolute(), **rod(mass=1, length=1))
     m.body("b", a, Revolute(at=(1, 0, 0)))
     with pytest.raises(AssemblyError, match=r"no inertia: coordinate.* 'b'"):
-        Plant(m).assemble()
+        CompiledMechanism(m).assemble()
     m = Mechanism()
     a = m.body("a", m.ground, Revolute())
     m.body("b", a, Revolute(at=(1, 0, 0)), **rod(mass=1, length=1))
-    Plant(m).assemble()
+    CompiledMechanism(m).assemble()
 
 
 def test_driven_joint_moves_as_told_and_tells_its_effort() -> None:
@@ -110,10 +110,10 @@ def test_driven_joint_moves_as_told_and_tells_its_effort() -> None:
     slide = m.body("slide", m.ground, Translational(axis="y", drive=Harmonic(amplitude=0.2, frequency=1.5)), mass=2.0)
     m.output("y", slide.position("y"))
     m.output("effort", slide.effort())
-    plant = Plant(m)
+    compiled = CompiledMechanism(m)
     out, none = np.zeros(2), np.zeros(0)
     t, w = 0.123, 2 * pi * 1.5
-    plant.observe(t, none, none, none, none, out)
+    compiled.observe(t, none, none, none, none, out)
     y = 0.2 * np.sin(w * t)
     np.testing.assert_allclose(out, [y, 2.0 * (9.81 - w * w * y)], rtol=1e-13)
 
@@ -124,10 +124,10 @@ def test_reactions_of_a_hanging_chain_carry_the_weight_below() -> None:
     b = m.body("b", a, Revolute(at=(1, 0, 0)), **rod(mass=3, length=1))
     m.output("top", a.joint_force("y"))
     m.output("middle", b.joint_force("y"))
-    plant = Plant(m)
-    q, v = plant.assemble()
+    compiled = CompiledMechanism(m)
+    q, v = compiled.assemble()
     out = np.zeros(2)
-    plant.observe(0.0, q, v, np.zeros(2), np.zeros(0), out)
+    compiled.observe(0.0, q, v, np.zeros(2), np.zeros(0), out)
     np.testing.assert_allclose(out, [40.0, 30.0], rtol=1e-13)
 
 
@@ -135,37 +135,37 @@ def test_inputs_are_written_and_must_be_finite() -> None:
     m = Mechanism()
     a = m.body("a", m.ground, Revolute(), **rod(mass=3, length=1))
     m.force("motor", JointForce(magnitude=Input(name="a.torque", unit="N.m")), a)
-    plant = Plant(m)
-    terms = plant.system.allocate_terms()
-    q, v = plant.assemble()
-    plant.inputs.start(0, 5.0)
-    plant.system.fill(0.0, q, v, terms)
+    compiled = CompiledMechanism(m)
+    terms = compiled.system.allocate_terms()
+    q, v = compiled.assemble()
+    compiled.inputs.start(0, 5.0)
+    compiled.system.fill(0.0, q, v, terms)
     np.testing.assert_allclose(terms.h, [-5.0])
     with pytest.raises(UserError, match=r"'a\.torque' is nan"):
-        plant.inputs.start(0, float("nan"))
+        compiled.inputs.start(0, float("nan"))
 
 
 def falling(x: float, gravity: Any) -> Any:
     """A point mass of 2 kg at (0, 3, 0); gravity is x along x, and what an input says along y."""
     m = Mechanism(gravity=(x, gravity, 0.0))
     m.body("a", m.ground, Floating(start=(0, 3, 0, 1, 0, 0, 0)), mass=2, inertia=(1, 1, 1))
-    return Plant(m)
+    return CompiledMechanism(m)
 
 
 def test_gravity_by_an_input_loads_and_stores_energy() -> None:
-    plant = falling(0.5, Input(name="g", unit="m/s2", start=-10.0))
-    terms, (q, v) = plant.system.allocate_terms(), plant.assemble()
+    compiled = falling(0.5, Input(name="g", unit="m/s2", start=-10.0))
+    terms, (q, v) = compiled.system.allocate_terms(), compiled.assemble()
     for g in (-10.0, 4.0):
-        plant.inputs.start(0, g)
-        plant.system.fill(0.0, q, v, terms)
+        compiled.inputs.start(0, g)
+        compiled.system.fill(0.0, q, v, terms)
         np.testing.assert_allclose(terms.h[:3], [-1.0, -2.0 * g, 0.0], atol=1e-15)
-        assert plant.energy(0.0, q, v) == pytest.approx(-6.0 * g)
-    saved = plant.inputs.state()
-    plant.inputs.start(0, 1.0)
-    plant.inputs.restore(saved)
-    assert plant.data.arrays.world["gravity"][0] == pytest.approx([0.5, 4.0, 0.0])
-    plant.adopt(falling(0.7, Input(name="g", unit="m/s2")))  # other numbers; what the input holds stays
-    assert plant.data.arrays.world["gravity"][0] == pytest.approx([0.7, 4.0, 0.0])
+        assert compiled.energy(0.0, q, v) == pytest.approx(-6.0 * g)
+    saved = compiled.inputs.state()
+    compiled.inputs.start(0, 1.0)
+    compiled.inputs.restore(saved)
+    assert compiled.data.arrays.world["gravity"][0] == pytest.approx([0.5, 4.0, 0.0])
+    compiled.adopt(falling(0.7, Input(name="g", unit="m/s2")))  # other numbers; what the input holds stays
+    assert compiled.data.arrays.world["gravity"][0] == pytest.approx([0.7, 4.0, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -189,18 +189,18 @@ def test_adopt_takes_numbers_and_refuses_another_structure() -> None:
         a = m.body("a", m.ground, Floating(), mass=1, inertia=(1, 1, 1))
         m.force("spring", Spring(stiffness=k, free=1.0), m.ground, a)
         m.output("x", a.position("x", (k, 0, 0)))
-        return Plant(m)
+        return CompiledMechanism(m)
 
-    plant = spring(1.0)
+    compiled = spring(1.0)
     q = np.array([3.0, 0, 0, 1, 0, 0, 0])
-    assert plant.energy(0.0, q, np.zeros(6)) == pytest.approx(2.0)
-    plant.adopt(spring(2.0))
-    assert plant.energy(0.0, q, np.zeros(6)) == pytest.approx(4.0)
+    assert compiled.energy(0.0, q, np.zeros(6)) == pytest.approx(2.0)
+    compiled.adopt(spring(2.0))
+    assert compiled.energy(0.0, q, np.zeros(6)) == pytest.approx(4.0)
     out = np.zeros(1)
-    plant.observe(0.0, q, np.zeros(6), np.zeros(6), np.zeros(0), out)
+    compiled.observe(0.0, q, np.zeros(6), np.zeros(6), np.zeros(0), out)
     assert out[0] == pytest.approx(5.0)  # the point that is observed moves along
     with pytest.raises(UserError, match="structure"):
-        plant.adopt(Plant(four_bar()))
+        compiled.adopt(CompiledMechanism(four_bar()))
 
 
 @pytest.mark.parametrize(
@@ -229,17 +229,17 @@ def test_builder_refuses_strangers_twins_and_loops_on_themselves() -> None:
     with pytest.raises(UserError, match="not a body of this mechanism"):
         m.body("b", other.ground, Revolute())
     with pytest.raises(UserError, match="to itself"):
-        m.cut("c", SphericalCut(), a, a)
+        m.cut("c", SphericalCutJoint(), a, a)
     with pytest.raises(UserError, match=r"length of cut 'd' is 0\.0 m"):
-        m.cut("d", DistanceCut(length=0.0), a, m.ground)
+        m.cut("d", DistanceCutJoint(length=0.0), a, m.ground)
     with pytest.raises(UserError, match="length of cut 'd' is '1' m"):
-        m.cut("d", DistanceCut(length="1"), a, m.ground)  # type: ignore[arg-type]
+        m.cut("d", DistanceCutJoint(length="1"), a, m.ground)  # type: ignore[arg-type]
     with pytest.raises(UserError, match="has 3 coordinates and cannot be driven"):
         m.body("s", m.ground, Spherical(drive=1.0))
     with pytest.raises(UserError, match="one coordinate"):
         m.force("f", JointForce(magnitude=1.0), a)
     with pytest.raises(UserError, match=r"has no component 'q'"):
-        m.cut("w", WeldCut(), a, m.ground).force("q")
+        m.cut("w", WeldCutJoint(), a, m.ground).force("q")
     with pytest.raises(UserError, match="axis of body 'r' is 'w'"):
         m.body("r", m.ground, Revolute(axis="w"))
 
@@ -248,10 +248,10 @@ def test_builder_refuses_strangers_twins_and_loops_on_themselves() -> None:
 def test_an_open_angle_counts_as_the_path_of_a_point_one_length_away(size: float) -> None:
     m = Mechanism()
     arm = m.body("arm", m.ground, Revolute(), **rod(mass=1.0, length=2.0 * size))
-    m.cut("glue", WeldCut(), arm, m.ground)
-    plant = Plant(m)
-    assert plant.length == pytest.approx(size)  # from the joint to the center of mass
-    gap, rate = plant.residuals(0.0, np.array([0.1]), np.array([0.3]))
+    m.cut("glue", WeldCutJoint(), arm, m.ground)
+    compiled = CompiledMechanism(m)
+    assert compiled.length == pytest.approx(size)  # from the joint to the center of mass
+    gap, rate = compiled.residuals(0.0, np.array([0.1]), np.array([0.3]))
     assert gap == pytest.approx(size * np.sin(0.1))
     assert rate == pytest.approx(size * 0.3 * np.cos(0.1))
 
@@ -280,22 +280,22 @@ def test_joints_name_what_is_wrong(joint: Joint, message: str) -> None:
     m = Mechanism()
     m.body("b", m.ground, joint, mass=1.0, inertia=(1.0, 1.0, 1.0))
     with pytest.raises(UserError, match=message):
-        Plant(m).assemble()
+        CompiledMechanism(m).assemble()
 
 
 def test_distance_multiplier_is_the_rod_force() -> None:
     """A mass on a rod under gravity, hanging still: the rod pulls with the weight."""
     m = Mechanism(gravity=(0, -10, 0))
     bob = m.body("bob", m.ground, Floating(start=(0, -2, 0, 1, 0, 0, 0)), mass=3, inertia=(1, 1, 1))
-    rod_ = m.cut("rod", DistanceCut(length=2.0), m.ground, bob)
+    rod_ = m.cut("rod", DistanceCutJoint(length=2.0), m.ground, bob)
     m.output("pull", rod_.force())
-    plant = Plant(m)
-    q, v = plant.assemble()
-    terms = plant.system.allocate_terms()
-    plant.system.fill(0.0, q, v, terms)
+    compiled = CompiledMechanism(m)
+    q, v = compiled.assemble()
+    terms = compiled.system.allocate_terms()
+    compiled.system.fill(0.0, q, v, terms)
     lam = np.linalg.lstsq(terms.J.T, -terms.h, rcond=None)[0]
     out = np.zeros(1)
-    plant.observe(0.0, q, v, np.zeros(6), lam, out)
+    compiled.observe(0.0, q, v, np.zeros(6), lam, out)
     assert out[0] == pytest.approx(-30.0)  # on bob, along the line from the ground to bob: inward
     assert sqrt(q[:3] @ q[:3]) == 2.0
 
@@ -313,6 +313,6 @@ def test_rounding_in_what_a_drive_moves_opens_no_redundant_loop(speed: float) ->
     slab = {"mass": 5, "com": (1, 0, 0.5), "inertia": (1, 2, 1)}
     table = m.body("table", cranks[0], Revolute(at=(0.8, 0, 0), start=-lean), **slab)
     for k in (1, 2, 3):
-        m.cut(f"pin{k}", RevoluteCut(at_a=(0.8, 0, 0), at_b=feet[k]), cranks[k], table)
-    _, v = Plant(m).assemble()
+        m.cut(f"pin{k}", RevoluteCutJoint(at_a=(0.8, 0, 0), at_b=feet[k]), cranks[k], table)
+    _, v = CompiledMechanism(m).assemble()
     np.testing.assert_allclose(v, 0.0, atol=1e-12)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.mechanics import Body, Input, Mechanism, Plant, Polynomial, Revolute, SpeedInput, Translational
+from mbfmu.mechanics import Body, CompiledMechanism, Input, Mechanism, Polynomial, Revolute, SpeedInput, Translational
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.sheets import Drum, Guide, Sheet, Surface, Trough, Wall, add_contact, add_nip, add_sheet
 from mbfmu.util.errors import UserError
@@ -306,7 +306,7 @@ def test_a_force_that_is_none_is_told_when_the_mechanism_is_complete(force: Any)
     m, sheet = scene()
     with refused("force of nip 'n' is"):
         add_nip(m, "n", sheet, roller(m, 0.0), radius=0.01, at=(0.0, 0.0, 0.0), width=0.02, force=force)
-        Plant(m)
+        CompiledMechanism(m)
 
 
 def test_what_is_no_sheet_is_named() -> None:
@@ -327,11 +327,11 @@ def test_speeds_and_forces_that_are_not_finite_are_refused() -> None:
     for value in (nan, inf, -inf, True, "fast", None):
         with refused(".*roller.speed.* is"):
             m, sheet = scene()
-            Plant(drive(m, sheet, SpeedInput(name="roller.speed", unit="rad/s", start=value)))  # type: ignore[arg-type]
+            CompiledMechanism(drive(m, sheet, SpeedInput(name="roller.speed", unit="rad/s", start=value)))  # type: ignore[arg-type]
         if value is not True:  # which is a number among numbers
             with refused("polynomial coefficients are"):
                 m, sheet = scene()
-                Plant(drive(m, sheet, Polynomial((0.0, value))))  # type: ignore[arg-type]
+                CompiledMechanism(drive(m, sheet, Polynomial((0.0, value))))  # type: ignore[arg-type]
     m, sheet = scene(0.0)
     drive(m, sheet, SpeedInput(name="roller.speed", unit="rad/s"), Input(name="force", unit="N", start=2.0))
     for name in ("roller.speed", "force"):

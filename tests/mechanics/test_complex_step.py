@@ -20,7 +20,7 @@ STENCIL = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 /
 
 def terms_at(case: Case, s: float, dq: Any, dv: Any) -> list[Any]:
     """Every term at the state moved by s along (dq, dv)."""
-    system = case.plant.system
+    system = case.compiled.system
     terms, q = system.allocate_terms(), case.q.copy()
     system.apply(q, s * dq)
     system.fill(case.t, q, case.v + s * dv, terms)
@@ -28,7 +28,7 @@ def terms_at(case: Case, s: float, dq: Any, dv: Any) -> list[Any]:
 
 
 def check(case: Case) -> None:
-    system, rng = case.plant.complex_system(), np.random.default_rng(0)
+    system, rng = case.compiled.complex_system(), np.random.default_rng(0)
     dq, dv = rng.normal(size=system.n), rng.normal(size=system.n)
     terms = Terms.allocate(system.nq, system.n, system.m, complex)
     q: Any = case.q.astype(complex)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.mechanics import Floating, Mechanism, Plant, PointForce, Polynomial, Revolute, Translational
+from mbfmu.mechanics import CompiledMechanism, Floating, Mechanism, PointForce, Polynomial, Revolute, Translational
 from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.dispatch import apply_load, load_tangent
 from mbfmu.mechanics.kind import record_of
@@ -188,11 +188,11 @@ def flag(
     return m
 
 
-def somewhere(plant: Plant, rng: Any) -> Case:
+def somewhere(compiled: CompiledMechanism, rng: Any) -> Case:
     """A state not far from flat, in motion."""
-    q, n = plant.assembly.start_positions(), plant.system.n
-    plant.system.apply(q, 0.004 * rng.normal(size=n))
-    return Case(plant, 0.3, q, 0.05 * rng.normal(size=n), rng.normal(size=n))
+    q, n = compiled.assembly.start_positions(), compiled.system.n
+    compiled.system.apply(q, 0.004 * rng.normal(size=n))
+    return Case(compiled, 0.3, q, 0.05 * rng.normal(size=n), rng.normal(size=n))
 
 
 @pytest.mark.parametrize("moving", [False, True])
@@ -200,11 +200,11 @@ def somewhere(plant: Plant, rng: Any) -> Case:
 def test_power_of_a_touch_is_the_rate_of_its_energy(name: str, moving: bool, monkeypatch: Any) -> None:
     monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10**6)
     monkeypatch.setattr(test_power, "TOLERANCE", 1e-5)  # points that come into touch within the stencil of differences
-    plant, rng, touched = Plant(flag(SURFACES[name], moving=moving)), np.random.default_rng(4), 0
+    compiled, rng, touched = CompiledMechanism(flag(SURFACES[name], moving=moving)), np.random.default_rng(4), 0
     for _ in range(4):
-        case = somewhere(plant, rng)
-        out = np.zeros(len(plant.outputs))
-        plant.observe(case.t, case.q, case.v, case.a, np.zeros(0), out)
+        case = somewhere(compiled, rng)
+        out = np.zeros(len(compiled.outputs))
+        compiled.observe(case.t, case.q, case.v, case.a, np.zeros(0), out)
         touched += out[1] > 0.0
         check(case, np.zeros(0))
     assert touched > 1
@@ -215,11 +215,11 @@ def test_power_of_a_nip_is_the_rate_of_its_energy_while_its_stations_are_held(id
     """But for what the share of a station does that comes in: there is none in the middle of the sheet."""
     monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10**6)
     monkeypatch.setattr(test_power, "TOLERANCE", 1e-8)  # the differences of a sheet so bent, without a nip too
-    plant, rng = Plant(flag(nip=True, idle=idle)), np.random.default_rng(5)
+    compiled, rng = CompiledMechanism(flag(nip=True, idle=idle)), np.random.default_rng(5)
     for _ in range(4):
-        case = somewhere(plant, rng)
-        out = np.zeros(len(plant.outputs))
-        plant.observe(case.t, case.q, case.v, case.a, np.zeros(0), out)
+        case = somewhere(compiled, rng)
+        out = np.zeros(len(compiled.outputs))
+        compiled.observe(case.t, case.q, case.v, case.a, np.zeros(0), out)
         assert out[1] == pytest.approx(1.0)
         check(case, np.zeros(0))
 
@@ -229,16 +229,16 @@ def test_the_structured_tangent_of_contact(name: str, monkeypatch: Any) -> None:
     """With a roller and an idler that turn freely too, which no group has."""
     monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 0)
     nip, idle = name not in SURFACES, name in ("idler", "carried")
-    plant = Plant(flag(nip=True, idle=idle, carried=name == "carried") if nip else flag(SURFACES[name]))
-    case, n, h = somewhere(plant, np.random.default_rng(6)), plant.system.n, 1e-7
+    compiled = CompiledMechanism(flag(nip=True, idle=idle, carried=name == "carried") if nip else flag(SURFACES[name]))
+    case, n, h = somewhere(compiled, np.random.default_rng(6)), compiled.system.n, 1e-7
     T = np.zeros((n, n))
     for k, e in enumerate(h * np.eye(n)):
         there, back = case.q.copy(), case.q.copy()
-        plant.system.apply(there, e)
-        plant.system.apply(back, -e)
-        T[:, k] = (inverse(plant, there, 900.0 * e) - inverse(plant, back, -900.0 * e)) / (2.0 * h)
-    inverse(plant, case.q, np.zeros(n))
-    tangent = plant.tangent()
+        compiled.system.apply(there, e)
+        compiled.system.apply(back, -e)
+        T[:, k] = (inverse(compiled, there, 900.0 * e) - inverse(compiled, back, -900.0 * e)) / (2.0 * h)
+    inverse(compiled, case.q, np.zeros(n))
+    tangent = compiled.tangent()
     assert tangent.layout.columns.sum() == {"idler": 2, "carried": 7}.get(name, 0)
     assert tangent.factor(0.0, 900.0)
     x = tangent.solve(case.a)
@@ -250,23 +250,23 @@ def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: st
     """On a body that moves too, and by velocities."""
     monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10**6)
     nip = name in ("nip", "idler")
-    plant = Plant(flag(nip=True, idle=name == "idler") if nip else flag(SURFACES[name], moving=True))
-    case, c1, found = somewhere(plant, np.random.default_rng(8)), 3.0, 0
-    _, state = plant.kernel_data
-    update_kinematics(0.0, case.q, case.v, *plant.kernel_data)
-    arrays, twin = pin(plant.tangent_arrays()), pin(to_complex_state(plant.data.state))
-    system = plant.complex_system()
+    compiled = CompiledMechanism(flag(nip=True, idle=name == "idler") if nip else flag(SURFACES[name], moving=True))
+    case, c1, found = somewhere(compiled, np.random.default_rng(8)), 3.0, 0
+    _, state = compiled.kernel_data
+    update_kinematics(0.0, case.q, case.v, *compiled.kernel_data)
+    arrays, twin = pin(compiled.tangent_arrays()), pin(to_complex_state(compiled.data.state))
+    system = compiled.complex_system()
     others, there = unpin(system.pinned_data)
-    for e, acting in enumerate(plant.mechanism.loads()):
+    for e, acting in enumerate(compiled.mechanism.loads()):
         bodies = [body.index for body in acting.bodies]
         if len(bodies) < 5:
             continue
         count = 6 * len(bodies)
         K, expected = np.zeros((count, count)), np.zeros((count, count))
-        load_tangent(plant.data.arrays.loads[e], c1, arrays, state, twin, K)
+        load_tangent(compiled.data.arrays.loads[e], c1, arrays, state, twin, K)
         for j in range(count):
             for p, i in enumerate(bodies):
-                step(plant.data.state.bodies[i], system.data.state.bodies[i], j - 6 * p, c1)
+                step(compiled.data.state.bodies[i], system.data.state.bodies[i], j - 6 * p, c1)
             apply_load(system.data.arrays.loads[e], 0.0, others, there)
             expected[:, j] = -np.concatenate(
                 [system.data.state.bodies["F"][i].imag / COMPLEX_STEP_SIZE for i in bodies]

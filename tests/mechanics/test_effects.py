@@ -10,7 +10,7 @@ from plate_oracles import acm_stiffness, isotropic
 from random_mechanisms import Case
 from test_identities import close, derivative, observed
 
-from mbfmu.mechanics import Harmonic, Mechanism, Plant, Translational
+from mbfmu.mechanics import CompiledMechanism, Harmonic, Mechanism, Translational
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import update_kinematics
 from mbfmu.sheets import Crease, Sheet, Support, add_sheet
@@ -54,16 +54,16 @@ def shaken(tree: str, *, gravity: Any = (0.0, 0.0, 0.0), moved: bool = False, **
     if tree == "master":
         held = {"master": stand if moved else None}
     sheet = add_sheet(m, "sheet", density=1.0, grid=(4, 3), tree=tree, **held, **(SOFT | effects))
-    plant, rng = Plant(m), np.random.default_rng(2)
-    q, n = plant.assembly.start_positions(), plant.system.n
-    plant.system.apply(q, 0.2 * rng.normal(size=n))
-    return Case(plant, 0.3, q, 0.5 * rng.normal(size=n), rng.normal(size=n)), sheet
+    compiled, rng = CompiledMechanism(m), np.random.default_rng(2)
+    q, n = compiled.assembly.start_positions(), compiled.system.n
+    compiled.system.apply(q, 0.2 * rng.normal(size=n))
+    return Case(compiled, 0.3, q, 0.5 * rng.normal(size=n), rng.normal(size=n)), sheet
 
 
 def corners_of(case: Case, sheet: Sheet, t: float, q: Any, v: Any) -> list[tuple[Any, Any, Any]]:
     """Origins, normals and velocities (4, 3) of the corners of every element."""
-    update_kinematics(t, q, v, *case.plant.kernel_data)
-    bodies, (nx, nz) = case.plant.data.state.bodies, (len(sheet.nodes), len(sheet.nodes[0]))
+    update_kinematics(t, q, v, *case.compiled.kernel_data)
+    bodies, (nx, nz) = case.compiled.data.state.bodies, (len(sheet.nodes), len(sheet.nodes[0]))
     found = []
     for i in range(nx - 1):
         for k in range(nz - 1):
@@ -128,8 +128,8 @@ def dissipated(case: Case, sheet: Sheet) -> tuple[float, float]:
 
 def powers(case: Case) -> tuple[float, float]:
     """What would have to act on the free coordinates at accelerations a, and the drives' efforts: their powers."""
-    terms = case.plant.system.allocate_terms()
-    case.plant.system.fill(case.t, case.q, case.v, terms)
+    terms = case.compiled.system.allocate_terms()
+    case.compiled.system.fill(case.t, case.q, case.v, terms)
     seen = observed(case, case.t, case.q, case.v, case.a, np.zeros(0))
     drives = sum(seen[f"effort_{axis}"] * seen[f"rate_{axis}"] for axis in "xy" if seen)
     return float((terms.M @ case.a + terms.h) @ case.v), drives
@@ -146,7 +146,7 @@ def test_energy_changes_by_the_power_of_forces_and_drives_less_what_is_dissipate
     assert (driving != 0.0, taken[0] > 0.0, taken[1] > 0.0) == tuple(
         key in effects for key in ("moved", "damping", "drag")
     )
-    close(derivative(case, case.plant.energy), acting + driving - sum(taken))
+    close(derivative(case, case.compiled.energy), acting + driving - sum(taken))
 
 
 @pytest.mark.parametrize("tree", TREES)
@@ -154,12 +154,12 @@ def test_energy_changes_by_the_power_of_forces_and_drives_less_what_is_dissipate
 def test_left_alone_it_gains_what_drives_give_and_loses_what_is_dissipated(effects: dict[str, Any], tree: str) -> None:
     """With forward dynamics."""
     case, sheet = shaken(tree, **effects)
-    update_kinematics(case.t, case.q, case.v, *case.plant.kernel_data)
-    assert forward_dynamics(*case.plant.kernel_data) == 0
-    full, free = case.plant.data.state.a, case.plant.data.arrays.bodies
+    update_kinematics(case.t, case.q, case.v, *case.compiled.kernel_data)
+    assert forward_dynamics(*case.compiled.kernel_data) == 0
+    full, free = case.compiled.data.state.a, case.compiled.data.arrays.bodies
     case.a = np.concatenate([full[b["vi"] : b["vi"] + b["nv"]] for b in free if b["vf"] >= 0])
     driving = powers(case)[1]
-    close(derivative(case, case.plant.energy), driving - sum(dissipated(case, sheet)))
+    close(derivative(case, case.compiled.energy), driving - sum(dissipated(case, sheet)))
 
 
 @pytest.mark.parametrize("effect", [key for key in ON if key != "bending"])

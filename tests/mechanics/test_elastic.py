@@ -13,11 +13,11 @@ from random_mechanisms import Case, random_inertia, random_rotation
 from mbfmu.mechanics import (
     Beam,
     BeamElement,
+    CompiledMechanism,
     Floating,
     Mechanism,
-    Plant,
     Revolute,
-    SphericalCut,
+    SphericalCutJoint,
     Translational,
     add_chain,
 )
@@ -59,19 +59,19 @@ def build(seed: int, stiffening: bool, loop: bool) -> Case:
     strut = m.flexible_body("strut", arm.section(2.0), placed(Translational, axis=rng.normal(size=3)), second)
     tip = rigid("tip", strut.section(1.5), placed(Revolute, axis=rng.normal(size=3)))
     if loop:
-        m.cut("loop", SphericalCut(at_a=rng.normal(size=3), at_b=rng.normal(size=3)), tip, arm.section(0.4))
+        m.cut("loop", SphericalCutJoint(at_a=rng.normal(size=3), at_b=rng.normal(size=3)), tip, arm.section(0.4))
     for body in m.bodies[1:]:
         for axis in "xyz":
             m.output(f"{body.name}.r{axis}", body.position(axis, (0.3, -0.2, 0.5)))
             m.output(f"{body.name}.v{axis}", body.velocity(axis, (0.3, -0.2, 0.5)))
             m.output(f"{body.name}.a{axis}", body.point_acceleration(axis, (0.3, -0.2, 0.5)))
-    plant = Plant(m)
-    q = plant.assembly.start_positions()
-    n = plant.system.n
-    amplitudes = np.array([".mode." in name for name in plant.system.coordinate_names])
+    compiled = CompiledMechanism(m)
+    q = compiled.assembly.start_positions()
+    n = compiled.system.n
+    amplitudes = np.array([".mode." in name for name in compiled.system.coordinate_names])
     # Bending is small: the theory is of second order. From 0.05 m on its mass matrix may be indefinite.
-    plant.system.apply(q, np.where(amplitudes, rng.uniform(-0.03, 0.03, n), rng.normal(size=n)))
-    return Case(plant, 0.0, q, 0.5 * rng.normal(size=n), rng.normal(size=n))
+    compiled.system.apply(q, np.where(amplitudes, rng.uniform(-0.03, 0.03, n), rng.normal(size=n)))
+    return Case(compiled, 0.0, q, 0.5 * rng.normal(size=n), rng.normal(size=n))
 
 
 seeds = st.integers(0, 2**32 - 1)
@@ -87,14 +87,14 @@ def agree(a: Any, b: Any) -> None:
 @given(seeds, st.booleans())
 def test_mass_matrix_inverse_dynamics_and_articulated_body_agree(seed: int, stiffening: bool) -> None:
     case = build(seed, stiffening, loop=False)
-    system, data = case.plant.system, case.plant.data
+    system, data = case.compiled.system, case.compiled.data
     terms = system.allocate_terms()
     system.fill(0.0, case.q, case.v, terms)
     np.testing.assert_array_equal(terms.M, terms.M.T)
-    inverse_dynamics_at_solution(0.0, case.q, case.v, case.a, np.zeros(0), case.plant.kernel_data)
+    inverse_dynamics_at_solution(0.0, case.q, case.v, case.a, np.zeros(0), case.compiled.kernel_data)
     agree(data.state.tau, terms.M @ case.a + terms.h)
-    update_kinematics(0.0, case.q, case.v, *case.plant.kernel_data)
-    assert forward_dynamics(*case.plant.kernel_data) == 0
+    update_kinematics(0.0, case.q, case.v, *case.compiled.kernel_data)
+    assert forward_dynamics(*case.compiled.kernel_data) == 0
     agree(terms.M @ data.state.a, -terms.h)
 
 
@@ -103,40 +103,40 @@ def test_mass_matrix_inverse_dynamics_and_articulated_body_agree(seed: int, stif
 def test_kinetic_energy_is_the_mass_matrix_form_and_power_is_its_rate(seed: int, stiffening: bool) -> None:
     """Along v' = a the power of M a + h is the rate of the energy, strain and weight included."""
     case = build(seed, stiffening, loop=False)
-    plant, system = case.plant, case.plant.system
+    compiled, system = case.compiled, case.compiled.system
     terms = system.allocate_terms()
     system.fill(0.0, case.q, case.v, terms)
-    kinetic = plant.energy(0.0, case.q, case.v) - plant.energy(0.0, case.q, 0.0 * case.v)
+    kinetic = compiled.energy(0.0, case.q, case.v) - compiled.energy(0.0, case.q, 0.0 * case.v)
     agree(kinetic, 0.5 * case.v @ terms.M @ case.v)
     power = case.v @ (terms.M @ case.a + terms.h)
-    twin = plant.complex_system()
+    twin = compiled.complex_system()
     complex_terms = twin.allocate_terms(complex)
     h = 1e-30
     q, v = case.q.astype(complex), case.v + 1j * h * case.a
     twin.apply(q, 1j * h * case.v)
-    rate = twin_energy(plant, q, v).imag / h
+    rate = twin_energy(compiled, q, v).imag / h
     agree(power, rate)
     twin.fill(0.0, q, v, complex_terms)
     agree(complex_terms.M.real, terms.M)
 
 
-def twin_energy(plant: Any, q: Any, v: Any) -> complex:
+def twin_energy(compiled: Any, q: Any, v: Any) -> complex:
     """Energy of the mechanism on complex numbers."""
     from mbfmu.mechanics.recursions.dynamics import energy
 
-    return complex(energy(0.0, q, v, plant.complex_system().pinned_data))
+    return complex(energy(0.0, q, v, compiled.complex_system().pinned_data))
 
 
 @settings(deadline=None, max_examples=20)
 @given(seeds, st.booleans())
 def test_velocities_and_accelerations_of_all_points_are_the_rates_of_positions(seed: int, stiffening: bool) -> None:
     case = build(seed, stiffening, loop=False)
-    plant, h = case.plant, 1e-30
-    system = plant.complex_system()
+    compiled, h = case.compiled, 1e-30
+    system = compiled.complex_system()
     q, v = case.q.astype(complex), case.v + 1j * h * case.a
     system.apply(q, 1j * h * case.v)
-    out = plant.observe_complex(system, 0.0, q, v, case.a.astype(complex), np.zeros(0, complex))
-    values = dict(zip((o.name for o in plant.outputs), out, strict=True))
+    out = compiled.observe_complex(system, 0.0, q, v, case.a.astype(complex), np.zeros(0, complex))
+    values = dict(zip((o.name for o in compiled.outputs), out, strict=True))
     for name, value in values.items():
         body, _, what = name.rpartition(".")
         if what[0] == "r":
@@ -149,8 +149,8 @@ def test_velocities_and_accelerations_of_all_points_are_the_rates_of_positions(s
 @given(seeds, st.booleans())
 def test_constraint_jacobian_and_gamma_are_derivatives(seed: int, stiffening: bool) -> None:
     case = build(seed, stiffening, loop=True)
-    plant, h = case.plant, 1e-30
-    system = plant.complex_system()
+    compiled, h = case.compiled, 1e-30
+    system = compiled.complex_system()
     terms = system.allocate_terms(complex)
     q, v = case.q.astype(complex), case.v + 1j * h * case.a
     system.apply(q, 1j * h * case.v)
@@ -163,16 +163,16 @@ def test_constraint_jacobian_and_gamma_are_derivatives(seed: int, stiffening: bo
 @given(seeds)
 def test_momentum_of_a_free_mechanism_changes_by_its_weight(seed: int) -> None:
     case = build(seed, stiffening=False, loop=False)
-    plant, system = case.plant, case.plant.system
-    gravity = plant.data.arrays.world["gravity"][0].copy()
-    plant.data.arrays.world["gravity"][0] = 0.0
+    compiled, system = case.compiled, case.compiled.system
+    gravity = compiled.data.arrays.world["gravity"][0].copy()
+    compiled.data.arrays.world["gravity"][0] = 0.0
     run = stepper("adams", system, 0.0, case.q, 0.2 * case.v, Options(rtol=1e-10))
     before, after = np.zeros(6), np.zeros(6)
     for out in (before, after):
-        update_kinematics(run.t, run.q, run.v, *plant.kernel_data)
-        momentum(*plant.kernel_data, out)
+        update_kinematics(run.t, run.q, run.v, *compiled.kernel_data)
+        momentum(*compiled.kernel_data, out)
         run.advance(0.1)
-    plant.data.arrays.world["gravity"][0] = gravity
+    compiled.data.arrays.world["gravity"][0] = gravity
     np.testing.assert_allclose(after, before, atol=1e-6)
 
 

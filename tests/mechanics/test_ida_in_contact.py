@@ -9,14 +9,14 @@ import pytest
 
 import mbfmu as mb
 from mbfmu.mechanics import (
+    CompiledMechanism,
     Floating,
     Gear,
     Mechanism,
-    Plant,
     PointForce,
     Revolute,
     RunUp,
-    SphericalCut,
+    SphericalCutJoint,
     Torque,
     Translational,
 )
@@ -44,16 +44,16 @@ def crowded() -> Mechanism:
     m.couple("gear", Gear(ratio=-2.0), free, crank)
     rod = m.body("rod", crank, Revolute(at=(0.1, 0.0, 0.0)), mass=0.1, com=(0.05, 0.01, 0.0))
     ball = m.body("ball", m.ground, Floating(at=(0.5, 0.0, 0.0)), mass=0.1, inertia=(1e-4, 2e-4, 3e-4))
-    m.cut("pin", SphericalCut(at_a=(0.1, 0.0, 0.0)), rod, ball)
+    m.cut("pin", SphericalCutJoint(at_a=(0.1, 0.0, 0.0)), rod, ball)
     m.output("slip", nip.slip())
     return m
 
 
 def test_products_are_derivatives_of_the_residual() -> None:
     """Beside contact, friction, cut joints, couplings, quaternions; against central differences of small steps."""
-    plant = Plant(crowded())
-    system, random = plant.system, np.random.default_rng(1)
-    q, v = plant.assemble()
+    compiled = CompiledMechanism(crowded())
+    system, random = compiled.system, np.random.default_rng(1)
+    q, v = compiled.assemble()
     assert system.m == 4
     stepper = tree.TreeIDAStepper(system, 0.0, q, v)
     user_data, N, c = stepper._user_data, len(stepper._ida.y), 3e3
@@ -71,9 +71,9 @@ def test_products_are_derivatives_of_the_residual() -> None:
 
 def test_the_library_that_takes_products_must_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tree, "is_library_supported", lambda: False)
-    plant = Plant(crowded())
+    compiled = CompiledMechanism(crowded())
     with pytest.raises(ValueError, match=r"^solver 'ida' .* SUNDIALS 7 .*contact forces .* use 'esdirk' "):
-        tree.TreeIDAStepper(plant.system, 0.0, *plant.assemble())
+        tree.TreeIDAStepper(compiled.system, 0.0, *compiled.assemble())
 
 
 def test_a_strip_that_is_fed_falls_as_the_elastica_does() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from random_mechanisms import COUPLINGS, CUTS, JOINTS, MOVING, Case, build, cases, distance
 
-from mbfmu.mechanics import Mechanism, Plant, Screw
+from mbfmu.mechanics import CompiledMechanism, Mechanism, Screw
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution, update_kinematics
 from mbfmu.mechanics.recursions.kinematics import update_positions as place_joints
@@ -28,7 +28,7 @@ def close(a: Any, b: Any, scale: float = 1.0) -> None:
 
 def along(case: Case, s: float) -> tuple[float, Any, Any]:
     """State at time s from the case's on the path with constant v' = a."""
-    return path(case.plant, State(case.t, case.q, case.v, case.a, np.zeros(0)), s)
+    return path(case.compiled, State(case.t, case.q, case.v, case.a, np.zeros(0)), s)
 
 
 def derivative(case: Case, function: Any) -> Any:
@@ -38,9 +38,9 @@ def derivative(case: Case, function: Any) -> Any:
 
 def observed(case: Case, t: float, q: Any, v: Any, a: Any, lam: Any) -> dict[str, float]:
     """All outputs by name."""
-    out = np.zeros(len(case.plant.outputs))
-    case.plant.observe(t, q, v, a, lam, out)
-    return {variable.name: float(x) for variable, x in zip(case.plant.outputs, out, strict=True)}
+    out = np.zeros(len(case.compiled.outputs))
+    case.compiled.observe(t, q, v, a, lam, out)
+    return {variable.name: float(x) for variable, x in zip(case.compiled.outputs, out, strict=True)}
 
 
 @pytest.mark.parametrize("joint", JOINTS)
@@ -49,12 +49,12 @@ def test_a_joint_has_as_many_motions_as_it_says_and_places_by_a_rotation(joint: 
     needed: dict[Any, dict[str, Any]] = {kind: {"at": (1.0, 0.0, 0.0)} for kind in (Geodesic, Stretching)}
     needed[Screw] = {"lead": 0.1}
     m.body("b", m.ground, joint(**needed.get(joint, {})), mass=1.0)
-    plant = Plant(m)
-    arrays, state = plant.kernel_data
-    plant.data.state.q[:] = np.array([0.6, 0.0, 0.8, 0.0, 0.0, 0.0, 1.0])[: joint.nq]
-    plant.data.state.rel[:] = 0.0
+    compiled = CompiledMechanism(m)
+    arrays, state = compiled.kernel_data
+    compiled.data.state.q[:] = np.array([0.6, 0.0, 0.8, 0.0, 0.0, 0.0, 1.0])[: joint.nq]
+    compiled.data.state.rel[:] = 0.0
     place_joints(arrays, state)
-    rel = plant.data.state.rel
+    rel = compiled.data.state.rel
     assert int(np.sum(np.abs(rel[:6]).max(axis=1) > 0)) == joint.nv
     np.testing.assert_allclose(rel[6:9, :3] @ rel[6:9, :3].T, np.eye(3), atol=1e-15)
 
@@ -62,10 +62,10 @@ def test_a_joint_has_as_many_motions_as_it_says_and_places_by_a_rotation(joint: 
 @settings(deadline=None)
 @given(cases(forces=True))
 def test_mass_matrix_is_inverse_dynamics_by_columns(case: Case) -> None:
-    system, data = case.plant.system, case.plant.data
+    system, data = case.compiled.system, case.compiled.data
     terms = system.allocate_terms()
     system.fill(case.t, case.q, case.v, terms)
-    inverse_dynamics_at_solution(case.t, case.q, case.v, case.a, np.zeros(0), case.plant.kernel_data)
+    inverse_dynamics_at_solution(case.t, case.q, case.v, case.a, np.zeros(0), case.compiled.kernel_data)
     free = data.arrays.bodies["vf"][1:]
     tau = np.concatenate(
         [data.state.tau[b["vi"] : b["vi"] + b["nv"]] for b in data.arrays.bodies[1:]] if len(free) else []
@@ -76,32 +76,32 @@ def test_mass_matrix_is_inverse_dynamics_by_columns(case: Case) -> None:
 @settings(deadline=None)
 @given(cases())
 def test_kinetic_energy_is_the_mass_matrix_form(case: Case) -> None:
-    system = case.plant.system
+    system = case.compiled.system
     terms = system.allocate_terms()
     system.fill(case.t, case.q, case.v, terms)
-    at_rest = case.plant.energy(case.t, case.q, 0 * case.v)
-    kinetic = case.plant.energy(case.t, case.q, case.v) - at_rest
+    at_rest = case.compiled.energy(case.t, case.q, 0 * case.v)
+    kinetic = case.compiled.energy(case.t, case.q, case.v) - at_rest
     close(kinetic, 0.5 * case.v @ terms.M @ case.v, abs(at_rest))
 
 
 @settings(deadline=None)
 @given(cases(forces=True))
 def test_inverse_dynamics_undoes_articulated_body(case: Case) -> None:
-    data = case.plant.data
-    update_kinematics(case.t, case.q, case.v, *case.plant.kernel_data)
-    assert forward_dynamics(*case.plant.kernel_data) == 0
-    terms = case.plant.system.allocate_terms()
+    data = case.compiled.data
+    update_kinematics(case.t, case.q, case.v, *case.compiled.kernel_data)
+    assert forward_dynamics(*case.compiled.kernel_data) == 0
+    terms = case.compiled.system.allocate_terms()
     a = data.state.a.copy()
-    case.plant.system.fill(case.t, case.q, case.v, terms)
+    case.compiled.system.fill(case.t, case.q, case.v, terms)
     close(terms.M @ a + terms.h, np.zeros_like(a), float(np.abs(terms.h).max()))
 
 
 @settings(deadline=None)
 @given(cases(driven=True, forces=True))
 def test_articulated_body_with_a_drive_agrees_with_the_free_equations(case: Case) -> None:
-    data, system = case.plant.data, case.plant.system
-    update_kinematics(case.t, case.q, case.v, *case.plant.kernel_data)
-    assert forward_dynamics(*case.plant.kernel_data) == 0
+    data, system = case.compiled.data, case.compiled.system
+    update_kinematics(case.t, case.q, case.v, *case.compiled.kernel_data)
+    assert forward_dynamics(*case.compiled.kernel_data) == 0
     free = np.concatenate([np.arange(b["vi"], b["vi"] + b["nv"]) for b in data.arrays.bodies[1:] if b["vf"] >= 0])
     a = data.state.a[free.astype(int)].copy()
     terms = system.allocate_terms()
@@ -112,7 +112,7 @@ def test_articulated_body_with_a_drive_agrees_with_the_free_equations(case: Case
 @settings(deadline=None)
 @given(cases(cuts=True, driven=True))
 def test_constraint_derivatives(case: Case) -> None:
-    system = case.plant.system
+    system = case.compiled.system
     terms = system.allocate_terms()
 
     def Phi(t: float, q: Any, v: Any) -> Any:
@@ -132,14 +132,14 @@ def test_constraint_derivatives(case: Case) -> None:
 @settings(deadline=None)
 @given(cases(driven=True))
 def test_point_velocity_and_acceleration(case: Case) -> None:
-    lam = np.zeros(case.plant.system.m)
+    lam = np.zeros(case.compiled.system.m)
     exact = observed(case, case.t, case.q, case.v, case.a, lam)
 
     def outputs(t: float, q: Any, v: Any) -> Any:
         return np.array(list(observed(case, t, q, v, case.a, lam).values()))
 
     rates = dict(zip(exact, derivative(case, outputs), strict=True))
-    for body in case.plant.mechanism.bodies[1:]:
+    for body in case.compiled.mechanism.bodies[1:]:
         for axis in "xyz":
             close(rates[f"{body.name}.r{axis}"], exact[f"{body.name}.v{axis}"])
             close(rates[f"{body.name}.v{axis}"], exact[f"{body.name}.a{axis}"])
@@ -149,11 +149,11 @@ def test_point_velocity_and_acceleration(case: Case) -> None:
 @given(cases(cuts=True, driven=True, forces=True))
 def test_power_equals_energy_rate(case: Case) -> None:
     """dE/dt is the power of free coordinates' net effort, drives, cut joints, dampers and given forces."""
-    plant, system = case.plant, case.plant.system
+    compiled, system = case.compiled, case.compiled.system
     rng = np.random.default_rng(1)
     lam = rng.normal(size=system.m)
     terms = system.allocate_terms()
-    rate = derivative(case, plant.energy)
+    rate = derivative(case, compiled.energy)
     system.fill(case.t, case.q, case.v, terms)
     effort = terms.M @ case.a + terms.h + terms.J.T @ lam  # what would have to act on the free coordinates
     out = observed(case, case.t, case.q, case.v, case.a, lam)
@@ -165,10 +165,10 @@ def test_power_equals_energy_rate(case: Case) -> None:
 
 def non_conservative_power(case: Case) -> float:
     """Power of dampers and given forces, from the records and the body motions, written out anew."""
-    plant, power = case.plant, 0.0
-    state, signals = plant.data.state, plant.signals(plant.data)
-    for _, force, a, b in plant.mechanism.forces:
-        name, f = type(force).__name__, plant.records(type(force))[0]
+    compiled, power = case.compiled, 0.0
+    state, signals = compiled.data.state, compiled.signals(compiled.data)
+    for _, force, a, b in compiled.mechanism.forces:
+        name, f = type(force).__name__, compiled.records(type(force))[0]
         A, B = state.bodies[a.index], state.bodies[b.index]
 
         def velocity(body: Any, p: Any) -> Any:
@@ -258,18 +258,18 @@ def cantilever(section: Any, h: float) -> Any:
 @settings(deadline=None)
 @given(cases())
 def test_momentum_changes_with_what_the_ground_gives(case: Case) -> None:
-    plant, zero = case.plant, np.zeros(0)
+    compiled, zero = case.compiled, np.zeros(0)
 
     def total(t: float, q: Any, v: Any) -> Any:
         out = np.zeros(6)
-        inverse_dynamics_at_solution(t, q, v, case.a, zero, plant.kernel_data)
-        momentum(*plant.kernel_data, out)
+        inverse_dynamics_at_solution(t, q, v, case.a, zero, compiled.kernel_data)
+        momentum(*compiled.kernel_data, out)
         return out
 
     rate = derivative(case, total)
-    inverse_dynamics_at_solution(case.t, case.q, case.v, case.a, zero, plant.kernel_data)
-    g, expected = plant.mechanism.gravity, np.zeros(6)
-    for record, here in zip(plant.data.arrays.bodies[1:], plant.data.state.bodies[1:], strict=True):
+    inverse_dynamics_at_solution(case.t, case.q, case.v, case.a, zero, compiled.kernel_data)
+    g, expected = compiled.mechanism.gravity, np.zeros(6)
+    for record, here in zip(compiled.data.arrays.bodies[1:], compiled.data.state.bodies[1:], strict=True):
         weight = record["mass"] * g
         expected[:3] += weight
         expected[3:] += np.cross(here["r"] + here["com"], weight)
@@ -284,8 +284,8 @@ def test_every_joint_moves_in_a_loop(kind: Any) -> None:
     """The strategies draw at random; this makes sure that each joint and each cut joint was there."""
     for cut in CUTS:
         case = build(7, [kind, Geodesic], [cut], False, True)
-        terms = case.plant.system.allocate_terms()
-        case.plant.system.fill(case.t, case.q, case.v, terms)
+        terms = case.compiled.system.allocate_terms()
+        case.compiled.system.fill(case.t, case.q, case.v, terms)
         assert np.all(np.isfinite(terms.J))
         assert np.abs(terms.J).max() > 0.0
 
@@ -295,7 +295,7 @@ def test_every_joint_is_coupled(kind: Any) -> None:
     """Phi, J, gamma and the power of every coupling, one end driven or not; the strategies draw at random."""
     for seed, driven in ((1, False), (2, kind.nv == 1)):
         case = build(seed, [kind, kind], COUPLINGS, driven, False)
-        system, terms = case.plant.system, case.plant.system.allocate_terms()
+        system, terms = case.compiled.system, case.compiled.system.allocate_terms()
         assert system.m == len(COUPLINGS)
 
         def rates(t: float, q: Any, v: Any, system: Any = system, terms: Any = terms) -> Any:

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.util.errors import UserError
 
 Array = NDArray[np.float64]
@@ -94,7 +94,7 @@ def test_the_generalized_force_between_two_bodies_is_that_of_virtual_work(seed: 
 
     h = 1e-5
     slope = np.array([(distance(q + h * e) - distance(q - h * e)) / (2.0 * h) for e in np.eye(4)])
-    system = Plant(m).system
+    system = CompiledMechanism(m).system
     terms = system.allocate_terms()
     system.fill(0.0, q, np.zeros(4), terms)
     np.testing.assert_allclose(terms.h, -force * slope, atol=1e-8)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.mechanics import Load, LoadGroup, Plant, kernel, limit_ratio, part_value, scratch_record
+from mbfmu.mechanics import CompiledMechanism, Load, LoadGroup, kernel, limit_ratio, part_value, scratch_record
 from mbfmu.mechanics.kind import ElementType
 from mbfmu.util.errors import UserError
 
@@ -137,10 +137,10 @@ def bob(height: float, *, weight: float = 0.0, x: float = 0.0, gravity: float = 
 
 def test_a_part_and_scratch_memory_give_the_law_of_the_user() -> None:
     """Energy of the bob: 50 y^4 / 4 + m v^2 / 2 is what it is at the start."""
-    plant = Plant(bob(0.3))
+    compiled = CompiledMechanism(bob(0.3))
     q, v = np.array([0.2]), np.array([0.7])
-    assert plant.energy(0.0, q, v) == pytest.approx(0.25 * 50.0 * 0.2**4 + 0.5 * 2.0 * 0.7**2, rel=1e-14)
-    assert plant.inverse_dynamics(0.0, q, v, np.zeros(1))[0] == pytest.approx(50.0 * 0.2**3, rel=1e-14)
+    assert compiled.energy(0.0, q, v) == pytest.approx(0.25 * 50.0 * 0.2**4 + 0.5 * 2.0 * 0.7**2, rel=1e-14)
+    assert compiled.inverse_dynamics(0.0, q, v, np.zeros(1))[0] == pytest.approx(50.0 * 0.2**3, rel=1e-14)
 
 
 def test_derivatives_come_from_complex_scratch_memory() -> None:
@@ -150,13 +150,13 @@ def test_derivatives_come_from_complex_scratch_memory() -> None:
 
 
 def test_scratch_memory_is_kept_and_each_has_its_own() -> None:
-    plant = Plant(bob(0.3))
-    (record,) = plant.records(Anchor)
-    scratch, places = plant.data.state.scratch, (int(record["entry"]), int(record["calls"]))
+    compiled = CompiledMechanism(bob(0.3))
+    (record,) = compiled.records(Anchor)
+    scratch, places = compiled.data.state.scratch, (int(record["entry"]), int(record["calls"]))
     entry, calls = (scratch[at : at + d.itemsize].view(d) for at, d in zip(places, (ENTRY, CALLS), strict=True))
     assert places[0] != places[1]
     for _ in range(3):
-        plant.inverse_dynamics(0.0, np.array([0.25]), np.zeros(1), np.zeros(1))
+        compiled.inverse_dynamics(0.0, np.array([0.25]), np.zeros(1), np.zeros(1))
     assert (calls["count"][0], entry["x"][0]) == (3.0, 0.25)
 
 
@@ -171,7 +171,7 @@ def test_scratch_memory_has_names_that_interpreted_kernels_can_read() -> None:
     m = mb.Mechanism()
     m.load("sum", Summed(), m.body("bob", m.ground, mb.Translational(), mass=1.0))
     with pytest.raises(UserError, match=r"scratch memory of load 'sum' has a field 'sum'; NumPy's records have that"):
-        Plant(m)
+        CompiledMechanism(m)
 
 
 WIDE = np.dtype([("x", np.float64, (5000,))])
@@ -209,7 +209,7 @@ def test_scratch_memory_that_was_not_asked_for_is_not_written(asked: Any) -> Non
     with pytest.raises(
         UserError, match=r"load 'weight': kernel 'spill' .* writes scratch memory that its fill has not"
     ):
-        Plant(hung(Spilling(asked=asked)))
+        CompiledMechanism(hung(Spilling(asked=asked)))
 
 
 @pytest.mark.parametrize("asked", [np.float64, 3.0, [("x", float)], np.dtype(float)])
@@ -217,7 +217,7 @@ def test_scratch_memory_is_a_dtype_of_fields(asked: Any) -> None:
     with pytest.raises(
         UserError, match=r"scratch memory of load 'weight' is .*; allowed: a NumPy dtype of named fields"
     ):
-        Plant(hung(Spilling(asked=asked)))
+        CompiledMechanism(hung(Spilling(asked=asked)))
 
 
 def test_what_comes_with_an_element_acts_on_its_bodies() -> None:
@@ -255,14 +255,14 @@ def test_what_comes_with_a_named_load_and_with_that_acts_too() -> None:
 @pytest.mark.parametrize("then", [None, 3.0, (mb.Revolute(),)])
 def test_companions_are_loads(then: Any) -> None:
     with pytest.raises(UserError, match="companion of load 'weight'"):
-        Plant(hung(Pair(force=1.0, then=then)))
+        CompiledMechanism(hung(Pair(force=1.0, then=then)))
 
 
 def test_a_load_is_not_its_own_companion() -> None:
     endless = Pair(force=1.0)
     object.__setattr__(endless, "then", (endless,))
     with pytest.raises(UserError, match="cannot be a companion of itself"):
-        Plant(hung(endless))
+        CompiledMechanism(hung(endless))
 
 
 @kernel
@@ -300,7 +300,7 @@ def test_warnings_about_the_start_are_a_list_of_texts(start: Any) -> None:
 
 def test_the_positions_are_checked_wherever_bodies_are_assembled() -> None:
     with pytest.raises(UserError, match="too far out"):
-        Plant(bob(0.3, x=4.0)).assemble()
+        CompiledMechanism(bob(0.3, x=4.0)).assemble()
     with pytest.raises(UserError, match="too far out"):
         mb.simulate(bob(0.3, x=4.0), 0.1)
     with pytest.raises(UserError, match="too far out"):
@@ -308,8 +308,8 @@ def test_the_positions_are_checked_wherever_bodies_are_assembled() -> None:
 
 
 def test_the_start_is_checked_once() -> None:
-    plant = Plant(bob(0.3, gravity=9.81))
-    assert [found.text for found in plant.check_start(0.0, plant.assemble()[0])] == ["1 anchors, g = 9.81"]
+    compiled = CompiledMechanism(bob(0.3, gravity=9.81))
+    assert [found.text for found in compiled.check_start(0.0, compiled.assemble()[0])] == ["1 anchors, g = 9.81"]
 
 
 def test_a_run_beyond_the_accurate_limit_warns_and_one_beyond_the_valid_limit_ends() -> None:
@@ -325,11 +325,11 @@ def test_a_run_beyond_the_accurate_limit_warns_and_one_beyond_the_valid_limit_en
 
 def test_reasons_reach_the_choice_of_the_solver() -> None:
     m = bob(0.3)
-    plant = Plant(m)
-    assert plant.system.nonsmooth_reason == "anchors jerk"
-    assert plant.system.stiffness_reason == "anchors are stiff"
+    compiled = CompiledMechanism(m)
+    assert compiled.system.nonsmooth_reason == "anchors jerk"
+    assert compiled.system.stiffness_reason == "anchors are stiff"
     assert "anchors are stiff" in mb.Simulation(m, mb.Settings(solver="auto")).solver_choice.reason
-    assert Plant(mb_pendulum()).system.stiffness_reason == ""
+    assert CompiledMechanism(mb_pendulum()).system.stiffness_reason == ""
 
 
 def mb_pendulum() -> mb.Mechanism:
@@ -354,5 +354,5 @@ def test_an_element_is_a_load() -> None:
 
 @pytest.mark.parametrize(("value", "ratio"), [(0.0, 0.0), (0.25, 0.5), (0.5, 1.0), (0.65, 1.5), (0.8, 2.0), (1.1, 3.0)])
 def test_the_ratio_is_one_at_the_accurate_limit_and_two_at_the_valid_limit(value: float, ratio: float) -> None:
-    plant = Plant(bob(0.0))
-    assert plant.limit_ratio(0.0, np.array([value])) == pytest.approx(ratio, abs=1e-12)
+    compiled = CompiledMechanism(bob(0.0))
+    assert compiled.limit_ratio(0.0, np.array([value])) == pytest.approx(ratio, abs=1e-12)

@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 from mbfmu import modes, simulate
 from mbfmu.mechanics import (
     Bushing,
+    CompiledMechanism,
     DistanceStop,
     Floating,
     Input,
     JointSpring,
     JointStop,
     Mechanism,
-    Plant,
     PointForce,
     Revolute,
     Spherical,
@@ -44,9 +44,9 @@ def pushed(stop: JointStop, q: float, v: float) -> tuple[float, float]:
     m = Mechanism()
     slider = m.body("slider", m.ground, Translational(axis="x"), mass=1.0)
     m.output("effort", m.force("stop", stop, slider).effort())
-    plant, out = Plant(m), np.zeros(1)
-    plant.observe(0.0, np.array([q]), np.array([v]), np.zeros(1), np.zeros(0), out)
-    return float(out[0]), plant.energy(0.0, np.array([q]), np.zeros(1))
+    compiled, out = CompiledMechanism(m), np.zeros(1)
+    compiled.observe(0.0, np.array([q]), np.array([v]), np.zeros(1), np.zeros(0), out)
+    return float(out[0]), compiled.energy(0.0, np.array([q]), np.zeros(1))
 
 
 @pytest.mark.parametrize(
@@ -188,10 +188,10 @@ def test_a_distance_is_stopped_along_its_line(x: float, v: float, force: float) 
     m.output("pull", handle.force("x", on="b"))
     m.output("lever", handle.moment("z", on="b"))
     m.output("back", handle.force("x"))
-    plant, out = Plant(m), np.zeros(3)
-    plant.observe(0.0, np.array([x]), np.array([v]), np.zeros(1), np.zeros(0), out)
+    compiled, out = CompiledMechanism(m), np.zeros(3)
+    compiled.observe(0.0, np.array([x]), np.array([v]), np.zeros(1), np.zeros(0), out)
     np.testing.assert_allclose(out, [force, -2.0 * force, -force], atol=1e-12)
-    stored = plant.energy(0.0, np.array([x]), np.zeros(1))
+    stored = compiled.energy(0.0, np.array([x]), np.zeros(1))
     assert stored == pytest.approx(5.0 * max(1.0 - abs(x), abs(x) - 3.0, 0.0) ** 2)
 
 
@@ -250,13 +250,13 @@ def hinged(angle: float, rate: float, spring: bool) -> tuple[Any, float]:
         m.force("spring", TorsionSpring(axis=R @ axis, rotation=R, **numbers), first, second)
     else:
         m.force("spring", JointSpring(**numbers), second)
-    plant = Plant(m)
-    q, v = plant.assembly.start_positions(), rng.normal(size=7)
-    plant.system.apply(q, np.r_[rng.normal(size=6), 0.0])
+    compiled = CompiledMechanism(m)
+    q, v = compiled.assembly.start_positions(), rng.normal(size=7)
+    compiled.system.apply(q, np.r_[rng.normal(size=6), 0.0])
     q[7], v[6] = angle, rate
-    terms = plant.system.allocate_terms()
-    plant.system.fill(0.0, q, v, terms)
-    return terms.h.copy(), plant.energy(0.0, q, v)
+    terms = compiled.system.allocate_terms()
+    compiled.system.fill(0.0, q, v, terms)
+    return terms.h.copy(), compiled.energy(0.0, q, v)
 
 
 @pytest.mark.parametrize("angle", [-3.1, -1.7, 0.0, 0.4, 1e-9, 2.0, 3.1])
@@ -280,10 +280,10 @@ def tilted(R: Any, spring: Any) -> tuple[Any, float]:
     handle = m.force("spring", spring, m.ground, ball)
     for axis in "xyz":
         m.output(axis, handle.moment(axis, on="b"))
-    plant, out = Plant(m), np.zeros(3)
-    q = plant.assembly.start_positions()
-    plant.observe(0.0, q, np.zeros(3), np.zeros(3), np.zeros(0), out)
-    return out, plant.energy(0.0, q, np.zeros(3))
+    compiled, out = CompiledMechanism(m), np.zeros(3)
+    q = compiled.assembly.start_positions()
+    compiled.observe(0.0, q, np.zeros(3), np.zeros(3), np.zeros(0), out)
+    return out, compiled.energy(0.0, q, np.zeros(3))
 
 
 def test_a_torsion_spring_turns_back_the_twist_that_a_tilt_leaves() -> None:
@@ -379,8 +379,8 @@ def test_a_bushing_exerts_its_force_at_its_point_on_both_bodies() -> None:
             m.output(f"f{on}{axis}", handle.force(axis, on=on))
         for axis in "xyz":
             m.output(f"m{on}{axis}", handle.moment(axis, on=on))
-    plant, out = Plant(m), np.zeros(12)
-    plant.observe(0.0, plant.assembly.start_positions(), np.zeros(12), np.zeros(12), np.zeros(0), out)
+    compiled, out = CompiledMechanism(m), np.zeros(12)
+    compiled.observe(0.0, compiled.assembly.start_positions(), np.zeros(12), np.zeros(12), np.zeros(0), out)
     force = np.array((2.0, 3.0, 4.0)) * (2.0, 3.0, 0.5)  # from (1, 0, 0) to (3, 3, 0.5)
     expected = [*force, *np.cross((3.0, 3.0, 0.5), force), *-force, *np.cross((0.0, 2.0, 0.0), -force)]
     np.testing.assert_allclose(out, expected, atol=1e-13)
@@ -430,9 +430,9 @@ def accelerations(joint: Any, q: Any, load: Any) -> Any:
     m = Mechanism()
     body = m.body("ball", m.ground, joint, mass=1.0, inertia=(1.0, 1.0, 1.0))
     m.force("load", load, body)
-    plant = Plant(m)
-    terms = plant.system.allocate_terms()
-    plant.system.fill(0.0, np.asarray(q, float), np.zeros(6), terms)
+    compiled = CompiledMechanism(m)
+    terms = compiled.system.allocate_terms()
+    compiled.system.fill(0.0, np.asarray(q, float), np.zeros(6), terms)
     return np.linalg.solve(terms.M, -terms.h)
 
 

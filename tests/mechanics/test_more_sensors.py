@@ -15,13 +15,13 @@ from mbfmu import linearize, simulate
 from mbfmu.mechanics import (
     BeamElement,
     Bushing,
+    CompiledMechanism,
     Floating,
     Input,
     JointForce,
     JointSpring,
     JointStop,
     Mechanism,
-    Plant,
     PointForce,
     Polynomial,
     Revolute,
@@ -44,16 +44,16 @@ class Observed(Case):
     """A mechanism in a random state, and the numbers of its outputs."""
 
     def read(self, t: float, q: Any, v: Any) -> Any:
-        out = np.zeros(len(self.plant.outputs))
-        self.plant.observe(t, q, v, self.a, np.zeros(0), out)
+        out = np.zeros(len(self.compiled.outputs))
+        self.compiled.observe(t, q, v, self.a, np.zeros(0), out)
         return out
 
     def told(self) -> dict[str, float]:
-        names = [variable.name for variable in self.plant.outputs]
+        names = [variable.name for variable in self.compiled.outputs]
         return dict(zip(names, self.read(self.t, self.q, self.v).tolist(), strict=True))
 
     def rates(self) -> dict[str, float]:
-        names = [variable.name for variable in self.plant.outputs]
+        names = [variable.name for variable in self.compiled.outputs]
         return dict(zip(names, derivative(self, self.read).tolist(), strict=True))
 
 
@@ -71,17 +71,17 @@ def tree(m: Mechanism, rng: Any, size: float = 1.0) -> list[Any]:
 
 def in_motion(m: Mechanism, rng: Any, size: float = 1.0) -> Observed:
     """Somewhere, moving."""
-    plant = Plant(m)
-    n = plant.system.n
-    scale = plant.system.size
-    q = plant.assembly.start_positions()
-    plant.system.apply(q, scale * rng.normal(size=n))
-    return Observed(plant, 0.7, q, scale * rng.normal(size=n), scale * rng.normal(size=n))
+    compiled = CompiledMechanism(m)
+    n = compiled.system.n
+    scale = compiled.system.size
+    q = compiled.assembly.start_positions()
+    compiled.system.apply(q, scale * rng.normal(size=n))
+    return Observed(compiled, 0.7, q, scale * rng.normal(size=n), scale * rng.normal(size=n))
 
 
 def pose(case: Observed, body: Any) -> tuple[Any, Any, Any, Any]:
     """Position, axes, velocity and angular velocity of a body as the recursions have left them."""
-    here = case.plant.data.state.bodies[body.index]
+    here = case.compiled.data.state.bodies[body.index]
     return here["r"].copy(), here["A"].copy(), here["Y"][:3].copy(), here["Y"][3:].copy()
 
 
@@ -127,8 +127,8 @@ def test_a_quaternion_is_of_the_attitude_and_its_first_component_positive(given:
         body = m.body("b", m.ground, Spherical(start=sign * np.array(given)), mass=1.0, inertia=(1.0, 1.0, 1.0))
         for k in range(4):
             m.output(f"e{k}", body.quaternion(k))
-        plant, out = Plant(m), np.zeros(4)
-        plant.observe(0.0, plant.assembly.start_positions(), np.zeros(3), np.zeros(3), np.zeros(0), out)
+        compiled, out = CompiledMechanism(m), np.zeros(4)
+        compiled.observe(0.0, compiled.assembly.start_positions(), np.zeros(3), np.zeros(3), np.zeros(0), out)
         found.append(out)
         assert out[np.flatnonzero(out)[0]] > 0.0
     np.testing.assert_array_equal(found[0], found[1])
@@ -162,7 +162,7 @@ def test_pairs_of_bodies_are_as_their_positions_and_axes_say(pair: tuple[int, in
         assert told[f"r{axis}"] == pytest.approx(seen[k], **close)
         assert told[f"v{axis}"] == pytest.approx(rates[f"r{axis}"], rel=1e-8, abs=1e-8 * size)
     assert told["closing"] == pytest.approx(rates["distance"], rel=1e-8, abs=1e-8 * size)
-    units = {variable.name: variable.unit for variable in case.plant.outputs}
+    units = {variable.name: variable.unit for variable in case.compiled.outputs}
     assert (units["distance"], units["closing"], units["angle"]) == ("m", "m/s", "rad")
     assert (units["rx"], units["vx"]) == ("m", "m/s")
 
@@ -172,8 +172,8 @@ def test_angles_between_axes_are_told_where_their_cosine_is_flat(angle: float) -
     m = Mechanism()
     arm = m.body("arm", m.ground, Revolute(axis="z", start=angle), mass=1.0)
     m.output("angle", m.angle_between(m.ground, "x", arm, "x"))
-    plant, out = Plant(m), np.zeros(1)
-    plant.observe(0.0, np.array([angle]), np.zeros(1), np.zeros(1), np.zeros(0), out)
+    compiled, out = CompiledMechanism(m), np.zeros(1)
+    compiled.observe(0.0, np.array([angle]), np.zeros(1), np.zeros(1), np.zeros(0), out)
     assert out[0] == pytest.approx(angle, rel=1e-6, abs=1e-15)
 
 
@@ -182,8 +182,8 @@ def test_points_that_coincide_are_at_no_distance_and_have_no_rate() -> None:
     slider = m.body("slider", m.ground, Translational(axis="x"), mass=1.0)
     m.output("distance", m.distance(m.ground, slider))
     m.output("rate", m.distance_rate(m.ground, slider))
-    plant, out = Plant(m), np.ones(2)
-    plant.observe(0.0, np.zeros(1), np.ones(1), np.zeros(1), np.zeros(0), out)
+    compiled, out = CompiledMechanism(m), np.ones(2)
+    compiled.observe(0.0, np.zeros(1), np.ones(1), np.zeros(1), np.zeros(0), out)
     np.testing.assert_array_equal(out, 0.0)
 
 
@@ -233,7 +233,7 @@ def test_a_floating_body_moves_as_the_forces_and_its_child_tell() -> None:
         m.output(f"a{axis}", first.point_acceleration(axis, first.com))
         m.output(f"r{axis}", hinged.position(axis))
     case = in_motion(m, rng)
-    system = case.plant.system
+    system = case.compiled.system
     terms = system.allocate_terms()
     system.fill(case.t, case.q, case.v, terms)
     case.a = np.linalg.solve(terms.M, -terms.h)  # moved by these forces, and by no others
@@ -242,7 +242,7 @@ def test_a_floating_body_moves_as_the_forces_and_its_child_tell() -> None:
     def three(name: str) -> Any:
         return np.array([told[f"{name}{axis}"] for axis in "xyz"])
 
-    here = case.plant.data.state.bodies[1]
+    here = case.compiled.data.state.bodies[1]
     r, A, w, alpha = here["r"], here["A"], here["Y"][3:], here["dY"][3:]
     force = sum(three(f"f{k}") for k in range(len(on))) - three("joint.f")
     moment = sum(three(f"m{k}") for k in range(len(on))) - three("joint.m")
@@ -301,7 +301,7 @@ def test_given_forces_and_joint_forces_are_told_as_given() -> None:
     assert told["motor"] == pytest.approx(size, rel=1e-14)
     assert told["hinge"] == pytest.approx(-2.0 * (case.q[7] - 0.1) - 0.3 * case.v[6], rel=1e-13)
     assert told["stop"] == pytest.approx(-20.0 * 0.25 * (1.0 + 0.05 * 0.8), rel=1e-12)
-    units = {variable.name: variable.unit for variable in case.plant.outputs}
+    units = {variable.name: variable.unit for variable in case.compiled.outputs}
     assert (units["hinge"], units["stop"], units["pushx"], units["leverx"]) == ("N.m", "N", "N", "N.m")
 
 
@@ -320,7 +320,7 @@ def test_reading_a_force_leaves_the_state_as_it_was() -> None:
         if read:
             assert all(told[f"{name}0"] == told[f"{name}1"] for name in handles)
             assert any(told[f"{name}0"] for name in handles)
-        state = case.plant.data.state
+        state = case.compiled.data.state
         states.append({name: np.array(getattr(state, name)) for name in ("Q", "tau", "cached_power", "v", "q", "time")})
         wrenches.append((state.bodies["F"].copy(), told["joint"]))
     for name, before in states[0].items():
@@ -351,25 +351,25 @@ def test_derivatives_of_all_outputs_by_complex_steps() -> None:
     m.output("speed", m.relative_velocity(b, a, "y", at_a=P, at_b=Q))
     case = in_motion(m, rng)
     case.q[-1] = 0.4  # slider, in its stop
-    plant, system = case.plant, case.plant.complex_system()
+    compiled, system = case.compiled, case.compiled.complex_system()
     dq, dv = rng.normal(size=system.n), rng.normal(size=system.n)
     q: Any = case.q.astype(complex)
     step: Any = 1j * E * dq
     system.apply(q, step)
     zero: Any = np.zeros(system.n, complex)
-    found = plant.observe_complex(system, case.t, q, case.v + 1j * E * dv, zero + case.a, np.zeros(0, complex))
+    found = compiled.observe_complex(system, case.t, q, case.v + 1j * E * dv, zero + case.a, np.zeros(0, complex))
     h, stencil = 1e-3, {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
 
     def moved(s: float) -> Any:
         there = case.q.copy()
-        plant.system.apply(there, s * dq)
+        compiled.system.apply(there, s * dq)
         return case.read(case.t, there, case.v + s * dv)
 
     slopes = sum(weight * moved(k * h) for k, weight in stencil.items()) / h
     np.testing.assert_allclose(found.real, case.read(case.t, case.q, case.v), rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(found.imag / E, slopes, rtol=1e-7, atol=1e-7)
     moving = {"torque.f", "moment.f", "moment.m", "push.f", "motor", "twist.f"}  # constant: no force, or a given one
-    names = [variable.name for variable in plant.outputs]
+    names = [variable.name for variable in compiled.outputs]
     assert all((slope != 0.0) != (name in moving) for name, slope in zip(names, found.imag, strict=True))
 
 
@@ -381,10 +381,10 @@ def test_a_force_follows_an_input_at_once_and_what_moves_does_not() -> None:
     m.output("push", push.force("x"))
     m.output("motor", motor.effort())
     m.output("distance", m.distance(m.ground, slider))
-    plant = Plant(m)
+    compiled = CompiledMechanism(m)
     assert push.force("x").follows is Follows.FORCES
-    assert plant.feedthrough() == [(0,), (1,), ()]  # each its own input alone
-    assert plant.has_force_outputs
+    assert compiled.feedthrough() == [(0,), (1,), ()]  # each its own input alone
+    assert compiled.has_force_outputs
     result = simulate(m, 1.0, interval=0.25, solver="adams", tolerance=1e-9, inputs={"f": lambda t: 3.0 * t, "g": 2.0})
     np.testing.assert_allclose(result["push"], 3.0 * result.t, atol=1e-12)
     np.testing.assert_allclose(result["motor"], 2.0)
@@ -447,7 +447,7 @@ def test_the_path_of_a_case_is_that_of_its_velocities() -> None:
     rng, m = np.random.default_rng(16), Mechanism()
     tree(m, rng)
     case = in_motion(m, rng)
-    terms = case.plant.system.allocate_terms()
-    case.plant.system.fill(case.t, case.q, case.v, terms)
+    terms = case.compiled.system.allocate_terms()
+    case.compiled.system.fill(case.t, case.q, case.v, terms)
     ahead, back = along(case, 1e-5)[1], along(case, -1e-5)[1]
     np.testing.assert_allclose((ahead - back) / 2e-5, terms.qdot, atol=1e-8)

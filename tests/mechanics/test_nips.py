@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.mechanics import Mechanism, Plant, Polynomial, Revolute
+from mbfmu.mechanics import CompiledMechanism, Mechanism, Polynomial, Revolute
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.sheets import Drum, Sheet, Wall, add_contact, add_nip, add_sheet
 from mbfmu.util.errors import UserError
@@ -58,7 +58,7 @@ def test_a_sheet_spins_up_a_roller_that_turns_freely() -> None:
         add_nip(m, f"{name} nip", sheet, roller, radius=radius, at=(x, 0.0, 0.0), width=0.05, force=2.0)
         m.output(f"{name}.omega", roller.angular_velocity("z"))
     assert len(find_groups(m).inward) == 10
-    assert not Plant(m).tangent().symmetric
+    assert not CompiledMechanism(m).tangent().symmetric
     found = mb.simulate(m, stop_time=0.03, interval=0.005, solver="esdirk", tolerance=1e-4)
     spin = np.minimum(2.0 * radius / inertia * found.t, speed / radius)
     whole = np.arange(len(spin)) != 3  # but where it arrives, which friction that is regularized makes round

@@ -9,7 +9,7 @@ import pytest
 from plate_oracles import CORNERS, E, acm_stiffness, grain, isotropic
 from random_mechanisms import random_rotation
 
-from mbfmu.mechanics import Floating, Mechanism, Plant, Polynomial
+from mbfmu.mechanics import CompiledMechanism, Floating, Mechanism, Polynomial
 from mbfmu.mechanics.dispatch import load_tangent
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.records import to_complex_state
@@ -37,27 +37,27 @@ CURLED = ASKEW | {"membrane": True, "curl": (0.3, -0.2, 0.1)}
 SIZES = [1e-3, 0.1, 0.3, 1.0]
 
 
-def element(**options: Any) -> Plant:
+def element(**options: Any) -> CompiledMechanism:
     """Four floating bodies with a plate between them."""
     m = Mechanism()
     nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
     m.element(Plate(**(BENDING | options)), *nodes)
-    return Plant(m)
+    return CompiledMechanism(m)
 
 
-def pressed(p: Any) -> Plant:
+def pressed(p: Any) -> CompiledMechanism:
     """Four floating bodies with a pressure between them."""
     m = Mechanism()
     nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
     m.pressure("wind", p, [nodes])
-    return Plant(m)
+    return CompiledMechanism(m)
 
 
-def bent(plant: Plant, size: float, seed: int = 0) -> Any:
+def bent(compiled: CompiledMechanism, size: float, seed: int = 0) -> Any:
     """Positions (28,) with every motion of every node off by about ``size``."""
-    rng, q = np.random.default_rng(seed), plant.assembly.start_positions()
+    rng, q = np.random.default_rng(seed), compiled.assembly.start_positions()
     q.reshape(4, 7)[:, :3] = FLAT
-    plant.system.apply(q, size * rng.normal(size=24))
+    compiled.system.apply(q, size * rng.normal(size=24))
     return q
 
 
@@ -87,28 +87,28 @@ def curved(curvatures: Any) -> Any:
     return posed(r, frames)
 
 
-def wrenches(plant: Plant, q: Any, v: Any = None) -> Any:
+def wrenches(compiled: CompiledMechanism, q: Any, v: Any = None) -> Any:
     """Applied wrenches (4, 6) about the origins, global axes."""
-    update_kinematics(0.0, q, np.zeros(24) if v is None else v, *plant.kernel_data)
-    return plant.data.state.bodies["F"][1:].copy()
+    update_kinematics(0.0, q, np.zeros(24) if v is None else v, *compiled.kernel_data)
+    return compiled.data.state.bodies["F"][1:].copy()
 
 
-def joint_axes(plant: Plant) -> list[Any]:
+def joint_axes(compiled: CompiledMechanism) -> list[Any]:
     """For each body, the 6x6 matrix from motions (dr, phi) in global axes to the floating joint's velocities."""
     out = []
-    for body in plant.data.state.bodies[1:]:
+    for body in compiled.data.state.bodies[1:]:
         T = np.eye(6)
         T[3:, 3:] = body["A"].T.real
         out.append(T)
     return out
 
 
-def complex_columns(plant: Plant, q: Any, function: Any) -> Any:
+def complex_columns(compiled: CompiledMechanism, q: Any, function: Any) -> Any:
     """Derivative of ``function(q, system)`` along the 24 motions of the nodes, by complex step."""
-    system = plant.complex_system()
-    wrenches(plant, q)
+    system = compiled.complex_system()
+    wrenches(compiled, q)
     columns = []
-    for i, T in enumerate(joint_axes(plant)):
+    for i, T in enumerate(joint_axes(compiled)):
         for k in range(6):
             moved, step = q.astype(complex), np.zeros(24, complex)
             step[6 * i : 6 * i + 6] = 1j * E * T[:, k]
@@ -126,12 +126,12 @@ def complex_energy(q: Any, system: Any) -> Any:
     return energy(0.0, q, np.zeros(24, complex), system.pinned_data)
 
 
-def tangent_of(plant: Plant, c1: float, K: Any) -> None:
+def tangent_of(compiled: CompiledMechanism, c1: float, K: Any) -> None:
     """Add to K the tangent of the only load where it is."""
-    _, state = plant.kernel_data
-    arrays = pin(plant._compiled.tangent_arrays())
-    twin = pin(to_complex_state(plant.data.state))
-    load_tangent(plant.data.arrays.loads[0], c1, arrays, state, twin, K)
+    _, state = compiled.kernel_data
+    arrays = pin(compiled._compiled.tangent_arrays())
+    twin = pin(to_complex_state(compiled.data.state))
+    load_tangent(compiled.data.arrays.loads[0], c1, arrays, state, twin, K)
 
 
 @pytest.mark.parametrize("b", [0.4, 1.5, 2.0])
@@ -139,12 +139,12 @@ def tangent_of(plant: Plant, c1: float, K: Any) -> None:
 def test_bending_is_the_rectangle_of_adini_clough_and_melosh(b: float, material: dict[str, Any]) -> None:
     """Half u.K u for any u: the element sees u less the tilt of the mean plane, which costs nothing."""
     u = np.random.default_rng(0).normal(size=(4, 3))
-    plant = element(b=b, **material)
+    compiled = element(b=b, **material)
     moduli = grain(**material) * 0.3**3 / 12.0 if material else isotropic(D, NU)
     K = acm_stiffness(A, b, moduli)
     w = u[:, 0]
     tilt = (w[1] - w[0] + w[2] - w[3]) / (2 * A), (w[3] - w[0] + w[2] - w[1]) / (2 * b)
-    plate = plant.records(Plate)[0]
+    plate = compiled.records(Plate)[0]
     e, s = np.zeros(12), np.zeros(12)
     bending_strain(plate, u[:, 1:] - tilt, 0.25 * (w[0] - w[1] + w[2] - w[3]), e)
     stress(plate, e, 1.0, s)
@@ -166,12 +166,12 @@ def test_arc_of_unchanged_length_has_no_membrane_strain_to_fourth_order() -> Non
     """The chord is shorter by what the von Karman terms add."""
 
     def strain(phi: float) -> float:
-        radius, plant = A / phi, element(membrane=True)
+        radius, compiled = A / phi, element(membrane=True)
         angles = np.array([-0.5, 0.5, 0.5, -0.5]) * phi
         r = np.column_stack((radius * np.sin(angles), radius * (1.0 - np.cos(angles)), FLAT[:, 2]))
         turned = [np.array([[np.cos(x), -np.sin(x), 0], [np.sin(x), np.cos(x), 0], [0, 0, 1]]) for x in angles]
-        wrenches(plant, posed(r, turned))
-        scratch = plant.data.state.scratch[: PLATE_SCRATCH.itemsize].view(PLATE_SCRATCH)
+        wrenches(compiled, posed(r, turned))
+        scratch = compiled.data.state.scratch[: PLATE_SCRATCH.itemsize].view(PLATE_SCRATCH)
         return float(scratch["strain"][0, 9])
 
     assert abs(strain(0.2)) < 0.2**4
@@ -237,10 +237,10 @@ def test_a_plate_curled_to_a_cylinder_rests_there_at_any_angle(kind: dict[str, A
     angles = np.array([-0.5, 0.5, 0.5, -0.5]) * phi
     r = np.column_stack((radius * np.sin(angles), radius * (1.0 - np.cos(angles)), FLAT[:, 2]))
     turned = [np.array([[np.cos(x), -np.sin(x), 0], [np.sin(x), np.cos(x), 0], [0, 0, 1]]) for x in angles]
-    plant, flat = element(curl=(phi / A, 0.0, 0.0), **kind), element(**kind)
+    compiled, flat = element(curl=(phi / A, 0.0, 0.0), **kind), element(**kind)
     bent = flat.energy(0.0, posed(r, turned), np.zeros(24))
-    assert abs(plant.energy(0.0, posed(r, turned), np.zeros(24))) < 1e-13 * bent
-    rest = np.abs(wrenches(plant, posed(r, turned))).max()
+    assert abs(compiled.energy(0.0, posed(r, turned), np.zeros(24))) < 1e-13 * bent
+    rest = np.abs(wrenches(compiled, posed(r, turned))).max()
     assert rest < 1e-12 * np.abs(wrenches(flat, posed(r, turned))).max()
 
 
@@ -250,10 +250,10 @@ def test_energy_of_a_curled_plate_is_that_of_the_curvatures_that_are_left(kind: 
     """w = (kx x^2 + kz z^2) / 2 + kxz x z, small: energy (k - curl) D (k - curl) a b / 2."""
     own, k = 1e-4 * np.array(curl), 1e-4 * np.array([0.5, 0.2, -0.7])
     moduli = grain(**kind) * 0.3**3 / 12.0 if kind else isotropic(D, NU)
-    plant = element(curl=tuple(own), **kind)
+    compiled = element(curl=tuple(own), **kind)
     left = (k - own) * (1.0, 1.0, 2.0)
-    assert plant.energy(0.0, curved(k), np.zeros(24)) == pytest.approx(0.5 * left @ moduli @ left * A * B, rel=1e-6)
-    assert abs(plant.energy(0.0, curved(own), np.zeros(24))) < 1e-7 * 0.5 * left @ moduli @ left * A * B
+    assert compiled.energy(0.0, curved(k), np.zeros(24)) == pytest.approx(0.5 * left @ moduli @ left * A * B, rel=1e-6)
+    assert abs(compiled.energy(0.0, curved(own), np.zeros(24))) < 1e-7 * 0.5 * left @ moduli @ left * A * B
 
 
 def test_a_crease_is_a_hinge_in_series_with_the_plate() -> None:
@@ -263,16 +263,16 @@ def test_a_crease_is_a_hinge_in_series_with_the_plate() -> None:
         softer = np.linalg.inv(np.linalg.inv(moduli) + np.diag((1.0 / (k * A), 0.0, 0.0)))
         EI = 1.0 / np.linalg.inv(moduli)[0, 0]
         assert A * np.linalg.inv(softer)[0, 0] == pytest.approx(A / EI + 1.0 / k, rel=1e-12)
-        plant = element(creases=(1.0 / k, 0.0), **kind)
+        compiled = element(creases=(1.0 / k, 0.0), **kind)
         for c in np.eye(3) * 1e-4:
             own = c * (1.0, 1.0, 2.0)
             expected = 0.5 * own @ softer @ own * A * B
-            assert plant.energy(0.0, curved(c), np.zeros(24)) == pytest.approx(expected, rel=1e-6)
+            assert compiled.energy(0.0, curved(c), np.zeros(24)) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_rigid_motion_stores_nothing_and_turning_about_the_normal_costs_nothing(kind: dict[str, Any]) -> None:
-    rng, plant = np.random.default_rng(1), element(damping=0.1, **kind)
+    rng, compiled = np.random.default_rng(1), element(damping=0.1, **kind)
     for _ in range(5):
         R, r0, w, u = random_rotation(rng), rng.normal(size=3), rng.normal(size=3), rng.normal(size=3)
         r = FLAT @ R.T + r0
@@ -281,56 +281,56 @@ def test_rigid_motion_stores_nothing_and_turning_about_the_normal_costs_nothing(
             c, s = np.cos(angle), np.sin(angle)
             frames.append(R @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]))
         v = np.concatenate([np.concatenate((u + np.cross(w, x), F.T @ w)) for x, F in zip(r, frames, strict=True)])
-        assert plant.energy(0.0, posed(r, frames), np.zeros(24)) < 1e-28
-        np.testing.assert_allclose(wrenches(plant, posed(r, frames), v), 0.0, atol=1e-13)
+        assert compiled.energy(0.0, posed(r, frames), np.zeros(24)) < 1e-28
+        np.testing.assert_allclose(wrenches(compiled, posed(r, frames), v), 0.0, atol=1e-13)
 
 
 @pytest.mark.parametrize("kind", [*KINDS, CURLED])
 @pytest.mark.parametrize("size", SIZES)
 def test_forces_are_minus_the_gradient_of_the_energy(kind: dict[str, Any], size: float) -> None:
-    plant = element(**kind)
-    q = bent(plant, size)
-    F = wrenches(plant, q).reshape(-1)
-    slope = complex_columns(plant, q, complex_energy)
+    compiled = element(**kind)
+    q = bent(compiled, size)
+    F = wrenches(compiled, q).reshape(-1)
+    slope = complex_columns(compiled, q, complex_energy)
     np.testing.assert_allclose(F, -slope, rtol=0, atol=1e-12 * np.abs(F).max())
 
 
 @pytest.mark.parametrize("kind", [*KINDS, CURLED])
 @pytest.mark.parametrize("size", SIZES)
 def test_stiffness_is_the_derivative_of_the_forces(kind: dict[str, Any], size: float) -> None:
-    plant = element(**kind)
-    q, K = bent(plant, size), np.zeros((24, 24))
-    wrenches(plant, q)
-    tangent_of(plant, 0.0, K)
-    np.testing.assert_allclose(K, -complex_columns(plant, q, complex_wrenches), rtol=0, atol=1e-13 * np.abs(K).max())
+    compiled = element(**kind)
+    q, K = bent(compiled, size), np.zeros((24, 24))
+    wrenches(compiled, q)
+    tangent_of(compiled, 0.0, K)
+    np.testing.assert_allclose(K, -complex_columns(compiled, q, complex_wrenches), rtol=0, atol=1e-13 * np.abs(K).max())
 
 
 @pytest.mark.parametrize("kind", [*KINDS, CURLED])
 def test_damping_is_the_derivative_of_the_forces_by_velocities(kind: dict[str, Any]) -> None:
-    plant = element(damping=0.2, **kind)
-    q, C = bent(plant, 0.3), np.zeros((24, 24))
-    rest, Y = wrenches(plant, q), np.random.default_rng(3).normal(size=24)
+    compiled = element(damping=0.2, **kind)
+    q, C = bent(compiled, 0.3), np.zeros((24, 24))
+    rest, Y = wrenches(compiled, q), np.random.default_rng(3).normal(size=24)
     K = np.zeros((24, 24))
-    tangent_of(plant, 0.0, K)
-    tangent_of(plant, 1.0, C)
+    tangent_of(compiled, 0.0, K)
+    tangent_of(compiled, 1.0, C)
     C -= K
-    v = np.concatenate([T @ Y[6 * i : 6 * i + 6] for i, T in enumerate(joint_axes(plant))])
-    np.testing.assert_allclose((rest - wrenches(plant, q, v)).reshape(-1), C @ Y, atol=1e-13 * np.abs(C).max())
+    v = np.concatenate([T @ Y[6 * i : 6 * i + 6] for i, T in enumerate(joint_axes(compiled))])
+    np.testing.assert_allclose((rest - wrenches(compiled, q, v)).reshape(-1), C @ Y, atol=1e-13 * np.abs(C).max())
     assert np.linalg.eigvalsh(0.5 * (C + C.T)).min() > -1e-13 * np.abs(C).max()
     np.testing.assert_allclose(C, C.T, atol=1e-13 * np.abs(C).max())
 
 
 @pytest.mark.parametrize("kind", [*KINDS, CURLED, {"membrane": True, "damping": 0.1}])
 def test_a_turned_element_has_turned_forces(kind: dict[str, Any]) -> None:
-    rng, plant = np.random.default_rng(4), element(**kind)
-    q, v = bent(plant, 0.3), rng.normal(size=24)
-    F = wrenches(plant, q, v)
-    bodies = plant.data.state.bodies[1:]
+    rng, compiled = np.random.default_rng(4), element(**kind)
+    q, v = bent(compiled, 0.3), rng.normal(size=24)
+    F = wrenches(compiled, q, v)
+    bodies = compiled.data.state.bodies[1:]
     r, frames, Y = bodies["r"].copy(), bodies["A"].copy(), bodies["Y"].copy()
     R, r0 = random_rotation(rng), rng.normal(size=3)
     turned = posed(r @ R.T + r0, R @ frames)
     moved = np.concatenate([np.concatenate((R @ y[:3], A_.T @ y[3:])) for y, A_ in zip(Y, frames, strict=True)])
-    G = wrenches(plant, turned, moved)
+    G = wrenches(compiled, turned, moved)
     np.testing.assert_allclose(G[:, :3], F[:, :3] @ R.T, atol=1e-12)
     np.testing.assert_allclose(G[:, 3:], F[:, 3:] @ R.T, atol=1e-12)
 
@@ -338,28 +338,28 @@ def test_a_turned_element_has_turned_forces(kind: dict[str, Any]) -> None:
 @pytest.mark.parametrize("kind", [*KINDS, CURLED, {"membrane": True, "damping": 0.1}])
 @pytest.mark.parametrize("size", SIZES)
 def test_forces_and_moments_of_an_element_balance(kind: dict[str, Any], size: float) -> None:
-    plant = element(**kind)
-    F = wrenches(plant, bent(plant, size), np.random.default_rng(5).normal(size=24))
-    r = plant.data.state.bodies["r"][1:]
+    compiled = element(**kind)
+    F = wrenches(compiled, bent(compiled, size), np.random.default_rng(5).normal(size=24))
+    r = compiled.data.state.bodies["r"][1:]
     np.testing.assert_allclose(F[:, :3].sum(axis=0), 0.0, atol=1e-13)
     np.testing.assert_allclose((F[:, 3:] + np.cross(r, F[:, :3])).sum(axis=0), 0.0, atol=1e-13)
 
 
 @pytest.mark.parametrize("kind", [{"damping": 0.3}, {"damping": 0.3, "membrane": True}, {"drag": 2.0}])
 def test_damping_and_drag_take_power_at_every_motion(kind: dict[str, Any]) -> None:
-    plant = element(**kind)
+    compiled = element(**kind)
     for seed in range(20):
-        q, v = bent(plant, 0.3, seed), np.random.default_rng(seed).normal(size=24)
-        rest = wrenches(plant, q)
-        F = wrenches(plant, q, v) - rest
-        assert np.sum(F * plant.data.state.bodies["Y"][1:]) < 0.0
+        q, v = bent(compiled, 0.3, seed), np.random.default_rng(seed).normal(size=24)
+        rest = wrenches(compiled, q)
+        F = wrenches(compiled, q, v) - rest
+        assert np.sum(F * compiled.data.state.bodies["Y"][1:]) < 0.0
 
 
 def test_drag_of_a_plate_across_the_wind() -> None:
     """Pressure rho c v^2 / 2 on the area, against the motion; none along the plane."""
-    plant = element(drag=1.2)
-    q, v = bent(plant, 0.0), np.tile((7.0, 3.0, -2.0, 0, 0, 0), 4)
-    F = wrenches(plant, q, v) - wrenches(plant, q)
+    compiled = element(drag=1.2)
+    q, v = bent(compiled, 0.0), np.tile((7.0, 3.0, -2.0, 0, 0, 0), 4)
+    F = wrenches(compiled, q, v) - wrenches(compiled, q)
     np.testing.assert_allclose(F.sum(axis=0)[:3], (0.0, -0.5 * 1.2 * 9.0 * A * B, 0.0), rtol=1e-13)
 
 
@@ -375,9 +375,9 @@ def surface(r: Any) -> Any:
 
 @pytest.mark.parametrize("size", [0.0, *SIZES])
 def test_pressure_loads_corners_by_the_volume_they_sweep(size: float) -> None:
-    plant = pressed(3.0)
-    F = wrenches(plant, bent(plant, size))
-    r = plant.data.state.bodies["r"][1:]
+    compiled = pressed(3.0)
+    F = wrenches(compiled, bent(compiled, size))
+    r = compiled.data.state.bodies["r"][1:]
     points, areas, N = surface(r)
     np.testing.assert_allclose(F[:, :3], 3.0 * N.T @ areas, atol=1e-13)
     np.testing.assert_allclose(np.cross(r, F[:, :3]).sum(axis=0), 3.0 * np.cross(points, areas).sum(axis=0), atol=1e-12)
@@ -388,17 +388,17 @@ def test_pressure_loads_corners_by_the_volume_they_sweep(size: float) -> None:
 
 @pytest.mark.parametrize("size", SIZES)
 def test_stiffness_of_a_pressure_is_the_derivative_of_its_forces(size: float) -> None:
-    plant = pressed(3.0)
-    q, K = bent(plant, size), np.zeros((24, 24))
-    wrenches(plant, q)
-    tangent_of(plant, 0.0, K)
-    np.testing.assert_allclose(K, -complex_columns(plant, q, complex_wrenches), rtol=0, atol=1e-14 * np.abs(K).max())
+    compiled = pressed(3.0)
+    q, K = bent(compiled, size), np.zeros((24, 24))
+    wrenches(compiled, q)
+    tangent_of(compiled, 0.0, K)
+    np.testing.assert_allclose(K, -complex_columns(compiled, q, complex_wrenches), rtol=0, atol=1e-14 * np.abs(K).max())
 
 
 def test_pressure_is_a_signal() -> None:
-    plant = pressed(Polynomial((1.0, 2.0)))
-    update_kinematics(3.0, bent(plant, 0.0), np.zeros(24), *plant.kernel_data)
-    np.testing.assert_allclose(plant.data.state.bodies["F"][1:, 1], 0.25 * 7.0 * A * B)
+    compiled = pressed(Polynomial((1.0, 2.0)))
+    update_kinematics(3.0, bent(compiled, 0.0), np.zeros(24), *compiled.kernel_data)
+    np.testing.assert_allclose(compiled.data.state.bodies["F"][1:, 1], 0.25 * 7.0 * A * B)
     with pytest.raises(UserError, match="magnitude of pressure 'wind' is nan"):
         pressed(float("nan"))
 
@@ -415,15 +415,15 @@ def test_lean_of_a_normal_on_both_sides_of_its_series(theta: float) -> None:
 
 def test_effects_that_are_off_are_absent() -> None:
     def plates(**options: Any) -> tuple[int, int, int]:
-        plant = element(**options)
-        (plate,) = plant.records(Plate)
-        return int(plate["membrane"]), int(plate["damped"]), len(plant.records(Drag))
+        compiled = element(**options)
+        (plate,) = compiled.records(Plate)
+        return int(plate["membrane"]), int(plate["damped"]), len(compiled.records(Drag))
 
     assert plates() == (0, 0, 0)
     assert plates(membrane="s", damping=0.1, drag=1.0) == (1, 1, 1)
     m = Mechanism()
     m.body("b", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0))
-    assert len(Plant(m).data.arrays.loads) == 0
+    assert len(CompiledMechanism(m).data.arrays.loads) == 0
 
 
 @pytest.mark.parametrize(
@@ -480,10 +480,10 @@ def test_bodies_that_do_not_span_a_plate_are_named(element: Any, order: str, lif
     }
     m.element(element, *(nodes[name] for name in order))
     if not message:
-        Plant(m).assemble()
+        CompiledMechanism(m).assemble()
         return
     with pytest.raises(UserError, match=f"corners of a plate are .*({message}).*; allowed: at most 45"):
-        Plant(m).assemble()
+        CompiledMechanism(m).assemble()
     with pytest.raises(UserError, match="corners of a plate are"):
         equilibrium(m)
 
@@ -493,7 +493,7 @@ def test_bodies_at_one_place_span_no_plate() -> None:
     nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
     m.element(Plate(**BENDING), *nodes)
     with pytest.raises(UserError, match="from 'n0' to 'n1' the direction of its edge differs by 90"):
-        Plant(m).assemble()
+        CompiledMechanism(m).assemble()
 
 
 def test_corners_are_four_bodies_of_the_mechanism() -> None:

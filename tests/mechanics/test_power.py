@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from random_mechanisms import Case, cases
 from test_identities import observed
 
-from mbfmu.mechanics import Beam, Harmonic, Input, Mechanism, Plant, Revolute, rod
+from mbfmu.mechanics import Beam, CompiledMechanism, Harmonic, Input, Mechanism, Revolute, rod
 from mbfmu.mechanics.arrays import systems
 from mbfmu.sheets import Support, add_sheet
 from mbfmu.testing.identities import State, energy_rate
@@ -37,7 +37,7 @@ def call_forward(function: Any, t: float, q: Any, v: Any, data: Any, qdot: Any, 
 
 def check(case: Case, lam: Any) -> None:
     """dE/dt = power + what moves the free coordinates as they are moved + what a cut joint that opens gives."""
-    for deviation in energy_rate(case.plant, State(case.t, case.q, case.v, case.a, lam)):
+    for deviation in energy_rate(case.compiled, State(case.t, case.q, case.v, case.a, lam)):
         assert deviation.size < TOLERANCE, deviation
 
 
@@ -50,18 +50,18 @@ def test_power_of_a_tree_is_the_rate_of_its_energy(case: Case) -> None:
 @settings(deadline=None)
 @given(cases(cuts=True, driven=True, forces=True))
 def test_power_of_loops_is_the_rate_of_their_energy(case: Case) -> None:
-    check(case, np.random.default_rng(1).normal(size=case.plant.system.m))
+    check(case, np.random.default_rng(1).normal(size=case.compiled.system.m))
 
 
 @settings(deadline=None)
 @given(cases(forces=True))
 def test_energy_bound_is_momentum_and_bias_by_tolerance(case: Case) -> None:
-    plant, system = case.plant, case.plant.system
+    compiled, system = case.compiled, case.compiled.system
     terms, out, zero = system.allocate_terms(), np.zeros(2), np.zeros(system.n)
-    energy, turned = plant.energy(case.t, case.q, case.v), turns(plant)
+    energy, turned = compiled.energy(case.t, case.q, case.v), turns(compiled)
     close = {"rel": 1e-8, "abs": 1e-10 * max(1.0, abs(energy))}
     for i, e in enumerate(np.eye(system.n)):
-        p = 0.5 * (plant.energy(case.t, case.q, case.v + e) - plant.energy(case.t, case.q, case.v - e))
+        p = 0.5 * (compiled.energy(case.t, case.q, case.v + e) - compiled.energy(case.t, case.q, case.v - e))
         system.fill(case.t, case.q, case.v, terms)
         call_energy_bound(system.evaluate_energy_bound, 0.0, zero, e, system.pinned_data, out)
         assert out[0] == pytest.approx(abs(p), **close)
@@ -76,10 +76,10 @@ def test_energy_bound_is_momentum_and_bias_by_tolerance(case: Case) -> None:
     assert out[0] == pytest.approx(1e-3 * np.linalg.norm(expected), **close)
 
 
-def turns(plant: Plant) -> list[int]:
+def turns(compiled: CompiledMechanism) -> list[int]:
     """Where in q each free coordinate is; -1: in a quaternion."""
     found = []
-    for body in plant.data.arrays.bodies[1:]:
+    for body in compiled.data.arrays.bodies[1:]:
         plain = int(body["nq"] - 4 * body["quaternion"])
         found += [int(body["qf"]) + k if k < plain else -1 for k in range(int(body["nv"]))]
     return found
@@ -88,13 +88,13 @@ def turns(plant: Plant) -> list[int]:
 @settings(deadline=None)
 @given(cases(driven=True))
 def test_energy_bound_counts_a_drive_by_its_effort_and_momentum(case: Case) -> None:
-    system, out, n = case.plant.system, np.zeros(2), case.plant.system.n
+    system, out, n = case.compiled.system, np.zeros(2), case.compiled.system.n
     terms = system.allocate_terms()
     found = observed(case, case.t, case.q, case.v, np.zeros(n), np.zeros(0))
-    energy = case.plant.energy(case.t, case.q, case.v)
+    energy = case.compiled.energy(case.t, case.q, case.v)
     action = energy - found["jacobi"]  # p v of the drive
     p = [
-        0.5 * (case.plant.energy(case.t, case.q, case.v + e) - case.plant.energy(case.t, case.q, case.v - e))
+        0.5 * (case.compiled.energy(case.t, case.q, case.v + e) - case.compiled.energy(case.t, case.q, case.v - e))
         for e in np.eye(n)
     ]
     close = {"rel": 1e-7, "abs": 1e-9 * max(1.0, abs(energy))}
@@ -137,11 +137,11 @@ def test_power_of_elastic_bodies_is_the_rate_of_their_energy(make: Any, driven: 
     """Modes, plates, drag, pressure and their damping, on a hinge that swings and on one that is driven."""
     rng = np.random.default_rng(5)
     monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10**6)
-    plant = Plant(make(driven))
-    q = plant.assembly.start_positions()
-    n = plant.system.n
-    plant.system.apply(q, 0.05 * rng.normal(size=n))
-    check(Case(plant, 0.3, q, 0.2 * rng.normal(size=n), rng.normal(size=n)), np.zeros(0))
+    compiled = CompiledMechanism(make(driven))
+    q = compiled.assembly.start_positions()
+    n = compiled.system.n
+    compiled.system.apply(q, 0.05 * rng.normal(size=n))
+    check(Case(compiled, 0.3, q, 0.2 * rng.normal(size=n), rng.normal(size=n)), np.zeros(0))
 
 
 @pytest.mark.parametrize("driven", [False, True])
@@ -149,9 +149,9 @@ def test_power_of_a_large_tree_is_that_of_the_dense_system(driven: bool, monkeyp
     """After the articulated-body recursion as after inverse dynamics."""
     rng = np.random.default_rng(6)
     monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10**6)
-    dense = Plant(sheet(driven))
+    dense = CompiledMechanism(sheet(driven))
     monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 0)
-    tree = Plant(sheet(driven))
+    tree = CompiledMechanism(sheet(driven))
     assert isinstance(tree.system, TreeSystem)
     n, none = tree.system.n, np.zeros(0)
     q = tree.assembly.start_positions()
@@ -172,5 +172,5 @@ def test_power_of_a_large_tree_is_that_of_the_dense_system(driven: bool, monkeyp
 def test_nothing_works_where_all_has_a_potential() -> None:
     m = Mechanism(gravity=(0, -9.81, 0))
     m.body("bar", m.ground, Revolute(), **rod(mass=1.0, length=1.0))
-    assert not Plant(m).system.works()
-    assert Plant(beams(driven=False)).system.works()
+    assert not CompiledMechanism(m).system.works()
+    assert CompiledMechanism(beams(driven=False)).system.works()

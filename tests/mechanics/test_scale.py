@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from mbfmu.mechanics import (
-    DistanceCut,
+    CompiledMechanism,
+    DistanceCutJoint,
     Floating,
     Mechanism,
-    Plant,
     PointForce,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     Spring,
     Translational,
     rod,
@@ -28,24 +28,24 @@ def slider_crank(scale: float, origin: float) -> Any:
     crank = m.body("crank", m.ground, Revolute(at=at, start=0.5), **rod(mass=1.0, length=0.1 * scale))
     link = m.body("link", crank, Revolute(at=(0.1 * scale, 0, 0)), **rod(mass=1.0, length=0.4 * scale))
     slider = m.body("slider", m.ground, Translational(axis="x", at=at, start=0.4 * scale), mass=1.0)
-    m.cut("pin", RevoluteCut(at_a=(0.4 * scale, 0, 0)), link, slider)
-    return Plant(m)
+    m.cut("pin", RevoluteCutJoint(at_a=(0.4 * scale, 0, 0)), link, slider)
+    return CompiledMechanism(m)
 
 
 @pytest.mark.parametrize(("scale", "origin"), [(1.0, 0.0), (1e-3, 0.0), (1e3, 5.0), (1.0, -1e4)])
 def test_length_is_of_the_parts_and_not_of_where_they_are(scale: float, origin: float) -> None:
-    plant = slider_crank(scale, origin)
-    assert plant.length == pytest.approx(0.4 * scale)
-    np.testing.assert_allclose(plant.system.size, [1.0, 1.0, 0.4 * scale])
-    np.testing.assert_allclose(plant.system.row_size, [0.4 * scale, 0.4 * scale])  # x, y; z, zx, zy vanish
+    compiled = slider_crank(scale, origin)
+    assert compiled.length == pytest.approx(0.4 * scale)
+    np.testing.assert_allclose(compiled.system.size, [1.0, 1.0, 0.4 * scale])
+    np.testing.assert_allclose(compiled.system.row_size, [0.4 * scale, 0.4 * scale])  # x, y; z, zx, zy vanish
 
 
 def test_rows_of_turns_are_measured_in_radians() -> None:
     m = Mechanism()
     bar = m.body("bar", m.ground, Floating(), **rod(mass=1.0, length=2.0))
-    m.cut("hinge", RevoluteCut(), m.ground, bar)
-    m.cut("tie", DistanceCut(length=5.0), m.ground, bar)
-    system = Plant(m).system
+    m.cut("hinge", RevoluteCutJoint(), m.ground, bar)
+    m.cut("tie", DistanceCutJoint(length=5.0), m.ground, bar)
+    system = CompiledMechanism(m).system
     np.testing.assert_array_equal(system.row_size, [5.0, 5.0, 5.0, 1.0, 1.0, 5.0])
     np.testing.assert_array_equal(system.size, [5.0, 5.0, 5.0, 1.0, 1.0, 1.0])
 
@@ -56,21 +56,21 @@ def test_without_arms_springs_and_gyration_measure_and_last_a_meter() -> None:
         m.body("ball", m.ground, Floating(), mass=2.0, **options)
         return m
 
-    assert Plant(ball()).length == 1.0
-    assert Plant(ball(inertia=(0.02, 0.02, 0.02))).length == pytest.approx(np.sqrt(0.015))
+    assert CompiledMechanism(ball()).length == 1.0
+    assert CompiledMechanism(ball(inertia=(0.02, 0.02, 0.02))).length == pytest.approx(np.sqrt(0.015))
     for pushed in (False, True):
         m = ball(inertia=(0.02, 0.02, 0.02))
         m.force("spring", Spring(stiffness=1.0, free=0.3), m.ground, m.bodies[1])
         if pushed:
             m.force("push", PointForce(magnitude=1.0, axis="x", at_a=(0, 0, 0.07)), m.bodies[1])
-        assert Plant(m).length == pytest.approx(0.07 if pushed else 0.3)
+        assert CompiledMechanism(m).length == pytest.approx(0.07 if pushed else 0.3)
 
 
 def test_a_joint_may_be_told_its_size() -> None:
     def floating(size: Any) -> Any:
         m = Mechanism()
         m.body("b", m.ground, Floating(nominal=size), **rod(mass=1.0, length=1.0))
-        return Plant(m).system.size
+        return CompiledMechanism(m).system.size
 
     np.testing.assert_array_equal(floating(0.25), np.full(6, 0.25))
     np.testing.assert_array_equal(floating((3, 3, 3, 1, 1, 2)), [3, 3, 3, 1, 1, 2])

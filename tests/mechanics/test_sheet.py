@@ -23,7 +23,7 @@ from random_mechanisms import Case, random_rotation
 from test_complex_step import check as check_complex_step
 from test_identities import close
 
-from mbfmu.mechanics import Floating, Harmonic, Mechanism, Plant, Revolute, Translational, Weld
+from mbfmu.mechanics import CompiledMechanism, Floating, Harmonic, Mechanism, Revolute, Translational, Weld
 from mbfmu.mechanics.arrays.rows import dependent_rows
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution, update_kinematics
@@ -49,10 +49,10 @@ def case(tree: str, **effects: Any) -> Case:
     soft = {"length": 3.0, "width": 2.0, "thickness": 0.3, "youngs_modulus": 10.0, "density": 1.0}
     m, _ = cantilever((4, 3), tree=tree, supports=supports_of(tree), **soft, **effects)
     m.output("energy", m.energy)
-    plant, rng = Plant(m), np.random.default_rng(2)
-    q, n = plant.assembly.start_positions(), plant.system.n
-    plant.system.apply(q, 0.2 * rng.normal(size=n))
-    return Case(plant, 0.3, q, 0.2 * rng.normal(size=n), rng.normal(size=n))
+    compiled, rng = CompiledMechanism(m), np.random.default_rng(2)
+    q, n = compiled.assembly.start_positions(), compiled.system.n
+    compiled.system.apply(q, 0.2 * rng.normal(size=n))
+    return Case(compiled, 0.3, q, 0.2 * rng.normal(size=n), rng.normal(size=n))
 
 
 def test_a_cell_that_bends_and_twists_is_not_strained_to_third_order() -> None:
@@ -60,17 +60,17 @@ def test_a_cell_that_bends_and_twists_is_not_strained_to_third_order() -> None:
 
     def shear_and_stretch(size: float) -> Any:
         m, _ = cantilever((3, 3), tree="spine", membrane="xzs")
-        plant = Plant(m)
-        q = plant.assembly.start_positions().reshape(-1, 3)
-        names = [name.rsplit(".", 1)[0] for name in plant.system.coordinate_names[::3]]
+        compiled = CompiledMechanism(m)
+        q = compiled.assembly.start_positions().reshape(-1, 3)
+        names = [name.rsplit(".", 1)[0] for name in compiled.system.coordinate_names[::3]]
         for k, name in enumerate(names):
             if name.endswith(".1"):  # the spine runs along k = 1
                 q[k] = 0.5 * size * 0.15, -size, size * size
-        bodies_at(plant, q.reshape(-1))
+        bodies_at(compiled, q.reshape(-1))
         strains = []
-        for plate in plant.records(Plate):
+        for plate in compiled.records(Plate):
             here = records(1, PLATE_SCRATCH)
-            shape(plate, plant.data.state.bodies, here[0])
+            shape(plate, compiled.data.state.bodies, here[0])
             strain(plate, here[0])
             strains.append(here["strain"][0, 9:12].copy())
         return np.abs(strains).max(axis=0)
@@ -85,16 +85,16 @@ def test_a_cell_that_bends_and_twists_is_not_strained_to_third_order() -> None:
 def test_flat_sheet_lies_where_it_is_put(tree: str, edge: str) -> None:
     at, R = np.array([0.1, -0.2, 0.3]), random_rotation(np.random.default_rng(0))
     m, sheet = cantilever((6, 5), tree=tree, supports=[Support(edge)], at=at, rotation=R)
-    plant = Plant(m)
-    bodies = bodies_at(plant, plant.assembly.start_positions())
+    compiled = CompiledMechanism(m)
+    bodies = bodies_at(compiled, compiled.assembly.start_positions())
     for i in range(6):
         for k in range(5):
             body = sheet.node(i, k)
             np.testing.assert_allclose(bodies["r"][body.index], at + R @ (0.06 * i, 0.0, 0.0525 * k), atol=1e-15)
             np.testing.assert_allclose(bodies["A"][body.index], R, atol=1e-15)
     held = 0 if tree == "master" else {"x": 5, "z": 6}[edge[0]]
-    assert plant.system.n == 3 * (30 - held) if held else 6 + 3 * 29
-    assert len(plant.records(Plate)) == 20
+    assert compiled.system.n == 3 * (30 - held) if held else 6 + 3 * 29
+    assert len(compiled.records(Plate)) == 20
     assert sheet.nearest(0.13, 0.2) is sheet.node(2, 4)
 
 
@@ -137,11 +137,11 @@ def test_cells_add_up_to_the_sheet() -> None:
 def test_articulated_body_and_complex_step_see_the_elements(tree: str) -> None:
     given = case(tree, **EVERYTHING)
     check_complex_step(given)
-    data, terms = given.plant.data, given.plant.system.allocate_terms()
-    update_kinematics(given.t, given.q, given.v, *given.plant.kernel_data)
-    assert forward_dynamics(*given.plant.kernel_data) == 0
+    data, terms = given.compiled.data, given.compiled.system.allocate_terms()
+    update_kinematics(given.t, given.q, given.v, *given.compiled.kernel_data)
+    assert forward_dynamics(*given.compiled.kernel_data) == 0
     a = data.state.a.copy()
-    given.plant.system.fill(given.t, given.q, given.v, terms)
+    given.compiled.system.fill(given.t, given.q, given.v, terms)
     close(terms.M @ a + terms.h, np.zeros_like(a), float(np.abs(terms.h).max()))
 
 
@@ -149,10 +149,10 @@ def test_articulated_body_and_complex_step_see_the_elements(tree: str) -> None:
 def test_structured_tangent_sees_elements_and_pressure(tree: str) -> None:
     """T = M + K for the exact K of inverse dynamics at rest."""
     given = case(tree, membrane=True, pressure=0.4)
-    plant, n = given.plant, given.plant.system.n
-    K = forces_and_tangent(plant, given.q)[1]
-    inverse_dynamics_at_solution(0.0, given.q, np.zeros(n), np.zeros(n), np.zeros(0), plant.kernel_data)
-    tangent = plant.tangent(find_groups(plant.mechanism))
+    compiled, n = given.compiled, given.compiled.system.n
+    K = forces_and_tangent(compiled, given.q)[1]
+    inverse_dynamics_at_solution(0.0, given.q, np.zeros(n), np.zeros(n), np.zeros(0), compiled.kernel_data)
+    tangent = compiled.tangent(find_groups(compiled.mechanism))
     assert tangent.factor(0.0, 1.0)
     np.testing.assert_allclose(tangent.solve(K @ given.a + tangent.inertia(given.a)), given.a, atol=1e-11)
 
@@ -160,11 +160,11 @@ def test_structured_tangent_sees_elements_and_pressure(tree: str) -> None:
 def test_pressure_lifts_a_sheet_by_its_area() -> None:
     """On the flat sheet p times the area, on the bent one the vector area of its surface."""
     m, sheet = cantilever((6, 5), tree="master", supports=[], pressure=7.0, gravity=0.0)
-    plant = Plant(m)
-    update_kinematics(0.0, plant.assembly.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
-    forces = plant.data.state.bodies["F"][[body.index for row in sheet.nodes for body in row], :3]
+    compiled = CompiledMechanism(m)
+    update_kinematics(0.0, compiled.assembly.start_positions(), np.zeros(compiled.system.n), *compiled.kernel_data)
+    forces = compiled.data.state.bodies["F"][[body.index for row in sheet.nodes for body in row], :3]
     np.testing.assert_allclose(forces.sum(axis=0), (0.0, 7.0 * 0.3 * 0.21, 0.0), atol=1e-15)
-    inner = plant.data.state.bodies["F"][sheet.node(2, 2).index]
+    inner = compiled.data.state.bodies["F"][sheet.node(2, 2).index]
     np.testing.assert_allclose(inner, (0.0, 7.0 * 0.06 * 0.0525, 0.0, 0.0, 0.0, 0.0), atol=1e-15)
 
 
@@ -195,13 +195,13 @@ def test_uniform_pressure_bends_a_free_sheet_by_the_square_of_its_cells(stretch:
 
 def test_free_sheet_falls_flat() -> None:
     m, sheet = cantilever((5, 3), tree="master", supports=[])
-    plant = Plant(m)
-    q = plant.assembly.start_positions()
-    update_kinematics(0.0, q, np.zeros(plant.system.n), *plant.kernel_data)
-    assert forward_dynamics(*plant.kernel_data) == 0
+    compiled = CompiledMechanism(m)
+    q = compiled.assembly.start_positions()
+    update_kinematics(0.0, q, np.zeros(compiled.system.n), *compiled.kernel_data)
+    assert forward_dynamics(*compiled.kernel_data) == 0
     for row in sheet.nodes:
         for body in row:
-            fall = plant.data.state.bodies[body.index]["dY"]
+            fall = compiled.data.state.bodies[body.index]["dY"]
             np.testing.assert_allclose(fall[:3] + m.gravity, (0.0, -9.81, 0.0), atol=1e-9)
 
 
@@ -231,9 +231,9 @@ def test_static_tip_at_15_by_11(tree: str, tip: float) -> None:
     """Rows cannot stretch one by one, so the free edges do not curl: half a millimeter stiffer."""
     grid = (15, 11)
     m, sheet = cantilever(grid, tree=tree, membrane=True)
-    plant = Plant(m)
-    q, iterations = newton(plant, cylindrical(grid, tree == "spine"))
-    bodies = bodies_at(plant, q)
+    compiled = CompiledMechanism(m)
+    q, iterations = newton(compiled, cylindrical(grid, tree == "spine"))
+    bodies = bodies_at(compiled, q)
     assert iterations <= 6
     assert bodies["r"][sheet.node(0, 5).index][1] == pytest.approx(tip, abs=0.1e-3)
     assert bodies["r"][sheet.node(0, 0).index][1] == pytest.approx(tip, abs=0.1e-3)
@@ -242,44 +242,47 @@ def test_static_tip_at_15_by_11(tree: str, tip: float) -> None:
 def test_bending_alone_resists_no_gaussian_curvature() -> None:
     """It converges, to a tip 3 mm too low, and needs no help to start from flat."""
     m, sheet = cantilever((15, 11), tree="rows")
-    plant = Plant(m)
-    q, iterations = newton(plant, np.zeros(plant.system.n))
+    compiled = CompiledMechanism(m)
+    q, iterations = newton(compiled, np.zeros(compiled.system.n))
     assert iterations <= 6
-    assert bodies_at(plant, q)["r"][sheet.node(0, 5).index][1] == pytest.approx(-111.1e-3, abs=0.2e-3)
+    assert bodies_at(compiled, q)["r"][sheet.node(0, 5).index][1] == pytest.approx(-111.1e-3, abs=0.2e-3)
 
 
 def test_frequencies_converge_with_second_order() -> None:
     """Flat and clamped: all trees and effects have one linear plate."""
     coarse, fine = (
-        frequencies(Plant(cantilever(g, gravity=0.0, tree="spine")[0]))[:8] / CLAMPED - 1 for g in ((7, 5), (15, 11))
+        frequencies(CompiledMechanism(cantilever(g, gravity=0.0, tree="spine")[0]))[:8] / CLAMPED - 1
+        for g in ((7, 5), (15, 11))
     )
     assert np.abs(fine).max() < 0.015
     assert abs(fine[0]) < 0.0005
     order = np.log(np.abs(coarse[1:] / fine[1:])) / np.log(14 / 6)
     assert order.min() > 1.9
-    rows = frequencies(Plant(cantilever((7, 5), gravity=0.0, tree="rows", membrane=True)[0]))[:8] / CLAMPED - 1
+    rows = (
+        frequencies(CompiledMechanism(cantilever((7, 5), gravity=0.0, tree="rows", membrane=True)[0]))[:8] / CLAMPED - 1
+    )
     np.testing.assert_allclose(rows, coarse, atol=1e-9)
 
 
 def test_frequencies_of_a_free_sheet() -> None:
-    found = frequencies(Plant(cantilever((15, 11), gravity=0.0, tree="master", supports=[])[0]))
+    found = frequencies(CompiledMechanism(cantilever((15, 11), gravity=0.0, tree="master", supports=[])[0]))
     assert np.abs(found[:6]).max() < 1e-3
     np.testing.assert_allclose(found[6:14], FREE, rtol=0.02)
 
 
 def test_edges_clamped_by_cut_joints_do_as_welded_ones() -> None:
     """Flat frequencies agree; the constraints are independent in a bent position too."""
-    welded = frequencies(Plant(cantilever((7, 5), gravity=0.0)[0]))
-    plant = Plant(cantilever((7, 5), gravity=0.0, tree="master")[0])
-    np.testing.assert_allclose(frequencies(plant)[:8], welded[:8], rtol=1e-9)
-    q = plant.assembly.start_positions()
-    assert len(dependent_rows(plant.system, 0.0, q)) == 0
-    for i, name in enumerate(plant.system.coordinate_names):
+    welded = frequencies(CompiledMechanism(cantilever((7, 5), gravity=0.0)[0]))
+    compiled = CompiledMechanism(cantilever((7, 5), gravity=0.0, tree="master")[0])
+    np.testing.assert_allclose(frequencies(compiled)[:8], welded[:8], rtol=1e-9)
+    q = compiled.assembly.start_positions()
+    assert len(dependent_rows(compiled.system, 0.0, q)) == 0
+    for i, name in enumerate(compiled.system.coordinate_names):
         if name.endswith("theta_z"):
-            step = np.zeros(plant.system.n)
+            step = np.zeros(compiled.system.n)
             step[i] = 0.1
-            plant.system.apply(q, step)
-    assert len(dependent_rows(plant.system, 0.0, plant.assembly.close(0.0, q, plant.assembly.held()))) == 0
+            compiled.system.apply(q, step)
+    assert len(dependent_rows(compiled.system, 0.0, compiled.assembly.close(0.0, q, compiled.assembly.held()))) == 0
 
 
 @pytest.mark.parametrize("tree", TREES)
@@ -289,14 +292,14 @@ def test_plate_supported_on_all_edges(tree: str) -> None:
     m, _ = cantilever((13, 9), gravity=0.0, tree=tree, supports=edges)
     D = 1e10 * 0.3e-3**3 / (12 * 0.91)
     exact = 0.5 * np.pi * (1 / 0.3**2 + 1 / 0.21**2) * np.sqrt(D / (1000 * 0.3e-3))
-    plant = Plant(m)
-    assert frequencies(plant)[0] == pytest.approx(exact, rel=0.02)
-    assert len(dependent_rows(plant.system, 0.0, plant.assembly.start_positions())) == 0
+    compiled = CompiledMechanism(m)
+    assert frequencies(compiled)[0] == pytest.approx(exact, rel=0.02)
+    assert len(dependent_rows(compiled.system, 0.0, compiled.assembly.start_positions())) == 0
 
 
 def test_pinned_edge_lets_the_sheet_swing_and_guided_edges_let_it_slide() -> None:
     def rigid(**options: Any) -> int:
-        return int(np.sum(np.abs(frequencies(Plant(cantilever((5, 4), gravity=0.0, **options)[0]))) < 1e-3))
+        return int(np.sum(np.abs(frequencies(CompiledMechanism(cantilever((5, 4), gravity=0.0, **options)[0]))) < 1e-3))
 
     assert rigid(supports=[Support("z0", "pinned")]) == 1
     assert rigid(supports=[Support("x1")]) == 0
@@ -312,10 +315,10 @@ def test_a_driven_body_carries_an_edge_or_the_master_node(tree: str) -> None:
     sway = m.body("sway", lift, Translational(axis="x", drive=0.02))
     held: dict[str, Any] = {"master": sway} if tree == "master" else {"supports": [Support("x0", body=sway)]}
     sheet = add(m, tree=tree, **held)
-    plant, t = Plant(m), 0.07
-    bodies = plant.data.state.bodies
-    update_kinematics(t, plant.assembly.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
-    assert plant.system.m == 0
+    compiled, t = CompiledMechanism(m), 0.07
+    bodies = compiled.data.state.bodies
+    update_kinematics(t, compiled.assembly.start_positions(), np.zeros(compiled.system.n), *compiled.kernel_data)
+    assert compiled.system.m == 0
     expected = (0.02, 0.05 * np.sin(4.0 * np.pi * t), 0.0)
     np.testing.assert_allclose(bodies["r"][sheet.node(0, 0).index], expected, atol=1e-15)
 
@@ -326,11 +329,11 @@ def test_a_sheet_may_hang_between_two_bodies_of_a_mechanism() -> None:
     hub = m.body("hub", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0))
     slide = m.body("slide", hub, Translational(axis="x", at=(0.3, 0.0, 0.0)), mass=0.5, inertia=(0.1, 0.1, 0.1))
     sheet = add(m, supports=[Support("x0", body=hub), Support("x1", "guided", body=slide, at=(-0.3, 0.0, 0.0))])
-    plant = Plant(m)
+    compiled = CompiledMechanism(m)
     assert [cut.name for cut in sheet.cuts] == ["sheet.x1.0", "sheet.x1.1", "sheet.x1.2"]
-    q, v = plant.assemble()
-    assert max(plant.residuals(0.0, q, v)) < 1e-12
-    assert len(dependent_rows(plant.system, 0.0, q)) == 0
+    q, v = compiled.assemble()
+    assert max(compiled.residuals(0.0, q, v)) < 1e-12
+    assert len(dependent_rows(compiled.system, 0.0, q)) == 0
 
 
 def add(m: Mechanism, **options: Any) -> Sheet:
@@ -435,22 +438,22 @@ def test_sharpest_bend_is_the_angle_of_the_joint() -> None:
     """And the advice spreads it over cells of 15 degrees."""
     m = Mechanism()
     add(m)
-    plant = Plant(m)
-    q = plant.assembly.start_positions()
-    names = plant.system.coordinate_names
+    compiled = CompiledMechanism(m)
+    q = compiled.assembly.start_positions()
+    names = compiled.system.coordinate_names
     q[names.index("sheet.2.1.theta_z")] = 0.6
     q[names.index("sheet.3.2.theta_x")] = -0.4
     accurate, valid = np.radians(15.0), np.radians(60.0)
-    assert plant.limit_ratio(0.0, q) == pytest.approx(1.0 + (0.6 - accurate) / (valid - accurate), abs=1e-12)
+    assert compiled.limit_ratio(0.0, q) == pytest.approx(1.0 + (0.6 - accurate) / (valid - accurate), abs=1e-12)
     assert re.fullmatch(
         r"the mesh is too coarse: adjacent cells are rotated by up to 34 deg between nodes 'sheet.1.(\d)' and "
         r"'sheet.2.\1'; "
         r"allowed: about 15 deg\. Refine the grid of 'sheet' to 8 x 5 nodes",
-        plant.describe_limit(0.0, q),
+        compiled.describe_limit(0.0, q),
     )
     hinge = Mechanism()
     hinge.body("b", hinge.ground, Revolute(), mass=1.0, inertia=(1.0, 1.0, 1.0))
-    assert Plant(hinge).limit_ratio(0.0, np.zeros(1)) == 0.0
+    assert CompiledMechanism(hinge).limit_ratio(0.0, np.zeros(1)) == 0.0
 
 
 def test_projected_length_and_membrane_may_meet_across_rows() -> None:

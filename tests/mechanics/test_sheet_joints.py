@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plate_oracles import bodies_at
 
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.sheets import Geodesic, OutOfPlane
 from mbfmu.util.errors import UserError
 
@@ -17,8 +17,8 @@ def hinged(joint: type[OutOfPlane | Geodesic], q: tuple[float, float, float]) ->
     """Position and orientation of a node on its neighbor at the origin, s' = (0.3, 0, 0.4) m."""
     m = Mechanism()
     m.body("node", m.ground, joint(at=(0.3, 0.0, 0.4), start=q), mass=1.0, inertia=(1, 1, 1))
-    plant = Plant(m)
-    node = bodies_at(plant, plant.assembly.start_positions())[1]
+    compiled = CompiledMechanism(m)
+    node = bodies_at(compiled, compiled.assembly.start_positions())[1]
     return node["r"].copy(), node["A"].copy()
 
 
@@ -75,4 +75,4 @@ def test_geodesic_leads_somewhere_in_the_plane(at: Any) -> None:
     m = Mechanism()
     m.body("node", m.ground, Geodesic(at=at), mass=1.0)
     with pytest.raises(UserError, match="needs some way in the x-z plane"):
-        Plant(m)
+        CompiledMechanism(m)

@@ -20,7 +20,7 @@ from test_plate import (
     wrenches,
 )
 
-from mbfmu.mechanics import Floating, Mechanism, Plant
+from mbfmu.mechanics import CompiledMechanism, Floating, Mechanism
 from mbfmu.sheets import Plate, Shell
 from mbfmu.sheets.elements.material import PlaneStress
 from mbfmu.sheets.elements.shell_stiffness import bending, flat_axes, membrane
@@ -36,20 +36,20 @@ MATERIALS = {"isotropic": (STRETCHING, BENDING), "askew": (GRAIN, 0.01 * GRAIN)}
 RIGID = np.array([1, 1, 1, 2, 2, 2]) * 0.4
 
 
-def element(material: str = "isotropic", **options: Any) -> Plant:
+def element(material: str = "isotropic", **options: Any) -> CompiledMechanism:
     """Four floating bodies with a shell element between them."""
     m = Mechanism()
     nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
     stretching, bent = MATERIALS[material]
     m.element(Shell(**({"corners": CORNERS, "stretching": stretching, "bending": bent} | options)), *nodes)
-    return Plant(m)
+    return CompiledMechanism(m)
 
 
-def moved(plant: Plant, size: float, seed: int = 0) -> Any:
+def moved(compiled: CompiledMechanism, size: float, seed: int = 0) -> Any:
     """Positions (28,) of the unstrained element with every motion of every node off by about ``size``."""
-    q = plant.assembly.start_positions()
+    q = compiled.assembly.start_positions()
     q.reshape(4, 7)[:, :3] = CORNERS
-    plant.system.apply(q, size * np.random.default_rng(seed).normal(size=24))
+    compiled.system.apply(q, size * np.random.default_rng(seed).normal(size=24))
     return q
 
 
@@ -102,32 +102,32 @@ def test_a_curled_shell_feels_the_curvatures_that_are_left(grain: dict[str, Any]
     plate = Plate(**(options | grain), curl=tuple(own))
     m = Mechanism()
     m.element(shell_of(plate), *(m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0,) * 3) for i in range(4)))
-    plant, left = Plant(m), (k - own) * (1.0, 1.0, 2.0)
+    compiled, left = CompiledMechanism(m), (k - own) * (1.0, 1.0, 2.0)
     expected = 0.5 * left @ plate.bending @ left * plate.area
-    assert plant.energy(0.0, curved(k), np.zeros(24)) == pytest.approx(expected, rel=1e-5)
-    assert abs(plant.energy(0.0, curved(own), np.zeros(24))) < 1e-5 * expected
+    assert compiled.energy(0.0, curved(k), np.zeros(24)) == pytest.approx(expected, rel=1e-5)
+    assert abs(compiled.energy(0.0, curved(own), np.zeros(24))) < 1e-5 * expected
 
 
 def test_rigid_motions_strain_nothing() -> None:
-    plant, rng = element(), np.random.default_rng(2)
-    q = moved(plant, 0.1)
-    before = plant.energy(0.0, q, np.zeros(24))
+    compiled, rng = element(), np.random.default_rng(2)
+    q = moved(compiled, 0.1)
+    before = compiled.energy(0.0, q, np.zeros(24))
     R, shift = random_rotation(rng), rng.normal(size=3)
-    bodies = plant.data.state.bodies[1:]
+    bodies = compiled.data.state.bodies[1:]
     r, A = bodies["r"].copy(), bodies["A"].copy()
     turned = posed(r @ R.T + shift, R @ A)
-    assert plant.energy(0.0, turned, np.zeros(24)) == pytest.approx(before, rel=1e-12)
-    assert plant.energy(0.0, moved(plant, 0.0), np.zeros(24)) < 1e-28
+    assert compiled.energy(0.0, turned, np.zeros(24)) == pytest.approx(before, rel=1e-12)
+    assert compiled.energy(0.0, moved(compiled, 0.0), np.zeros(24)) < 1e-28
 
 
 @pytest.mark.parametrize("size", [1e-4, 0.05, 0.3])
 @pytest.mark.parametrize("material", MATERIALS)
 def test_forces_are_the_gradient_of_the_energy(material: str, size: float) -> None:
-    plant = element(material)
-    q = moved(plant, size)
-    gradient = complex_columns(plant, q, complex_energy)
-    F = wrenches(plant, q)
-    expected = np.concatenate([T.T @ f for T, f in zip(joint_axes(plant), F, strict=True)])
+    compiled = element(material)
+    q = moved(compiled, size)
+    gradient = complex_columns(compiled, q, complex_energy)
+    F = wrenches(compiled, q)
+    expected = np.concatenate([T.T @ f for T, f in zip(joint_axes(compiled), F, strict=True)])
     spread = np.abs(expected).max()
     # the velocities of a floating joint are those of its coordinates, so columns along T are motions in global axes
     assert np.abs(gradient + F.reshape(-1)).max() < 1e-12 * spread
@@ -136,31 +136,31 @@ def test_forces_are_the_gradient_of_the_energy(material: str, size: float) -> No
 @pytest.mark.parametrize("size", [1e-4, 0.05, 0.3, 1.0])
 @pytest.mark.parametrize("material", MATERIALS)
 def test_stiffness_is_the_derivative_of_the_forces(material: str, size: float) -> None:
-    plant = element(material)
-    q, K = moved(plant, size), np.zeros((24, 24))
-    wrenches(plant, q)
-    tangent_of(plant, 0.0, K)
-    np.testing.assert_allclose(K, -complex_columns(plant, q, complex_wrenches), rtol=0, atol=1e-12 * np.abs(K).max())
+    compiled = element(material)
+    q, K = moved(compiled, size), np.zeros((24, 24))
+    wrenches(compiled, q)
+    tangent_of(compiled, 0.0, K)
+    np.testing.assert_allclose(K, -complex_columns(compiled, q, complex_wrenches), rtol=0, atol=1e-12 * np.abs(K).max())
 
 
 def test_damping_is_the_derivative_of_the_forces_by_velocities() -> None:
-    plant = element("askew", damping=0.2)
-    q, K, C = moved(plant, 0.3), np.zeros((24, 24)), np.zeros((24, 24))
-    rest, Y = wrenches(plant, q), np.random.default_rng(3).normal(size=24)
-    tangent_of(plant, 0.0, K)
-    tangent_of(plant, 1.0, C)
+    compiled = element("askew", damping=0.2)
+    q, K, C = moved(compiled, 0.3), np.zeros((24, 24)), np.zeros((24, 24))
+    rest, Y = wrenches(compiled, q), np.random.default_rng(3).normal(size=24)
+    tangent_of(compiled, 0.0, K)
+    tangent_of(compiled, 1.0, C)
     C -= K
-    v = np.concatenate([T @ Y[6 * i : 6 * i + 6] for i, T in enumerate(joint_axes(plant))])
-    np.testing.assert_allclose((rest - wrenches(plant, q, v)).reshape(-1), C @ Y, atol=1e-13 * np.abs(C).max())
+    v = np.concatenate([T @ Y[6 * i : 6 * i + 6] for i, T in enumerate(joint_axes(compiled))])
+    np.testing.assert_allclose((rest - wrenches(compiled, q, v)).reshape(-1), C @ Y, atol=1e-13 * np.abs(C).max())
     np.testing.assert_allclose(C, C.T, atol=1e-13 * np.abs(C).max())
     assert np.linalg.eigvalsh(C).min() > -1e-13 * np.abs(C).max()
 
 
 def test_forces_and_moments_balance() -> None:
-    plant = element("askew")
-    q = moved(plant, 0.2)
-    F = wrenches(plant, q)
-    r = plant.data.state.bodies["r"][1:]
+    compiled = element("askew")
+    q = moved(compiled, 0.2)
+    F = wrenches(compiled, q)
+    r = compiled.data.state.bodies["r"][1:]
     assert np.abs(F[:, :3].sum(0)).max() < 1e-13 * np.abs(F).max()
     assert np.abs((F[:, 3:] + np.cross(r, F[:, :3])).sum(0)).max() < 1e-13 * np.abs(F).max()
 

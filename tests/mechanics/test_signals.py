@@ -12,13 +12,13 @@ from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolato
 
 from mbfmu import UserError, equilibrium, linearize, simulate
 from mbfmu.mechanics import (
+    CompiledMechanism,
     Function,
     Harmonic,
     Input,
     JointForce,
     JointSpring,
     Mechanism,
-    Plant,
     PointForce,
     Polynomial,
     Product,
@@ -37,18 +37,18 @@ from mbfmu.mechanics.dispatch import signal as signal_at
 
 
 def test_a_sum_of_drives_goes_from_rest_to_its_speed_again_though_parts_cancel() -> None:
-    """As continuation in the drive's speed does, on the plant and on its complex twin."""
+    """As continuation in the drive's speed does, on the compiled mechanism and on its complex twin."""
     m, turn = Mechanism(), Polynomial
     for k, (a, b) in enumerate(((3.0, 2.0), (2.0, -2.0), (1.0, 0.0))):
         drive = Sum(turn((0.1, a)), Sum(turn((0.0, b)), turn((0.5, 0.25))))
         m.body(f"disk{k}", m.ground, Revolute(drive=drive), mass=1.0, inertia=(1, 1, 1))
     m.body("free", m.ground, Revolute(), mass=1.0, inertia=(1, 1, 1))
-    plant = Plant(m)
-    for signals in (plant.signals(plant.data), plant.signals(plant.complex_system().data)):
-        speeds, full = plant.drives.speeds(), plant.drives.full_speeds()
+    compiled = CompiledMechanism(m)
+    for signals in (compiled.signals(compiled.data), compiled.signals(compiled.complex_system().data)):
+        speeds, full = compiled.drives.speeds(), compiled.drives.full_speeds()
         for part in (0.0, 0.5, 1.0):
-            plant.drives.run_at(part * full, signals)
-        assert plant.drives.speeds() == speeds
+            compiled.drives.run_at(part * full, signals)
+        assert compiled.drives.speeds() == speeds
     assert [speed for _, speed, _ in speeds] == [5.25, 0.25, 1.25]
 
 
@@ -56,11 +56,11 @@ POINTS = np.array([0.0, 0.3, 0.5, 1.2, 2.0])
 VALUES = np.array([0.0, 0.4, 0.1, 0.9, 1.0])
 
 
-def driven(drive: Any) -> Plant:
+def driven(drive: Any) -> CompiledMechanism:
     """A wheel that follows a signal."""
     m = Mechanism()
     m.body("wheel", m.ground, Revolute(drive=drive), mass=1.0, inertia=(1.0, 1.0, 1.0))
-    return Plant(m)
+    return CompiledMechanism(m)
 
 
 SIGNALS: dict[str, Any] = {
@@ -158,7 +158,7 @@ def test_a_table_that_holds_comes_to_its_ends_without_slope() -> None:
         slider = m.body("slider", m.ground, Translational(), mass=1.0)
         table = Table(POINTS, VALUES, kind, beyond="hold")
         m.force("push", JointForce(table), slider)
-        arrays = Plant(m).kernel_data.arrays
+        arrays = CompiledMechanism(m).kernel_data.arrays
         for t, value in ((-3.0, 0.0), (-1e-9, 0.0), (0.3, 0.4), (0.5, 0.1), (2.0, 1.0), (2.1, 1.0), (50.0, 1.0)):
             found = signal_at(0, t, arrays)
             assert found[0] == pytest.approx(value, abs=1e-13)
@@ -221,8 +221,8 @@ def test_a_torsion_spring_with_a_table_stores_energy_and_a_function_has_a_slope(
         wheel = m.body("wheel", m.ground, Revolute(start=0.9), inertia=(2.0, 2.0, 2.0))
         m.force("about", TorsionSpring(stiffness=stiffness, free=0.1), m.ground, wheel)
         m.output("energy", m.energy)
-        plant = Plant(m)
-        assert plant.energy(0.0, *plant.assemble()) == pytest.approx(stored, rel=1e-9, abs=1e-12)
+        compiled = CompiledMechanism(m)
+        assert compiled.energy(0.0, *compiled.assemble()) == pytest.approx(stored, rel=1e-9, abs=1e-12)
         np.testing.assert_allclose(np.abs(np.linalg.eigvals(linearize(m).A)), np.sqrt(1.5), rtol=1e-8)
 
 
@@ -288,7 +288,7 @@ def test_a_large_tree_takes_laws_and_tables_in_its_tangent() -> None:
         m.force(f"hinge{i}", JointForce(lambda t, q, v: -0.05 * q - 1e-4 * v), link)
         m.force(f"stop{i}", JointSpring(stiffness=Table([-1.0, 0.0, 1.0], [-0.1, 0.0, 0.1])), link)
     m.output("tip", link.position("y"))
-    assert not Plant(m).system.has_matrices
+    assert not CompiledMechanism(m).system.has_matrices
     other = Mechanism(gravity=(0.0, -9.81, 0.0))
     link = other.ground
     for i in range(70):

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.sheet import Sheet
-from mbfmu.mechanics import Bushing, Floating, Mechanism, Plant, Revolute, Translational, Weld
+from mbfmu.mechanics import Bushing, CompiledMechanism, Floating, Mechanism, Revolute, Translational, Weld
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.recursions import dynamics as dy
 from mbfmu.mechanics.recursions.kinematics import update_accelerations
@@ -23,11 +23,11 @@ from solvers.system import TreeSystem
 from .random_mechanisms import Case, build, cases
 
 
-def inverse(plant: Plant, q: Any, a: Any) -> Any:
+def inverse(compiled: CompiledMechanism, q: Any, a: Any) -> Any:
     """Joint forces (n,) at rest with accelerations a (n,); leaves the state there."""
-    arrays, state = plant.data
+    arrays, state = compiled.data
     free = [(b, k) for b in arrays.bodies if b["vf"] >= 0 for k in range(b["nv"])]
-    dy.update_kinematics(0.0, q, np.zeros(plant.system.n), *plant.kernel_data)
+    dy.update_kinematics(0.0, q, np.zeros(compiled.system.n), *compiled.kernel_data)
     for b, k in free:
         state.a[b["vi"] + k] = a[b["vf"] + k]
     update_accelerations(arrays, state)
@@ -35,41 +35,41 @@ def inverse(plant: Plant, q: Any, a: Any) -> Any:
     return np.array([state.tau[b["vi"] + k] for b, k in free])
 
 
-def differences(plant: Plant, q: Any, c2: float, h: float = 1e-5) -> Any:
+def differences(compiled: CompiledMechanism, q: Any, c2: float, h: float = 1e-5) -> Any:
     """Derivative of the joint forces at rest by positions, and c2 times by accelerations; leaves the state at q."""
-    n = plant.system.n
+    n = compiled.system.n
     T = np.zeros((n, n))
     for k, e in enumerate(h * np.eye(n)):
         there, back = q.copy(), q.copy()
-        plant.system.apply(there, e)
-        plant.system.apply(back, -e)
-        T[:, k] = (inverse(plant, there, c2 * e) - inverse(plant, back, -c2 * e)) / (2.0 * h)
-    inverse(plant, q, np.zeros(n))
+        compiled.system.apply(there, e)
+        compiled.system.apply(back, -e)
+        T[:, k] = (inverse(compiled, there, c2 * e) - inverse(compiled, back, -c2 * e)) / (2.0 * h)
+    inverse(compiled, q, np.zeros(n))
     return T
 
 
-def loaded(plant: Plant, q: Any, lam: Any) -> Any:
+def loaded(compiled: CompiledMechanism, q: Any, lam: Any) -> Any:
     """Joint forces (n,) at rest with multipliers lam (m,); leaves the state there."""
-    n, tau = plant.system.n, np.zeros(plant.system.n)
-    dy.inverse_dynamics_at_solution(0.0, q, np.zeros(n), np.zeros(n), lam, plant.kernel_data)
-    dy.gather_free(plant.data.state.tau, plant.data.arrays, tau)
+    n, tau = compiled.system.n, np.zeros(compiled.system.n)
+    dy.inverse_dynamics_at_solution(0.0, q, np.zeros(n), np.zeros(n), lam, compiled.kernel_data)
+    dy.gather_free(compiled.data.state.tau, compiled.data.arrays, tau)
     return tau
 
 
-def groups_of(plant: Plant, how: int | None) -> Groups:
+def groups_of(compiled: CompiledMechanism, how: int | None) -> Groups:
     """All bodies in one group, or as the program finds them in blocks of so many."""
     if how is None:
-        return Groups(np.zeros(len(plant.mechanism.bodies), np.int64), np.array([-1]))
+        return Groups(np.zeros(len(compiled.mechanism.bodies), np.int64), np.array([-1]))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(groups, "MAX_BLOCK_BODIES", how)
-        return find_groups(plant.mechanism)
+        return find_groups(compiled.mechanism)
 
 
 @pytest.mark.parametrize("how", [None, 1, 2])
 @given(case=cases(forces=True), c2=st.floats(0.5, 50.0))
 def test_solves_the_linearized_inverse_dynamics(case: Case, c2: float, how: int | None) -> None:
-    plant = case.plant
-    T, tangent = differences(plant, case.q, c2), plant.tangent(groups_of(plant, how))
+    compiled = case.compiled
+    T, tangent = differences(compiled, case.q, c2), compiled.tangent(groups_of(compiled, how))
     if np.linalg.cond(T) > 1e6:
         return
     assert tangent.factor(0.0, c2)
@@ -82,12 +82,12 @@ def test_solves_the_linearized_inverse_dynamics(case: Case, c2: float, how: int 
 def test_joints_of_six_coordinates_beside_others(kinds: list[type[Joint]], seed: int, how: int | None) -> None:
     """In a group or between two, above and below joints that lock directions, with forces."""
     case = build(seed, [Revolute, *kinds, Weld], [], driven=False, forces=True)
-    plant = case.plant
-    tangent = plant.tangent(groups_of(plant, how))
-    for body in plant.mechanism.bodies[2:]:
+    compiled = case.compiled
+    tangent = compiled.tangent(groups_of(compiled, how))
+    for body in compiled.mechanism.bodies[2:]:
         if body.joint.nv == 6 and body.parent > 0:
             assert tangent.layout.role[body.index] == OUTER
-    T = differences(plant, case.q, 5.0)
+    T = differences(compiled, case.q, 5.0)
     if np.linalg.cond(T) > 1e6:
         return
     assert tangent.factor(0.0, 5.0)
@@ -103,11 +103,11 @@ def test_a_sheet_that_stretches(how: int | None) -> None:
         m, "sheet", length=0.3, width=0.2, thickness=0.03, youngs_modulus=1e6, density=1000.0, grid=(4, 3),
         supports=[Support("x1")], stretch=True,
     )  # fmt: skip
-    plant, rng = Plant(m), np.random.default_rng(1)
-    n, q = plant.system.n, plant.assembly.start_positions()
-    plant.system.apply(q, 0.02 * rng.normal(size=n))
-    T = differences(plant, q, 1e4)
-    tangent, x = plant.tangent(groups_of(plant, how)), rng.normal(size=n)
+    compiled, rng = CompiledMechanism(m), np.random.default_rng(1)
+    n, q = compiled.system.n, compiled.assembly.start_positions()
+    compiled.system.apply(q, 0.02 * rng.normal(size=n))
+    T = differences(compiled, q, 1e4)
+    tangent, x = compiled.tangent(groups_of(compiled, how)), rng.normal(size=n)
     assert np.count_nonzero(tangent.layout.role == OUTER) >= 6
     assert tangent.factor(0.0, 1e4)
     np.testing.assert_allclose(tangent.solve(T @ x), x, rtol=0.0, atol=1e-5 * np.abs(x).max())
@@ -121,9 +121,9 @@ def test_a_carrier_without_mass_stays_with_what_it_carries() -> None:
     tilt = m.body("tilt", slide, Revolute(axis="y"))
     last = m.body("last", tilt, Revolute(axis="z"), **mass)
     m.force("bushing", Bushing(stiffness=5.0, rotational_stiffness=3.0), first, last)
-    plant = Plant(m)
-    T = differences(plant, plant.assembly.start_positions(), 2.0)
-    tangent, a = plant.tangent(groups_of(plant, 1)), np.random.default_rng(0).normal(size=9)
+    compiled = CompiledMechanism(m)
+    T = differences(compiled, compiled.assembly.start_positions(), 2.0)
+    tangent, a = compiled.tangent(groups_of(compiled, 1)), np.random.default_rng(0).normal(size=9)
     assert tangent.factor(0.0, 2.0)
     np.testing.assert_allclose(T @ tangent.solve(a), a, atol=1e-6)
 
@@ -131,15 +131,15 @@ def test_a_carrier_without_mass_stays_with_what_it_carries() -> None:
 @given(case=cases(forces=True))
 def test_damping_of_forces(case: Case) -> None:
     """c1 times the derivative of the joint forces by the velocities, at rest; inertia for regularity."""
-    plant, n, c1, c2 = case.plant, case.plant.system.n, 3.0, 20.0
+    compiled, n, c1, c2 = case.compiled, case.compiled.system.n, 3.0, 20.0
     still, D = np.zeros(n), np.zeros((2, n, n))
     for k, e in enumerate(np.eye(n)):
         for side, v in zip(D, (c1 * e, -c1 * e), strict=True):
-            dy.inverse_dynamics_at_solution(0.0, case.q, v, still, np.zeros(0), plant.kernel_data)
-            dy.gather_free(plant.data.state.tau, plant.data.arrays, side[k])
+            dy.inverse_dynamics_at_solution(0.0, case.q, v, still, np.zeros(0), compiled.kernel_data)
+            dy.gather_free(compiled.data.state.tau, compiled.data.arrays, side[k])
     T = 0.5 * (D[0] - D[1]).T  # velocity products are even
-    first = {c: plant.tangent(groups_of(plant, None)) for c in (0.0, c1)}
-    inverse(plant, case.q, np.zeros(n))
+    first = {c: compiled.tangent(groups_of(compiled, None)) for c in (0.0, c1)}
+    inverse(compiled, case.q, np.zeros(n))
     assert all(tangent.factor(c, c2) for c, tangent in first.items())
     x = first[c1].solve(case.a)
     y = first[0.0].solve(case.a - T @ x)  # (T0 + c1 D) x = a
@@ -150,21 +150,21 @@ def test_damping_of_forces(case: Case) -> None:
 @given(case=cases(cuts=True))
 def test_reactions_of_constraints_and_their_springs(case: Case, how: int | None) -> None:
     """M + d(h + J^T lambda)/dq + J^T alpha J."""
-    plant, n, m, h = case.plant, case.plant.system.n, case.plant.system.m, 1e-5
+    compiled, n, m, h = case.compiled, case.compiled.system.n, case.compiled.system.m, 1e-5
     rng, T = np.random.default_rng(0), np.zeros((n, n))
     lam, alpha = rng.normal(size=m), rng.uniform(0.5, 2.0, m)
     for k, e in enumerate(np.eye(n)):
         there, back = case.q.copy(), case.q.copy()
-        plant.system.apply(there, h * e)
-        plant.system.apply(back, -h * e)
-        T[:, k] = (loaded(plant, there, lam) - loaded(plant, back, lam)) / (2.0 * h)
-    terms = plant.system.allocate_terms()
-    plant.system.fill(0.0, case.q, np.zeros(n), terms)
+        compiled.system.apply(there, h * e)
+        compiled.system.apply(back, -h * e)
+        T[:, k] = (loaded(compiled, there, lam) - loaded(compiled, back, lam)) / (2.0 * h)
+    terms = compiled.system.allocate_terms()
+    compiled.system.fill(0.0, case.q, np.zeros(n), terms)
     T += 50.0 * terms.M + terms.J.T @ (alpha[:, None] * terms.J)
     if np.linalg.cond(T) > 1e6:
         return
-    loaded(plant, case.q, lam)
-    tangent = plant.tangent(groups_of(plant, how))
+    loaded(compiled, case.q, lam)
+    tangent = compiled.tangent(groups_of(compiled, how))
     assert tangent.factor(0.0, 50.0, alpha)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))
@@ -172,10 +172,10 @@ def test_reactions_of_constraints_and_their_springs(case: Case, how: int | None)
 
 def test_it_is_symmetric_at_rest() -> None:
     """A flat sheet without weight."""
-    plant = Plant(Sheet(nx=7, nz=5, gravity_y=0.0).build())
-    system, rng = plant.system, np.random.default_rng(0)
+    compiled = CompiledMechanism(Sheet(nx=7, nz=5, gravity_y=0.0).build())
+    system, rng = compiled.system, np.random.default_rng(0)
     assert isinstance(system, TreeSystem)
-    q, still = plant.assembly.start_positions(), np.zeros(system.n)
+    q, still = compiled.assembly.start_positions(), np.zeros(system.n)
     system.residual(0.0, q, still, still)
     b, tangent = rng.normal(size=system.n), system.tangent
     assert tangent.factor(0.0, 1e4)

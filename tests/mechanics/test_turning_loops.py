@@ -12,24 +12,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbfmu.mechanics import (
+    CompiledMechanism,
     Floating,
     Harmonic,
     Input,
     JointSpring,
     Mechanism,
-    Plant,
     Polynomial,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     RunUp,
     SpeedInput,
-    SphericalCut,
+    SphericalCutJoint,
     Translational,
     Weld,
-    WeldCut,
+    WeldCutJoint,
     rod,
 )
-from mbfmu.mechanics.cuts import DistanceCut
+from mbfmu.mechanics.cuts import DistanceCutJoint
 from mbfmu.mechanics.dispatch import signal as signal_at
 from mbfmu.util.errors import AssemblyError
 from solvers import Options, stepper
@@ -45,7 +45,7 @@ TURNED = np.linspace(0.0, 8.0, 9)  # s, more than 720 deg with each of them
 MOVING = [joint for joint in JOINTS if joint.nv > 0]
 
 
-def on_base(joint: Any, seed: int, kinds: list[Any], cuts: list[Any]) -> Plant:
+def on_base(joint: Any, seed: int, kinds: list[Any], cuts: list[Any]) -> CompiledMechanism:
     """Random joints and cut joints above a base on ``joint``; the same at the same seed."""
     rng = np.random.default_rng(seed)
     m = Mechanism(gravity=rng.normal(size=3))
@@ -56,11 +56,11 @@ def on_base(joint: Any, seed: int, kinds: list[Any], cuts: list[Any]) -> Plant:
         m.body(f"b{i}", parent, random_joint(kind, rng, False), **options)
     for i, cut in enumerate(cuts):
         frames = {"rotation_a": random_rotation(rng), "rotation_b": random_rotation(rng)}
-        length = {"length": rng.uniform(0.5, 2.0)} if cut is DistanceCut else {}
+        length = {"length": rng.uniform(0.5, 2.0)} if cut is DistanceCutJoint else {}
         pair = [m.bodies[-1], m.bodies[rng.integers(1, len(m.bodies) - 1)]]
         rng.shuffle(pair)
         m.cut(f"c{i}", cut(at_a=rng.normal(size=3), at_b=rng.normal(size=3), **frames, **length), *pair)
-    return Plant(m)
+    return CompiledMechanism(m)
 
 
 @pytest.mark.parametrize("drive", DRIVES)
@@ -99,7 +99,7 @@ def crane(base: Any, axis: str = "y", gravity: float = -9.81) -> Mechanism:
     jib = m.body("jib", post, Revolute(at=(0.2, 1.0, 0.1), start=0.4, fixed=True), **rod(mass=20.0, length=3.0))
     tube = m.body("tube", post, Revolute(at=(0.6, 0.0, 0.1), start=1.0), **rod(mass=4.0, length=0.7))
     ram = m.body("ram", tube, Translational(axis="x", start=1.5), **rod(mass=3.0, length=-0.7))
-    pin = m.cut("pin", RevoluteCut(at_b=(1.4, 0.0, 0.0)), ram, jib)
+    pin = m.cut("pin", RevoluteCutJoint(at_b=(1.4, 0.0, 0.0)), ram, jib)
     for axis_ in "xyz":
         m.output(f"pin.{axis_}", pin.joint_force(axis_))
         m.output(f"pin.a.{axis_}", pin.joint_force(axis_, on="a"))
@@ -111,9 +111,9 @@ def crane(base: Any, axis: str = "y", gravity: float = -9.81) -> Mechanism:
     return m
 
 
-def accelerations(plant: Plant, t: float, q: Any, v: Any) -> tuple[Any, Any]:
+def accelerations(compiled: CompiledMechanism, t: float, q: Any, v: Any) -> tuple[Any, Any]:
     """Accelerations and multipliers of the equations of motion as one dense system."""
-    s = plant.system
+    s = compiled.system
     terms = s.allocate_terms()
     s.fill(t, q, v, terms)
     K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((s.m, s.m))]])
@@ -135,20 +135,20 @@ def turn_about(axis: str, angle: float) -> Any:
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_the_crane_is_the_same_in_every_attitude(drive: str, axis: str) -> None:
     """A base that has turned and one that is drawn turned: the same motion, and forces that turn with it."""
-    plant = Plant(crane(Revolute(axis=axis, drive=DRIVES[drive]()), axis))
-    assert plant.vanishing_rows == ["pin.z", "pin.zx", "pin.zy"]
-    q, v = plant.assemble()
-    terms = plant.system.allocate_terms()
+    compiled = CompiledMechanism(crane(Revolute(axis=axis, drive=DRIVES[drive]()), axis))
+    assert compiled.vanishing_rows == ["pin.z", "pin.zx", "pin.zy"]
+    q, v = compiled.assemble()
+    terms = compiled.system.allocate_terms()
     for t in TURNED:
-        plant.system.fill(t, q, v, terms)
+        compiled.system.fill(t, q, v, terms)
         assert np.linalg.svd(terms.J, compute_uv=False)[-1] > 0.1  # 90 deg away a row along a global axis vanishes
         assert np.abs(terms.Phi).max() < 1e-12
-        signal = np.array(signal_at(0, t, plant.kernel_data.arrays))
-        a, lam = accelerations(plant, t, q, v)
-        out = np.zeros(len(plant.outputs))
-        plant.observe(t, q, v, a, lam, out)
+        signal = np.array(signal_at(0, t, compiled.kernel_data.arrays))
+        a, lam = accelerations(compiled, t, q, v)
+        out = np.zeros(len(compiled.outputs))
+        compiled.observe(t, q, v, a, lam, out)
         drawn = Polynomial((0.0, signal[1], 0.5 * signal[2]))
-        turned = Plant(crane(Revolute(axis=axis, rotation=turn_about(axis, signal[0]), drive=drawn), axis))
+        turned = CompiledMechanism(crane(Revolute(axis=axis, rotation=turn_about(axis, signal[0]), drive=drawn), axis))
         a2, lam2 = accelerations(turned, 0.0, q, v)
         np.testing.assert_allclose(a2, a, rtol=1e-9)
         other, unturned = np.zeros(len(out)), np.zeros(len(out))
@@ -156,7 +156,7 @@ def test_the_crane_is_the_same_in_every_attitude(drive: str, axis: str) -> None:
         np.testing.assert_allclose(out[6:9], other[6:9], rtol=1e-9)
         np.testing.assert_allclose(out[:6], other[:6], rtol=0, atol=1e-9 * np.abs(out[:6]).max())
         np.testing.assert_allclose(out[:6:2], -out[1:6:2], rtol=1e-12)  # on body a what is on b, reversed
-        same = Plant(crane(Revolute(axis=axis, drive=drawn), axis))
+        same = CompiledMechanism(crane(Revolute(axis=axis, drive=drawn), axis))
         same.observe(0.0, q, v, *accelerations(same, 0.0, q, v), unturned)
         np.testing.assert_allclose(
             turn_about(axis, signal[0]) @ unturned[:6:2], out[:6:2], rtol=0, atol=1e-9 * np.abs(out[:6]).max()
@@ -166,14 +166,14 @@ def test_the_crane_is_the_same_in_every_attitude(drive: str, axis: str) -> None:
 def test_the_ram_carries_the_jib_as_statics_says() -> None:
     """A crane that stands still and one that has slewed by 90 deg: the ram's force from the jib's moment balance."""
     for angle in (0.0, 0.5 * pi, 2.0):
-        plant = Plant(crane(Revolute(axis="y", drive=angle)))
-        q, _ = plant.assemble()
-        terms = plant.system.allocate_terms()
-        plant.system.fill(0.0, q, np.zeros(3), terms)
+        compiled = CompiledMechanism(crane(Revolute(axis="y", drive=angle)))
+        q, _ = compiled.assemble()
+        terms = compiled.system.allocate_terms()
+        compiled.system.fill(0.0, q, np.zeros(3), terms)
         balance = np.column_stack((terms.J.T, [0.0, 0.0, -1.0]))  # the forces at the pin, and one that holds the ram
         lam = np.linalg.solve(balance, -terms.h)[:2]
-        out = np.zeros(len(plant.outputs))
-        plant.observe(0.0, q, np.zeros(3), np.zeros(3), lam, out)
+        out = np.zeros(len(compiled.outputs))
+        compiled.observe(0.0, q, np.zeros(3), np.zeros(3), lam, out)
         outward, up = out[0:6:2] @ turn_about("y", angle)[:, 0], out[2]
         moment = 1.4 * (np.cos(q[0]) * up - np.sin(q[0]) * outward)
         assert moment == pytest.approx(20.0 * 9.81 * 1.5 * np.cos(q[0]), rel=1e-10)
@@ -191,24 +191,24 @@ def test_a_crane_swings_alike_from_every_attitude(drive: str, solver: str, same:
         base = Revolute(axis="y", rotation=turn_about("y", attitude), drive=DRIVES[drive]())
         m = crane(base)
         m.force("cylinder", JointSpring(stiffness=8000.0, damping=50.0, free=1.5), m.bodies[-1])
-        plant = Plant(m)
-        motion = stepper(solver, plant.system, 0.0, *plant.assemble(), Options(rtol=1e-9))
+        compiled = CompiledMechanism(m)
+        motion = stepper(solver, compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-9))
         samples = motion.sample(TURNED[1:])
         assert motion.status.ok, motion.status.message
-        terms = plant.system.allocate_terms()
+        terms = compiled.system.allocate_terms()
         for t, q in zip(TURNED[1:], samples.q, strict=True):
-            plant.system.fill_position(float(t), q, terms)
+            compiled.system.fill_position(float(t), q, terms)
             assert np.abs(terms.Phi).max() < 0.1 * same
-            gap = plant.data.state.bodies["r"][4] - pin_on_the_jib(plant)
+            gap = compiled.data.state.bodies["r"][4] - pin_on_the_jib(compiled)
             assert np.linalg.norm(gap) < 0.1 * same  # whatever the rows say
         motions.append(samples.q)
     assert np.ptp(motions[0][:, 0]) > 0.01
     np.testing.assert_allclose(motions[0], motions[1], rtol=0, atol=same)
 
 
-def pin_on_the_jib(plant: Plant) -> Any:
+def pin_on_the_jib(compiled: CompiledMechanism) -> Any:
     """Global position of the jib's end of the loop."""
-    jib = plant.data.state.bodies[2]
+    jib = compiled.data.state.bodies[2]
     return jib["r"] + jib["A"] @ np.array([1.4, 0.0, 0.0])
 
 
@@ -219,15 +219,15 @@ def four_bar_on(base: Any, **frames: Any) -> Mechanism:
     crank = m.body("crank", post, Revolute(start=0.9, fixed=True), **rod(mass=1, length=1))
     coupler = m.body("coupler", crank, Revolute(at=(1, 0, 0), start=-0.6), **rod(mass=3, length=3))
     rocker = m.body("rocker", coupler, Revolute(at=(3, 0, 0), start=1.2), **rod(mass=1, length=-2))
-    m.cut("pivot", RevoluteCut(at_a=(-2, 0, 0), at_b=(3, 0, 0), **frames), rocker, post)
+    m.cut("pivot", RevoluteCutJoint(at_a=(-2, 0, 0), at_b=(3, 0, 0), **frames), rocker, post)
     return m
 
 
 @pytest.mark.parametrize("start", [0.0, -0.25 * pi, 0.5 * pi])
 @pytest.mark.parametrize("axis", ["x", "y", (1.0, 2.0, 3.0)])
 def test_vanishing_rows_of_a_turning_loop_are_those_of_its_plane(start: float, axis: Any) -> None:
-    plant = Plant(four_bar_on(Revolute(axis=axis, drive=Polynomial((start, 1.0)))))
-    assert plant.vanishing_rows == ["pivot.z", "pivot.zx", "pivot.zy"]
+    compiled = CompiledMechanism(four_bar_on(Revolute(axis=axis, drive=Polynomial((start, 1.0)))))
+    assert compiled.vanishing_rows == ["pivot.z", "pivot.zx", "pivot.zy"]
 
 
 @pytest.mark.parametrize(
@@ -246,18 +246,18 @@ def test_a_row_that_the_drive_will_work_against_is_kept(drive: Any) -> None:
     base = m.body("base", m.ground, Revolute(axis="y", drive=drive), mass=1.0)
     crank = m.body("crank", base, Revolute(start=0.3), **rod(mass=1, length=1))
     link = m.body("link", crank, Revolute(at=(1, 0, 0), start=2.0), **rod(mass=1, length=1))
-    m.cut("pin", SphericalCut(at_b=(1, 0, 0)), m.ground, link)
-    plant = Plant(m)
-    assert plant.vanishing_rows == []
-    (signal,) = plant.signals(plant.data)
+    m.cut("pin", SphericalCutJoint(at_b=(1, 0, 0)), m.ground, link)
+    compiled = CompiledMechanism(m)
+    assert compiled.vanishing_rows == []
+    (signal,) = compiled.signals(compiled.data)
     if "c" in signal.record.dtype.names:
         assert signal.record["c"][0] == 0.0  # inputs are where they were
     turned = Mechanism()
     base = turned.body("base", turned.ground, Revolute(axis="y", drive=drive), mass=1.0)
     crank = turned.body("crank", base, Revolute(start=0.3), **rod(mass=1, length=1))
     link = turned.body("link", crank, Revolute(at=(1, 0, 0), start=2.0), **rod(mass=1, length=1))
-    turned.cut("pin", SphericalCut(at_a=(1, 0, 0)), link, turned.ground)  # rows turn with the link
-    assert Plant(turned).vanishing_rows == ["pin.z"]
+    turned.cut("pin", SphericalCutJoint(at_a=(1, 0, 0)), link, turned.ground)  # rows turn with the link
+    assert CompiledMechanism(turned).vanishing_rows == ["pin.z"]
 
 
 def test_a_drive_that_opens_a_loop_is_refused() -> None:
@@ -265,11 +265,11 @@ def test_a_drive_that_opens_a_loop_is_refused() -> None:
     lift = m.body("lift", m.ground, Translational(axis="z", drive=Polynomial((0.0, 0.1))), mass=1.0)
     crank = m.body("crank", lift, Revolute(start=0.3), **rod(mass=1, length=1))
     link = m.body("link", crank, Revolute(at=(1, 0, 0), start=2.0), **rod(mass=1, length=1))
-    m.cut("pin", SphericalCut(at_a=(1, 0, 0)), link, m.ground)
+    m.cut("pin", SphericalCutJoint(at_a=(1, 0, 0)), link, m.ground)
     with pytest.raises(
         AssemblyError, match=r"the drives open a loop: when they move, constraint 'pin\.z' is violated by .* m and no"
     ):
-        Plant(m)
+        CompiledMechanism(m)
 
 
 def test_drives_that_move_together_break_no_loop() -> None:
@@ -283,8 +283,8 @@ def test_drives_that_move_together_break_no_loop() -> None:
     ]
     crank = m.body("crank", lifts[0], Revolute(start=0.3), **rod(mass=1, length=1))
     link = m.body("link", crank, Revolute(at=(1, 0, 0), start=0.1), **rod(mass=1, length=1.5))
-    m.cut("pin", SphericalCut(at_a=(1.5, 0, 0)), link, lifts[1])
-    assert Plant(m).vanishing_rows == ["pin.z"]
+    m.cut("pin", SphericalCutJoint(at_a=(1.5, 0, 0)), link, lifts[1])
+    assert CompiledMechanism(m).vanishing_rows == ["pin.z"]
 
 
 @pytest.mark.parametrize(
@@ -313,21 +313,21 @@ def test_a_weld_that_closes_turned_is_refused(angle: float, axis: Any, words: st
     e = (np.cos(half), *(np.sin(half) * np.array(axis) / np.linalg.norm(axis)))
     m = Mechanism()
     box = m.body("box", m.ground, Floating(start=(0, 0, 0, *e)), mass=1.0, inertia=(1, 1, 1))
-    m.cut("glue", WeldCut(), m.ground, box)
+    m.cut("glue", WeldCutJoint(), m.ground, box)
     with pytest.raises(AssemblyError, match=words):
-        Plant(m).assemble()
+        CompiledMechanism(m).assemble()
 
 
 def test_a_hinge_whose_axis_is_flipped_is_refused() -> None:
     flipped = np.diag([1.0, -1.0, -1.0])
-    plant = Plant(four_bar_on(Weld(), rotation_b=flipped))
+    compiled = CompiledMechanism(four_bar_on(Weld(), rotation_b=flipped))
     with pytest.raises(
         AssemblyError,
         match=r"'pivot' closes .*: the z axes .* 180 deg from each other \(180 deg "
         r"in the start positions\)",
     ):
-        plant.assemble()
-    Plant(four_bar_on(Weld(), rotation_a=flipped, rotation_b=flipped)).assemble()
+        compiled.assemble()
+    CompiledMechanism(four_bar_on(Weld(), rotation_a=flipped, rotation_b=flipped)).assemble()
 
 
 def test_loops_close_alike_at_every_size() -> None:
@@ -338,8 +338,8 @@ def test_loops_close_alike_at_every_size() -> None:
         crank = m.body("crank", m.ground, Revolute(start=1.2), **rod(mass=1, length=0.1 * scale))
         link = m.body("link", crank, Revolute(at=(0.1 * scale, 0, 0), start=-1.0), **rod(mass=1, length=0.4 * scale))
         slider = m.body("slider", m.ground, Translational(axis="x", start=0.3 * scale, rate=0.2 * scale), mass=1.0)
-        m.cut("pin", RevoluteCut(at_a=(0.4 * scale, 0, 0)), link, slider)
-        q, v = Plant(m).assemble()
+        m.cut("pin", RevoluteCutJoint(at_a=(0.4 * scale, 0, 0)), link, slider)
+        q, v = CompiledMechanism(m).assemble()
         return np.concatenate((q / [1.0, 1.0, scale], v / [1.0, 1.0, scale]))
 
     expected = closed(1.0)

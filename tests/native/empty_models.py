@@ -33,7 +33,7 @@ class DrivenLoop(mb.Model):
         crank = m.body("crank", m.ground, mb.Revolute(drive=there), **mb.rod(mass=1, length=1))
         coupler = m.body("coupler", crank, mb.Revolute(at=(1, 0, 0), drive=back), **mb.rod(mass=3, length=3))
         rocker = m.body("rocker", coupler, mb.Revolute(at=(3, 0, 0), drive=there), **mb.rod(mass=1, length=-1))
-        m.cut("pivot", mb.RevoluteCut(at_a=(-1, 0, 0), at_b=(3, 0, 0)), rocker, m.ground)
+        m.cut("pivot", mb.RevoluteCutJoint(at_a=(-1, 0, 0), at_b=(3, 0, 0)), rocker, m.ground)
         m.output("angle", rocker.angle())
         return m
 
@@ -69,6 +69,6 @@ class Truss(mb.Model):
         m = mb.Mechanism(gravity=(0, -9.81, 0))
         a = m.body("a", m.ground, mb.Revolute(start=1.0), **mb.rod(mass=1, length=1))
         b = m.body("b", a, mb.Revolute(at=(1, 0, 0), start=-2.0), **mb.rod(mass=1, length=1))
-        m.cut("pin", mb.RevoluteCut(at_a=(1, 0, 0), at_b=(1, 0, 0)), b, m.ground)
+        m.cut("pin", mb.RevoluteCutJoint(at_a=(1, 0, 0), at_b=(1, 0, 0)), b, m.ground)
         m.output("angle", a.angle())
         return m

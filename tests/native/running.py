@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.native.entries import family_of, image_of, shipped_kernels
 from mbfmu.native.runtime import COMPILERS, objects
 from mbfmu.native.targets import host
@@ -71,10 +71,10 @@ class Running:
         return code.value
 
 
-def adopt(native: Running, plant: Plant, at_work: bool = False) -> None:
-    """Give an instance the numbers of another plant, as a host does that sets parameters."""
-    instance, system = native.instance, plant.system
-    mine, theirs = unpin(unpin(instance.given.eqs.data).arrays), plant.data.arrays
+def adopt(native: Running, compiled: CompiledMechanism, at_work: bool = False) -> None:
+    """Give an instance the numbers of another compiled mechanism, as a host does that sets parameters."""
+    instance, system = native.instance, compiled.system
+    mine, theirs = unpin(unpin(instance.given.eqs.data).arrays), compiled.data.arrays
     pairs = [(a, b) for a, b in zip(mine, theirs, strict=True) if a is not mine.kernels]
     if not at_work:  # where solvers keep their units
         pairs += [(instance.given.work.size, system.size), (instance.start.scratch.row, system.row_size)]

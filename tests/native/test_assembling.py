@@ -13,14 +13,14 @@ from running import Running, adopt, needs_linker
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from mbfmu.mechanics import (
+    CompiledMechanism,
     Floating,
     Mechanism,
-    Plant,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     Translational,
-    TranslationalCut,
-    WeldCut,
+    TranslationalCutJoint,
+    WeldCutJoint,
     rod,
 )
 from mbfmu.mechanics.arrays.closing import assemble_positions, assemble_velocities
@@ -58,13 +58,13 @@ CHANGES = {
 }
 
 
-def guess(plant: Plant, off: float) -> tuple[Any, Any, Any]:
+def guess(compiled: CompiledMechanism, off: float) -> tuple[Any, Any, Any]:
     """First positions and velocities, positions off by a part of their units where they are not held; what is held."""
-    q, held, n = plant.assembly.start_positions(), plant.assembly.held(), plant.system.n
+    q, held, n = compiled.assembly.start_positions(), compiled.assembly.held(), compiled.system.n
     if off and not held.any():
         held[0] = True
-    plant.system.apply(q, np.where(held, 0.0, off * plant.system.size * np.cos(1.0 + np.arange(n))))
-    return q, plant.assembly.start_velocities(), held
+    compiled.system.apply(q, np.where(held, 0.0, off * compiled.system.size * np.cos(1.0 + np.arange(n))))
+    return q, compiled.assembly.start_velocities(), held
 
 
 def assembled(native: Running, q: Any, v: Any, held: Any) -> int:
@@ -78,12 +78,12 @@ def assembled(native: Running, q: Any, v: Any, held: Any) -> int:
 def test_what_is_assembled_has_the_bits_of_python(name: str):
     model, other, off = CHANGES[name]
     native = Running(Simulation(model, Settings(solver="adams")))
-    plant = Simulation(other, Settings(solver="adams")).plant
-    adopt(native, plant)
-    q, v, held = guess(plant, off)
-    given = plant.assembly.given()
-    wanted = assemble_positions(plant.system, 0.0, q, held, given)
-    wanted = wanted, assemble_velocities(plant.system, 0.0, wanted, v, held, given)
+    compiled = Simulation(other, Settings(solver="adams")).compiled
+    adopt(native, compiled)
+    q, v, held = guess(compiled, off)
+    given = compiled.assembly.given()
+    wanted = assemble_positions(compiled.system, 0.0, q, held, given)
+    wanted = wanted, assemble_velocities(compiled.system, 0.0, wanted, v, held, given)
     assert assembled(native, q, v, held) == ASSEMBLED
     for array, numbers in zip((native.instance.given.q, native.instance.given.v), wanted, strict=True):
         np.testing.assert_array_equal(native.view(array), numbers)
@@ -97,8 +97,8 @@ def test_a_changed_mechanism_runs_as_one_that_was_built(name: str):
         Running(Simulation(model, Settings(solver="adams"))),
         Simulation(other, Settings(solver="adams")),
     )
-    adopt(native, simulation.plant)
-    assert assembled(native, *guess(simulation.plant, 0.0)) == ASSEMBLED
+    adopt(native, simulation.compiled)
+    assert assembled(native, *guess(simulation.compiled, 0.0)) == ASSEMBLED
     assert native.call("begin", 0.0) == 0
     for t in 0.02 * np.arange(1, 26):
         assert native.call("advance", t) == int(simulation.stepper.advance(t).code) == 0
@@ -106,10 +106,10 @@ def test_a_changed_mechanism_runs_as_one_that_was_built(name: str):
         np.testing.assert_array_equal(native.out[:-2], simulation.outputs()[:-2])
 
 
-def refused(plant: Plant) -> str:
-    """What Python says of a plant that cannot be assembled."""
+def refused(compiled: CompiledMechanism) -> str:
+    """What Python says of a compiled mechanism that cannot be assembled."""
     with pytest.raises(AssemblyError) as error:
-        plant.assemble()
+        compiled.assemble()
     return str(error.value)
 
 
@@ -123,21 +123,21 @@ def test_a_start_that_python_assembled_is_assembled_by_machine_code_again():
 
 
 def test_a_loop_that_cannot_close_is_told_by_row_and_gap():
-    native, plant = Running(Simulation(FourBar(), Settings(solver="adams"))), FourBar(ground_length=12.0).plant()
-    adopt(native, plant)
-    assert assembled(native, *guess(plant, 0.0)) == OPEN
+    native, compiled = Running(Simulation(FourBar(), Settings(solver="adams"))), FourBar(ground_length=12.0).compile()
+    adopt(native, compiled)
+    assert assembled(native, *guess(compiled, 0.0)) == OPEN
     row, gap = native.view(native.instance.start.scratch.worst)[0]
-    assert f"{plant.system.constraint_names[row]!r} is violated by {gap:.3g} (SI units) in" in refused(plant)
+    assert f"{compiled.system.constraint_names[row]!r} is violated by {gap:.3g} (SI units) in" in refused(compiled)
 
 
 def test_rates_that_open_a_loop_are_told_by_row_and_rate():
     def cranks(rate: float) -> Mechanism:
         return pair(lambda k: {"fixed": True, "rate": 1.0 if k == 0 else rate})
 
-    native, plant = Running(Simulation(cranks(1.0), Settings(solver="adams"))), Plant(cranks(1.5))
-    assert assembled(native, *guess(plant, 0.0)) == OPENS
+    native, compiled = Running(Simulation(cranks(1.0), Settings(solver="adams"))), CompiledMechanism(cranks(1.5))
+    assert assembled(native, *guess(compiled, 0.0)) == OPENS
     row, gap = native.view(native.instance.start.scratch.worst)[0]
-    assert f"{plant.system.constraint_names[row]!r} changes by {gap:.3g} (SI units) per second" in refused(plant)
+    assert f"{compiled.system.constraint_names[row]!r} changes by {gap:.3g} (SI units) per second" in refused(compiled)
 
 
 def test_a_motion_without_inertia_is_told_by_its_coordinates():
@@ -148,12 +148,12 @@ def test_a_motion_without_inertia_is_told_by_its_coordinates():
         m.output("energy", m.energy)
         return m
 
-    native, plant = Running(Simulation(arms(1.0), Settings(solver="adams"))), Plant(arms(0.0))
-    adopt(native, plant)
-    assert assembled(native, *guess(plant, 0.0)) == NO_MASS
+    native, compiled = Running(Simulation(arms(1.0), Settings(solver="adams"))), CompiledMechanism(arms(0.0))
+    adopt(native, compiled)
+    assert assembled(native, *guess(compiled, 0.0)) == NO_MASS
     told = np.flatnonzero(native.view(native.instance.start.scratch.massless))
-    assert [plant.system.coordinate_names[k] for k in told] == ["tip"]
-    assert "coordinate(s) 'tip' can move" in refused(plant)
+    assert [compiled.system.coordinate_names[k] for k in told] == ["tip"]
+    assert "coordinate(s) 'tip' can move" in refused(compiled)
 
 
 @pytest.mark.parametrize(("turn", "axis"), [(120.0, (1, 1, 1)), (180.0, (1, 0, 0)), (180.0, (0, 0, 1))])
@@ -164,19 +164,19 @@ def test_a_weld_that_closes_turned_is_told_by_cut_joint_and_angle(turn: float, a
         lift = m.body("lift", m.ground, Translational(axis="y", start=0.1), mass=1.0)
         start = 0.0, 0.0, 0.0, np.cos(half), *(np.sin(half) * along)
         box = m.body("box", lift, Floating(start=start), mass=1.0, inertia=(1.0, 2.0, 3.0))
-        m.cut("sleeve", TranslationalCut(axis="y"), m.ground, lift)
-        m.cut("glue", WeldCut(), lift, box)
+        m.cut("sleeve", TranslationalCutJoint(axis="y"), m.ground, lift)
+        m.cut("glue", WeldCutJoint(), lift, box)
         m.output("energy", m.energy)
         return m
 
-    native, plant = Running(Simulation(glued(0.0), Settings(solver="adams"))), Plant(glued(turn))
-    adopt(native, plant)
-    assert assembled(native, *guess(plant, 0.0)) == Flaw.TURNED
+    native, compiled = Running(Simulation(glued(0.0), Settings(solver="adams"))), CompiledMechanism(glued(turn))
+    adopt(native, compiled)
+    assert assembled(native, *guess(compiled, 0.0)) == Flaw.TURNED
     cut, angle = native.view(native.instance.start.scratch.worst)[0]
     assert (cut, angle) == (1, turn)
     assert (
         f"loop 'glue' closes with a wrong orientation: the frames of its cut joint are rotated by {turn:.0f} deg"
-        in refused(plant)
+        in refused(compiled)
     )
 
 
@@ -188,6 +188,6 @@ def pair(options: Callable[[int], dict[str, Any]]) -> Mechanism:
         for k in range(2)
     ]
     coupler = m.body("coupler", cranks[0], Revolute(at=(1, 0, 0), start=-0.5), **rod(mass=2, length=2))
-    m.cut("pin", RevoluteCut(at_a=(1, 0, 0), at_b=(2, 0, 0)), cranks[1], coupler)
+    m.cut("pin", RevoluteCutJoint(at_a=(1, 0, 0), at_b=(2, 0, 0)), cranks[1], coupler)
     m.output("energy", m.energy)
     return m

@@ -20,7 +20,7 @@ from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
 from mbfmu.fmi import export
-from mbfmu.mechanics import Mechanism, Revolute, RevoluteCut, rod
+from mbfmu.mechanics import Mechanism, Revolute, RevoluteCutJoint, rod
 from mbfmu.modeling import Model, parameter
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.errors import UserError
@@ -41,7 +41,7 @@ class Wheel(Model):
         m = Mechanism(gravity=(0.0, -9.81, 0.0))
         spun = m.body("spun", m.ground, Revolute(axis="z", start=0.2), **rod(mass=1.0, length=0.5))
         wheel = m.body("wheel", spun, Revolute(axis="x", start=self.twist), mass=1.0, inertia=(0.1, 0.1, 0.2))
-        m.cut("bearing", RevoluteCut(), m.ground, wheel)
+        m.cut("bearing", RevoluteCutJoint(), m.ground, wheel)
         m.output("angle", spun.angle())
         return m
 

@@ -9,7 +9,7 @@ import pytest
 from running import Running, adopt, needs_linker
 
 from fmus.sheet import Sheet
-from mbfmu.mechanics import Mechanism, Revolute, SphericalCut
+from mbfmu.mechanics import Mechanism, Revolute, SphericalCutJoint
 from mbfmu.mechanics.joints import Spherical
 from mbfmu.native.entries import image_of
 from mbfmu.session.simulation import Settings, Simulation
@@ -69,7 +69,7 @@ def follow(simulation: Simulation, native: Running, length: float, first: int = 
 def test_outputs_are_those_of_a_simulation(name: str):
     make, length = MODELS[name]
     simulation, native = pair(make)
-    assert not simulation.plant.system.has_matrices
+    assert not simulation.compiled.system.has_matrices
     start = simulation.outputs().copy()
     assert native.call("read") == OK
     np.testing.assert_array_equal(native.out, start)
@@ -86,7 +86,7 @@ def test_outputs_are_those_of_a_simulation(name: str):
 def test_gravity_and_an_edge_that_a_host_moves(inputs: str, energy_check: bool):
     settings = Settings(solver="adams", tolerance=1e-5, input_interpolation=inputs, energy_check=energy_check)
     simulation, native = pair(lambda: Sheet(**GRID, support="moved"), settings)
-    numbers = {v.name: k for k, v in enumerate(simulation.plant.inputs.variables)}
+    numbers = {v.name: k for k, v in enumerate(simulation.compiled.inputs.variables)}
     for k in range(12):
         t, given = 1e-3 * k, {}
         if k % 3 != 2:
@@ -104,7 +104,7 @@ def test_gravity_and_an_edge_that_a_host_moves(inputs: str, energy_check: bool):
 @pytest.mark.parametrize("model", [Sheet(**GRID, thickness=0.5e-3, gravity_y=-3.0), Sheet(**GRID, density=3000.0)])
 def test_a_changed_sheet_runs_as_one_that_was_built(model: Sheet):
     native, simulation = Running(Simulation(Sheet(**GRID), ADAMS)), Simulation(model, ADAMS)
-    adopt(native, simulation.plant)
+    adopt(native, simulation.compiled)
     start = native.instance.start
     native.view(start.q)[:], native.view(start.v)[:] = simulation.stepper.q, simulation.stepper.v
     assert native.call("assemble", 0.0) == ASSEMBLED
@@ -121,7 +121,7 @@ def test_a_pressure_that_is_tuned():
     follow(simulation, native, 1e-3, last=4)
     other = Sheet(**GRID, pressure=2.0)
     assert native.call("note_energy") == OK
-    adopt(native, other.plant(), at_work=True)
+    adopt(native, other.compile(), at_work=True)
     assert native.call("retune") == OK
     simulation.retune(other)
     follow(simulation, native, 1e-3, 4, 10)
@@ -144,7 +144,7 @@ def test_how_sharply_plates_bend_is_told(grid: tuple[int, int]):
     for k in range(6):
         t = 2e-3 * (k + 1)
         assert native.call("step", t) == int(simulation.advance(t).code) == OK
-        ratio = simulation.plant.limit_ratio(t, simulation.stepper.q)
+        ratio = simulation.compiled.limit_ratio(t, simulation.stepper.q)
         assert native.run_status["limit_ratio"] == ratio > 0.0
 
 
@@ -163,7 +163,7 @@ def test_an_inertia_that_is_missing_ends_a_step():
 
 def test_large_trees_that_machine_code_has_no_way_for_are_refused():
     looped = chain(120)
-    looped.cut("pin", SphericalCut(at_a=(0.1, 0.0, 0.0), at_b=(1.0, -5.0, 0.0)), looped.bodies[-1], looped.ground)
+    looped.cut("pin", SphericalCutJoint(at_a=(0.1, 0.0, 0.0), at_b=(1.0, -5.0, 0.0)), looped.bodies[-1], looped.ground)
     with pytest.raises(
         UserError,
         match=r"native FMUs support large models, here with 120 joint coordinates, .* without constraints; this "
@@ -177,5 +177,5 @@ def test_large_trees_that_machine_code_has_no_way_for_are_refused():
 def test_an_image_has_no_matrices():
     """So that it is copied in no time at every step."""
     simulation = Simulation(Sheet(**GRID), ADAMS)
-    n = simulation.plant.system.n
+    n = simulation.compiled.system.n
     assert image_of(simulation)[1].saved < 8 * n * n

@@ -78,9 +78,9 @@ def test_no_address_is_left_in_an_image():
     simulation = Simulation(FourBar(), Settings(solver="adams"))
     image = image_of(simulation)[1]
     words = set(np.frombuffer(image.block(), np.uint64).tolist())
-    arrays = [*simulation.stepper.arrays(), *simulation.plant.data.arrays]
+    arrays = [*simulation.stepper.arrays(), *simulation.compiled.data.arrays]
     assert not words & {array.ctypes.data for array in arrays if array.nbytes}
-    assert not words & {int(address) for address in simulation.plant.data.arrays.kernels if address}
+    assert not words & {int(address) for address in simulation.compiled.data.arrays.kernels if address}
     relocated = [at for at, _ in (*image.relocations, *image.kernels)]
     assert not [at for at in relocated if at % 8 or at < image.saved]  # what is saved has none, and may go anywhere
 
@@ -90,7 +90,7 @@ def test_no_address_is_left_in_an_image():
 def test_another_start_is_begun_as_a_simulation_begins(solver: str):
     simulation = Simulation(FourBar(start_angle=0.7, start_rate=2.0), Settings(solver=solver))
     native = Running(Simulation(FourBar(), Settings(solver=solver)))
-    start = simulation.plant.assemble()
+    start = simulation.compiled.assemble()
     for array, given in zip((native.instance.given.q, native.instance.given.v), start, strict=True):
         native.view(array)[:] = given
     assert native.call("begin", 0.0) == 0

@@ -415,7 +415,7 @@ def test_parameters_and_gravity_of_a_sheet_are_those_of_one_that_is_built(
         start_values={**given, "gravity.x": 2.0},
     )  # fmt: skip
     simulation = Simulation(Sheet(**GRID, **given), Settings(solver="adams"), inputs={"gravity.x": 2.0})
-    names = [v.name for v in simulation.plant.outputs]
+    names = [v.name for v in simulation.compiled.outputs]
     for k, row in enumerate(rows):
         assert simulation.advance(2e-3 * k).ok
         wanted = simulation.outputs()[: len(names)]

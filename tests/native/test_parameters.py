@@ -1,4 +1,4 @@
-"""Parameters that stay settable without build(): what they move is what plants built with them have."""
+"""Parameters that stay settable without build(): what they move is what compiled mechanisms built with them have."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -74,7 +74,7 @@ def drawn(live: SettableParameters, random: np.random.Generator) -> dict[str, fl
 
 
 def check_entries(model: Model, live: SettableParameters, values: dict[str, float]) -> None:
-    """Hold what follows parameters, and what does not, against a plant built with them."""
+    """Hold what follows parameters, and what does not, against a compiled mechanism built with them."""
     reader = Reader(model)
     built = dict(zip(reader.places, reader.read(values), strict=True))
     found = live.apply(values)
@@ -137,8 +137,8 @@ def test_products_are_found_as_they_are_written():
 
 def test_what_an_input_owns_follows_its_parameter_as_a_start():
     assert {e.input for e in searched(SHIPPED["four-bar"]).entries} == {None, 0}
-    live, plant = searched(SHIPPED["small sheet"]), SHIPPED["small sheet"].plant()
-    owned = {e.place: plant.inputs.variables[e.input].name for e in live.entries if e.input is not None}
+    live, compiled = searched(SHIPPED["small sheet"]), SHIPPED["small sheet"].compile()
+    owned = {e.place: compiled.inputs.variables[e.input].name for e in live.entries if e.input is not None}
     assert owned == {Place("world", 8 * k): f"gravity.{axis}" for k, axis in enumerate("xyz")}
 
 
@@ -146,11 +146,11 @@ def test_length_and_rate_follow_the_largest():
     model = FourBar()
     live = searched(model)
     for values in ({"ground_length": 7.0}, {"coupler_length": 5.0, "gravity": -1.62}, {"crank_length": 9.0}):
-        plant = model.with_values(values).plant()
+        compiled = model.with_values(values).compile()
         found = live.apply(values)
-        assert found[Place("length", 0)] == pytest.approx(plant.length, rel=1e-14)
-        assert found[Place("rate", 0)] == pytest.approx(plant.system.rate, rel=1e-14)
-        assert found[Place("loop_rate", 0)] == pytest.approx(plant.system.loop_rate, rel=1e-14)
+        assert found[Place("length", 0)] == pytest.approx(compiled.length, rel=1e-14)
+        assert found[Place("rate", 0)] == pytest.approx(compiled.system.rate, rel=1e-14)
+        assert found[Place("loop_rate", 0)] == pytest.approx(compiled.system.loop_rate, rel=1e-14)
 
 
 def test_a_unit_with_a_bound_follows_on_both_sides_of_it():
@@ -160,7 +160,7 @@ def test_a_unit_with_a_bound_follows_on_both_sides_of_it():
     assert entry.root < 0
     stiff, soft = ({"youngs_modulus": 1e10 * k} for k in (5.0, 0.5))
     for values in (stiff, soft):
-        wanted = model.with_values(values).plant().system.size[1]
+        wanted = model.with_values(values).compile().system.size[1]
         assert live.apply(values)[entry.place] == pytest.approx(wanted, rel=1e-13)
     assert live.apply(stiff)[entry.place] < live.apply(soft)[entry.place]
 

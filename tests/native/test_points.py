@@ -18,9 +18,9 @@ from mbfmu.mechanics import (
     Mechanism,
     PointForce,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     SpeedInput,
-    SphericalCut,
+    SphericalCutJoint,
     Translational,
     rod,
 )
@@ -120,7 +120,7 @@ def test_gravity_and_a_force_with_its_rate(solver: str, inputs: str):
         return [(0, -9.81 - 0.3 * k), (1, 0.1 * k), (2, 10.0)] if k % 5 == 2 else [(1, 0.1 * k)]
 
     simulation, native = pair(weighed, Settings(solver=solver, input_interpolation=inputs))
-    assert [v.name for v in simulation.plant.inputs.variables] == ["weight", "pull", "pull_rate"]
+    assert [v.name for v in simulation.compiled.inputs.variables] == ["weight", "pull", "pull_rate"]
     follow(simulation, native, given)
     assert simulation.discontinuity_work != 0.0
 
@@ -151,7 +151,7 @@ def hub() -> Mechanism:
     left = m.body("left", turned, Revolute(start=1.0, fixed=True), **rod(mass=1.0, length=0.5))
     right = m.body("right", turned, Revolute(at=(1.0, 0, 0), start=1.2), **rod(mass=1.0, length=0.6))
     bar = m.body("bar", left, Revolute(at=(0.5, 0, 0), start=-1.0), **rod(mass=2.0, length=1.0))
-    m.cut("pin", RevoluteCut(at_a=(1.0, 0, 0), at_b=(0.6, 0, 0)), bar, right)
+    m.cut("pin", RevoluteCutJoint(at_a=(1.0, 0, 0), at_b=(0.6, 0, 0)), bar, right)
     m.output("left", left.angle())
     m.output("effort", turned.effort())
     m.output("hub", turned.angle())
@@ -191,7 +191,7 @@ def test_a_hub_that_starts_as_a_host_says():
     for index, value in ((0, 0.1), (1, 2.0)):
         assert native.call("start", index, value) == OK
     for array, found in zip(
-        (native.instance.given.q, native.instance.given.v), simulation.plant.assemble(), strict=True
+        (native.instance.given.q, native.instance.given.v), simulation.compiled.assemble(), strict=True
     ):
         native.view(array)[:] = found
     assert native.call("begin", 0.0) == OK
@@ -240,7 +240,7 @@ def parallelogram() -> Mechanism:
     left = m.body("left", base, Revolute(fixed=True), **rod(mass=1.0, length=0.5))
     right = m.body("right", base, Revolute(at=(1.0, 0, 0)), **rod(mass=1.0, length=0.5))
     bar = m.body("bar", left, Revolute(at=(0.5, 0, 0)), **rod(mass=2.0, length=1.0))
-    m.cut("pin", SphericalCut(at_a=(1.0, 0, 0), at_b=(0.5, 0, 0)), bar, right)
+    m.cut("pin", SphericalCutJoint(at_a=(1.0, 0, 0), at_b=(0.5, 0, 0)), bar, right)
     m.output("angle", left.angle())
     return m
 

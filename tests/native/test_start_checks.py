@@ -13,7 +13,7 @@ from binding import ERROR, OK, WARNING, Binary, Instance
 from running import needs_linker
 
 from mbfmu.fmi import export
-from mbfmu.mechanics import Mechanism, Revolute, RevoluteCut, Translational, rod
+from mbfmu.mechanics import Mechanism, Revolute, RevoluteCutJoint, Translational, rod
 from mbfmu.modeling import Model, parameter
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.sheets.elements import Plate
@@ -78,7 +78,7 @@ class Flat(Model):
         coupler = m.body("coupler", crank, pin, **rod(mass=1.0, length=2.5))
         pin = Revolute(at=(2.5, 0.0, 0.0), start=0.0, rate=self.rocker_rate)
         rocker = m.body("rocker", m.ground, pin, **rod(mass=1.0, length=1.0))
-        m.cut("pin", RevoluteCut(at_a=(2.5, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
+        m.cut("pin", RevoluteCutJoint(at_a=(2.5, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
         m.output("angle", rocker.angle())
         return m
 

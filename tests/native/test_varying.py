@@ -21,7 +21,7 @@ from mbfmu.mechanics import (
     Product,
     Ramp,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     RunUp,
     Step,
     Sum,
@@ -80,7 +80,7 @@ def crane(drive: Any) -> Mechanism:
     left = m.body("left", hub, Revolute(start=1.0, fixed=True), **rod(mass=1.0, length=0.5))
     right = m.body("right", hub, Revolute(at=(1.0, 0, 0), start=1.2), **rod(mass=1.0, length=0.6))
     bar = m.body("bar", left, Revolute(at=(0.5, 0, 0), start=-1.0), **rod(mass=2.0, length=1.0))
-    m.cut("pin", RevoluteCut(at_a=(1.0, 0, 0), at_b=(0.6, 0, 0)), bar, right)
+    m.cut("pin", RevoluteCutJoint(at_a=(1.0, 0, 0), at_b=(0.6, 0, 0)), bar, right)
     m.body("bob", bar, Revolute(at=(0.5, 0, 0), start=-1.5), **rod(mass=0.5, length=0.4))
     for body in (left, right):
         m.force(f"damper of {body.name}", JointSpring(damping=0.5), body)
@@ -209,7 +209,7 @@ def test_a_host_changes_parameters_of_signals(solver: str):
     assert set(live.parameters) == {"frequency", "height", "begin"}
     changed = {"frequency": 16.0, "height": 1.0, "begin": 8.0}
     simulation.retune(Shaken(**changed))
-    arrays, own = simulation.plant.data.arrays, unpin(unpin(native.instance.given.eqs.data).arrays)
+    arrays, own = simulation.compiled.data.arrays, unpin(unpin(native.instance.given.eqs.data).arrays)
     assert native.call("note_energy") == OK
     for (name, offset), value in live.apply(changed).items():
         there = getattr(arrays, name).view(np.uint8)

@@ -19,7 +19,7 @@ from mbfmu.mechanics import (
     JointStop,
     Mechanism,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     Spherical,
     Translational,
     rod,
@@ -153,7 +153,7 @@ def loop(rng: Any) -> Draw:
     two = m.body("b", one, joint, **rod(mass=m2, length=coupler))
     joint = Revolute(at=(coupler, 0.0, 0.0), start=angle, rate=rate)
     three = m.body("c", two, joint, **rod(mass=m3, length=-crank))
-    m.cut("pivot", RevoluteCut(at_a=(-crank, 0.0, 0.0), at_b=(coupler, 0.0, 0.0)), three, m.ground)
+    m.cut("pivot", RevoluteCutJoint(at_a=(-crank, 0.0, 0.0), at_b=(coupler, 0.0, 0.0)), three, m.ground)
     m.output("angle", one.angle())
     m.output("rate", one.rate())
     inertia, weight = ((m1 + m3) / 3.0 + m2) * crank**2, ((m1 + m3) / 2.0 + m2) * crank * G

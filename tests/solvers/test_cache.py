@@ -214,7 +214,7 @@ for name in ("fourbar", "governor", "pendulum", "sheet"):
     mark = run.checkpoint()
     run.advance(0.01)
     state = run.save()
-    for k, variable in enumerate(run.plant.inputs.variables):
+    for k, variable in enumerate(run.compiled.inputs.variables):
         run.set_input(k, variable.start + 1e-3)
         run.advance(run.t + 0.01)
         run.outputs()

@@ -17,7 +17,7 @@ from mbfmu.mechanics import (
     JointSpring,
     Mechanism,
     Revolute,
-    RevoluteCut,
+    RevoluteCutJoint,
     Translational,
     rod,
 )
@@ -178,9 +178,9 @@ def linkage(copies: int, size: float = 1.0, doubled: bool = False) -> Mechanism:
         at = (0.3 * size, 0.0, 0.0)
         link = m.body(f"link{k}", crank, Revolute(at=at, start=-0.9), **rod(mass=0.7, length=0.8 * size + far))
         slider = m.body(f"slider{k}", m.ground, Translational(axis="x", start=size), mass=0.4)
-        m.cut(f"pin{k}", RevoluteCut(at_a=(0.8 * size + far, 0.0, 0.0)), link, slider)
+        m.cut(f"pin{k}", RevoluteCutJoint(at_a=(0.8 * size + far, 0.0, 0.0)), link, slider)
         if doubled and k == copies - 1:
-            m.cut("again", RevoluteCut(at_a=(0.8 * size + far, 0.0, 0.0)), link, slider)
+            m.cut("again", RevoluteCutJoint(at_a=(0.8 * size + far, 0.0, 0.0)), link, slider)
     m.output("angle", m.turn(crank))
     m.output("gap", m.position_residual)
     return m
@@ -245,13 +245,13 @@ def test_factors_outlast_loads_that_jump() -> None:
         angle, rate = solve_ivp(rates, (0.0, 1e-3), [angle, rate], rtol=1e-11, atol=1e-12).y[:, -1]
     assert row(simulation, "angle")[0] == pytest.approx(angle, abs=1e-5)
     assert simulation.statistics.rhs_evals < 12 * simulation.statistics.steps
-    assert simulation.plant.system.tangent.factored <= 10  # type: ignore[attr-defined]
+    assert simulation.compiled.system.tangent.factored <= 10  # type: ignore[attr-defined]
 
 
 def test_two_of_one_system_do_not_use_each_others_factors() -> None:
     model = Sheet(nx=7, nz=5)
     alone, one = (Simulation(model, Settings(solver="esdirk", tolerance=1e-5)) for _ in range(2))
-    other = type(one.stepper)(one.plant.system, 0.0, *one.plant.assemble())  # type: ignore[arg-type]
+    other = type(one.stepper)(one.compiled.system, 0.0, *one.compiled.assemble())  # type: ignore[arg-type]
     for t in (0.01, 0.02, 0.03):
         assert alone.advance(t).ok
         assert one.advance(t).ok

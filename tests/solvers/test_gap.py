@@ -16,9 +16,9 @@ from solvers.steppers.dense import DenseFormulation
 def test_the_gap_grows_with_what_a_bar_is_too_long_and_is_asked_for_anew(
     longer: float, low: float, high: float
 ) -> None:
-    plant = FourBar(coupler_length=3.0 * (1.0 + longer)).plant()
-    start, v = plant.assemble()
-    own = DenseFormulation(plant.system, 0.0, start, v, Options())
+    compiled = FourBar(coupler_length=3.0 * (1.0 + longer)).compile()
+    start, v = compiled.assemble()
+    own = DenseFormulation(compiled.system, 0.0, start, v, Options())
     for _ in range(2):
         assert low <= own.bifurcation_gap(0.0, np.array([1e-3, -1e-3, 1e-3])) <= high
         far = own.bifurcation_gap(0.0, np.array([1.5, -1.5, 1.5]))

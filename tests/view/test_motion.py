@@ -29,7 +29,7 @@ from mbfmu.mechanics import (
     Revolute,
     Sphere,
     Spherical,
-    SphericalCut,
+    SphericalCutJoint,
     Spring,
     Translational,
     rod,
@@ -174,7 +174,7 @@ def test_default_picture_knows_every_joint_cut_and_spring() -> None:
     hung = m.body("hung", arm, Spherical(at=(1.0, 0.0, 0.0)), **rod(mass=1.0, length=0.5))
     slider = m.body("slider", m.ground, Translational(axis="x", start=0.3), mass=2.0)
     free = m.body("free", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0))
-    m.cut("ball", SphericalCut(at_a=(0.5, 0.0, 0.0)), hung, slider)
+    m.cut("ball", SphericalCutJoint(at_a=(0.5, 0.0, 0.0)), hung, slider)
     m.force("spring", Spring(stiffness=1.0), slider, free)
     picture = draw(m, 2.0)
     assert {part.body for part in picture.parts} == {0, arm.index, hung.index, slider.index, free.index}

@@ -30,7 +30,7 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import pin
 from solvers.system import AnySystem, Array
 
-PARALLEL_AXES = ("", "z", "xyz")  # see Cut.parallel
+PARALLEL_AXES = ("", "z", "xyz")  # see CutJoint.parallel
 Z_AXIS = PARALLEL_AXES.index("z")
 MAX_CLOSED_ANGLE = 1.0  # rad; closed frames are rotated by zero, or by 120 degrees at least
 MIN_CLOSED_COSINE = float(np.cos(MAX_CLOSED_ANGLE))

@@ -1,4 +1,4 @@
-"""What moves and loads a plant from outside: its drives, and the inputs that a host sets."""
+"""What moves and loads a compiled mechanism from outside: its drives, and the inputs that a host sets."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Drives:
 
 
 class Inputs:
-    """The inputs of a plant, by number; what communication points do with them is in :mod:`.points`.
+    """The inputs of a compiled mechanism, by number; what communication points do with them is in :mod:`.points`.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class Inputs:
         return len(self._slots)
 
     def places(self, arrays: Arrays, signals: list[InUse]) -> list[tuple[Any, int]]:
-        """Return where the complex copy of the plant keeps every input: a vector and an index."""
+        """Return where the complex copy of the compiled mechanism keeps every input: a vector and an index."""
         gravity = arrays.world["gravity"][0]
         return [
             (gravity if s.signal == GRAVITY_SIGNAL else signals[s.signal].record["c"], s.coefficient)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Protocol
 
 from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.couplings import Coupling
-from mbfmu.mechanics.cuts import Cut
+from mbfmu.mechanics.cuts import CutJoint
 from mbfmu.mechanics.loads import DistanceStop, LineForce, Load, Spring
 from mbfmu.mechanics.sensors import (
     CouplingEffort,
@@ -62,7 +62,7 @@ class CutHandle:
 
     name: str
     index: int
-    cut: Cut
+    cut: CutJoint
     a: Body
     b: Body
     what: ClassVar[str] = "loop"  # as messages call it
@@ -84,8 +84,8 @@ class CutHandle:
         ----------
         row
             Name of the constraint equation, one of ``rows``: ``x``, ``y``, ``z`` are forces along the axes of the cut
-            frame, which are fixed in body a. A :class:`.DistanceCut` has one equation, ``""``, along the line from a
-            to b.
+            frame, which are fixed in body a. A :class:`.DistanceCutJoint` has one equation, ``""``, along the line
+            from a to b.
 
         Raises
         ------

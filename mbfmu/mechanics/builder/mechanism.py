@@ -1,10 +1,10 @@
 """The class with which users build a mechanism.
 
->>> from mbfmu.mechanics import Mechanism, Plant, Revolute, rod
+>>> from mbfmu.mechanics import Mechanism, CompiledMechanism, Revolute, rod
 >>> m = Mechanism(gravity=(0, -9.81, 0))
 >>> bob = m.body("bob", m.ground, Revolute(axis="z"), **rod(mass=1.0, length=1.0))
 >>> m.output("bob.angle", bob.angle(), "angle from the horizontal")
->>> plant = Plant(m)
+>>> compiled = CompiledMechanism(m)
 
 The tree joint places the frame of a body: if all coordinates are zero it coincides with the joint frame.
 """
@@ -18,7 +18,7 @@ import numpy as np
 
 from mbfmu.mechanics.checks import Vector, inertia_matrix, vector
 from mbfmu.mechanics.couplings import Coupling
-from mbfmu.mechanics.cuts import Cut
+from mbfmu.mechanics.cuts import CutJoint
 from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Joint, Section
 from mbfmu.mechanics.kind import check_element_type
@@ -198,7 +198,7 @@ class Mechanism(Appearance, Loading, Measurements):
         new = Body(name, len(self.bodies), parent.index, joint)
         return self._append(new)
 
-    def cut(self, name: str, cut: Cut, a: Body, b: Body) -> CutHandle:
+    def cut(self, name: str, cut: CutJoint, a: Body, b: Body) -> CutHandle:
         """Close a loop with a cut joint between bodies a and b.
 
         Parameters
@@ -206,7 +206,7 @@ class Mechanism(Appearance, Loading, Measurements):
         name
             Unique name among the cut joints and couplings.
         cut
-            Loop-closing joint (cut joint), such as ``RevoluteCut(at_a=..., at_b=...)``.
+            Loop-closing joint (cut joint), such as ``RevoluteCutJoint(at_a=..., at_b=...)``.
         a, b
             Bodies of this mechanism or its ground.
 
@@ -221,7 +221,7 @@ class Mechanism(Appearance, Loading, Measurements):
             The name is used already, a body is not one of this mechanism, or the joint is invalid.
         """
         self._new_name("cut", name, [c.name for c in self.constraints])
-        check_element_type(f"cut {name!r}", cut, Cut)
+        check_element_type(f"cut {name!r}", cut, CutJoint)
         self._member(a, f"body a of cut {name!r}")
         self._member(b, f"body b of cut {name!r}")
         if a is b:

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from .base import Cut
-from .cylindrical import CylindricalCut
-from .distance import DistanceCut
-from .planar import PlanarCut
-from .plane import PlaneCut
-from .revolute import RevoluteCut
-from .spherical import SphericalCut
-from .translational import TranslationalCut
-from .weld import WeldCut
+from .base import CutJoint
+from .cylindrical import CylindricalCutJoint
+from .distance import DistanceCutJoint
+from .planar import PlanarCutJoint
+from .plane import PlaneCutJoint
+from .revolute import RevoluteCutJoint
+from .spherical import SphericalCutJoint
+from .translational import TranslationalCutJoint
+from .weld import WeldCutJoint
 
 __all__ = [
-    "Cut",
-    "CylindricalCut",
-    "DistanceCut",
-    "PlanarCut",
-    "PlaneCut",
-    "RevoluteCut",
-    "SphericalCut",
-    "TranslationalCut",
-    "WeldCut",
+    "CutJoint",
+    "CylindricalCutJoint",
+    "DistanceCutJoint",
+    "PlanarCutJoint",
+    "PlaneCutJoint",
+    "RevoluteCutJoint",
+    "SphericalCutJoint",
+    "TranslationalCutJoint",
+    "WeldCutJoint",
 ]

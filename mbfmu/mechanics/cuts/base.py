@@ -40,7 +40,7 @@ FRAME_ORDERS = {"x": "yzx", "y": "zxy", "z": "xyz"}  # axes of a frame in a righ
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cut(ElementType):
+class CutJoint(ElementType):
     """Base class of loop-closing joints (cut joints).
 
     Parameters
@@ -91,7 +91,7 @@ class Cut(ElementType):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AxisCut(Cut):
+class AxisCut(CutJoint):
     """A cut joint with an axis: kernels have the cut frames turned so that it is their z.
 
     Parameters

@@ -24,7 +24,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CylindricalCut(AxisCut):
+class CylindricalCutJoint(AxisCut):
     """Cylindrical cut joint: body b translates along ``axis`` of the cut frames and rotates about it."""
 
     named = ("x", "y", "zx", "zy")

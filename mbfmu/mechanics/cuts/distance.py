@@ -16,7 +16,7 @@ from mbfmu.mechanics.spatial import arm, centripetal
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 
-from .base import CUT_PARAMETERS, Cut
+from .base import CUT_PARAMETERS, CutJoint
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import MotionRecord, State
@@ -48,7 +48,7 @@ def evaluate(cut: Any, A: MotionRecord, B: MotionRecord, row: int, state: State)
 
 
 @dataclass(frozen=True, kw_only=True)
-class DistanceCut(Cut):
+class DistanceCutJoint(CutJoint):
     """Distance constraint: massless rod with a spherical joint at each end.
 
     Parameters

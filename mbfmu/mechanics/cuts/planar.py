@@ -22,7 +22,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanarCut(AxisCut):
+class PlanarCutJoint(AxisCut):
     """Planar cut joint: two planes that slide and rotate on each other; normal: ``axis`` of the cut frames."""
 
     named = ("z", "xz", "yz")

@@ -20,7 +20,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlaneCut(AxisCut):
+class PlaneCutJoint(AxisCut):
     """Point in a plane: a point of body b remains in a plane of body a; normal: ``axis`` of the cut frame in body a."""
 
     named = ("z",)

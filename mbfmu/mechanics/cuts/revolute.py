@@ -22,7 +22,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RevoluteCut(AxisCut):
+class RevoluteCutJoint(AxisCut):
     """Revolute cut joint (hinge) about ``axis`` of the cut frames, which has the same direction on both bodies."""
 
     named = ("x", "y", "z", "zx", "zy")

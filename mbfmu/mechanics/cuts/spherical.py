@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
 
-from .base import Cut, constrain_point
+from .base import CutJoint, constrain_point
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
@@ -20,7 +20,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SphericalCut(Cut):
+class SphericalCutJoint(CutJoint):
     """Spherical cut joint: the points of both bodies coincide."""
 
     rows = ("x", "y", "z")

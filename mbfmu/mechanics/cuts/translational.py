@@ -25,7 +25,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TranslationalCut(AxisCut):
+class TranslationalCutJoint(AxisCut):
     """Translational cut joint: body b translates along ``axis`` of the cut frames, without relative rotation."""
 
     named = ("x", "y", "xy", "yz", "zx")

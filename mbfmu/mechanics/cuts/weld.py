@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
 
-from .base import Cut, constrain_perpendicular, constrain_point
+from .base import CutJoint, constrain_perpendicular, constrain_point
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
@@ -23,7 +23,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WeldCut(Cut):
+class WeldCutJoint(CutJoint):
     """Weld cut joint: rigid connection of two bodies."""
 
     rows = ("x", "y", "z", "xy", "yz", "zx")

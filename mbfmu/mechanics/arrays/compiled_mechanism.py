@@ -41,7 +41,7 @@ from .systems import Systems
 from .tables import CalledKernel
 
 
-class Plant:
+class CompiledMechanism:
     """Compiled mechanism: arrays, inputs, outputs, and the system of equations for solvers.
 
     Parameters
@@ -49,7 +49,7 @@ class Plant:
     mechanism
         Complete mechanism.
     courses
-        Inputs given for the whole run; these are not inputs of the plant.
+        Inputs given for the whole run; these are not inputs of the compiled mechanism.
 
     Attributes
     ----------
@@ -222,11 +222,11 @@ class Plant:
         return unpin(self.system.pinned_data)
 
     def called(self) -> list[CalledKernel | None]:
-        """Return the kernels of element types whose addresses are in the arrays of this plant."""
+        """Return the kernels of element types whose addresses are in the arrays of this compiled mechanism."""
         return self._compiled.called()
 
     def signals(self, data: Data) -> list[InUse]:
-        """Return every signal as it is in data of this plant: its own, or those of a complex system."""
+        """Return every signal as it is in data of this compiled mechanism: its own, or those of a complex system."""
         return self._compiled.signals_in(data)
 
     def magnitudes(self) -> dict[str, InUse]:
@@ -238,7 +238,7 @@ class Plant:
         return self._systems.make_complex(list(self.system.constraint_names))
 
     def tangent(self, groups: Groups | None = None) -> Tangent:
-        """Return the structured tangent at the state of this plant, over these groups of bodies."""
+        """Return the structured tangent at the state of this compiled mechanism, over these groups of bodies."""
         return self._systems.tangent(groups)
 
     def tangent_arrays(self) -> Arrays:
@@ -361,8 +361,8 @@ class Plant:
         self.system.fill(t, q, v, terms)
         return tuple(float(largest_residual(which, *self.kernel_data)) for which in (False, True))  # type: ignore[return-value]
 
-    def adopt(self, other: Plant) -> None:
-        """Copy the numbers of a plant of the same structure, built with other parameter values.
+    def adopt(self, other: CompiledMechanism) -> None:
+        """Copy the numbers of a compiled mechanism of the same structure, built with other parameter values.
 
         Inputs keep their values. Raises UserError where the structures differ.
         """
