@@ -13,8 +13,8 @@ from solvers.compiled.template import substitute
 from solvers.options import Statistics
 from solvers.system import Array
 
-from .logging import discard_logs, discard_output
 from . import loop
+from .logging import discard_logs, discard_output
 
 
 class BoundIDA:

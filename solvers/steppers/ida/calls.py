@@ -21,7 +21,7 @@ from solvers.system import Array
 from .loop import IDA_ONE_STEP, MAX_CONVERGENCE_FAILURES
 
 if TYPE_CHECKING:
-    from solvers.compiled.record import Reals
+    pass
 
 SIGNATURES = {  # of the functions that kernels call, in the letters of solvers.compiled.ffi
     "N_VMake_Serial": "p ipp",
@@ -96,8 +96,8 @@ class IDAHandle(NamedTuple):
     @staticmethod
     def allocate(count: int) -> IDAHandle:
         """Return the handle of ``count`` unknowns with an empty table."""
-        z, whole = np.zeros, (np.zeros(size, np.int64) for size in (N_WORDS, N_COUNTERS))
-        return IDAHandle(*whole, z(N_REALS), z(1), z(count), z(count), z(count))
+        z, words, counters = np.zeros, np.zeros(N_WORDS, np.int64), np.zeros(N_COUNTERS, np.int64)
+        return IDAHandle(words, counters, z(N_REALS), z(1), z(count), z(count), z(count))
 
 
 @kernel

@@ -182,7 +182,7 @@ def advance(run: Any, progress_record: Any, t: float) -> int:
         return code
     code = advance_history(run, progress_record, t)
     progress.truncated_steps = max(0, progress.truncated_steps - 1)
-    if code != OK and code != MAX_STEPS:
+    if code not in (OK, MAX_STEPS):
         progress.is_pending = 1
     return code
 

@@ -162,18 +162,17 @@ class DirectIDA:
         with discard_logs():  # before any kernel is loaded: those name symbols of the library, which this call loads
             call_sundials("SUNContext_Create", SUN_COMM_NULL, ctypes.addressof(context))
         call_sundials("SUNContext_ClearErrHandlers", context.value)
-        kind = data._numba_type_
-        made = (
-            compile_c_callback(given, letters, kind) if given and not isinstance(given, PythonSetup) else given
-            for given, letters in zip(callbacks, CALLBACK_SIGNATURES, strict=True)
-        )
-        self._callbacks: Any = Callbacks._make(made)
+        kind, made = data._numba_type_, list[Any]()
+        for given, letters in zip(callbacks, CALLBACK_SIGNATURES, strict=True):
+            compiled = given is None or isinstance(given, PythonSetup)
+            made.append(given if compiled else compile_c_callback(given, letters, kind))
+        self._callbacks = Callbacks._make(made)
         self._loop, self._data, self._progress, self._counts, self._handle = loop, data, progress, counts, handle
         self._options = rtol, max_order, max_step
         own = handle.value
         self.y, self.slopes, self._counters, self._reals = own.y, own.slopes, own.counters, own.reals
         own.words[: len(FUNCTIONS)] = [library().address(name) for name in FUNCTIONS]
-        addresses = [callback.address if callback else 0 for callback in self._callbacks]
+        addresses = [callback.address if callback else 0 for callback in made]
         own.words[RESIDUAL : CONTEXT + 1] = [*addresses, data.address, context.value]
         self._free = weakref.finalize(self, _free, handle, context)
         if not create(handle, krylov):

@@ -16,8 +16,8 @@ from solvers.outcome import OK
 from solvers.positions import Positions, as_motion, as_slope
 from solvers.system import Array
 
-from .dense_callbacks import RTOL_EXPONENT
 from . import loop
+from .dense_callbacks import RTOL_EXPONENT
 from .loop import NONFINITE_RESIDUALS, RESIDUALS, STEPS
 from .sundials import LOOP_CALLS, vector_data
 
