@@ -39,6 +39,7 @@ from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
 from solvers.stepper import advance_in_pieces_of
 from solvers.steppers import drop_unlisted
+from solvers.steppers.ida.dense_memory import IDAMemory
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
 
@@ -125,6 +126,11 @@ def instance_of(simulation: Simulation) -> Instance:
     return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places)
 
 
+def uses_sundials(instance: Instance) -> bool:
+    """Whether an instance calls SUNDIALS."""
+    return isinstance(instance.given.memory, IDAMemory)
+
+
 def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     """Return the instance of a simulation that has just been made, and its block.
 
@@ -161,8 +167,9 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
         numbers.append(-1 if own is None else known[own])
     instance, arrays = instance_of(simulation), simulation.compiled.data.arrays
     own, start = instance.given, instance.start
+    memory = own.memory
     state = [
-        *own.memory,
+        *(memory.memory() if uses_sundials(instance) else memory),
         instance.clock,
         own.q,
         own.v,
@@ -232,11 +239,13 @@ def solver_actions(name: str) -> SolverActions:
     def restart(instance: Any) -> None:
         continued(instance, True)
 
+    restarts_at_jumps = not family.keeps_history_at_jumps
+
     @jit_uncached
     def jump(instance: Any) -> None:
         for i in range(instance.dv.shape[0]):
             instance.v[i] += instance.dv[i]
-        continued(instance, False)
+        continued(instance, restarts_at_jumps)
 
     return SolverActions(advance, family.evaluate, continue_at_state, restart, jump)
 
@@ -245,6 +254,7 @@ def entries(name: str) -> dict[str, Entry]:
     """Return the entry points of a family by their names."""
     family, actions = FAMILIES[name], solver_actions(name)
     assembled, begun, continued, counted = family.assemble, family.begin, family.continue_at_state, family.count
+    restored, closed = family.restore, family.close
     sequence, advanced = sequence_of(actions, jit_uncached), actions.advance
 
     def start(instance: Any, index: int, value: float) -> int:
@@ -282,9 +292,7 @@ def entries(name: str) -> dict[str, Entry]:
             instance.known[0],
             instance.known[2],
         )
-        found = check_resolution(
-            t, rate, problem.q, problem.work.size_q, problem.scales.rtol[0], instance.start.scratch.worst[0]
-        )
+        found = check_resolution(t, rate, problem.q, problem.work.size_q, options.rtol, instance.start.scratch.worst[0])
         if found != ASSEMBLED:
             instance.session.status[0].flaw = found
         return int(code)
@@ -304,6 +312,16 @@ def entries(name: str) -> dict[str, Entry]:
         counted(instance.given, instance.counts)
         return OK
 
+    def restore(instance: Any) -> int:
+        """Continue from arrays that were saved, which are in their places again."""
+        restored(instance.given, instance.options)
+        return OK
+
+    def close(instance: Any) -> int:
+        """Free what was allocated outside of the block."""
+        closed(instance.given)
+        return OK
+
     timed, given = (types.float64,), (types.int64, types.float64)
     return {
         "start": Entry(start, given),
@@ -317,6 +335,8 @@ def entries(name: str) -> dict[str, Entry]:
         "retune": Entry(sequence.retune, ()),
         "read": Entry(sequence.read, ()),
         "count": Entry(count, ()),
+        "restore": Entry(restore, ()),
+        "close": Entry(close, ()),
     }
 
 

@@ -32,6 +32,10 @@ from solvers.steppers.adams.hybrid import HYBRID
 from solvers.steppers.adams.jumps import limit_steps
 from solvers.steppers.adams.pece import set_options
 from solvers.steppers.dense import estimate_rates
+from solvers.steppers.ida import dense_loop as dense_ida
+from solvers.steppers.ida.dense_memory import IDAMemory
+from solvers.steppers.ida.dense_memory import set_options as set_ida_options
+from solvers.steppers.ida.dense_memory import set_up as set_up_ida
 from solvers.steppers.radau import loop as radau
 from solvers.steppers.radau.formulas import Memory
 from solvers.steppers.step_control import TRUNCATED_STEPS
@@ -43,6 +47,16 @@ from .start_checks import NO_BRANCH, find_turned
 DENSE_KERNELS = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
 TREE_KERNELS = {name: getattr(recursions, name) for name in TreeEquations._fields[:-1]}
 TREE_KERNELS["power"] = recursions.solved_power
+
+
+@kernel
+def leave(problem: Any, options: Any) -> None:
+    """Change nothing: all that is remembered is in the arrays."""
+
+
+@kernel
+def leave_open(problem: Any) -> None:
+    """Free nothing: all memory is in the block."""
 
 
 class Family(NamedTuple):
@@ -60,6 +74,9 @@ class Family(NamedTuple):
     continue_at_state: Any  # (instance, restart): continue at the reported state; restart: no history is kept
     limit: Any  # (problem, t, longest): no step from the reported state at t on is longer, s
     count: Any  # (problem, counts): what the run has cost, in the order of COUNTERS
+    restore: Any = leave  # (problem, options): continue from arrays that were saved
+    close: Any = leave_open  # (problem): free what was allocated outside of the block
+    keeps_history_at_jumps: bool = True  # whether it continues where velocities jump
 
 
 @kernel
@@ -137,6 +154,15 @@ def begin_tree(instance: Any, t: float) -> tuple[int, float]:
     instance.session.status[0].flaw = ASSEMBLED
     tree_loop.set_up(instance.given, t, instance.known[0], instance.options[0].duration)
     return OK, instance.given.settings[0].rate
+
+
+@kernel
+def begin_ida(instance: Any, t: float) -> tuple[int, float]:
+    """As ``IDAStepper`` is made."""
+    set_ida_options(instance.options, instance.given)
+    code, rank = project_and_scale(instance, t)
+    set_up_ida(instance.given, t, rank)
+    return code, instance.given.work.rate[0]
 
 
 @kernel
@@ -219,6 +245,23 @@ def continue_radau(instance: Any, restart: bool) -> None:
 
 
 @kernel
+def continue_ida(instance: Any, restart: bool) -> None:
+    """As ``IDAStepper.continue_after_event`` does; ``restart``: as its ``restart``."""
+    problem = instance.given
+    problem.settings[0].works = 1 if problem.eqs.data.arrays.world[0].nonconservative == 1 else 0
+    if restart:
+        dense_ida.restart(problem)
+    else:
+        dense_ida.continue_motion(problem, instance.clock[0], instance.session.status[0].code == OK)
+
+
+@kernel
+def limit_ida(problem: Any, t: float, longest: float) -> None:
+    """As ``IDADriver.limit_step`` does."""
+    problem.memory.progress[0].max_step = longest if longest < problem.settings[0].max_step else float("inf")
+
+
+@kernel
 def limit_history(problem: Any, t: float, longest: float) -> None:
     """As ``AdamsMethod.limit_step`` does."""
     limit_steps(problem.memory, problem.settings, t, problem.q, problem.v, problem.energy_account[WORK], longest)
@@ -273,10 +316,15 @@ FAMILIES = {  # by the prefix of their entry points
         radau, DENSE_KERNELS, _dense_equations, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
         assemble_dense, begin_radau, evaluate_dense, continue_radau, limit_radau, count_radau,
     ),
+    "ida": Family(
+        dense_ida, DENSE_KERNELS, _dense_equations, IDAMemory.allocate, _workspace,
+        assemble_dense, begin_ida, evaluate_dense, continue_ida, limit_ida, dense_ida.count_run,
+        dense_ida.restore, dense_ida.close, keeps_history_at_jumps=False,
+    ),
     "tree": Family(
         tree_loop, TREE_KERNELS, _tree_equations, History.allocate,
         lambda nq, n, m, p: Scratch.allocate(nq, n, p),
         assemble_tree, begin_tree, evaluate_tree, continue_tree, limit_history, count_adams,
     ),
 }  # fmt: skip
-NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau")  # that they serve
+NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau", "ida")  # that they serve

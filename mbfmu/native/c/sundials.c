@@ -106,7 +106,9 @@ void fill_table(Instance *own)
         put_word(own, callbacks[k].word, (const void *)callbacks[k].address);
     put_word(own, WORD_USER_DATA, own);
     put_word(own, WORD_CONTEXT, s->context);
-    memset(own->block + own->header->ida_at + sizeof(int64_t) * WORD_MEMORY, 0, sizeof(int64_t) * (WORD_COUNT - WORD_MEMORY));
+    memset(own->block + own->header->ida_at + sizeof(int64_t) * WORD_MEMORY, 0,
+           sizeof(int64_t) * (WORD_COUNT - WORD_MEMORY));
+    own->is_table_filled = true;
 }
 
 static bool load_libraries(Sundials *s, char text[SAYS])
