@@ -1,17 +1,10 @@
-"""SUNDIALS IDA in native FMUs: what the runtime calls back, and the libraries beside it.
-
-The libraries are those that scikit-sundae brings along, of which an FMU gets copies. So a native FMU and a simulation
-in Python run the same machine code of IDA.
-"""
+"""SUNDIALS IDA in the runtime of native FMUs: what it calls back, and declarations for C."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from importlib.metadata import PackageNotFoundError, distribution
-from pathlib import Path
 from typing import Any
 
-from mbfmu.util.errors import UserError
 from solvers.compiled.ffi import array_at
 from solvers.compiled.kernel import types
 from solvers.steppers.ida.calls import CALLBACKS, FUNCTIONS, N_WORDS, OBJECTS, RESIDUAL
@@ -24,17 +17,8 @@ from solvers.steppers.ida.dense_callbacks import (
     set_up_preconditioner_at,
 )
 
-from .targets import TARGETS, host
+from .sundials_files import LIBRARIES
 
-PACKAGE = "scikit-sundae"  # which brings the libraries along
-LIBRARIES = (
-    "core",
-    "nvecserial",
-    "sunmatrixdense",
-    "sunlinsoldense",
-    "sunlinsolspgmr",
-    "ida",
-)  # in the order of loading
 CONTEXT_FUNCTIONS = (  # that C calls by itself
     "SUNContext_Create", "SUNContext_SetLogger", "SUNContext_ClearErrHandlers", "SUNContext_PushErrHandler",
     "SUNContext_Free", "N_VGetArrayPointer", "SUNDenseMatrix_Data",
@@ -130,56 +114,3 @@ def declarations(c_types: dict[Any, str]) -> list[str]:
 
 def _array(name: str, entries: Iterable[str]) -> str:
     return f"static const char *const {name}[] = {{{', '.join(entries)}}};"
-
-
-def libraries(target: str) -> dict[str, bytes]:
-    """Return the libraries of SUNDIALS for a target, by the names of their files.
-
-    Raises
-    ------
-    UserError
-        They are not installed here.
-    """
-    found = {path.name: path.read_bytes() for path in _installed() if target == host()}
-    beginning = "sundials_" if TARGETS[target].suffix == ".dll" else "libsundials_"
-    if sorted(_library_of(name, beginning) for name in found) != sorted(LIBRARIES):
-        raise UserError(
-            f"solver 'ida' needs the libraries of SUNDIALS for {target}, but {PACKAGE} is installed here for "
-            f"{host() or 'another machine'} only; export for {host() or 'that machine'}, or use the solver 'radau'",
-            "not-native",
-        )
-    return found
-
-
-def _installed() -> list[Path]:
-    """Return the paths of the libraries that are installed here."""
-    try:
-        files = distribution(PACKAGE).files or ()
-    except PackageNotFoundError:
-        return []
-    paths = (Path(str(file.locate())) for file in files)
-    return [path for path in paths if _library_of(path.name, "") in LIBRARIES and path.is_file()]
-
-
-def _library_of(name: str, beginning: str) -> str:
-    """Return which library of SUNDIALS a file is by its name, such as libsundials_core-943007ef.so.7.9.0."""
-    stem = name.removeprefix("lib")
-    known = name.startswith(beginning) and stem.startswith("sundials_")
-    return stem.removeprefix("sundials_").split("-")[0].split(".")[0] if known else ""
-
-
-def license_text() -> str:
-    """Return the license of SUNDIALS, which scikit-sundae brings along.
-
-    Raises
-    ------
-    UserError
-        It is not there.
-    """
-    for file in distribution(PACKAGE).files or ():
-        if file.name == "LICENSES_bundled":
-            entries, title, conditions = file.read_text("utf-8").partition("BSD-3-Clause License\n")
-            for entry in entries.split("\n\n"):
-                if entry.lstrip().startswith("Name: SUNDIALS"):
-                    return f"{entry.strip()}\n\n{title}{conditions}"
-    raise UserError(f"package {PACKAGE!r} is installed without the license of SUNDIALS; install it again")

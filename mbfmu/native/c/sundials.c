@@ -20,7 +20,7 @@ typedef void ErrorHandler(int, const char *, const char *, const char *, int, vo
 
 /* ---- callbacks --------------------------------------------------------------------------------------------------- */
 
-#define AT(vector) own->sundials->vector(vector)
+#define AT(place) own->sundials->vector(place)
 #define RETURN(name, ...)                                                          \
     int64_t code;                                                                  \
     void *error;                                                                   \
@@ -194,7 +194,7 @@ void clear_report(Instance *own)
 void warn_reported(Instance *own)
 {
     if (own->sundials && own->sundials->report[0]) {
-        add(own->sundials->report, " [sundials]");
+        add(own->sundials->report, " [sundials-error]");
         warn(own, own->sundials->report);
         clear_report(own);
     }
