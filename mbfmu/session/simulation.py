@@ -27,7 +27,7 @@ from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import EXCHANGED_ENERGY
 from solvers.outcome import OK
 from solvers.stepper import Samples, Stepper, pack, unpack
-from solvers.steppers import SOLVER_NAMES
+from solvers.steppers import SOLVER_NAMES, fingerprint_of_solver
 from solvers.steppers.plugins import errors_named
 
 from .element_monitor import ElementMonitor, Furthest
@@ -571,9 +571,8 @@ class Simulation(Diagnosed):
         """Model and settings that a simulation must have in common with this one to restore its states."""
         fixed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if not p.tunable}
         how = self.settings
-        return json.dumps(
-            [self.model.name, fixed, how.solver, how.tolerance, how.energy_check, how.input_interpolation]
-        )
+        solver = how.solver, fingerprint_of_solver(how.solver)
+        return json.dumps([self.model.name, fixed, *solver, how.tolerance, how.energy_check, how.input_interpolation])
 
     def save(self) -> bytes:
         """Return the whole state.
