@@ -110,7 +110,7 @@ class Model:
         def __getattr__(self, name: str) -> Any:
             if name in RENAMED:
                 raise missing_attribute("a Model", name)
-            return object.__getattribute__(self, name)  # raises what Python or a property of a model says
+            return object.__getattribute__(self, name)  # raises the error of Python or of a property of a model
 
     def build(self) -> Mechanism:
         """Return the mechanism for these parameters."""

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-OWN_PACKAGES = ("solvers", "abc", "builtins")  # whose classes are not part of a fingerprint
+SKIPPED_PACKAGES = ("solvers", "abc", "builtins")  # whose classes are not part of a fingerprint
 # what Python adds to a class
 ADDED_ATTRIBUTES = {"__dict__", "__doc__", "__firstlineno__", "__module__", "__static_attributes__", "__weakref__"}
 ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
@@ -26,7 +26,7 @@ def fingerprint_of_class(cls: type) -> str:
     """Return the fingerprint of a class (32 hexadecimal digits)."""
     digest, seen = blake2b(digest_size=DIGEST_BYTES), set[int]()
     for base in cls.__mro__:
-        if base.__module__.partition(".")[0] in OWN_PACKAGES:
+        if base.__module__.partition(".")[0] in SKIPPED_PACKAGES:
             continue
         digest.update(f"{base.__module__}.{base.__qualname__}\n".encode())
         for name in sorted(vars(base).keys() - ADDED_ATTRIBUTES):
