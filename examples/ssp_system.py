@@ -11,7 +11,7 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import Parameter, ParameterSet
 from numpy.typing import NDArray
 
-from mbfmu.fmi.ssp import write_ssp
+from mbfmu import write_ssp
 from mbfmu.session.run import communication_points
 
 Array = NDArray[np.float64]
