@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
@@ -17,6 +18,7 @@ from mbfmu.modeling.variables import list_variables, require_xml_text
 from mbfmu.native.families import NATIVE_SOLVERS
 from mbfmu.native.runtime import cached_library
 from mbfmu.native.targets import TARGETS, host
+from mbfmu.native.user_kernels import user_library
 from mbfmu.session.run import communication_points
 from mbfmu.session.simulation import UnstartedSimulation
 from mbfmu.util.diagnostics import Diagnostic, without_details
@@ -153,16 +155,19 @@ def _write(
         raise UserError(f"FMU file is {str(path)!r}; its name must end in .fmu")
     if not path.parent.is_dir():
         raise UserError(f"folder {str(path.parent)!r} does not exist")
+    own = partial(user_library, scene)
     if kind is FmuKind.ONE_RUN:
         messages: list[Diagnostic] = []
-        content = build_native_fmu(model, settings, experiment, report=messages.append, for_one_run=True)
+        content = build_native_fmu(
+            model, settings, experiment, report=messages.append, for_one_run=True, user_library=own
+        )
         messages = [diagnostic for diagnostic in messages if diagnostic.code != "constant-parameter"]
     else:
         compiled, native = model.compile(), kind is FmuKind.NATIVE
         messages = [*check_start(model, settings, compiled, native)]
         if native:
             content = build_native_fmu(
-                model, settings, experiment, fmi=fmi, platforms=platforms, report=messages.append
+                model, settings, experiment, fmi=fmi, platforms=platforms, report=messages.append, user_library=own
             )
         elif fmi != 2 or platforms:
             raise UserError("versions of FMI and platforms can be chosen for machine code alone: native=True")

@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element, indent, tostring
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import AUTO, Settings
 from mbfmu.native.data import native_model
+from mbfmu.native.entries import USER_LIBRARY
 from mbfmu.native.families import NATIVE_SOLVERS
 from mbfmu.native.layout import signed
 from mbfmu.native.runtime import library
@@ -39,10 +40,12 @@ def build_native_fmu(
     platforms: Sequence[str] = (),
     report: Callable[[Diagnostic], None] = lambda _: None,
     for_one_run: bool = False,
+    user_library: Callable[[str], bytes] = lambda _: b"",
 ) -> dict[str, bytes]:
     """Return the files of an FMU that runs by itself, by their names; see :func:`mbfmu.fmi.export`.
 
-    ``for_one_run``: its parameters are constant, which saves the search for what follows them.
+    ``for_one_run``: its parameters are constant, which saves the search for what follows them. ``user_library`` returns
+    the library of the user-defined kernels for a target.
     """
     names = _targets(fmi, platforms)
     settings = _with_solver(model, settings, report)
@@ -69,6 +72,8 @@ def build_native_fmu(
         target = TARGETS[name]
         folder = target.folder if fmi == 2 else name
         content[f"binaries/{folder}/{owner.identifier}{target.suffix}"] = library(name).read_bytes()
+        if made.has_user_kernels:
+            content[f"binaries/{folder}/{USER_LIBRARY}{target.suffix}"] = user_library(name)
         beside = libraries(name) if settings.solver in SUNDIALS_SOLVERS else {}
         content |= {f"binaries/{folder}/{file}": data for file, data in beside.items()}
     if settings.solver in SUNDIALS_SOLVERS:

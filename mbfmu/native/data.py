@@ -25,7 +25,7 @@ from solvers.outcome import CODES, KEYS, MESSAGES, Status
 from solvers.steppers import ORDER_LIMITS
 
 from . import layout, start_checks
-from .entries import Instance, family_of, image_of, uses_sundials
+from .entries import Instance, family_of, image_of, user_kernels, uses_sundials
 from .families import FAMILIES
 from .image import MemoryImage
 from .model_numbers import Place
@@ -53,6 +53,8 @@ class NativeModel(NamedTuple):
         Parameters that are constant, though a model that is built could change them, and why.
     diagnostics
         Notes and warnings on the model and its start.
+    has_user_kernels
+        Whether the FMU needs the library of :mod:`.user_kernels`.
     """
 
     variables: tuple[ScalarVariable, ...]
@@ -60,6 +62,7 @@ class NativeModel(NamedTuple):
     fixed: dict[str, str]
     diagnostics: Sequence[Diagnostic]
     data: bytes
+    has_user_kernels: bool
 
 
 def native_model(model: Model, settings: Settings, for_one_run: bool = False) -> NativeModel:
@@ -85,7 +88,8 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     )
     several = arrays(model, variables)
     file = _File(simulation, instance, image, settable, variables, several)
-    return NativeModel(variables, several, frozen, simulation.diagnostics, file.write())
+    own = user_kernels(simulation.compiled.called())
+    return NativeModel(variables, several, frozen, simulation.diagnostics, file.write(), bool(own))
 
 
 def _nothing_settable(model: Model, why: str) -> SettableParameters:
@@ -170,6 +174,7 @@ class _File:
         header["family"] = list(FAMILIES).index(family_of(self._simulation))
         header["size"], header["saved"], header["root"] = self._image.size, self._image.saved, self._image.root
         compiled, freedom = self._simulation.compiled, self._simulation.stepper.freedom
+        header["user_kernels"] = len(user_kernels(compiled.called()))
         header["reports_coarse"] = bool(describe_coarse(compiled, COARSE_TOLERANCE, freedom))
         for name, place in self._places.items():
             header[f"{name}_at"] = place

@@ -7,7 +7,7 @@ them on by their addresses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -53,6 +53,8 @@ COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
     sheet_joints: joints.Joint, sheet_elements: loads.Load, sheet_sensors: sensors.Sensor,
 }  # fmt: skip
 KERNEL_TABLE_SYMBOL = "mb_kinds"  # symbol of the addresses of all kernels of kinds
+USER_LIBRARY = "mbfmu_kernels"  # beginning of the name of the library of user-defined kernels in an FMU
+USER_TABLE_SYMBOL = "mb_user_kernels"  # symbol of the addresses of its kernels
 
 
 class Start(NamedTuple):
@@ -153,15 +155,13 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
             f"constraints; this one has {what}. Export it without --native",
             "not-native",
         )
-    known, numbers = {own: k for k, own in enumerate(shipped_kernels())}, []
-    for own in simulation.compiled.called():
+    called = simulation.compiled.called()
+    known, numbers = {own: k for k, own in enumerate((*shipped_kernels(), *user_kernels(called)))}, []
+    for own in called:
         if own is not None and own not in known:
-            what = f"{own.function.__module__}.{own.function.__qualname__}"
-            foreign = "<locals>" in what or not what.startswith("mbfmu.")  # or made of a function of the model
-            why = "user-defined" if foreign else "not in the runtime"
             raise UserError(
-                f"kernel {what} is {why}, and native FMUs support those of mbfmu only; export the model without "
-                "--native",
+                f"kernel {own.function.__module__}.{own.function.__qualname__} is not in the runtime of native FMUs; "
+                "export the model without --native",
                 "not-native",
             )
         numbers.append(-1 if own is None else known[own])
@@ -338,6 +338,22 @@ def entries(name: str) -> dict[str, Entry]:
         "restore": Entry(restore, ()),
         "close": Entry(close, ()),
     }
+
+
+def user_kernels(called: Iterable[CalledKernel | None]) -> tuple[CalledKernel, ...]:
+    """Return the kernels of user-defined elements and functions among those that a mechanism calls, in their order.
+
+    Such a type has a kernel of another package, or one that is made of a function of the model.
+    """
+    shipped = set(shipped_kernels())
+    others = dict.fromkeys(own for own in called if own is not None and own not in shipped)
+    types_of_users = [own.record for own in others if _is_user_defined(own)]
+    return tuple(own for own in others if own.record in types_of_users)
+
+
+def _is_user_defined(called: CalledKernel) -> bool:
+    function = called.function
+    return not function.__module__.startswith("mbfmu.") or "<locals>" in function.__qualname__
 
 
 def shipped_kernels() -> tuple[CalledKernel, ...]:

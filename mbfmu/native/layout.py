@@ -26,7 +26,7 @@ from solvers.outcome import Code
 
 from . import sundials
 from .checksum import crc64
-from .entries import Entry, shipped_kernels
+from .entries import USER_LIBRARY, USER_TABLE_SYMBOL, Entry, shipped_kernels
 from .start_checks import Flaw
 
 ENTRY_C_TYPES = {
@@ -116,6 +116,7 @@ HEADER = np.dtype(
         ("saved", "i8"),  # of it, what is saved and restored
         ("root", "i8"),
         ("reports_coarse", "i8"),  # 1: a coarse tolerance is reported at the start
+        ("user_kernels", "i8"),  # number of kernels in the library of user-defined ones
         *((f"{name}_at", "i8") for name in HEADER_OFFSETS),
         *(field for name in SECTIONS for field in ((name, "i8"), (f"{name}_count", "i8"))),
     ]
@@ -148,7 +149,12 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     coarse = Diagnostic.warning("coarse-tolerance", COARSE_TEXT, COARSE_REMEDY)
     lines.append(f"#define COARSE_TEXT {json.dumps(str(coarse))}")
-    lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(shipped_kernels())}", ""]
+    lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(shipped_kernels())}"]
+    lines += [
+        f"#define USER_LIBRARY {json.dumps(USER_LIBRARY)}",
+        f"#define USER_TABLE {json.dumps(USER_TABLE_SYMBOL)}",
+        "",
+    ]
     lines += [_struct(name, record) for name, record in STRUCTS.items()]
     lines += [
         _enum("TYPE", (t.name for t in Type)),

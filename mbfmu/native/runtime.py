@@ -138,11 +138,18 @@ def _linked(name: str) -> Path:
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
         work = Path(folder)
         made = work / path.name
-        (work / "exported").write_text(EXPORTED_SYMBOLS)
-        linked = ["-shared", "-s", *([f"-Wl,--version-script={work}/exported"] if path.suffix == ".so" else [])]
+        linked = link_arguments(name, work, EXPORTED_SYMBOLS)
         _run([*command, *compiler_arguments(name, work), *linked, "-o", str(made), "-lm"], {})
         install_atomically(made, path)
     return path
+
+
+def link_arguments(name: str, work: Path, exported: str) -> list[str]:
+    """Return the arguments of a C compiler that makes a shared library, which exports some symbols and misses none."""
+    if TARGETS[name].suffix != ".so":
+        return ["-shared", "-s"]
+    (work / "exported").write_text(exported)
+    return ["-shared", "-s", f"-Wl,--version-script={work}/exported", "-Wl,-z,defs"]
 
 
 def compiler(name: str) -> list[str]:

@@ -79,7 +79,8 @@ static bool good_header(const Header *h)
            in_block(h, h->length_at, 1, sizeof(double)) && in_block(h, h->options_at, 1, sizeof(Options)) &&
            in_block(h, h->run_status_at, 1, sizeof(RunStatus)) && in_block(h, h->worst_at, 1, sizeof(Worst)) &&
            in_block(h, h->massless_at, h->coordinates_count, sizeof(double)) && in_block(h, h->out_at, 0, 1) &&
-           in_block(h, h->counts_at, 0, 1) && is_index(h->reports_coarse, 2) && good_table(h);
+           in_block(h, h->counts_at, 0, 1) && is_index(h->reports_coarse, 2) &&
+           is_index(h->user_kernels, INT32_MAX) && good_table(h);
 }
 
 #define SECTION(name, kind) in_tables(h, h->name, h->name##_count, sizeof(kind))
@@ -176,7 +177,7 @@ static bool good_addresses(const Instance *own)
             return false;
     for (int64_t k = 0; k < h->kernels_count; k++)
         if (kernels[k].at < h->saved || !in_block(h, kernels[k].at, 1, sizeof(void *)) ||
-            !is_index(kernels[k].target, KINDS))
+            !is_index(kernels[k].target, KINDS + h->user_kernels))
             return false;
     return true;
 }

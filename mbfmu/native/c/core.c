@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "instance.h"
+#include "folder.h"
 #include "sundials.h"
 
 #define AGREED 1e-9 /* s, or part of the time: so much may a host's clock differ from ours */
@@ -58,6 +59,8 @@ void destroy(Instance *own)
     if (!own)
         return;
     close_sundials(own);
+    if (own->user_library)
+        unload(own->user_library);
     free(own->path);
     free(own->tables);
     free(own->room);

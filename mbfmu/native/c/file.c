@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "folder.h"
 #include "instance.h"
 #include "sundials.h"
 
@@ -105,9 +106,25 @@ static void put_address(Instance *own, int64_t at, const void *address)
     memcpy(own->block + at, &address, sizeof address);
 }
 
+/* Load the user-defined kernels of the model, if it has some; without them the text says why. */
+static bool open_user_library(Instance *own, char text[SAYS])
+{
+    char why[SAYS];
+    if (!own->header->user_kernels)
+        return true;
+    own->user_library = load_beside(USER_LIBRARY, why);
+    if (own->user_library && function_of(own->user_library, USER_TABLE))
+        return true;
+    SAY(text, "library '" USER_LIBRARY "' of the user-defined kernels, which must be in the folder of the FMU's own library, cannot "
+        "be loaded: ", own->user_library ? "it has no kernels" : why, "; unzip the FMU again, or export it for this machine "
+        "[fmu-files]");
+    return false;
+}
+
 static bool read_block(Instance *own, FILE *file)
 {
     const Header *h = own->header;
+    void *const *own_kernels = own->user_library ? function_of(own->user_library, USER_TABLE) : NULL;
     free_objects(own);
     if (fseek(file, (long)h->block, SEEK_SET) || fread(own->block, (size_t)h->size, 1, file) != 1 ||
         crc64(0, own->block, (size_t)h->size) != (uint64_t)h->block_sum)
@@ -116,7 +133,8 @@ static bool read_block(Instance *own, FILE *file)
     for (int64_t k = 0; k < h->relocations_count; k++)
         put_address(own, relocations[k].at, own->block + relocations[k].target);
     for (int64_t k = 0; k < h->kernels_count; k++)
-        put_address(own, kernels[k].at, mb_kinds[kernels[k].target]);
+        put_address(own, kernels[k].at,
+                    kernels[k].target < KINDS ? mb_kinds[kernels[k].target] : own_kernels[kernels[k].target - KINDS]);
     if (own->sundials)
         fill_table(own);
     own->untouched = true;
@@ -163,7 +181,7 @@ bool open_model(Instance *own, const char *folder, const char *token, char text[
             own->block = own->room + (ALIGNED - (uintptr_t)own->room % ALIGNED) % ALIGNED;
         if (!well)
             SAY(text, "the memory for the instance cannot be allocated [out-of-memory]");
-        else if (own->header->ida_at && !open_sundials(own, text))
+        else if ((own->header->ida_at && !open_sundials(own, text)) || !open_user_library(own, text))
             well = false;
         else if (!(well = read_block(own, file)))
             SAY(text, "file '", own->path, "' is damaged: the checksum of its model differs; unzip the FMU again [fmu-files]");

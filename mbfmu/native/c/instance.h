@@ -28,6 +28,7 @@ struct Instance {
     bool fresh;     /* outputs are those of the present state */
     bool warned_jump, warned_balance, warned_coarse;
     struct Sundials *sundials; /* NULL: it is not used */
+    void *user_library; /* of user-defined kernels; NULL: there are none */
     bool is_table_filled;      /* the table of addresses in the block is that of this process */
     char message[SAYS];
 };

@@ -1,0 +1,154 @@
+"""``python -m mbfmu.native.user_kernels SCENE FOLDER TARGET ...``: the user-defined kernels of a model as object files.
+
+Kernels of user-defined elements, and functions of time and laws of forces that a model defines in Python, are not in
+the runtime, which is the same for all models. They are compiled into a library of the FMU, which the runtime loads
+from the folder of its own library. As the kernels of the runtime they are compiled in a separate process (see
+:mod:`.kernels`), which builds the model again and finds the same kernels in the same order.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.arrays.compile import Compiled, Numbering
+from mbfmu.mechanics.arrays.bounds import OWN_PACKAGES
+from mbfmu.mechanics.arrays.tables import CalledKernel, types_of
+from mbfmu.modeling.scene import Scene, as_toml, read_scene
+from mbfmu.util.errors import UserError
+from solvers.compiled.aot import emit_object, link_module
+from solvers.compiled.cache import notify_listeners
+from solvers.compiled.indirect_call import record_type
+
+from .entries import USER_LIBRARY, USER_TABLE_SYMBOL, user_kernels
+from .runtime import compiler, link_arguments
+from .targets import TARGETS
+
+EXPORTED_TABLE = f"{{ global: {USER_TABLE_SYMBOL}; local: *; }};"  # for linkers of Linux
+MAX_ERROR_LINES = 3  # of a linker
+
+
+def fingerprint(called: Iterable[CalledKernel | None]) -> list[Any]:
+    """Return what the user-defined kernels of a mechanism do, in a form that is compared: code and captured values."""
+    seen: set[int] = set()
+    return [_content(own.function, seen) for own in user_kernels(called)]
+
+
+def _content(value: Any, seen: set[int]) -> Any:
+    """Return a function by its code and what it uses, an array by its bytes, and any other value by its text.
+
+    A function that was described before, and one of a module of this package, is described by its name.
+    """
+    function = getattr(value, "py_func", value)
+    if inspect.isfunction(function):
+        name = f"{function.__module__}.{function.__qualname__}"
+        is_own = str(function.__module__).startswith((*OWN_PACKAGES, "solvers."))
+        if id(function) in seen or (is_own and not function.__closure__):
+            return name
+        seen.add(id(function))
+        used = [cell.cell_contents for cell in function.__closure__ or ()]
+        used += [function.__globals__.get(word) for word in function.__code__.co_names]
+        constants = [word for word in function.__code__.co_consts if not inspect.iscode(word)]
+        return name, function.__code__.co_code, repr(constants), [_content(own, seen) for own in used]
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    return repr(value) if isinstance(value, int | float | complex | str | tuple) else type(value).__qualname__
+
+
+def user_library(scene: Scene, target: str) -> bytes:
+    """Return the library of the user-defined kernels of a scene's model for a target.
+
+    Raises
+    ------
+    UserError
+        The model is not in a file, or a kernel cannot be compiled without Python.
+    """
+    with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
+        file = Path(work) / "scene.toml"
+        file.write_text(as_toml(replace(scene, reference=scene.reference or _reference(scene))), encoding="utf-8")
+        notify_listeners()
+        own = {
+            "NUMBA_CPU_NAME": "generic",
+            "NUMBA_CACHE_DIR": f"{work}/cache",
+            "NUMBA_DISABLE_JIT": "0",
+            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+        }
+        command = [sys.executable, "-P", "-m", "mbfmu.native.user_kernels", str(file), work, target]
+        done = subprocess.run(command, env={**os.environ, **own}, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise UserError(
+                f"the user-defined kernels of model {scene.model.name!r}: {_last(done.stderr)}", "not-native"
+            )
+        made = Path(work) / f"{USER_LIBRARY}{TARGETS[target].suffix}"
+        command = [
+            *compiler(target),
+            f"{work}/{target}.o",
+            *link_arguments(target, Path(work), EXPORTED_TABLE),
+            "-o",
+            str(made),
+            "-lm",
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise UserError(
+                f"the user-defined kernels of model {scene.model.name!r} use what only Python has, such as allocating "
+                f"arrays: {_last(done.stderr)}. Allocate nothing in a kernel, or export the model without --native",
+                "not-native",
+            )
+        return made.read_bytes()
+
+
+def _reference(scene: Scene) -> str:
+    """Return the file and name of the class of a model."""
+    cls = type(scene.model)
+    file = inspect.getsourcefile(cls)
+    if file is None or "<locals>" in cls.__qualname__ or cls.__module__ == "__main__":
+        raise UserError(
+            f"model {scene.model.name!r} has user-defined kernels, which a separate process compiles for a native FMU; "
+            "put its class at the top level of a file that can be imported, or export it without --native",
+            "not-native",
+        )
+    return f"{Path(file).absolute()}:{cls.__qualname__}"
+
+
+def _last(text: str) -> str:
+    return "; ".join(text.strip().splitlines()[-MAX_ERROR_LINES:])
+
+
+def kernels_of(scene: Scene) -> tuple[CalledKernel, ...]:
+    """Return the user-defined kernels of a scene's model; its elements are laid out, nothing else is compiled."""
+    mechanism: Any = scene.model.build()
+    return user_kernels(Compiled(mechanism, Numbering(mechanism, None)).called())
+
+
+def main(scene_file: str, folder: str, targets: Sequence[str]) -> int:
+    """Write the object files; return the exit code: 2 if a kernel cannot be compiled."""
+    try:
+        found, numbered = {}, []
+        for i, called in enumerate(kernels_of(read_scene(Path(scene_file)))):
+            words, returned = types_of(called)
+            arguments = record_type(called.record), *words
+            called.function.compile(returned(*arguments))
+            numbered.append(f"mb_user_kernel_{i}")
+            found[numbered[-1]] = called.function, arguments
+        module = link_module(found, {USER_TABLE_SYMBOL: numbered})
+        for name in targets:
+            target = TARGETS[name]
+            (Path(folder) / f"{name}.o").write_bytes(emit_object(module, target.triple, target.processor))
+    except UserError as error:
+        print(error, file=sys.stderr)  # noqa: T201
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1], sys.argv[2], sys.argv[3:]))
