@@ -38,7 +38,7 @@ def has_bias(body: Any, arrays: Arrays) -> bool:
 
 @inlined
 def joint_bias(body: BodyRecord, arrays: Arrays, state: State) -> None:
-    """Let a body's joint write into State.bias what that adds."""
+    """Let a body's joint write into State.rel what that adds."""
     call_void(arrays.kernels[body.kind + BIAS], arrays.memory, body.at, (body.qi, body.vi, state))
 
 

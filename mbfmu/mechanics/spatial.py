@@ -148,37 +148,34 @@ def rotated(n: Vec, c: float, s: float, x: float, y: float, z: float) -> tuple[f
 
 
 @kernel
-def axis_matrix(n: Vec, c: float, s: float, A: Vec, r: int) -> None:
-    """A[r:r+3, 0:3] = rotation matrix about the unit vector n by the angle of cosine c and sine s.
-
-    R = c I + s skew(n) + (1 - c) n n^T.
-    """
+def axis_matrix(n: Vec, c: float, s: float, R: Vec) -> None:
+    """R = c I + s skew(n) + (1 - c) n n^T: rotation about the unit vector n by the angle of cosine c and sine s."""
     for i in range(3):
         for j in range(3):
-            A[r + i, j] = (1.0 - c) * n[i] * n[j]
-        A[r + i, i] += c
-    A[r, 1] -= s * n[2]
-    A[r, 2] += s * n[1]
-    A[r + 1, 0] += s * n[2]
-    A[r + 1, 2] -= s * n[0]
-    A[r + 2, 0] -= s * n[1]
-    A[r + 2, 1] += s * n[0]
+            R[i, j] = (1.0 - c) * n[i] * n[j]
+        R[i, i] += c
+    R[0, 1] -= s * n[2]
+    R[0, 2] += s * n[1]
+    R[1, 0] += s * n[2]
+    R[1, 2] -= s * n[0]
+    R[2, 0] -= s * n[1]
+    R[2, 1] += s * n[0]
 
 
 @kernel
-def quaternion_matrix(e: Vec, i: int, A: Vec, r: int) -> None:
-    """A[r:r+3, 0:3] = rotation matrix of the quaternion e[i:i+4] (scalar first), taken at unit length."""
+def quaternion_matrix(e: Vec, i: int, R: Vec) -> None:
+    """R = rotation matrix of the quaternion e[i:i+4] (scalar first), taken at unit length."""
     w, x, y, z = e[i], e[i + 1], e[i + 2], e[i + 3]
     s = 2.0 / (w * w + x * x + y * y + z * z)
-    A[r, 0] = 1.0 - s * (y * y + z * z)
-    A[r, 1] = s * (x * y - w * z)
-    A[r, 2] = s * (x * z + w * y)
-    A[r + 1, 0] = s * (x * y + w * z)
-    A[r + 1, 1] = 1.0 - s * (x * x + z * z)
-    A[r + 1, 2] = s * (y * z - w * x)
-    A[r + 2, 0] = s * (x * z - w * y)
-    A[r + 2, 1] = s * (y * z + w * x)
-    A[r + 2, 2] = 1.0 - s * (x * x + y * y)
+    R[0, 0] = 1.0 - s * (y * y + z * z)
+    R[0, 1] = s * (x * y - w * z)
+    R[0, 2] = s * (x * z + w * y)
+    R[1, 0] = s * (x * y + w * z)
+    R[1, 1] = 1.0 - s * (x * x + z * z)
+    R[1, 2] = s * (y * z - w * x)
+    R[2, 0] = s * (x * z - w * y)
+    R[2, 1] = s * (y * z + w * x)
+    R[2, 2] = 1.0 - s * (x * x + y * y)
 
 
 @kernel

@@ -3,13 +3,14 @@
 A joint places its child in the joint frame F, which is fixed in the parent at the placement the builder was given. Its
 kernel ``place(joint, qi, state)`` reads the positions from ``state.q[qi]`` on and writes, in F axes,
 
-    state.rel[0:nv]       the columns of the motion subspace: the child's relative velocity is  sum_k v_k rel[k]
-    state.rel[6:9, 0:3]   the child's axes in F,   state.rel[6:9, 3] its origin in F
+    rel.S[0:nv]   the columns of the motion subspace: the child's relative velocity is  sum_k v_k S[k]
+    rel.R         the child's axes in F
+    rel.p         its origin in F
 
-all of it: what ``rel`` held before is another joint's. For axes that rest in F and for angular velocities in the
+with ``rel = state.rel[0]``; all of it: what ``rel`` held before is another joint's. For axes that rest in F and for angular velocities in the
 child's axes differentiating the columns adds nothing to the relative acceleration; a joint of other columns also has
-``bias(joint, qi, vi, state)``, which writes sum_k v_k d(rel[k])/dt into ``state.bias`` (6,), F axes, with the
-velocities from ``state.v[vi]`` on. Everything else about tree joints is common and lives in the recursions.
+``bias(joint, qi, vi, state)``, which writes sum_k v_k dS[k]/dt into ``rel.bias`` (6,), F axes, with the velocities from
+``state.v[vi]`` on. Everything else about tree joints is common and lives in the recursions.
 """
 
 from __future__ import annotations

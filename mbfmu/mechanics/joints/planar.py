@@ -30,13 +30,13 @@ class PlanarRecord(Record):
 @kernel
 def place(joint: PlanarRecord, qi: int, state: State) -> None:
     """See :mod:`.base`."""
-    q, axis, first, other, rel = state.q, joint.axis, joint.first, joint.other, state.rel
-    axis_matrix(axis, np.cos(q[qi + 2]), np.sin(q[qi + 2]), rel, 6)
+    q, axis, first, other, rel = state.q, joint.axis, joint.first, joint.other, state.rel[0]
+    axis_matrix(axis, np.cos(q[qi + 2]), np.sin(q[qi + 2]), rel.R)
     for i in range(3):
-        rel[0, i], rel[0, 3 + i] = first[i], 0.0
-        rel[1, i], rel[1, 3 + i] = other[i], 0.0
-        rel[2, i], rel[2, 3 + i] = 0.0, axis[i]
-        rel[6 + i, 3] = q[qi] * first[i] + q[qi + 1] * other[i]
+        rel.S[0, i], rel.S[0, 3 + i] = first[i], 0.0
+        rel.S[1, i], rel.S[1, 3 + i] = other[i], 0.0
+        rel.S[2, i], rel.S[2, 3 + i] = 0.0, axis[i]
+        rel.p[i] = q[qi] * first[i] + q[qi + 1] * other[i]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,11 +30,11 @@ class ScrewRecord(Record):
 @kernel
 def place(joint: ScrewRecord, qi: int, state: State) -> None:
     """See :mod:`.base`."""
-    angle, axis, rel = state.q[qi], joint.axis, state.rel
-    axis_matrix(axis, np.cos(angle), np.sin(angle), rel, 6)
+    angle, axis, rel = state.q[qi], joint.axis, state.rel[0]
+    axis_matrix(axis, np.cos(angle), np.sin(angle), rel.R)
     for i in range(3):
-        rel[0, i], rel[0, 3 + i] = joint.rise * axis[i], axis[i]
-        rel[6 + i, 3] = joint.rise * angle * axis[i]
+        rel.S[0, i], rel.S[0, 3 + i] = joint.rise * axis[i], axis[i]
+        rel.p[i] = joint.rise * angle * axis[i]
 
 
 @dataclass(frozen=True, kw_only=True)

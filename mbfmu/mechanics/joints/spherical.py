@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 @kernel
 def place(joint: Any, qi: int, state: State) -> None:
     """See :mod:`.base`."""
-    rel = state.rel
-    quaternion_matrix(state.q, qi, rel, 6)
+    rel = state.rel[0]
+    quaternion_matrix(state.q, qi, rel.R)
     for k in range(3):
         for i in range(3):
-            rel[k, i], rel[k, 3 + i] = 0.0, rel[6 + i, k]
-        rel[6 + k, 3] = 0.0
+            rel.S[k, i], rel.S[k, 3 + i] = 0.0, rel.R[i, k]
+        rel.p[k] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

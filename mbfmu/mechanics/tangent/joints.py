@@ -57,10 +57,11 @@ def geometric_stiffness(i: int, arrays: Arrays, state: State, perturbed: State, 
         place_child(body, arrays, perturbed)
         for k in range(body.nq):
             perturbed.q[body.qi + k] = state.q[body.qi + k]
+        S = perturbed.rel[0].S
         for k in range(body.nv):
             total = 0.0
             for a in range(3):
-                total += perturbed.rel[k, a].imag * pull[a] + perturbed.rel[k, 3 + a].imag * twist[a]
+                total += S[k, a].imag * pull[a] + S[k, 3 + a].imag * twist[a]
             scratch.G[k, l] = total / COMPLEX_STEP_SIZE
         scratch.G[l, l] += scratch.along[body.vi + l]
 
