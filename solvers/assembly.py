@@ -133,7 +133,7 @@ class Scratch(NamedTuple):
 
 
 @kernel
-def find_closed_positions(eqs: Any, t: float, start: Any, q: Any, work: Scratch) -> int:
+def find_closed_positions(eqs: Loops, t: float, start: Any, q: Reals, work: Scratch) -> int:
     """q (nq,) = closed positions near ``start`` (nq,). Where there are none: the last that was tried.
 
     First by damped steps (Levenberg and Marquardt, the damping falling as the square of the gap), which stay near where
@@ -214,7 +214,7 @@ def fill_scaled_gaps(terms: Terms, work: Scratch) -> float:
 
 
 @kernel
-def apply_limited_step(eqs: Loops, q: Any, work: Any) -> None:
+def apply_limited_step(eqs: Loops, q: Reals, work: Any) -> None:
     """q <- q (+) -S step, as much of it as no coordinate moves too far by; ``work.step`` becomes that."""
     largest = 0.0
     for j in range(work.step.shape[0]):
@@ -262,7 +262,7 @@ def solve_least_change(J: Any, damping: float, work: Any) -> None:
 
 
 @kernel
-def find_consistent_velocities(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, work: Scratch) -> int:
+def find_consistent_velocities(eqs: Loops, t: float, q: Reals, start: Any, rate: float, v: Reals, work: Scratch) -> int:
     """v (n,) = velocities with J v = nu, the least change from ``start`` (n,); ``rate`` (1/s) as that of the system."""
     code = OPENS
     for stage in range(MAX_STAGES):
@@ -272,7 +272,9 @@ def find_consistent_velocities(eqs: Any, t: float, q: Any, start: Any, rate: flo
 
 
 @kernel
-def find_consistent_velocities_once(eqs: Loops, t: float, q: Any, start: Any, rate: float, v: Reals, work: Any) -> int:
+def find_consistent_velocities_once(
+    eqs: Loops, t: float, q: Reals, start: Any, rate: float, v: Reals, work: Any
+) -> int:
     """One stage of :func:`find_consistent_velocities`."""
     m, n = eqs.terms.J.shape
     eqs.position(t, q, eqs.data, eqs.terms)
@@ -304,7 +306,7 @@ def fill_velocity_residual(terms: Terms, v: Reals, work: Scratch) -> None:
 
 
 @kernel
-def is_off_branch(terms: Any, v: Any, rank: int, tolerance: float, work: Any) -> bool:
+def is_off_branch(terms: Terms, v: Reals, rank: int, tolerance: float, work: Any) -> bool:
     """Whether the rates v (n,) belong to no branch of the motion in a singular configuration with these ``terms``.
 
     An acceleration exists if J v' = gamma has a solution. In a singular configuration, in which J has not the ``rank``
@@ -332,7 +334,7 @@ def is_off_branch(terms: Any, v: Any, rank: int, tolerance: float, work: Any) ->
 
 
 @kernel
-def check_mobile_mass(terms: Any, mass: Any, work: Any) -> int:
+def check_mobile_mass(terms: Terms, mass: Any, work: Any) -> int:
     """Whether all that the constraints allow moves mass, held or not; ``mass`` (n, n) is scratch.
 
     Every motion is scaled by itself: a light body may move together with a heavy one.

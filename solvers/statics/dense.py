@@ -177,7 +177,7 @@ def max_stiffness(scratch: Scratch) -> float:
 
 
 @kernel
-def apply_correction(eqs: Any, q: Reals, lam: Reals, damping: float, scale: float, scratch: Any) -> None:
+def apply_correction(eqs: Equations, q: Reals, lam: Reals, damping: float, scale: float, scratch: Any) -> None:
     """s.q_try, s.lam_try, s.moved_try = (q, lam) and s.moved, changed by ``damping`` times the correction s.z."""
     n = scratch.v.shape[0]
     for i in range(q.shape[0]):
@@ -219,7 +219,7 @@ def factor_jacobian(scratch: Any) -> bool:
 
 
 @kernel
-def evaluate(eqs: Equations, t: float, q: Any, v: Any) -> None:
+def evaluate(eqs: Equations, t: float, q: Reals, v: Reals) -> None:
     """The terms at (t, q, v), called from Python."""
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
 
@@ -245,7 +245,7 @@ def find_constraint_forces(rows: Any, terms: Terms, scratch: Any, lam: Reals) ->
 
 @kernel
 def newton(
-    eqs: Equations, t: float, q: Any, lam: Any, rows: Any, c2: float, mass: float, scratch: Scratch, report: Any
+    eqs: Equations, t: float, q: Reals, lam: Reals, rows: Any, c2: float, mass: float, scratch: Scratch, report: Any
 ) -> int:
     """Solve f = 0 from (q, lam), in place, or a pseudo-transient step; report: Jacobians factored."""
     n = scratch.v.shape[0]
