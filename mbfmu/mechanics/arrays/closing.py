@@ -117,7 +117,7 @@ class CutFrames(NamedTuple):
     """The frames of cut joints that are parallel in closed loops, as kernels read them."""
 
     parallel: NDArray[np.int64]  # (cuts,) which axes are, by their place in PARALLEL_AXES
-    Ra: NDArray[np.int64]  # (cuts,) place of the axes in body a among the numbers, see CUT_PARAMETERS
+    Ra: NDArray[np.int64]  # (cuts,) place of the axes in body a among the numbers, see CutJointRecord
     Rb: NDArray[np.int64]  # (cuts,) place of those in body b
     numbers: Array  # the records of all element types
 

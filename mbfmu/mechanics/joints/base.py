@@ -7,10 +7,10 @@ kernel ``place(joint, qi, state)`` reads the positions from ``state.q[qi]`` on a
     rel.R         the child's axes in F
     rel.p         its origin in F
 
-with ``rel = state.rel[0]``; all of it: what ``rel`` held before is another joint's. For axes that rest in F and for angular velocities in the
-child's axes differentiating the columns adds nothing to the relative acceleration; a joint of other columns also has
-``bias(joint, qi, vi, state)``, which writes sum_k v_k dS[k]/dt into ``rel.bias`` (6,), F axes, with the velocities from
-``state.v[vi]`` on. Everything else about tree joints is common and lives in the recursions.
+with ``rel = state.rel[0]``; all of it: what ``rel`` held before is another joint's. For axes that rest in F and for
+angular velocities in the child's axes differentiating the columns adds nothing to the relative acceleration; a joint of
+other columns also has ``bias(joint, qi, vi, state)``, which writes sum_k v_k dS[k]/dt into ``rel.bias`` (6,), F axes,
+with the velocities from ``state.v[vi]`` on. Everything else about tree joints is common and lives in the recursions.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.axes import Vector, unit_axis
-from mbfmu.mechanics.kind import Attachment, ElementType
+from mbfmu.mechanics.kind import Attachment, ElementType, RecordType
 from mbfmu.util.errors import UserError
+from solvers.compiled.record import Record, Vec3
 
 MAX_COORDINATES = 6  # of a joint
 
@@ -124,6 +125,12 @@ class Joint(ElementType):
         return q
 
 
+class AxisRecord(Record):
+    """Parameters of :class:`AxisJoint`."""
+
+    axis: Vec3  # unit vector in the joint frame
+
+
 @dataclass(frozen=True, kw_only=True)
 class AxisJoint(Joint):
     """Base class of joints with an axis.
@@ -134,7 +141,7 @@ class AxisJoint(Joint):
         Axis in the joint frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,) of any length.
     """
 
-    record = np.dtype([("axis", np.float64, (3,))], align=True)  # unit vector in the joint frame
+    record: ClassVar[RecordType] = AxisRecord
 
     axis: str | Vector = "z"
 

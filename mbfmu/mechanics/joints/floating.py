@@ -8,7 +8,7 @@ child's axes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.spatial import quaternion_matrix
 from solvers.compiled.kernel import kernel
@@ -17,10 +17,11 @@ from .base import Joint
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
+    from solvers.compiled.record import Record
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: Record, qi: int, state: State) -> None:
     """See :mod:`.base`."""
     q, rel = state.q, state.rel[0]
     quaternion_matrix(q, qi + 3, rel.R)

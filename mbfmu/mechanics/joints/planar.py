@@ -11,19 +11,18 @@ from mbfmu.mechanics.axes import plane_axes
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import axis_matrix
 from solvers.compiled.kernel import kernel
-from solvers.compiled.record import Record, Vec3
+from solvers.compiled.record import Vec3
 
-from .base import AxisJoint
+from .base import AxisJoint, AxisRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
 
 
-class PlanarRecord(Record):
+class PlanarRecord(AxisRecord):
     """Parameters of :class:`Planar`."""
 
-    axis: Vec3  # unit vectors in the joint frame
-    first: Vec3
+    first: Vec3  # unit vectors in the joint frame
     other: Vec3
 
 
@@ -48,7 +47,7 @@ class Planar(AxisJoint):
     y is along ``axis`` cross that. So for ``axis`` y they are along the frame's x and -z, for x along its y and z.
     """
 
-    record = PlanarRecord.dtype
+    record = PlanarRecord
     nq = 3
     nv = 3
     place = place

@@ -12,19 +12,18 @@ from mbfmu.mechanics.numbers import MAX_LENGTH, MIN_LENGTH, is_finite
 from mbfmu.mechanics.spatial import axis_matrix
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
-from solvers.compiled.record import Record, Vec3, f8
+from solvers.compiled.record import f8
 
-from .base import AxisJoint
+from .base import AxisJoint, AxisRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
 
 
-class ScrewRecord(Record):
+class ScrewRecord(AxisRecord):
     """Parameters of :class:`Screw`."""
 
-    axis: Vec3
-    rise: f8
+    rise: f8  # displacement along the axis, m/rad
 
 
 @kernel
@@ -47,7 +46,7 @@ class Screw(AxisJoint):
         Displacement along ``axis`` per revolution, m; negative: left-handed thread.
     """
 
-    record = ScrewRecord.dtype
+    record = ScrewRecord
     nq = 1
     nv = 1
     place = place

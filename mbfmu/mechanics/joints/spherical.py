@@ -6,7 +6,7 @@ Velocities are the angular velocity in the child's axes, whose columns turn with
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.spatial import quaternion_matrix
 from solvers.compiled.kernel import kernel
@@ -15,10 +15,11 @@ from .base import Joint
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
+    from solvers.compiled.record import Record
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: Record, qi: int, state: State) -> None:
     """See :mod:`.base`."""
     rel = state.rel[0]
     quaternion_matrix(state.q, qi, rel.R)

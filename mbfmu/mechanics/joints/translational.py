@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import kernel
 
-from .base import AxisJoint
+from .base import AxisJoint, AxisRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: AxisRecord, qi: int, state: State) -> None:
     """See :mod:`.base`."""
     q, axis, rel = state.q, joint.axis, state.rel[0]
     for i in range(3):

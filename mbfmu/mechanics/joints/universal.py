@@ -17,9 +17,9 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import axis_matrix, rotated
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
-from solvers.compiled.record import Record, Vec3
+from solvers.compiled.record import Vec3
 
-from .base import AxisJoint
+from .base import AxisJoint, AxisRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
@@ -27,10 +27,9 @@ if TYPE_CHECKING:
 MAX_AXIS_COSINE = 1e-9  # cosine of the angle between two axes
 
 
-class UniversalRecord(Record):
+class UniversalRecord(AxisRecord):
     """Parameters of :class:`Universal`."""
 
-    axis: Vec3
     second: Vec3
 
 
@@ -69,7 +68,7 @@ class Universal(AxisJoint):
         Perpendicular axes in the joint frame, for zero angles.
     """
 
-    record = UniversalRecord.dtype
+    record = UniversalRecord
     nq = 2
     nv = 2
     place = place

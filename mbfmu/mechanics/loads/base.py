@@ -35,17 +35,19 @@ from mbfmu.mechanics.checks import vector
 from mbfmu.mechanics.kind import Attachment, ElementType
 from mbfmu.mechanics.spatial import arm
 from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Record, Vec3, i8
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.arrays.load_groups import LoadGroup
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Reals
 
 Points = tuple[Any, ...]
 FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 
 
 @kernel
-def zero_tangent(load: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
+def zero_tangent(load: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Reals) -> float:
     """Tangent of a load whose stiffness is negligible in the implicit solvers of large trees."""
     return 0.0
 
@@ -65,6 +67,15 @@ def direction(force: Any, body: MotionRecord) -> tuple[float, float, float]:
         return arm(body, force.axis)
     one = 1.0 + 0.0 * body.r[0]  # of the type of the state
     return force.axis[0] * one, force.axis[1] * one, force.axis[2] * one
+
+
+class PointPairRecord(Record):
+    """Parameters of a force between points of two bodies."""
+
+    a: i8
+    b: i8
+    Pa: Vec3  # body axes, m
+    Pb: Vec3
 
 
 def fill_points(force: Any, record: Any, site: Attachment) -> None:

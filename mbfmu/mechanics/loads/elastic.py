@@ -16,6 +16,7 @@ from mbfmu.mechanics.kind import Attachment, kernel_of
 from mbfmu.mechanics.numbers import finite, not_negative
 from mbfmu.mechanics.signals import Table
 from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.record import Record, f8, i8
 
 from .base import Force
 
@@ -23,15 +24,25 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
 
+class ElasticRecord(Record):
+    """Parameters of :class:`ElasticForce`."""
+
+    stiffness: f8  # N/m or N m/rad
+    damping: f8  # N s/m or N m s/rad
+    free: f8  # m or rad
+    first: i8  # of the numbers of a table, and how many rows it has
+    count: i8
+
+
 @kernel
-def table_force(force: Any, stretch: Any, arrays: Arrays) -> Any:
+def table_force(force: ElasticRecord, stretch: float, arrays: Arrays) -> Any:
     """The force at a stretch, by the table of a record with ``first`` and ``count``."""
     f, _, _, _ = curve(arrays.numbers, force.first, force.count, stretch)
     return f
 
 
 @kernel
-def table_energy(force: Any, stretch: Any, arrays: Arrays) -> Any:
+def table_energy(force: ElasticRecord, stretch: float, arrays: Arrays) -> Any:
     """The integral of the force, from no stretch on."""
     _, _, _, stored = curve(arrays.numbers, force.first, force.count, stretch)
     _, _, _, unloaded = curve(arrays.numbers, force.first, force.count, 0.0 * stretch)

@@ -9,24 +9,19 @@ from typing import TYPE_CHECKING, Any
 from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import jit_uncached, kernel
-from solvers.compiled.record import Record, f8, i8
+from solvers.compiled.record import i8
 
-from .elastic import ElasticForce, table_energy, table_force
+from .elastic import ElasticForce, ElasticRecord, table_energy, table_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
 
 
-class JointSpringRecord(Record):
+class JointSpringRecord(ElasticRecord):
     """Parameters of :class:`JointSpring`."""
 
     q: i8
     v: i8
-    first: i8  # of the numbers of a table, and how many rows it has
-    count: i8
-    stiffness: f8  # N m/rad or N/m
-    damping: f8
-    free: f8
 
 
 @kernel
@@ -92,7 +87,7 @@ class JointSpring(ElasticForce):
         Unloaded coordinate, rad or m.
     """
 
-    record = JointSpringRecord.dtype
+    record = JointSpringRecord
     on_joint = True
     drawn = "coil"
     apply = apply

@@ -9,27 +9,23 @@ from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
-from solvers.compiled.record import Record, Vec3, i8
+from solvers.compiled.record import i8
 
-from .base import Force, Points, fill_points
+from .base import Force, PointPairRecord, Points, fill_points
 from .spring import connecting_line
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
 
 
-class LineForceRecord(Record):
+class LineForceRecord(PointPairRecord):
     """Parameters of :class:`LineForce`."""
 
-    a: i8
-    b: i8
     signal: i8
-    Pa: Vec3  # body axes, m
-    Pb: Vec3
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: LineForceRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`. Points that coincide have no line of action: there is no force."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, _ = connecting_line(force, A, B)
@@ -39,7 +35,7 @@ def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(force: LineForceRecord, t: float, arrays: Arrays, state: State) -> float:
     """Force times rate of the distance."""
     _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return signal_value(force.signal, t, arrays) * rate if length != 0.0 else 0.0 * length
@@ -65,7 +61,7 @@ class LineForce(Force):
     start. Outputs of distance and rate: ``ForceHandle.length`` and ``ForceHandle.length_rate``.
     """
 
-    record = LineForceRecord.dtype
+    record = LineForceRecord
     apply = apply
     power = power
 

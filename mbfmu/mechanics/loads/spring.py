@@ -17,31 +17,20 @@ from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force, arm
 from solvers.compiled.kernel import jit_uncached, kernel
-from solvers.compiled.record import Record, Vec3, f8, i8
 
-from .base import Points, fill_points
-from .elastic import ElasticForce, table_energy, table_force
+from .base import PointPairRecord, Points, fill_points
+from .elastic import ElasticForce, ElasticRecord, table_energy, table_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 
-class SpringRecord(Record):
+class SpringRecord(ElasticRecord, PointPairRecord):
     """Parameters of :class:`Spring`."""
-
-    a: i8
-    b: i8
-    first: i8  # of the numbers of a table
-    count: i8  # rows of the table
-    Pa: Vec3  # body axes, m
-    Pb: Vec3
-    stiffness: f8
-    damping: f8
-    free: f8  # unloaded length, m
 
 
 @kernel
-def connecting_line(force: SpringRecord, A: MotionRecord, B: MotionRecord) -> Any:
+def connecting_line(force: PointPairRecord, A: MotionRecord, B: MotionRecord) -> Any:
     """Direction from a to b, or of the velocity where points coincide, arms of the points, length and its rate."""
     ax, ay, az = arm(A, force.Pa)
     bx, by, bz = arm(B, force.Pb)
@@ -149,7 +138,7 @@ class Spring(ElasticForce):
         has no direction and is omitted; a message reports this if it occurs at the start and ``free`` is not zero.
     """
 
-    record = SpringRecord.dtype
+    record = SpringRecord
     drawn = "coil"
     apply = apply
     potential = potential

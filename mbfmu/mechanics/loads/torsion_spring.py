@@ -20,26 +20,21 @@ from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import angle_of, arm
 from solvers.compiled.kernel import jit_uncached, kernel
-from solvers.compiled.record import Mat3, Record, f8, i8
+from solvers.compiled.record import Mat3, i8
 
-from .elastic import ElasticForce, table_energy, table_force
+from .elastic import ElasticForce, ElasticRecord, table_energy, table_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 
-class TorsionSpringRecord(Record):
+class TorsionSpringRecord(ElasticRecord):
     """Parameters of :class:`TorsionSpring`."""
 
     a: i8
     b: i8
-    first: i8  # of the numbers of a table, and how many rows it has
-    count: i8
     Ea: Mat3  # rows e1, e2, n, axes of a
     Eb: Mat3  # rows f1, f2, m, axes of b
-    stiffness: f8
-    damping: f8
-    free: f8
 
 
 @kernel
@@ -62,7 +57,7 @@ def _twist(force: TorsionSpringRecord, A: MotionRecord, B: MotionRecord) -> Any:
 
 
 @kernel
-def apply_torque(A: MotionRecord, B: MotionRecord, torque: Any, g: Any) -> None:
+def apply_torque(A: MotionRecord, B: MotionRecord, torque: float, g: Any) -> None:
     """Let a torque act along g on a, and against it on b."""
     gx, gy, gz = g
     A.F[3] += torque * gx
@@ -149,7 +144,7 @@ class TorsionSpring(ElasticForce):
         3x3 axes of b in a at the angle zero, such as the ``rotation`` of a joint; None: parallel.
     """
 
-    record = TorsionSpringRecord.dtype
+    record = TorsionSpringRecord
     apply = apply
     potential = potential
     power = power

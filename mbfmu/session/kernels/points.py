@@ -71,7 +71,7 @@ class Session(NamedTuple):
 
 
 @kernel
-def energy_at(session: Session, t: float, q: Any, v: Any) -> float:
+def energy_at(session: Session, t: float, q: Reals, v: Reals) -> float:
     """Kinetic and potential energy of the state (q, v) at t, J."""
     found: float = energy(t, q, v, session.data)
     return found
@@ -88,8 +88,8 @@ def note_limits(session: Any) -> None:
 def begin_session(
     session: Session,
     t: float,
-    q: Any,
-    v: Any,
+    q: Reals,
+    v: Reals,
     code: int,
     is_checked: bool,
     freedom: int,
@@ -118,7 +118,7 @@ def begin_session(
 
 
 @kernel
-def account_discontinuity(session: Session, before: float, t: float, q: Any, v: Any) -> None:
+def account_discontinuity(session: Session, before: float, t: float, q: Reals, v: Reals) -> None:
     """Count the change of the energy at one state from ``before``, J, as work: it is no energy error."""
     work = energy_at(session, t, q, v) - before
     session.status[0].discontinuity_work += work
@@ -126,7 +126,7 @@ def account_discontinuity(session: Session, before: float, t: float, q: Any, v: 
 
 
 @kernel
-def apply_input(session: Session, index: int, value: float, t: float, q: Any, v: Any) -> int:
+def apply_input(session: Session, index: int, value: float, t: float, q: Reals, v: Reals) -> int:
     """Set an input at the time reached; return its role."""
     role: int = session.inputs.inputs[index].role
     before = energy_at(session, t, q, v) if role == GRAVITY_LOAD else 0.0
@@ -137,13 +137,13 @@ def apply_input(session: Session, index: int, value: float, t: float, q: Any, v:
 
 
 @kernel
-def note_energy(session: Session, t: float, q: Any, v: Any) -> None:
+def note_energy(session: Session, t: float, q: Reals, v: Reals) -> None:
     """Note the energy before parameters change."""
     session.status[0].before = energy_at(session, t, q, v)
 
 
 @kernel
-def account_parameters(session: Session, t: float, q: Any, v: Any) -> None:
+def account_parameters(session: Session, t: float, q: Reals, v: Reals) -> None:
     """Count the change of the energy since :func:`note_energy` as work."""
     account_discontinuity(session, session.status[0].before, t, q, v)
 
@@ -205,7 +205,7 @@ def check_energies(session: Any, times: Reals, energies: Reals, accounts: Any, e
 
 
 @kernel
-def check_point(session: Any, t: float, q: Any, v: Any, account: Any) -> None:
+def check_point(session: Any, t: float, q: Reals, v: Reals, account: Any) -> None:
     """Check the energy balance of the state reached, and note how far elements are from their limits there."""
     if session.balance[0].is_checked == 1:
         check_energy(session, t, energy_at(session, t, q, v), account)
@@ -215,7 +215,9 @@ def check_point(session: Any, t: float, q: Any, v: Any, account: Any) -> None:
 
 
 @kernel
-def read_outputs(session: Session, t: float, q: Any, v: Any, a: Any, lam: Any, account: Any, out: Reals) -> None:
+def read_outputs(
+    session: Session, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, account: Any, out: Reals
+) -> None:
     """Put the outputs at the solution (q, v, a, lam) into ``out``, and in place of the energies that they end in the
     energy error and the exchanged energy, J; nan if the energy balance is not checked.
     """

@@ -92,7 +92,7 @@ def bias(joint: GeodesicRecord, qi: int, vi: int, state: State) -> None:
 class Geodesic(OutOfPlane):
     """Out-of-plane joint that keeps lengths and angles; ``at`` is the vector to the node in the flat sheet."""
 
-    record = GeodesicRecord.dtype
+    record = GeodesicRecord
     place = place
     bias = bias
 

@@ -13,7 +13,7 @@ see :mod:`.geodesic`, which does neither.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -22,10 +22,11 @@ from solvers.compiled.kernel import kernel
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
+    from solvers.compiled.record import Record
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: Record, qi: int, state: State) -> None:
     """See :mod:`.base`. Columns: g';  h' = (0, 0, 1);  A_z f' with f' = (1, 0, 0)."""
     q, rel = state.q, state.rel[0]
     cz, sz = np.cos(q[qi + 1]), np.sin(q[qi + 1])
@@ -45,7 +46,7 @@ def place(joint: Any, qi: int, state: State) -> None:
 
 
 @kernel
-def bias(joint: Any, qi: int, vi: int, state: State) -> None:
+def bias(joint: Record, qi: int, vi: int, state: State) -> None:
     """See :mod:`.base`: theta_z' theta_x' h' x A_z f'."""
     q, v, out = state.q, state.v, state.rel[0].bias
     turn = v[vi + 1] * v[vi + 2]

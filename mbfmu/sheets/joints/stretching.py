@@ -14,21 +14,21 @@ theta_x alone, and what is stiff is u, v and psi.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solvers.compiled.kernel import kernel
 
 from . import geodesic
-from .geodesic import Geodesic
+from .geodesic import Geodesic, GeodesicRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: GeodesicRecord, qi: int, state: State) -> None:
     """See :mod:`.base`. Columns: those of the geodesic joint, e_x, e_z, and the child's normal."""
     geodesic.place(joint, qi, state)
     q, rel = state.q, state.rel[0]
@@ -45,7 +45,7 @@ def place(joint: Any, qi: int, state: State) -> None:
 
 
 @kernel
-def bias(joint: Any, qi: int, vi: int, state: State) -> None:
+def bias(joint: GeodesicRecord, qi: int, vi: int, state: State) -> None:
     """See :mod:`.base`: that of the geodesic joint, and psi' w x n, w and n the child's spin there and its normal."""
     geodesic.bias(joint, qi, vi, state)
     q, v, out = state.q, state.v, state.rel[0].bias
