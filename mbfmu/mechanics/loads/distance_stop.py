@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import not_negative
-from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
 
 from .base import Force, PointPairRecord, Points, fill_points
-from .spring import connecting_line
+from .spring import connecting_line, pull_together
 from .stops import LimitRecord, check_limits, dissipated_power, fill_limits, stop_energy, stop_force
 
 if TYPE_CHECKING:
@@ -26,10 +25,9 @@ class DistanceStopRecord(LimitRecord, PointPairRecord):
 def apply(force: DistanceStopRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
     A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
-    f = stop_force(force, length, rate) if length != 0.0 else 0.0 * length
-    add_force(A.F, ax, ay, az, -f * dx, -f * dy, -f * dz)
-    add_force(B.F, bx, by, bz, f * dx, f * dy, f * dz)
+    line = connecting_line(force, A, B)
+    _, _, _, length, rate = line
+    pull_together(A, B, line, -stop_force(force, length, rate) if length != 0.0 else 0.0 * length)
 
 
 @kernel

@@ -11,7 +11,7 @@ from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.compiled.record import i8
 
-from .elastic import ElasticForce, ElasticRecord, table_energy, table_force
+from .elastic import ElasticForce, ElasticRecord, elastic_energy, elastic_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -27,34 +27,20 @@ class JointSpringRecord(ElasticRecord):
 @kernel
 def apply(force: JointSpringRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
-    stretch = state.q[force.q] - force.free
-    state.Q[force.v] -= force.stiffness * stretch + force.damping * state.v[force.v]
+    f = elastic_force(force, state.q[force.q] - force.free, arrays)
+    state.Q[force.v] -= f + force.damping * state.v[force.v]
 
 
 @kernel
 def potential(force: JointSpringRecord, arrays: Arrays, state: State) -> float:
-    """k (q - q0)^2 / 2."""
-    stretch = state.q[force.q] - force.free
-    return 0.5 * force.stiffness * stretch * stretch
+    """Energy of the stretch."""
+    return elastic_energy(force, state.q[force.q] - force.free, arrays)
 
 
 @kernel
 def power(force: JointSpringRecord, t: float, arrays: Arrays, state: State) -> float:
     """-c q'^2."""
     return -force.damping * state.v[force.v] * state.v[force.v]
-
-
-@kernel
-def apply_table(force: JointSpringRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`."""
-    f = table_force(force, state.q[force.q] - force.free, arrays)
-    state.Q[force.v] -= f + force.damping * state.v[force.v]
-
-
-@kernel
-def table_potential(force: JointSpringRecord, arrays: Arrays, state: State) -> float:
-    """The integral of the force, from no stretch on."""
-    return table_energy(force, state.q[force.q] - force.free, arrays)
 
 
 @cache
@@ -93,8 +79,7 @@ class JointSpring(ElasticForce):
     apply = apply
     potential = potential
     power = power
-    tabled = (apply_table, table_potential)
-    made = kernels_of
+    kernels_of_law = kernels_of
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write where it acts too."""

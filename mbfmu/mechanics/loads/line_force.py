@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import i8
 
 from .base import Force, PointPairRecord, Points, fill_points
-from .spring import connecting_line
+from .spring import connecting_line, pull_together
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -28,10 +27,9 @@ class LineForceRecord(PointPairRecord):
 def apply(force: LineForceRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`. Points that coincide have no line of action: there is no force."""
     A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, _ = connecting_line(force, A, B)
-    f = signal_value(force.signal, t, arrays) if length != 0.0 else 0.0 * length
-    add_force(A.F, ax, ay, az, -f * dx, -f * dy, -f * dz)
-    add_force(B.F, bx, by, bz, f * dx, f * dy, f * dz)
+    line = connecting_line(force, A, B)
+    _, _, _, length, _ = line
+    pull_together(A, B, line, -signal_value(force.signal, t, arrays) if length != 0.0 else 0.0 * length)
 
 
 @kernel

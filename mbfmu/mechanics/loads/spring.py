@@ -19,7 +19,7 @@ from mbfmu.mechanics.spatial import add_force, arm
 from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import PointPairRecord, Points, fill_points
-from .elastic import ElasticForce, ElasticRecord, table_energy, table_force
+from .elastic import ElasticForce, ElasticRecord, elastic_energy, elastic_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
@@ -51,23 +51,30 @@ def connecting_line(force: PointPairRecord, A: MotionRecord, B: MotionRecord) ->
 
 
 @kernel
-def apply(force: SpringRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
-    f = force.damping * rate
-    if length != 0.0:
-        f += force.stiffness * (length - force.free)
+def pull_together(A: MotionRecord, B: MotionRecord, line: Any, f: float) -> None:
+    """Let a force f pull two points together along the line that joins them; see :func:`connecting_line`."""
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), _, _ = line
     add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
     add_force(B.F, bx, by, bz, -f * dx, -f * dy, -f * dz)
 
 
 @kernel
+def apply(force: SpringRecord, t: float, arrays: Arrays, state: State) -> None:
+    """See :mod:`.base`."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    line = connecting_line(force, A, B)
+    _, _, _, length, rate = line
+    f = force.damping * rate
+    if length != 0.0:
+        f += elastic_force(force, length - force.free, arrays)
+    pull_together(A, B, line, f)
+
+
+@kernel
 def potential(force: SpringRecord, arrays: Arrays, state: State) -> float:
-    """k (l - l0)^2 / 2."""
+    """Energy of the stretch."""
     _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
-    stretch = length - force.free
-    return 0.5 * force.stiffness * stretch * stretch
+    return elastic_energy(force, length - force.free, arrays)
 
 
 @kernel
@@ -77,40 +84,21 @@ def power(force: SpringRecord, t: float, arrays: Arrays, state: State) -> float:
     return -force.damping * rate * rate
 
 
-@kernel
-def apply_table(force: SpringRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
-    f = force.damping * rate
-    if length != 0.0:
-        f += table_force(force, length - force.free, arrays)
-    add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
-    add_force(B.F, bx, by, bz, -f * dx, -f * dy, -f * dz)
-
-
-@kernel
-def table_potential(force: SpringRecord, arrays: Arrays, state: State) -> float:
-    """The integral of the force, from no stretch on."""
-    _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
-    return table_energy(force, length - force.free, arrays)
-
-
 @cache
 def kernels_of(f: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` of a spring whose force is a function."""
     at = law.at
 
-    def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+    def apply(force: SpringRecord, t: float, arrays: Arrays, state: State) -> None:
         A, B = state.bodies[force.a], state.bodies[force.b]
-        (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
+        line = connecting_line(force, A, B)
+        _, _, _, length, rate = line
         f_x = force.damping * rate
         if length != 0.0:
             f_x += at(f, t, length - force.free, rate)
-        add_force(A.F, ax, ay, az, f_x * dx, f_x * dy, f_x * dz)
-        add_force(B.F, bx, by, bz, -f_x * dx, -f_x * dy, -f_x * dz)
+        pull_together(A, B, line, f_x)
 
-    def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
+    def power(force: SpringRecord, t: float, arrays: Arrays, state: State) -> float:
         _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
         f_x = force.damping * rate
         if length != 0.0:
@@ -143,8 +131,7 @@ class Spring(ElasticForce):
     apply = apply
     potential = potential
     power = power
-    tabled = (apply_table, table_potential)
-    made = kernels_of
+    kernels_of_law = kernels_of
 
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)

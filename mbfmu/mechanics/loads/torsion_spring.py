@@ -22,7 +22,7 @@ from mbfmu.mechanics.spatial import angle_of, arm
 from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.compiled.record import Mat3, i8
 
-from .elastic import ElasticForce, ElasticRecord, table_energy, table_force
+from .elastic import ElasticForce, ElasticRecord, elastic_energy, elastic_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
@@ -73,14 +73,14 @@ def apply(force: TorsionSpringRecord, t: float, arrays: Arrays, state: State) ->
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     phi, rate, g = _twist(force, A, B)
-    apply_torque(A, B, force.stiffness * (phi - force.free) + force.damping * rate, g)
+    apply_torque(A, B, elastic_force(force, phi - force.free, arrays) + force.damping * rate, g)
 
 
 @kernel
 def potential(force: TorsionSpringRecord, arrays: Arrays, state: State) -> float:
-    """k (phi - phi0)^2 / 2."""
+    """Energy of the turn from phi0."""
     phi, _, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
-    return 0.5 * force.stiffness * (phi - force.free) * (phi - force.free)
+    return elastic_energy(force, phi - force.free, arrays)
 
 
 @kernel
@@ -88,21 +88,6 @@ def power(force: TorsionSpringRecord, t: float, arrays: Arrays, state: State) ->
     """-c phi'^2."""
     _, rate, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
     return -force.damping * rate * rate
-
-
-@kernel
-def apply_table(force: TorsionSpringRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
-    phi, rate, g = _twist(force, A, B)
-    apply_torque(A, B, table_force(force, phi - force.free, arrays) + force.damping * rate, g)
-
-
-@kernel
-def table_potential(force: TorsionSpringRecord, arrays: Arrays, state: State) -> float:
-    """The integral of the torque, from no turn on."""
-    phi, _, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
-    return table_energy(force, phi - force.free, arrays)
 
 
 @cache
@@ -148,8 +133,7 @@ class TorsionSpring(ElasticForce):
     apply = apply
     potential = potential
     power = power
-    tabled = (apply_table, table_potential)
-    made = kernels_of
+    kernels_of_law = kernels_of
 
     axis: Any = "z"
     rotation: Any = None
