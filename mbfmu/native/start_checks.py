@@ -9,6 +9,7 @@ import numpy as np
 
 from mbfmu.mechanics.arrays.closing import fill_frame_angles
 from mbfmu.mechanics.arrays.load_groups import find_misplaced_load
+from mbfmu.mechanics.loads.base import MAX_MISPLACEMENT
 from mbfmu.session.kernels.points import energy_at
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.assembly import ASSEMBLED, Outcome
@@ -79,7 +80,7 @@ def find_misplaced(instance: Any, t: float) -> int:
     energy_at(session, t, instance.q, instance.v)  # places the bodies
     arrays = session.data.arrays
     k, ratio = find_misplaced_load(arrays.loads, arrays, session.data.state)
-    if ratio <= 1.0:
+    if ratio <= MAX_MISPLACEMENT:
         return ASSEMBLED
     worst.row, worst.gap = k, ratio
     return MISPLACED

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics import MAX_ACCURATE_RATIO, MAX_VALID_RATIO, CompiledMechanism
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.system import Array
 
-ACCURATE, VALID = 1.0, 2.0  # limits of mbfmu.mechanics.limit_ratio
 Furthest = tuple[float, float, Array]
 
 
@@ -36,7 +35,7 @@ class ElementMonitor:
     def coarse(self) -> Diagnostic | None:
         """Warning about where, when and how far elements have been beyond what is accurate; None: they have not."""
         ratio, t, q = self.furthest
-        return Diagnostic.parse(self._describe(t, q), "warning", "coarse-mesh") if ratio > ACCURATE else None
+        return Diagnostic.parse(self._describe(t, q), "warning", "coarse-mesh") if ratio > MAX_ACCURATE_RATIO else None
 
     def update(self, t: float, q: Array) -> bool:
         """Note how far elements are at positions q (nq,); False where one is invalid."""
@@ -46,7 +45,8 @@ class ElementMonitor:
         """Note that elements are as far as ``ratio`` at positions q (nq,); False where one is invalid."""
         if not ratio <= self.furthest[0]:
             self.furthest = ratio, t, q
-        self.folded = Diagnostic.parse(self._describe(t, q), "error", "folded-cell") if not ratio <= VALID else None
+        valid = ratio <= MAX_VALID_RATIO
+        self.folded = None if valid else Diagnostic.parse(self._describe(t, q), "error", "folded-cell")
         return self.folded is None
 
     def _describe(self, t: float, q: Array) -> str:
@@ -65,7 +65,7 @@ class ElementMonitor:
     def state(self) -> list[Any]:
         """Return time and positions of what is worth a warning, for JSON; empty: there was none."""
         ratio, t, q = self.furthest
-        return [t, q.tolist()] if ratio > ACCURATE else []
+        return [t, q.tolist()] if ratio > MAX_ACCURATE_RATIO else []
 
     def restore(self, state: list[Any], t: float, q: Array) -> None:
         """Take up a :meth:`state` at the positions q (nq,) of time t."""

@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics import MAX_ACCURATE_RATIO, CompiledMechanism
 from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model
@@ -263,7 +263,7 @@ class EquilibriumProblem:
 
     def _describe_mesh(self, q: Array) -> tuple[Diagnostic, ...]:
         """Return a warning if elements are beyond the limits of their theory in a state."""
-        if self.compiled.limit_ratio(0.0, q) <= 1.0:
+        if self.compiled.limit_ratio(0.0, q) <= MAX_ACCURATE_RATIO:
             return ()
         return (Diagnostic.parse(self.compiled.describe_limit(0.0, q), "warning", "coarse-mesh"),)
 

@@ -109,7 +109,7 @@ class CompiledMechanism:
         """Renumber the constraint equations that are not trivially satisfied; return their names."""
         signals, before = self._compiled.signals, self.data.arrays.memory.copy()
         start, system, mechanism = start_positions(self.mechanism), self.system, self.mechanism
-        self.energy(0.0, start, np.zeros(system.n))  # places the bodies
+        self.place_bodies(0.0, start)
         measures = measure_rows(mechanism, self.data.state, system.row_size)
         units = [unit for handle in mechanism.constraints for unit in handle.units]
         slack, why = measures.allowed(mechanism.assembly_tolerance) / system.row_size, measures.axes
@@ -178,7 +178,7 @@ class CompiledMechanism:
         """Return the loads of every type with this hook, with the bodies at free positions q (nq,)."""
         found = list(load_groups(self.mechanism, self.data, self.kernel_data, hook))
         if found:
-            self.energy(t, q, np.zeros(self.system.n))  # places the bodies
+            self.place_bodies(t, q)
         return found
 
     def feedthrough(self) -> list[tuple[int, ...]]:
@@ -245,9 +245,13 @@ class CompiledMechanism:
         """Return the arrays with the kernels ``tangent`` of loads; a real state has none of them otherwise."""
         return self._compiled.tangent_arrays()
 
+    def place_bodies(self, t: float, q: Array) -> None:
+        """Place the bodies in ``data.state`` where they are at rest at free positions q (nq,)."""
+        self.energy(t, q, np.zeros(self.system.n))
+
     def poses(self, t: float, q: Array) -> tuple[Array, Array]:
         """Return origins (bodies, 3), m, and axes as columns (bodies, 3, 3), global, of all bodies, ground first."""
-        self.energy(t, q, np.zeros(self.system.n))  # places them
+        self.place_bodies(t, q)
         bodies = self.data.state.bodies
         return bodies["r"].copy(), bodies["A"].copy()
 
@@ -311,7 +315,7 @@ class CompiledMechanism:
         """Return a warning about every force between points that has no direction at free positions q (nq,)."""
         if not any(isinstance(acting.load, BETWEEN_POINTS) for acting in self.mechanism.loads()):
             return []
-        self.energy(t, q, np.zeros(self.system.n))  # places the bodies
+        self.place_bodies(t, q)
         return find_coincident(self.mechanism, self.data.state.bodies, self.length)
 
     @cached_property
@@ -328,7 +332,7 @@ class CompiledMechanism:
         """
         if not len(self.monitored):
             return 0.0
-        self.energy(t, q, np.zeros(self.system.n))  # places the bodies
+        self.place_bodies(t, q)
         return float(largest_ratio(self.monitored, *self.kernel_data))
 
     def describe_limit(self, t: float, q: Array, when: str = "") -> str:

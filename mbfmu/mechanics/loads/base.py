@@ -14,7 +14,7 @@ Its kernels:
     monitor(load, arrays, state)             returns how far it is from the limits of its theory, see
                                              :func:`limit_ratio`; None: it does not say
     misplacement(load, arrays, state)        returns how far its bodies are from where it requires them at the start:
-                                             more than 1 is refused; None: it requires nothing
+                                             more than MAX_MISPLACEMENT is refused; None: it requires nothing
 
 A load without ``tangent`` is differentiated by complex steps, so ``apply`` is analytic in every real
 number it reads. A load whose tangent is negligible has ``zero_tangent``. A load that a scene does not call for has no
@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from solvers.compiled.record import Reals
 
 Points = tuple[Any, ...]
+MAX_ACCURATE_RATIO, MAX_VALID_RATIO = 1.0, 2.0  # of a ``monitor``: beyond these results are inaccurate, meaningless
+MAX_MISPLACEMENT = 1.0  # of a ``misplacement``: beyond it the mechanism is refused
 FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 
 
@@ -54,10 +56,12 @@ def zero_tangent(load: Any, c1: float, arrays: Arrays, state: State, perturbed: 
 
 @inlined
 def limit_ratio(value: float, accurate: float, valid: float) -> float:
-    """What a ``monitor`` returns of a measure: up to 1 results are accurate, up to 2 they mean something, beyond they
-    mean nothing; ``accurate`` and ``valid`` are the largest values with these properties.
+    """What a ``monitor`` returns of a measure: MAX_ACCURATE_RATIO at ``accurate``, its largest value with accurate
+    results, and MAX_VALID_RATIO at ``valid``, beyond which results mean nothing.
     """
-    return value / accurate if value <= accurate else 1.0 + (value - accurate) / (valid - accurate)
+    if value <= accurate:
+        return value / accurate * MAX_ACCURATE_RATIO
+    return MAX_ACCURATE_RATIO + (value - accurate) / (valid - accurate) * (MAX_VALID_RATIO - MAX_ACCURATE_RATIO)
 
 
 @kernel
