@@ -37,26 +37,22 @@ class ElementMonitor:
         ratio, t, q = self.furthest
         return Diagnostic.parse(self._describe(t, q), "warning", "coarse-mesh") if ratio > MAX_ACCURATE_RATIO else None
 
-    def update(self, t: float, q: Array) -> bool:
-        """Note how far elements are at positions q (nq,); False where one is invalid."""
-        return self.note(self._compiled_mechanism.limit_ratio(t, q), t, q)
-
-    def note(self, ratio: float, t: float, q: Array) -> bool:
-        """Note that elements are as far as ``ratio`` at positions q (nq,); False where one is invalid."""
+    def note(self, ratio: float, t: float, q: Array) -> None:
+        """Note that elements are as far as ``ratio`` at positions q (nq,) of time t, s."""
         if not ratio <= self.furthest[0]:
             self.furthest = ratio, t, q
-        valid = ratio <= MAX_VALID_RATIO
-        self.folded = None if valid else Diagnostic.parse(self._describe(t, q), "error", "folded-cell")
-        return self.folded is None
+        is_valid = ratio <= MAX_VALID_RATIO
+        self.folded = None if is_valid else Diagnostic.parse(self._describe(t, q), "error", "folded-cell")
 
     def _describe(self, t: float, q: Array) -> str:
         return self._compiled_mechanism.describe_limit(t, q, f" at t = {t:.9g} s")
 
-    def unfolded(self, times: Array, q: Array) -> int:
-        """Return how many of the positions q (k, nq) at ``times`` come before the first with an invalid element."""
+    def note_samples(self, ratios: Array, times: Array, q: Array) -> None:
+        """:meth:`note` k ratios (k,) at positions q (k, nq), the last of which may be invalid."""
         if not len(self._compiled_mechanism.monitored):
-            return len(q)
-        return next((i for i in range(len(q)) if not self.update(float(times[i]), q[i])), len(q))
+            return
+        for ratio, t, there in zip(ratios.tolist(), times.tolist(), q, strict=True):
+            self.note(ratio, t, there)
 
     def rewind(self, furthest: Furthest) -> None:
         """Forget what came after ``furthest``."""
@@ -71,4 +67,4 @@ class ElementMonitor:
         """Take up a :meth:`state` at the positions q (nq,) of time t."""
         then, there = (state[0], np.array(state[1])) if state else (t, q)
         self.furthest = self._compiled_mechanism.limit_ratio(then, there), then, there
-        self.update(t, q)
+        self.note(self._compiled_mechanism.limit_ratio(t, q), t, q)

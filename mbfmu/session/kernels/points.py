@@ -20,9 +20,10 @@ from mbfmu.mechanics.arrays.points import (
     set_input,
     start_motions,
 )
+from mbfmu.mechanics.loads.base import MAX_VALID_RATIO
 from mbfmu.mechanics.recursions.dynamics import energy, observe
 from solvers.balance import BALANCE, BALANCE_OK, check_energy_balance, energy_floor
-from solvers.compiled.kernel import kernel, records
+from solvers.compiled.kernel import inlined, kernel, records
 from solvers.compiled.record import Record, f8, i8
 from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
 from solvers.outcome import OK
@@ -78,7 +79,7 @@ def energy_at(session: Session, t: float, q: Reals, v: Reals) -> float:
 
 
 @kernel
-def note_limits(session: Any) -> None:
+def note_limits(session: Session) -> None:
     """Note how far elements are from their limits where the bodies are."""
     if session.monitored.shape[0] > 0:
         session.status[0].limit_ratio = largest_ratio(session.monitored, session.data.arrays, session.data.state)
@@ -180,7 +181,7 @@ def start_support_motions(session: Session) -> None:
 
 
 @kernel
-def check_energy(session: Session, t: float, now: float, account: Any) -> float:
+def check_energy(session: Session, t: float, now: float, account: Reals) -> float:
     """Check the energy balance of a state at t (s) of energy ``now`` (J); return the energy error, J.
 
     ``account`` (ACCOUNT_SIZE,) is the energy account of the state. The first violation is noted.
@@ -198,14 +199,7 @@ def check_energy(session: Session, t: float, now: float, account: Any) -> float:
 
 
 @kernel
-def check_energies(session: Any, times: Reals, energies: Reals, accounts: Any, energy_errors: Reals) -> None:
-    """:func:`check_energy` of k states one after the other; put the energy errors into ``energy_errors`` (k,), J."""
-    for i in range(times.shape[0]):
-        energy_errors[i] = check_energy(session, times[i], energies[i], accounts[i])
-
-
-@kernel
-def check_point(session: Any, t: float, q: Reals, v: Reals, account: Any) -> None:
+def check_point(session: Session, t: float, q: Reals, v: Reals, account: Reals) -> None:
     """Check the energy balance of the state reached, and note how far elements are from their limits there."""
     if session.balance[0].is_checked == 1:
         check_energy(session, t, energy_at(session, t, q, v), account)
@@ -214,16 +208,45 @@ def check_point(session: Any, t: float, q: Reals, v: Reals, account: Any) -> Non
         note_limits(session)
 
 
-@kernel
-def read_outputs(
-    session: Session, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, account: Any, out: Reals
-) -> None:
-    """Put the outputs at the solution (q, v, a, lam) into ``out``, and in place of the energies that they end in the
-    energy error and the exchanged energy, J; nan if the energy balance is not checked.
+@inlined
+def fill_energies(session: Session, t: float, account: Reals, out: Reals) -> None:
+    """Put the energy error and the exchanged energy, J, in place of the energies that the outputs ``out`` end in; nan
+    if the energy balance is not checked.
     """
-    observe(t, q, v, a, lam, session.data, out)
     last = out.shape[0] - 1
     if session.balance[0].is_checked == 1:
         out[last - 1], out[last] = check_energy(session, t, out[last - 1], account), account[EXCHANGED_ENERGY]
     else:
         out[last - 1], out[last] = np.nan, np.nan
+
+
+@kernel
+def check_samples(
+    session: Session, times: Reals, q: Reals, v: Reals, accounts: Reals, ratios: Reals, out: Reals
+) -> int:
+    """:func:`check_point` and the end of :func:`read_outputs` at k points that a solver has passed in one call.
+
+    ``out`` (k, outputs) contains the outputs; ``ratios`` (k,) receives how far elements are from their limits. Return
+    the number of points before the first at which an element is invalid.
+    """
+    count: int = times.shape[0]
+    for i in range(count):
+        if session.monitored.shape[0] > 0:
+            energy_at(session, times[i], q[i], v[i])  # places the bodies
+            note_limits(session)
+        ratios[i] = session.status[0].limit_ratio
+        if not ratios[i] <= MAX_VALID_RATIO:
+            return i
+        fill_energies(session, times[i], accounts[i], out[i])
+    return count
+
+
+@kernel
+def read_outputs(
+    session: Session, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, account: Reals, out: Reals
+) -> None:
+    """Put the outputs at the solution (q, v, a, lam) into ``out``, and in place of the energies that they end in the
+    energy error and the exchanged energy, J; nan if the energy balance is not checked.
+    """
+    observe(t, q, v, a, lam, session.data, out)
+    fill_energies(session, t, account, out)
