@@ -40,7 +40,7 @@ def elastic_force(force: ElasticRecord, stretch: float, arrays: Arrays) -> float
     if force.count == 0:
         return force.stiffness * stretch
     f, _, _, _ = curve(arrays.numbers, force.first, force.count, stretch)
-    return f  # type: ignore[no-any-return]
+    return f
 
 
 @kernel
@@ -50,7 +50,7 @@ def elastic_energy(force: ElasticRecord, stretch: float, arrays: Arrays) -> floa
         return 0.5 * force.stiffness * stretch * stretch
     _, _, _, stored = curve(arrays.numbers, force.first, force.count, stretch)
     _, _, _, unloaded = curve(arrays.numbers, force.first, force.count, 0.0 * stretch)
-    return stored - unloaded  # type: ignore[no-any-return]
+    return stored - unloaded
 
 
 @cache

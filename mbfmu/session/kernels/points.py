@@ -29,7 +29,8 @@ from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
 from solvers.outcome import OK
 
 if TYPE_CHECKING:
-    from solvers.compiled.record import Reals
+    from mbfmu.mechanics.records import ItemRecord
+    from solvers.compiled.record import Reals, Table
 
 
 class RunStatusRecord(Record):
@@ -59,10 +60,10 @@ class Session(NamedTuple):
     inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords
     balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
     status: NDArray[Any]  # (1,) RUN_STATUS
-    monitored: NDArray[Any]  # mbfmu.mechanics.records.ItemRecord, loads that have limits of their theory
+    monitored: Table[ItemRecord]  # mbfmu.mechanics.records.ItemRecord, loads that have limits of their theory
 
     @staticmethod
-    def allocate(data: Any, inputs: InputRecords, monitored: NDArray[Any]) -> Session:
+    def allocate(data: Any, inputs: InputRecords, monitored: Table[ItemRecord]) -> Session:
         """Return a session that has not begun."""
         return Session(data, inputs, records(1, BALANCE), records(1, RUN_STATUS), monitored)
 
