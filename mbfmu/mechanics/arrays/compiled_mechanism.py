@@ -28,10 +28,11 @@ from .assembly import Assembly, start_positions
 from .behind import SignalDependence
 from .bounds import check_bounds
 from .coincident import find_coincident
-from .compile import Compiled, Numbering, Variable, check_rows
+from .compile import CompiledElements, check_rows
 from .given import Courses
 from .inputs import Drives, Inputs
 from .load_groups import LoadGroup, largest_ratio, load_groups
+from .numbering import Numbering, Variable
 from .redundant import Course, drive_courses
 from .rounded import describe_omitted, measure_rows
 from .rounding import Rounding
@@ -78,19 +79,19 @@ class CompiledMechanism:
         self.mechanism = mechanism
         numbering = Numbering(mechanism, courses)
         try:
-            self._compiled = compiled = Compiled(mechanism, numbering)
+            self._elements = elements = CompiledElements(mechanism, numbering)
         except MemoryError as error:
             count = len(mechanism.bodies)
             raise UserError(
                 f"a mechanism of {count} bodies needs more memory than is available; use fewer bodies"
             ) from error
-        self.data = compiled.data
-        check_bounds(mechanism, compiled.called(), self.data)
+        self.data = elements.data
+        check_bounds(mechanism, elements.called(), self.data)
         self.length = characteristic_length(mechanism, self.data.arrays)
-        self.drives = Drives(mechanism, numbering, compiled.signals, self.length)
-        polynomials = compiled.table(Input)
-        self.inputs = Inputs(numbering, self.data.arrays, compiled.signals, polynomials, self.drives)
-        self._systems = Systems(mechanism, numbering, compiled, self.drives, self.length)
+        self.drives = Drives(mechanism, numbering, elements.signals, self.length)
+        polynomials = elements.table(Input)
+        self.inputs = Inputs(numbering, self.data.arrays, elements.signals, polynomials, self.drives)
+        self._systems = Systems(mechanism, numbering, elements, self.drives, self.length)
         self.data.arrays.residual_scale[:] = self.length / self._systems.row_size
         names = row_names(mechanism.constraints)
         self.vanishing_rows: list[str] = []
@@ -107,7 +108,7 @@ class CompiledMechanism:
 
     def _drop_vanishing_rows(self, names: list[str]) -> list[str]:
         """Renumber the constraint equations that are not trivially satisfied; return their names."""
-        signals, before = self._compiled.signals, self.data.arrays.memory.copy()
+        signals, before = self._elements.signals, self.data.arrays.memory.copy()
         start, system, mechanism = start_positions(self.mechanism), self.system, self.mechanism
         self.place_bodies(0.0, start)
         measures = measure_rows(mechanism, self.data.state, system.row_size)
@@ -129,7 +130,7 @@ class CompiledMechanism:
         return [*dropped, *first_of(self.corrections, "groups of loops are corrected")]
 
     def _courses(self) -> list[Course]:
-        return drive_courses(self.drives, self.inputs, self._compiled.signals)
+        return drive_courses(self.drives, self.inputs, self._elements.signals)
 
     def assemble(self, t: float = 0.0) -> tuple[Array, Array]:
         """Close the loops from the given start; return consistent positions (nq,) and velocities (n,).
@@ -183,7 +184,7 @@ class CompiledMechanism:
 
     def feedthrough(self) -> list[tuple[int, ...]]:
         """Return for every output the numbers of the inputs with direct feedthrough."""
-        behind = SignalDependence(self.mechanism, self._compiled)
+        behind = SignalDependence(self.mechanism, self._elements)
         return [
             tuple(k for k in range(len(self.inputs)) if self.inputs.changes(k, sensor.follows, behind.signals(sensor)))
             for _, sensor, *_ in self.mechanism.outputs
@@ -209,12 +210,12 @@ class CompiledMechanism:
 
     def records(self, kind: type[ElementType]) -> NDArray[Any]:
         """Return the records of a type of joint, cut joint, load, signal or sensor, in the order of their addition."""
-        return self._compiled.table(kind)
+        return self._elements.table(kind)
 
     @property
     def tables(self) -> list[NDArray[Any]]:
         """The records of all element types in the order of ``data.arrays.memory``."""
-        return self._compiled.tables
+        return self._elements.tables
 
     @property
     def kernel_data(self) -> Any:
@@ -223,15 +224,15 @@ class CompiledMechanism:
 
     def called(self) -> list[CalledKernel | None]:
         """Return the kernels of element types whose addresses are in the arrays of this compiled mechanism."""
-        return self._compiled.called()
+        return self._elements.called()
 
     def signals(self, data: Data) -> list[InUse]:
         """Return every signal as it is in data of this compiled mechanism: its own, or those of a complex system."""
-        return self._compiled.signals_in(data)
+        return self._elements.signals_in(data)
 
     def magnitudes(self) -> dict[str, InUse]:
         """Return the signals of the loads, by what each is in messages."""
-        return {what: self._compiled.signals[k] for what, k in self._compiled.magnitudes.items()}
+        return {what: self._elements.signals[k] for what, k in self._elements.magnitudes.items()}
 
     def complex_system(self) -> System:
         """Return the system as it is now on complex numbers, for derivatives by complex step."""
@@ -243,7 +244,7 @@ class CompiledMechanism:
 
     def tangent_arrays(self) -> Arrays:
         """Return the arrays with the kernels ``tangent`` of loads; a real state has none of them otherwise."""
-        return self._compiled.tangent_arrays()
+        return self._elements.tangent_arrays()
 
     def place_bodies(self, t: float, q: Array) -> None:
         """Place the bodies in ``data.state`` where they are at rest at free positions q (nq,)."""

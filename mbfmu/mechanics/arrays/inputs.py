@@ -15,7 +15,7 @@ from mbfmu.mechanics.signals import InUse, SpeedInput, Step
 from solvers.compiled.tuple_pointer import pin
 from solvers.system import Array
 
-from .compile import GRAVITY_SIGNAL, Numbering
+from .numbering import GRAVITY_SIGNAL, Numbering
 from .points import (
     EXTRAPOLATED_LOAD,
     GRAVITY_LOAD,
