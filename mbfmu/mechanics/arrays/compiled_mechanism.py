@@ -25,19 +25,19 @@ from solvers.compiled.tuple_pointer import unpin
 from solvers.system import Array, System
 
 from .assembly import Assembly, start_positions
-from .behind import SignalDependence
 from .bounds import check_bounds
 from .coincident import find_coincident
 from .compile import CompiledElements, check_rows
-from .given import Courses
+from .given_inputs import GivenInputs
 from .inputs import Drives, Inputs
 from .load_groups import LoadGroup, largest_ratio, load_groups
 from .numbering import Numbering, Variable
-from .redundant import Course, drive_courses
+from .redundant import DriveMotion, drive_motions
 from .rounded import describe_omitted, measure_rows
 from .rounding import Rounding
 from .rows import VANISHING_TOLERANCE, find_vanishing_rows, first_of, row_names
 from .scale import characteristic_length
+from .signal_dependence import SignalDependence
 from .systems import Systems
 from .tables import CalledKernel
 
@@ -49,7 +49,7 @@ class CompiledMechanism:
     ----------
     mechanism
         Complete mechanism.
-    courses
+    given_inputs
         Inputs given for the whole run; these are not inputs of the compiled mechanism.
 
     Attributes
@@ -72,12 +72,12 @@ class CompiledMechanism:
         Warnings about loops whose joints are shifted and turned so that redundant equations close.
     """
 
-    def __init__(self, mechanism: Mechanism, courses: Courses | None = None) -> None:
+    def __init__(self, mechanism: Mechanism, given_inputs: GivenInputs | None = None) -> None:
         if len(mechanism.bodies) == 1:
             raise UserError("the mechanism has no bodies; add at least one with Mechanism.body")
         mechanism.compiled = True
         self.mechanism = mechanism
-        numbering = Numbering(mechanism, courses)
+        numbering = Numbering(mechanism, given_inputs)
         try:
             self._elements = elements = CompiledElements(mechanism, numbering)
         except MemoryError as error:
@@ -100,7 +100,7 @@ class CompiledMechanism:
         if names:
             self.vanishing_rows = self._drop_vanishing_rows(names)
             self.system = self._systems.make([n for n in names if n not in self.vanishing_rows])
-        self._rounding = Rounding(mechanism, self.data, self.system, self._systems.row_size, self._courses())
+        self._rounding = Rounding(mechanism, self.data, self.system, self._systems.row_size, self._drive_motions())
         self.corrections = self._rounding.correct()
         self.assembly = Assembly(mechanism, self.system, self.data, self.vanishing_rows)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
@@ -129,8 +129,8 @@ class CompiledMechanism:
         dropped = first_of([*self.rounded_rows.values()], "constraints are left out")
         return [*dropped, *first_of(self.corrections, "groups of loops are corrected")]
 
-    def _courses(self) -> list[Course]:
-        return drive_courses(self.drives, self.inputs, self._elements.signals)
+    def _drive_motions(self) -> list[DriveMotion]:
+        return drive_motions(self.drives, self.inputs, self._elements.signals)
 
     def assemble(self, t: float = 0.0) -> tuple[Array, Array]:
         """Close the loops from the given start; return consistent positions (nq,) and velocities (n,).

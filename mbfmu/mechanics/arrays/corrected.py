@@ -215,7 +215,7 @@ def _close(
         found: list[Position] = []
         gaps, slopes = [], []
         for old in positions:
-            at = search.position_at(old.q, part.rows, part.coordinates, part.rank, old.course, old.step)
+            at = search.position_at(old.q, part.rows, part.coordinates, part.rank, old.drive_motion, old.step)
             if at is not None:
                 U = linalg.svd(at.J)[0][:, part.rank :] * near_singular(at, positions[0])
                 gaps.append(U.T @ at.gaps)

@@ -17,7 +17,7 @@ from mbfmu.mechanics.signals.followed import Followed
 from mbfmu.util.errors import UserError
 from solvers.compiled.record_view import round_up
 
-from .given import Courses
+from .given_inputs import GivenInputs
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class Slot:
 class Numbering:
     """Offsets of every joint in the full and the free coordinates; signals in the order they are met."""
 
-    def __init__(self, mechanism: Mechanism, courses: Courses | None = None) -> None:
-        self._courses = courses
+    def __init__(self, mechanism: Mechanism, given_inputs: GivenInputs | None = None) -> None:
+        self._given_inputs = given_inputs
         self.signals: list[Signal] = []
         self.parts: list[ElementType] = []
         self.scratch_places: list[tuple[np.dtype[Any], int]] = []
@@ -63,8 +63,8 @@ class Numbering:
         self.nq_full = self.nv_full = self.nq = self.nv = 0
         for axis, gravity in mechanism.gravity_inputs.items():
             ((name, unit, description, start),) = gravity.variables()
-            if courses:
-                courses.hold(name, "gravity is no signal of a mechanism")
+            if given_inputs:
+                given_inputs.hold(name, "gravity is no signal of a mechanism")
             self._slot(Variable(name, unit, description, start), GRAVITY_SIGNAL, axis)
         for body in mechanism.bodies:
             self._count(body)
@@ -107,8 +107,8 @@ class Numbering:
 
     def _given(self, signal: Signal, what: str, *, drive: bool = False) -> Signal:
         """Return what a signal is given by for the whole run, if it is an input that is, else itself."""
-        if self._courses is not None and isinstance(signal, Input | SpeedInput):
-            signal = self._courses.replace(signal, drive=drive)
+        if self._given_inputs is not None and isinstance(signal, Input | SpeedInput):
+            signal = self._given_inputs.replace(signal, drive=drive)
         check_element_type(what, signal, Signal)
         return signal
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.arrays.load_groups import largest_ratio
-from mbfmu.mechanics.arrays.points import (
+from mbfmu.mechanics.arrays.input_kernels import (
     GRAVITY_LOAD,
     InputRecords,
     begin_inputs,
@@ -20,6 +19,7 @@ from mbfmu.mechanics.arrays.points import (
     set_input,
     start_motions,
 )
+from mbfmu.mechanics.arrays.load_groups import largest_ratio
 from mbfmu.mechanics.loads.base import MAX_VALID_RATIO
 from mbfmu.mechanics.recursions.dynamics import energy, observe
 from solvers.balance import BALANCE, BALANCE_OK, check_energy_balance, energy_floor
@@ -57,7 +57,7 @@ class Session(NamedTuple):
     """The state of a run besides its solver."""
 
     data: Any  # mbfmu.mechanics.records.Data, pinned
-    inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords
+    inputs: Any  # mbfmu.mechanics.arrays.input_kernels.InputRecords
     balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
     status: NDArray[Any]  # (1,) RUN_STATUS
     monitored: Table[ItemRecord]  # mbfmu.mechanics.records.ItemRecord, loads that have limits of their theory
@@ -152,7 +152,7 @@ def account_parameters(session: Session, t: float, q: Reals, v: Reals) -> None:
 
 @kernel
 def plan_step(session: Session, t: float, end: float) -> int:
-    """Plan a step from t to ``end``, s; return what :func:`mbfmu.mechanics.arrays.points.begin_support_motions` finds.
+    """Plan a step from t to ``end``, s; return what :func:`.input_kernels.begin_support_motions` finds.
 
     A step of length zero changes nothing.
     """
