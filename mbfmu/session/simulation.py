@@ -184,7 +184,7 @@ class Simulation(Diagnosed):
             found += self.compiled.assembly.changes(q, v, settings.tolerance)
         found += describe_loose(self.compiled, settings.tolerance)
         found += describe_coarse(self.compiled, settings.tolerance, self.stepper.freedom)
-        found += [*limited, *start_warnings, *self.compiled.coincident(t, q)]
+        found += [*limited, *start_warnings, *self.compiled.coincident(t, q), *self.compiled.describe_assumed_length()]
         known = {diagnostic.code for diagnostic in found}
         return [*found, *(note for note in self.compiled.assembly.notes(t, q) if note.code not in known)]
 

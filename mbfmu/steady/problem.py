@@ -243,6 +243,7 @@ class EquilibriumProblem:
             diagnostics=(
                 *self._notes(),
                 *self.compiled.coincident(0.0, solution.q),
+                *self.compiled.describe_assumed_length(),
                 *([describe_period(self.compiled)] if periodic else ()),
                 *self._describe_mesh(solution.q),
             ),

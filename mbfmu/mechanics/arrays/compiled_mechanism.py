@@ -24,7 +24,7 @@ from solvers.compiled.record import Table
 from solvers.compiled.tuple_pointer import unpin
 from solvers.system import Array, System
 
-from .assembly import Assembly, start_positions
+from .assembly import Assembly, free_bodies, start_positions
 from .bounds import check_bounds
 from .coincident import find_coincident
 from .compile import CompiledElements, check_rows
@@ -36,7 +36,7 @@ from .redundant import DriveMotion, drive_motions
 from .rounded import describe_omitted, measure_rows
 from .rounding import Rounding
 from .rows import VANISHING_TOLERANCE, find_vanishing_rows, first_of, row_names
-from .scale import characteristic_length
+from .scale import characteristic_length, describe_assumed_length
 from .signal_dependence import SignalDependence
 from .systems import Systems
 from .tables import CalledKernel
@@ -318,6 +318,10 @@ class CompiledMechanism:
             return []
         self.place_bodies(t, q)
         return find_coincident(self.mechanism, self.data.state.bodies, self.length)
+
+    def describe_assumed_length(self) -> list[Diagnostic]:
+        """Return a note if displacements are measured by a length that the mechanism does not have."""
+        return describe_assumed_length(self.mechanism, self.data.arrays, free_bodies(self.mechanism))
 
     @cached_property
     def monitored(self) -> Table[ItemRecord]:
