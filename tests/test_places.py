@@ -15,7 +15,7 @@ from mbfmu.fmi import export
 from mbfmu.mechanics import Force, Mechanism, Revolute, Spring, rod
 from mbfmu.modeling.registry import load
 from mbfmu.modeling.settings import Settings
-from mbfmu.viewer.picture import draw
+from mbfmu.viewer.drawing import draw
 from solvers.compiled.kernel import COMPILED
 
 FILE = """

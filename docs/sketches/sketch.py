@@ -19,9 +19,9 @@ from mbfmu.mechanics import Body, Floating, Joint, Mechanism
 from mbfmu.mechanics.axes import along
 from mbfmu.mechanics.kind import kernel_of, record_of
 from mbfmu.mechanics.records import RelativeMotionRecord
+from mbfmu.viewer.drawing import draw
 from mbfmu.viewer.images import DPI, Artist, Shot
 from mbfmu.viewer.motion import Motion
-from mbfmu.viewer.picture import draw
 
 Array = NDArray[np.float64]
 Vector = Sequence[float]

@@ -11,9 +11,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from mbfmu.plotting.figures import finish, panels
 
+from .drawing import PALETTE
+from .drawing import draw as picture_of
 from .motion import amplitudes
-from .picture import PALETTE
-from .picture import draw as picture_of
 
 if TYPE_CHECKING:
     from mbfmu.mechanics import CompiledMechanism
