@@ -153,7 +153,7 @@ class Model:
         return {}
 
     def terminals(self) -> Mapping[str, Sequence[str]]:
-        """Return the terminals of FMI 3: names of inputs and outputs along one joint coordinate, by the name of the
+        """Return the terminals of the FMU: names of inputs and outputs along one joint coordinate, by the name of the
         terminal. Their units identify them: position (rad, m), rate (rad/s, m/s), torque (N.m) or force (N) on it.
         """
         return {}
