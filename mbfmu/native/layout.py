@@ -11,17 +11,18 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from mbfmu.mechanics import MAX_VALID_RATIO
 from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import Role, Type
 from mbfmu.session import run_messages
-from mbfmu.session.kernels.points import RUN_STATUS, VALID_RATIO
+from mbfmu.session.kernels.points import RUN_STATUS
 from mbfmu.session.tolerances import COARSE_TOLERANCE
 from mbfmu.sheets.elements.bending import ADVICE, MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE
 from mbfmu.util.diagnostics import Diagnostic
-from solvers.assembly import WORST, Outcome
 from solvers.balance import PASSAGE_INACCURATE
 from solvers.compiled.kernel import types
+from solvers.loop_closure import WORST, Outcome
 from solvers.options import OPTIONS
 from solvers.outcome import Code
 from solvers.steppers.compiled_loop import LIMITED_TOLERANCE
@@ -160,7 +161,7 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     lines += [f"#define MAGIC INT64_C({FILE_MAGIC})", f"#define LENGTH ({LENGTH_VARIABLE})"]
     limits = {"MAX_ACCURATE_ANGLE": MAX_ACCURATE_ANGLE, "MAX_VALID_ANGLE": MAX_VALID_ANGLE}  # of shipped elements
     lines += [f"#define {name} {float(np.degrees(angle))!r} /* degrees */" for name, angle in limits.items()]
-    lines += [f"#define VALID_RATIO {VALID_RATIO!r}", f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}"]
+    lines += [f"#define MAX_VALID_RATIO {MAX_VALID_RATIO!r}", f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}"]
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]
     lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(shipped_kernels())}", ""]

@@ -14,6 +14,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.dispatch import load_misplacement, load_monitor
 from mbfmu.mechanics.kind import kernel_of, record_of
 from mbfmu.mechanics.loads import Load
+from mbfmu.mechanics.loads.base import MAX_MISPLACEMENT
 from mbfmu.mechanics.records import Data
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel, records
@@ -79,7 +80,7 @@ class LoadGroup:
         """Raise UserError if bodies of a load are farther from the places that it requires than is allowed."""
         loads: Any = self.data.arrays.loads
         k, ratio = find_misplaced_load(loads[self.numbers], *self.kernel_data)
-        if not ratio <= 1.0:
+        if not ratio <= MAX_MISPLACEMENT:
             raise UserError(str(MISPLACED_LOAD).format(name=self.acting[k].place, gap=ratio))
 
     def ask(self, hook: str, *arguments: Any) -> Any:

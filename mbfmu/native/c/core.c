@@ -213,7 +213,7 @@ static Outcome go(Instance *own, double t, double length)
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
     }
-    if (!(status->limit_ratio <= VALID_RATIO)) {
+    if (!(status->limit_ratio <= MAX_VALID_RATIO)) {
         describe_bend(own, "a cell is folded", ". " UNFOLD " [folded-cell]", text);
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
