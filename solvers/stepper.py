@@ -238,6 +238,13 @@ class Stepper(ABC):
         return self._v.copy()
 
     @property
+    def reported(self) -> tuple[Array, Array, Array]:
+        """The arrays of the reported positions, velocities and energy account, which the next step may change or
+        replace.
+        """
+        return self._q, self._v, self._energy_account
+
+    @property
     def freedom(self) -> int:
         """Largest number of degrees of freedom; zero if drives prescribe the motion."""
         return len(self._v)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -577,6 +579,53 @@ def test_an_fmu_with_an_installed_solver_runs(packages: Path) -> None:
         fmu.step(0.1)
         found = fmu["crank.angle"]
     assert found == pytest.approx(mb.simulate(FourBar(), 0.1, interval=0.1)["crank.angle"][-1], abs=1e-5)
+
+
+def test_an_fmu_whose_solver_is_not_installed_says_so_without_logging(packages: Path) -> None:
+    path = mb.export(FourBar(), packages / "crank.fmu", mb.Settings(solver="installed-rk4"))
+    script = "import fmpy, sys; fmpy.simulate_fmu(sys.argv[1], stop_time=0.1, debug_logging=False)"
+    done = subprocess.run([sys.executable, "-c", script, str(path)], capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "solver is 'installed-rk4'; allowed:" in done.stderr
+
+
+SAVES = """
+import sys
+import numpy as np
+import mbfmu as mb
+from mbfmu.session.simulation import Simulation
+from solvers import OneStepSolver
+SCALE = {scale}
+class Euler(OneStepSolver):
+    order = 1
+    weights = np.array([{weight}])
+    def step(self, f, t, y, h):
+        return y + h * SCALE * self.weights[0] * f(t, y), np.zeros(len(y))
+m = mb.Mechanism()
+m.body("arm", m.ground, mb.Revolute(start=0.3), **mb.rod(mass=1.0, length=1.0))
+run = Simulation(m, mb.Settings(solver=Euler, tolerance=1e-3))
+if sys.argv[1] == "save":
+    run.advance(0.01)
+    open("state", "wb").write(run.save())
+else:
+    run.restore(open("state", "rb").read())
+"""
+
+
+def test_a_state_belongs_to_the_class_that_saved_it(tmp_path: Path) -> None:
+    """In another process; classes of the same name differ in a number of theirs, or of their module."""
+
+    def end(what: str, scale: float = 1.0, weight: float = 1.0) -> tuple[int, str]:
+        (tmp_path / "steps.py").write_text(SAVES.format(scale=scale, weight=weight))
+        command = [sys.executable, "steps.py", what]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        return done.returncode, done.stderr
+
+    assert end("save")[0] == end("restore")[0] == 0
+    for other in ({"scale": 0.5}, {"weight": 0.5}):
+        code, text = end("restore", **other)
+        assert code == 1
+        assert "a saved state belongs to another model" in text
 
 
 @pytest.mark.parametrize(

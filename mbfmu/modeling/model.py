@@ -22,14 +22,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.arrays.given import Courses
-from mbfmu.util.errors import UserError, require_arguments, suggest
+from mbfmu.util.errors import RENAMED, UserError, missing_attribute, require_arguments, suggest
 
 from .parameters import Parameter, check, declared, read_text
 
@@ -104,6 +104,13 @@ class Model:
         """Check every parameter; raises UserError naming it, its value and what is allowed."""
         for p in self.parameters():
             object.__setattr__(self, p.name, check(self.name, p, getattr(self, p.name)))
+
+    if not TYPE_CHECKING:  # static checkers shall find misspelled names
+
+        def __getattr__(self, name: str) -> Any:
+            if name in RENAMED:
+                raise missing_attribute("a Model", name)
+            return object.__getattribute__(self, name)  # raises the error of Python or of a property of a model
 
     def build(self) -> Mechanism:
         """Return the mechanism for these parameters."""

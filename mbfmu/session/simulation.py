@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import asdict, replace
-from math import isnan, nan
+from math import isnan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,20 +23,19 @@ from mbfmu.util.errors import UserError
 from solvers import Options, Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.compiled.tuple_pointer import pin
-from solvers.energy_account import EXCHANGED_ENERGY
 from solvers.outcome import OK
-from solvers.stepper import Samples, Stepper, pack, unpack
-from solvers.steppers import SOLVER_NAMES
+from solvers.stepper import Stepper, pack, unpack
+from solvers.steppers import SOLVER_NAMES, fingerprint_of_solver
 from solvers.steppers.guard import GuardedStepper
 
 from .element_monitor import ElementMonitor, Furthest
 from .energy_check import EnergyCheck
 from .failure_diagnosis import describe_free_rates, explain_failure, explain_rates
-from .kernels.points import Session, begin_session, check_energies
+from .kernels.points import Session, begin_session
 from .serialization import decode_state, encode_state
 from .solver_selection import SolverChoice, limit_order, select_solver
 from .step_count import StepCountCheck
-from .stepper_run import SEQUENCE, StepperRun
+from .stepper_run import SAMPLE, SEQUENCE, StepperRun
 from .tolerances import describe_coarse, describe_loose
 from .warmup import MAX_WARMUP_STEPS, compile_kernels
 
@@ -151,6 +150,7 @@ class Simulation(Diagnosed):
         )
         self._run = StepperRun(self._pinned, self.compiled.inputs.pinned, self._stepper(t0, q, v), len(self.variables))
         self._out = self._run.out
+        self._has_supports, self._has_limits = bool(self.compiled.inputs.own.supports.size), bool(own[1].size)
         self._reported_jumps: set[str] = set()  # names of inputs
         self._noted = self._start_diagnostics(t0, unstable, start_warnings, limited)
         how = settings.energy_check, self.stepper.freedom, settings.tolerance
@@ -340,20 +340,22 @@ class Simulation(Diagnosed):
         UserError
             t is before the time reached.
         """
-        t = finite("the time to advance to", t)
-        if t < self.stepper.t:
+        t, run, stepper = finite("the time to advance to", t), self._run, self._run.stepper
+        begin = stepper.t
+        if t < begin:
             raise UserError(
-                f"the time to advance to is {t!r} s, but the simulation has reached {self.t!r} s; restore a saved "
-                "state to go back"
+                f"the time to advance to is {t!r} s, but the simulation has reached {begin!r} s; restore a saved state "
+                "to go back"
             )
-        self._end, begin = t, self.t
-        SEQUENCE.step(self._run, t)
-        self._report_support_motions(begin)
-        stepper = self.stepper
+        self._end = t
+        SEQUENCE.step(run, t)
+        if self._has_supports:
+            self._report_support_motions(begin)
         t, q = stepper.t, stepper.q
         if self.energy_check:
             self.energy_check.describe_state(t, q)
-        self._element_monitor.note(float(self._limit_ratio[0]), t, q)
+        if self._has_limits:
+            self._element_monitor.note(float(self._limit_ratio[0]), t, q)
         return stepper.status
 
     def _report_support_motions(self, t: float) -> None:
@@ -400,16 +402,6 @@ class Simulation(Diagnosed):
         """Outputs of the last call of :meth:`outputs` or :meth:`record`, in the order of ``variables``."""
         return self._out.copy()
 
-    def _fill_energy_outputs(self, times: Array, q: Array, energy_accounts: Array, values: Array) -> None:
-        """Put what the energy check finds in place of the energies that ``values`` (k, outputs) end in."""
-        if self.energy_check is None:
-            values[:, -2:] = nan
-            return
-        energies, errors = np.ascontiguousarray(values[:, -2]), np.zeros(len(times))
-        check_energies(self._pinned, times, energies, energy_accounts, errors)
-        self.energy_check.describe(times, q)
-        values[:, -2], values[:, -1] = errors, energy_accounts[:, EXCHANGED_ENERGY]
-
     def record(self, times: Array, values: Array) -> int:
         """Advance through several communication points and store the outputs at each.
 
@@ -434,24 +426,22 @@ class Simulation(Diagnosed):
         if np.shape(values) != (len(times), len(self.variables)):
             wanted = (len(times), len(self.variables))
             raise UserError(f"values have the shape {np.shape(values)}; allowed: {wanted} (times, outputs)")
-        done, self._end = 0, float(max(times, default=self._end))
+        done, self._end, rows = 0, float(max(times, default=self._end)), np.ascontiguousarray(values)
         while done < len(times):
-            begin = self.t
-            SEQUENCE.begin_step(self._run, float(times[done]))
+            begin, ahead = self.t, times[done:]
+            count = SAMPLE(self._run, ahead, rows[done:])
             self._report_support_motions(begin)
-            ahead = times[done:] if self.compiled.inputs.motions_finished else times[done : done + 1]
-            samples = self.stepper.sample(ahead, values[done : done + len(ahead)])
-            count = self._element_monitor.unfolded(ahead, samples.q)
-            rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
-            if count > 1:
-                self.compiled.inputs.skip_points(float(ahead[count - 2]))
-            if count:
-                self._fill_energy_outputs(times[rows], samples.q, samples.energy_account, values[rows])
-            done = rows.stop
+            q, ratios = self._run.samples.q, self._run.ratios[: count + 1]
+            self._element_monitor.note_samples(ratios, ahead[: len(ratios)], q[: len(ratios)])
+            if self.energy_check and count:
+                self.energy_check.describe(ahead[:count], q[:count])
+            done += count
             if self.failed:
                 break
+        if rows is not values:
+            values[:] = rows
         if done:
-            self._out[:] = values[done - 1]
+            self._out[:] = rows[done - 1]
         self._report_undetermined()
         return done
 
@@ -561,9 +551,8 @@ class Simulation(Diagnosed):
         """Model and settings that a simulation must have in common with this one to restore its states."""
         fixed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if not p.tunable}
         how = self.settings
-        return json.dumps(
-            [self.model.name, fixed, how.solver, how.tolerance, how.energy_check, how.input_interpolation]
-        )
+        solver = how.solver, fingerprint_of_solver(how.solver)
+        return json.dumps([self.model.name, fixed, *solver, how.tolerance, how.energy_check, how.input_interpolation])
 
     def save(self) -> bytes:
         """Return the whole state.

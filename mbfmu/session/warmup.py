@@ -11,7 +11,6 @@ from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays import points
 from solvers import SolverError
 from solvers.compiled.tuple_pointer import pin
-from solvers.energy_account import ACCOUNT_SIZE
 from solvers.stepper import Stepper, start_rate
 
 from .kernels.points import (
@@ -19,8 +18,8 @@ from .kernels.points import (
     account_discontinuity,
     account_parameters,
     begin_session,
-    check_energies,
     check_point,
+    check_samples,
     energy_at,
     note_energy,
     note_impulse,
@@ -86,4 +85,5 @@ def _warm_up_points(trial: Stepper, compiled: CompiledMechanism, outputs: int) -
     account_parameters(session, *state)
     check_point(session, *state, trial.energy_account)
     SEQUENCE.read(run)
-    check_energies(session, np.zeros(1), np.zeros(1), np.zeros((1, ACCOUNT_SIZE)), np.zeros(1))
+    rows = np.atleast_2d(trial.q), np.atleast_2d(trial.v), np.atleast_2d(trial.energy_account)
+    check_samples(session, np.zeros(1), *rows, np.zeros(1), np.zeros((1, outputs)))

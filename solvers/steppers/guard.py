@@ -106,9 +106,9 @@ class GuardedStepper(Stepper):
                 )
             if name != "energy_account" and not np.isfinite(array).all():
                 raise ContractError(f"{what} has reported {name} = {array}; allowed: finite numbers")
-            found.append(array.astype(float))
+            found.append(array)
         self._t = float(t)
-        self._q, self._v, self._energy_account = found
+        self._q[:], self._v[:], self._energy_account[:] = found
 
     def _keep_state(self, low: float, high: float) -> None:
         """After an error: report the state of the solver if it is a good one, else return it to the last good one."""

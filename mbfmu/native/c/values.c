@@ -37,7 +37,7 @@ Outcome fail_refused(Instance *own, Outcome outcome, const Variable *v)
     return fail(own, outcome, text);
 }
 
-/* Let what was set since the last step reach the model. */
+/* Let what was set since the last step reach the model, in the order of mbfmu/session/kernels/sequence.py. */
 void apply_changes(Instance *own)
 {
     bool tuned = false;

@@ -22,7 +22,7 @@ from mbfmu.mechanics.arrays.points import (
 )
 from mbfmu.mechanics.recursions.dynamics import energy, observe
 from solvers.balance import BALANCE, BALANCE_OK, check_energy_balance, energy_floor
-from solvers.compiled.kernel import kernel, records
+from solvers.compiled.kernel import inlined, kernel, records
 from solvers.compiled.record import Record, f8, i8
 from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
 from solvers.outcome import OK
@@ -49,6 +49,8 @@ class RunStatusRecord(Record):
 
 
 RUN_STATUS = RunStatusRecord.dtype
+# Limits of ``limit_ratio``, see mbfmu.mechanics.limit_ratio: results are accurate; they mean something
+ACCURATE_RATIO, VALID_RATIO = 1.0, 2.0
 
 
 class Session(NamedTuple):
@@ -198,13 +200,6 @@ def check_energy(session: Session, t: float, now: float, account: Any) -> float:
 
 
 @kernel
-def check_energies(session: Any, times: Reals, energies: Reals, accounts: Any, energy_errors: Reals) -> None:
-    """:func:`check_energy` of k states one after the other; put the energy errors into ``energy_errors`` (k,), J."""
-    for i in range(times.shape[0]):
-        energy_errors[i] = check_energy(session, times[i], energies[i], accounts[i])
-
-
-@kernel
 def check_point(session: Any, t: float, q: Any, v: Any, account: Any) -> None:
     """Check the energy balance of the state reached, and note how far elements are from their limits there."""
     if session.balance[0].is_checked == 1:
@@ -214,14 +209,41 @@ def check_point(session: Any, t: float, q: Any, v: Any, account: Any) -> None:
         note_limits(session)
 
 
+@inlined
+def fill_energies(session: Session, t: float, account: Any, out: Reals) -> None:
+    """Put the energy error and the exchanged energy, J, in place of the energies that the outputs ``out`` end in; nan
+    if the energy balance is not checked.
+    """
+    last = out.shape[0] - 1
+    if session.balance[0].is_checked == 1:
+        out[last - 1], out[last] = check_energy(session, t, out[last - 1], account), account[EXCHANGED_ENERGY]
+    else:
+        out[last - 1], out[last] = np.nan, np.nan
+
+
+@kernel
+def check_samples(session: Any, times: Reals, q: Any, v: Any, accounts: Any, ratios: Reals, out: Any) -> int:
+    """:func:`check_point` and the end of :func:`read_outputs` at k points that a solver has passed in one call.
+
+    ``out`` (k, outputs) contains the outputs; ``ratios`` (k,) receives how far elements are from their limits. Return
+    the number of points before the first at which an element is invalid.
+    """
+    count: int = times.shape[0]
+    for i in range(count):
+        if session.monitored.shape[0] > 0:
+            energy_at(session, times[i], q[i], v[i])  # places the bodies
+            note_limits(session)
+        ratios[i] = session.status[0].limit_ratio
+        if not ratios[i] <= VALID_RATIO:
+            return i
+        fill_energies(session, times[i], accounts[i], out[i])
+    return count
+
+
 @kernel
 def read_outputs(session: Session, t: float, q: Any, v: Any, a: Any, lam: Any, account: Any, out: Reals) -> None:
     """Put the outputs at the solution (q, v, a, lam) into ``out``, and in place of the energies that they end in the
     energy error and the exchanged energy, J; nan if the energy balance is not checked.
     """
     observe(t, q, v, a, lam, session.data, out)
-    last = out.shape[0] - 1
-    if session.balance[0].is_checked == 1:
-        out[last - 1], out[last] = check_energy(session, t, out[last - 1], account), account[EXCHANGED_ENERGY]
-    else:
-        out[last - 1], out[last] = np.nan, np.nan
+    fill_energies(session, t, account, out)
