@@ -18,7 +18,7 @@ import mbfmu as mb
 from fmus.fourbar import FourBar
 from mbfmu.cli import main
 from mbfmu.fmi.harness import Fmu
-from mbfmu.mechanics import JointSpring, PointForce, Spherical, Step, Translational
+from mbfmu.mechanics import JointForce, JointSpring, PointForce, Spherical, Step, Translational
 from mbfmu.modeling.model import as_model
 from mbfmu.modeling.scene import default_scene
 from mbfmu.modeling.settings import offered_solvers
@@ -438,7 +438,7 @@ def test_the_run_so_far_is_the_result_if_a_solver_fails_later(
 
 def test_a_solver_that_never_advances_ends_where_a_signal_limits_the_steps() -> None:
     m = oscillator()
-    m.force("push", PointForce(magnitude=(Step(begin=0.3, height=1.0), 0.0, 0.0)), m.bodies[1])
+    m.force("push", JointForce(Step(begin=0.3, height=1.0)), m.bodies[1])
     result = mb.simulate(m, 1.0, interval=0.5, solver=direct(advance_to=lambda *_: Code.OK))
     assert "has reported the time 0.0" in result.failure
     assert list(result.t) == [0.0]
