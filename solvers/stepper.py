@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from .energy_account import ACCOUNT_SIZE
 from .options import Options, Statistics
 from .outcome import OK, Code, SolverError, Status
 from .system import AnySystem, Array
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 MAX_SPACING_IN_TOLERANCES = 0.1  # largest spacing of floating-point numbers at an initial position
 SPACING_FACTOR = 2.0**-53 * (1.0 + 2.0**-52)  # of a number, which it is less than one step away from
@@ -30,7 +33,7 @@ def spacing(x: float) -> float:
 
 
 @kernel
-def find_unresolved(t: float, rate: float, q: Any, size: Any, rtol: float) -> int:
+def find_unresolved(t: float, rate: float, q: Reals, size: Any, rtol: float) -> int:
     """Return UNRESOLVED_TIME if the floating-point numbers near t (s) are too far apart for a motion of ``rate`` (1/s),
     else the position of q (nq,) that they resolve worst to the tolerance, in units of ``size``; RESOLVED: none is.
     """

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
-from mbfmu.mechanics.arrays.given import Courses
+from mbfmu.mechanics.arrays.given_inputs import GivenInputs
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
@@ -74,8 +74,8 @@ class Simulation(Diagnosed):
     inputs
         Values of inputs, by name or number, that differ from their start. A support that is moved by them starts with
         this position and rate, and the bodies connected to it move with it: start velocities are relative.
-    courses
-        Inputs given for the whole run as functions of time or tables, see :mod:`mbfmu.mechanics.arrays.given`.
+    given_inputs
+        Inputs given for the whole run as functions of time or tables, see :mod:`mbfmu.mechanics.arrays.given_inputs`.
     duration
         Time of the whole run, s; if it is not given or 0, the stop time of the model. It is the time scale of a
         start at rest if no force, drive or rate gives another one.
@@ -110,12 +110,12 @@ class Simulation(Diagnosed):
         inputs: Mapping[int, float] | Mapping[str, float] | None = None,
         *,
         begins: bool = True,
-        courses: Courses | None = None,
+        given_inputs: GivenInputs | None = None,
         duration: float | None = None,
     ) -> None:
         self.model = model_given = as_model(model)
-        self.settings, self._courses = settings, courses
-        self.compiled = model_given.compile(courses)
+        self.settings, self._given_inputs = settings, given_inputs
+        self.compiled = model_given.compile(given_inputs)
         if settings.input_interpolation == "linear":
             self.compiled.inputs.extrapolate()
         known = enumerate(self.compiled.inputs.variables)
@@ -183,19 +183,19 @@ class Simulation(Diagnosed):
             found += self.compiled.assembly.changes(q, v, settings.tolerance)
         found += describe_loose(self.compiled, settings.tolerance)
         found += describe_coarse(self.compiled, settings.tolerance, self.stepper.freedom)
-        found += [*limited, *start_warnings, *self.compiled.coincident(t, q)]
+        found += [*limited, *start_warnings, *self.compiled.coincident(t, q), *self.compiled.describe_assumed_length()]
         known = {diagnostic.code for diagnostic in found}
         return [*found, *(note for note in self.compiled.assembly.notes(t, q) if note.code not in known)]
 
     def _starts(self, inputs: Mapping[Any, Any], t0: float) -> dict[int, float]:
         """Return the values of inputs at the start by their numbers, without those that are signals in this run."""
         given = dict(inputs)
-        if self._courses:
-            for name in self._courses.unused:
+        if self._given_inputs:
+            for name in self._given_inputs.unused:
                 self._input(name)  # raises
-            given |= {course.name: course.value(t0) for course in self._courses.held}
+            given |= {held.name: held.value(t0) for held in self._given_inputs.held}
         checked = {key: finite(f"input {key!r}", value) for key, value in given.items()}
-        signals = self._courses.replaced if self._courses else set()
+        signals = self._given_inputs.replaced if self._given_inputs else set()
         return {self._input(key): value for key, value in checked.items() if key not in signals}
 
     def _held_plant(self, inputs: Mapping[Any, Any], given: dict[int, float]) -> CompiledMechanism:
@@ -203,9 +203,9 @@ class Simulation(Diagnosed):
         state in.
         """
         compiled = self.model.compile()  # whose signals are held too
-        if self._courses:
+        if self._given_inputs:
             known = {v.name: k for k, v in enumerate(compiled.inputs.variables)}
-            given = {known[name]: float(value) for name, value in {**inputs, **self._courses.starts()}.items()}
+            given = {known[name]: float(value) for name, value in {**inputs, **self._given_inputs.starts()}.items()}
         compiled.inputs.begin(0.0, given)
         return compiled
 
@@ -231,7 +231,7 @@ class Simulation(Diagnosed):
 
     def _copy_plant(self) -> CompiledMechanism:
         """Return another compiled mechanism of the same model, whose inputs are what they are now."""
-        compiled = self.model.compile(self._courses)
+        compiled = self.model.compile(self._given_inputs)
         if self.settings.input_interpolation == "linear":
             compiled.inputs.extrapolate()
         compiled.inputs.restore(self.compiled.inputs.state())
@@ -461,7 +461,7 @@ class Simulation(Diagnosed):
         """Return the number of an input."""
         index = self._inputs.get(key) if isinstance(key, Hashable) else None
         if index is None:
-            if self._courses and key in self._courses.replaced:
+            if self._given_inputs and key in self._given_inputs.replaced:
                 raise UserError(
                     f"input {key!r} is given for the whole run, as a function of time or by points; it cannot be set "
                     "during the run"
@@ -475,7 +475,7 @@ class Simulation(Diagnosed):
 
         The input of a load is held or extrapolated from this time on, according to the settings. The input of a driven
         joint is its position or rate at the end of the next communication step, which moves the joint there; see
-        :mod:`mbfmu.mechanics.arrays.motion`.
+        :mod:`mbfmu.mechanics.arrays.support_motion`.
 
         Parameters
         ----------
@@ -510,7 +510,7 @@ class Simulation(Diagnosed):
             if before != after and not (p.varies(before) and p.varies(after)):
                 why = f", from {before!r} to {after!r}" if p.tunable else ": it is not tunable"
                 raise UserError(f"parameter {p.name!r} cannot change during a run{why}")
-        compiled = model.compile(self._courses)
+        compiled = model.compile(self._given_inputs)
         SEQUENCE.note_energy(self._run)
         self.compiled.adopt(compiled)
         SEQUENCE.retune(self._run)
@@ -587,7 +587,7 @@ class Simulation(Diagnosed):
         head, body = decode_state(self._state_key, state)
         model = self.model.with_values(head["parameters"])
         if model != self.model:
-            self.compiled.adopt(model.compile(self._courses))
+            self.compiled.adopt(model.compile(self._given_inputs))
             self.model = model
         self._restore_session(bytes.fromhex(head["session"]), from_saved(head["lost"]))
         previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])

@@ -7,11 +7,14 @@ the error 1 is h e^(-1 / (p + 1)). From the last two steps follows how C changes
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import inlined
 from solvers.projection.singular import IMPERFECT
 from solvers.stepper import is_discontinuity, min_step_length
+
+if TYPE_CHECKING:
+    from solvers.projection.workspace import Workspace
 
 FIRST_STEP_RATIO = 0.1  # first step, in units of one over the rate of the motion
 MIN_STEP_RATIO = 1e-11  # see solvers.stepper.min_step_length
@@ -75,7 +78,7 @@ def retry_step(h: float, rate: float, max_step: float, t: float, may_force: bool
 
 
 @inlined
-def set_near_miss_factor(control: Any, rtol: float, work: Any) -> None:
+def set_near_miss_factor(control: Any, rtol: float, work: Workspace) -> None:
     """Factor of the tolerances in ``control``: near a near miss rounding limits the accuracy, and a smaller tolerance
     only makes steps smaller.
     """

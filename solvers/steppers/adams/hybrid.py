@@ -34,14 +34,14 @@ if TYPE_CHECKING:
     from solvers.projection.workspace import Workspace
     from solvers.steppers.adams.formulas import History
     from solvers.steppers.adams.loop import SettingsRecord
-    from solvers.system import Equations
+    from solvers.system import Equations, Terms
 
 PROJECTION, LU, HYBRID = 0, 1, 2  # partitions; the first two are regimes of the third
 MIN_CLEAR_STEPS = 5.0  # steps to a singular configuration beyond which a return to LU is worthwhile
 
 
 @kernel
-def record_position(eqs: Any, control: Any, history: History, work: Workspace) -> None:
+def record_position(eqs: Equations, control: Any, history: History, work: Workspace) -> None:
     """Note y as the last good position, after it was left by LU, which has noted none."""
     unpack_state(history.y, work.q, work.v)
     eqs.position(control.t, work.q, eqs.data, eqs.terms)
@@ -53,7 +53,7 @@ def record_position(eqs: Any, control: Any, history: History, work: Workspace) -
 
 
 @kernel
-def record_orientation(terms: Any, control: Any, history: Any, work: Any) -> None:
+def record_orientation(terms: Terms, control: Any, history: Any, work: Workspace) -> None:
     """Note orientation and tangents of the dependents, whose J_d is factored and whose tangents are at hand."""
     control.is_det_positive = 1 if is_determinant_positive(work.D, control.rank, work.order) else 0
     n = work.T.shape[1]
@@ -63,7 +63,7 @@ def record_orientation(terms: Any, control: Any, history: Any, work: Any) -> Non
 
 
 @kernel
-def is_on_same_branch_lu(control: Any, history: Any, work: Any) -> bool:
+def is_on_same_branch_lu(control: Any, history: Any, work: Workspace) -> bool:
     """Whether the LU step stayed on its branch for sure: J_d has kept the sign of its determinant, and tangents turned
     little.
     """
@@ -72,7 +72,7 @@ def is_on_same_branch_lu(control: Any, history: Any, work: Any) -> bool:
 
 
 @kernel
-def adopt_partition(terms: Any, control: Any, history: Any, work: Any) -> None:
+def adopt_partition(terms: Terms, control: Any, history: Any, work: Workspace) -> None:
     """Make the candidate choice of rows and coordinates the choice, at the position of ``terms``."""
     for i in range(work.rows.shape[0]):
         history.rows[i] = work.rows[i]
@@ -113,14 +113,16 @@ def kinetic_energy(eqs: Equations, work: Workspace) -> float:
 
 
 @kernel
-def fall_back_to_projection(eqs: Any, control: Any, history: Any, work: Any) -> None:
+def fall_back_to_projection(eqs: Equations, control: Any, history: Any, work: Workspace) -> None:
     """Continue by projection from the last accepted state."""
     control.regime, control.lu_ready_steps = PROJECTION, 0
     record_position(eqs, control, history, work)
 
 
 @kernel
-def check_switch_to_projection(eqs: Any, control: Any, settings: SettingsRecord, work: Any, history: Any) -> None:
+def check_switch_to_projection(
+    eqs: Equations, control: Any, settings: SettingsRecord, work: Workspace, history: Any
+) -> None:
     """After an accepted LU step: the paper's re-choice, and what the hybrid makes of it.
 
     The hybrid extrapolates the smallest pivot of J_d. If that is nearly zero, or would be within a few steps, and no
@@ -173,7 +175,7 @@ def update_choice_schedule(control: Any) -> bool:
 
 
 @kernel
-def check_switch_to_lu(control: Any, settings: SettingsRecord, terms: Any, work: Workspace, history: Any) -> None:
+def check_switch_to_lu(control: Any, settings: SettingsRecord, terms: Terms, work: Workspace, history: Any) -> None:
     """After an accepted projection step of the hybrid: count steps in which LU would have kept its choice.
 
     If a singular configuration is a few steps ahead LU is not worthwhile.

@@ -12,7 +12,7 @@ are used.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import f8, i8
@@ -43,6 +43,7 @@ from .hybrid import (
 from .pece import make_pece_loop
 
 if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
     from solvers.steppers.step_loop import Integration
 
 
@@ -177,13 +178,13 @@ def end_step(integration: Integration) -> None:
 
 
 @inlined
-def close(integration: Integration, t: float, q: Any, v: Any) -> int:
+def close(integration: Integration, t: float, q: Reals, v: Reals) -> int:
     """Project a reported state onto the constraints."""
     return project(integration.eqs, t, q, v, integration.memory.control[0].rank, integration.work)
 
 
 @inlined
-def fill_row(integration: Integration, t: float, q: Any, v: Any, a: Any, lam: Any, outputs: Any) -> int:
+def fill_row(integration: Integration, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, outputs: Reals) -> int:
     """Accelerations, multipliers and outputs of the system at the state reported last."""
     control, settings = integration.memory.control[0], integration.settings[0]
     return fill_reported_state(integration.eqs, t, q, v, settings.rtol, control, integration.work, a, lam, outputs)

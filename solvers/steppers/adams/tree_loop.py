@@ -44,7 +44,7 @@ SETTINGS = SettingsRecord.dtype
 
 
 @inlined
-def evaluate_forward_dynamics(eqs: TreeEquations, t: float, q: Any, v: Any, qdot: Any, a: Reals) -> int:
+def evaluate_forward_dynamics(eqs: TreeEquations, t: float, q: Reals, v: Reals, qdot: Reals, a: Reals) -> int:
     """qdot (nq,) = N v and a (n,) = v' at (t, q, v)."""
     if eqs.forward(t, q, v, eqs.data, qdot, a) != 0:
         return NO_MASS
@@ -132,7 +132,7 @@ def end_step(integration: Any) -> None:
 
 
 @inlined
-def close(integration: Integration, t: float, q: Any, v: Any) -> int:
+def close(integration: Integration, t: float, q: Reals, v: Reals) -> int:
     """Bring the quaternions of an interpolated state to unit length."""
     if t < integration.memory.control[0].t:
         integration.eqs.retract(q, integration.work.zero, integration.eqs.data)
@@ -161,7 +161,7 @@ def set_up(integration: Integration, t: float, known: float, duration: float) ->
 
 
 @kernel
-def evaluate(integration: Integration, t: float, a: Any) -> int:
+def evaluate(integration: Integration, t: float, a: Reals) -> int:
     """Accelerations a (n,) at the reported state, of time t (s)."""
     return evaluate_forward_dynamics(integration.eqs, t, integration.q, integration.v, integration.work.qdot, a)
 

@@ -218,7 +218,7 @@ def apply_preconditioner(y: Reals, r: Reals, z: Reals, user_data: UserData) -> N
 
 
 @kernel
-def record_energy(t: float, y: Any, slopes: Any, user_data: UserData) -> None:
+def record_energy(t: float, y: Reals, slopes: Any, user_data: UserData) -> None:
     """Record the energy after a step of IDA to (t, y, y'); see :mod:`solvers.energy_account`."""
     record, scratch, done = user_data.energy_record[0], user_data.scratch, 0.0
     copy_unknowns(y, slopes, user_data)
@@ -236,7 +236,7 @@ def record_energy(t: float, y: Any, slopes: Any, user_data: UserData) -> None:
 
 
 @kernel
-def accept_step(t: float, y: Any, slopes: Any, user_data: UserData) -> int:
+def accept_step(t: float, y: Reals, slopes: Any, user_data: UserData) -> int:
     """Accept IDA's step to (t, y)."""
     user_data.counts[STEPS] += 1.0
     user_data.progress[0].t_reached = t

@@ -49,8 +49,11 @@ from .stages import MAX_EXTRAPOLATION, difference_accelerations, evaluate_power,
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
+    from solvers.energy_account import EnergyScales
+    from solvers.projection.workspace import Workspace
     from solvers.steppers.radau.formulas import Memory
     from solvers.steppers.step_loop import Integration
+    from solvers.system import Equations
 
 
 class SettingsRecord(StepSettingsRecord):
@@ -75,7 +78,7 @@ NEWTON_RTOL_RATIO = 0.1  # of rtol: the remainder of Newton's method has one sig
 
 
 @inlined
-def set_tolerances(control: Any, settings: SettingsRecord, memory: Memory, work: Any) -> None:
+def set_tolerances(control: Any, settings: SettingsRecord, memory: Memory, work: Workspace) -> None:
     """Tolerances at (memory.q, memory.v), larger near a near miss."""
     set_near_miss_factor(control, settings.motion_rtol, work)
     control.inertia_factor = tolerance_factor(settings.rtol, RTOL_EXPONENT, work)
@@ -90,7 +93,13 @@ def set_tolerances(control: Any, settings: SettingsRecord, memory: Memory, work:
 
 @kernel
 def evaluate_end(
-    eqs: Any, t: float, control: Any, settings: SettingsRecord, memory: Memory, work: Any, scales: Any
+    eqs: Equations,
+    t: float,
+    control: Any,
+    settings: SettingsRecord,
+    memory: Memory,
+    work: Workspace,
+    scales: EnergyScales,
 ) -> int:
     """Evaluate q', v' and W' at (work.q, work.v), record its energy, and store it.
 
@@ -278,7 +287,7 @@ def end_step(integration: Integration) -> None:
 
 
 @inlined
-def report(integration: Integration, code: int, target: float, q: Any, v: Any, energy_account: Any) -> int:
+def report(integration: Integration, code: int, target: float, q: Reals, v: Reals, energy_account: Any) -> int:
     """The state at ``target``, interpolated and closed, or where the last step ended; and its energy account."""
     eqs, memory, work, control = integration.eqs, integration.memory, integration.work, integration.memory.control[0]
     copy_last_state(memory, q, v)
@@ -295,7 +304,7 @@ def report(integration: Integration, code: int, target: float, q: Any, v: Any, e
 
 
 @inlined
-def fill_row(integration: Integration, t: float, q: Any, v: Any, a: Any, lam: Any, outputs: Any) -> int:
+def fill_row(integration: Integration, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, outputs: Reals) -> int:
     """Accelerations, multipliers and outputs of the system at the state reported last."""
     control, rtol = integration.memory.control[0], integration.settings[0].motion_rtol
     return fill_reported_state(integration.eqs, t, q, v, rtol, control, integration.work, a, lam, outputs)
