@@ -20,7 +20,7 @@ the method of Gauss and Newton.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -208,7 +208,7 @@ def factor_block(terms: Terms, rank: int, work: Workspace) -> int:
 
 
 @inlined
-def count_regular(L: Any, rank: int) -> int:
+def count_regular(L: Reals, rank: int) -> int:
     """How many of the first ``rank`` diagonal entries of L come before the largest gap; 0: there is none."""
     widest, regular = MIN_PIVOT_GAP, 0
     for r in range(1, rank):

@@ -188,7 +188,7 @@ def loop_speed(v: Reals, work: Workspace) -> float:
 
 
 @inlined
-def distance(q: Reals, other: Any, work: Workspace) -> float:
+def distance(q: Reals, other: Reals, work: Workspace) -> float:
     """Distance of two positions (nq,) in units of size."""
     square = 0.0
     for i in range(q.shape[0]):

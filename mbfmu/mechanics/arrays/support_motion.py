@@ -31,7 +31,7 @@ fast it goes. Where the rate jumps between two segments the mechanism gets an im
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -201,7 +201,7 @@ def adopt_segment(ahead: SegmentRecord, support: SupportRecord, segment: Segment
 
 
 @inlined
-def follow_path(t: float, path: Any, polynomial: PolynomialRecord) -> None:
+def follow_path(t: float, path: Reals, polynomial: PolynomialRecord) -> None:
     """Let the polynomial be that of ``path`` (4,) about t."""
     polynomial.t0 = t
     for k in range(4):
@@ -209,7 +209,7 @@ def follow_path(t: float, path: Any, polynomial: PolynomialRecord) -> None:
 
 
 @kernel
-def perturb_motion(t: float, acceleration: float, segment: Any, polynomial: PolynomialRecord) -> None:
+def perturb_motion(t: float, acceleration: float, segment: SegmentRecord, polynomial: PolynomialRecord) -> None:
     """Let the polynomial have an acceleration at t, and the position and rate it has there."""
     x, v = position_and_rate(t, segment, polynomial)
     c = polynomial.c

@@ -278,7 +278,7 @@ def apply(shell: ShellRecord, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def potential(shell: Any, arrays: Arrays, state: State) -> float:
+def potential(shell: ShellRecord, arrays: Arrays, state: State) -> float:
     """Elastic energy, J."""
     here = shell_scratch(shell, state)
     deform(shell, state.bodies, here)
