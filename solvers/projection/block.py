@@ -20,7 +20,7 @@ the method of Gauss and Newton.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -386,7 +386,8 @@ def apply_block_step(eqs: Equations, largest: float, work: Workspace) -> bool:
     for i in range(n):
         work.dq[i] = part * work.change[i] * work.size[i]
     eqs.retract(work.q_c, work.dq, eqs.data)
-    work.critical[0].t += part * work.change[n] / work.critical[0].rate
+    change: Any = work.change[n]
+    work.critical[0].t += part * change / work.critical[0].rate
     return True
 
 

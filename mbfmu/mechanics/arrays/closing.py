@@ -112,8 +112,9 @@ def assemble_velocities(
 
 def _failure_message(system: AnySystem, scratch: ClosureScratch, code: int) -> str:
     """Return which row does not close, and by what."""
-    row, gap = scratch.worst[0]
-    return str(CLOSURE_MESSAGES[Outcome(code)]).format(name=system.constraint_names[row], gap=float(gap))
+    worst = scratch.worst[0]
+    name = system.constraint_names[worst["row"]]
+    return str(CLOSURE_MESSAGES[Outcome(code)]).format(name=name, gap=float(worst["gap"]))
 
 
 class CutFrames(NamedTuple):

@@ -60,9 +60,6 @@ class SupportRecord(Record):
     size: f8  # unit of the coordinate, m or rad
 
 
-SUPPORT = SupportRecord.dtype
-
-
 class SegmentRecord(Record):
     """The motion of a support within one communication step."""
 
@@ -76,9 +73,6 @@ class SegmentRecord(Record):
     average: f8  # rate of u over the segment before
     change: f8  # of v since the beginning of the segment before, without sign
     jumps: i8  # 1: u is farther off than the changes of the given rates explain
-
-
-SEGMENT = SegmentRecord.dtype
 
 
 @inlined

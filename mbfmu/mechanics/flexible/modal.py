@@ -68,9 +68,6 @@ class FlexibleRecord(Record):
     g1: Annotated[Reals, (MODES, MODES)]
 
 
-FLEXIBLE = FlexibleRecord.dtype
-
-
 class NodeRecord(Record):
     """A cross-section of an elastic body."""
 
@@ -80,9 +77,6 @@ class NodeRecord(Record):
     slope: Annotated[Reals, (MODES,)]  # 1/m, turn
     moment: Annotated[Reals, (MODES,)]  # N, bending moment per amplitude
     G: Annotated[Reals, (MODES, MODES)]  # 1/m, shortening from the frame to here
-
-
-NODE = NodeRecord.dtype
 
 
 @kernel

@@ -121,9 +121,6 @@ class NipRecord(Record):
     friction_velocity: f8  # slip v_r at rest, m/s
 
 
-NIP = NipRecord.dtype
-
-
 @kernel
 def evaluate_contact(nip: NipRecord, t: float, arrays: Arrays, state: State) -> None:
     """Add the forces at all stations in this cell to ``here.result``, and unless ``accumulate_only`` to the bodies."""
@@ -334,7 +331,7 @@ def potential(nip: NipRecord, arrays: Arrays, state: State) -> float:
 class RollerNip(Load):
     """One cell of a sheet against a nip; :func:`.add_nip` makes those of a sheet."""
 
-    record = NIP
+    record = NipRecord
     apply = apply
     potential = potential
     tangent = tangent

@@ -69,9 +69,6 @@ class SurfaceContactRecord(Record):
     friction_velocity: f8  # v_r, m/s
 
 
-SURFACE_CONTACT = SurfaceContactRecord.dtype
-
-
 @kernel
 def gap(contact: SurfaceContactRecord, arrays: Arrays, state: State) -> Any:
     """Distance of the sheet's face at here.r from the surface; the normal in global axes is left in here.f."""

@@ -91,9 +91,6 @@ class PlateRecord(Record):
     curl: Annotated[Reals, (12,)]  # natural strains; of the membrane none
 
 
-PLATE = PlateRecord.dtype
-
-
 class PlateScratch(Record):
     """An element at work, everything in element axes."""
 

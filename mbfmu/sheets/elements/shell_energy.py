@@ -48,9 +48,6 @@ class ShellRecord(Record):
     bent: Annotated[Reals, (12, 12)]  # ... over (y, turn about x, about z)
 
 
-SHELL = ShellRecord.dtype
-
-
 class ShellScratch(Record):
     """An element at work, everything in element axes."""
 
