@@ -267,13 +267,7 @@ class Stepper(ABC):
         if not t >= self._t:
             raise ValueError(f"the time to advance to is {t} s, but it stands at {self._t} s; use restore() to go back")
         if t > self._t or not self.status.ok:
-            code = _advance_in_pieces(self, self._t, float(t))
-            if not isinstance(code, Code):
-                raise TypeError(
-                    f"advance_to() of {type(self).__name__} returned {code!r}; allowed: a solvers.outcome.Code. Return "
-                    "Code.OK at the requested time"
-                )
-            self.status = self._status(code)
+            self.status = self._status(_advance_in_pieces(self, self._t, float(t)))
         return self.status
 
     def _limit_steps(self, t: float) -> float:
@@ -312,7 +306,8 @@ class Stepper(ABC):
         """Return v' (n,) and lambda (m,) of the reported state."""
         code, a, lam = self.evaluate()
         if code is not Code.OK:
-            raise SolverError(self._status(code))
+            status = self._status(code)
+            raise SolverError(status) from status.error
         if self._undetermined():
             self.undetermined_at = self._t
         return a, lam

@@ -33,6 +33,8 @@ def explain_failure(
 
     ``starts_singular``: whether the loops do not determine all rates at the start.
     """
+    if status.error is not None:
+        return status.explain()
     stuck = status.code in (Code.BRANCHES, Code.COLLAPSED, Code.NOT_CLOSED)
     advice = describe_free_rates(compiled, status.t, q) if starts_singular else ""
     if advice and status.code in (Code.BRANCHES, Code.UNDECIDABLE):

@@ -90,8 +90,8 @@ def simulate(
     Raises
     ------
     UserError
-        The model, the times, the inputs or the settings are invalid, or the code of a user-defined solver raises an
-        exception. Any other run that stops early does not raise: ``failure`` of the result contains the reason.
+        The model, the times, the inputs or the settings are invalid. A run that stops early does not raise: ``failure``
+        of the result contains the reason. The same holds if the code of a user-defined solver raises an exception.
 
     Warns
     -----

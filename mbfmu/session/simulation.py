@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import asdict, replace
 from math import isnan
 from typing import Any, NamedTuple
@@ -21,13 +20,13 @@ from mbfmu.modeling.variables import ENERGY_OUTPUTS, require_unique
 from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
 from mbfmu.util.diagnostics import Diagnosed, Diagnostic, from_saved, without_repeats
 from mbfmu.util.errors import UserError
-from solvers import Statistics, Status, stepper
+from solvers import Options, Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.compiled.tuple_pointer import pin
 from solvers.outcome import OK
 from solvers.stepper import Stepper, pack, unpack
 from solvers.steppers import SOLVER_NAMES, fingerprint_of_solver
-from solvers.steppers.plugins import errors_named
+from solvers.steppers.guard import GuardedStepper
 
 from .element_monitor import ElementMonitor, Furthest
 from .energy_check import EnergyCheck
@@ -213,7 +212,7 @@ class Simulation(Diagnosed):
     def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
         """Return the solver that was chosen, at a state."""
         try:
-            created = stepper(self.solver_choice.solver, self.compiled.system, t, q, v, self._options)
+            created = self._created_stepper(t, q, v, self._options)
             self.step_count_check.attach(created)
             return created
         except ValueError as error:
@@ -224,17 +223,11 @@ class Simulation(Diagnosed):
                 reason = str(Diagnostic.error("clock-resolution", text, remedy))
             raise UserError(f"model {self.model.name!r}: {reason}") from error
 
-    def _errors_of_plugin(self) -> AbstractContextManager[None]:
-        """Raise UserError with the name of a solver from outside the package for an exception in its code."""
-        return nullcontext() if self.solver_choice.solver in SOLVER_NAMES else self._named_errors()
-
-    @contextmanager
-    def _named_errors(self) -> Iterator[None]:
-        try:
-            with errors_named(self.solver_choice.solver, lambda: self.t):
-                yield
-        except ValueError as error:
-            raise UserError(f"model {self.model.name!r}: {error}") from error
+    def _created_stepper(self, t: float, q: Array, v: Array, options: Options) -> Stepper:
+        """Return the solver that was chosen, at a state; one from outside the package is guarded."""
+        name, system = self.solver_choice.solver, self.compiled.system
+        created = stepper(name, system, t, q, v, options)
+        return created if name in SOLVER_NAMES else GuardedStepper(name, created, system, t, q, v)
 
     def _copy_plant(self) -> CompiledMechanism:
         """Return another compiled mechanism of the same model, whose inputs are what they are now."""
@@ -251,14 +244,13 @@ class Simulation(Diagnosed):
 
     def _warm_up(self, t0: float, q: Array, v: Array) -> None:
         """Have everything compiled that a run calls, once in a process for each kind of run."""
-        kind = (type(self.stepper), self.compiled.system.m > 0)
+        solver = self.stepper.inner if isinstance(self.stepper, GuardedStepper) else self.stepper
+        kind = (type(solver), self.compiled.system.m > 0)
         if kind in _compiled or not COMPILED:
             return
         options = replace(self._options, max_steps=MAX_WARMUP_STEPS)
-        with self._errors_of_plugin():
-            trial = stepper(self.solver_choice.solver, self.compiled.system, t0, q, v, options)
-            if compile_kernels(trial, self.compiled, len(self._out)):
-                _compiled.add(kind)
+        if compile_kernels(self._created_stepper(t0, q, v, options), self.compiled, len(self._out)):
+            _compiled.add(kind)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """Refuse to be copied or pickled, as its stepper does."""
@@ -356,11 +348,7 @@ class Simulation(Diagnosed):
                 "to go back"
             )
         self._end = t
-        if self.solver_choice.solver in SOLVER_NAMES:
-            SEQUENCE.step(run, t)
-        else:
-            with self._errors_of_plugin():
-                SEQUENCE.step(run, t)
+        SEQUENCE.step(run, t)
         if self._has_supports:
             self._report_support_motions(begin)
         t, q = stepper.t, stepper.q
@@ -441,8 +429,7 @@ class Simulation(Diagnosed):
         done, self._end, rows = 0, float(max(times, default=self._end)), np.ascontiguousarray(values)
         while done < len(times):
             begin, ahead = self.t, times[done:]
-            with self._errors_of_plugin():
-                count = SAMPLE(self._run, ahead, rows[done:])
+            count = SAMPLE(self._run, ahead, rows[done:])
             self._report_support_motions(begin)
             q, ratios = self._run.samples.q, self._run.ratios[: count + 1]
             self._element_monitor.note_samples(ratios, ahead[: len(ratios)], q[: len(ratios)])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import inlined
 from solvers.projection.singular import IMPERFECT
+from solvers.stepper import is_discontinuity, min_step_length
 
 if TYPE_CHECKING:
     from solvers.projection.workspace import Workspace
@@ -57,6 +58,23 @@ def truncated_step(t: float, h: float, target: float) -> float:
 def end_of_step(t: float, h: float, target: float) -> float:
     """Time at which a step of h from t ends: ``target`` itself if that is so near."""
     return target if abs(target - t - h) <= TARGET_TOLERANCE * h else t + h
+
+
+@inlined
+def retry_step(h: float, rate: float, max_step: float, t: float, may_force: bool) -> tuple[float, bool]:
+    """Step to attempt at time t after a rejected one, s, and whether it is accepted with any error; 0 s: none is left.
+
+    ``h`` is the step that follows from the rejection. If it is too short for the ``rate`` of the motion (1/s) and the
+    longest step ``max_step`` (s), only a known jump of a signal allows another attempt, with the shortest step. There
+    the error cannot be made smaller, so it is accepted: ``may_force`` is whether the error is the only reason of the
+    rejection, and no such step has been tried.
+    """
+    shortest = min_step_length(MIN_STEP_RATIO, rate, max_step, t)
+    if h > shortest:
+        return h, False
+    if may_force and is_discontinuity(max_step, t):
+        return shortest, True
+    return 0.0, False
 
 
 @inlined

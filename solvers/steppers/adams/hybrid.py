@@ -85,25 +85,31 @@ def adopt_partition(terms: Terms, control: Any, history: Any, work: Workspace) -
 
 
 @inlined
-def has_energy_jump(
-    eqs: Equations, t: float, done: float, control: Any, settings: SettingsRecord, work: Workspace
-) -> bool:
-    """Whether the energy, less the work ``done``, has jumped in an LU step of the hybrid, in units of the largest
-    kinetic energy so far.
+def has_energy_jump(energy: float, kinetic: float, done: float, control: Any, settings: SettingsRecord) -> bool:
+    """Whether the energy less the work ``done``, J, has jumped in an LU step since :func:`record_energy_level`, in
+    units of the largest kinetic energy so far; ``kinetic`` is that of now, J.
     """
-    if settings.partition != HYBRID:
+    if control.regime != LU:
         return False
-    after = eqs.energy(t, work.q, work.v, eqs.data) - done
+    allowed = settings.energy_jump * max(kinetic, control.energy_scale) + settings.rtol * (abs(energy) + abs(done))
+    return abs(energy - control.last_energy) > allowed
+
+
+@inlined
+def record_energy_level(energy: float, kinetic: float, control: Any) -> None:
+    """Record the energy less the work done, and the kinetic energy of an accepted step, J."""
+    control.last_energy = energy
+    control.energy_scale = max(kinetic, control.energy_scale)
+
+
+@inlined
+def kinetic_energy(eqs: Equations, work: Workspace) -> float:
+    """Kinetic energy of the state evaluated last, J."""
     kinetic = 0.0
     for i in range(work.v.shape[0]):
         for j in range(work.v.shape[0]):
             kinetic += 0.5 * work.v[i] * eqs.terms.M[i, j] * work.v[j]
-    allowed = settings.energy_jump * max(kinetic, control.energy_scale) + settings.rtol * (abs(after) + abs(done))
-    if control.regime == LU and abs(after - control.last_energy) > allowed:
-        return True
-    control.last_energy = after
-    control.energy_scale = max(kinetic, control.energy_scale)
-    return False
+    return kinetic
 
 
 @kernel
@@ -130,7 +136,7 @@ def check_switch_to_projection(
             control.min_pivot < SINGULAR_PIVOT_RATIO
             or extrapolate_to_zero(before, control.min_pivot, control.hold) < LOOKAHEAD_STEPS * control.h
         )
-    if not (is_choice_due(control) or ends):
+    if not (update_choice_schedule(control) or ends):
         return
     found = choose_partition(eqs.terms, control.rank, work)
     if ends and not (found and is_better_partition(control.rank, work)):
@@ -155,8 +161,10 @@ def check_switch_to_projection(
 
 
 @inlined
-def is_choice_due(control: Any) -> bool:
-    """Whether the paper repeats the choice: the step has shrunk, or stayed equal for five steps."""
+def update_choice_schedule(control: Any) -> bool:
+    """Record the length of the last step; return whether the paper repeats the choice: the step has shrunk, or stayed
+    equal for five steps.
+    """
     control.equal_steps = control.equal_steps + 1 if control.hold == control.h_before else 0
     shrunk = control.hold < control.h_before
     control.h_before = control.hold
