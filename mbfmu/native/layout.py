@@ -20,7 +20,7 @@ from mbfmu.sheets.elements.bending import ADVICE, MAX_ACCURATE_ANGLE, MAX_VALID_
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.balance import PASSAGE_INACCURATE
 from solvers.compiled.kernel import types
-from solvers.loop_closure import WORST, Outcome
+from solvers.loop_closure import Outcome, WorstRecord
 from solvers.options import OPTIONS
 from solvers.outcome import Code
 
@@ -117,7 +117,7 @@ HEADER = np.dtype(
 STRUCTS = {
     "Header": HEADER, "Variable": VARIABLE, "Array": ARRAY, "Member": MEMBER, "Entry": ENTRY, "Sum": SUM, "Term": TERM,
     "Factor": FACTOR, "Relocation": RELOCATION, "Sentence": SENTENCE, "Failure": FAILURE, "Name": NAME_RECORD,
-    "Options": OPTIONS, "RunStatus": RUN_STATUS, "Worst": WORST,
+    "Options": OPTIONS, "RunStatus": RUN_STATUS, "Worst": WorstRecord.dtype,
 }  # fmt: skip
 
 

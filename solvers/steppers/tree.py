@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.kernel import kernel, records
+from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import EnergyScales, update_energy_bound
-from solvers.inertia import INERTIA, tolerance_factor, update_tree_growth
+from solvers.inertia import InertiaRecord, tolerance_factor, update_tree_growth
 from solvers.options import Options
 from solvers.outcome import Code
 from solvers.positions import Positions
@@ -21,7 +21,7 @@ from solvers.system import Array, TreeSystem, energy_callbacks
 from .formulation import Formulation
 
 if TYPE_CHECKING:
-    from solvers.compiled.record import Reals
+    from solvers.compiled.record import Reals, Table
 
 # Absolute tolerance of a rate to that of its coordinate, in units of the motion's rate. A tighter one than IDA's costs
 # nothing if stability limits the step, and a looser one lets the fastest modes grow.
@@ -63,13 +63,13 @@ class Scratch(NamedTuple):
     zero: Array  # (n,)
     lam: Array  # (m,)   zero
     parts: Array  # (1 + n,) see solvers.system.TreeSystem.inertia_parts
-    inertia: NDArray[Any]  # (1,) record of solvers.inertia.INERTIA
+    inertia: Table[InertiaRecord]  # (1,)
 
     @staticmethod
     def allocate(nq: int, n: int, positions: Positions, m: int = 0) -> Scratch:
         """Return zeroed arrays."""
         sizes = n, nq, n, nq, n, n, nq, n, m, 1 + n
-        return Scratch._make((positions, *(np.zeros(size) for size in sizes), records(1, INERTIA)))
+        return Scratch._make((positions, *(np.zeros(size) for size in sizes), InertiaRecord.zeros(1)))
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that are needed to continue a motion."""

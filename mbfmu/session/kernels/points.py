@@ -22,7 +22,7 @@ from mbfmu.mechanics.arrays.input_kernels import (
 from mbfmu.mechanics.arrays.load_groups import largest_ratio
 from mbfmu.mechanics.loads.base import MAX_VALID_RATIO
 from mbfmu.mechanics.recursions.dynamics import energy, observe
-from solvers.balance import BALANCE, BALANCE_OK, check_energy_balance, energy_floor
+from solvers.balance import BALANCE_OK, BalanceRecord, check_energy_balance, energy_floor
 from solvers.compiled.kernel import inlined, kernel, records
 from solvers.compiled.record import Record, f8, i8
 from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
@@ -58,14 +58,14 @@ class Session(NamedTuple):
 
     data: Any  # mbfmu.mechanics.records.Data, pinned
     inputs: Any  # mbfmu.mechanics.arrays.input_kernels.InputRecords
-    balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
+    balance: Table[BalanceRecord]  # (1,)
     status: NDArray[Any]  # (1,) RUN_STATUS
     monitored: Table[ItemRecord]  # mbfmu.mechanics.records.ItemRecord, loads that have limits of their theory
 
     @staticmethod
     def allocate(data: Any, inputs: InputRecords, monitored: Table[ItemRecord]) -> Session:
         """Return a session that has not begun."""
-        return Session(data, inputs, records(1, BALANCE), records(1, RUN_STATUS), monitored)
+        return Session(data, inputs, BalanceRecord.zeros(1), records(1, RUN_STATUS), monitored)
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save, but for the values of inputs."""
