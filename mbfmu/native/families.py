@@ -35,7 +35,7 @@ from solvers.steppers.dense import estimate_rates
 from solvers.steppers.radau import loop as radau
 from solvers.steppers.radau.formulas import Memory
 from solvers.steppers.step_control import TRUNCATED_STEPS
-from solvers.steppers.tree import Scratch, TreeEquations
+from solvers.steppers.tree import TreeEquations, TreeScratch
 from solvers.system import Equations, Terms
 
 from .start_checks import NO_BRANCH, find_turned
@@ -275,7 +275,7 @@ FAMILIES = {  # by the prefix of their entry points
     ),
     "tree": Family(
         tree_loop, TREE_KERNELS, _tree_equations, History.allocate,
-        lambda nq, n, m, p: Scratch.allocate(nq, n, p),
+        lambda nq, n, m, p: TreeScratch.allocate(nq, n, p),
         assemble_tree, begin_tree, evaluate_tree, continue_tree, limit_history, count_adams,
     ),
 }  # fmt: skip

@@ -46,7 +46,7 @@ class TreeEquations(NamedTuple):
         return pin(TreeEquations(*callbacks, system.pinned_data))
 
 
-class Scratch(NamedTuple):
+class TreeScratch(NamedTuple):
     """Units, a state, its rates, and arguments of inverse dynamics.
 
     Only the units and :meth:`memory` are needed after a call.
@@ -66,10 +66,10 @@ class Scratch(NamedTuple):
     inertia: Table[InertiaRecord]  # (1,)
 
     @staticmethod
-    def allocate(nq: int, n: int, positions: Positions, m: int = 0) -> Scratch:
+    def allocate(nq: int, n: int, positions: Positions, m: int = 0) -> TreeScratch:
         """Return zeroed arrays."""
         sizes = n, nq, n, nq, n, n, nq, n, m, 1 + n
-        return Scratch._make((positions, *(np.zeros(size) for size in sizes), InertiaRecord.zeros(1)))
+        return TreeScratch._make((positions, *(np.zeros(size) for size in sizes), InertiaRecord.zeros(1)))
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that are needed to continue a motion."""
@@ -78,7 +78,7 @@ class Scratch(NamedTuple):
 
 @kernel
 def compute_tree_power(
-    eqs: TreeEquations, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, scratch: Scratch
+    eqs: TreeEquations, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, scratch: TreeScratch
 ) -> float:
     """W' at a state with accelerations a (n,) and multipliers lam (m,), W; this costs an inverse dynamics."""
     eqs.inverse(t, q, v, a, lam, eqs.data, scratch.qdot, scratch.a)
@@ -94,7 +94,7 @@ def record_tree_energy(
     accounts: Any,
     scales: EnergyScales,
     is_scheduled: bool,
-    scratch: Scratch,
+    scratch: TreeScratch,
 ) -> None:
     """Update the rate growth if it is watched, and if ``is_scheduled`` the energy bound, at (t, q, v)."""
     is_watched = scratch.inertia[0].watched == 1
@@ -125,7 +125,7 @@ class TreeFormulation(Formulation):
         self.position_units = system.position_sizes(system.size)
         require_resolution(t, self.rate, q, self.position_units, options.rtol, system.coordinate_names)
         self.rate_units = RATE_TOLERANCE_RATIO * self.rate * system.size
-        self._scratch = Scratch.allocate(system.nq, system.n, system.positions, system.m)
+        self._scratch = TreeScratch.allocate(system.nq, system.n, system.positions, system.m)
         self._scratch.size[:], self._scratch.size_q[:] = system.size, self.position_units
         self._scratch.coordinate_rates[:] = RATE_TOLERANCE_RATIO * self.rate
         self._scratch.inertia["watched"] = system.can_compute_rate_growth
