@@ -45,7 +45,7 @@ def build_native_fmu(
     ``for_one_run``: its parameters are constant, which saves the search for what follows them.
     """
     names = _targets(fmi, platforms)
-    settings = _with_solver(model, settings, report)
+    settings = _with_solver(model, settings, report, replaces=not for_one_run)
     made = native_model(model, settings, for_one_run)
     for found in (*made.diagnostics, *describe_constants(made.fixed)):
         report(found)
@@ -114,23 +114,26 @@ def _known() -> str:
     return ", ".join(TARGETS)
 
 
-def refuse_solver(solver: str) -> None:
+def refuse_solver(solver: str, supported: tuple[str, ...] = NATIVE_SOLVERS) -> None:
     """Raise UserError if a solver that was requested is not in native FMUs; ``auto`` selects one that is."""
-    if solver not in (*NATIVE_SOLVERS, AUTO):
+    if solver not in (*supported, AUTO):
         raise UserError(
-            f"solver is {solver!r}; allowed in a native FMU: {_listed(NATIVE_SOLVERS)}, or {AUTO}. Choose one of "
+            f"solver is {solver!r}; allowed in a native FMU: {_listed(supported)}, or {AUTO}. Choose one of "
             "these, or export without --native",
             "not-native",
         )
 
 
-def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic], None]) -> Settings:
+def _with_solver(
+    model: Model, settings: Settings, report: Callable[[Diagnostic], None], *, replaces: bool = True
+) -> Settings:
     """Return settings with a solver that native FMUs support: the cheapest in place of the model's default.
 
     Raises
     ------
     UserError
-        Another solver was requested that they do not support, or none of those that they support suits the model.
+        Another solver was requested that they do not support, or none of those that they support suits the model. Not
+        ``replaces``: the default is not supported either.
     """
     given = settings.solver
     if given in NATIVE_SOLVERS and given not in SUNDIALS_SOLVERS:
@@ -142,6 +145,8 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic]
     supported = _supported(compiled.system)
     if given in supported:
         return settings
+    if not replaces:
+        refuse_solver(given, supported)
     found = select_solver(compiled, [(0.0, *compiled.assemble())], settings.options(model.stop_time))
     implicit = "radau" if compiled.system.has_matrices else "adams"  # which is all that large trees have
     solver = found.solver if found.solver in supported else implicit

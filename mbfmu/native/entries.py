@@ -46,6 +46,7 @@ from solvers.system import Array
 from .families import FAMILIES, NATIVE_SOLVERS
 from .image import MemoryImage
 from .start_checks import check_resolution, find_misplaced
+from .sundials_files import SUNDIALS_SOLVERS
 
 COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
     joints: joints.Joint, cuts: cuts.CutJoint, couplings: couplings.Coupling, loads: loads.Load,
@@ -140,6 +141,12 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
         Its solver, or a kernel of it, is not in the runtime.
     """
     family, system = family_of(simulation), simulation.compiled.system
+    if not family and simulation.solver_choice.solver in SUNDIALS_SOLVERS:
+        raise UserError(
+            f"native FMUs support solver {simulation.solver_choice.solver!r} only for small models, and this one has "
+            f"{system.n} joint coordinates; use 'adams', or export it without --native",
+            "not-native",
+        )
     if not family:
         raise UserError(
             f"native FMUs do not support the solver {simulation.solver_choice.solver!r}; allowed: "

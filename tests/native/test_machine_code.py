@@ -15,6 +15,7 @@ from fmus.feeder import Feeder
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
+from fmus.sheet import Sheet
 from mbfmu.fmi import export
 from mbfmu.mechanics import Mechanism, Revolute, Spring, rod
 from mbfmu.native.entries import image_of
@@ -118,8 +119,10 @@ def test_two_builds_of_the_kernels_give_equal_bytes(tmp_path: Path):
 
 
 def test_a_solver_that_is_not_there_is_refused():
-    with pytest.raises(UserError, match="do not support the solver 'ida'; allowed: adams, hybrid, radau"):
-        image_of(Simulation(FourBar(), Settings(solver="ida")))
+    with pytest.raises(UserError, match="support solver 'ida' only for small models, and this one has 126 joint"):
+        image_of(Simulation(Sheet(nx=9, nz=7), Settings(solver="ida")))
+    with pytest.raises(UserError, match="do not support the solver 'esdirk'; allowed: adams, hybrid, radau, ida"):
+        image_of(Simulation(Sheet(nx=9, nz=7), Settings(solver="esdirk")))
 
 
 def test_a_kernel_of_the_model_s_own_is_refused():

@@ -44,6 +44,10 @@ MODELS: dict[str, tuple[Model, str, float]] = {  # with their solver, and the le
     "elastic coupler": (FourBar(coupler_modes=2), "adams", 0.01),
     "governor": (Governor(), "adams", 0.01),
     "pendulum": (SwingPendulum(), "radau", 0.01),
+    "four-bar, ida": (FourBar(), "ida", 0.01),
+    "elastic coupler, ida": (FourBar(coupler_modes=2), "ida", 0.01),
+    "governor, ida": (Governor(), "ida", 0.01),
+    "pendulum, ida": (SwingPendulum(), "ida", 0.01),
     "sheet": (Sheet(**GRID), "adams", 2e-4),
 }
 

@@ -42,8 +42,8 @@ from .dense_memory import (
     fill_start,
     is_shift_too_large,
     report_unknowns,
+    restore_tolerances,
     set_options,
-    set_tolerances,
 )
 from .loop import (
     EARLIER_FAILURES,
@@ -154,7 +154,7 @@ def report(problem: Integration, t: float) -> int:
     return code
 
 
-HOOKS = {
+DENSE_HOOKS = {
     "begin": begin,
     "steps_allowed": steps_allowed,
     "may_take_more": may_take_more,
@@ -163,7 +163,7 @@ HOOKS = {
     "report": report,
 }
 advance: Any = specialize(
-    loop.advance, __name__, {**HOOKS, "advance_history": specialize(loop.advance_history, __name__, HOOKS)}
+    loop.advance, __name__, {**DENSE_HOOKS, "advance_history": specialize(loop.advance_history, __name__, DENSE_HOOKS)}
 )
 
 
@@ -198,7 +198,7 @@ def restore(problem: Any, options: Any) -> None:
     restart(problem)
     memory.counts[EARLIER_FAILURES], memory.progress[0].truncated_steps = memory.counts[ERROR_TEST_FAILURES], 0
     set_options(options, problem)
-    set_tolerances(problem)
+    restore_tolerances(problem, memory.control[0].t)
 
 
 @kernel

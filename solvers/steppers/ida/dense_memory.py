@@ -144,6 +144,13 @@ def set_up(problem: Integration, t: float, rank: int) -> None:
 
 
 @kernel
+def restore_tolerances(problem: Integration, t: float) -> None:
+    """Set the tolerances at the reported state of time t (s), which was restored: whatever came before it."""
+    problem.eqs.dynamics(t, problem.q, problem.v, problem.eqs.data, problem.eqs.terms)
+    set_tolerances(problem)
+
+
+@kernel
 def set_scaling(problem: Integration) -> None:
     """Set the units of unknowns and residuals: pivots are not to depend on meters and kilograms."""
     unknowns, work, M = problem.memory.unknowns, problem.work, problem.eqs.terms.M
