@@ -190,8 +190,5 @@ STEPPER_HOOKS = {
     "resume": lambda stepper: stepper._resume(),
     "report": lambda stepper, t: stepper._report(t),
 }
-_advance = substitute(
-    loop.advance,
-    __name__,
-    {**STEPPER_HOOKS, "advance_history": substitute(loop.advance_history, __name__, STEPPER_HOOKS)},
-)
+_advance_history = substitute(loop.advance_history, __name__, STEPPER_HOOKS)
+_advance = substitute(loop.advance, __name__, {**STEPPER_HOOKS, "advance_history": _advance_history})
