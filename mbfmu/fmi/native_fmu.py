@@ -12,7 +12,7 @@ from mbfmu.native.data import native_model
 from mbfmu.native.families import NATIVE_SOLVERS
 from mbfmu.native.layout import signed
 from mbfmu.native.runtime import library
-from mbfmu.native.sundials_files import SUNDIALS_SOLVERS, libraries, license_text
+from mbfmu.native.sundials_files import SUNDIALS_SOLVERS, libraries
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.session.solver_selection import select_solver
 from mbfmu.util.diagnostics import Diagnostic
@@ -68,8 +68,6 @@ def build_native_fmu(
         content[f"binaries/{folder}/{owner.identifier}{target.suffix}"] = library(name).read_bytes()
         beside = libraries(name) if settings.solver in SUNDIALS_SOLVERS else {}
         content |= {f"binaries/{folder}/{file}": data for file, data in beside.items()}
-    if settings.solver in SUNDIALS_SOLVERS:
-        content["documentation/licenses/sundials.txt"] = license_text().encode()
     return content
 
 

@@ -119,7 +119,7 @@ def test_two_builds_of_the_kernels_give_equal_bytes(tmp_path: Path):
 
 
 def test_a_solver_that_is_not_there_is_refused():
-    with pytest.raises(UserError, match="support solver 'ida' only for small models, and this one has 126 joint"):
+    with pytest.raises(UserError, match="support solver 'ida' only for small models, and this one has 168 joint"):
         image_of(Simulation(Sheet(nx=9, nz=7), Settings(solver="ida")))
     with pytest.raises(UserError, match="do not support the solver 'esdirk'; allowed: adams, hybrid, radau, ida"):
         image_of(Simulation(Sheet(nx=9, nz=7), Settings(solver="esdirk")))
