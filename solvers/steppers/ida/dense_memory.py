@@ -61,10 +61,14 @@ class SettingsRecord(Record):
 
 
 class ControlRecord(Record):
-    """The reported state."""
+    """The reported state, and what is reported of the run; names are those of other methods."""
 
     t: f8  # s
     rank: i8  # of the constraints
+    max_near_miss_factor: f8  # always zero: the tolerance is that of the options
+    min_gap: f8
+    undetermined: i8  # 1: requested forces were not resolved
+    undetermined_at: f8  # s, the last time
 
 
 SETTINGS, CONTROL = SettingsRecord.dtype, ControlRecord.dtype
