@@ -26,7 +26,7 @@ from solvers.outcome import CODES, KEYS, MESSAGES, Status
 from solvers.steppers import ORDER_LIMITS
 
 from . import layout, start_checks
-from .entries import Instance, family_of, image_of
+from .entries import Instance, family_of, image_of, uses_sundials
 from .families import FAMILIES
 from .image import MemoryImage
 from .model_numbers import Place
@@ -138,6 +138,7 @@ class _File:
             "counts": image.at(instance.counts), "length": image.at(instance.known) + 16,
             "run_status": image.at(instance.session.status), "worst": image.at(instance.start.scratch.worst),
             "massless": image.at(instance.start.scratch.massless),
+            "ida": image.at(instance.given.memory.ida.words) if uses_sundials(instance) else 0,
         }  # fmt: skip
         control = instance.given.memory.control
         self._places |= {

@@ -65,6 +65,13 @@ bool has_length(const Header *h, int64_t length)
            h->size == length - h->block;
 }
 
+/* Whether the table of addresses for SUNDIALS is after what states hold, where the family calls it. */
+static bool good_table(const Header *h)
+{
+    bool is_called = families[h->family].callbacks;
+    return is_called ? h->ida_at >= h->saved && in_block(h, h->ida_at, WORD_COUNT, sizeof(int64_t)) : h->ida_at == 0;
+}
+
 static bool good_header(const Header *h)
 {
     return is_index(h->family, sizeof families / sizeof families[0]) && fits(h->size, 0, h->saved, 1) &&
@@ -77,7 +84,7 @@ static bool good_header(const Header *h)
            in_block(h, h->undetermined_time_at, 1, sizeof(double)) &&
            in_block(h, h->near_miss_factor_at, 1, sizeof(double)) &&
            in_block(h, h->near_miss_gap_at, 1, sizeof(double)) &&
-           h->free_rates_count <= h->coordinates_count;
+           h->free_rates_count <= h->coordinates_count && good_table(h);
 }
 
 #define SECTION(name, kind) in_tables(h, h->name, h->name##_count, sizeof(kind))
