@@ -22,13 +22,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.kernel import inlined, kernel, records
-from solvers.compiled.record import Record, f8, i8
+from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Record, Table, f8, i8
 
 from .system import Array, TreeSystem
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
+    from solvers.projection.workspace import Workspace
 
 
 class InertiaRecord(Record):
@@ -42,7 +43,6 @@ class InertiaRecord(Record):
     large_since: f8  # s, when it was above LARGE_GROWTH first; meaningless where the largest is not
 
 
-INERTIA = InertiaRecord.dtype
 MAX_HARMLESS_GROWTH = 2.0  # rate growth up to which the tolerance is not changed
 LARGE_GROWTH = 10.0  # rate growth from which on the mass matrix is called nearly singular
 MIN_TOLERANCE = 3e-13  # relative tolerance that rounding allows
@@ -55,12 +55,12 @@ class Growth(NamedTuple):
     size: Array  # (n,) units of the coordinates
     coordinate_rates: Array  # (n,) 1/s, of their rates
     parts: Array  # (1 + n,) see solvers.system.TreeSystem.inertia_parts
-    inertia: NDArray[Any]  # (1,) record of INERTIA
+    inertia: Table[InertiaRecord]  # (1,)
 
     @staticmethod
     def of(system: TreeSystem, rate: float) -> Growth:
         """Return the growth of a tree that moves at this rate, 1/s."""
-        growth = Growth(system.size, np.full(system.n, rate), np.zeros(1 + system.n), records(1, INERTIA))
+        growth = Growth(system.size, np.full(system.n, rate), np.zeros(1 + system.n), InertiaRecord.zeros(1))
         growth.inertia["watched"] = system.can_compute_rate_growth
         return growth
 
@@ -91,7 +91,7 @@ def record_growth(t: float, growth: float, inertia: InertiaRecord) -> None:
 
 
 @kernel
-def update_growth(t: float, M: Reals, v: Reals, work: Any) -> None:
+def update_growth(t: float, M: Reals, v: Reals, work: Workspace) -> None:
     """Update the rate growth at time t (s) with mass matrix M (n, n) and rates v (n,); ``work`` is a workspace."""
     record, energy, growth, has_loops = work.inertia[0], 0.0, 0.0, work.row.shape[0] > 0
     for i in range(v.shape[0]):
@@ -115,7 +115,7 @@ def update_tree_growth(t: float, parts: Reals, v: Reals, work: Any) -> None:
 
 
 @inlined
-def tolerance_factor(rtol: float, power: float, work: Growth) -> float:
+def tolerance_factor(rtol: float, power: float, work: Growth | Workspace) -> float:
     """Return by how much tolerances must be multiplied in the next step, at most one.
 
     ``rtol`` is the relative tolerance of a step, as the tolerance of the motion to the ``power``.
@@ -128,7 +128,7 @@ def tolerance_factor(rtol: float, power: float, work: Growth) -> float:
 
 
 def describe_large_growth(inertia: NDArray[Any]) -> str:
-    """Return the message of a record of INERTIA on a nearly singular mass matrix; empty: none."""
+    """Return the message of an InertiaRecord on a nearly singular mass matrix; empty: none."""
     record = inertia[0]
     if not record["largest"] > LARGE_GROWTH:
         return ""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
-from xml.etree.ElementTree import Element, indent, tostring
 
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import AUTO, Settings
@@ -14,7 +13,7 @@ from mbfmu.native.entries import USER_LIBRARY
 from mbfmu.native.families import NATIVE_SOLVERS
 from mbfmu.native.layout import signed
 from mbfmu.native.runtime import library
-from mbfmu.native.sundials_files import SUNDIALS_SOLVERS, libraries, license_text
+from mbfmu.native.sundials_files import SUNDIALS_SOLVERS, libraries
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.session.solver_selection import select_solver
 from mbfmu.util.diagnostics import Diagnostic
@@ -23,10 +22,10 @@ from solvers.steppers import describe_refusal, drop_unlisted
 from solvers.system import AnySystem
 
 from . import description, description3
-from .description import LOG_CATEGORIES, Experiment, Identity
-from .documentation import page
+from .description import LOG_CATEGORIES, Experiment, Identity, xml_bytes
+from .documentation import c_sources, page
 from .identity import identify
-from .terminals import terminals_and_icons
+from .terminals import terminal_files
 
 FMI_VERSIONS = (2, 3)
 
@@ -48,26 +47,24 @@ def build_native_fmu(
     the library of the user-defined kernels for a target.
     """
     names = _targets(fmi, platforms)
-    settings = _with_solver(model, settings, report)
+    settings = _with_solver(model, settings, report, replaces=not for_one_run)
     made = native_model(model, settings, for_one_run)
     for found in (*made.diagnostics, *describe_constants(made.fixed)):
         report(found)
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
     identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
-    shown, terminals = list(made.variables), None
+    shown = list(made.variables)
     if fmi == 2:
         root = description.model_description(identity, experiment, shown, LOG_CATEGORIES)
     else:
         root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays)
         shown = [v for _, v in description3.listed(made.variables, made.arrays)]
-        terminals = terminals_and_icons(model, shown)
     content = {
-        "modelDescription.xml": _text(root),
+        "modelDescription.xml": xml_bytes(root),
         "resources/model.bin": signed(made.data, owner.guid),
         "documentation/index.html": page(model, shown, needs_python=False).encode(),
     }
-    if terminals is not None:
-        content["terminalsAndIcons/terminalsAndIcons.xml"] = _text(terminals)
+    content |= terminal_files(model, shown) | c_sources()
     for name in names:
         target = TARGETS[name]
         folder = target.folder if fmi == 2 else name
@@ -76,8 +73,6 @@ def build_native_fmu(
             content[f"binaries/{folder}/{USER_LIBRARY}{target.suffix}"] = user_library(name)
         beside = libraries(name) if settings.solver in SUNDIALS_SOLVERS else {}
         content |= {f"binaries/{folder}/{file}": data for file, data in beside.items()}
-    if settings.solver in SUNDIALS_SOLVERS:
-        content["documentation/licenses/sundials.txt"] = license_text().encode()
     return content
 
 
@@ -92,12 +87,6 @@ def describe_constants(frozen: Mapping[str, str]) -> list[Diagnostic]:
         text = f"{what} in this FMU: {why}"
         found.append(Diagnostic.note("constant-parameter", text, subject=names[0].strip("'")))
     return found
-
-
-def _text(root: Element) -> bytes:
-    indent(root)
-    text: bytes = tostring(root, encoding="utf-8", xml_declaration=True)
-    return text
 
 
 def _targets(fmi: int, platforms: Sequence[str]) -> list[str]:
@@ -119,23 +108,26 @@ def _known() -> str:
     return ", ".join(TARGETS)
 
 
-def refuse_solver(solver: str) -> None:
+def refuse_solver(solver: str, supported: tuple[str, ...] = NATIVE_SOLVERS) -> None:
     """Raise UserError if a solver that was requested is not in native FMUs; ``auto`` selects one that is."""
-    if solver not in (*NATIVE_SOLVERS, AUTO):
+    if solver not in (*supported, AUTO):
         raise UserError(
-            f"solver is {solver!r}; allowed in a native FMU: {_listed(NATIVE_SOLVERS)}, or {AUTO}. Choose one of "
+            f"solver is {solver!r}; allowed in a native FMU: {_listed(supported)}, or {AUTO}. Choose one of "
             "these, or export without --native",
             "not-native",
         )
 
 
-def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic], None]) -> Settings:
+def _with_solver(
+    model: Model, settings: Settings, report: Callable[[Diagnostic], None], *, replaces: bool = True
+) -> Settings:
     """Return settings with a solver that native FMUs support: the cheapest in place of the model's default.
 
     Raises
     ------
     UserError
-        Another solver was requested that they do not support, or none of those that they support suits the model.
+        Another solver was requested that they do not support, or none of those that they support suits the model. Not
+        ``replaces``: the default is not supported either.
     """
     given = settings.solver
     if given in NATIVE_SOLVERS and given not in SUNDIALS_SOLVERS:
@@ -147,6 +139,8 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic]
     supported = _supported(compiled.system)
     if given in supported:
         return settings
+    if not replaces:
+        refuse_solver(given, supported)
     found = select_solver(compiled, [(0.0, *compiled.assemble())], settings.options(model.stop_time))
     implicit = "radau" if compiled.system.has_matrices else "adams"  # which is all that large trees have
     solver = found.solver if found.solver in supported else implicit

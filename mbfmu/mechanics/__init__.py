@@ -3,9 +3,9 @@
 from mbfmu.util.errors import AssemblyError, UserError, missing_attribute
 from solvers.compiled.kernel import kernel
 
-from .arrays.compile import Variable
 from .arrays.compiled_mechanism import CompiledMechanism
 from .arrays.load_groups import LoadGroup
+from .arrays.numbering import Variable
 from .builder.bodies import Body, FlexibleBody
 from .builder.chain import add_chain
 from .builder.handles import CouplingHandle, CutHandle, ForceHandle

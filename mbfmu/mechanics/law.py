@@ -18,6 +18,7 @@ from numba.core.errors import NumbaError
 from numba.extending import overload
 
 from mbfmu.util.errors import UserError
+from solvers.compiled.fingerprint import fingerprint_of_function
 from solvers.compiled.kernel import COMPILED, has_raise, is_kernel, jit_uncached
 
 FUNCTIONS: dict[str, Any] = {
@@ -100,13 +101,19 @@ def law_of(what: str, given: Any, names: tuple[str, ...]) -> Any:
         ) from error
 
 
+_kernels: dict[tuple[str, int], Any] = {}  # by fingerprint and number of arguments
+
+
 @cache
 def compiled(law: Any, count: int) -> Any:
-    """Return a function of real numbers as a kernel."""
-    if not COMPILED:
-        return law
-    made = law if is_kernel(law) else jit_uncached(law)
-    made.compile(types.float64(*[types.float64] * count))
+    """Return a function of real numbers as a kernel.
+
+    Equal functions are one kernel: a model creates its functions again whenever it is built.
+    """
+    made = law if is_kernel(law) or not COMPILED else jit_uncached(law)
+    made = _kernels.setdefault((fingerprint_of_function(law), count), made)
+    if COMPILED:
+        made.compile(types.float64(*[types.float64] * count))
     return made
 
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.flexible.modal import FLEXIBLE, MODES, NODE
+from mbfmu.mechanics.flexible.modal import MODES, FlexibleRecord, NodeRecord
 from solvers.compiled.kernel import records
 from solvers.compiled.record import Mat3, Mat6, Record, Table, Vec3, Vec6, f8, i8
 from solvers.compiled.record_view import COMPLEX_FACTOR, aligned_bytes, complex_dtype
@@ -113,8 +113,8 @@ class Arrays(NamedTuple):
     sensors: Table[SensorRecord]
     kept: NDArray[np.int64]  # (rows,) number among the constraints, cuts before couplings; -1: trivially satisfied
     residual_scale: NDArray[np.float64]  # (rows,) m: length of the mechanism divided by the unit of the row
-    flexibles: NDArray[Any]  # FLEXIBLE
-    nodes: NDArray[Any]  # NODE
+    flexibles: Table[FlexibleRecord]
+    nodes: Table[NodeRecord]
     kernels: NDArray[np.int64]  # addresses of kernels, MAX_KERNELS for each kind that is there; 0: it has none
     memory: NDArray[np.uint8]  # every record of whatever has a kind
     numbers: NDArray[np.float64]  # of tables, which are of any length
@@ -158,6 +158,15 @@ class CoupledRecord(Record):
     lam: f8  # multiplier that loaded the coordinates last
 
 
+class RelativeMotionRecord(Record):
+    """What the kernels of a joint write: the motion of the child relative to the joint frame, in its axes."""
+
+    S: Mat6  # S[0:nv]: columns of the motion subspace, (u, w_rel) = sum_k v_k S[k]
+    R: Mat3  # orientation of the child
+    p: Vec3  # its origin, m
+    bias: Vec6  # sum_k v_k dS[k]/dt
+
+
 class State(NamedTuple):
     """What the recursions read and write."""
 
@@ -170,8 +179,7 @@ class State(NamedTuple):
     a: NDArray[np.float64]  # (nv,)
     Q: NDArray[np.float64]  # (nv,) forces applied along joint coordinates
     tau: NDArray[np.float64]  # (nv,) inverse dynamics
-    rel: NDArray[np.float64]  # (9, 6) a joint at work: rows 0-5 subspace, 6-8 rotation | offset
-    bias: NDArray[np.float64]  # (6,) what the turning of its subspace adds
+    rel: Table[RelativeMotionRecord]  # (1,) of the joint whose kernels were called last
     frame: NDArray[np.float64]  # (3, 3) axes of its frame
     product: NDArray[np.float64]  # (3, 3) a product of matrices on its way
     wrench: NDArray[np.float64]  # (6,) a wrench on its way inward
@@ -203,8 +211,7 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
         a=z(nv),
         Q=z(nv),
         tau=z(nv),
-        rel=z((9, 6)),
-        bias=z(6),
+        rel=RelativeMotionRecord.zeros(1),
         frame=z((3, 3)),
         product=z((3, 3)),
         wrench=z(6),
@@ -233,8 +240,8 @@ def empty_data() -> Data:
         sensors=SensorRecord.zeros(1),
         kept=whole,
         residual_scale=np.zeros(1),
-        flexibles=records(1, FLEXIBLE),
-        nodes=records(1, NODE),
+        flexibles=FlexibleRecord.zeros(1),
+        nodes=NodeRecord.zeros(1),
         kernels=np.zeros(MAX_KERNELS, np.int64),
         memory=np.zeros(1, np.uint8),
         numbers=np.zeros(1),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -35,8 +37,8 @@ def find(reference: str) -> type[Model]:
     Parameters
     ----------
     reference
-        Name of a registered model, or path of a Python file and class: ``path/to/file.py:Class``; the class may be
-        left out if the file has one model.
+        Name of a registered model; path of a Python file and class: ``path/to/file.py:Class``, where the class may be
+        left out if the file has one model; or module and class: ``my_package.my_module:Class``.
 
     Returns
     -------
@@ -46,17 +48,28 @@ def find(reference: str) -> type[Model]:
     Raises
     ------
     UserError
-        No such model, file or class.
+        No such model, file, module or class.
     """
     if ".py" in reference:
         path, _, name = reference.rpartition(":") if ".py:" in reference else (reference, "", "")
         return load(Path(path), name)
+    if ":" in reference:
+        return _imported(reference)
     points = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
     if reference not in points:
         raise UserError(
             f"unknown model {reference!r}{suggest(reference, points)} (or name a file: my_model.py:MyModel)"
         )
     return _model_class(points[reference].load(), f"entry point {reference!r}")
+
+
+def reference_of(cls: type[Model]) -> str:
+    """Return what :func:`find` finds a model by in another process; empty: it does not, as for a class of a script."""
+    module = sys.modules.get(cls.__module__)
+    if module is None or cls.__module__ == "__main__" or "." in cls.__qualname__:
+        return ""
+    file = getattr(module, "__mbfmu_file__", None)
+    return f"{file or cls.__module__}:{cls.__qualname__}"
 
 
 def at_defaults(cls: type[Model]) -> Model:
@@ -89,6 +102,19 @@ def load(path: Path, name: str = "") -> type[Model]:
     if name not in own:
         raise UserError(f"{str(path)!r} has no model {name!r}; it has: {', '.join(own) or 'none'}")
     return own[name]
+
+
+def _imported(reference: str) -> type[Model]:
+    """Return the model of an importable module and a class."""
+    module, _, name = reference.partition(":")
+    try:
+        found = getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError, TypeError) as error:
+        raise UserError(
+            f"model {reference!r} cannot be imported: {error}; allowed: module and class, as in my_package.my_module:"
+            "MyModel, or a file, as in my_model.py:MyModel"
+        ) from error
+    return _model_class(found, f"{reference!r}")
 
 
 def _model_class(found: Any, what: str) -> type[Model]:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.mechanics.arrays.closing import CLOSURE_MESSAGES
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.parameters import declared, span
@@ -19,8 +20,8 @@ from mbfmu.modeling.variables import ArrayVariable, Role, ScalarVariable, Type, 
 from mbfmu.session.failure_diagnosis import advise
 from mbfmu.session.simulation import Simulation, UnstartedSimulation
 from mbfmu.session.tolerances import COARSE_TOLERANCE, describe_coarse
-from solvers.assembly import Outcome
 from solvers.diagnostics import Diagnostic
+from solvers.loop_closure import Outcome
 from solvers.outcome import CODES, KEYS, MESSAGES, Status
 from solvers.steppers import ORDER_LIMITS
 
@@ -143,6 +144,13 @@ class _File:
             "massless": image.at(instance.start.scratch.massless),
             "ida": image.at(instance.given.memory.ida.words) if uses_sundials(instance) else 0,
         }  # fmt: skip
+        control = instance.given.memory.control
+        self._places |= {
+            "undetermined": image.at(control, "undetermined"),
+            "undetermined_time": image.at(control, "undetermined_at"),
+            "near_miss_factor": image.at(control, "max_near_miss_factor"),
+            "near_miss_gap": image.at(control, "min_gap"),
+        }
 
     def write(self) -> bytes:
         """Return the bytes of the file."""
@@ -159,8 +167,18 @@ class _File:
         rows["coordinates"] = [(self._add_text(name),) for name in system.coordinate_names]
         rows["cuts"] = [(self._add_text(handle.name),) for handle in self._simulation.compiled.mechanism.cuts]
         rows["loads"] = [
-            (self._add_text(f"{acting.what} at {acting.bodies[0].name}" if acting.load.misplacement else ""),)
+            (self._add_text(acting.place if acting.load.misplacement else ""),)
             for acting in self._simulation.compiled.mechanism.loads()
+        ]
+        mechanism, inputs = self._simulation.compiled.mechanism, self._simulation.compiled.inputs
+        rows["free_rates"] = [
+            (self._add_text(body.name if body.joint.rate is None else ""),)
+            for body in free_bodies(mechanism)
+            for _ in range(body.joint.nv)
+        ]
+        units = {v.name: v.unit for v in inputs.variables}
+        rows["supports"] = [
+            (self._references[name], self._add_text(units[name])) for name, *_ in inputs.supports().values()
         ]
         rows["text"] = [(byte,) for byte in self._text]
         header = np.zeros(1, layout.HEADER)
@@ -176,6 +194,7 @@ class _File:
         compiled, freedom = self._simulation.compiled, self._simulation.stepper.freedom
         header["user_kernels"] = len(user_kernels(compiled.called()))
         header["reports_coarse"] = bool(describe_coarse(compiled, COARSE_TOLERANCE, freedom))
+        header["reports_undetermined"] = compiled.has_force_outputs
         for name, place in self._places.items():
             header[f"{name}_at"] = place
         return b"".join((header.tobytes(), *parts, self._block))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import couplings, cuts, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.closing import CutFrames
-from mbfmu.mechanics.arrays.points import InputRecords, start_input
+from mbfmu.mechanics.arrays.input_kernels import InputRecords, start_input
 from mbfmu.mechanics.arrays.tables import REAL, CalledKernel
 from mbfmu.mechanics.kind import ElementType, element_types_of, kernel_of, record_of
 from mbfmu.mechanics.records import ItemRecord, empty_data
@@ -30,22 +30,24 @@ from mbfmu.sheets import elements as sheet_elements
 from mbfmu.sheets import joints as sheet_joints
 from mbfmu.sheets import sensors as sheet_sensors
 from mbfmu.util.errors import UserError
-from solvers.assembly import ASSEMBLED, Scratch
 from solvers.compiled.kernel import as_kernel, jit_uncached, records, types
 from solvers.compiled.tuple_pointer import pin, unpin
-from solvers.energy_account import ACCOUNT_SIZE, EnergyScales
+from solvers.energy_account import ACCOUNT_SIZE, WORK, EnergyScales
+from solvers.loop_closure import ASSEMBLED, ClosureScratch
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
 from solvers.stepper import advance_in_pieces_of
 from solvers.steppers import drop_unlisted
 from solvers.steppers.ida.dense_memory import IDAMemory
+from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
 
 from .families import FAMILIES, NATIVE_SOLVERS
 from .image import MemoryImage
 from .start_checks import check_resolution, find_misplaced
+from .sundials_files import SUNDIALS_SOLVERS
 
 COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
     joints: joints.Joint, cuts: cuts.CutJoint, couplings: couplings.Coupling, loads: loads.Load,
@@ -62,14 +64,14 @@ class Start(NamedTuple):
 
     q: Array  # (nq,) first positions, as given to the builder
     v: Array  # (n,) first velocities, see q
-    scratch: Any  # solvers.assembly.Scratch: units, what is held, and which rows or coordinates are wrong
+    scratch: Any  # solvers.loop_closure.ClosureScratch: units, what is held, and which rows or coordinates are wrong
 
 
 class Instance(NamedTuple):
     """One instance of a model, as the entry points take it: a run of :mod:`mbfmu.session.kernels.sequence`."""
 
     session: Any  # mbfmu.session.kernels.points.Session
-    inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords, those of the session
+    inputs: Any  # mbfmu.mechanics.arrays.input_kernels.InputRecords, those of the session
     clock: Array  # (1,) s, the reported time
     q: Array  # the reported state and its energy account, those of ``given``
     v: Array
@@ -112,7 +114,7 @@ def instance_of(simulation: Simulation) -> Instance:
     work.size[:] = system.size
     work.inertia["watched"] = unpin(given.work).inertia["watched"]
     assembly = compiled.assembly
-    scratch = Scratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
+    scratch = ClosureScratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
     if simulation.settings.start_at_equilibrium:
         start = Start(q.copy(), v.copy(), scratch)
     else:
@@ -142,6 +144,12 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
         Its solver, or a kernel of it, is not in the runtime.
     """
     family, system = family_of(simulation), simulation.compiled.system
+    if not family and simulation.solver_choice.solver in SUNDIALS_SOLVERS:
+        raise UserError(
+            f"native FMUs support solver {simulation.solver_choice.solver!r} only for small models, and this one has "
+            f"{system.n} joint coordinates; use 'adams', or export it without --native",
+            "not-native",
+        )
     if not family:
         raise UserError(
             f"native FMUs do not support the solver {simulation.solver_choice.solver!r}; allowed: "
@@ -195,7 +203,7 @@ def example(name: str) -> Any:
     state = z(1), z(1), z(ACCOUNT_SIZE)
     given = Integration(eqs, records(1, family.loop.SETTINGS), *own, *state)
     session = Session.allocate(data, InputRecords.example(), ItemRecord.zeros(1))
-    start, frames = Start(z(1), z(1), Scratch.allocate(1, 1)), CutFrames.example()
+    start, frames = Start(z(1), z(1), ClosureScratch.allocate(1, 1)), CutFrames.example()
     settings = z(3), records(1, OPTIONS), z(1, np.int64)
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
     return pin(Instance(*run, given, start, *settings, frames, z(1), positions))
@@ -207,12 +215,15 @@ _named = cache(as_kernel)  # what two families call is compiled once
 def solver_actions(name: str) -> SolverActions:
     """Return what the solvers of a family do for an instance, as kernels."""
     family = FAMILIES[name]
-    advance_reported, limit, continued = family.loop.advance_reported, family.limit, family.continue_at_state
+    advance_reported, needs_work = family.loop.advance_reported, family.needs_work
+    start_method, limit_method, _ = family.method
 
     @jit_uncached
     def limit_steps(instance: Any, t: float) -> float:
-        longest, until = input_step_limit(t, instance.given.eqs.data)
-        limit(instance.given, t, min(longest, instance.options[0].max_step))
+        own = instance.given
+        longest, until = input_step_limit(t, own.eqs.data)
+        longest = min(longest, instance.options[0].max_step)
+        limit_method(own.memory, own.settings, t, own.q, own.v, own.energy_account[WORK], longest)
         return float(until)
 
     @jit_uncached
@@ -232,20 +243,30 @@ def solver_actions(name: str) -> SolverActions:
         return int(status.code)
 
     @jit_uncached
+    def start_at_state(instance: Any, truncated_steps: int, keeps_position: bool) -> None:
+        own = instance.given
+        has_work = own.eqs.data.arrays.world[0].nonconservative == 1 and needs_work(own.settings[0])
+        own.settings[0].works = 1 if has_work else 0
+        state = instance.clock[0], own.q, own.v, own.energy_account[WORK]
+        start_method(own.memory, *state, truncated_steps, keeps_position)
+
+    start: Any = family.start or start_at_state
+
+    @jit_uncached
     def continue_at_state(instance: Any) -> None:
-        continued(instance, False)
+        start(instance, TRUNCATED_STEPS, instance.session.status[0].code == OK)
 
     @jit_uncached
     def restart(instance: Any) -> None:
-        continued(instance, True)
+        start(instance, 0, False)
 
-    restarts_at_jumps = not family.keeps_history_at_jumps
+    continue_after_jump = continue_at_state if family.keeps_history_at_jumps else restart
 
     @jit_uncached
     def jump(instance: Any) -> None:
         for i in range(instance.dv.shape[0]):
             instance.v[i] += instance.dv[i]
-        continued(instance, restarts_at_jumps)
+        continue_after_jump(instance)
 
     return SolverActions(advance, family.evaluate, continue_at_state, restart, jump)
 
@@ -253,9 +274,10 @@ def solver_actions(name: str) -> SolverActions:
 def entries(name: str) -> dict[str, Entry]:
     """Return the entry points of a family by their names."""
     family, actions = FAMILIES[name], solver_actions(name)
-    assembled, begun, continued, counted = family.assemble, family.begin, family.continue_at_state, family.count
+    assembled, begun, counted = family.assemble, family.begin, family.method.count
     restored, closed = family.restore, family.close
     sequence, advanced = sequence_of(actions, jit_uncached), actions.advance
+    restarted, continued = actions.restart, actions.continue_at_state
 
     def start(instance: Any, index: int, value: float) -> int:
         """Let an input have another value at the start, before :func:`begin`."""
@@ -265,7 +287,7 @@ def entries(name: str) -> dict[str, Entry]:
         return OK
 
     def assemble(instance: Any, t: float) -> int:
-        """Let the reported state be the start with its loops closed at t (s); return a code of solvers.assembly.
+        """Let the reported state be the start with its loops closed at t (s); return a code of solvers.loop_closure.
 
         If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state.
         It may be TURNED or MISPLACED too.
@@ -278,7 +300,7 @@ def entries(name: str) -> dict[str, Entry]:
         problem = instance.given
         instance.clock[0], problem.scales.rtol[0] = t, instance.options[0].rtol
         code, rate = begun(instance, t)
-        continued(instance, True)
+        restarted(instance)
         options, freedom = instance.options[0], problem.v.shape[0] - problem.memory.control[0].rank
         begin_session(
             instance.session,
@@ -299,7 +321,7 @@ def entries(name: str) -> dict[str, Entry]:
 
     def continue_at_state(instance: Any) -> int:
         """Go on where loads have changed."""
-        continued(instance, False)
+        continued(instance)
         return OK
 
     def advance(instance: Any, t: float) -> int:
@@ -309,7 +331,7 @@ def entries(name: str) -> dict[str, Entry]:
 
     def count(instance: Any) -> int:
         """Write the cost of the run so far."""
-        counted(instance.given, instance.counts)
+        counted(instance.given.memory, instance.counts)
         return OK
 
     def restore(instance: Any) -> int:

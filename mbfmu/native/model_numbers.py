@@ -14,7 +14,7 @@ from mbfmu.modeling.model import Model
 from mbfmu.util.errors import UserError
 from solvers.system import Array
 
-from .user_kernels import fingerprint
+from .user_kernels import fingerprints
 
 STRUCTURE_REASON = "it changes the structure of the mechanism"
 KERNEL_REASON = "it changes a user-defined function, which is compiled into the FMU"
@@ -60,7 +60,7 @@ class Reader:
         self._model = model
         self._known: dict[tuple[tuple[str, float], ...], Array | UserError] = {}
         compiled = model.compile()
-        self._kernels = fingerprint(compiled.called())
+        self._kernels = fingerprints(compiled.called())
         arrays = compiled.data.arrays
         masks = {name: _real_words(name, array, compiled) for name, array in arrays._asdict().items()}
         self._real = np.concatenate(list(masks.values()))
@@ -100,11 +100,11 @@ class Reader:
     def _read(self, values: Mapping[str, float]) -> Array:
         with np.errstate(all="ignore"):
             compiled = self._model.with_values(values).compile()
+            if fingerprints(compiled.called()) != self._kernels:
+                raise UserError(KERNEL_REASON)
             words = _words(compiled)
             if len(words) != len(self._real) or np.any(words[~self._real] != self._whole):
                 raise UserError(STRUCTURE_REASON)
-            if fingerprint(compiled.called()) != self._kernels:
-                raise UserError(KERNEL_REASON)
             return self._numbers(compiled)
 
     def _numbers(self, compiled: CompiledMechanism) -> Array:

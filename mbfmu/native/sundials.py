@@ -7,7 +7,7 @@ from typing import Any
 
 from solvers.compiled.ffi import array_at
 from solvers.compiled.kernel import types
-from solvers.steppers.ida.calls import CALLBACKS, FUNCTIONS, N_WORDS, OBJECTS, RESIDUAL
+from solvers.steppers.ida.calls import CALLBACKS, FUNCTION_NAMES, N_WORDS, OBJECTS, RESIDUAL
 from solvers.steppers.ida.dense_callbacks import (
     apply_preconditioner_at,
     evaluate_jacobian_at,
@@ -94,8 +94,8 @@ def declarations(c_types: dict[Any, str]) -> list[str]:
     """Return the lines of the C header that SUNDIALS needs; ``c_types`` are those of arguments of kernels."""
     prefix = ["#ifdef _WIN32", '#define LIBRARY_NAME(name) "sundials_" name', "#else"]
     lines = [*prefix, '#define LIBRARY_NAME(name) "libsundials_" name', "#endif"]
-    functions = (*FUNCTIONS, *CONTEXT_FUNCTIONS)
-    lines += [f"#define LIBRARY_COUNT {len(LIBRARIES)}", f"#define FUNCTION_COUNT {len(FUNCTIONS)}"]
+    functions = (*FUNCTION_NAMES, *CONTEXT_FUNCTIONS)
+    lines += [f"#define LIBRARY_COUNT {len(LIBRARIES)}", f"#define FUNCTION_COUNT {len(FUNCTION_NAMES)}"]
     lines.append(_array("library_names", (f'LIBRARY_NAME("{name}")' for name in LIBRARIES)))
     lines.append(_array("function_names", (f'"{name}"' for name in functions)))
     words = [f"WORD_{name.upper()} = {RESIDUAL + k}" for k, name in enumerate((*CALLBACKS, "user_data", *OBJECTS))]

@@ -8,7 +8,6 @@ from the folder of its own library. As the kernels of the runtime they are compi
 
 from __future__ import annotations
 
-import inspect
 import os
 import subprocess
 import sys
@@ -18,15 +17,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from mbfmu.mechanics.arrays.compile import Compiled, Numbering
-from mbfmu.mechanics.arrays.bounds import OWN_PACKAGES
+from mbfmu.mechanics.arrays.compile import CompiledElements
+from mbfmu.mechanics.arrays.numbering import Numbering
 from mbfmu.mechanics.arrays.tables import CalledKernel, types_of
+from mbfmu.modeling.registry import reference_of
 from mbfmu.modeling.scene import Scene, as_toml, read_scene
 from mbfmu.util.errors import UserError
 from solvers.compiled.aot import emit_object, link_module
 from solvers.compiled.cache import notify_listeners
+from solvers.compiled.fingerprint import fingerprint_of_function
 from solvers.compiled.indirect_call import record_type
 
 from .entries import USER_LIBRARY, USER_TABLE_SYMBOL, user_kernels
@@ -37,31 +36,9 @@ EXPORTED_TABLE = f"{{ global: {USER_TABLE_SYMBOL}; local: *; }};"  # for linkers
 MAX_ERROR_LINES = 3  # of a linker
 
 
-def fingerprint(called: Iterable[CalledKernel | None]) -> list[Any]:
-    """Return what the user-defined kernels of a mechanism do, in a form that is compared: code and captured values."""
-    seen: set[int] = set()
-    return [_content(own.function, seen) for own in user_kernels(called)]
-
-
-def _content(value: Any, seen: set[int]) -> Any:
-    """Return a function by its code and what it uses, an array by its bytes, and any other value by its text.
-
-    A function that was described before, and one of a module of this package, is described by its name.
-    """
-    function = getattr(value, "py_func", value)
-    if inspect.isfunction(function):
-        name = f"{function.__module__}.{function.__qualname__}"
-        is_own = str(function.__module__).startswith((*OWN_PACKAGES, "solvers."))
-        if id(function) in seen or (is_own and not function.__closure__):
-            return name
-        seen.add(id(function))
-        used = [cell.cell_contents for cell in function.__closure__ or ()]
-        used += [function.__globals__.get(word) for word in function.__code__.co_names]
-        constants = [word for word in function.__code__.co_consts if not inspect.iscode(word)]
-        return name, function.__code__.co_code, repr(constants), [_content(own, seen) for own in used]
-    if isinstance(value, np.ndarray):
-        return value.dtype.str, value.shape, value.tobytes()
-    return repr(value) if isinstance(value, int | float | complex | str | tuple) else type(value).__qualname__
+def fingerprints(called: Iterable[CalledKernel | None]) -> list[str]:
+    """Return the fingerprints of the user-defined kernels of a mechanism: their code and the values they capture."""
+    return [fingerprint_of_function(own.function) for own in user_kernels(called)]
 
 
 def user_library(scene: Scene, target: str) -> bytes:
@@ -72,9 +49,16 @@ def user_library(scene: Scene, target: str) -> bytes:
     UserError
         The model is not in a file, or a kernel cannot be compiled without Python.
     """
+    reference = scene.reference or reference_of(type(scene.model))
+    if not reference:
+        raise UserError(
+            f"model {scene.model.name!r} has user-defined kernels, which a separate process compiles for a native FMU; "
+            "put its class at the top level of a file, or export it without --native",
+            "not-native",
+        )
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
         file = Path(work) / "scene.toml"
-        file.write_text(as_toml(replace(scene, reference=scene.reference or _reference(scene))), encoding="utf-8")
+        file.write_text(as_toml(replace(scene, reference=reference)), encoding="utf-8")
         notify_listeners()
         own = {
             "NUMBA_CPU_NAME": "generic",
@@ -107,19 +91,6 @@ def user_library(scene: Scene, target: str) -> bytes:
         return made.read_bytes()
 
 
-def _reference(scene: Scene) -> str:
-    """Return the file and name of the class of a model."""
-    cls = type(scene.model)
-    file = inspect.getsourcefile(cls)
-    if file is None or "<locals>" in cls.__qualname__ or cls.__module__ == "__main__":
-        raise UserError(
-            f"model {scene.model.name!r} has user-defined kernels, which a separate process compiles for a native FMU; "
-            "put its class at the top level of a file that can be imported, or export it without --native",
-            "not-native",
-        )
-    return f"{Path(file).absolute()}:{cls.__qualname__}"
-
-
 def _last(text: str) -> str:
     return "; ".join(text.strip().splitlines()[-MAX_ERROR_LINES:])
 
@@ -127,7 +98,7 @@ def _last(text: str) -> str:
 def kernels_of(scene: Scene) -> tuple[CalledKernel, ...]:
     """Return the user-defined kernels of a scene's model; its elements are laid out, nothing else is compiled."""
     mechanism: Any = scene.model.build()
-    return user_kernels(Compiled(mechanism, Numbering(mechanism, None)).called())
+    return user_kernels(CompiledElements(mechanism, Numbering(mechanism, None)).called())
 
 
 def main(scene_file: str, folder: str, targets: Sequence[str]) -> int:

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics.loads.base import MAX_ACCURATE_RATIO, MAX_VALID_RATIO
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.system import Array
-
-from .kernels.points import ACCURATE_RATIO, VALID_RATIO
 
 Furthest = tuple[float, float, Array]
 
@@ -37,13 +36,13 @@ class ElementMonitor:
     def coarse(self) -> Diagnostic | None:
         """Warning about where, when and how far elements have been beyond what is accurate; None: they have not."""
         ratio, t, q = self.furthest
-        return Diagnostic.parse(self._describe(t, q), "warning", "coarse-mesh") if ratio > ACCURATE_RATIO else None
+        return Diagnostic.parse(self._describe(t, q), "warning", "coarse-mesh") if ratio > MAX_ACCURATE_RATIO else None
 
     def note(self, ratio: float, t: float, q: Array) -> None:
         """Note that elements are as far as ``ratio`` at positions q (nq,) of time t, s."""
         if not ratio <= self.furthest[0]:
             self.furthest = ratio, t, q
-        is_valid = ratio <= VALID_RATIO
+        is_valid = ratio <= MAX_VALID_RATIO
         self.folded = None if is_valid else Diagnostic.parse(self._describe(t, q), "error", "folded-cell")
 
     def _describe(self, t: float, q: Array) -> str:
@@ -63,7 +62,7 @@ class ElementMonitor:
     def state(self) -> list[Any]:
         """Return time and positions of what is worth a warning, for JSON; empty: there was none."""
         ratio, t, q = self.furthest
-        return [t, q.tolist()] if ratio > ACCURATE_RATIO else []
+        return [t, q.tolist()] if ratio > MAX_ACCURATE_RATIO else []
 
     def restore(self, state: list[Any], t: float, q: Array) -> None:
         """Take up a :meth:`state` at the positions q (nq,) of time t."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,12 @@ from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import AssemblyError
-from solvers.assembly import Scratch, is_off_branch
 from solvers.compiled.tuple_pointer import pin
+from solvers.loop_closure import ClosureScratch, is_off_branch
 from solvers.outcome import Code, Status
 from solvers.system import Array
+
+from .run_messages import SINGULAR_START
 
 SEARCH_INTERVALS = 100  # intervals of the requested time, in which loops are closed one after the other
 REACHED_TIME_TOLERANCE = 1e-9  # of that time, to which the last position they reach is found
@@ -33,6 +35,8 @@ def explain_failure(
 
     ``starts_singular``: whether the loops do not determine all rates at the start.
     """
+    if status.error is not None:
+        return status.explain()
     stuck = status.code in (Code.BRANCHES, Code.COLLAPSED, Code.NOT_CLOSED)
     advice = describe_free_rates(compiled, status.t, q) if starts_singular else ""
     if advice and status.code in (Code.BRANCHES, Code.UNDECIDABLE):
@@ -142,21 +146,25 @@ def _find_last_reachable_time(compiled: CompiledMechanism, begin: float, q: Arra
 
 def describe_free_rates(compiled: CompiledMechanism, t: float, q: Array) -> str:
     """Return a message on the rates that choose the branch in a singular configuration q (nq,); empty: all given."""
-    names = [repr(name) for name in find_undetermined_rates(compiled, t, q)]
-    if not names:
-        return ""
-    joints = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-    return f"Give the rate{'s' if len(names) > 1 else ''} of {joints} to choose the branch"
+    names = find_undetermined_rates(compiled, t, q)
+    return SINGULAR_START.remedy.format(**free_rates(names)) if names else ""
+
+
+def free_rates(names: Sequence[str]) -> dict[str, str]:
+    """Return the fields of the remedy of SINGULAR_START for joints of these names."""
+    quoted = [repr(name) for name in names]
+    joints = " and ".join(filter(None, (", ".join(quoted[:-1]), quoted[-1])))
+    return {"plural": "s" if len(names) > 1 else "", "joints": joints}
 
 
 def explain_rates(compiled: CompiledMechanism, t: float, q: Array, v: Array, rank: int, tolerance: float) -> str:
     """Return why the rates v (n,) belong to no branch of the motion in a singular configuration q (nq,); empty: they
-    do, or it is none. ``rank`` is that of the constraints nearby; see :func:`solvers.assembly.is_off_branch`.
+    do, or it is none. ``rank`` is that of the constraints nearby; see :func:`solvers.loop_closure.is_off_branch`.
     """
     system: Any = compiled.system
     terms = system.allocate_terms()
     system.fill(t, q, v, terms)
-    if not is_off_branch(pin(terms), v, rank, tolerance, pin(Scratch.of(system))):
+    if not is_off_branch(pin(terms), v, rank, tolerance, pin(ClosureScratch.of(system))):
         return ""
     bodies, first, values = free_bodies(compiled.mechanism), 0, []
     for body in bodies:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import asdict, replace
 from math import isnan
 from typing import Any, NamedTuple
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
-from mbfmu.mechanics.arrays.given import Courses
+from mbfmu.mechanics.arrays.given_inputs import GivenInputs
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
@@ -21,18 +20,19 @@ from mbfmu.modeling.variables import ENERGY_OUTPUTS, require_unique
 from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
 from mbfmu.util.diagnostics import Diagnosed, Diagnostic, from_saved, without_repeats
 from mbfmu.util.errors import UserError
-from solvers import Statistics, Status, stepper
+from solvers import Options, Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.compiled.tuple_pointer import pin
 from solvers.outcome import OK
 from solvers.stepper import Stepper, pack, unpack
 from solvers.steppers import SOLVER_NAMES, fingerprint_of_solver
-from solvers.steppers.plugins import errors_named
+from solvers.steppers.guard import GuardedStepper
 
 from .element_monitor import ElementMonitor, Furthest
 from .energy_check import EnergyCheck
-from .failure_diagnosis import describe_free_rates, explain_failure, explain_rates
+from .failure_diagnosis import explain_failure, explain_rates, find_undetermined_rates, free_rates
 from .kernels.points import Session, begin_session
+from .run_messages import INPUT_JUMP, SINGULAR_START, UNDETERMINED_FORCES, filled
 from .serialization import decode_state, encode_state
 from .solver_selection import SolverChoice, limit_order, select_solver
 from .step_count import StepCountCheck
@@ -75,8 +75,8 @@ class Simulation(Diagnosed):
     inputs
         Values of inputs, by name or number, that differ from their start. A support that is moved by them starts with
         this position and rate, and the bodies connected to it move with it: start velocities are relative.
-    courses
-        Inputs given for the whole run as functions of time or tables, see :mod:`mbfmu.mechanics.arrays.given`.
+    given_inputs
+        Inputs given for the whole run as functions of time or tables, see :mod:`mbfmu.mechanics.arrays.given_inputs`.
     duration
         Time of the whole run, s; if it is not given or 0, the stop time of the model. It is the time scale of a
         start at rest if no force, drive or rate gives another one.
@@ -111,12 +111,12 @@ class Simulation(Diagnosed):
         inputs: Mapping[int, float] | Mapping[str, float] | None = None,
         *,
         begins: bool = True,
-        courses: Courses | None = None,
+        given_inputs: GivenInputs | None = None,
         duration: float | None = None,
     ) -> None:
         self.model = model_given = as_model(model)
-        self.settings, self._courses = settings, courses
-        self.compiled = model_given.compile(courses)
+        self.settings, self._given_inputs = settings, given_inputs
+        self.compiled = model_given.compile(given_inputs)
         if settings.input_interpolation == "linear":
             self.compiled.inputs.extrapolate()
         known = enumerate(self.compiled.inputs.variables)
@@ -173,30 +173,26 @@ class Simulation(Diagnosed):
             rank = self.compiled.system.n - self.stepper.freedom
             if off := explain_rates(self.compiled, t, q, v, rank, settings.tolerance):
                 raise UserError(f"model {self.model.name!r}: {off}", "singular-start")
-        if self.stepper.starts_singular and (advice := describe_free_rates(self.compiled, t, q)):
-            text = (
-                "the start is a singular configuration, in which the loops do not determine all rates; the rates "
-                "nearest to the given ones are used"
-            )
-            found.append(Diagnostic.warning("singular-start", text, advice, time=t))
+        if self.stepper.starts_singular and (names := find_undetermined_rates(self.compiled, t, q)):
+            found.append(filled(SINGULAR_START, time=t, **free_rates(names)))
         found += [*unstable, *self.compiled.explain_lock(t, q, self.stepper.freedom), *self.compiled.rounding]
         if not settings.start_at_equilibrium:
             found += self.compiled.assembly.changes(q, v, settings.tolerance)
         found += describe_loose(self.compiled, settings.tolerance)
         found += describe_coarse(self.compiled, settings.tolerance, self.stepper.freedom)
-        found += [*limited, *start_warnings, *self.compiled.coincident(t, q)]
+        found += [*limited, *start_warnings, *self.compiled.coincident(t, q), *self.compiled.describe_assumed_length()]
         known = {diagnostic.code for diagnostic in found}
         return [*found, *(note for note in self.compiled.assembly.notes(t, q) if note.code not in known)]
 
     def _starts(self, inputs: Mapping[Any, Any], t0: float) -> dict[int, float]:
         """Return the values of inputs at the start by their numbers, without those that are signals in this run."""
         given = dict(inputs)
-        if self._courses:
-            for name in self._courses.unused:
+        if self._given_inputs:
+            for name in self._given_inputs.unused:
                 self._input(name)  # raises
-            given |= {course.name: course.value(t0) for course in self._courses.held}
+            given |= {held.name: held.value(t0) for held in self._given_inputs.held}
         checked = {key: finite(f"input {key!r}", value) for key, value in given.items()}
-        signals = self._courses.replaced if self._courses else set()
+        signals = self._given_inputs.replaced if self._given_inputs else set()
         return {self._input(key): value for key, value in checked.items() if key not in signals}
 
     def _held_plant(self, inputs: Mapping[Any, Any], given: dict[int, float]) -> CompiledMechanism:
@@ -204,16 +200,16 @@ class Simulation(Diagnosed):
         state in.
         """
         compiled = self.model.compile()  # whose signals are held too
-        if self._courses:
+        if self._given_inputs:
             known = {v.name: k for k, v in enumerate(compiled.inputs.variables)}
-            given = {known[name]: float(value) for name, value in {**inputs, **self._courses.starts()}.items()}
+            given = {known[name]: float(value) for name, value in {**inputs, **self._given_inputs.starts()}.items()}
         compiled.inputs.begin(0.0, given)
         return compiled
 
     def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
         """Return the solver that was chosen, at a state."""
         try:
-            created = stepper(self.solver_choice.solver, self.compiled.system, t, q, v, self._options)
+            created = self._created_stepper(t, q, v, self._options)
             self.step_count_check.attach(created)
             return created
         except ValueError as error:
@@ -224,21 +220,15 @@ class Simulation(Diagnosed):
                 reason = str(Diagnostic.error("clock-resolution", text, remedy))
             raise UserError(f"model {self.model.name!r}: {reason}") from error
 
-    def _errors_of_plugin(self) -> AbstractContextManager[None]:
-        """Raise UserError with the name of a solver from outside the package for an exception in its code."""
-        return nullcontext() if self.solver_choice.solver in SOLVER_NAMES else self._named_errors()
-
-    @contextmanager
-    def _named_errors(self) -> Iterator[None]:
-        try:
-            with errors_named(self.solver_choice.solver, lambda: self.t):
-                yield
-        except ValueError as error:
-            raise UserError(f"model {self.model.name!r}: {error}") from error
+    def _created_stepper(self, t: float, q: Array, v: Array, options: Options) -> Stepper:
+        """Return the solver that was chosen, at a state; one from outside the package is guarded."""
+        name, system = self.solver_choice.solver, self.compiled.system
+        created = stepper(name, system, t, q, v, options)
+        return created if name in SOLVER_NAMES else GuardedStepper(name, created, system, t, q, v)
 
     def _copy_plant(self) -> CompiledMechanism:
         """Return another compiled mechanism of the same model, whose inputs are what they are now."""
-        compiled = self.model.compile(self._courses)
+        compiled = self.model.compile(self._given_inputs)
         if self.settings.input_interpolation == "linear":
             compiled.inputs.extrapolate()
         compiled.inputs.restore(self.compiled.inputs.state())
@@ -251,14 +241,13 @@ class Simulation(Diagnosed):
 
     def _warm_up(self, t0: float, q: Array, v: Array) -> None:
         """Have everything compiled that a run calls, once in a process for each kind of run."""
-        kind = (type(self.stepper), self.compiled.system.m > 0)
+        solver = self.stepper.inner if isinstance(self.stepper, GuardedStepper) else self.stepper
+        kind = (type(solver), self.compiled.system.m > 0)
         if kind in _compiled or not COMPILED:
             return
         options = replace(self._options, max_steps=MAX_WARMUP_STEPS)
-        with self._errors_of_plugin():
-            trial = stepper(self.solver_choice.solver, self.compiled.system, t0, q, v, options)
-            if compile_kernels(trial, self.compiled, len(self._out)):
-                _compiled.add(kind)
+        if compile_kernels(self._created_stepper(t0, q, v, options), self.compiled, len(self._out)):
+            _compiled.add(kind)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """Refuse to be copied or pickled, as its stepper does."""
@@ -356,11 +345,7 @@ class Simulation(Diagnosed):
                 "to go back"
             )
         self._end = t
-        if self.solver_choice.solver in SOLVER_NAMES:
-            SEQUENCE.step(run, t)
-        else:
-            with self._errors_of_plugin():
-                SEQUENCE.step(run, t)
+        SEQUENCE.step(run, t)
         if self._has_supports:
             self._report_support_motions(begin)
         t, q = stepper.t, stepper.q
@@ -379,15 +364,11 @@ class Simulation(Diagnosed):
                 f"the rate of input {names} jumps at t = {t:.9g} s, where the impulse is not determined: "
                 f"{self._run.error}"
             ) from self._run.error
-        for name, size in inputs.jumped() if self._supports_jump[0] else []:
+        for name, size, unit in inputs.jumped() if self._supports_jump[0] else []:
             if name not in self._reported_jumps:
                 self._reported_jumps.add(name)
-                text = (
-                    f"input {name!r} at t = {t:.9g} s: its position differs by {size} from the value that its rate "
-                    "gives; the joint is moved there within the next communication step"
-                )
-                remedy = "Set position and rate consistently, or use a smaller communication step"
-                self._noted.append(Diagnostic.warning("input-jump", text, remedy, subject=name, time=t))
+                values = {"name": name, "t": t, "size": size, "unit": unit}
+                self._noted.append(filled(INPUT_JUMP, time=t, subject=name, **values))
 
     def outputs(self) -> Array:
         """Return the outputs at the time reached.
@@ -441,8 +422,7 @@ class Simulation(Diagnosed):
         done, self._end, rows = 0, float(max(times, default=self._end)), np.ascontiguousarray(values)
         while done < len(times):
             begin, ahead = self.t, times[done:]
-            with self._errors_of_plugin():
-                count = SAMPLE(self._run, ahead, rows[done:])
+            count = SAMPLE(self._run, ahead, rows[done:])
             self._report_support_motions(begin)
             q, ratios = self._run.samples.q, self._run.ratios[: count + 1]
             self._element_monitor.note_samples(ratios, ahead[: len(ratios)], q[: len(ratios)])
@@ -463,18 +443,13 @@ class Simulation(Diagnosed):
         if isnan(self.stepper.undetermined_at) or self._reported_undetermined or not self.compiled.has_force_outputs:
             return
         self._reported_undetermined, t = True, float(self.stepper.undetermined_at)
-        text = (
-            f"outputs of forces at t = {t:.9g} s are not determined and may be unbounded, because the mechanism is in "
-            "a singular configuration or too near to one"
-        )
-        remedy = "Read them at other times, or change the lengths of the loop"
-        self._noted.append(Diagnostic.warning("undetermined-forces", text, remedy, time=t))
+        self._noted.append(filled(UNDETERMINED_FORCES, time=t, t=t))
 
     def _input(self, key: int | str) -> int:
         """Return the number of an input."""
         index = self._inputs.get(key) if isinstance(key, Hashable) else None
         if index is None:
-            if self._courses and key in self._courses.replaced:
+            if self._given_inputs and key in self._given_inputs.replaced:
                 raise UserError(
                     f"input {key!r} is given for the whole run, as a function of time or by points; it cannot be set "
                     "during the run"
@@ -488,7 +463,7 @@ class Simulation(Diagnosed):
 
         The input of a load is held or extrapolated from this time on, according to the settings. The input of a driven
         joint is its position or rate at the end of the next communication step, which moves the joint there; see
-        :mod:`mbfmu.mechanics.arrays.motion`.
+        :mod:`mbfmu.mechanics.arrays.support_motion`.
 
         Parameters
         ----------
@@ -523,7 +498,7 @@ class Simulation(Diagnosed):
             if before != after and not (p.varies(before) and p.varies(after)):
                 why = f", from {before!r} to {after!r}" if p.tunable else ": it is not tunable"
                 raise UserError(f"parameter {p.name!r} cannot change during a run{why}")
-        compiled = model.compile(self._courses)
+        compiled = model.compile(self._given_inputs)
         SEQUENCE.note_energy(self._run)
         self.compiled.adopt(compiled)
         SEQUENCE.retune(self._run)
@@ -600,7 +575,7 @@ class Simulation(Diagnosed):
         head, body = decode_state(self._state_key, state)
         model = self.model.with_values(head["parameters"])
         if model != self.model:
-            self.compiled.adopt(model.compile(self._courses))
+            self.compiled.adopt(model.compile(self._given_inputs))
             self.model = model
         self._restore_session(bytes.fromhex(head["session"]), from_saved(head["lost"]))
         previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism
-from mbfmu.mechanics.arrays import points
+from mbfmu.mechanics.arrays import input_kernels
 from solvers import SolverError
 from solvers.compiled.tuple_pointer import pin
 from solvers.stepper import Stepper, start_rate
@@ -56,27 +56,29 @@ def compile_kernels(trial: Stepper, compiled: CompiledMechanism, outputs: int) -
     compiled.observe(t0, q, v, np.zeros(len(v)), np.zeros(compiled.system.m), values[0])
     compiled.energy(t0, q, v)
     compiled.limit_ratio(t0, q)
+    trial.limit_step(h)  # as where a signal changes fast, and no longer
     ends = [trial.status, trial.advance(t0 + 2.0 * h)]
     for k in (3, 4):  # as where loads change, the second time with what is kept across
         trial.continue_after_event()
         ends.append(trial.advance(t0 + k * h))
     _warm_up_points(trial, compiled, outputs)
+    trial.statistics  # noqa: B018  # counts by a kernel
     return len(sampled.q) > 0 and all(status.ok for status in ends)
 
 
 def _warm_up_points(trial: Stepper, compiled: CompiledMechanism, outputs: int) -> None:
     """Call what communication points call, with inputs that are nobody's."""
-    inputs = points.InputRecords.example()
+    inputs = input_kernels.InputRecords.example()
     session, pinned = pin(Session.allocate(compiled.system.pinned_data, inputs, compiled.monitored)), pin(inputs)
     run = StepperRun(session, pinned, trial, outputs)
     state = trial.t, trial.q, trial.v
     begin_session(session, *state, 0, True, 1, 1e-6, 0.0, 1.0)
     SEQUENCE.set_input(run, 0, 0.0)
     SEQUENCE.begin_step(run, trial.t + 1.0)
-    points.perturb_motions(pinned, 0.0, 0.0)
-    points.restore_motions(pinned)
-    points.skip_points(pinned, 0.0)
-    points.all_finished(pinned)
+    input_kernels.perturb_motions(pinned, 0.0, 0.0)
+    input_kernels.restore_motions(pinned)
+    input_kernels.skip_points(pinned, 0.0)
+    input_kernels.all_finished(pinned)
     start_support_motions(session)
     note_impulse(session, 0)
     store_velocity_jump(trial.v, 0, trial.v)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from solvers.compiled.fingerprint import fingerprint_of_class
 from solvers.diagnostics import Diagnostic
 from solvers.options import Options
 from solvers.stepper import Stepper
@@ -13,7 +14,6 @@ from solvers.system import MAX_SOLVER_DENSE_COORDINATES, AnySystem, Array, TreeS
 from .adams.dense import AdamsLUStepper, AdamsStepper, HybridStepper
 from .adams.tree import TreeAdamsStepper
 from .esdirk.tree import TreeESDIRKStepper
-from .fingerprint import fingerprint_of_class
 from .plugins import create_plugin, give_solver, load_plugin, plugin_names
 from .radau.dense import RadauStepper
 

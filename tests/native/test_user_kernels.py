@@ -54,27 +54,25 @@ class AirDrag(Force):
 
 @kernel
 def place(joint: Any, qi: int, state: Any) -> None:
-    q, rel = state.q, state.rel
+    q, rel = state.q, state.rel[0]
     for i in range(3):
-        rel[0, i], rel[0, 3 + i] = 0.0, 0.0
+        rel.S[0, i], rel.S[0, 3 + i] = 0.0, 0.0
         for j in range(3):
-            rel[6 + i, j] = 1.0 if i == j else 0.0
-        rel[6 + i, 3] = 0.0
-    rel[0, 0] = joint.ratio
-    rel[6, 3] = joint.ratio * q[qi]
+            rel.R[i, j] = 1.0 if i == j else 0.0
+        rel.p[i] = 0.0
+    rel.S[0, 0] = joint.ratio
+    rel.p[0] = joint.ratio * q[qi]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Geared(Joint):
     """A slider along x whose coordinate is its position divided by a ratio."""
 
-    n, units = 1, ("m",)
     record = np.dtype([("ratio", np.float64)])
     place = place
-    ratio: float = 1.0
-
-    def fill(self, record: Any, site: Any) -> None:
-        record["ratio"] = self.ratio
+    nq, nv = 1, 1
+    coordinates, units = ("",), ("m",)
+    ratio: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +81,7 @@ class Slider(mb.Model):
 
     mass: float = mb.parameter(2.0, unit="kg", min=0.1, doc="Mass")
     drag: float = mb.parameter(0.3, unit="kg/m", min=0.0, doc="Drag coefficient")
-    hardness: float = mb.parameter(30.0, unit="", min=1.0, doc="Captured by the function of the spring")
+    hardness: float = mb.parameter(30.0, unit="1", min=1.0, doc="Captured by the function of the spring")
 
     def build(self) -> mb.Mechanism:
         m, hardness = mb.Mechanism(), self.hardness

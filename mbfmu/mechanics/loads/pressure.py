@@ -39,7 +39,7 @@ class PressureRecord(Record):
 
 @kernel
 def corner_forces(
-    load: PressureRecord, p: Any, bodies: Table[MotionRecord], k: int
+    load: PressureRecord, p: float, bodies: Table[MotionRecord], k: int
 ) -> tuple[float, float, float, float]:
     """Component k of f_1 ... f_4 for the pressure p, Pa; positive along the normal g2 x g1."""
     r1, r2, r3, r4 = bodies[load.node[0]].r, bodies[load.node[1]].r, bodies[load.node[2]].r, bodies[load.node[3]].r
@@ -107,7 +107,7 @@ def tangent(load: PressureRecord, c1: float, arrays: Arrays, state: State, pertu
 class Pressure(Load):
     """Pressure of ``magnitude`` (Pa: number, signal or input) along y of a flat face."""
 
-    record = PressureRecord.dtype
+    record = PressureRecord
     apply = apply
     power = power
     tangent = tangent

@@ -1,7 +1,7 @@
 """Polynomials in time, and the inputs that a host sets: polynomials about the last communication point.
 
-The coefficients of an input during a run are described in :mod:`mbfmu.mechanics.arrays.motion` and
-:mod:`mbfmu.mechanics.arrays.extrapolated`.
+The coefficients of an input during a run are described in :mod:`mbfmu.mechanics.arrays.support_motion` and
+:mod:`mbfmu.mechanics.arrays.load_extrapolation`.
 """
 
 from __future__ import annotations
@@ -31,9 +31,6 @@ class PolynomialRecord(Record):
     c: Annotated[Reals, (4,)]  # c0 + c1 s + c2 s^2 + c3 s^3, s = t - t0
 
 
-POLYNOMIAL = PolynomialRecord.dtype
-
-
 @kernel
 def evaluate(signal: PolynomialRecord, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
@@ -49,7 +46,7 @@ def evaluate(signal: PolynomialRecord, t: float, arrays: Arrays) -> tuple[float,
 class Coefficients(Signal):
     """A polynomial, whoever gives its coefficients."""
 
-    record = POLYNOMIAL
+    record = PolynomialRecord
     evaluate = evaluate
 
     def time_scale(self, own: InUse, size: float) -> float:
@@ -95,7 +92,7 @@ class Input(Coefficients):
 
     A load is held, or continued with ``rate_name`` if the rate is given too. The drive of a joint is a motion
     instead: the coordinate moves to the position of the given motion at the end of the step, without a jump of its
-    position, see :mod:`mbfmu.mechanics.arrays.motion`.
+    position, see :mod:`mbfmu.mechanics.arrays.support_motion`.
 
     Parameters
     ----------

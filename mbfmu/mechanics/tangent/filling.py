@@ -4,7 +4,7 @@ its neighbor inward.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.dispatch import load_tangent
 from solvers.compiled.kernel import inlined, kernel
@@ -16,7 +16,7 @@ from .layout import FIXED, OUTER
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
-    from mbfmu.mechanics.tangent.factored import Scratch
+    from mbfmu.mechanics.tangent.factored import TangentScratch
     from mbfmu.mechanics.tangent.layout import Layout
     from solvers.compiled.record import Reals
 
@@ -70,7 +70,7 @@ def add_analytic_tangent(
     arrays: Arrays,
     state: State,
     perturbed: State,
-    scratch: Any,
+    scratch: TangentScratch,
 ) -> None:
     """A load with a tangent between bodies of a group and its neighbor; scratch.K is zero before and after."""
     if load_tangent(arrays.loads[e], c1, arrays, state, perturbed, scratch.K) == 0.0:
@@ -86,7 +86,14 @@ def add_analytic_tangent(
 
 @kernel
 def add_cut_joint(
-    c: int, group: int, size: int, layout: Layout, arrays: Arrays, state: State, perturbed: State, scratch: Scratch
+    c: int,
+    group: int,
+    size: int,
+    layout: Layout,
+    arrays: Arrays,
+    state: State,
+    perturbed: State,
+    scratch: TangentScratch,
 ) -> None:
     """How the reactions of a cut joint turn, and the springs that hold it."""
     _cut_stiffness(arrays.cuts[c], scratch.weight, arrays, state, perturbed, scratch.K)
@@ -96,7 +103,7 @@ def add_cut_joint(
 
 @kernel
 def add_coupling(
-    c: int, group: int, size: int, layout: Layout, arrays: Arrays, state: State, dual: Any, scratch: Any
+    c: int, group: int, size: int, layout: Layout, arrays: Arrays, state: State, dual: Reals, scratch: TangentScratch
 ) -> None:
     """How the efforts of a coupling change, and the spring that holds it."""
     _coupling_stiffness(c, arrays, state, dual, scratch)
@@ -114,7 +121,7 @@ def add_complex_step_tangent(
     arrays: Arrays,
     state: State,
     perturbed: State,
-    scratch: Any,
+    scratch: TangentScratch,
 ) -> None:
     """A load that does not know it."""
     _load_stiffness(e, c1, layout, arrays, state, perturbed, scratch.K)
@@ -122,7 +129,9 @@ def add_complex_step_tangent(
 
 
 @kernel
-def add_element(first: int, end: int, group: int, inner: int, size: int, layout: Layout, scratch: Any) -> None:
+def add_element(
+    first: int, end: int, group: int, inner: int, size: int, layout: Layout, scratch: TangentScratch
+) -> None:
     """Add scratch.K to scratch.F, between the bodies ``first`` to ``end`` of the layout that are in a group or its
     neighbor ``inner`` (offset ``size``), six rows a body.
     """
@@ -151,8 +160,8 @@ def fill(
     arrays: Arrays,
     state: State,
     perturbed: State,
-    dual: Any,
-    scratch: Any,
+    dual: Reals,
+    scratch: TangentScratch,
 ) -> None:
     """Add to scratch.F what starts in a group: bodies, elements, joints in it and to its neighbor (offset ``size``)."""
     clear_matrix(scratch.K.shape[0], scratch.K)

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.arrays.points import (
+from mbfmu.mechanics.arrays.input_kernels import (
     LOADS_CHANGED,
     MOTION_STARTS,
     RATE_JUMPS,
@@ -61,7 +61,7 @@ class Run(Protocol):
     """What the functions read of a run; arrays are those of the reported state."""
 
     session: Any  # .points.Session, pinned
-    inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords, pinned: those of the session
+    inputs: Any  # mbfmu.mechanics.arrays.input_kernels.InputRecords, pinned: those of the session
     clock: Array | tuple[float]  # (1,) s, the time reached
     q: Array  # (nq,)
     v: Array  # (n,)
@@ -109,7 +109,7 @@ def sequence_of(solver: SolverActions, compiled: Callable[[F], F] = _unchanged) 
     advance, evaluate, continue_at_state, restart, jump = solver
 
     def evaluate_impulse(run: Any) -> int:
-        """Put the jump of the velocities into ``run.dv``, see :mod:`mbfmu.mechanics.arrays.points`."""
+        """Put the jump of the velocities into ``run.dv``, see :mod:`mbfmu.mechanics.arrays.input_kernels`."""
         code: int = OK
         for k in range(2):
             if code == OK:

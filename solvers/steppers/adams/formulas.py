@@ -31,6 +31,8 @@ from .order_control import GAMMA_STAR, choose_order, choose_step, count_stabilit
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
+    from solvers.energy_account import EnergyScales
+    from solvers.projection.workspace import Workspace
 
 MAX_ORDER = 12
 N_DIFFERENCES = MAX_ORDER + 3  # entries of the arrays that are indexed by the order
@@ -129,22 +131,23 @@ def pack_state(q: Reals, v: Reals, y: Reals) -> None:
 
 @kernel
 def restart_history(
-    history: History, t: float, q: Any, v: Any, work: float, rk_steps: int, needs_derivative: int, keeps_position: bool
+    history: History, t: float, q: Reals, v: Reals, work: float, truncated_steps: int, keeps_position: bool
 ) -> None:
-    """Begin the next step at a reported state, see CONTROL.
+    """Begin the next step at a reported state, see :class:`solvers.steppers.compiled_loop.MethodKernels`.
 
-    ``keeps_position``: the position is on the constraints if it is that of the last step.
+    Truncated steps are of one-step formulas, which need no history but the derivative there.
     """
     control = history.control[0]
     control.is_projected = control.is_projected if keeps_position and control.t == t else 0
-    control.t, control.start, control.rk_steps, control.needs_derivative = t, 1, rk_steps, needs_derivative
+    control.t, control.start, control.rk_steps = t, 1, truncated_steps
+    control.needs_derivative = 1 if truncated_steps > 0 else 0
     reset_check_schedule(history.control)
     pack_state(q, v, history.y)
     history.y[history.y.shape[0] - 1] = work
 
 
 @kernel
-def set_tolerance_units(history: History, absolute: float, work: Any, scales: Any) -> None:
+def set_tolerance_units(history: History, absolute: float, work: Workspace, scales: EnergyScales) -> None:
     """Take what the absolute tolerance is measured in, by the units and paces in ``work``."""
     nq, n = work.size_q.shape[0], work.size.shape[0]
     for i in range(nq):

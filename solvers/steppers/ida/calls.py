@@ -52,18 +52,18 @@ SIGNATURES = {  # of the functions that kernels call, in the letters of solvers.
     "IDAGetIntegratorStats": "i " + "p" * 11,
     "IDAFree": "i p",
 }
-FUNCTIONS = tuple(SIGNATURES)
+FUNCTION_NAMES = tuple(SIGNATURES)
 (
     N_V_MAKE_SERIAL, N_V_DESTROY, SUN_DENSE_MATRIX, SUN_MAT_DESTROY, SUN_LIN_SOL_DENSE, SUN_LIN_SOL_SPGMR,
     SUN_LIN_SOL_FREE, IDA_CREATE, IDA_INIT, IDA_RE_INIT, IDA_SET_USER_DATA, IDA_SV_TOLERANCES, IDA_WF_TOLERANCES,
     IDA_SET_LINEAR_SOLVER, IDA_SET_JAC_FN, IDA_SET_PRECONDITIONER, IDA_SET_JAC_TIMES, IDA_SET_DELTA_CJ_L_SETUP,
     IDA_SET_MAX_CONV_FAILS, IDA_SET_MAX_STEP, IDA_SET_MAX_ORD, IDA_SET_STOP_TIME, IDA_CLEAR_STOP_TIME, IDA_SOLVE,
     IDA_GET_DKY, IDA_GET_INTEGRATOR_STATS, IDA_FREE,
-) = range(len(FUNCTIONS))  # fmt: skip
+) = range(len(FUNCTION_NAMES))  # fmt: skip
 # What IDA calls back, see solvers.steppers.ida.sundials.Callbacks; then what it is given for them
 CALLBACKS = ("residual", "set_up_preconditioner", "apply_preconditioner", "matvec", "jacobian", "error_weights")
 RESIDUAL, SET_UP, PRECONDITION, MATVEC, JACOBIAN, ERROR_WEIGHTS, USER_DATA = range(
-    len(FUNCTIONS), len(FUNCTIONS) + len(CALLBACKS) + 1
+    len(FUNCTION_NAMES), len(FUNCTION_NAMES) + len(CALLBACKS) + 1
 )
 OBJECTS = ("context", "memory", "yy", "yp", "tolerances", "matrix", "solver", "is_begun")
 CONTEXT, MEMORY, YY, YP, TOLERANCES, MATRIX, SOLVER, IS_BEGUN = range(
@@ -78,7 +78,7 @@ KRYLOV_DIMENSION = 5
 # a loaded spring of 1e8 N/m had 97 % of its steps rejected.
 MAX_CJ_CHANGE = 0.05
 REJECTED, LAST_ORDER = 3, 4  # counters of IDA
-N_COUNTERS, N_REALS = 6, 4
+N_IDA_COUNTERS, N_REALS = 6, 4
 LAST_STEP = 1  # real number that IDA reports with its counters, s
 
 
@@ -86,7 +86,7 @@ class IDAHandle(NamedTuple):
     """IDA on N unknowns, as kernels call it."""
 
     words: NDArray[np.int64]  # (N_WORDS,) addresses: of functions, of callbacks, of objects
-    counters: NDArray[np.int64]  # (N_COUNTERS,) of IDA since its history began, filled by :func:`count`
+    counters: NDArray[np.int64]  # (N_IDA_COUNTERS,) of IDA since its history began, filled by :func:`count`
     reals: Array  # (N_REALS,) the same
     reached: Array  # (1,) s, end of IDA's last step
     y: Array  # (N,) unknowns there, or where they were interpolated
@@ -96,7 +96,7 @@ class IDAHandle(NamedTuple):
     @staticmethod
     def allocate(count: int) -> IDAHandle:
         """Return the handle of ``count`` unknowns with an empty table."""
-        z, words, counters = np.zeros, np.zeros(N_WORDS, np.int64), np.zeros(N_COUNTERS, np.int64)
+        z, words, counters = np.zeros, np.zeros(N_WORDS, np.int64), np.zeros(N_IDA_COUNTERS, np.int64)
         return IDAHandle(words, counters, z(N_REALS), z(1), z(count), z(count), z(count))
 
 
@@ -210,7 +210,7 @@ def interpolate(ida: IDAHandle, t: float) -> bool:
 def count(ida: IDAHandle) -> None:
     """Put into ``counters`` and ``reals`` what IDA has counted since its history began."""
     o = ida.words
-    for k in range(N_COUNTERS):
+    for k in range(N_IDA_COUNTERS):
         ida.counters[k] = 0
     if o[IS_BEGUN] == 0:
         return

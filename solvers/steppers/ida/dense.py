@@ -52,8 +52,8 @@ from .dense_memory import (
     fill_start,
     is_shift_too_large,
     report_unknowns,
+    restore_tolerances,
     set_options,
-    set_tolerances,
     set_up,
 )
 from .driver import IDADriver
@@ -168,7 +168,7 @@ class IDAStepper(IDADriver, DenseStepper):
     def restore(self, data: bytes) -> None:
         """Set a reported state and the units of its integration; the history restarts."""
         super().restore(data)
-        set_tolerances(self.integration)
+        restore_tolerances(self.integration, self._t)
 
     def _report_unknowns(self, t: float, y: Array) -> Code:
         code = CODES[report_unknowns(self.integration, t, y)]

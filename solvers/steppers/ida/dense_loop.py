@@ -11,7 +11,7 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.template import specialize
 from solvers.energy_account import WORK, fill_account_row_at
 from solvers.outcome import COLLAPSED, NOT_FINITE, OK
-from solvers.steppers.step_control import TRUNCATED_STEPS
+from solvers.steppers.compiled_loop import MethodKernels
 
 from . import loop
 from .calls import (
@@ -37,13 +37,12 @@ from .dense_memory import (
     SETTINGS as SETTINGS,  # noqa: PLC0414  # of the method
 )
 from .dense_memory import (
-    continue_history,
     end_start,
     fill_start,
     is_shift_too_large,
     report_unknowns,
+    restore_tolerances,
     set_options,
-    set_tolerances,
 )
 from .loop import (
     EARLIER_FAILURES,
@@ -62,9 +61,8 @@ if TYPE_CHECKING:
 
 
 @kernel
-def count_ida_failures(problem: Integration) -> None:
+def count_ida_failures(memory: Any) -> None:
     """Count the steps whose error was too large."""
-    memory = problem.memory
     count(memory.ida)
     count_failures(memory.progress, memory.counts, float(memory.ida.counters[REJECTED]))
 
@@ -79,7 +77,7 @@ def begin(problem: Integration) -> int:
         return code
     if ida.words[MEMORY] == 0 and not create_dense(problem):
         return COLLAPSED
-    count_ida_failures(problem)
+    count_ida_failures(memory)
     memory.progress[0].works = settings.works
     if not begin_history(ida, t, settings.rtol, settings.max_order, settings.max_step, MAX_CJ_CHANGE):
         return COLLAPSED
@@ -154,7 +152,7 @@ def report(problem: Integration, t: float) -> int:
     return code
 
 
-HOOKS = {
+DENSE_HOOKS = {
     "begin": begin,
     "steps_allowed": steps_allowed,
     "may_take_more": may_take_more,
@@ -163,7 +161,7 @@ HOOKS = {
     "report": report,
 }
 advance: Any = specialize(
-    loop.advance, __name__, {**HOOKS, "advance_history": specialize(loop.advance_history, __name__, HOOKS)}
+    loop.advance, __name__, {**DENSE_HOOKS, "advance_history": specialize(loop.advance_history, __name__, DENSE_HOOKS)}
 )
 
 
@@ -171,34 +169,33 @@ advance: Any = specialize(
 def advance_reported(problem: Integration, t: float) -> int:
     """Advance to t (s), and report the state there; return a code."""
     if is_shift_too_large(problem, t):
-        restart(problem)
+        restart(problem.memory)
     code: int = advance(problem, problem.memory.progress, t)
     return code
 
 
 @kernel
-def restart(problem: Any) -> None:
+def restart(memory: Any) -> None:
     """Begin a history at the reported state before the next step."""
-    progress = problem.memory.progress[0]
-    progress.is_pending, progress.max_next_step = 1, float("inf")
+    memory.progress[0].is_pending, memory.progress[0].max_next_step = 1, float("inf")
 
 
 @kernel
-def continue_motion(problem: Any, t: float, is_valid: bool) -> None:
-    """Continue IDA's history at t (s), if it is valid there; the next steps end at the requested times."""
-    if not continue_history(problem, t, is_valid):
-        restart(problem)
-    problem.memory.progress[0].truncated_steps = TRUNCATED_STEPS
+def start(memory: Any, t: float, q: Any, v: Any, work: float, truncated_steps: int, keeps_position: bool) -> None:
+    """Begin a history at the reported state before the next step; as many steps as requested end at the targets."""
+    restart(memory)
+    if truncated_steps > 0:
+        memory.progress[0].truncated_steps = truncated_steps
 
 
 @kernel
 def restore(problem: Any, options: Any) -> None:
     """Continue from arrays that were saved: IDA's history is not among them, and begins again."""
     memory = problem.memory
-    restart(problem)
+    restart(memory)
     memory.counts[EARLIER_FAILURES], memory.progress[0].truncated_steps = memory.counts[ERROR_TEST_FAILURES], 0
     set_options(options, problem)
-    set_tolerances(problem)
+    restore_tolerances(problem, memory.control[0].t)
 
 
 @kernel
@@ -208,10 +205,18 @@ def close(problem: Any) -> None:
 
 
 @kernel
-def count_run(problem: Any, counts: Any) -> None:
+def limit_step(memory: Any, settings: Any, t: float, q: Any, v: Any, work: float, longest: float) -> None:
+    """Let no step be longer than ``longest``, s; IDA itself observes the limit of the options."""
+    memory.progress[0].max_step = longest if longest < settings[0].max_step else float("inf")
+
+
+@kernel
+def count_run(memory: Any, counts: Any) -> None:
     """Write steps, rejected steps, evaluations and restarts of the run into ``counts``."""
-    count_ida_failures(problem)
-    own = problem.memory.counts
-    columns = problem.q.shape[0] + 2 * problem.v.shape[0] + 1
+    count_ida_failures(memory)
+    own, columns = memory.counts, memory.unknowns.q.shape[0] + 2 * memory.unknowns.v.shape[0] + 1
     counts[0], counts[1] = int(own[STEPS]), int(own[ERROR_TEST_FAILURES] + own[REJECTED_STEPS])
     counts[2], counts[4] = int(own[RESIDUALS] + columns * own[JACOBIANS]), max(0, int(own[STARTS]) - 1)
+
+
+IDA_KERNELS = MethodKernels(start, limit_step, count_run)

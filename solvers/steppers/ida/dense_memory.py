@@ -61,10 +61,14 @@ class SettingsRecord(Record):
 
 
 class ControlRecord(Record):
-    """The reported state."""
+    """The reported state, and what is reported of the run; names are those of other methods."""
 
     t: f8  # s
     rank: i8  # of the constraints
+    max_near_miss_factor: f8  # always zero: the tolerance is that of the options
+    min_gap: f8
+    undetermined: i8  # 1: requested forces were not resolved
+    undetermined_at: f8  # s, the last time
 
 
 SETTINGS, CONTROL = SettingsRecord.dtype, ControlRecord.dtype
@@ -141,6 +145,13 @@ def set_up(problem: Integration, t: float, rank: int) -> None:
     set_tolerances(problem)
     for i in range(SCALAR_RESULTS, bounds.shape[0]):
         bounds[i] = np.nan
+
+
+@kernel
+def restore_tolerances(problem: Integration, t: float) -> None:
+    """Set the tolerances at the reported state of time t (s), which was restored: whatever came before it."""
+    problem.eqs.dynamics(t, problem.q, problem.v, problem.eqs.data, problem.eqs.terms)
+    set_tolerances(problem)
 
 
 @kernel

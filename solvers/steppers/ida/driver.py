@@ -182,7 +182,7 @@ class IDADriver(Stepper):
         return int(self._counts[RESIDUALS])
 
 
-HOOKS = {
+STEPPER_HOOKS = {
     "begin": lambda stepper: stepper._begin(),
     "steps_allowed": lambda stepper: stepper._steps_until_check(),
     "may_take_more": lambda stepper: stepper._may_take_more(),
@@ -190,6 +190,5 @@ HOOKS = {
     "resume": lambda stepper: stepper._resume(),
     "report": lambda stepper, t: stepper._report(t),
 }
-_advance = substitute(
-    loop.advance, __name__, {**HOOKS, "advance_history": substitute(loop.advance_history, __name__, HOOKS)}
-)
+_advance_history = substitute(loop.advance_history, __name__, STEPPER_HOOKS)
+_advance = substitute(loop.advance, __name__, {**STEPPER_HOOKS, "advance_history": _advance_history})

@@ -27,7 +27,7 @@ from solvers.system import Array
 
 from .calls import (
     CONTEXT,
-    FUNCTIONS,
+    FUNCTION_NAMES,
     KRYLOV_DIMENSION,
     LAST_ORDER,
     LAST_STEP,
@@ -171,7 +171,7 @@ class DirectIDA:
         self._options = rtol, max_order, max_step
         own = handle.value
         self.y, self.slopes, self._counters, self._reals = own.y, own.slopes, own.counters, own.reals
-        own.words[: len(FUNCTIONS)] = [library().address(name) for name in FUNCTIONS]
+        own.words[: len(FUNCTION_NAMES)] = [library().address(name) for name in FUNCTION_NAMES]
         addresses = [callback.address if callback else 0 for callback in made]
         own.words[RESIDUAL : CONTEXT + 1] = [*addresses, data.address, context.value]
         self._free = weakref.finalize(self, _free, handle, context)

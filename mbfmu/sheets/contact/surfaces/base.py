@@ -18,6 +18,7 @@ from mbfmu.mechanics.shapes import Matrix, Shape
 from mbfmu.sheets.contact.patch import smooth_step
 from mbfmu.sheets.contact.scratch import CONTACT_SCRATCH
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Mat3, Record, Vec3
 
 if TYPE_CHECKING:
     from mbfmu.sheets.contact.scratch import ContactScratch
@@ -25,8 +26,15 @@ if TYPE_CHECKING:
 FADE_LENGTH = 1e-3  # m
 
 
+class FrameRecord(Record):
+    """Frame of what is drawn along a straight line, in the axes of the body."""
+
+    origin: Vec3  # m
+    axes: Mat3  # columns
+
+
 @kernel
-def edge_factor(along: Any, half: float) -> Any:
+def edge_factor(along: float, half: float) -> Any:
     """Part of the force at a distance from the middle of a surface ``half`` of which is so long, m."""
     return smooth_step((half + 0.5 * FADE_LENGTH - along) / FADE_LENGTH) * smooth_step(
         (half + 0.5 * FADE_LENGTH + along) / FADE_LENGTH
@@ -34,7 +42,7 @@ def edge_factor(along: Any, half: float) -> Any:
 
 
 @kernel
-def to_frame_axes(frame: Any, contact: ContactScratch) -> Any:
+def to_frame_axes(frame: FrameRecord, contact: ContactScratch) -> Any:
     """The point in a frame's plane, (x, y), and along its third axis, z; ``frame`` has ``origin`` and ``axes``."""
     p, o, A = contact.p, frame.origin, frame.axes
     x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
@@ -46,14 +54,25 @@ def to_frame_axes(frame: Any, contact: ContactScratch) -> Any:
 
 
 @kernel
-def set_normal(frame: Any, x: Any, y: Any, contact: ContactScratch) -> None:
+def set_normal(frame: FrameRecord, x: float, y: float, contact: ContactScratch) -> None:
     """Write a normal that has these components in the plane of a frame."""
     n, A = contact.n, frame.axes
     for k in range(3):
         n[k] = A[k, 0] * x + A[k, 1] * y
 
 
-FRAME_FIELDS = (("origin", np.float64, (3,)), ("axes", np.float64, (3, 3)))  # of what is drawn along a straight line
+@kernel
+def round_gap(
+    frame: FrameRecord, x: float, y: float, z: float, radius: float, half: float, contact: ContactScratch
+) -> float:
+    """Distance of the point (x, y, z) of a frame from a cylinder about its third axis, ``half`` of which is so long, m;
+    writes what a ``gap`` writes. A point on the axis has no normal.
+    """
+    distance = np.sqrt(x * x + y * y)
+    if distance.real > 0.0:
+        set_normal(frame, x / distance, y / distance, contact)
+        contact.part = edge_factor(z, half)
+    return distance - radius
 
 
 class Surface(ElementType):

@@ -1,8 +1,10 @@
-"""Fingerprint of a class of a solver from outside the package: a state belongs to the class that has saved it.
+"""Fingerprints of classes and functions of users: what they do, not where they are.
 
-Two classes of one name may have other coefficients or steps. A fingerprint contains the full names of a class and of
-its bases outside this package, their attributes, the byte code of their methods, and the functions and numbers of their
-modules that the methods use. It does not depend on the process, but on the version of Python.
+Two classes of one name may have other coefficients or steps, and two functions of one model other numbers. The
+fingerprint of a class contains its full name and those of its bases outside this package, their attributes and the byte
+code of their methods; that of a function its byte code, its defaults and the values that it captures. Both contain the
+functions and numbers of their modules that they use. Fingerprints do not depend on the process, but on the version of
+Python.
 """
 
 from __future__ import annotations
@@ -37,6 +39,14 @@ def fingerprint_of_class(cls: type) -> str:
     return digest.hexdigest()
 
 
+def fingerprint_of_function(function: Any) -> str:
+    """Return the fingerprint of a function or kernel (32 hexadecimal digits)."""
+    digest, seen = blake2b(digest_size=DIGEST_BYTES), set[int]()
+    for part in _parts_of(function, seen):
+        digest.update(part)
+    return digest.hexdigest()
+
+
 def _parts_of(value: Any, seen: set[int]) -> Iterator[bytes]:
     """Yield what distinguishes a value from others; a function that was ``seen`` yields nothing."""
     if isinstance(value, property):
@@ -50,6 +60,8 @@ def _parts_of(value: Any, seen: set[int]) -> Iterator[bytes]:
         if id(function) not in seen:
             seen.add(id(function))
             yield from _parts_of_code(code, function.__globals__, seen)
+            captured = [cell.cell_contents for cell in function.__closure__ or ()]
+            yield from _parts_of([captured, function.__defaults__, function.__kwdefaults__], seen)
         return
     if isinstance(value, np.ndarray):
         yield f"{value.dtype}{value.shape}".encode() + value.tobytes()
@@ -77,5 +89,5 @@ def _parts_of_code(code: CodeType, known: dict[str, Any], seen: set[int]) -> Ite
             yield from _parts_of(constant, seen)
     for name in code.co_names:
         used = known.get(name)
-        if getattr(used, "__module__", known["__name__"]) == known["__name__"] and not isinstance(used, type):
+        if getattr(used, "__module__", known.get("__name__")) == known.get("__name__") and not isinstance(used, type):
             yield from _parts_of(used, seen)
