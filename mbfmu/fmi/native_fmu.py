@@ -22,6 +22,7 @@ from solvers.steppers import describe_refusal, drop_unlisted
 from . import description, description3
 from .description import LOG_CATEGORIES, Experiment, Identity
 from .documentation import page
+from .exchange_description import exchange_variables
 from .identity import identify
 from .terminals import terminals_and_icons
 
@@ -49,11 +50,13 @@ def build_native_fmu(
         report(found)
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
     identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
-    shown, terminals = list(made.variables), None
+    shown, terminals, exchanged = list(made.variables), None, None
+    if made.states is not None:
+        exchanged = exchange_variables(made.states, len(shown) + 1 + len(made.arrays))
     if fmi == 2:
-        root = description.model_description(identity, experiment, shown, LOG_CATEGORIES)
+        root = description.model_description(identity, experiment, shown, LOG_CATEGORIES, exchanged)
     else:
-        root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays)
+        root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays, exchanged)
         shown = [v for _, v in description3.listed(made.variables, made.arrays)]
         terminals = terminals_and_icons(model, shown)
     content = {

@@ -26,6 +26,7 @@ from solvers.steppers import ORDER_LIMITS
 
 from . import layout, start_checks
 from .entries import Instance, family_of, image_of
+from .exchange_states import ExchangeState, exchange_states, explain_missing_exchange
 from .families import FAMILIES
 from .image import MemoryImage
 from .model_numbers import Place
@@ -53,12 +54,16 @@ class NativeModel(NamedTuple):
         Parameters that are constant, though a model that is built could change them, and why.
     diagnostics
         Notes and warnings on the model and its start.
+    states
+        Continuous states of model exchange, whose value references come after those of the arrays, followed by those
+        of their derivatives; None: the model is for co-simulation only.
     """
 
     variables: tuple[ScalarVariable, ...]
     arrays: tuple[ArrayVariable, ...]
     fixed: dict[str, str]
     diagnostics: Sequence[Diagnostic]
+    states: tuple[ExchangeState, ...] | None
     data: bytes
 
 
@@ -84,8 +89,19 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
         for v in list_variables(model, settings, simulation.compiled)
     )
     several = arrays(model, variables)
-    file = _File(simulation, instance, image, settable, variables, several)
-    return NativeModel(variables, several, frozen, simulation.diagnostics, file.write())
+    states, notes = _states(simulation, variables) if not for_one_run else (None, [])
+    file = _File(simulation, instance, image, settable, variables, several, states is not None)
+    return NativeModel(variables, several, frozen, [*simulation.diagnostics, *notes], states, file.write())
+
+
+def _states(
+    simulation: Simulation, variables: Sequence[ScalarVariable]
+) -> tuple[tuple[ExchangeState, ...] | None, list[Diagnostic]]:
+    """Return the states of model exchange, or None and a note of the reason."""
+    if why := explain_missing_exchange(simulation):
+        text = f"this FMU is for co-simulation only, not for model exchange: {why}"
+        return None, [Diagnostic.note("no-model-exchange", text)]
+    return exchange_states(simulation, [v.name for v in variables]), []
 
 
 def _nothing_settable(model: Model, why: str) -> SettableParameters:
@@ -127,16 +143,20 @@ class _File:
         settable: SettableParameters,
         variables: Sequence[ScalarVariable],
         several: Sequence[ArrayVariable],
+        exchanges: bool,
     ) -> None:
         self._simulation, self._instance, self._image, self._settable = simulation, instance, image, settable
-        self._variables, self._arrays, self._text = variables, several, bytearray()
+        self._variables, self._arrays, self._text, self._exchanges = variables, several, bytearray(), exchanges
         self._block = image.block()
         self._references = {v.name: k for k, v in enumerate(variables)}
         self._places = {
             "clock": image.at(instance.clock), "out": image.at(instance.out), "options": image.at(instance.options),
             "counts": image.at(instance.counts), "length": image.at(instance.known) + 16,
             "run_status": image.at(instance.session.status), "worst": image.at(instance.start.scratch.worst),
-            "massless": image.at(instance.start.scratch.massless),
+            "massless": image.at(instance.start.scratch.massless), "exchange_x": image.at(instance.exchange.x),
+            "exchange_derivatives": image.at(instance.exchange.derivatives),
+            "exchange_nominal": image.at(instance.exchange.nominal),
+            "exchange_times": image.at(instance.exchange.times),
         }  # fmt: skip
 
     def write(self) -> bytes:
@@ -169,6 +189,7 @@ class _File:
         header["family"] = list(FAMILIES).index(family_of(self._simulation))
         header["size"], header["saved"], header["root"] = self._image.size, self._image.saved, self._image.root
         compiled, freedom = self._simulation.compiled, self._simulation.stepper.freedom
+        header["exchange"], header["positions"], header["velocities"] = self._exchanges, system.nq, system.n
         header["reports_coarse"] = bool(describe_coarse(compiled, COARSE_TOLERANCE, freedom))
         for name, place in self._places.items():
             header[f"{name}_at"] = place

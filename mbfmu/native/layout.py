@@ -26,6 +26,7 @@ from solvers.outcome import Code
 
 from .checksum import crc64
 from .entries import Entry, shipped_kernels
+from .model_exchange import LEFT_BRANCH, NEXT_EVENT, RESTART, TIMES
 from .start_checks import Flaw
 
 ENTRY_C_TYPES = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
@@ -97,6 +98,10 @@ HEADER_OFFSETS = (
     "run_status",
     "worst",
     "massless",
+    "exchange_x",
+    "exchange_derivatives",
+    "exchange_nominal",
+    "exchange_times",
 )  # of arrays that C looks at, in the block
 HEADER = np.dtype(
     [
@@ -110,6 +115,9 @@ HEADER = np.dtype(
         ("saved", "i8"),  # of it, what is saved and restored
         ("root", "i8"),
         ("reports_coarse", "i8"),  # 1: a coarse tolerance is reported at the start
+        ("exchange", "i8"),  # 1: model exchange is supported
+        ("positions", "i8"),  # number of free positions, and of velocities
+        ("velocities", "i8"),
         *((f"{name}_at", "i8") for name in HEADER_OFFSETS),
         *(field for name in SECTIONS for field in ((name, "i8"), (f"{name}_count", "i8"))),
     ]
@@ -139,6 +147,8 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     limits = {"MAX_ACCURATE_ANGLE": MAX_ACCURATE_ANGLE, "MAX_VALID_ANGLE": MAX_VALID_ANGLE}  # of shipped elements
     lines += [f"#define {name} {float(np.degrees(angle))!r} /* degrees */" for name, angle in limits.items()]
     lines.append(f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}")
+    lines += [f"#define LEFT_BRANCH ({LEFT_BRANCH})", f"#define EXCHANGE_TIMES {TIMES}"]
+    lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     coarse = Diagnostic.warning("coarse-tolerance", COARSE_TEXT, COARSE_REMEDY)
     lines.append(f"#define COARSE_TEXT {json.dumps(str(coarse))}")
@@ -164,7 +174,7 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
 
 
 def _kind(name: str) -> str:
-    return f"{name.capitalize()}Entry"
+    return f"{name.title().replace('_', '')}Entry"
 
 
 def _enum(kind: str, words: Iterable[str]) -> str:

@@ -65,6 +65,16 @@ bool has_length(const Header *h, int64_t length)
            h->size == length - h->block;
 }
 
+static bool good_states(const Header *h)
+{
+    const size_t one = sizeof(double);
+    return is_index(h->positions, h->size) && is_index(h->velocities, h->size) &&
+           in_block(h, h->exchange_x_at, h->positions + h->velocities, one) &&
+           in_block(h, h->exchange_derivatives_at, h->positions + h->velocities, one) &&
+           in_block(h, h->exchange_nominal_at, h->positions + h->velocities, one) &&
+           in_block(h, h->exchange_times_at, EXCHANGE_TIMES, one) && h->saved >= (h->positions + h->velocities) * (int64_t)one;
+}
+
 static bool good_header(const Header *h)
 {
     return is_index(h->family, sizeof families / sizeof families[0]) && fits(h->size, 0, h->saved, 1) &&
@@ -72,7 +82,8 @@ static bool good_header(const Header *h)
            in_block(h, h->length_at, 1, sizeof(double)) && in_block(h, h->options_at, 1, sizeof(Options)) &&
            in_block(h, h->run_status_at, 1, sizeof(RunStatus)) && in_block(h, h->worst_at, 1, sizeof(Worst)) &&
            in_block(h, h->massless_at, h->coordinates_count, sizeof(double)) && in_block(h, h->out_at, 0, 1) &&
-           in_block(h, h->counts_at, 0, 1) && is_index(h->reports_coarse, 2);
+           in_block(h, h->counts_at, 0, 1) && is_index(h->reports_coarse, 2) && is_index(h->exchange, 2) &&
+           good_states(h);
 }
 
 #define SECTION(name, kind) in_tables(h, h->name, h->name##_count, sizeof(kind))

@@ -11,7 +11,8 @@
 
 #define AGREED 1e-9 /* s, or part of the time: so much may a host's clock differ from ours */
 
-static const char *const phases[] = {"instantiated", "initializing", "running", "failed", "terminated"};
+static const char *const phases[] = {"instantiated", "initializing", "running", "in event mode", "in continuous-time mode", "failed",
+                                     "terminated"};
 
 void *host_of(Instance *own)
 {
@@ -31,11 +32,11 @@ static void begin_life(Instance *own)
     own->start = own->reached = 0.0;
     own->stopped = false;
     own->phase = INSTANTIATED;
-    own->fresh = false;
+    own->fresh = own->derived = false;
     own->message[0] = '\0';
 }
 
-Instance *create(const char *token, const char *folder, Log *log, void *host, char text[SAYS])
+Instance *create(const char *token, const char *folder, bool exchange, Log *log, void *host, char text[SAYS])
 {
     Instance *own = calloc(1, sizeof *own);
     if (!own) {
@@ -44,7 +45,13 @@ Instance *create(const char *token, const char *folder, Log *log, void *host, ch
     }
     own->log = log;
     own->host = host;
+    own->exchange = exchange;
     if (!open_model(own, folder, token, text)) {
+        destroy(own);
+        return NULL;
+    }
+    if (exchange && !own->header->exchange) {
+        SAY(text, "model exchange is not supported: this FMU is for co-simulation [fmi-call]");
         destroy(own);
         return NULL;
     }
@@ -113,7 +120,7 @@ Outcome enter_initialization(Instance *own)
     if (own->phase != INSTANTIATED)
         return refuse(own, "entering the initialization");
     own->phase = INITIALIZING;
-    own->fresh = false;
+    own->fresh = own->derived = false;
     return OK;
 }
 
@@ -137,7 +144,7 @@ Outcome exit_initialization(Instance *own)
         own->phase = FAILED;
         return ERROR;
     }
-    own->phase = RUNNING;
+    own->phase = own->exchange ? EVENT_MODE : RUNNING;
     memset(own->flags, 0, count_of(own));
     warn_coarse_tolerance(own);
     return OK;
@@ -225,7 +232,7 @@ static Outcome go(Instance *own, double t, double length)
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
     }
-    own->fresh = false;
+    own->fresh = own->derived = false;
     own->message[0] = '\0';
     own->reached = end;
     log_new(own, status);
@@ -250,7 +257,7 @@ bool stopped(const Instance *own)
 
 Outcome terminate(Instance *own)
 {
-    if (own->phase != RUNNING && own->phase != FAILED)
+    if (own->phase < RUNNING || own->phase > FAILED)
         return refuse(own, "terminating");
     own->phase = TERMINATED;
     return OK;

@@ -23,10 +23,13 @@ struct Instance {
     double start;   /* s */
     double reached; /* s */
     Phase phase;
+    bool exchange;  /* for model exchange, not for co-simulation */
     bool stopped;   /* the last step failed */
     bool untouched; /* the block is that of the file */
     bool fresh;     /* outputs are those of the present state */
-    bool warned_jump, warned_balance, warned_coarse;
+    bool derived;   /* so are derivatives */
+    bool warned_jump, warned_balance, warned_coarse, warned_branch;
+    unsigned reported; /* reasons of discarded evaluations, bits by their codes */
     char message[SAYS];
 };
 
@@ -61,6 +64,13 @@ bool is_marked(const Instance *own, unsigned flag);
 const Variable *refused_value(const Instance *own);
 Outcome fail_refused(Instance *own, Outcome outcome, const Variable *v);
 void apply_changes(Instance *own);
+
+/* exchange.c */
+void apply_exchange_changes(Instance *own);
+void start_exchange(Instance *own);
+bool is_state(Instance *own, uint32_t reference);
+Outcome get_exchanged(Instance *own, uint32_t reference, unsigned wanted, double *value);
+int64_t read_exchanged(Instance *own);
 
 /* messages.c */
 const char *in_digits(char digits[32], double value);

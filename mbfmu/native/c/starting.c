@@ -50,7 +50,7 @@ static void read_outputs(Instance *own)
 Outcome evaluate(Instance *own)
 {
     char text[SAYS];
-    int64_t code = call_entry(own, own->family->read);
+    int64_t code = own->exchange ? read_exchanged(own) : call_entry(own, own->family->read);
     if (code != CODE_OK) {
         describe_stop(own, code, text);
         return fail(own, DISCARD, text);
@@ -101,7 +101,7 @@ Outcome start_anew(Instance *own)
         return fail(own, ERROR, text);
     }
     own->untouched = false;
-    own->warned_jump = own->warned_balance = own->warned_coarse = false;
+    own->warned_jump = own->warned_balance = own->warned_coarse = own->warned_branch = false;
     put_options(own);
     if ((wrong = moved_from_rest(own)))
         return fail_moved(own, wrong);
@@ -129,5 +129,8 @@ Outcome start_anew(Instance *own)
     }
     own->reached = own->start;
     warn_coarse(own, status);
+    own->derived = false;
+    if (own->exchange)
+        start_exchange(own);
     return evaluate(own);
 }
