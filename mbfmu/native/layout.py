@@ -26,7 +26,7 @@ from solvers.outcome import Code
 
 from .checksum import crc64
 from .entries import Entry, shipped_kernels
-from .model_exchange import LEFT_BRANCH, NEXT_EVENT, RESTART, TIMES
+from .model_exchange import LEFT_BRANCH, NEXT_EVENT, RESTART, STATES_NOT_FINITE, TIMES
 from .start_checks import Flaw
 
 ENTRY_C_TYPES = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
@@ -147,7 +147,8 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     limits = {"MAX_ACCURATE_ANGLE": MAX_ACCURATE_ANGLE, "MAX_VALID_ANGLE": MAX_VALID_ANGLE}  # of shipped elements
     lines += [f"#define {name} {float(np.degrees(angle))!r} /* degrees */" for name, angle in limits.items()]
     lines.append(f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}")
-    lines += [f"#define LEFT_BRANCH ({LEFT_BRANCH})", f"#define EXCHANGE_TIMES {TIMES}"]
+    lines += [f"#define LEFT_BRANCH ({LEFT_BRANCH})", f"#define STATES_NOT_FINITE ({STATES_NOT_FINITE})"]
+    lines.append(f"#define EXCHANGE_TIMES {TIMES}")
     lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     coarse = Diagnostic.warning("coarse-tolerance", COARSE_TEXT, COARSE_REMEDY)

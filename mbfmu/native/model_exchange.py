@@ -12,8 +12,10 @@ which keeps |e|.
 
 An evaluation is discarded if P does not converge, if the accelerations are not determined, or if P(x) is on another
 branch of the motion than the last completed step (:mod:`solvers.projection.branch`). Results depend on x, t and the
-inputs only, and what is compared changes with completed steps. The exception are importing tools that report completed
-steps seldom: an evaluation farther than ``MAX_FRAME_DISTANCE`` from the last reported one replaces it.
+inputs only, and what P(x) is compared with changes with completed steps. Some importing tools do not report the steps
+of their solver, but points at which they interpolate: they have evaluated at later times when they report a point. As
+long as this is so, every evaluation at a later time becomes the position that the next ones are compared with, until
+the time goes back.
 """
 
 from __future__ import annotations
@@ -29,11 +31,11 @@ from mbfmu.mechanics.recursions.dynamics import input_step_limit
 from mbfmu.mechanics.signals.step import JUMP_TIME_TOLERANCE
 from mbfmu.session.kernels.points import energy_at
 from solvers.compiled.kernel import kernel, records, types
-from solvers.outcome import NOT_FINITE, OK
+from solvers.outcome import OK
 from solvers.projection.branch import BRANCH_RESOLUTION, on_same_branch
 from solvers.projection.projection import evaluate_acceleration, project
-from solvers.projection.singular import record_accepted
-from solvers.projection.workspace import CRITICAL, distance, evaluate_and_factor
+from solvers.projection.singular import NO_CRITICAL_POINT, record_accepted
+from solvers.projection.workspace import BRANCH_HISTORY, CRITICAL, evaluate_and_factor
 from solvers.steppers.adams.tree_loop import evaluate_forward_dynamics
 from solvers.system import Array
 
@@ -41,71 +43,106 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.arrays.points import InputRecords
     from solvers.compiled.record import Reals
     from solvers.positions import Positions
-    from solvers.projection.workspace import Workspace
 
-LEFT_BRANCH = -1  # code in addition to those of solvers.outcome: the state is on another branch of the motion
-# largest distance from the last completed step in which branches are compared, in units of size
-MAX_FRAME_DISTANCE = 0.5
+# Codes in addition to those of solvers.outcome: the state is on another branch of the motion; it is not finite
+LEFT_BRANCH, STATES_NOT_FINITE = -1, -2
 MAX_APPROACHES = 100  # times to which a signal halves the way, before the time at which it changes
 # of times, relative to the time or 1 s: a jump of a signal takes no longer; see mbfmu.mechanics.signals.step
 MAX_JUMP_DURATION_RATIO = 4.0 * JUMP_TIME_TOLERANCE
 HALF_TOLERANCE = 1e-6  # relative error of half the way
 # Entries of ``Exchange.times``
-EVALUATED_FROM, NEXT_EVENT, COMPLETED, RESTART = range(4)
-TIMES = 4
+EVALUATED_FROM, NEXT_EVENT, COMPLETED, PREVIOUS, COMPARED, EVALUATED, INTERPOLATES, RESTART = range(8)
+TIMES = 8
+SAME_TIME = 1e-10  # relative, or s
 
 
-class Exchange(NamedTuple):
-    """What model exchange has in addition to co-simulation."""
+class Branch(NamedTuple):
+    """What is known of the branch of the motion: fields of :class:`solvers.projection.workspace.Workspace`."""
 
-    x: Array  # (nq + n,) states that the importing tool has set
-    derivatives: Array  # (nq + n,)
-    nominal: Array  # (nq + n,)
-    times: Array  # (TIMES,) s: signals are evaluated no earlier, at a jump; the next event; the last completed step.
-    # Then 1.0: the next update of events begins anew, as parameters have changed
-    critical: NDArray[Any]  # (1,) copies of fields of the same names of solvers.projection.workspace.Workspace
+    critical: NDArray[Any]
     q_c: Array
     u: Array
     C: Array
     C_tau: Array
     C_pivots: NDArray[np.int64]
+    J_last: Array
+    branch_history: NDArray[Any]
+    frame: Array
+    frame_tau: Array
+    frame_pivots: NDArray[np.int64]
+    q_last: Array
+    nu_last: Array
+
+    @staticmethod
+    def allocate(nq: int, n: int, m: int) -> Branch:
+        """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
+        z, i = np.zeros, np.int64
+        critical = records(1, CRITICAL), z(nq), z(m), z((m, n)), z(m), z(m, i)
+        frame = z((m, n)), records(1, BRANCH_HISTORY), z((m, n)), z(m), z(m, i), z(nq), z(m)
+        return Branch(*critical, *frame)
+
+
+class Exchange(NamedTuple):
+    """What model exchange has in addition to co-simulation.
+
+    Attributes
+    ----------
+    x, derivatives, nominal
+        (nq + n,) states that the importing tool has set, their derivatives and nominal values.
+    times
+        (TIMES,) times, s: signals are evaluated no earlier, at a jump; the next event; the last completed step; the
+        previous and the present position that branches are compared with; the last evaluation. Then 1.0 if the
+        importing tool reports points at which it interpolates, and 1.0 if the next update of events begins anew.
+    before, completed, previous
+        The branch before an evaluation or a report, at the last completed step, and at the previous position that
+        branches were compared with.
+    """
+
+    x: Array
+    derivatives: Array
+    nominal: Array
+    times: Array
+    before: Branch
+    completed: Branch
+    previous: Branch
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Exchange:
-        """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints by matrices."""
-        z, pivots = np.zeros, np.zeros(m, np.int64)
-        critical = records(1, CRITICAL), z(nq), z(m), z((m, n)), z(m), pivots
-        return Exchange(z(nq + n), z(nq + n), z(nq + n), z(TIMES), *critical)
+        """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
+        states, branches = (np.zeros(nq + n) for _ in range(3)), (Branch.allocate(nq, n, m) for _ in range(3))
+        return Exchange(*states, np.zeros(TIMES), *branches)
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save."""
-        return [self.x, self.nominal, self.times]
+        return [self.x, self.nominal, self.times, *self.completed, *self.previous]
 
 
 @kernel
-def keep_critical_point(work: Workspace, exchange: Exchange) -> None:
-    """Copy what is known of the critical point."""
-    m, n = work.C.shape
-    exchange.critical[0] = work.critical[0]
-    for i in range(work.q_c.shape[0]):
-        exchange.q_c[i] = work.q_c[i]
+def copy_critical_point(source: Any, target: Any) -> None:
+    """Copy what is known of the critical point between a workspace and a :class:`Branch`."""
+    m, n = source.C.shape
+    target.critical[0] = source.critical[0]
+    for i in range(source.q_c.shape[0]):
+        target.q_c[i] = source.q_c[i]
     for i in range(m):
-        exchange.u[i], exchange.C_tau[i], exchange.C_pivots[i] = work.u[i], work.C_tau[i], work.C_pivots[i]
+        target.u[i], target.C_tau[i], target.C_pivots[i] = source.u[i], source.C_tau[i], source.C_pivots[i]
         for j in range(n):
-            exchange.C[i, j] = work.C[i, j]
+            target.C[i, j] = source.C[i, j]
 
 
 @kernel
-def restore_critical_point(exchange: Exchange, work: Workspace) -> None:
-    """Undo what an evaluation has found of another critical point."""
-    m, n = work.C.shape
-    work.critical[0] = exchange.critical[0]
-    for i in range(work.q_c.shape[0]):
-        work.q_c[i] = exchange.q_c[i]
+def copy_branch(source: Any, target: Any) -> None:
+    """The same, with the position that branches are compared with."""
+    m, n = source.C.shape
+    copy_critical_point(source, target)
+    target.branch_history[0] = source.branch_history[0]
+    for i in range(source.q_last.shape[0]):
+        target.q_last[i] = source.q_last[i]
     for i in range(m):
-        work.u[i], work.C_tau[i], work.C_pivots[i] = exchange.u[i], exchange.C_tau[i], exchange.C_pivots[i]
+        target.nu_last[i], target.frame_tau[i] = source.nu_last[i], source.frame_tau[i]
+        target.frame_pivots[i] = source.frame_pivots[i]
         for j in range(n):
-            work.C[i, j] = exchange.C[i, j]
+            target.frame[i, j], target.J_last[i, j] = source.frame[i, j], source.J_last[i, j]
 
 
 @kernel
@@ -164,7 +201,7 @@ def fill_nominals(work: Any, exchange: Exchange) -> None:
 def project_states(exchange: Exchange, eqs: Any, t: float, rank: int, positions: Any, work: Any) -> int:
     """(work.q, work.v) = P(x), with its ``terms`` and factors; return a code."""
     if not unpack_states(exchange, work.q, work.v):
-        return NOT_FINITE
+        return STATES_NOT_FINITE
     if positions.turning.shape[0] == 0 and eqs.terms.Phi.shape[0] == 0:
         evaluate_and_factor(eqs, t, work.q, work.v, work)
         return OK
@@ -188,14 +225,6 @@ def evaluate_projected(exchange: Exchange, eqs: Any, t: float, rank: int, positi
                 attraction = max(attraction, work.in_loops[i] * abs(work.v[i]) / work.size[i])
         fill_derivatives(exchange, eqs.terms.qdot, work.slope, work.q, work.v, attraction, positions)
     return code
-
-
-@kernel
-def record_position(exchange: Exchange, eqs: Any, t: float, rank: int, work: Any) -> None:
-    """Record (t, work.q), with its ``terms`` and factors, as the last completed step."""
-    taken = abs(t - exchange.times[COMPLETED])
-    exchange.times[COMPLETED] = t
-    record_accepted(eqs, t, work.q, taken, taken, rank, work)
 
 
 @kernel
@@ -245,16 +274,20 @@ def begin_evaluation(instance: Any, t: float) -> float:
 
 
 class Formulation(NamedTuple):
-    """Model exchange by one formulation of the equations. All kernels take an instance and the time t (s)."""
+    """Model exchange by one formulation of the equations; kernels over an instance, most at the time t (s)."""
 
-    project: Any  # -> code: P(x) into q and v of the work
-    evaluate: Any  # -> code: x' too
-    on_same_branch: Any  # -> bool: whether P(x) is on the branch of the last completed step
-    is_far: Any  # -> bool: whether P(x) is too far from it to be compared with it
-    record: Any  # record P(x) as the last completed step
-    keep: Any  # (instance): keep what evaluations change
+    project: Any  # (instance, t) -> code: P(x) into q and v of the work
+    evaluate: Any  # (instance, t) -> code: x' too
+    is_on_branch: Any  # (instance, t) -> bool: whether P(x) is on the branch of the position it is compared with
+    keep_previous: Any  # (instance): keep that position and what was known before the evaluation as the previous one
+    compare_from: Any  # (instance, t): compare later positions with P(x)
+    complete: Any  # (instance): the position that branches are compared with is a completed step
+    go_back: Any  # (instance, t): compare with the last position that was reached at t or before
+    keep_front: Any  # (instance): keep the position that branches are compared with
+    restore_front: Any  # (instance, t): ... and restore it, as the position of time t
+    restart: Any  # (instance): forget all positions
+    keep: Any  # (instance): keep what an evaluation changes
     restore: Any  # (instance): ... and restore it
-    restart: Any  # (instance): forget the last completed step
 
 
 @kernel
@@ -276,7 +309,7 @@ def evaluate_dense(instance: Any, t: float) -> int:
 
 
 @kernel
-def on_same_branch_dense(instance: Any, t: float) -> bool:
+def is_on_branch_dense(instance: Any, t: float) -> bool:
     """See :class:`Formulation`."""
     problem = instance.given
     rank = problem.memory.control[0].rank
@@ -285,30 +318,56 @@ def on_same_branch_dense(instance: Any, t: float) -> bool:
 
 
 @kernel
-def is_far_dense(instance: Any, t: float) -> bool:
+def keep_previous_dense(instance: Any) -> None:
     """See :class:`Formulation`."""
-    work = instance.given.work
-    known = instance.given.memory.control[0].rank > 0 and work.branch_history[0].is_frame_known == 1
-    return bool(known and distance(work.q_last, work.q, work) > MAX_FRAME_DISTANCE)
+    exchange = instance.exchange
+    copy_branch(instance.given.work, exchange.previous)
+    copy_critical_point(exchange.before, exchange.previous)
+    exchange.times[PREVIOUS] = exchange.times[COMPARED]
 
 
 @kernel
-def record_dense(instance: Any, t: float) -> None:
+def compare_from_dense(instance: Any, t: float) -> None:
     """See :class:`Formulation`."""
-    problem = instance.given
-    record_position(instance.exchange, problem.eqs, t, problem.memory.control[0].rank, problem.work)
+    problem, times = instance.given, instance.exchange.times
+    taken = abs(t - times[COMPARED])
+    times[COMPARED] = t
+    record_accepted(problem.eqs, t, problem.work.q, taken, taken, problem.memory.control[0].rank, problem.work)
 
 
 @kernel
-def keep_dense(instance: Any) -> None:
+def complete_dense(instance: Any) -> None:
     """See :class:`Formulation`."""
-    keep_critical_point(instance.given.work, instance.exchange)
+    exchange = instance.exchange
+    copy_branch(instance.given.work, exchange.completed)
+    exchange.times[COMPLETED] = exchange.times[COMPARED]
 
 
 @kernel
-def restore_dense(instance: Any) -> None:
+def go_back_dense(instance: Any, t: float) -> None:
     """See :class:`Formulation`."""
-    restore_critical_point(instance.exchange, instance.given.work)
+    exchange, times = instance.exchange, instance.exchange.times
+    if t >= times[COMPARED]:
+        return
+    if times[COMPLETED] <= times[PREVIOUS] <= t:
+        copy_branch(exchange.previous, instance.given.work)
+        times[COMPARED] = times[PREVIOUS]
+    else:
+        copy_branch(exchange.completed, instance.given.work)
+        times[COMPARED] = times[COMPLETED]
+
+
+@kernel
+def keep_front_dense(instance: Any) -> None:
+    """See :class:`Formulation`."""
+    copy_branch(instance.given.work, instance.exchange.before)
+
+
+@kernel
+def restore_front_dense(instance: Any, t: float) -> None:
+    """See :class:`Formulation`."""
+    copy_branch(instance.exchange.before, instance.given.work)
+    instance.exchange.times[COMPARED] = t
 
 
 @kernel
@@ -316,7 +375,19 @@ def restart_dense(instance: Any) -> None:
     """See :class:`Formulation`."""
     work = instance.given.work
     work.branch_history[0].is_frame_known, work.branch_history[0].pivot_ratio = 0, 0.0
-    work.critical[0].kind, work.critical[0].failed_search_ratio = 0, 0.0
+    work.critical[0].kind, work.critical[0].failed_search_ratio = NO_CRITICAL_POINT, 0.0
+
+
+@kernel
+def keep_dense(instance: Any) -> None:
+    """See :class:`Formulation`."""
+    copy_critical_point(instance.given.work, instance.exchange.before)
+
+
+@kernel
+def restore_dense(instance: Any) -> None:
+    """See :class:`Formulation`."""
+    copy_critical_point(instance.exchange.before, instance.given.work)
 
 
 @kernel
@@ -324,7 +395,7 @@ def project_tree(instance: Any, t: float) -> int:
     """By recursions, as all of the following: there are quaternions only."""
     problem = instance.given
     if not unpack_states(instance.exchange, problem.work.q, problem.work.v):
-        return NOT_FINITE
+        return STATES_NOT_FINITE
     problem.eqs.retract(problem.work.q, problem.work.zero, problem.eqs.data)
     return OK
 
@@ -342,35 +413,28 @@ def evaluate_tree(instance: Any, t: float) -> int:
 
 
 @kernel
-def on_same_branch_tree(instance: Any, t: float) -> bool:
+def is_on_branch_tree(instance: Any, t: float) -> bool:
     """There is one branch."""
     return True
 
 
 @kernel
-def is_far_tree(instance: Any, t: float) -> bool:
+def unchanged_at_tree(instance: Any, t: float) -> None:
     """There is one branch."""
-    return False
-
-
-@kernel
-def record_tree(instance: Any, t: float) -> None:
-    """There is nothing to record but the time."""
-    instance.exchange.times[COMPLETED] = t
 
 
 @kernel
 def unchanged_tree(instance: Any) -> None:
-    """Evaluations change nothing."""
+    """There is one branch, and evaluations change nothing."""
 
 
 DENSE = Formulation(
-    project_dense, evaluate_dense, on_same_branch_dense, is_far_dense, record_dense, keep_dense, restore_dense,
-    restart_dense,
+    project_dense, evaluate_dense, is_on_branch_dense, keep_previous_dense, compare_from_dense, complete_dense,
+    go_back_dense, keep_front_dense, restore_front_dense, restart_dense, keep_dense, restore_dense,
 )  # fmt: skip
 TREE = Formulation(
-    project_tree, evaluate_tree, on_same_branch_tree, is_far_tree, record_tree, unchanged_tree, unchanged_tree,
-    unchanged_tree,
+    project_tree, evaluate_tree, is_on_branch_tree, unchanged_tree, unchanged_at_tree, unchanged_tree,
+    unchanged_at_tree, unchanged_tree, unchanged_at_tree, unchanged_tree, unchanged_tree, unchanged_tree,
 )  # fmt: skip
 FORMULATIONS = {"adams": DENSE, "radau": DENSE, "tree": TREE}  # by family of steppers
 
@@ -381,26 +445,37 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
     ``read`` fills the outputs at the reported state, see :class:`mbfmu.session.kernels.sequence.Sequence`.
     """
     own = FORMULATIONS[family]
-    project_at, evaluate_at, same_branch, is_far, record, keep, restore, begin_anew = own
+    project_at, evaluate_at, is_on_branch = own.project, own.evaluate, own.is_on_branch
+    keep_previous, compare_from, complete = own.keep_previous, own.compare_from, own.complete
+    go_back, begin_anew, keep, restore = own.go_back, own.restart, own.keep, own.restore
+    keep_front, restore_front = own.keep_front, own.restore_front
 
     def exchange_start(instance: Any, t: float) -> int:
         """Let x be the reported state, at the start of a run at t (s)."""
         exchange, problem = instance.exchange, instance.given
         pack_states(problem.q, problem.v, exchange)
         fill_nominals(problem.work, exchange)
-        exchange.times[EVALUATED_FROM], exchange.times[COMPLETED], exchange.times[RESTART] = t, t, 1.0
+        for k in (EVALUATED_FROM, COMPLETED, PREVIOUS, COMPARED, EVALUATED):
+            exchange.times[k] = t
+        exchange.times[INTERPOLATES], exchange.times[RESTART] = 1.0, 1.0
+        begin_anew(instance)
+        complete(instance)
         return OK
 
     def exchange_evaluate(instance: Any, t: float) -> int:
-        """Fill x' at (t, x); return a code of solvers.outcome, or LEFT_BRANCH."""
-        control, evaluated = instance.given.memory.control[0], begin_evaluation(instance, t)
+        """Fill x' at (t, x); return a code of solvers.outcome, LEFT_BRANCH or STATES_NOT_FINITE."""
+        control, times = instance.given.memory.control[0], instance.exchange.times
+        evaluated = begin_evaluation(instance, t)
+        times[EVALUATED] = evaluated
+        go_back(instance, evaluated)
         keep(instance)
         code = evaluate_at(instance, evaluated)
         control.evaluations += 1
-        if code == OK and not same_branch(instance, evaluated):
+        if code == OK and not is_on_branch(instance, evaluated):
             code = LEFT_BRANCH
-        if code == OK and is_far(instance, evaluated):
-            record(instance, evaluated)
+        if code == OK and times[INTERPOLATES] > 0.0 and evaluated > times[COMPARED]:
+            keep_previous(instance)
+            compare_from(instance, evaluated)
         else:
             restore(instance)
         if code != OK:
@@ -437,14 +512,23 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
 
     def exchange_accept(instance: Any, t: float) -> int:
         """Record that a step of the importing tool ended at (t, x); LEFT_BRANCH if it ended on another branch."""
-        evaluated = begin_evaluation(instance, t)
+        evaluated, times = begin_evaluation(instance, t), instance.exchange.times
+        is_ahead = times[EVALUATED] > evaluated + SAME_TIME * max(1.0, abs(evaluated))
+        times[INTERPOLATES] = 1.0 if is_ahead else 0.0
+        front = times[COMPARED]
         code = project_at(instance, evaluated)
         if code != OK:
             return int(code)
-        same = same_branch(instance, evaluated)
-        record(instance, evaluated)
         instance.given.memory.control[0].steps += 1
-        return OK if same else LEFT_BRANCH
+        keep_front(instance)
+        go_back(instance, evaluated)
+        is_same = is_on_branch(instance, evaluated)
+        compare_from(instance, evaluated)
+        complete(instance)
+        if is_ahead and front > evaluated:
+            restore_front(instance, front)
+            return OK
+        return OK if is_same else LEFT_BRANCH
 
     def exchange_update(instance: Any, t: float) -> int:
         """Update at an event at t (s): x becomes P(x), and the next event is found."""
@@ -454,12 +538,16 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
         exchange.times[NEXT_EVENT] = find_next_event(evaluated, data)
         if exchange.times[RESTART] > 0.0:
             begin_anew(instance)
+        go_back(instance, evaluated)
         code = project_at(instance, evaluated)
         if code != OK:
             return int(code)
-        exchange.times[RESTART], exchange.times[COMPLETED] = 0.0, evaluated
         pack_states(work.q, work.v, exchange)
-        record(instance, evaluated)
+        for k in (COMPARED, PREVIOUS, EVALUATED):
+            exchange.times[k] = evaluated
+        exchange.times[RESTART] = 0.0
+        compare_from(instance, evaluated)
+        complete(instance)
         return OK
 
     functions = exchange_start, exchange_evaluate, exchange_report, exchange_read, exchange_accept, exchange_update

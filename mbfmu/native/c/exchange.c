@@ -72,15 +72,23 @@ void start_exchange(Instance *own)
     own->reported = 0;
 }
 
+/* Call an entry point at the present time; return a code of the solvers. */
+static int64_t call_now(Instance *own, int32_t (*entry)(int64_t *, void **, void *, double))
+{
+    int64_t code = call_entry_at(own, entry, clock_of(own));
+    return code == STATES_NOT_FINITE ? CODE_NOT_FINITE : code;
+}
+
 /* Report, once for each reason, that an evaluation is discarded. */
 static Outcome discard(Instance *own, int64_t code)
 {
-    unsigned bit = 1u << (code == LEFT_BRANCH ? 31 : (unsigned)code);
+    unsigned bit = 1u << (unsigned)(code < 0 ? 32 + code : code);
     const Sentence *sentences = section(own, own->header->sentences);
     char digits[32];
     const char *what = code == LEFT_BRANCH ? "the state is on another branch of the motion than the last completed step"
-                                           : text_at(own, sentences[code].what);
-    if (own->reported & bit)
+                       : code == STATES_NOT_FINITE ? "a continuous state that the importing tool has set is not finite"
+                                                   : text_at(own, sentences[code].what);
+    if (own->reported & bit || (code == STATES_NOT_FINITE && own->reported)) /* a result of a discarded evaluation */
         return DISCARD;
     own->reported |= bit;
     SAY(own->message, "the evaluation at t = ", in_digits(digits, clock_of(own)), " s is discarded: ", what,
@@ -142,7 +150,7 @@ Outcome get_exchanged(Instance *own, uint32_t reference, unsigned wanted, double
 /* Evaluate the outputs at the time and the states. */
 int64_t read_exchanged(Instance *own)
 {
-    return call_entry_at(own, own->family->exchange_read, clock_of(own));
+    return call_now(own, own->family->exchange_read);
 }
 
 Outcome set_time(Instance *own, const char *call, bool in_events, double t)
@@ -250,7 +258,7 @@ Outcome update_events(Instance *own, const char *call, Events *events)
     double *x = numbers_at(own, own->header->exchange_x_at), *before = (double *)own->kept; /* a part of the block */
     bool restarts = times_of(own)[RESTART] > 0.0;
     memcpy(before, x, bytes);
-    int64_t code = call_entry_at(own, own->family->exchange_update, clock_of(own));
+    int64_t code = call_now(own, own->family->exchange_update);
     if (code != CODE_OK) {
         describe_stop(own, code, text);
         return fail(own, ERROR, text);
@@ -270,7 +278,7 @@ Outcome complete_step(Instance *own, const char *call)
     if (!is_in(own, 1u << CONTINUOUS_MODE, call))
         return ERROR;
     apply_changes(own);
-    int64_t code = call_entry_at(own, own->family->exchange_accept, clock_of(own));
+    int64_t code = call_now(own, own->family->exchange_accept);
     if (code == CODE_OK)
         return OK;
     if (code != LEFT_BRANCH) {
