@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,47 +11,11 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import Parameter, ParameterSet
 from numpy.typing import NDArray
 
+from mbfmu import write_ssp
 from mbfmu.session.run import communication_points
 
 Array = NDArray[np.float64]
 Run = dict[str, Array]  # "time" (s) and the recorded variables, each as "element.name"
-
-SSD = """<?xml version="1.0" encoding="UTF-8"?>
-<ssd:SystemStructureDescription version="1.0" name="{name}"
-    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
-    xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues"
-    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
-  <ssd:System name="{name}">
-    <ssd:Elements>
-{elements}
-    </ssd:Elements>
-    <ssd:Connections>
-{connections}
-    </ssd:Connections>
-  </ssd:System>
-  <ssd:DefaultExperiment startTime="0.0" stopTime="{stop_time}"/>
-</ssd:SystemStructureDescription>
-"""
-ELEMENT = """      <ssd:Component name="{name}" type="application/x-fmu-sharedlibrary" source="resources/{file}">
-        <ssd:Connectors>
-{connectors}
-        </ssd:Connectors>{bindings}
-      </ssd:Component>"""
-BINDINGS = """
-        <ssd:ParameterBindings>
-          <ssd:ParameterBinding>
-            <ssd:ParameterValues>
-              <ssv:ParameterSet version="1.0" name="values">
-                <ssv:Parameters>
-{values}
-                </ssv:Parameters>
-              </ssv:ParameterSet>
-            </ssd:ParameterValues>
-          </ssd:ParameterBinding>
-        </ssd:ParameterBindings>"""
-VALUE = """                  <ssv:Parameter name="{}"><ssv:Real value="{!r}"/></ssv:Parameter>"""
-CONNECTOR = """          <ssd:Connector name="{}" kind="{}"><ssc:Real/></ssd:Connector>"""
-CONNECTION = """      <ssd:Connection startElement="{}" startConnector="{}" endElement="{}" endConnector="{}"/>"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,27 +54,8 @@ class SspSystem:
 
     def write(self, path: Path, fmus: Mapping[str, Path], stop_time: float) -> Path:
         """Write the archive; ``fmus`` are the elements' files, of which several elements may share one."""
-        elements = []
-        for element, fmu in fmus.items():
-            inputs = {variable for _, _, end, variable in self.connections if end == element}
-            outputs = {variable for start, variable, *_ in (*self.connections, *self.recorded) if start == element}
-            connectors = [CONNECTOR.format(v, "input") for v in sorted(inputs)]
-            connectors += [CONNECTOR.format(v, "output") for v in sorted(outputs)]
-            values = "\n".join(VALUE.format(name, value) for name, value in self.values_of(element).items())
-            bindings = BINDINGS.format(values=values) if values else ""
-            connected = "\n".join(connectors)
-            elements.append(ELEMENT.format(name=element, file=fmu.name, connectors=connected, bindings=bindings))
-        description = SSD.format(
-            name=self.name,
-            elements="\n".join(elements),
-            connections="\n".join(CONNECTION.format(*connection) for connection in self.connections),
-            stop_time=stop_time,
-        )
-        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-            archive.writestr("SystemStructure.ssd", description)
-            for fmu in dict.fromkeys(fmus.values()):
-                archive.write(fmu, f"resources/{fmu.name}")
-        return path
+        connections = [(f"{start}.{output}", f"{end}.{variable}") for start, output, end, variable in self.connections]
+        return write_ssp(path, fmus, connections, self.values, stop_time=stop_time)
 
     def run_in_fmpy(self, ssp: Path, stop_time: float, step: float, values: Mapping[str, float] | None = None) -> Run:
         """Run the archive in FMPy: all FMUs step with the values of the last point (Jacobi).

@@ -1,7 +1,7 @@
 # What a first session needs; `mbfmu/__init__.py` loads each name when it is first used.
 
 from .ensemble.study import Study, load_study, study
-from .fmi import export
+from .fmi import export, write_ssp
 from .mechanics import (
     Beam,
     BeamElement,
@@ -101,6 +101,7 @@ __all__ = [
     "Universal", "UserError", "Wall", "Weld", "WeldCutJoint", "add_chain", "add_contact", "add_nip", "add_sheet", "box",
     "check", "compare", "cylinder", "equilibrium", "equilibrium_path", "export", "find", "linearize", "load_study",
     "models", "modes", "parameter", "recommend_solver", "rod", "simulate", "sphere", "study", "tube", "view",
+    "write_ssp",
 ]  # fmt: skip
 
 __version__: str

@@ -29,6 +29,7 @@ from .system import Array, TreeSystem
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
+    from solvers.projection.workspace import Workspace
 
 
 class InertiaRecord(Record):
@@ -91,7 +92,7 @@ def record_growth(t: float, growth: float, inertia: InertiaRecord) -> None:
 
 
 @kernel
-def update_growth(t: float, M: Reals, v: Reals, work: Any) -> None:
+def update_growth(t: float, M: Reals, v: Reals, work: Workspace) -> None:
     """Update the rate growth at time t (s) with mass matrix M (n, n) and rates v (n,); ``work`` is a workspace."""
     record, energy, growth, has_loops = work.inertia[0], 0.0, 0.0, work.row.shape[0] > 0
     for i in range(v.shape[0]):
@@ -115,7 +116,7 @@ def update_tree_growth(t: float, parts: Reals, v: Reals, work: Any) -> None:
 
 
 @inlined
-def tolerance_factor(rtol: float, power: float, work: Growth) -> float:
+def tolerance_factor(rtol: float, power: float, work: Growth | Workspace) -> float:
     """Return by how much tolerances must be multiplied in the next step, at most one.
 
     ``rtol`` is the relative tolerance of a step, as the tolerance of the motion to the ``power``.

@@ -73,12 +73,21 @@ KEYS: dict[Code, str] = {  # of :data:`solvers.diagnostics.TITLES`
 }
 
 
+class UserSolverError(ValueError):
+    """Error in the code of a solver from outside the package, whose ``__cause__`` is the exception that was raised."""
+
+    def __init__(self, diagnostic: Diagnostic) -> None:
+        super().__init__(str(diagnostic))
+        self.diagnostic = diagnostic
+
+
 class Status(NamedTuple):
     """Result of :meth:`Stepper.advance`."""
 
     code: Code
     t: float  # s, reported time
     fallback_solvers: tuple[str, ...] = ()  # solvers to try if this one cannot continue
+    error: UserSolverError | None = None  # why it has stopped, if that is in the code of a solver from outside
 
     @property
     def ok(self) -> bool:
@@ -103,6 +112,8 @@ class Status(NamedTuple):
 
     def explain(self, advice: str = "") -> Diagnostic:
         """Return what happened, when, and what to do: ``advice`` instead of the general remedy."""
+        if self.error is not None:
+            return self.error.diagnostic
         return Diagnostic.error(KEYS[self.code], self.message, advice or self.remedy, time=self.t)
 
 

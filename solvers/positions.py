@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ def angular_velocity(q: Reals, i: int, slope: Reals, scale: float, v: Reals, j: 
 
 
 @kernel
-def as_motion(q: Any, slope: Reals, layout: Positions, v: Reals) -> None:
+def as_motion(q: Reals, slope: Reals, layout: Positions, v: Reals) -> None:
     """v (n,) with N v = slope, as far as there is one."""
     for k in range(layout.in_q.shape[0]):
         v[layout.in_v[k]] = slope[layout.in_q[k]]
@@ -52,7 +52,7 @@ def as_motion(q: Any, slope: Reals, layout: Positions, v: Reals) -> None:
 
 
 @kernel
-def as_slope(q: Any, v: Reals, layout: Positions, slope: Reals) -> None:
+def as_slope(q: Reals, v: Reals, layout: Positions, slope: Reals) -> None:
     """slope (nq,) = N v."""
     for k in range(layout.in_q.shape[0]):
         slope[layout.in_q[k]] = v[layout.in_v[k]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from .energy_account import ACCOUNT_SIZE
 from .options import Options, Statistics
 from .outcome import OK, Code, SolverError, Status
 from .system import AnySystem, Array
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 MAX_SPACING_IN_TOLERANCES = 0.1  # largest spacing of floating-point numbers at an initial position
 SPACING_FACTOR = 2.0**-53 * (1.0 + 2.0**-52)  # of a number, which it is less than one step away from
@@ -30,7 +33,7 @@ def spacing(x: float) -> float:
 
 
 @kernel
-def find_unresolved(t: float, rate: float, q: Any, size: Any, rtol: float) -> int:
+def find_unresolved(t: float, rate: float, q: Reals, size: Any, rtol: float) -> int:
     """Return UNRESOLVED_TIME if the floating-point numbers near t (s) are too far apart for a motion of ``rate`` (1/s),
     else the position of q (nq,) that they resolve worst to the tolerance, in units of ``size``; RESOLVED: none is.
     """
@@ -238,6 +241,13 @@ class Stepper(ABC):
         return self._v.copy()
 
     @property
+    def reported(self) -> tuple[Array, Array, Array]:
+        """The arrays of the reported positions, velocities and energy account, which the next step may change or
+        replace.
+        """
+        return self._q, self._v, self._energy_account
+
+    @property
     def freedom(self) -> int:
         """Largest number of degrees of freedom; zero if drives prescribe the motion."""
         return len(self._v)
@@ -257,13 +267,7 @@ class Stepper(ABC):
         if not t >= self._t:
             raise ValueError(f"the time to advance to is {t} s, but it stands at {self._t} s; use restore() to go back")
         if t > self._t or not self.status.ok:
-            code = _advance_in_pieces(self, self._t, float(t))
-            if not isinstance(code, Code):
-                raise TypeError(
-                    f"advance_to() of {type(self).__name__} returned {code!r}; allowed: a solvers.outcome.Code. Return "
-                    "Code.OK at the requested time"
-                )
-            self.status = self._status(code)
+            self.status = self._status(_advance_in_pieces(self, self._t, float(t)))
         return self.status
 
     def _limit_steps(self, t: float) -> float:
@@ -302,7 +306,8 @@ class Stepper(ABC):
         """Return v' (n,) and lambda (m,) of the reported state."""
         code, a, lam = self.evaluate()
         if code is not Code.OK:
-            raise SolverError(self._status(code))
+            status = self._status(code)
+            raise SolverError(status) from status.error
         if self._undetermined():
             self.undetermined_at = self._t
         return a, lam

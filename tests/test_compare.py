@@ -22,7 +22,8 @@ from mbfmu.session.run import run
 from mbfmu.studies import work_precision
 from mbfmu.studies.compare import Comparison, Row, compare, solvers_of
 from mbfmu.studies.comparison_report import as_text
-from mbfmu.studies.recommendation import read_target, recommend_solver, round_to_digit
+from mbfmu.studies.error_target import read_target
+from mbfmu.studies.recommendation import recommend_solver, round_to_digit
 from mbfmu.studies.reference import driven_outputs
 from mbfmu.studies.resolution import limit, moving_places, resolutions_of
 from mbfmu.studies.timing import Budget, BudgetExceeded, CpuTimes, time_interleaved

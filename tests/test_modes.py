@@ -14,8 +14,8 @@ from fmus.fourbar import FourBar
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.state import Equilibrium
+from mbfmu.viewer.drawing import draw
 from mbfmu.viewer.mode_shapes import displacements
-from mbfmu.viewer.picture import draw
 
 DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
 

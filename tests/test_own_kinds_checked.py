@@ -17,13 +17,14 @@ KEPT = np.dtype([("far", np.int64)], align=True)
 @kernel
 def place(joint: Any, qi: int, state: Any) -> None:
     """A hinge about z that writes its column at ``far``."""
-    c, s = np.cos(state.q[qi]), np.sin(state.q[qi])
+    c, s, rel = np.cos(state.q[qi]), np.sin(state.q[qi]), state.rel[0]
     for i in range(6):
-        state.rel[joint.far, i] = 1.0 if i == 5 else 0.0
+        rel.S[joint.far, i] = 1.0 if i == 5 else 0.0
     for i in range(3):
-        for j in range(4):
-            state.rel[6 + i, j] = 0.0
-    state.rel[6, 0], state.rel[6, 1], state.rel[7, 0], state.rel[7, 1], state.rel[8, 2] = c, -s, s, c, 1.0
+        for j in range(3):
+            rel.R[i, j] = 0.0
+        rel.p[i] = 0.0
+    rel.R[0, 0], rel.R[0, 1], rel.R[1, 0], rel.R[1, 1], rel.R[2, 2] = c, -s, s, c, 1.0
 
 
 @kernel
@@ -154,23 +155,23 @@ def test_declarations_that_do_not_fit_are_refused(said: dict[str, Any], message:
 @kernel
 def along_a_curve(joint: Any, qi: int, state: Any) -> None:
     """A bead on y = k x^2 that does not turn."""
-    x, rel = state.q[qi], state.rel
+    x, rel = state.q[qi], state.rel[0]
     for i in range(3):
-        rel[0, i], rel[0, 3 + i] = 0.0, 0.0
+        rel.S[0, i], rel.S[0, 3 + i] = 0.0, 0.0
         for j in range(3):
-            rel[6 + i, j] = 1.0 if i == j else 0.0
-        rel[6 + i, 3] = 0.0
-    rel[0, 0], rel[0, 1] = 1.0, joint.slope * joint.k * x
-    rel[0, 5] = joint.turn
-    rel[6, 3], rel[7, 3] = x, joint.k * x * x
+            rel.R[i, j] = 1.0 if i == j else 0.0
+        rel.p[i] = 0.0
+    rel.S[0, 0], rel.S[0, 1] = 1.0, joint.slope * joint.k * x
+    rel.S[0, 5] = joint.turn
+    rel.p[0], rel.p[1] = x, joint.k * x * x
 
 
 @kernel
 def centripetal(joint: Any, qi: int, vi: int, state: Any) -> None:
     """See ``along_a_curve``."""
     for i in range(6):
-        state.bias[i] = 0.0
-    state.bias[1] = joint.bias * joint.k * state.v[vi] ** 2
+        state.rel[0].bias[i] = 0.0
+    state.rel[0].bias[1] = joint.bias * joint.k * state.v[vi] ** 2
 
 
 @dataclass(frozen=True, kw_only=True)

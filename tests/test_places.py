@@ -15,7 +15,7 @@ from mbfmu.fmi import export
 from mbfmu.mechanics import Force, Mechanism, Revolute, Spring, rod
 from mbfmu.modeling.registry import load
 from mbfmu.modeling.settings import Settings
-from mbfmu.viewer.picture import draw
+from mbfmu.viewer.drawing import draw
 from solvers.compiled.kernel import COMPILED
 
 FILE = """
@@ -32,22 +32,22 @@ from mbfmu.modeling import Model, parameter
 
 @kernel
 def slide(joint, qi, state):
-    rel = state.rel
+    rel = state.rel[0]
     for i in range(3):
-        rel[0, i], rel[0, 3 + i] = 0.0, 0.0
+        rel.S[0, i], rel.S[0, 3 + i] = 0.0, 0.0
         for j in range(3):
-            rel[6 + i, j] = 1.0 if i == j else 0.0
-        rel[6 + i, 3] = 0.0
-    rel[0, 1] = 2.0 * joint.bend * state.q[qi]
-    rel[0, 0] = 1.0
-    rel[6, 3], rel[7, 3] = state.q[qi], joint.bend * state.q[qi] ** 2
+            rel.R[i, j] = 1.0 if i == j else 0.0
+        rel.p[i] = 0.0
+    rel.S[0, 1] = 2.0 * joint.bend * state.q[qi]
+    rel.S[0, 0] = 1.0
+    rel.p[0], rel.p[1] = state.q[qi], joint.bend * state.q[qi] ** 2
 
 
 @kernel
 def slide_bias(joint, qi, vi, state):
     for k in range(6):
-        state.bias[k] = 0.0 * state.v[vi]
-    state.bias[1] = 2.0 * joint.bend * state.v[vi] ** 2
+        state.rel[0].bias[k] = 0.0 * state.v[vi]
+    state.rel[0].bias[1] = 2.0 * joint.bend * state.v[vi] ** 2
 
 
 @dataclass(frozen=True, kw_only=True)

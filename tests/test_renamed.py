@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,23 @@ import pytest
 import mbfmu as mb
 from mbfmu import mechanics, sheets
 from mbfmu.cli import main
+from mbfmu.modeling import Model
+from mbfmu.modeling.model import as_model
 from mbfmu.modeling.scene import SCENE_KEYS, read_scene
+from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import RENAMED, SHEET_NAMES, UserError
+
+
+def pendulum() -> Model:
+    m = mb.Mechanism()
+    m.body("arm", m.ground, mb.Revolute(start=0.3), **mb.rod(mass=1.0, length=1.0))
+    return as_model(m)
+
+
+@cache
+def simulation() -> Simulation:
+    return Simulation(pendulum(), mb.Settings())
+
 
 ATTRIBUTES: dict[str, Callable[[], object]] = {
     "recommend_solver": lambda: mb.choose,
@@ -21,6 +37,14 @@ ATTRIBUTES: dict[str, Callable[[], object]] = {
     "show_outputs": lambda: mb.Mechanism().readout,
     "element": lambda: mb.Mechanism().plate,
     "meshes": lambda: mb.Mechanism().sheets,
+    "mechanics.CompiledMechanism": lambda: mechanics.Plant,
+    "RevoluteCutJoint": lambda: mechanics.RevoluteCut,
+    "compile": lambda: pendulum().plant,
+    "compiled": lambda: simulation().plant,
+    "checkpoint": lambda: simulation().mark,
+    "rollback": lambda: simulation().rewind,
+    "solver_choice": lambda: simulation().pick,
+    "discontinuity_work": lambda: simulation().work_of_jumps,
 }
 ARGUMENTS: dict[str, Callable[[], object]] = {
     "energy_check": lambda: mb.Settings(audit=False),
@@ -34,6 +58,16 @@ ARGUMENTS: dict[str, Callable[[], object]] = {
 def test_an_attribute_that_was_renamed(name: str) -> None:
     with pytest.raises(AttributeError, match=f"it is now called '{name}'"):
         ATTRIBUTES[name]()
+
+
+def test_a_property_of_a_model_that_fails_is_not_called_missing() -> None:
+    class Broken(Model):
+        @property
+        def size(self) -> float:
+            raise AttributeError("no such length")
+
+    with pytest.raises(AttributeError, match="no such length"):
+        _ = Broken.__new__(Broken).size
 
 
 @pytest.mark.parametrize("name", SHEET_NAMES)

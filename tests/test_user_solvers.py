@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,14 +18,16 @@ import mbfmu as mb
 from fmus.fourbar import FourBar
 from mbfmu.cli import main
 from mbfmu.fmi.harness import Fmu
-from mbfmu.mechanics import JointSpring, PointForce, Spherical, Step, Translational
+from mbfmu.mechanics import JointForce, JointSpring, PointForce, Spherical, Step, Translational
 from mbfmu.modeling.model import as_model
 from mbfmu.modeling.scene import default_scene
 from mbfmu.modeling.settings import offered_solvers
 from mbfmu.session.simulation import Simulation
 from mbfmu.studies.comparison_report import as_text
-from solvers import OneStepSolver, Options, stepper
+from solvers import OneStepSolver, Options, Statistics, Stepper, stepper
+from solvers.outcome import Code
 from solvers.steppers import plugins, solver_names
+from solvers.steppers.formulation import formulate
 
 PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
 (TEXT,) = re.findall(r"```python file=rk4.py\n(.*?)```", PAGE, flags=re.DOTALL)
@@ -300,11 +304,6 @@ class NamedIda(RK4):  # type: ignore[misc, valid-type]
         (NamedIda, ("has the name 'ida'", "another attribute name")),
         ("rk5x", ("solver is 'rk5x'", "allowed: adams, auto, esdirk")),
         (Constructed, ("'constructed'", "TypeError")),
-        (Short, ("'short'", "shape (1,)", "allowed: that of y, (3,)")),
-        (Complex, ("'complex'", "type complex128", "of real numbers")),
-        (Calling, ("'calling'", "Calling calls f(t, y) with", "shape (2,)", "(3,)")),
-        (Dividing, ("'dividing'", "step() of Dividing returned a value that is not finite")),
-        (Silent, ("'silent'", "advance_to() of Silent returned None", "Code.OK", "[broken-solver]")),
     ],
 )
 def test_what_is_wrong_with_a_solver_is_in_the_message(given: Any, parts: tuple[str, ...]) -> None:
@@ -312,6 +311,159 @@ def test_what_is_wrong_with_a_solver_is_in_the_message(given: Any, parts: tuple[
         mb.simulate(oscillator(), 1.0, solver=given)
     for part in parts:
         assert part in str(error.value)
+
+
+def direct(**methods: Any) -> type[Stepper]:
+    """A solver with its own steps: Heun's, of 1 ms; ``methods`` replace its own."""
+
+    class Direct(Stepper):
+        def __init__(self, system: Any, *state: Any) -> None:
+            super().__init__(system, *state)
+            self.form = formulate(system, self._t, self._q, self._v, self.options)
+            self.count = np.zeros(1)
+
+        def limit_step(self, longest: float) -> None:
+            pass
+
+        def _rates(self, t: float, q: Any, v: Any) -> tuple[Any, Any]:
+            self.form.evaluate(t, q, v)
+            return self.form.qdot.copy(), self.form.a.copy()
+
+        def advance_to(self, t: float) -> Code:
+            while self._t < t:
+                h = min(1e-3, t - self._t)
+                dq, dv = self._rates(self._t, self._q, self._v)
+                dq2, dv2 = self._rates(self._t + h, self._q + h * dq, self._v + h * dv)
+                self._q, self._v = self._q + 0.5 * h * (dq + dq2), self._v + 0.5 * h * (dv + dv2)
+                self._t = t if t - self._t <= 1e-3 else self._t + h
+                self.count += 1.0
+            return Code.OK
+
+        def evaluate(self) -> Any:
+            return self.form.evaluate(self._t, self._q, self._v), self.form.a.copy(), self.form.lam.copy()
+
+        def restart(self) -> None:
+            pass
+
+        def arrays(self) -> Any:
+            return [self.clock, self._q, self._v, self.count]
+
+        @property
+        def statistics(self) -> Statistics:
+            return Statistics(steps=int(self.count[0]))
+
+    own = {key: (lambda self, *given, call=call: call(Direct, self, *given)) for key, call in methods.items()}
+    return type(
+        "Direct",
+        (Direct,),
+        {"__module__": __name__, "name": f"direct-{'-'.join(methods)}-{len(plugins._given)}", **own},
+    )
+
+
+def late(change: Callable[[Any, float], Any]) -> type[Stepper]:
+    """A solver of its own steps that does something else from 0.5 s on."""
+
+    def advance_to(base: Any, self: Any, t: float) -> Any:
+        code = base.advance_to(self, t)
+        return code if t < 0.5 else change(self, t)
+
+    return direct(advance_to=advance_to)
+
+
+def leave(**state: Any) -> Callable[[Any, float], Code]:
+    """Leave attributes of a solver changed."""
+
+    def change(self: Any, t: float) -> Code:
+        for name, value in state.items():
+            setattr(self, name, value(t) if callable(value) else value)
+        return Code.OK
+
+    return change
+
+
+def raises(*_: Any) -> Any:
+    raise LookupError("a table ends")
+
+
+def requires_good_rows(result: mb.Result, last: float) -> None:
+    """The rows up to the last good one are those of the exact motion."""
+    assert result.t[-1] == pytest.approx(last)
+    assert np.abs(result["x"] - AMPLITUDE * np.cos(RATE * result.t)).max() < 1e-3 * AMPLITUDE
+
+
+@pytest.mark.parametrize(
+    ("solver", "parts"),
+    [
+        (Short, ("'short'", "shape (1,)", "allowed: that of y, (3,)")),
+        (Complex, ("'complex'", "type complex128", "of real numbers")),
+        (Calling, ("'calling'", "Calling calls f(t, y) with", "shape (2,)", "(3,)")),
+        (Dividing, ("'dividing'", "step() of Dividing returned a value that is not finite")),
+        (Silent, ("'silent'", "advance_to() of Silent returned None", "Code.OK")),
+    ],
+)
+def test_what_is_wrong_in_the_first_step_is_the_failure_of_the_result(solver: Any, parts: tuple[str, ...]) -> None:
+    result = mb.simulate(oscillator(), 1.0, solver=solver)
+    requires_good_rows(result, 0.0)
+    for part in (*parts, "Correct the solver, or use another one [broken-solver]"):
+        assert part in result.failure
+
+
+@pytest.mark.parametrize(
+    ("solver", "parts"),
+    [
+        (lambda: late(raises), ("LookupError: a table ends", "test_user_solvers.py, line")),
+        (lambda: late(leave(_q=np.zeros(2))), ("has reported q of the shape (2,)", "allowed: (1,), of real numbers")),
+        (lambda: late(leave(_v=np.zeros(1, complex))), ("reported v of the shape (1,) and the type complex128",)),
+        (lambda: late(leave(_v=np.array([np.nan]))), ("has reported v = [nan]; allowed: finite numbers",)),
+        (lambda: late(leave(_energy_account=np.zeros(3))), ("has reported energy_account of the shape (3,)",)),
+        (lambda: late(leave(_t=0.25)), ("has reported the time 0.25; allowed: 0.5 s",)),
+        (lambda: late(leave(_t=lambda t: t + 0.01)), ("has reported the time 0.51; allowed: 0.5 s",)),
+        (lambda: late(leave(_t="0.5")), ("has reported the time '0.5'",)),
+        (lambda: late(lambda *_: None), ("advance_to() of Direct returned None; allowed: a solvers.outcome.Code",)),
+    ],
+)
+def test_the_run_so_far_is_the_result_if_a_solver_fails_later(
+    solver: Callable[[], Any], parts: tuple[str, ...]
+) -> None:
+    result = mb.simulate(oscillator(), 1.0, interval=0.1, solver=solver(), tolerance=1e-4, max_step=0.01)
+    requires_good_rows(result, 0.4)
+    (error,) = (d for d in result.diagnostics if d.severity == "error")
+    assert error.code == "broken-solver"
+    assert error.subject == result.settings.solver
+    assert error.time is not None
+    assert 0.4 <= error.time <= 0.5
+    for part in parts:
+        assert part in result.failure
+
+
+def test_a_solver_that_never_advances_ends_where_a_signal_limits_the_steps() -> None:
+    m = oscillator()
+    m.force("push", JointForce(Step(begin=0.3, height=1.0)), m.bodies[1])
+    result = mb.simulate(m, 1.0, interval=0.5, solver=direct(advance_to=lambda *_: Code.OK))
+    assert "has reported the time 0.0" in result.failure
+    assert list(result.t) == [0.0]
+
+
+@pytest.mark.parametrize("method", ["limit_step", "evaluate", "restart"])
+def test_an_exception_in_another_method_ends_the_run(method: str, caplog: pytest.LogCaptureFixture) -> None:
+    def fails_later(base: Any, self: Any, *given: Any) -> Any:
+        return raises() if self._t > 0.35 else getattr(base, method)(self, *given)
+
+    caplog.set_level("INFO", "solvers")
+    simulation = Simulation(oscillator(), mb.Settings(solver=direct(**{method: fails_later})))
+    for k in range(1, 5):
+        assert simulation.advance(0.1 * k).ok
+    if method == "restart":
+        simulation.retune(simulation.model)
+    elif method == "evaluate":
+        with pytest.raises(mb.UserError, match=r"LookupError: a table ends .*\[broken-solver\]"):
+            simulation.outputs()
+    else:
+        assert not simulation.advance(0.5).ok
+    assert simulation.t == pytest.approx(0.4)
+    assert "after t = 0.4 s with LookupError: a table ends" in simulation.failure
+    assert isinstance(simulation.stepper.status.error.__cause__, LookupError)
+    assert "in raises" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -351,20 +503,19 @@ class Raising(RK4):  # type: ignore[misc, valid-type]
 def test_an_exception_in_a_step_names_the_solver_the_time_and_the_line_and_others_are_compared() -> None:
     chosen = ["adams", Raising]
     found = mb.compare(oscillator(4.0), solvers=chosen, tolerances=[1e-4], repeats=1, outputs=["x"])
-    assert [row.solver for row in found.rows] == ["adams"]
-    (text,) = (d.text for d in found.diagnostics if d.text.startswith("omitted"))
-    assert f"'raising' (class {__name__}.Raising) fails after t = " in text
-    assert "ZeroDivisionError" in text
-    assert "test_user_solvers.py, line" in text
-    assert "correct the solver" in text
+    good, failed = found.rows
+    assert (good.solver, failed.solver) == ("adams", "raising")
+    assert not good.failed
+    assert f"'raising' (class {__name__}.Raising) fails after t = " in failed.failure
+    assert "ZeroDivisionError" in failed.failure
+    assert "test_user_solvers.py, line" in failed.failure
 
 
 def test_the_last_good_state_remains_when_a_step_raises() -> None:
     simulation = Simulation(oscillator(), mb.Settings(solver=Raising, tolerance=1e-8, max_step=0.01))
-    with pytest.raises(mb.UserError) as error:
-        simulation.advance(1.0)
+    assert not simulation.advance(1.0).ok
     assert 0.495 <= simulation.t < 0.51  # from there, half a step leads to 0.5 s or beyond
-    assert f"after t = {simulation.t:.9g} s" in str(error.value)
+    assert f"after t = {simulation.t:.9g} s" in simulation.failure
     found = dict(zip([v.name for v in simulation.variables], simulation.outputs(), strict=True))
     assert abs(found["x"] - AMPLITUDE * np.cos(RATE * simulation.t)) < 1e-6 * AMPLITUDE
     assert abs(found["energy_error"]) < 1e-6
@@ -377,10 +528,14 @@ def test_a_class_given_to_a_program_is_not_exported(tmp_path: Path) -> None:
 
 PACKAGE = {
     "rk4_plugin.py": TEXT + "\n\nnumber = 3\n",
+    "ending_plugin.py": TEXT.replace(
+        "return y", "if t > 0.05:\n            raise LookupError('a table ends')\n        return y"
+    ),
     "broken_plugin.py": "import a_module_that_nobody_has\n",
     "plugins-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: plugins\nVersion: 1.0\n",
     "plugins-1.0.dist-info/entry_points.txt": """[mbfmu.solvers]
 installed-rk4 = rk4_plugin:RK4
+ending = ending_plugin:RK4
 broken = broken_plugin:Solver
 number = rk4_plugin:number
 twice = rk4_plugin:RK4
@@ -413,12 +568,64 @@ def test_an_installed_solver_is_listed_and_runs(packages: Path, capsys: pytest.C
     assert "installed-rk4" in capsys.readouterr().out
 
 
+def test_a_command_fails_with_the_message_of_a_solver(packages: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "pendulum", "--direct", "--solver", "ending", "--stop-time", "0.2"]) == 1
+    assert "LookupError: a table ends (ending_plugin.py, line" in capsys.readouterr().err
+
+
 def test_an_fmu_with_an_installed_solver_runs(packages: Path) -> None:
     path = mb.export(FourBar(), packages / "crank.fmu", mb.Settings(solver="installed-rk4"))
     with Fmu(path) as fmu:
         fmu.step(0.1)
         found = fmu["crank.angle"]
     assert found == pytest.approx(mb.simulate(FourBar(), 0.1, interval=0.1)["crank.angle"][-1], abs=1e-5)
+
+
+def test_an_fmu_whose_solver_is_not_installed_says_so_without_logging(packages: Path) -> None:
+    path = mb.export(FourBar(), packages / "crank.fmu", mb.Settings(solver="installed-rk4"))
+    script = "import fmpy, sys; fmpy.simulate_fmu(sys.argv[1], stop_time=0.1, debug_logging=False)"
+    done = subprocess.run([sys.executable, "-c", script, str(path)], capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "solver is 'installed-rk4'; allowed:" in done.stderr
+
+
+SAVES = """
+import sys
+import numpy as np
+import mbfmu as mb
+from mbfmu.session.simulation import Simulation
+from solvers import OneStepSolver
+SCALE = {scale}
+class Euler(OneStepSolver):
+    order = 1
+    weights = np.array([{weight}])
+    def step(self, f, t, y, h):
+        return y + h * SCALE * self.weights[0] * f(t, y), np.zeros(len(y))
+m = mb.Mechanism()
+m.body("arm", m.ground, mb.Revolute(start=0.3), **mb.rod(mass=1.0, length=1.0))
+run = Simulation(m, mb.Settings(solver=Euler, tolerance=1e-3))
+if sys.argv[1] == "save":
+    run.advance(0.01)
+    open("state", "wb").write(run.save())
+else:
+    run.restore(open("state", "rb").read())
+"""
+
+
+def test_a_state_belongs_to_the_class_that_saved_it(tmp_path: Path) -> None:
+    """In another process; classes of the same name differ in a number of theirs, or of their module."""
+
+    def end(what: str, scale: float = 1.0, weight: float = 1.0) -> tuple[int, str]:
+        (tmp_path / "steps.py").write_text(SAVES.format(scale=scale, weight=weight))
+        command = [sys.executable, "steps.py", what]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        return done.returncode, done.stderr
+
+    assert end("save")[0] == end("restore")[0] == 0
+    for other in ({"scale": 0.5}, {"weight": 0.5}):
+        code, text = end("restore", **other)
+        assert code == 1
+        assert "a saved state belongs to another model" in text
 
 
 @pytest.mark.parametrize(

@@ -18,9 +18,10 @@ from scipy.spatial.transform import Rotation
 from mbfmu.mechanics import Body, Floating, Joint, Mechanism
 from mbfmu.mechanics.axes import along
 from mbfmu.mechanics.kind import kernel_of, record_of
+from mbfmu.mechanics.records import RelativeMotionRecord
+from mbfmu.viewer.drawing import draw
 from mbfmu.viewer.images import DPI, Artist, Shot
 from mbfmu.viewer.motion import Motion
-from mbfmu.viewer.picture import draw
 
 Array = NDArray[np.float64]
 Vector = Sequence[float]
@@ -39,11 +40,11 @@ def pose(joint: Joint) -> tuple[Array, Array]:
     start = joint.rest() if joint.start is None else np.atleast_1d(np.asarray(joint.start, float))
     record = np.zeros(1, record_of(joint)).view(np.recarray)[0] if record_of(joint).names else None
     joint.fill(record, SimpleNamespace(name="b"))  # type: ignore[arg-type]
-    state = SimpleNamespace(q=start, rel=np.zeros((9, 6)))
+    state = SimpleNamespace(q=start, rel=np.zeros(1, RelativeMotionRecord.dtype).view(np.recarray))
     place = kernel_of(joint, "place")
     getattr(place, "py_func", place)(record, 0, state)
     axes = np.eye(3) if joint.rotation is None else np.asarray(joint.rotation, float)
-    return np.asarray(joint.at) + axes @ state.rel[6:, 3], axes @ state.rel[6:, :3]
+    return np.asarray(joint.at) + axes @ state.rel.p[0], axes @ state.rel.R[0]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,7 +31,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.modeling import Model, parameter
 from mbfmu.sheets import Support, add_sheet
-from mbfmu.sheets.sheet import Sheet as SheetHandle
+from mbfmu.sheets.sheet_handle import Sheet as SheetHandle
 from mbfmu.util.errors import UserError
 
 RELEASE_DATA = Path(__file__).with_name("release.csv")  # the default, by a shell code

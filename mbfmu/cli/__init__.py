@@ -30,6 +30,7 @@ from . import (
     run,
     runtime,
     scenes,
+    ssp,
     study,
     view,
 )
@@ -41,6 +42,7 @@ COMMANDS = (
     check,
     view,
     export,
+    ssp,
     equilibrium,
     path,
     linearize,
@@ -64,6 +66,8 @@ COMMAND_EXAMPLES = f"""examples:
   mbfmu export fourbar --set crank_length=0.8 -o fourbar.fmu
   mbfmu export fourbar --native            FMU with machine code, which needs no Python
   mbfmu export my_model.py:MyModel
+  mbfmu ssp governor --with engine=engine.fmu --connect engine.shaft_torque=governor.spindle.torque
+                                           the model and other FMUs as one connected system (SSP)
   mbfmu equilibrium governor               steady state at constant speed, with its stability
   mbfmu equilibrium governor --sweep spindle_speed=5:20:0.5
   mbfmu path governor --over spindle.drive=5:20

@@ -1,6 +1,7 @@
-"""Models as FMI 2.0 co-simulation FMUs: export, and a harness that drives them."""
+"""Models as FMUs, systems of FMUs, and a harness that drives an FMU."""
 
 from .export import export
 from .harness import Fmu
+from .ssp import write_ssp
 
-__all__ = ["Fmu", "export"]
+__all__ = ["Fmu", "export", "write_ssp"]

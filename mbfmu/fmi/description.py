@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import mbfmu
 from mbfmu.modeling.variables import ScalarVariable, Type
@@ -103,6 +103,13 @@ def model_description(
     exchange.add_fmi2_structure(structure, exchanged or (), len(variables))
     root.append(structure)
     return root
+
+
+def xml_bytes(root: Element) -> bytes:
+    """Return an XML file; the elements are indented."""
+    indent(root)
+    text: bytes = tostring(root, encoding="utf-8", xml_declaration=True)
+    return text
 
 
 def number(value: float) -> str:

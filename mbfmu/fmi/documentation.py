@@ -12,10 +12,12 @@ from textwrap import dedent
 import fmpy
 
 import mbfmu
+import mbfmu.native
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.variables import Role, ScalarVariable, columns
 from mbfmu.util.errors import UserError
 
+C_FOLDER = Path(mbfmu.native.__file__).parent / "c"
 PAGE_STYLE = (
     "body{font:15px/1.5 sans-serif;margin:2em auto;max-width:70em;padding:0 1em}"
     "table{border-collapse:collapse}td,th{padding:.2em .8em;border-bottom:1px solid #ccc;text-align:left}"
@@ -47,10 +49,27 @@ def _table(role: Role, variables: Sequence[ScalarVariable]) -> str:
 
 
 def licenses(*, native: bool) -> dict[str, bytes]:
-    """Return the texts of the licenses of what an FMU contains, by the name of a file."""
+    """Return the texts of the licenses of what an FMU contains, by the name of a file; ``license.txt`` lists them."""
     texts = {"mbfmu": _license("mbfmu")}
     texts |= {"fmi-headers": _header_license()} if native else {"pythonfmu": _license("pythonfmu")}
+    texts["license"] = "".join(
+        ["This FMU contains software under the licenses in these files:\n", *(f"- {name}.txt\n" for name in texts)]
+    )
     return {f"{name}.txt": text.encode() for name, text in texts.items()}
+
+
+def c_sources() -> dict[str, bytes]:
+    """Return the C sources of a native FMU, which implement FMI over the kernels, by their names in the FMU."""
+    return {f"documentation/source/{path.name}": path.read_bytes() for path in sorted(C_FOLDER.glob("*.[ch]"))}
+
+
+def dependencies() -> dict[str, bytes]:
+    """Return the file that states what an FMU that calls Python requires, by its name in the FMU."""
+    text = (
+        "This FMU calls Python. The importing tool must run in, or find, a Python in which version "
+        f"{mbfmu.__version__} of the package mbfmu is installed:\n\n    pip install mbfmu=={mbfmu.__version__}\n"
+    )
+    return {"documentation/externalDependencies.txt": text.encode()}
 
 
 def _header_license() -> str:

@@ -27,9 +27,10 @@ from solvers.steppers import describe_refusal
 from solvers.steppers.plugins import is_given
 
 from .description import Experiment
-from .documentation import licenses, page
+from .documentation import dependencies, licenses, page
 from .native_fmu import build_native_fmu
 from .python_fmu import build_python_fmu
+from .terminals import terminal_files
 
 
 class FmuKind(StrEnum):
@@ -167,12 +168,14 @@ def _write(
         elif fmi != 2 or platforms:
             raise UserError("versions of FMI and platforms can be chosen for machine code alone: native=True")
         else:
-            shown = page(model, list_variables(model, settings, compiled), needs_python=True)
-            content = build_python_fmu(model, settings, experiment) | {"documentation/index.html": shown.encode()}
+            variables = list_variables(model, settings, compiled)
+            content = build_python_fmu(model, settings, experiment) | terminal_files(model, variables) | dependencies()
+            content["documentation/index.html"] = page(model, variables, needs_python=True).encode()
         content |= {f"documentation/licenses/{name}": text for name, text in licenses(native=native).items()}
         picture = Path(inspect.getsourcefile(type(model)) or ".").parent / "model.png"
         if picture.is_file():
-            content["model.png"] = picture.read_bytes()
+            content["terminalsAndIcons/icon.png"] = picture.read_bytes()
+            content |= {"model.png": picture.read_bytes()} if fmi == 2 else {}
     pack(path, content)
     for diagnostic in messages:
         report(diagnostic)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
-from xml.etree.ElementTree import Element, indent, tostring
 
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import AUTO, Settings
@@ -20,11 +19,11 @@ from mbfmu.util.errors import UserError
 from solvers.steppers import describe_refusal, drop_unlisted
 
 from . import description, description3
-from .description import LOG_CATEGORIES, Experiment, Identity
-from .documentation import page
+from .description import LOG_CATEGORIES, Experiment, Identity, xml_bytes
+from .documentation import c_sources, page
 from .exchange_description import exchange_variables
 from .identity import identify
-from .terminals import terminals_and_icons
+from .terminals import terminal_files
 
 FMI_VERSIONS = (2, 3)
 
@@ -50,7 +49,7 @@ def build_native_fmu(
         report(found)
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
     identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
-    shown, terminals, exchanged = list(made.variables), None, None
+    shown, exchanged = list(made.variables), None
     if made.states is not None:
         exchanged = exchange_variables(made.states, len(shown) + 1 + len(made.arrays))
     if fmi == 2:
@@ -58,14 +57,12 @@ def build_native_fmu(
     else:
         root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays, exchanged)
         shown = [v for _, v in description3.listed(made.variables, made.arrays)]
-        terminals = terminals_and_icons(model, shown)
     content = {
-        "modelDescription.xml": _text(root),
+        "modelDescription.xml": xml_bytes(root),
         "resources/model.bin": signed(made.data, owner.guid),
         "documentation/index.html": page(model, shown, needs_python=False).encode(),
     }
-    if terminals is not None:
-        content["terminalsAndIcons/terminalsAndIcons.xml"] = _text(terminals)
+    content |= terminal_files(model, shown) | c_sources()
     for name in names:
         target = TARGETS[name]
         folder = target.folder if fmi == 2 else name
@@ -84,12 +81,6 @@ def describe_constants(frozen: Mapping[str, str]) -> list[Diagnostic]:
         text = f"{what} in this FMU: {why}"
         found.append(Diagnostic.note("constant-parameter", text, subject=names[0].strip("'")))
     return found
-
-
-def _text(root: Element) -> bytes:
-    indent(root)
-    text: bytes = tostring(root, encoding="utf-8", xml_declaration=True)
-    return text
 
 
 def _targets(fmi: int, platforms: Sequence[str]) -> list[str]:

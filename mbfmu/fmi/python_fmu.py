@@ -40,15 +40,22 @@ if mbfmu.__version__ != "{version}":
     print(HINT, file=sys.stderr)
     raise ImportError(HINT)
 
-from mbfmu.fmi.description import Experiment
-from mbfmu.fmi.slave import ModelSlave
-from mbfmu.modeling.settings import Settings
-from {module} import {name} as Model
+try:
+    from mbfmu.fmi.description import Experiment
+    from mbfmu.fmi.slave import ModelSlave
+    from mbfmu.modeling.settings import Settings
+    from {module} import {name} as Model
+
+    model = Model(**{values})
+    settings = Settings(**{settings})
+except Exception as error:
+    print("{identifier}: {{}}".format(error), file=sys.stderr)
+    raise
 
 
 class {identifier}(ModelSlave):
-    model = Model(**{values})
-    settings = Settings(**{settings})
+    model = model
+    settings = settings
     experiment = Experiment(**{experiment})
     identifier = "{identifier}"
     fmu_guid = "{guid}"

@@ -236,6 +236,7 @@ class ModelSlave(Values):
         self._logged = set(found)
 
     def _apply_changes(self) -> None:
+        """Let what was set reach the simulation, in the order of :mod:`mbfmu.session.kernels.sequence`."""
         simulation = self.simulation
         assert simulation is not None
         if not self._changed_references:

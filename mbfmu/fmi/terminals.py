@@ -1,4 +1,7 @@
-"""Terminals of FMI 3: what others hold on to, as variables that belong together."""
+"""Terminals: variables that belong together and are connected together.
+
+FMI 2.0.4 has adopted them from FMI 3.0, with the same file.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,22 @@ from mbfmu.modeling.model import Model
 from mbfmu.modeling.variables import Role, ScalarVariable
 from mbfmu.util.errors import UserError
 
+from .description import xml_bytes
+
 # name and kind of a member by its unit: turning, and sliding. Torques and forces flow into the mechanism
 FLANGE_MEMBERS = (
     {"rad": ("phi", "signal"), "rad/s": ("w", "signal"), "N.m": ("tau", "inflow")},
     {"m": ("s", "signal"), "m/s": ("v", "signal"), "N": ("f", "inflow")},
 )
+
+
+TERMINALS_FILE = "terminalsAndIcons/terminalsAndIcons.xml"
+
+
+def terminal_files(model: Model, variables: Iterable[ScalarVariable]) -> dict[str, bytes]:
+    """Return the file that describes the terminals of a model by its name; empty if the model has none."""
+    root = terminals_and_icons(model, variables)
+    return {} if root is None else {TERMINALS_FILE: xml_bytes(root)}
 
 
 def terminals_and_icons(model: Model, variables: Iterable[ScalarVariable]) -> Element | None:

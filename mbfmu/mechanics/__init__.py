@@ -3,9 +3,9 @@
 from mbfmu.util.errors import AssemblyError, UserError, missing_attribute
 from solvers.compiled.kernel import kernel
 
-from .arrays.compile import Variable
 from .arrays.compiled_mechanism import CompiledMechanism
 from .arrays.load_groups import LoadGroup
+from .arrays.numbering import Variable
 from .builder.bodies import Body, FlexibleBody
 from .builder.chain import add_chain
 from .builder.handles import CouplingHandle, CutHandle, ForceHandle
@@ -52,12 +52,14 @@ from .loads import (
     Torque,
     TorsionSpring,
 )
-from .loads.base import limit_ratio
+from .loads.base import MAX_ACCURATE_RATIO, MAX_VALID_RATIO, limit_ratio
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Panel, Sphere
 from .signals import Function, Harmonic, Input, Polynomial, Product, Ramp, RunUp, Signal, SpeedInput, Step, Sum, Table
 
 __all__ = [
+    "MAX_ACCURATE_RATIO",
+    "MAX_VALID_RATIO",
     "MODES",
     "AssemblyError",
     "Beam",

@@ -27,7 +27,7 @@ END_CONDITIONS = {"linear": "natural", "hold": "clamped", "periodic": "periodic"
 
 
 @kernel
-def curve(numbers: Reals, first: int, count: int, x: Any) -> Any:
+def curve(numbers: Reals, first: int, count: int, x: float) -> Any:
     """Value of a curve of ``count`` rows from ``first`` on, its two derivatives, and its integral from the first point
     on; analytic in x but for the points.
     """

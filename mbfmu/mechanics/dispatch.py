@@ -15,7 +15,8 @@ from solvers.compiled.kernel import inlined
 from solvers.compiled.record_view import record_at
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, BodyRecord, CouplingRecord, State
+    from mbfmu.mechanics.records import Arrays, BodyRecord, CouplingRecord, CutRecord, ItemRecord, SensorRecord, State
+    from solvers.compiled.record import Reals
 
 PLACE, BIAS = 0, 1  # of a joint
 EVALUATE = 0  # of a cut joint, of a coupling, of a signal
@@ -31,19 +32,19 @@ def place_child(body: BodyRecord, arrays: Arrays, state: State) -> None:
 
 
 @inlined
-def has_bias(body: Any, arrays: Arrays) -> bool:
+def has_bias(body: BodyRecord, arrays: Arrays) -> bool:
     """Whether the subspace of a body's joint turns in its frame."""
     return arrays.kernels[body.kind + BIAS] != 0
 
 
 @inlined
 def joint_bias(body: BodyRecord, arrays: Arrays, state: State) -> None:
-    """Let a body's joint write into State.bias what that adds."""
+    """Let a body's joint write into State.rel what that adds."""
     call_void(arrays.kernels[body.kind + BIAS], arrays.memory, body.at, (body.qi, body.vi, state))
 
 
 @inlined
-def evaluate_cut(cut: Any, arrays: Arrays, state: State) -> None:
+def evaluate_cut(cut: CutRecord, arrays: Arrays, state: State) -> None:
     """Let a cut joint write its rows; see :mod:`.cuts.base`."""
     A, B = state.bodies[cut.a], state.bodies[cut.b]
     call_void(arrays.kernels[cut.kind + EVALUATE], arrays.memory, cut.at, (A, B, cut.row, state))
@@ -57,13 +58,13 @@ def evaluate_coupling(coupling: CouplingRecord, arrays: Arrays, state: State) ->
 
 
 @inlined
-def apply_load(load: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply_load(load: ItemRecord, t: float, arrays: Arrays, state: State) -> None:
     """Let a load add its own; see :mod:`.loads.base`."""
     call_void(arrays.kernels[load.kind + APPLY], arrays.memory, load.at, (t, arrays, state))
 
 
 @inlined
-def load_potential(load: Any, arrays: Arrays, state: State) -> float:
+def load_potential(load: ItemRecord, arrays: Arrays, state: State) -> float:
     """Energy a load stores, J."""
     address = arrays.kernels[load.kind + POTENTIAL]
     if address == 0:
@@ -72,7 +73,7 @@ def load_potential(load: Any, arrays: Arrays, state: State) -> float:
 
 
 @inlined
-def load_power(load: Any, t: float, arrays: Arrays, state: State) -> float:
+def load_power(load: ItemRecord, t: float, arrays: Arrays, state: State) -> float:
     """Power of a load but for what it stores, W."""
     address = arrays.kernels[load.kind + POWER]
     if address == 0:
@@ -81,7 +82,7 @@ def load_power(load: Any, t: float, arrays: Arrays, state: State) -> float:
 
 
 @inlined
-def load_tangent(load: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
+def load_tangent(load: ItemRecord, c1: float, arrays: Arrays, state: State, perturbed: State, K: Reals) -> float:
     """Let a load add its tangent to K; return 1.0, or 0.0 where there is none."""
     address = arrays.kernels[load.kind + TANGENT]
     return call_f(address, arrays.memory, load.at, state.time, (c1, arrays, state, perturbed, K))
@@ -111,7 +112,7 @@ def longest_step(k: int, t: float, arrays: Arrays) -> tuple[float, float]:
 
 
 @inlined
-def load_monitor(load: Any, arrays: Arrays, state: State) -> float:
+def load_monitor(load: ItemRecord, arrays: Arrays, state: State) -> float:
     """How far a load is from the limits of its theory; see :mod:`.loads.base`. Zero where it does not say."""
     address = arrays.kernels[load.kind + MONITOR]
     if address == 0:
@@ -120,7 +121,7 @@ def load_monitor(load: Any, arrays: Arrays, state: State) -> float:
 
 
 @inlined
-def load_misplacement(load: Any, arrays: Arrays, state: State) -> float:
+def load_misplacement(load: ItemRecord, arrays: Arrays, state: State) -> float:
     """How far bodies of a load are from where it requires them, see :mod:`.loads.base`; zero: nothing is required."""
     address = arrays.kernels[load.kind + MISPLACEMENT]
     if address == 0:
@@ -145,6 +146,6 @@ def scratch_record(place: int, dtype: Any, state: State) -> Any:
 
 
 @inlined
-def read_sensor(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def read_sensor(sensor: SensorRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """Value of a sensor; see :mod:`.sensors.base`."""
     return call_f(arrays.kernels[sensor.kind + READ], arrays.memory, sensor.at, state.time, (lam, arrays, state))

@@ -15,7 +15,9 @@ import numpy as np
 
 from mbfmu.util.errors import UserError, require_arguments, short
 from solvers.compiled.kernel import COMPILED, has_raise, is_kernel
+from solvers.compiled.record import Record
 
+RecordType = np.dtype[Any] | type[Record]
 EMPTY_RECORD = np.dtype([("nothing", np.int64)])  # record of a kind without parameters
 
 
@@ -48,14 +50,15 @@ class ElementType:
     Attributes
     ----------
     record
-        Fields of the parameters: whole numbers and real ones, of any shape.
+        Fields of the numbers that kernels read, whole or real, of any shape: a class of
+        :class:`solvers.compiled.record.Record` or a dtype.
     kernels
         Of a role: names of the kernels and what they are called with after the record, see :mod:`.dispatch`.
     records
         Of a role: further words that this may have, each a record with these fields.
     """
 
-    record: ClassVar[np.dtype[Any]] = EMPTY_RECORD
+    record: ClassVar[RecordType] = EMPTY_RECORD
     kernels: ClassVar[dict[str, str]]
     records: ClassVar[dict[str, np.dtype[Any]]] = {}
 
@@ -71,12 +74,29 @@ class ElementType:
         """Raise UserError if what the class declares does not fit together; ``said`` begins the message."""
 
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write the parameters into a zeroed record."""
+        """Write the numbers into a zeroed record: here the parameters that have the name of a field."""
+        for field in record.dtype.names:
+            if field in vars(self):
+                value, declared = vars(self)[field], record.dtype[field]
+                given = np.asarray(value)
+                if given.shape != declared.shape or not np.can_cast(given.dtype, declared.base, "same_kind"):
+                    number = "a whole number" if declared.base == np.int64 else "a number"
+                    raise UserError(
+                        f"{field} of {site.name} is {short(value)}; allowed: "
+                        f"{f'numbers of the shape {declared.shape}' if declared.shape else number}, or a method fill "
+                        f"of {type(self).__name__} that writes the record"
+                    )
+                record[field] = given
+
+
+def _fields(record: Any) -> Any:
+    """Return the dtype of a class of records; anything else is returned unchanged."""
+    return record.dtype if isinstance(record, type) and issubclass(record, Record) else record
 
 
 def record_of(item: ElementType | type[ElementType]) -> np.dtype[Any]:
-    """Return the record of something, aligned as kernels want it."""
-    given = item.record
+    """Return the fields of something's record, aligned as kernels want them."""
+    given = _fields(item.record)
     return np.dtype([(name, given[name].base, given[name].shape) for name in given.names or ()], align=True)
 
 
@@ -118,7 +138,7 @@ def check_element_type(what: str, given: Any, role: type[ElementType]) -> None:
     if drawings and drawn not in drawings:
         raise UserError(f"{said}, whose `drawn` is {drawn!r}; allowed: {', '.join(map(repr, drawings))}")
     given.check_declaration(said)
-    record = given.record
+    record = _fields(given.record)
     named = (record.names or ()) if isinstance(record, np.dtype) else ()
     if not named or any(record[n].base not in (np.float64, np.int64) or not record[n].itemsize for n in named):
         raise UserError(

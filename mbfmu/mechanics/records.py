@@ -158,6 +158,15 @@ class CoupledRecord(Record):
     lam: f8  # multiplier that loaded the coordinates last
 
 
+class RelativeMotionRecord(Record):
+    """What the kernels of a joint write: the motion of the child relative to the joint frame, in its axes."""
+
+    S: Mat6  # S[0:nv]: columns of the motion subspace, (u, w_rel) = sum_k v_k S[k]
+    R: Mat3  # orientation of the child
+    p: Vec3  # its origin, m
+    bias: Vec6  # sum_k v_k dS[k]/dt
+
+
 class State(NamedTuple):
     """What the recursions read and write."""
 
@@ -170,8 +179,7 @@ class State(NamedTuple):
     a: NDArray[np.float64]  # (nv,)
     Q: NDArray[np.float64]  # (nv,) forces applied along joint coordinates
     tau: NDArray[np.float64]  # (nv,) inverse dynamics
-    rel: NDArray[np.float64]  # (9, 6) a joint at work: rows 0-5 subspace, 6-8 rotation | offset
-    bias: NDArray[np.float64]  # (6,) what the turning of its subspace adds
+    rel: Table[RelativeMotionRecord]  # (1,) of the joint whose kernels were called last
     frame: NDArray[np.float64]  # (3, 3) axes of its frame
     product: NDArray[np.float64]  # (3, 3) a product of matrices on its way
     wrench: NDArray[np.float64]  # (6,) a wrench on its way inward
@@ -203,8 +211,7 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
         a=z(nv),
         Q=z(nv),
         tau=z(nv),
-        rel=z((9, 6)),
-        bias=z(6),
+        rel=RelativeMotionRecord.zeros(1),
         frame=z((3, 3)),
         product=z((3, 3)),
         wrench=z(6),

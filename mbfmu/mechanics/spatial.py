@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from solvers.compiled.kernel import kernel
 
 if TYPE_CHECKING:
+    from mbfmu.mechanics.records import MotionRecord
     from solvers.compiled.record import Reals
 
 Vec = Any  # a float array seen from a kernel
@@ -68,7 +69,7 @@ def add_wrench(W: Vec, x: float, y: float, z: float, f: Vec) -> None:
 
 
 @kernel
-def shift_motion(here: Any, parent: Any, Yj: Vec, Y: Vec) -> None:
+def shift_motion(here: MotionRecord, parent: MotionRecord, Yj: Vec, Y: Vec) -> None:
     """Y += what taking the parent's motion Yj at another origin adds: w_j x (r - r_j)."""
     x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
     wx, wy, wz = Yj[3], Yj[4], Yj[5]
@@ -78,7 +79,7 @@ def shift_motion(here: Any, parent: Any, Yj: Vec, Y: Vec) -> None:
 
 
 @kernel
-def shift_wrench(here: Any, parent: Any, f: Vec) -> None:
+def shift_wrench(here: MotionRecord, parent: MotionRecord, f: Vec) -> None:
     """Refer the wrench f at a body's origin to its parent's."""
     x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
     f[3] += y * f[2] - z * f[1]
@@ -98,7 +99,7 @@ def add_force(W: Vec, x: float, y: float, z: float, fx: float, fy: float, fz: fl
 
 
 @kernel
-def arm(here: Any, p: Reals) -> tuple[float, float, float]:
+def arm(here: MotionRecord, p: Reals) -> tuple[float, float, float]:
     """Offset A p of a body-fixed point from its body's origin, global axes."""
     A = here.A
     return (
@@ -109,7 +110,7 @@ def arm(here: Any, p: Reals) -> tuple[float, float, float]:
 
 
 @kernel
-def point_offset(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
+def point_offset(A: MotionRecord, B: MotionRecord, Pa: Reals, Pb: Reals) -> Any:
     """From a's point to b's, from a's origin to b's point, and from b's origin there, global axes."""
     ax, ay, az = arm(A, Pa)
     bx, by, bz = arm(B, Pb)
@@ -118,7 +119,7 @@ def point_offset(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
 
 
 @kernel
-def point_offset_rate(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
+def point_offset_rate(A: MotionRecord, B: MotionRecord, Pa: Reals, Pb: Reals) -> Any:
     """Velocity of b's point relative to body a, global axes."""
     _, (x, y, z), (bx, by, bz) = point_offset(A, B, Pa, Pb)
     a, b = A.Y, B.Y
@@ -130,7 +131,7 @@ def point_offset_rate(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
 
 
 @kernel
-def centripetal(here: Any, x: float, y: float, z: float, k: int) -> float:
+def centripetal(here: MotionRecord, x: float, y: float, z: float, k: int) -> float:
     """Component k of w x (w x p) = w (w.p) - p w.w."""
     w = here.Y
     return w[3 + k] * (w[3] * x + w[4] * y + w[5] * z) - (x, y, z)[k] * (w[3] * w[3] + w[4] * w[4] + w[5] * w[5])
@@ -148,37 +149,34 @@ def rotated(n: Vec, c: float, s: float, x: float, y: float, z: float) -> tuple[f
 
 
 @kernel
-def axis_matrix(n: Vec, c: float, s: float, A: Vec, r: int) -> None:
-    """A[r:r+3, 0:3] = rotation matrix about the unit vector n by the angle of cosine c and sine s.
-
-    R = c I + s skew(n) + (1 - c) n n^T.
-    """
+def axis_matrix(n: Vec, c: float, s: float, R: Vec) -> None:
+    """R = c I + s skew(n) + (1 - c) n n^T: rotation about the unit vector n by the angle of cosine c and sine s."""
     for i in range(3):
         for j in range(3):
-            A[r + i, j] = (1.0 - c) * n[i] * n[j]
-        A[r + i, i] += c
-    A[r, 1] -= s * n[2]
-    A[r, 2] += s * n[1]
-    A[r + 1, 0] += s * n[2]
-    A[r + 1, 2] -= s * n[0]
-    A[r + 2, 0] -= s * n[1]
-    A[r + 2, 1] += s * n[0]
+            R[i, j] = (1.0 - c) * n[i] * n[j]
+        R[i, i] += c
+    R[0, 1] -= s * n[2]
+    R[0, 2] += s * n[1]
+    R[1, 0] += s * n[2]
+    R[1, 2] -= s * n[0]
+    R[2, 0] -= s * n[1]
+    R[2, 1] += s * n[0]
 
 
 @kernel
-def quaternion_matrix(e: Vec, i: int, A: Vec, r: int) -> None:
-    """A[r:r+3, 0:3] = rotation matrix of the quaternion e[i:i+4] (scalar first), taken at unit length."""
+def quaternion_matrix(e: Vec, i: int, R: Vec) -> None:
+    """R = rotation matrix of the quaternion e[i:i+4] (scalar first), taken at unit length."""
     w, x, y, z = e[i], e[i + 1], e[i + 2], e[i + 3]
     s = 2.0 / (w * w + x * x + y * y + z * z)
-    A[r, 0] = 1.0 - s * (y * y + z * z)
-    A[r, 1] = s * (x * y - w * z)
-    A[r, 2] = s * (x * z + w * y)
-    A[r + 1, 0] = s * (x * y + w * z)
-    A[r + 1, 1] = 1.0 - s * (x * x + z * z)
-    A[r + 1, 2] = s * (y * z - w * x)
-    A[r + 2, 0] = s * (x * z - w * y)
-    A[r + 2, 1] = s * (y * z + w * x)
-    A[r + 2, 2] = 1.0 - s * (x * x + y * y)
+    R[0, 0] = 1.0 - s * (y * y + z * z)
+    R[0, 1] = s * (x * y - w * z)
+    R[0, 2] = s * (x * z + w * y)
+    R[1, 0] = s * (x * y + w * z)
+    R[1, 1] = 1.0 - s * (x * x + z * z)
+    R[1, 2] = s * (y * z - w * x)
+    R[2, 0] = s * (x * z - w * y)
+    R[2, 1] = s * (y * z + w * x)
+    R[2, 2] = 1.0 - s * (x * x + y * y)
 
 
 @kernel

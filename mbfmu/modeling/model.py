@@ -22,14 +22,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
-from mbfmu.mechanics.arrays.given import Courses
-from mbfmu.util.errors import UserError, require_arguments, suggest
+from mbfmu.mechanics.arrays.given_inputs import GivenInputs
+from mbfmu.util.errors import RENAMED, UserError, missing_attribute, require_arguments, suggest
 
 from .parameters import Parameter, check, declared, read_text
 
@@ -105,6 +105,13 @@ class Model:
         for p in self.parameters():
             object.__setattr__(self, p.name, check(self.name, p, getattr(self, p.name)))
 
+    if not TYPE_CHECKING:  # static checkers shall find misspelled names
+
+        def __getattr__(self, name: str) -> Any:
+            if name in RENAMED:
+                raise missing_attribute("a Model", name)
+            return object.__getattribute__(self, name)  # raises the error of Python or of a property of a model
+
     def build(self) -> Mechanism:
         """Return the mechanism for these parameters."""
         raise UserError(f"model {self.name!r} has no method build(); write one that returns a Mechanism")
@@ -131,22 +138,22 @@ class Model:
             raise UserError(f"model {self.name!r}: build() returns {mechanism!r}; it must return a Mechanism")
         return mechanism
 
-    def compile(self, courses: Courses | None = None) -> CompiledMechanism:
+    def compile(self, given_inputs: GivenInputs | None = None) -> CompiledMechanism:
         """Return the compiled mechanism; raises the errors of :meth:`built`.
 
         Parameters
         ----------
-        courses
-            Inputs given for the whole run, see :mod:`mbfmu.mechanics.arrays.given`.
+        given_inputs
+            Inputs given for the whole run, see :mod:`mbfmu.mechanics.arrays.given_inputs`.
         """
-        return CompiledMechanism(self.built(), courses)
+        return CompiledMechanism(self.built(), given_inputs)
 
     def arrays(self) -> Mapping[str, Sequence[Any]]:
         """Return outputs that are one array in FMI 3: nested lists of their names, by the name of the array."""
         return {}
 
     def terminals(self) -> Mapping[str, Sequence[str]]:
-        """Return the terminals of FMI 3: names of inputs and outputs along one joint coordinate, by the name of the
+        """Return the terminals of the FMU: names of inputs and outputs along one joint coordinate, by the name of the
         terminal. Their units identify them: position (rad, m), rate (rad/s, m/s), torque (N.m) or force (N) on it.
         """
         return {}

@@ -19,8 +19,8 @@ from mbfmu.modeling.variables import ArrayVariable, Role, ScalarVariable, Type, 
 from mbfmu.session.failure_diagnosis import advise
 from mbfmu.session.simulation import Simulation, UnstartedSimulation
 from mbfmu.session.tolerances import COARSE_TOLERANCE, describe_coarse
-from solvers.assembly import Outcome
 from solvers.diagnostics import Diagnostic
+from solvers.loop_closure import Outcome
 from solvers.outcome import CODES, KEYS, MESSAGES, Status
 from solvers.steppers import ORDER_LIMITS
 

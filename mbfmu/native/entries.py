@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import couplings, cuts, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.closing import CutFrames
-from mbfmu.mechanics.arrays.points import InputRecords, start_input
+from mbfmu.mechanics.arrays.input_kernels import InputRecords, start_input
 from mbfmu.mechanics.arrays.tables import REAL, CalledKernel
 from mbfmu.mechanics.kind import ElementType, element_types_of, kernel_of, record_of
 from mbfmu.mechanics.records import ItemRecord, empty_data
@@ -30,10 +30,10 @@ from mbfmu.sheets import elements as sheet_elements
 from mbfmu.sheets import joints as sheet_joints
 from mbfmu.sheets import sensors as sheet_sensors
 from mbfmu.util.errors import UserError
-from solvers.assembly import ASSEMBLED, Scratch
 from solvers.compiled.kernel import as_kernel, jit_uncached, records, types
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.energy_account import ACCOUNT_SIZE, EnergyScales
+from solvers.loop_closure import ASSEMBLED, ClosureScratch
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
@@ -60,14 +60,14 @@ class Start(NamedTuple):
 
     q: Array  # (nq,) first positions, as given to the builder
     v: Array  # (n,) first velocities, see q
-    scratch: Any  # solvers.assembly.Scratch: units, what is held, and which rows or coordinates are wrong
+    scratch: Any  # solvers.loop_closure.ClosureScratch: units, what is held, and which rows or coordinates are wrong
 
 
 class Instance(NamedTuple):
     """One instance of a model, as the entry points take it: a run of :mod:`mbfmu.session.kernels.sequence`."""
 
     session: Any  # mbfmu.session.kernels.points.Session
-    inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords, those of the session
+    inputs: Any  # mbfmu.mechanics.arrays.input_kernels.InputRecords, those of the session
     clock: Array  # (1,) s, the reported time
     q: Array  # the reported state and its energy account, those of ``given``
     v: Array
@@ -111,7 +111,7 @@ def instance_of(simulation: Simulation) -> Instance:
     work.size[:] = system.size
     work.inertia["watched"] = unpin(given.work).inertia["watched"]
     assembly = compiled.assembly
-    scratch = Scratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
+    scratch = ClosureScratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
     if simulation.settings.start_at_equilibrium:
         start = Start(q.copy(), v.copy(), scratch)
     else:
@@ -191,7 +191,7 @@ def example(name: str) -> Any:
     state = z(1), z(1), z(ACCOUNT_SIZE)
     given = Integration(eqs, records(1, family.loop.SETTINGS), *own, *state)
     session = Session.allocate(data, InputRecords.example(), ItemRecord.zeros(1))
-    start, frames = Start(z(1), z(1), Scratch.allocate(1, 1)), CutFrames.example()
+    start, frames = Start(z(1), z(1), ClosureScratch.allocate(1, 1)), CutFrames.example()
     settings = z(3), records(1, OPTIONS), z(1, np.int64)
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
     return pin(Instance(*run, given, start, *settings, frames, z(1), positions, Exchange.allocate(1, 1, 1)))
@@ -258,7 +258,7 @@ def entries(name: str) -> dict[str, Entry]:
         return OK
 
     def assemble(instance: Any, t: float) -> int:
-        """Let the reported state be the start with its loops closed at t (s); return a code of solvers.assembly.
+        """Let the reported state be the start with its loops closed at t (s); return a code of solvers.loop_closure.
 
         If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state.
         It may be TURNED or MISPLACED too.

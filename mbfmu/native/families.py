@@ -10,15 +10,15 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from mbfmu.mechanics.recursions import dynamics as recursions
-from solvers.assembly import (
+from solvers.compiled.kernel import kernel
+from solvers.energy_account import WORK
+from solvers.loop_closure import (
     ASSEMBLED,
     check_mobile_mass,
     find_closed_positions,
     find_consistent_velocities,
     is_off_branch,
 )
-from solvers.compiled.kernel import kernel
-from solvers.energy_account import WORK
 from solvers.outcome import OK
 from solvers.positions import position_sizes
 from solvers.projection.projection import project
@@ -53,7 +53,7 @@ class Family(NamedTuple):
     equations: Callable[..., Any]  # (callbacks, data, nq, n, m)
     memory: Callable[..., Any]  # (nq, n, m): what is remembered from step to step
     work: Callable[..., Any]  # (nq, n, m, positions): scratch, with units ``size``
-    assemble: Any  # (instance, t) -> code of solvers.assembly: the reported state is the start with its loops closed
+    assemble: Any  # (instance, t) -> code of solvers.loop_closure: lets the reported state be the start, loops closed
     begin: Any  # (instance, t) -> code and rate (1/s): options, units and paces as a stepper's constructor takes
     # them, and a flaw of the start into the status of the run
     evaluate: Any  # (instance) -> code: accelerations and multipliers at the reported state

@@ -18,9 +18,9 @@ from mbfmu.session.kernels.points import RUN_STATUS
 from mbfmu.session.tolerances import COARSE_REMEDY, COARSE_TEXT, COARSE_TOLERANCE
 from mbfmu.sheets.elements.bending import ADVICE, MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE
 from mbfmu.util.diagnostics import Diagnostic
-from solvers.assembly import WORST, Outcome
 from solvers.balance import PASSAGE_INACCURATE
 from solvers.compiled.kernel import types
+from solvers.loop_closure import WORST, Outcome
 from solvers.options import OPTIONS
 from solvers.outcome import Code
 

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.arrays.points import EXTRAPOLATED_LOAD, GRAVITY_LOAD, SUPPORT_MOTION
+from mbfmu.mechanics.arrays.input_kernels import EXTRAPOLATED_LOAD, GRAVITY_LOAD, SUPPORT_MOTION
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
 from mbfmu.mechanics.signals.step import JUMP_TIME_TOLERANCE
 from mbfmu.session.kernels.points import energy_at
@@ -40,7 +40,7 @@ from solvers.steppers.adams.tree_loop import evaluate_forward_dynamics
 from solvers.system import Array
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.arrays.points import InputRecords
+    from mbfmu.mechanics.arrays.input_kernels import InputRecords
     from solvers.compiled.record import Reals
     from solvers.positions import Positions
 

@@ -83,7 +83,8 @@ def _build(paths: Sequence[Path]) -> None:
     if not paths:
         return  # another process has
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
-        own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": f"{work}/cache"}
+        # machine code is made by a compiler, also if this process has none
+        own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": f"{work}/cache", "NUMBA_DISABLE_JIT": "0"}
         _run([sys.executable, "-m", "mbfmu.native.kernels", work, *(path.stem for path in paths)], own)
         for path in paths:
             install_atomically(Path(work) / path.name, path)

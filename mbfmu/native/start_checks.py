@@ -9,15 +9,16 @@ import numpy as np
 
 from mbfmu.mechanics.arrays.closing import fill_frame_angles
 from mbfmu.mechanics.arrays.load_groups import find_misplaced_load
+from mbfmu.mechanics.loads.base import MAX_MISPLACEMENT
 from mbfmu.session.kernels.points import energy_at
 from mbfmu.util.diagnostics import Diagnostic
-from solvers.assembly import ASSEMBLED, Outcome
 from solvers.compiled.kernel import kernel
+from solvers.loop_closure import ASSEMBLED, Outcome
 from solvers.stepper import RESOLVED, UNRESOLVED_TIME, find_unresolved
 
 
 class Flaw(IntEnum):
-    """What else may be wrong with a start; the numbers go on from those of ``solvers.assembly.Outcome``."""
+    """What else may be wrong with a start; the numbers go on from those of ``solvers.loop_closure.Outcome``."""
 
     TURNED = len(Outcome)  # a loop is closed the wrong way round: cut joint, and its angle in degrees
     UNRESOLVED = len(Outcome) + 1  # numbers about the start time are too far apart: the time
@@ -79,7 +80,7 @@ def find_misplaced(instance: Any, t: float) -> int:
     energy_at(session, t, instance.q, instance.v)  # places the bodies
     arrays = session.data.arrays
     k, ratio = find_misplaced_load(arrays.loads, arrays, session.data.state)
-    if ratio <= 1.0:
+    if ratio <= MAX_MISPLACEMENT:
         return ASSEMBLED
     worst.row, worst.gap = k, ratio
     return MISPLACED

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics import MAX_ACCURATE_RATIO, MAX_VALID_RATIO, CompiledMechanism
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.system import Array
 
-ACCURATE, VALID = 1.0, 2.0  # limits of mbfmu.mechanics.limit_ratio
 Furthest = tuple[float, float, Array]
 
 
@@ -36,27 +35,24 @@ class ElementMonitor:
     def coarse(self) -> Diagnostic | None:
         """Warning about where, when and how far elements have been beyond what is accurate; None: they have not."""
         ratio, t, q = self.furthest
-        return Diagnostic.parse(self._describe(t, q), "warning", "coarse-mesh") if ratio > ACCURATE else None
+        return Diagnostic.parse(self._describe(t, q), "warning", "coarse-mesh") if ratio > MAX_ACCURATE_RATIO else None
 
-    def update(self, t: float, q: Array) -> bool:
-        """Note how far elements are at positions q (nq,); False where one is invalid."""
-        return self.note(self._compiled_mechanism.limit_ratio(t, q), t, q)
-
-    def note(self, ratio: float, t: float, q: Array) -> bool:
-        """Note that elements are as far as ``ratio`` at positions q (nq,); False where one is invalid."""
+    def note(self, ratio: float, t: float, q: Array) -> None:
+        """Note that elements are as far as ``ratio`` at positions q (nq,) of time t, s."""
         if not ratio <= self.furthest[0]:
             self.furthest = ratio, t, q
-        self.folded = Diagnostic.parse(self._describe(t, q), "error", "folded-cell") if not ratio <= VALID else None
-        return self.folded is None
+        is_valid = ratio <= MAX_VALID_RATIO
+        self.folded = None if is_valid else Diagnostic.parse(self._describe(t, q), "error", "folded-cell")
 
     def _describe(self, t: float, q: Array) -> str:
         return self._compiled_mechanism.describe_limit(t, q, f" at t = {t:.9g} s")
 
-    def unfolded(self, times: Array, q: Array) -> int:
-        """Return how many of the positions q (k, nq) at ``times`` come before the first with an invalid element."""
+    def note_samples(self, ratios: Array, times: Array, q: Array) -> None:
+        """:meth:`note` k ratios (k,) at positions q (k, nq), the last of which may be invalid."""
         if not len(self._compiled_mechanism.monitored):
-            return len(q)
-        return next((i for i in range(len(q)) if not self.update(float(times[i]), q[i])), len(q))
+            return
+        for ratio, t, there in zip(ratios.tolist(), times.tolist(), q, strict=True):
+            self.note(ratio, t, there)
 
     def rewind(self, furthest: Furthest) -> None:
         """Forget what came after ``furthest``."""
@@ -65,10 +61,10 @@ class ElementMonitor:
     def state(self) -> list[Any]:
         """Return time and positions of what is worth a warning, for JSON; empty: there was none."""
         ratio, t, q = self.furthest
-        return [t, q.tolist()] if ratio > ACCURATE else []
+        return [t, q.tolist()] if ratio > MAX_ACCURATE_RATIO else []
 
     def restore(self, state: list[Any], t: float, q: Array) -> None:
         """Take up a :meth:`state` at the positions q (nq,) of time t."""
         then, there = (state[0], np.array(state[1])) if state else (t, q)
         self.furthest = self._compiled_mechanism.limit_ratio(then, there), then, there
-        self.update(t, q)
+        self.note(self._compiled_mechanism.limit_ratio(t, q), t, q)

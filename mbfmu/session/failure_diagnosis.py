@@ -11,8 +11,8 @@ from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import AssemblyError
-from solvers.assembly import Scratch, is_off_branch
 from solvers.compiled.tuple_pointer import pin
+from solvers.loop_closure import ClosureScratch, is_off_branch
 from solvers.outcome import Code, Status
 from solvers.system import Array
 
@@ -33,6 +33,8 @@ def explain_failure(
 
     ``starts_singular``: whether the loops do not determine all rates at the start.
     """
+    if status.error is not None:
+        return status.explain()
     stuck = status.code in (Code.BRANCHES, Code.COLLAPSED, Code.NOT_CLOSED)
     advice = describe_free_rates(compiled, status.t, q) if starts_singular else ""
     if advice and status.code in (Code.BRANCHES, Code.UNDECIDABLE):
@@ -151,12 +153,12 @@ def describe_free_rates(compiled: CompiledMechanism, t: float, q: Array) -> str:
 
 def explain_rates(compiled: CompiledMechanism, t: float, q: Array, v: Array, rank: int, tolerance: float) -> str:
     """Return why the rates v (n,) belong to no branch of the motion in a singular configuration q (nq,); empty: they
-    do, or it is none. ``rank`` is that of the constraints nearby; see :func:`solvers.assembly.is_off_branch`.
+    do, or it is none. ``rank`` is that of the constraints nearby; see :func:`solvers.loop_closure.is_off_branch`.
     """
     system: Any = compiled.system
     terms = system.allocate_terms()
     system.fill(t, q, v, terms)
-    if not is_off_branch(pin(terms), v, rank, tolerance, pin(Scratch.of(system))):
+    if not is_off_branch(pin(terms), v, rank, tolerance, pin(ClosureScratch.of(system))):
         return ""
     bodies, first, values = free_bodies(compiled.mechanism), 0, []
     for body in bodies:

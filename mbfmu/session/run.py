@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import Mechanism
-from mbfmu.mechanics.arrays.given import Courses, Given
+from mbfmu.mechanics.arrays.given_inputs import Given, GivenInputs
 from mbfmu.mechanics.numbers import array_of, positive
 from mbfmu.mechanics.signals import Signal
 from mbfmu.modeling.model import Model, as_model
@@ -90,8 +90,8 @@ def simulate(
     Raises
     ------
     UserError
-        The model, the times, the inputs or the settings are invalid, or the code of a user-defined solver raises an
-        exception. Any other run that stops early does not raise: ``failure`` of the result contains the reason.
+        The model, the times, the inputs or the settings are invalid. A run that stops early does not raise: ``failure``
+        of the result contains the reason. The same holds if the code of a user-defined solver raises an exception.
 
     Warns
     -----
@@ -108,7 +108,7 @@ def simulate(
     return run(model, Settings(**own | settings), times, watch=watch, inputs=inputs, report=warn_about_step_count)
 
 
-def is_course(value: Any) -> bool:
+def is_given_over_time(value: Any) -> bool:
     """Whether an input is given by more than one number."""
     return callable(value) or isinstance(value, str | Signal) or np.ndim(value) > 0 or isinstance(value, tuple | list)
 
@@ -147,13 +147,13 @@ def run(
         raise UserError(f"watch is {watch!r}; allowed: a function that is shown the simulation")
     if not isinstance(inputs or {}, Mapping):
         raise UserError(f"inputs are {inputs!r}; allowed: numbers or functions of time by the names of inputs")
-    given = {name: value for name, value in (inputs or {}).items() if is_course(value)}
+    given = {name: value for name, value in (inputs or {}).items() if is_given_over_time(value)}
     numbers: dict[str, Any] = {name: value for name, value in (inputs or {}).items() if name not in given}
-    courses = Courses(given, numbers, times, settings.tolerance, set_later=watch is not None)
+    given_inputs = GivenInputs(given, numbers, times, settings.tolerance, set_later=watch is not None)
     start, duration = float(times[0]), float(times[-1] - times[0])
-    simulation = Simulation(model, settings, start, numbers, courses=courses, duration=duration or None)
+    simulation = Simulation(model, settings, start, numbers, given_inputs=given_inputs, duration=duration or None)
     simulation.step_count_check.end, simulation.report = float(times[-1]), report or warn
-    varying = courses.held
+    varying = given_inputs.held
     values = np.zeros((len(times), len(simulation.variables)))
     values[0] = simulation.outputs()
     if watch is not None:
@@ -162,8 +162,8 @@ def run(
     with interrupts_held() as interrupt:
         while done < len(times):
             interrupt()
-            for course in varying:
-                simulation.set_input(course.name, course.value(float(times[done - 1])))
+            for held in varying:
+                simulation.set_input(held.name, held.value(float(times[done - 1])))
             rows, before = slice(done, done + (1 if watch or varying else batch_size)), time.perf_counter()
             done += simulation.record(times[rows], values[rows])
             batch_size *= 1 if time.perf_counter() - before > SHORT_BATCH_TIME else 2
@@ -185,6 +185,6 @@ def run(
         wall_time=wall_time,
         name=simulation.model.name,
         settings=settings,
-        diagnostics=without_repeats([*simulation.diagnostics, *courses.diagnostics()]),
-        inputs=courses.summary(settings.input_interpolation),
+        diagnostics=without_repeats([*simulation.diagnostics, *given_inputs.diagnostics()]),
+        inputs=given_inputs.summary(settings.input_interpolation),
     )

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import asdict, replace
-from math import isnan, nan
+from math import isnan
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
-from mbfmu.mechanics.arrays.given import Courses
+from mbfmu.mechanics.arrays.given_inputs import GivenInputs
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
@@ -21,23 +20,22 @@ from mbfmu.modeling.variables import ENERGY_OUTPUTS, require_unique
 from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
 from mbfmu.util.diagnostics import Diagnosed, Diagnostic, from_saved, without_repeats
 from mbfmu.util.errors import UserError
-from solvers import Statistics, Status, stepper
+from solvers import Options, Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.compiled.tuple_pointer import pin
-from solvers.energy_account import EXCHANGED_ENERGY
 from solvers.outcome import OK
-from solvers.stepper import Samples, Stepper, pack, unpack
-from solvers.steppers import SOLVER_NAMES
-from solvers.steppers.plugins import errors_named
+from solvers.stepper import Stepper, pack, unpack
+from solvers.steppers import SOLVER_NAMES, fingerprint_of_solver
+from solvers.steppers.guard import GuardedStepper
 
 from .element_monitor import ElementMonitor, Furthest
 from .energy_check import EnergyCheck
 from .failure_diagnosis import describe_free_rates, explain_failure, explain_rates
-from .kernels.points import Session, begin_session, check_energies
+from .kernels.points import Session, begin_session
 from .serialization import decode_state, encode_state
 from .solver_selection import SolverChoice, limit_order, select_solver
 from .step_count import StepCountCheck
-from .stepper_run import SEQUENCE, StepperRun
+from .stepper_run import SAMPLE, SEQUENCE, StepperRun
 from .tolerances import describe_coarse, describe_loose
 from .warmup import MAX_WARMUP_STEPS, compile_kernels
 
@@ -76,8 +74,8 @@ class Simulation(Diagnosed):
     inputs
         Values of inputs, by name or number, that differ from their start. A support that is moved by them starts with
         this position and rate, and the bodies connected to it move with it: start velocities are relative.
-    courses
-        Inputs given for the whole run as functions of time or tables, see :mod:`mbfmu.mechanics.arrays.given`.
+    given_inputs
+        Inputs given for the whole run as functions of time or tables, see :mod:`mbfmu.mechanics.arrays.given_inputs`.
     duration
         Time of the whole run, s; if it is not given or 0, the stop time of the model. It is the time scale of a
         start at rest if no force, drive or rate gives another one.
@@ -112,12 +110,12 @@ class Simulation(Diagnosed):
         inputs: Mapping[int, float] | Mapping[str, float] | None = None,
         *,
         begins: bool = True,
-        courses: Courses | None = None,
+        given_inputs: GivenInputs | None = None,
         duration: float | None = None,
     ) -> None:
         self.model = model_given = as_model(model)
-        self.settings, self._courses = settings, courses
-        self.compiled = model_given.compile(courses)
+        self.settings, self._given_inputs = settings, given_inputs
+        self.compiled = model_given.compile(given_inputs)
         if settings.input_interpolation == "linear":
             self.compiled.inputs.extrapolate()
         known = enumerate(self.compiled.inputs.variables)
@@ -152,6 +150,7 @@ class Simulation(Diagnosed):
         )
         self._run = StepperRun(self._pinned, self.compiled.inputs.pinned, self._stepper(t0, q, v), len(self.variables))
         self._out = self._run.out
+        self._has_supports, self._has_limits = bool(self.compiled.inputs.own.supports.size), bool(own[1].size)
         self._reported_jumps: set[str] = set()  # names of inputs
         self._noted = self._start_diagnostics(t0, unstable, start_warnings, limited)
         how = settings.energy_check, self.stepper.freedom, settings.tolerance
@@ -184,19 +183,19 @@ class Simulation(Diagnosed):
             found += self.compiled.assembly.changes(q, v, settings.tolerance)
         found += describe_loose(self.compiled, settings.tolerance)
         found += describe_coarse(self.compiled, settings.tolerance, self.stepper.freedom)
-        found += [*limited, *start_warnings, *self.compiled.coincident(t, q)]
+        found += [*limited, *start_warnings, *self.compiled.coincident(t, q), *self.compiled.describe_assumed_length()]
         known = {diagnostic.code for diagnostic in found}
         return [*found, *(note for note in self.compiled.assembly.notes(t, q) if note.code not in known)]
 
     def _starts(self, inputs: Mapping[Any, Any], t0: float) -> dict[int, float]:
         """Return the values of inputs at the start by their numbers, without those that are signals in this run."""
         given = dict(inputs)
-        if self._courses:
-            for name in self._courses.unused:
+        if self._given_inputs:
+            for name in self._given_inputs.unused:
                 self._input(name)  # raises
-            given |= {course.name: course.value(t0) for course in self._courses.held}
+            given |= {held.name: held.value(t0) for held in self._given_inputs.held}
         checked = {key: finite(f"input {key!r}", value) for key, value in given.items()}
-        signals = self._courses.replaced if self._courses else set()
+        signals = self._given_inputs.replaced if self._given_inputs else set()
         return {self._input(key): value for key, value in checked.items() if key not in signals}
 
     def _held_plant(self, inputs: Mapping[Any, Any], given: dict[int, float]) -> CompiledMechanism:
@@ -204,16 +203,16 @@ class Simulation(Diagnosed):
         state in.
         """
         compiled = self.model.compile()  # whose signals are held too
-        if self._courses:
+        if self._given_inputs:
             known = {v.name: k for k, v in enumerate(compiled.inputs.variables)}
-            given = {known[name]: float(value) for name, value in {**inputs, **self._courses.starts()}.items()}
+            given = {known[name]: float(value) for name, value in {**inputs, **self._given_inputs.starts()}.items()}
         compiled.inputs.begin(0.0, given)
         return compiled
 
     def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
         """Return the solver that was chosen, at a state."""
         try:
-            created = stepper(self.solver_choice.solver, self.compiled.system, t, q, v, self._options)
+            created = self._created_stepper(t, q, v, self._options)
             self.step_count_check.attach(created)
             return created
         except ValueError as error:
@@ -224,21 +223,15 @@ class Simulation(Diagnosed):
                 reason = str(Diagnostic.error("clock-resolution", text, remedy))
             raise UserError(f"model {self.model.name!r}: {reason}") from error
 
-    def _errors_of_plugin(self) -> AbstractContextManager[None]:
-        """Raise UserError with the name of a solver from outside the package for an exception in its code."""
-        return nullcontext() if self.solver_choice.solver in SOLVER_NAMES else self._named_errors()
-
-    @contextmanager
-    def _named_errors(self) -> Iterator[None]:
-        try:
-            with errors_named(self.solver_choice.solver, lambda: self.t):
-                yield
-        except ValueError as error:
-            raise UserError(f"model {self.model.name!r}: {error}") from error
+    def _created_stepper(self, t: float, q: Array, v: Array, options: Options) -> Stepper:
+        """Return the solver that was chosen, at a state; one from outside the package is guarded."""
+        name, system = self.solver_choice.solver, self.compiled.system
+        created = stepper(name, system, t, q, v, options)
+        return created if name in SOLVER_NAMES else GuardedStepper(name, created, system, t, q, v)
 
     def _copy_plant(self) -> CompiledMechanism:
         """Return another compiled mechanism of the same model, whose inputs are what they are now."""
-        compiled = self.model.compile(self._courses)
+        compiled = self.model.compile(self._given_inputs)
         if self.settings.input_interpolation == "linear":
             compiled.inputs.extrapolate()
         compiled.inputs.restore(self.compiled.inputs.state())
@@ -251,14 +244,13 @@ class Simulation(Diagnosed):
 
     def _warm_up(self, t0: float, q: Array, v: Array) -> None:
         """Have everything compiled that a run calls, once in a process for each kind of run."""
-        kind = (type(self.stepper), self.compiled.system.m > 0)
+        solver = self.stepper.inner if isinstance(self.stepper, GuardedStepper) else self.stepper
+        kind = (type(solver), self.compiled.system.m > 0)
         if kind in _compiled or not COMPILED:
             return
         options = replace(self._options, max_steps=MAX_WARMUP_STEPS)
-        with self._errors_of_plugin():
-            trial = stepper(self.solver_choice.solver, self.compiled.system, t0, q, v, options)
-            if compile_kernels(trial, self.compiled, len(self._out)):
-                _compiled.add(kind)
+        if compile_kernels(self._created_stepper(t0, q, v, options), self.compiled, len(self._out)):
+            _compiled.add(kind)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """Refuse to be copied or pickled, as its stepper does."""
@@ -348,21 +340,22 @@ class Simulation(Diagnosed):
         UserError
             t is before the time reached.
         """
-        t = finite("the time to advance to", t)
-        if t < self.stepper.t:
+        t, run, stepper = finite("the time to advance to", t), self._run, self._run.stepper
+        begin = stepper.t
+        if t < begin:
             raise UserError(
-                f"the time to advance to is {t!r} s, but the simulation has reached {self.t!r} s; restore a saved "
-                "state to go back"
+                f"the time to advance to is {t!r} s, but the simulation has reached {begin!r} s; restore a saved state "
+                "to go back"
             )
-        self._end, begin = t, self.t
-        with self._errors_of_plugin():
-            SEQUENCE.step(self._run, t)
-        self._report_support_motions(begin)
-        stepper = self.stepper
+        self._end = t
+        SEQUENCE.step(run, t)
+        if self._has_supports:
+            self._report_support_motions(begin)
         t, q = stepper.t, stepper.q
         if self.energy_check:
             self.energy_check.describe_state(t, q)
-        self._element_monitor.note(float(self._limit_ratio[0]), t, q)
+        if self._has_limits:
+            self._element_monitor.note(float(self._limit_ratio[0]), t, q)
         return stepper.status
 
     def _report_support_motions(self, t: float) -> None:
@@ -409,16 +402,6 @@ class Simulation(Diagnosed):
         """Outputs of the last call of :meth:`outputs` or :meth:`record`, in the order of ``variables``."""
         return self._out.copy()
 
-    def _fill_energy_outputs(self, times: Array, q: Array, energy_accounts: Array, values: Array) -> None:
-        """Put what the energy check finds in place of the energies that ``values`` (k, outputs) end in."""
-        if self.energy_check is None:
-            values[:, -2:] = nan
-            return
-        energies, errors = np.ascontiguousarray(values[:, -2]), np.zeros(len(times))
-        check_energies(self._pinned, times, energies, energy_accounts, errors)
-        self.energy_check.describe(times, q)
-        values[:, -2], values[:, -1] = errors, energy_accounts[:, EXCHANGED_ENERGY]
-
     def record(self, times: Array, values: Array) -> int:
         """Advance through several communication points and store the outputs at each.
 
@@ -443,25 +426,22 @@ class Simulation(Diagnosed):
         if np.shape(values) != (len(times), len(self.variables)):
             wanted = (len(times), len(self.variables))
             raise UserError(f"values have the shape {np.shape(values)}; allowed: {wanted} (times, outputs)")
-        done, self._end = 0, float(max(times, default=self._end))
+        done, self._end, rows = 0, float(max(times, default=self._end)), np.ascontiguousarray(values)
         while done < len(times):
-            begin = self.t
-            SEQUENCE.begin_step(self._run, float(times[done]))
+            begin, ahead = self.t, times[done:]
+            count = SAMPLE(self._run, ahead, rows[done:])
             self._report_support_motions(begin)
-            ahead = times[done:] if self.compiled.inputs.motions_finished else times[done : done + 1]
-            with self._errors_of_plugin():
-                samples = self.stepper.sample(ahead, values[done : done + len(ahead)])
-            count = self._element_monitor.unfolded(ahead, samples.q)
-            rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
-            if count > 1:
-                self.compiled.inputs.skip_points(float(ahead[count - 2]))
-            if count:
-                self._fill_energy_outputs(times[rows], samples.q, samples.energy_account, values[rows])
-            done = rows.stop
+            q, ratios = self._run.samples.q, self._run.ratios[: count + 1]
+            self._element_monitor.note_samples(ratios, ahead[: len(ratios)], q[: len(ratios)])
+            if self.energy_check and count:
+                self.energy_check.describe(ahead[:count], q[:count])
+            done += count
             if self.failed:
                 break
+        if rows is not values:
+            values[:] = rows
         if done:
-            self._out[:] = values[done - 1]
+            self._out[:] = rows[done - 1]
         self._report_undetermined()
         return done
 
@@ -481,7 +461,7 @@ class Simulation(Diagnosed):
         """Return the number of an input."""
         index = self._inputs.get(key) if isinstance(key, Hashable) else None
         if index is None:
-            if self._courses and key in self._courses.replaced:
+            if self._given_inputs and key in self._given_inputs.replaced:
                 raise UserError(
                     f"input {key!r} is given for the whole run, as a function of time or by points; it cannot be set "
                     "during the run"
@@ -495,7 +475,7 @@ class Simulation(Diagnosed):
 
         The input of a load is held or extrapolated from this time on, according to the settings. The input of a driven
         joint is its position or rate at the end of the next communication step, which moves the joint there; see
-        :mod:`mbfmu.mechanics.arrays.motion`.
+        :mod:`mbfmu.mechanics.arrays.support_motion`.
 
         Parameters
         ----------
@@ -530,7 +510,7 @@ class Simulation(Diagnosed):
             if before != after and not (p.varies(before) and p.varies(after)):
                 why = f", from {before!r} to {after!r}" if p.tunable else ": it is not tunable"
                 raise UserError(f"parameter {p.name!r} cannot change during a run{why}")
-        compiled = model.compile(self._courses)
+        compiled = model.compile(self._given_inputs)
         SEQUENCE.note_energy(self._run)
         self.compiled.adopt(compiled)
         SEQUENCE.retune(self._run)
@@ -571,9 +551,8 @@ class Simulation(Diagnosed):
         """Model and settings that a simulation must have in common with this one to restore its states."""
         fixed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if not p.tunable}
         how = self.settings
-        return json.dumps(
-            [self.model.name, fixed, how.solver, how.tolerance, how.energy_check, how.input_interpolation]
-        )
+        solver = how.solver, fingerprint_of_solver(how.solver)
+        return json.dumps([self.model.name, fixed, *solver, how.tolerance, how.energy_check, how.input_interpolation])
 
     def save(self) -> bytes:
         """Return the whole state.
@@ -608,7 +587,7 @@ class Simulation(Diagnosed):
         head, body = decode_state(self._state_key, state)
         model = self.model.with_values(head["parameters"])
         if model != self.model:
-            self.compiled.adopt(model.compile(self._courses))
+            self.compiled.adopt(model.compile(self._given_inputs))
             self.model = model
         self._restore_session(bytes.fromhex(head["session"]), from_saved(head["lost"]))
         previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])

@@ -8,10 +8,10 @@ import numpy as np
 
 from solvers import SolverError
 from solvers.outcome import OK
-from solvers.stepper import Stepper
+from solvers.stepper import Samples, Stepper
 from solvers.system import Array
 
-from .kernels.sequence import SolverActions, sequence_of
+from .kernels.sequence import SolverActions, sampling_of, sequence_of
 
 
 class StepperRun:
@@ -21,9 +21,16 @@ class StepperRun:
     ----------
     stepper
         Solver of the run; another one may take its place.
+    q, v, energy_account
+        Its reported state, see :attr:`solvers.Stepper.reported`.
     error
         Error of the last evaluation that failed; None: none has failed.
+    samples, ratios
+        Motion at the points of the last call of SAMPLE, and how far elements are from their limits there (k,).
     """
+
+    samples: Samples
+    ratios: Array
 
     def __init__(self, session: Any, inputs: Any, stepper: Stepper, outputs: int) -> None:
         self.session, self.inputs, self.stepper = session, inputs, stepper
@@ -32,28 +39,26 @@ class StepperRun:
         self.error: SolverError | None = None
 
     @property
+    def stepper(self) -> Stepper:
+        """See the class."""
+        return self._stepper
+
+    @stepper.setter
+    def stepper(self, replacement: Stepper) -> None:
+        self._stepper = replacement
+        self.q, self.v, self.energy_account = replacement.reported
+
+    @property
     def clock(self) -> tuple[float]:
         """Time reached, s."""
-        return (self.stepper.t,)
-
-    @property
-    def q(self) -> Array:
-        """Positions (nq,)."""
-        return self.stepper.q
-
-    @property
-    def v(self) -> Array:
-        """Velocities (n,)."""
-        return self.stepper.v
-
-    @property
-    def energy_account(self) -> Array:
-        """Energy account (ACCOUNT_SIZE,)."""
-        return self.stepper.energy_account
+        return (self._stepper.t,)
 
 
 def _advance(run: StepperRun, end: float) -> int:
-    return int(run.stepper.advance(end).code)
+    stepper = run.stepper
+    code: int = stepper.advance(end).code
+    run.q, run.v, run.energy_account = stepper.reported
+    return code
 
 
 def _evaluate(run: StepperRun) -> int:
@@ -75,6 +80,14 @@ def _restart(run: StepperRun) -> None:
 
 def _jump(run: StepperRun) -> None:
     run.stepper.jump(run.dv)
+    run.q, run.v, run.energy_account = run.stepper.reported
+
+
+def _sample(run: StepperRun, times: Array, out: Array) -> Samples:
+    found = run.stepper.sample(times, out)
+    run.q, run.v, run.energy_account = run.stepper.reported
+    return found
 
 
 SEQUENCE = sequence_of(SolverActions(_advance, _evaluate, _continue_at_state, _restart, _jump))
+SAMPLE = sampling_of(SEQUENCE, _sample)

@@ -8,10 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism
-from mbfmu.mechanics.arrays import points
+from mbfmu.mechanics.arrays import input_kernels
 from solvers import SolverError
 from solvers.compiled.tuple_pointer import pin
-from solvers.energy_account import ACCOUNT_SIZE
 from solvers.stepper import Stepper, start_rate
 
 from .kernels.points import (
@@ -19,8 +18,8 @@ from .kernels.points import (
     account_discontinuity,
     account_parameters,
     begin_session,
-    check_energies,
     check_point,
+    check_samples,
     energy_at,
     note_energy,
     note_impulse,
@@ -67,17 +66,17 @@ def compile_kernels(trial: Stepper, compiled: CompiledMechanism, outputs: int) -
 
 def _warm_up_points(trial: Stepper, compiled: CompiledMechanism, outputs: int) -> None:
     """Call what communication points call, with inputs that are nobody's."""
-    inputs = points.InputRecords.example()
+    inputs = input_kernels.InputRecords.example()
     session, pinned = pin(Session.allocate(compiled.system.pinned_data, inputs, compiled.monitored)), pin(inputs)
     run = StepperRun(session, pinned, trial, outputs)
     state = trial.t, trial.q, trial.v
     begin_session(session, *state, 0, True, 1, 1e-6, 0.0, 1.0)
     SEQUENCE.set_input(run, 0, 0.0)
     SEQUENCE.begin_step(run, trial.t + 1.0)
-    points.perturb_motions(pinned, 0.0, 0.0)
-    points.restore_motions(pinned)
-    points.skip_points(pinned, 0.0)
-    points.all_finished(pinned)
+    input_kernels.perturb_motions(pinned, 0.0, 0.0)
+    input_kernels.restore_motions(pinned)
+    input_kernels.skip_points(pinned, 0.0)
+    input_kernels.all_finished(pinned)
     start_support_motions(session)
     note_impulse(session, 0)
     store_velocity_jump(trial.v, 0, trial.v)
@@ -86,4 +85,5 @@ def _warm_up_points(trial: Stepper, compiled: CompiledMechanism, outputs: int) -
     account_parameters(session, *state)
     check_point(session, *state, trial.energy_account)
     SEQUENCE.read(run)
-    check_energies(session, np.zeros(1), np.zeros(1), np.zeros((1, ACCOUNT_SIZE)), np.zeros(1))
+    rows = np.atleast_2d(trial.q), np.atleast_2d(trial.v), np.atleast_2d(trial.energy_account)
+    check_samples(session, np.zeros(1), *rows, np.zeros(1), np.zeros((1, outputs)))

@@ -7,7 +7,8 @@ from .contact_handles import NipHandle, SurfaceContactHandle, contact_pressure, 
 from .elements import Plate, Shell
 from .joints import Geodesic, OutOfPlane, Stretching
 from .section_properties import Crease
-from .sheet import Sheet, add_sheet
+from .sheet import add_sheet
+from .sheet_handle import Sheet
 from .supports import Support
 from .transport import add_contact, add_nip
 

@@ -9,7 +9,7 @@ from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.sensors import axis_index
 from mbfmu.sheets.sensors import ContactForceSum, ContactSum, Jammed
-from mbfmu.sheets.sheet import Sheet
+from mbfmu.sheets.sheet_handle import Sheet
 from mbfmu.util.errors import UserError
 
 

@@ -26,7 +26,7 @@ from .contact.nip import RollerNip
 from .contact.surface_contact import SurfaceContact
 from .contact.surfaces import Surface
 from .contact_handles import NipHandle, SurfaceContactHandle
-from .sheet import Sheet
+from .sheet_handle import Sheet
 
 MAX_CELL_CURVATURE = 0.6  # side of a cell times the curvature of a surface, above which the sheet does not follow it
 # Part of its thickness that a leading edge sinks into a surface if it is pressed on as the sheet bends

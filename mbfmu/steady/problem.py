@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics import MAX_ACCURATE_RATIO, CompiledMechanism
 from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model
@@ -243,6 +243,7 @@ class EquilibriumProblem:
             diagnostics=(
                 *self._notes(),
                 *self.compiled.coincident(0.0, solution.q),
+                *self.compiled.describe_assumed_length(),
                 *([describe_period(self.compiled)] if periodic else ()),
                 *self._describe_mesh(solution.q),
             ),
@@ -263,7 +264,7 @@ class EquilibriumProblem:
 
     def _describe_mesh(self, q: Array) -> tuple[Diagnostic, ...]:
         """Return a warning if elements are beyond the limits of their theory in a state."""
-        if self.compiled.limit_ratio(0.0, q) <= 1.0:
+        if self.compiled.limit_ratio(0.0, q) <= MAX_ACCURATE_RATIO:
             return ()
         return (Diagnostic.parse(self.compiled.describe_limit(0.0, q), "warning", "coarse-mesh"),)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from mbfmu.util.errors import EquilibriumError, UserError
 from mbfmu.util.text_table import format_table
 from solvers.compiled.kernel import kernel
 from solvers.system import Equations
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 TIMED_EVALUATIONS = 200
 EVALUATION_REPEATS = 7
@@ -273,13 +276,15 @@ def evaluations(compiled: CompiledMechanism) -> Callable[[], float]:
 
 
 @kernel
-def _inverses(inverse: Any, q: Any, v: Any, a: Any, lam: Any, data: Any, qdot: Any, tau: Any, count: int) -> None:
+def _inverses(
+    inverse: Any, q: Reals, v: Reals, a: Reals, lam: Reals, data: Any, qdot: Reals, tau: Reals, count: int
+) -> None:
     for _ in range(count):
         inverse(0.0, q, v, a, lam, data, qdot, tau)
 
 
 @kernel
-def _dynamics(eqs: Any, q: Any, v: Any, count: int) -> None:
+def _dynamics(eqs: Any, q: Reals, v: Reals, count: int) -> None:
     for _ in range(count):
         eqs.dynamics(0.0, q, v, eqs.data, eqs.terms)
 

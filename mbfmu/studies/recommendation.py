@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from math import floor, inf, isfinite, log10
+from math import floor, inf, log10
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +26,14 @@ from mbfmu.studies.compare import (
     omitted_run,
     plan_runs,
 )
-from mbfmu.studies.comparison_report import describe_reference, label, listed
+from mbfmu.studies.comparison_report import describe_reference, label
+from mbfmu.studies.error_target import Target, narrow_reference, read_target
 from mbfmu.studies.held_inputs import describe_held_inputs
 from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, resolution_text
 from mbfmu.studies.timing import Budget, BudgetExceeded, CpuTimes, time_interleaved
 from mbfmu.util.diagnostics import Diagnosed, Diagnostic
-from mbfmu.util.errors import MAX_VALUE_LENGTH, UserError, short
+from mbfmu.util.errors import UserError
 from mbfmu.util.text_table import format_tolerance
 from mbfmu.util.units import read_unit
 from solvers.stepper import Stepper
@@ -54,28 +54,6 @@ MIN_LIMITED_TIME = 1.0  # s; what takes less is not cut short, and run once more
 MAX_FINALISTS = 3
 FINAL_ROUNDS = 5
 SEARCH_SHARE = 0.6  # of the whole: share of the search, without the reference
-# of the target: largest uncertainty of the reference, which is subtracted from the target
-MAX_REFERENCE_UNCERTAINTY = 0.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class Target:
-    """An error: a part of the ranges of outputs (``unit`` is empty), or absolute in a unit."""
-
-    value: float
-    unit: str = ""
-
-    def __str__(self) -> str:
-        """Return it for people."""
-        return f"{self.value:.3g} {self.unit}" if self.unit else f"{format_tolerance(self.value)} of the range"
-
-    def suits(self, unit: str) -> bool:
-        """Whether outputs of a unit can be held to it."""
-        return not self.unit or read_unit(unit).exponents == read_unit(self.unit).exponents
-
-    def of_range(self, unit: str, scale: float) -> float:
-        """Return it as a part of the range of an output."""
-        return self.value * read_unit(self.unit).factor / (read_unit(unit).factor * scale) if self.unit else self.value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,36 +79,6 @@ class Recommendation(Diagnosed):
     sentence: str
     rows: list[Row]
     diagnostics: Sequence[Diagnostic]
-
-
-def read_target(target: float | str | Target) -> Target:
-    """Return a target from a number (a part of ranges), or from text such as ``1e-4``, ``0.2 mm`` and ``1e-3rad``.
-
-    Raises
-    ------
-    UserError
-        It is no number above zero, or its unit is unknown.
-    """
-    if isinstance(target, Target):
-        return target
-    text = str(target)
-    known = len(text) <= MAX_VALUE_LENGTH  # matching takes the square of the length
-    found = re.fullmatch(r"\s*([-+.\d]+(?:[eE][-+]?\d+)?)\s*(\S*)\s*", text) if known else None
-    try:
-        value = float(found.group(1)) if found else inf
-    except ValueError:
-        value = inf
-    if not found or not (isfinite(value) and value > 0.0):
-        raise UserError(
-            f"target is {short(target)}; allowed: a number above zero, such as 1e-4 of the range, or with a unit: "
-            "'0.2 mm'"
-        )
-    if found.group(2):
-        try:
-            read_unit(found.group(2))
-        except UserError as error:
-            raise UserError(f"target is {target!r}: {error}") from error
-    return Target(value=value, unit=found.group(2))
 
 
 def recommend_solver(
@@ -192,34 +140,6 @@ def recommend_solver(
         search.add(k, steps[k], list(dict.fromkeys(solver for solver, _ in settings)), tolerances)
     search.run(report)
     return search.choice()
-
-
-def narrow_reference(reference_data: Reference, target: Target, outputs: Sequence[str]) -> Reference:
-    """Return a reference of the outputs alone that are held to a target.
-
-    Raises
-    ------
-    UserError
-        The target does not suit them, or is finer than they are known.
-    """
-    suited = {name: unit for name, unit in reference_data.units.items() if target.suits(unit)}
-    if not suited or (outputs and len(suited) < len(reference_data.units)):
-        others = [f"{name} [{unit}]" for name, unit in reference_data.units.items() if name not in suited]
-        raise UserError(f"target {target} does not suit {listed(others)}; allowed: a unit of theirs, or none")
-    known_to = {name: reference_data.motion.doubt[name] / reference_data.motion.scale[name] for name in suited}
-    limits = {name: target.of_range(unit, reference_data.motion.scale[name]) for name, unit in suited.items()}
-    clear = {name: unit for name, unit in suited.items() if known_to[name] <= MAX_REFERENCE_UNCERTAINTY * limits[name]}
-    if not clear or (outputs and len(clear) < len(suited)):
-        worst = max if outputs else min  # all of them, or any
-        doubt, name = worst((known_to[name] / limits[name], name) for name in suited if name not in clear)
-        least = replace(target, value=doubt * target.value / MAX_REFERENCE_UNCERTAINTY)
-        raise UserError(
-            f"target {target} is smaller than the uncertainty of the reference: {name} is known to "
-            f"{known_to[name]:.1g} of its "
-            f"range; allowed: from {least} on, or finer resolutions, or a larger budget"
-        )
-    unclear = {n: f"uncertainty {known_to[n]:.0e} of its range" for n in suited if n not in clear}
-    return replace(reference_data, units=clear, not_evaluated=reference_data.not_evaluated | unclear)
 
 
 @dataclass

@@ -37,8 +37,8 @@ from .surface_identities import SURFACE_IDENTITIES, Probe
 
 NAME = "element"  # of what is checked, in its mechanism
 CAUSES = {
-    "positions, velocities and accelerations": "kernel `place` (rel[0:nv] against the pose in rel[6:9]) or `bias` of a "
-    "joint",
+    "positions, velocities and accelerations": "kernel `place` (rel.S against the pose in rel.R and rel.p) or "
+    "`bias` of a joint",
     "kinetic energy and mass matrix": "kernel `place` of a joint",
     "derivatives of constraints": "residual, axes or their rates of a cut joint; value and derivatives of a coupling",
     "energy, potential and power": "kernels `apply`, `potential` and `power` of a load: the power of what `apply` adds "

@@ -8,13 +8,16 @@ difference of the results of two step sizes is their uncertainty.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism
 from solvers.compiled.kernel import kernel
 from solvers.system import Array, Terms
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 STENCIL = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}
 STEP = 1e-3  # of the central differences: s, or the units of the coordinates
@@ -49,7 +52,7 @@ class Deviation(NamedTuple):
 
 
 @kernel
-def _power(function: Any, t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
+def _power(function: Any, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, data: Any) -> float:
     power: float = function(t, q, v, a, lam, data)
     return power
 

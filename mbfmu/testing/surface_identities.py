@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbfmu.mechanics import Mechanism
-from mbfmu.mechanics.arrays.compile import CompiledAttachment, Numbering, filled_record
+from mbfmu.mechanics.arrays.compile import filled_record
+from mbfmu.mechanics.arrays.numbering import CompiledAttachment, Numbering
 from mbfmu.mechanics.arrays.tables import COMPLEX_STEP_NUMBERS, REAL, CalledKernel, compiled
 from mbfmu.mechanics.kind import check_element_type, kernel_of, record_of
 from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE

@@ -39,11 +39,14 @@ RENAMED = {  # names of earlier versions, and what each is called now
     "left_out": "diagnostics",
     "lock": "diagnostics",
     "loops": "diagnostics",
+    "mark": "checkpoint",
     "notes": "diagnostics",
-    "plant": "compile",
+    "pick": "solver_choice",
+    "plant": "compiled",
     "plate": "element",
     "readout": "show_outputs",
     "remarks": "diagnostics",
+    "rewind": "rollback",
     "sheets": "meshes",
     "start_remarks": "diagnostics",
     "tell": "report",
@@ -51,7 +54,9 @@ RENAMED = {  # names of earlier versions, and what each is called now
     "turning_stiffness": "rotational_stiffness",
     "unseen": "diagnostics",
     "verdict": "warning",
+    "work_of_jumps": "discontinuity_work",
 }
+RENAMED_OF = {("a Model", "plant"): "compile"}  # where the new name is another one than that of other owners
 SHEET_NAMES = (  # that were in mbfmu.mechanics
     "Drum", "Geodesic", "Guide", "OutOfPlane", "Plate", "Shell", "Stretching", "Surface", "Trough", "Wall",
 )  # fmt: skip
@@ -137,7 +142,8 @@ def suggest(name: str, known: Iterable[str]) -> str:
 
 def missing_attribute(owner: str, name: str) -> AttributeError:
     """Return the error for an attribute that ``owner`` does not have; with the new name or package of an old one."""
-    now = f"; it is now called {RENAMED[name]!r}" if name in RENAMED else ""
+    new = RENAMED_OF.get((owner, name)) or RENAMED.get(name)
+    now = f"; it is now called {new!r}" if new else ""
     if (owner, name) in MOVED:
         now = f"; it is now in {MOVED[owner, name]}"
     return AttributeError(f"{owner} has no attribute {name!r}{now}")

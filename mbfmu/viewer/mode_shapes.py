@@ -11,9 +11,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from mbfmu.plotting.figures import finish, panels
 
+from .drawing import PALETTE
+from .drawing import draw as picture_of
 from .motion import amplitudes
-from .picture import PALETTE
-from .picture import draw as picture_of
 
 if TYPE_CHECKING:
     from mbfmu.mechanics import CompiledMechanism
@@ -109,7 +109,7 @@ def displacements(compiled: CompiledMechanism, q: Array, motion: Array, bar: Bar
     for sign in (-1.0, 1.0):
         moved = q.copy()
         compiled.system.apply(moved, sign * step * motion)
-        compiled.energy(0.0, moved, np.zeros(compiled.system.n))  # places the bodies
+        compiled.place_bodies(0.0, moved)
         frame = compiled.data.state.bodies[bar.body]
         ends.append(frame["r"] + bar.axis(amplitudes(compiled)[bar.modes], 1.0) @ frame["A"].T)
     compiled.energy(0.0, q, np.zeros(compiled.system.n))

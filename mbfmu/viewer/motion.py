@@ -21,8 +21,9 @@ from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import replacing
 
+from .drawing import check_fields, draw
 from .forces import Arrow, Source, read, shown, sources
-from .picture import Bar, Picture, as_tuples, check_fields, draw
+from .picture import Bar, Picture, as_tuples
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

@@ -48,7 +48,7 @@ from .critical import (
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
     from solvers.projection.workspace import Workspace
-    from solvers.system import Terms
+    from solvers.system import Equations, Terms
 
 PIVOT_FLOOR_RATIO = 1e-10  # part of the first pivot: those below are alike
 MIN_PIVOT_GAP = 3.0  # least ratio of two successive pivots that separates equations without rank from the others
@@ -61,7 +61,7 @@ MAX_ROW_COMBINATIONS = 3  # of rows without rank, if their number is kept
 
 
 @kernel
-def find_block_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+def find_block_critical_point(eqs: Equations, t: float, q: Reals, rank: int, work: Workspace) -> int:
     """Newton for the critical point next to q in which several rows lose their rank, started by
     :func:`start_block_search`: fills ``work.q_c``, ``work.u`` and in its record time, gap, and the dimension of the
     critical points about it.
@@ -91,7 +91,7 @@ def find_block_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Any) 
 
 
 @kernel
-def find_critical_point_of_rank(eqs: Any, t: float, q: Any, regular: int, rank: int, work: Any) -> int:
+def find_critical_point_of_rank(eqs: Equations, t: float, q: Reals, regular: int, rank: int, work: Workspace) -> int:
     """As :func:`find_block_critical_point` for a point in which ``regular`` rows keep their rank, independent of its
     neighborhood.
     """
@@ -139,7 +139,7 @@ def has_converged(off: float, before: float) -> bool:
 
 
 @kernel
-def add_squares(regular: int, work: Any) -> None:
+def add_squares(regular: int, work: Workspace) -> None:
     """Add H^T H to work.K_work and H^T r to work.z: H the part of work.K in the directions Q_2, r the residual."""
     p = work.size.shape[0] + 1 - regular
     for i in range(p):
@@ -160,7 +160,7 @@ def reduced_residual(i: int, regular: int, work: Workspace) -> float:
 
 
 @kernel
-def start_block_search(eqs: Any, t: float, q: Reals, rank: int, work: Any) -> int:
+def start_block_search(eqs: Equations, t: float, q: Reals, rank: int, work: Workspace) -> int:
     """Start the search at q or where the smallest pivot is zero on the line through the last accepted position,
     between the two or beyond one of them: where the gap in the pivots is widest. Return the number of rows that keep
     their rank there, 0: no gap.
@@ -196,7 +196,7 @@ def start_block_search(eqs: Any, t: float, q: Reals, rank: int, work: Any) -> in
 
 
 @kernel
-def factor_block(terms: Terms, rank: int, work: Any) -> int:
+def factor_block(terms: Terms, rank: int, work: Workspace) -> int:
     """Factor [J~, -nu~] in ``work.E``; return the number of rows that keep their rank, 0 if there is no gap."""
     m, n = terms.J.shape
     for i in range(m):
@@ -275,7 +275,7 @@ def fill_block_residual(terms: Terms, regular: int, work: Workspace) -> float:
 
 
 @kernel
-def fill_block_hessian(eqs: Any, work: Any) -> bool:
+def fill_block_hessian(eqs: Equations, work: Workspace) -> bool:
     """work.K (n + 1, n + 1) = Q^T H Q, H the derivative of [J~, -nu~]^T u by q and t with u fixed, by differences."""
     m, n = eqs.terms.J.shape
     critical, timed = work.critical[0], is_rheonomic(eqs.terms)
@@ -311,7 +311,7 @@ def fill_block_hessian(eqs: Any, work: Any) -> bool:
 
 
 @inlined
-def fill_transposed_product(terms: Terms, work: Any, f: Reals) -> None:
+def fill_transposed_product(terms: Terms, work: Workspace, f: Reals) -> None:
     """f[:n + 1] = [J~, -nu~]^T u."""
     m, n = terms.J.shape
     for j in range(n + 1):
@@ -324,7 +324,7 @@ def fill_transposed_product(terms: Terms, work: Any, f: Reals) -> None:
 
 
 @kernel
-def factor_reduced_hessian(regular: int, work: Any) -> int:
+def factor_reduced_hessian(regular: int, work: Workspace) -> int:
     """Factor the part of work.K in the directions Q_2 in ``work.K_work``; return its rank."""
     p = work.size.shape[0] + 1 - regular
     for i in range(p):
@@ -350,7 +350,7 @@ def solve_closing_step(regular: int, work: Workspace) -> bool:
 
 
 @kernel
-def solve_block_step(regular: int, work: Any) -> float:
+def solve_block_step(regular: int, work: Workspace) -> float:
     """work.change[:n + 1] = Newton's step in q and t: the shortest that closes the regular rows, and in the
     directions Q_2 that for c^T L_22 = 0. Return its largest entry.
     """
@@ -363,7 +363,7 @@ def solve_block_step(regular: int, work: Any) -> float:
 
 
 @kernel
-def assemble_step(regular: int, work: Any) -> float:
+def assemble_step(regular: int, work: Workspace) -> float:
     """work.change[:n + 1] = the step in q and t from its parts work.lam and work.g; return its largest entry."""
     n, m, largest = work.size.shape[0], work.row.shape[0], 0.0
     for i in range(n + 1):
@@ -377,7 +377,7 @@ def assemble_step(regular: int, work: Any) -> float:
 
 
 @kernel
-def apply_block_step(eqs: Any, largest: float, work: Any) -> bool:
+def apply_block_step(eqs: Equations, largest: float, work: Workspace) -> bool:
     """Apply Newton's step, or a part of it; False if it is not finite."""
     n = work.size.shape[0]
     if not largest < np.inf:
@@ -400,7 +400,7 @@ def max_coordinate_distance(q: Reals, t: float, work: Workspace) -> float:
 
 
 @kernel
-def record_block_point(eqs: Any, spread: int, work: Workspace) -> None:
+def record_block_point(eqs: Equations, spread: int, work: Workspace) -> None:
     """Record gap, left null vector and dimension of the point found, with its ``terms``."""
     critical = work.critical[0]
     critical.set_dimension = spread

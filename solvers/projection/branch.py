@@ -15,7 +15,7 @@ be shown to keep it; a step in which they are not is refused.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import pivot_ratio
@@ -35,6 +35,7 @@ from .workspace import distance
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
     from solvers.projection.workspace import Workspace
+    from solvers.system import Equations, Terms
 
 PASSED_DISTANCE_FACTOR = 3.0  # a crossing that a step has passed lies within this multiple of its length
 # distance from a crossing, in units of size, at which closed positions are on one branch or on another
@@ -46,7 +47,7 @@ SAFE_PIVOT_RATIO_PER_LENGTH = 2.0
 
 
 @kernel
-def on_same_branch(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Workspace) -> bool:
+def on_same_branch(eqs: Equations, t: float, q: Reals, exact: float, rank: int, work: Workspace) -> bool:
     """Whether the step to (t, q), with its ``terms`` and factors, stayed on its branch: the orientation changed little,
     or it crossed another branch.
 
@@ -59,7 +60,7 @@ def on_same_branch(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Wo
 
 
 @kernel
-def orientation_preserved(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Workspace) -> bool:
+def orientation_preserved(eqs: Equations, t: float, q: Reals, exact: float, rank: int, work: Workspace) -> bool:
     """The same by the orientation and the known critical point.
 
     An unchanged orientation is no proof if more than one equation may have lost its rank on the way. Then a crossing
@@ -120,7 +121,7 @@ def reaches_critical_point(q: Reals, work: Workspace) -> bool:
 
 
 @inlined
-def count_doubtful_equations(q: Any, rank: int, terms: Any, work: Workspace) -> int:
+def count_doubtful_equations(q: Reals, rank: int, terms: Terms, work: Workspace) -> int:
     """How many equations may have lost their rank in the step to q: none if it was short, unless counted."""
     nearest = max(pivot_ratio(work.pivot, rank), work.branch_history[0].pivot_ratio)
     if rank == 1 or nearest > SAFE_PIVOT_RATIO_PER_LENGTH * distance(work.q_last, q, work):
@@ -129,7 +130,7 @@ def count_doubtful_equations(q: Any, rank: int, terms: Any, work: Workspace) -> 
 
 
 @inlined
-def is_passage_comparable(q: Any, exact: float, terms: Any, work: Workspace) -> bool:
+def is_passage_comparable(q: Reals, exact: float, terms: Terms, work: Workspace) -> bool:
     """Whether :func:`solvers.projection.passage.classify_passage` determines the branch of q. For a single row other
     tests are used far from the crossing, where branches are not straight, and if drives may reverse.
     """
@@ -140,7 +141,7 @@ def is_passage_comparable(q: Any, exact: float, terms: Any, work: Workspace) -> 
 
 
 @kernel
-def passes_straight(eqs: Any, t: float, q: Any, side: int, turn: int, rank: int, work: Workspace) -> bool:
+def passes_straight(eqs: Equations, t: float, q: Reals, side: int, turn: int, rank: int, work: Workspace) -> bool:
     """Whether the side of the known crossing agrees with the position of q and with the orientation, whose sign changes
     with each row that loses its rank.
     """
@@ -157,7 +158,7 @@ def passes_straight(eqs: Any, t: float, q: Any, side: int, turn: int, rank: int,
 
 
 @inlined
-def is_on_side(q: Reals, side: int, terms: Any, rank: int, work: Workspace) -> bool:
+def is_on_side(q: Reals, side: int, terms: Terms, rank: int, work: Workspace) -> bool:
     """Whether q is on this side of the known crossing; that is known with one degree of freedom."""
     if terms.J.shape[1] - rank + is_rheonomic(terms) != 1:
         return True
@@ -168,7 +169,7 @@ def is_on_side(q: Reals, side: int, terms: Any, rank: int, work: Workspace) -> b
 
 
 @kernel
-def left_branch_line(q: Reals, exact: float, rank: int, terms: Any, work: Workspace) -> bool:
+def left_branch_line(q: Reals, exact: float, rank: int, terms: Terms, work: Workspace) -> bool:
     """Whether q is not on the line through the last accepted position and the known crossing, and so on another branch.
 
     The orientation does not show this if only time changes, nor in the crossing itself. The line does if the motion
@@ -188,7 +189,7 @@ def left_branch_line(q: Reals, exact: float, rank: int, terms: Any, work: Worksp
 
 
 @kernel
-def drive_reversed(eqs: Any, t: float, q: Any, work: Workspace) -> bool:
+def drive_reversed(eqs: Equations, t: float, q: Reals, work: Workspace) -> bool:
     """Whether the drives have reversed since the last accepted position: a crossing in which they reverse is not
     passed.
 

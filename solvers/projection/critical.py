@@ -12,7 +12,7 @@ points that form curves).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from .workspace import distance, factor_transposed
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
     from solvers.projection.workspace import Workspace
+    from solvers.system import Equations, Terms
 
 CRITICAL_DIFFERENCE_STEP = 1e-7  # of differences, in units of size
 INVERSE_ITERATIONS = 5  # of the inverse iteration for the left null vector
@@ -47,7 +48,7 @@ MAX_NEWTON_STEPS, CRITICAL_POINT_TOLERANCE = 30, 1e-11  # steps, and what they m
 
 
 @kernel
-def find_critical_point(eqs: Any, t: float, q: Reals, rank: int, work: Workspace) -> bool:
+def find_critical_point(eqs: Equations, t: float, q: Reals, rank: int, work: Workspace) -> bool:
     """Newton for the critical point next to q: fills ``work.q_c``, and time and gap of its record.
 
     If several rows lose their rank at once the point is a double root: relevant directions have singular values as
@@ -99,7 +100,7 @@ def solve_damped_step(damping: float, work: Workspace) -> bool:
 
 
 @kernel
-def critical_set_dimension(eqs: Any, work: Any) -> int:
+def critical_set_dimension(eqs: Equations, work: Workspace) -> int:
     """Dimension of the critical points in q and t about the one just found, from the null space of its equations."""
     N, n = work.change.shape[0], work.size.shape[0]
     fill_critical_jacobian(eqs, True, work)
@@ -122,7 +123,7 @@ def critical_set_dimension(eqs: Any, work: Any) -> int:
 
 
 @inlined
-def is_rheonomic(terms: Any) -> bool:
+def is_rheonomic(terms: Terms) -> bool:
     """Whether time moves a constraint."""
     for i in range(terms.nu.shape[0]):
         if terms.nu[i] != 0.0:
@@ -131,7 +132,7 @@ def is_rheonomic(terms: Any) -> bool:
 
 
 @inlined
-def drive_rate(terms: Any, work: Workspace) -> float:
+def drive_rate(terms: Terms, work: Workspace) -> float:
     """Unit of time, 1/s: that of the motion, or that of drives which are slower."""
     square = 0.0
     for i in range(terms.nu.shape[0]):
@@ -149,7 +150,7 @@ def remaining_gap(m: int, n: int, work: Workspace) -> float:
 
 
 @kernel
-def find_left_null_vector(terms: Any, rank: int, work: Any) -> None:
+def find_left_null_vector(terms: Terms, rank: int, work: Workspace) -> None:
     """work.u = the left singular vector of the smallest singular value of J~ that is not redundant, from its factors:
     by inverse iteration, which begins with what the last pivot row has for itself.
     """
@@ -169,7 +170,7 @@ def find_left_null_vector(terms: Any, rank: int, work: Any) -> None:
 
 
 @kernel
-def critical_residual(eqs: Any, t: float, q: Any, work: Any, g: Reals) -> None:
+def critical_residual(eqs: Equations, t: float, q: Reals, work: Workspace, g: Reals) -> None:
     """Left side less right side of the equations (N,) at (t, q) with ``work.u`` and the gap; ``terms`` follow."""
     terms, critical = eqs.terms, work.critical[0]
     m, n = terms.J.shape
@@ -187,7 +188,7 @@ def critical_residual(eqs: Any, t: float, q: Any, work: Any, g: Reals) -> None:
 
 
 @kernel
-def fill_critical_jacobian(eqs: Any, timed: bool, work: Any) -> None:
+def fill_critical_jacobian(eqs: Equations, timed: bool, work: Workspace) -> None:
     """work.K (N, N) = derivative of work.g, the last :func:`critical_residual`: by differences where J is
     differentiated; that by time only where ``timed``.
     """
@@ -224,7 +225,7 @@ def fill_critical_jacobian(eqs: Any, timed: bool, work: Any) -> None:
 
 
 @inlined
-def apply_newton_step(eqs: Any, part: float, work: Any) -> None:
+def apply_newton_step(eqs: Equations, part: float, work: Workspace) -> None:
     """Apply a ``part`` of Newton's step."""
     m, n = eqs.terms.J.shape
     critical = work.critical[0]

@@ -38,7 +38,7 @@ from .projection import (
 )
 
 if TYPE_CHECKING:
-    from solvers.compiled.record import Reals
+    from solvers.compiled.record import Integers, Reals
     from solvers.projection.workspace import Workspace
     from solvers.system import Equations, Terms
 
@@ -47,7 +47,7 @@ MIN_PIVOT_IMPROVEMENT = 3.0  # how many times larger its smallest pivot makes an
 
 
 @kernel
-def choose_partition(terms: Any, rank: int, work: Any) -> bool:
+def choose_partition(terms: Terms, rank: int, work: Workspace) -> bool:
     """Pivot the Jacobian held by ``terms``: fill ``work.rows`` and ``work.columns``; False below the normal rank."""
     m, n = terms.J.shape
     for i in range(m):
@@ -69,7 +69,7 @@ def is_better_partition(rank: int, work: Workspace) -> bool:
 
 
 @kernel
-def is_same_partition(rank: int, columns: Any, others: Any) -> bool:
+def is_same_partition(rank: int, columns: Integers, others: Integers) -> bool:
     """Whether both permutations start with the same set of ``rank`` rows or coordinates."""
     for i in range(rank):
         found = False
@@ -81,7 +81,7 @@ def is_same_partition(rank: int, columns: Any, others: Any) -> bool:
 
 
 @kernel
-def factor_dependent(terms: Any, rank: int, rows: Any, columns: Any, work: Any) -> bool:
+def factor_dependent(terms: Terms, rank: int, rows: Integers, columns: Integers, work: Workspace) -> bool:
     """Factor J_d, the chosen rows and dependent columns of the Jacobian held by ``terms``, in units of both."""
     for i in range(rank):
         for j in range(rank):
@@ -90,7 +90,7 @@ def factor_dependent(terms: Any, rank: int, rows: Any, columns: Any, work: Any) 
 
 
 @inlined
-def solve_dependent(rank: int, rows: Any, columns: Any, work: Any) -> None:
+def solve_dependent(rank: int, rows: Integers, columns: Integers, work: Workspace) -> None:
     """work.x (rank,) = J_d^-1 work.b, with the factors of J_d; ``work.b`` is used up."""
     for i in range(rank):
         work.b[i] /= work.row[rows[i]]
@@ -100,7 +100,7 @@ def solve_dependent(rank: int, rows: Any, columns: Any, work: Any) -> None:
 
 
 @kernel
-def restore_dependents(rank: int, columns: Any, last: Any, q: Reals, v: Any) -> None:
+def restore_dependents(rank: int, columns: Integers, last: Any, q: Reals, v: Reals) -> None:
     """Set the dependents of q to those of ``last`` if the coordinates of q and v correspond."""
     if q.shape[0] == v.shape[0]:
         for j in range(rank):
@@ -109,7 +109,15 @@ def restore_dependents(rank: int, columns: Any, last: Any, q: Reals, v: Any) -> 
 
 @kernel
 def project_dependents(
-    eqs: Equations, t: float, q: Any, v: Reals, rank: int, rows: Any, columns: Any, factored: bool, work: Any
+    eqs: Equations,
+    t: float,
+    q: Reals,
+    v: Reals,
+    rank: int,
+    rows: Integers,
+    columns: Integers,
+    factored: bool,
+    work: Workspace,
 ) -> int:
     """Solve the dependents of (q, v) from the independents, in place; leave ``terms`` and J_d at the result.
 
@@ -134,7 +142,7 @@ def project_dependents(
 
 @kernel
 def solve_dependent_positions(
-    eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, factored: bool, work: Any
+    eqs: Equations, t: float, q: Reals, rank: int, rows: Integers, columns: Integers, factored: bool, work: Workspace
 ) -> bool:
     """Newton on Phi(t, q) = 0 for the dependent positions; False if it does not converge. ``terms`` follow.
 
@@ -168,7 +176,7 @@ def solve_dependent_positions(
 
 
 @kernel
-def fill_dependent_tangents(terms: Any, rank: int, rows: Any, columns: Any, work: Workspace) -> None:
+def fill_dependent_tangents(terms: Terms, rank: int, rows: Integers, columns: Integers, work: Workspace) -> None:
     """Fill the rows of ``work.T`` with the motions of one independent each, from ``terms`` and the factors of J_d."""
     n = work.T.shape[1]
     for k in range(n - rank):
@@ -182,7 +190,9 @@ def fill_dependent_tangents(terms: Any, rank: int, rows: Any, columns: Any, work
 
 
 @kernel
-def evaluate_dependent_acceleration(terms: Any, rank: int, rows: Any, columns: Any, work: Any, a: Reals) -> int:
+def evaluate_dependent_acceleration(
+    terms: Terms, rank: int, rows: Integers, columns: Integers, work: Workspace, a: Reals
+) -> int:
     """v' from ``terms`` and the factors of their J_d."""
     n = a.shape[0]
     fill_dependent_tangents(terms, rank, rows, columns, work)
@@ -202,7 +212,7 @@ def evaluate_dependent_acceleration(terms: Any, rank: int, rows: Any, columns: A
 
 
 @kernel
-def have_tangents_turned(rank: int, before: Any, work: Any) -> bool:
+def have_tangents_turned(rank: int, before: Any, work: Workspace) -> bool:
     """Whether a motion of one independent has changed by more than half of what it was ``before``."""
     n = work.T.shape[1]
     for k in range(n - rank):
@@ -216,7 +226,7 @@ def have_tangents_turned(rank: int, before: Any, work: Any) -> bool:
 
 
 @kernel
-def smallest_pivot_ratio(rank: int, work: Any) -> float:
+def smallest_pivot_ratio(rank: int, work: Workspace) -> float:
     """Smallest pivot of J_d relative to the largest: approximate distance of a singular configuration."""
     low, high = np.inf, 0.0
     for i in range(rank):
@@ -226,7 +236,7 @@ def smallest_pivot_ratio(rank: int, work: Any) -> float:
 
 @kernel
 def evaluate_dependent_multipliers(
-    terms: Terms, rank: int, rows: Any, columns: Any, work: Any, a: Reals, lam: Reals
+    terms: Terms, rank: int, rows: Integers, columns: Integers, work: Workspace, a: Reals, lam: Reals
 ) -> None:
     """lambda of the chosen rows, zero in others, with J_d^T lambda = -(M a + h)_d, from ``terms`` and J_d's factors."""
     for j in range(rank):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import apply_Q, apply_Qt, factor_lu, is_determinant_positive, solve_lu
+
+if TYPE_CHECKING:
+    from solvers.projection.workspace import Workspace
+    from solvers.system import Terms
 
 ORIENTATION_KEPT, ORIENTATION_REVERSED, LARGE_ROTATION, INDETERMINATE = 0, 1, 2, 3
 # Turns of a tangent in one step, as their tangents: 20 and 60 degrees
@@ -15,7 +19,7 @@ SMALL_ROTATION_TANGENT, MAX_ROTATION_TANGENT = 0.36, 1.7
 
 
 @kernel
-def compare_orientation(terms: Any, rank: int, work: Any) -> int:
+def compare_orientation(terms: Terms, rank: int, work: Workspace) -> int:
     """Compare ``terms``, whose factors are at hand, with the frame of the last good position:
     ORIENTATION_KEPT or ORIENTATION_REVERSED and little rotated, else LARGE_ROTATION, or INDETERMINATE if rotated too
     far to decide.
@@ -30,7 +34,7 @@ def compare_orientation(terms: Any, rank: int, work: Any) -> int:
 
 
 @kernel
-def orientation_from_range_space(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
+def orientation_from_range_space(terms: Terms, rank: int, work: Workspace) -> tuple[bool, float]:
     """Whether det C_n has kept its sign, and the largest square of a column of C_n^-1 C_t; for few rows."""
     n = terms.J.shape[1]
     positive, steepest = True, 0.0
@@ -58,7 +62,7 @@ def orientation_from_range_space(terms: Any, rank: int, work: Any) -> tuple[bool
 
 
 @kernel
-def orientation_from_null_space(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
+def orientation_from_null_space(terms: Terms, rank: int, work: Workspace) -> tuple[bool, float]:
     """The same for few degrees of freedom, from N and T: the present orthonormal tangents in the frame's normals
     and tangents.
 
@@ -91,7 +95,7 @@ def orientation_from_null_space(terms: Any, rank: int, work: Any) -> tuple[bool,
 
 
 @inlined
-def frame_determinants_agree(rank: int, work: Any) -> bool:
+def frame_determinants_agree(rank: int, work: Workspace) -> bool:
     """Whether the rows of the frame have determinants of the same sign in the present L and in that of the frame."""
     positive, same = True, True
     for i in range(work.pivots.shape[0]):

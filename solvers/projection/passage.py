@@ -35,6 +35,7 @@ from .orientation import SMALL_ROTATION_TANGENT
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
     from solvers.projection.workspace import Workspace
+    from solvers.system import Equations, Terms
 
 OTHER_BRANCH, OPPOSITE_SIDE, SAME_SIDE = 0, 1, 2  # on another branch; straight through; on this side of it
 LOST_PIVOT_RATIO = 1e-6  # ratio to the first pivot below which a pivot is zero in the critical point
@@ -43,7 +44,7 @@ POWER_ITERATIONS = 20  # of the power iteration for the largest singular value
 
 
 @kernel
-def store_critical_factors(eqs: Any, rank: int, work: Any) -> int:
+def store_critical_factors(eqs: Equations, rank: int, work: Workspace) -> int:
     """Store the factors of J~ at the critical point just found; return the number of equations that lose their rank."""
     eqs.position(work.critical[0].t, work.q_c, eqs.data, eqs.terms)
     m, n = eqs.terms.J.shape
@@ -55,7 +56,7 @@ def store_critical_factors(eqs: Any, rank: int, work: Any) -> int:
 
 
 @inlined
-def fill_scaled_jacobian(terms: Any, work: Any, J: Reals) -> None:
+def fill_scaled_jacobian(terms: Terms, work: Workspace, J: Reals) -> None:
     """J (m, n) <- J~ of ``terms``."""
     m, n = terms.J.shape
     for i in range(m):
@@ -90,7 +91,7 @@ def fill_lost_block(J: Reals, regular: int, work: Workspace, B: Reals) -> bool:
 
 
 @kernel
-def max_tangent_slope(B: Any, regular: int, work: Any) -> float:
+def max_tangent_slope(B: Any, regular: int, work: Workspace) -> float:
     """Largest square of a column of R^-1 N, [R N] = B[:regular]: slope of the tangents of the regular equations, seen
     from Z.
     """
@@ -114,7 +115,7 @@ def max_tangent_slope(B: Any, regular: int, work: Any) -> float:
 
 
 @kernel
-def regular_equations_keep_rank(terms: Any, rank: int, work: Workspace) -> bool:
+def regular_equations_keep_rank(terms: Terms, rank: int, work: Workspace) -> bool:
     """Whether the equations that are regular in the critical point keep their rank and their direction from the last
     good position to it, and on to that of ``terms``. Fills B of the two: work.slopes and work.J_work.
     """
@@ -125,7 +126,7 @@ def regular_equations_keep_rank(terms: Any, rank: int, work: Workspace) -> bool:
 
 
 @kernel
-def classify_passage(terms: Any, rank: int, work: Any) -> int:
+def classify_passage(terms: Terms, rank: int, work: Workspace) -> int:
     """How the step from the last good position to that of ``terms`` lies to the critical point."""
     m, n = terms.J.shape
     lost = work.critical[0].lost
@@ -180,7 +181,7 @@ def largest_singular_value(k: int, p: int, work: Workspace) -> float:
 
 
 @kernel
-def count_doubtful_rows(terms: Any, rank: int, work: Any) -> int:
+def count_doubtful_rows(terms: Terms, rank: int, work: Workspace) -> int:
     """How many equations may have lost their rank between the last accepted position and that of ``terms``."""
     n = terms.J.shape[1]
     for i in range(rank):
@@ -197,7 +198,7 @@ def count_doubtful_rows(terms: Any, rank: int, work: Any) -> int:
 
 
 @kernel
-def count_rank_kept(X: Reals, rank: int, L: Reals, work: Any) -> int:
+def count_rank_kept(X: Reals, rank: int, L: Reals, work: Workspace) -> int:
     """How many of the first ``rank`` equations keep their rank on the straight line from L Q^T to L X Q^T: dimension of
     a subspace in which X + X^T is positive definite, X balanced by the pivots of L.
 

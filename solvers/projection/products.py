@@ -9,7 +9,7 @@ product (c0 K + c1 C + c2 M) x of
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,16 +17,21 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import pin
 from solvers.system import Array, TreeSystem
 
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+
 PRODUCT_STEP_SIZE = 1e-30  # imaginary step; its square must be negligible
 
 
 @kernel
-def _retract(retract: Any, q: Any, dq: Any, data: Any) -> None:
+def _retract(retract: Any, q: Reals, dq: Any, data: Any) -> None:
     retract(q, dq, data)
 
 
 @kernel
-def _inverse(inverse: Any, t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, rate: Any, force: Any) -> None:
+def _inverse(
+    inverse: Any, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, data: Any, rate: Any, force: Any
+) -> None:
     inverse(t, q, v, a, lam, data, rate, force)
 
 

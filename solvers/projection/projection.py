@@ -72,7 +72,7 @@ RESIDUAL_TOLERANCE = 1e-8  # residual that a closed position must not have in an
 
 
 @kernel
-def effective_rank(eqs: Any, t: float, q: Any, rank: int, work: Workspace) -> int:
+def effective_rank(eqs: Equations, t: float, q: Reals, rank: int, work: Workspace) -> int:
     """How many pivot rows can be divided by; ``terms`` and factors belong to (t, q).
 
     Rows that lose their rank at a crossing are left out, because they would be divided by nearly zero. If there are
@@ -99,7 +99,7 @@ def is_near_bifurcation(rank: int, work: Workspace) -> bool:
 
 
 @inlined
-def solve_position_correction(terms: Terms, rank: int, work: Any) -> float:
+def solve_position_correction(terms: Terms, rank: int, work: Workspace) -> float:
     """work.dq = -J^+ Phi with the first ``rank`` pivot rows; return its largest entry in units of size."""
     for i in range(terms.Phi.shape[0]):
         work.b[i] = terms.Phi[i] / work.row[i]
@@ -112,7 +112,7 @@ def solve_position_correction(terms: Terms, rank: int, work: Any) -> float:
 
 
 @inlined
-def violates_constraints(terms: Any, work: Workspace) -> bool:
+def violates_constraints(terms: Terms, work: Workspace) -> bool:
     """Whether some row, dependent ones included, has a residual."""
     for i in range(terms.Phi.shape[0]):
         if not abs(terms.Phi[i]) <= RESIDUAL_TOLERANCE * work.row[i]:
@@ -121,7 +121,7 @@ def violates_constraints(terms: Any, work: Workspace) -> bool:
 
 
 @kernel
-def project_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+def project_position(eqs: Equations, t: float, q: Reals, rank: int, work: Workspace) -> bool:
     """Project q onto Phi(t, q) = 0 along the constraint normals, in place; False if it does not converge.
 
     Leaves Phi, J and nu at the result, and the factors of a J nearby.
@@ -137,7 +137,7 @@ def project_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
 
 
 @inlined
-def correct_position(eqs: Any, t: float, q: Any, rank: int, work: Workspace) -> float:
+def correct_position(eqs: Equations, t: float, q: Reals, rank: int, work: Workspace) -> float:
     """One Gauss-Newton correction of q in place, with the factors of the J of ``terms``; return its size."""
     largest = solve_position_correction(eqs.terms, rank, work)
     if not np.isfinite(largest):
@@ -148,7 +148,7 @@ def correct_position(eqs: Any, t: float, q: Any, rank: int, work: Workspace) -> 
 
 
 @kernel
-def project_velocity(v: Reals, terms: Terms, rank: int, work: Any) -> None:
+def project_velocity(v: Reals, terms: Terms, rank: int, work: Workspace) -> None:
     """Subtract from v its violation of J v = nu in the first ``rank`` pivot rows of the factored J, in place."""
     m, n = terms.J.shape
     for i in range(m):
@@ -162,7 +162,7 @@ def project_velocity(v: Reals, terms: Terms, rank: int, work: Any) -> None:
 
 
 @kernel
-def project(eqs: Equations, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
+def project(eqs: Equations, t: float, q: Reals, v: Reals, rank: int, work: Workspace) -> int:
     """Project (q, v) onto the constraints, in place; leave ``terms`` and the factors of J at the result."""
     if not project_position(eqs, t, q, rank, work):
         return NOT_CLOSED
@@ -174,7 +174,7 @@ def project(eqs: Equations, t: float, q: Any, v: Any, rank: int, work: Any) -> i
 
 @kernel
 def project_with_frozen_jacobian(
-    eqs: Equations, t: float, q: Reals, v: Any, near: Any, rank: int, slight: float, work: Workspace
+    eqs: Equations, t: float, q: Reals, v: Reals, near: Any, rank: int, slight: float, work: Workspace
 ) -> int:
     """As :func:`project`, with ``terms`` and the factors of J at the prediction ``near`` (simplified Newton).
 
@@ -215,7 +215,7 @@ def project_with_frozen_jacobian(
 
 
 @kernel
-def fill_tangent_basis(rank: int, work: Any) -> None:
+def fill_tangent_basis(rank: int, work: Workspace) -> None:
     """Fill the rows of ``work.T`` with a basis of the motions the factored constraints allow: the columns of P."""
     n = work.T.shape[1]
     for k in range(n - rank):
@@ -252,7 +252,7 @@ def add_tangent_acceleration(terms: Terms, freedom: int, work: Workspace, a: Rea
 
 
 @kernel
-def evaluate_regular_acceleration(terms: Terms, rank: int, work: Any, a: Reals) -> int:
+def evaluate_regular_acceleration(terms: Terms, rank: int, work: Workspace, a: Reals) -> int:
     """v' away from singular configurations, from ``terms`` and the factors of their J."""
     m, n = terms.J.shape
     for i in range(m):
@@ -270,7 +270,7 @@ def evaluate_regular_acceleration(terms: Terms, rank: int, work: Any, a: Reals) 
 
 
 @kernel
-def evaluate_acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Workspace, a: Any) -> int:
+def evaluate_acceleration(eqs: Equations, t: float, q: Reals, v: Reals, rank: int, work: Workspace, a: Reals) -> int:
     """v' anywhere; ``terms`` and the factors of J belong to (t, q, v) and do so again afterwards."""
     for i in range(v.shape[0]):
         if not np.isfinite(eqs.terms.h[i]):
@@ -287,7 +287,7 @@ def evaluate_acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: W
 
 
 @inlined
-def retract_along(eqs: Any, q: Reals, v: Reals, along: float, work: Workspace) -> None:
+def retract_along(eqs: Equations, q: Reals, v: Reals, along: float, work: Workspace) -> None:
     """work.q_near = the position a time ``along`` of the loops' part of v from q."""
     for i in range(q.shape[0]):
         work.q_near[i] = q[i]
@@ -297,7 +297,7 @@ def retract_along(eqs: Any, q: Reals, v: Reals, along: float, work: Workspace) -
 
 
 @kernel
-def arclength_to_bifurcation(eqs: Any, q: Any, v: Any, work: Workspace) -> float:
+def arclength_to_bifurcation(eqs: Equations, q: Reals, v: Reals, work: Workspace) -> float:
     """Signed distance along v from q to where the crossing lies nearest."""
     speed = loop_speed(v, work)
     retract_along(eqs, q, v, -LIMIT_NODE_DISTANCE / speed, work)
@@ -309,7 +309,7 @@ def arclength_to_bifurcation(eqs: Any, q: Any, v: Any, work: Workspace) -> float
 
 @kernel
 def project_neighbor(
-    eqs: Equations, t: float, q: Any, v: Reals, along: float, timed: bool, rank: int, work: Workspace
+    eqs: Equations, t: float, q: Reals, v: Reals, along: float, timed: bool, rank: int, work: Workspace
 ) -> bool:
     """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, with its terms and factors.
     Where constraints are ``timed`` they are those of the time when the motion gets there, inertia and loads those of t.
@@ -345,7 +345,7 @@ def freeze_loads(eqs: Equations, t: float, work: Workspace) -> None:
 
 @kernel
 def limit_at_bifurcation(
-    eqs: Any, t: float, q: Any, v: Any, velocity: bool, rank: int, work: Workspace, out: Reals
+    eqs: Equations, t: float, q: Reals, v: Reals, velocity: bool, rank: int, work: Workspace, out: Reals
 ) -> int:
     """``out`` = v', or v on the branch, near a crossing, from both sides of it (module docstring)."""
     for i in range(v.shape[0]):
@@ -378,7 +378,7 @@ def lagrange_polynomial(node: int, x: float) -> float:
 
 
 @kernel
-def evaluate_multipliers(terms: Terms, rank: int, work: Any, a: Reals, lam: Reals) -> None:
+def evaluate_multipliers(terms: Terms, rank: int, work: Workspace, a: Reals, lam: Reals) -> None:
     """Shortest lambda, in units of the rows, with J^T lambda = -(M a + h) in the directions of ``rank`` pivot rows, as
     far as they are resolved; ``terms`` and factors belong together.
 
@@ -401,7 +401,7 @@ def evaluate_multipliers(terms: Terms, rank: int, work: Any, a: Reals, lam: Real
 
 
 @kernel
-def solve_transposed_shortest(m: int, n: int, rank: int, work: Any, y: Any) -> None:
+def solve_transposed_shortest(m: int, n: int, rank: int, work: Workspace, y: Reals) -> None:
     """Shortest y (m,) with J~^T y = work.f, where rows depend on each other: L^T y = Q^T f by factors of L^T."""
     apply_Qt(work.A, work.tau, rank, n, work.f)
     factor_transposed(m, rank, work)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from .workspace import factor, scaled_norm
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
     from solvers.projection.workspace import Workspace
+    from solvers.system import Equations
 
 REDUNDANT_PIVOT_RATIO = 1e-6  # ratio that separates a redundant constraint from a nearby singular configuration
 ZERO_ENTRY_RATIO = 1e-12  # part of a row that is no more than that
@@ -28,7 +29,7 @@ ROW_UNIT_SAMPLES = 5  # positions that the units of the rows are taken from
 
 
 @kernel
-def find_normal_rank(eqs: Any, t: float, q: Any, v: Reals, work: Workspace) -> int:
+def find_normal_rank(eqs: Equations, t: float, q: Reals, v: Reals, work: Workspace) -> int:
     """Largest rank of J at q and at neighbors a finite move away, along v and along every allowed motion.
 
     A start in a singular configuration has a smaller rank than the motion that leaves it; constraints that are
@@ -53,7 +54,7 @@ def find_normal_rank(eqs: Any, t: float, q: Any, v: Reals, work: Workspace) -> i
 
 
 @kernel
-def set_row_units(eqs: Any, t: float, q: Reals, work: Any) -> None:
+def set_row_units(eqs: Equations, t: float, q: Reals, work: Workspace) -> None:
     """Set the unit of every row to its largest length at q and at a few positions far from q, closed or not: if it is
     short at q, q may be singular. Record which coordinates occur in constraints (``in_loops``).
     """
@@ -83,7 +84,7 @@ def set_row_units(eqs: Any, t: float, q: Reals, work: Any) -> None:
 
 
 @kernel
-def rank_at_neighbor(eqs: Any, t: float, q: Reals, e: Reals, work: Workspace) -> int:
+def rank_at_neighbor(eqs: Equations, t: float, q: Reals, e: Reals, work: Workspace) -> int:
     """Rank of J after a small projected move from q along e; zero if the projection fails."""
     m, n = eqs.terms.J.shape
     size = scaled_norm(e, work)

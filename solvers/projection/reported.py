@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @kernel
-def project_reported_state(eqs: Any, t: float, q: Any, v: Reals, rank: int, work: Workspace) -> int:
+def project_reported_state(eqs: Equations, t: float, q: Reals, v: Reals, rank: int, work: Workspace) -> int:
     """As :func:`project`; at a crossing what lies across the branch is removed too: of the position as far as it is
     resolved, of the velocity by the same limit.
 
@@ -60,7 +60,9 @@ def has_unresolved_forces(rtol: float, rank: int, work: Workspace) -> bool:
 
 
 @kernel
-def evaluate_state(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, lam: Any) -> int:
+def evaluate_state(
+    eqs: Equations, t: float, q: Reals, v: Reals, rank: int, work: Workspace, a: Reals, lam: Reals
+) -> int:
     """Accelerations and shortest multipliers at a closed state; leaves ``terms`` there."""
     evaluate_and_factor(eqs, t, q, v, work)
     code = evaluate_acceleration(eqs, t, q, v, rank, work, a)
@@ -71,7 +73,16 @@ def evaluate_state(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: 
 
 @inlined
 def fill_reported_state(
-    eqs: Equations, t: float, q: Any, v: Any, rtol: float, control: Any, work: Workspace, a: Any, lam: Any, outputs: Any
+    eqs: Equations,
+    t: float,
+    q: Reals,
+    v: Reals,
+    rtol: float,
+    control: Any,
+    work: Workspace,
+    a: Reals,
+    lam: Reals,
+    outputs: Reals,
 ) -> int:
     """Accelerations, multipliers and outputs of the system at the last projected state, whose factors exist.
 

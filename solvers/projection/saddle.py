@@ -254,20 +254,23 @@ def solve_gmres(operator: Callable[[Array], Array], b: Array) -> Array:
 
 
 def project(system: TreeSystem, t: float, q: Array, v: Array) -> Code:
-    """Project (q, v) onto the constraints, in place: least change of the coordinates (Gauss-Newton, then J v = nu)."""
+    """Project (q, v) onto the constraints, in place: least change of the coordinates in units of their sizes
+    (Gauss-Newton, then J v = nu).
+    """
     if system.m == 0:
         return Code.OK
-    terms = system.allocate_terms()
+    terms, size = system.allocate_terms(), system.size
     for _ in range(MAX_PROJECTION_CORRECTIONS):
         system.fill_position(t, q, terms)
         off = float(np.abs(terms.Phi / system.row_size).max())
         if not np.isfinite(off):
             return Code.NOT_FINITE
         with one_thread():
-            scale = np.sqrt(inverse_squares(np.einsum("ij,ij->i", terms.J, terms.J)))
-            inverse = scale[:, None] * pseudo_inverse(scale[:, None] * (terms.J @ terms.J.T) * scale) * scale
+            J = terms.J * size
+            scale = np.sqrt(inverse_squares(np.einsum("ij,ij->i", J, J)))
+            inverse = scale[:, None] * pseudo_inverse(scale[:, None] * (J @ J.T) * scale) * scale
             if off < CONSTRAINT_TOLERANCE:
-                v -= (inverse @ (terms.J @ v - terms.nu)) @ terms.J
+                v -= size * ((inverse @ (terms.J @ v - terms.nu)) @ J)
                 return Code.OK
-            system.apply(q, -(inverse @ terms.Phi) @ terms.J)
+            system.apply(q, -size * ((inverse @ terms.Phi) @ J))
     return Code.NOT_CLOSED

@@ -19,7 +19,7 @@ too. Whether a step stays on its branch is decided in :mod:`.branch`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from .workspace import distance, factor, scaled_norm
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
     from solvers.projection.workspace import BranchHistoryRecord, Workspace
+    from solvers.system import Equations, Terms
 
 NO_CRITICAL_POINT, BIFURCATION, IMPERFECT = 0, 1, 2
 
@@ -55,7 +56,7 @@ IMPERFECT_STEP_FRACTION = 0.3  # of the way to a near miss that one step may go
 
 
 @kernel
-def classify_singularity(eqs: Any, t: float, q: Any, rank: int, work: Workspace) -> int:
+def classify_singularity(eqs: Equations, t: float, q: Reals, rank: int, work: Workspace) -> int:
     """Classify the singular configuration near q: NO_CRITICAL_POINT, BIFURCATION or IMPERFECT.
 
     ``terms`` (of positions) and factors belong to (t, q) before and after the call.
@@ -81,7 +82,7 @@ def classify_singularity(eqs: Any, t: float, q: Any, rank: int, work: Workspace)
 
 
 @kernel
-def search_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Workspace) -> int:
+def search_critical_point(eqs: Equations, t: float, q: Reals, rank: int, work: Workspace) -> int:
     """Search the critical point next to q, first one of several rows if several pivots are small."""
     critical, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
     begun = start_block_search(eqs, t, q, rank, work) if rank > 2 else 0
@@ -111,7 +112,7 @@ def search_critical_point(eqs: Any, t: float, q: Any, rank: int, work: Workspace
 
 
 @kernel
-def search_block_critical_point(eqs: Any, t: float, q: Any, begun: int, rank: int, work: Workspace) -> int:
+def search_block_critical_point(eqs: Equations, t: float, q: Reals, begun: int, rank: int, work: Workspace) -> int:
     """The same for a point of several rows, all but ``begun`` if that is not zero; also NONE if motions of more degrees
     of freedom pass near it.
     """
@@ -135,7 +136,7 @@ def search_block_critical_point(eqs: Any, t: float, q: Any, begun: int, rank: in
 
 
 @kernel
-def distance_to_critical_point(t: float, q: Any, work: Workspace, terms: Any) -> float:
+def distance_to_critical_point(t: float, q: Reals, work: Workspace, terms: Terms) -> float:
     """Distance to the critical point, in units of size; includes time if constraints depend on it."""
     far = distance(q, work.q_c, work)
     if is_rheonomic(terms):
@@ -144,14 +145,14 @@ def distance_to_critical_point(t: float, q: Any, work: Workspace, terms: Any) ->
 
 
 @inlined
-def critical_point_explains_pivot(t: float, q: Any, rank: int, work: Workspace, terms: Any) -> bool:
+def critical_point_explains_pivot(t: float, q: Reals, rank: int, work: Workspace, terms: Terms) -> bool:
     """Whether the critical point is the one that makes the smallest pivot here so small."""
     far = distance_to_critical_point(t, q, work, terms)
     return work.critical[0].slope * far <= MAX_DISTANCE_RATIO * pivot_ratio(work.pivot, rank)
 
 
 @kernel
-def record_accepted(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work: Workspace) -> None:
+def record_accepted(eqs: Equations, t: float, q: Reals, taken: float, next_: float, rank: int, work: Workspace) -> None:
     """Record the last accepted position (t, q), with its ``terms`` and factors, and the nearest singular configuration.
 
     It is searched if the smallest pivot would be zero within a few steps; ``taken`` and ``next_`` are the last
@@ -171,7 +172,7 @@ def record_accepted(eqs: Any, t: float, q: Any, taken: float, next_: float, rank
 
 
 @kernel
-def store_reference_frame(q: Reals, terms: Any, work: Workspace) -> None:
+def store_reference_frame(q: Reals, terms: Terms, work: Workspace) -> None:
     """Store q, with its ``terms`` and factors, as the position with which later ones are compared."""
     work.branch_history[0].is_frame_known = 1
     for i in range(q.shape[0]):
@@ -186,7 +187,7 @@ def store_reference_frame(q: Reals, terms: Any, work: Workspace) -> None:
 
 
 @inlined
-def is_frame_determined(q: Any, kind: int, rank: int, terms: Any, work: Workspace) -> bool:
+def is_frame_determined(q: Reals, kind: int, rank: int, terms: Terms, work: Workspace) -> bool:
     """Whether the axes are determined in q, where J~ is nearly singular: next to a near miss, far from a crossing of
     several equations, or if all equations but one, whose sign :mod:`.branch` has compared, have kept their rank
     since the last position of which this is known.
@@ -224,7 +225,7 @@ def extrapolate_to_zero(before: float, now: float, taken: float) -> float:
 
 
 @kernel
-def branch_step_limit(t: float, q: Any, v: Any, taken: float, terms: Any, work: Workspace) -> float:
+def branch_step_limit(t: float, q: Reals, v: Reals, taken: float, terms: Terms, work: Workspace) -> float:
     """Longest step, s, after one of length ``taken``.
 
     A step must not jump over a near miss. It must jump over a crossing, from half a step before it to half a step after

@@ -142,7 +142,7 @@ class Workspace(NamedTuple):
 
 
 @kernel
-def factor(terms: Terms, work: Any) -> None:
+def factor(terms: Terms, work: Workspace) -> None:
     """Factor the Jacobian held by ``terms``, in units of rows and coordinates."""
     m, n = terms.J.shape
     for i in range(m):
@@ -154,7 +154,7 @@ def factor(terms: Terms, work: Any) -> None:
 
 
 @inlined
-def factor_transposed(m: int, rank: int, work: Any) -> None:
+def factor_transposed(m: int, rank: int, work: Workspace) -> None:
     """Factor L^T (rank, m), its columns in the order of the constraints, from the factors of J~."""
     for k in range(rank):
         for i in range(m):
@@ -163,14 +163,14 @@ def factor_transposed(m: int, rank: int, work: Any) -> None:
 
 
 @kernel
-def evaluate_and_factor(eqs: Equations, t: float, q: Any, v: Any, work: Any) -> None:
+def evaluate_and_factor(eqs: Equations, t: float, q: Reals, v: Reals, work: Workspace) -> None:
     """Fill ``terms`` at (t, q, v) and factor their J."""
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
     factor(eqs.terms, work)
 
 
 @inlined
-def scaled_norm(x: Reals, work: Any) -> float:
+def scaled_norm(x: Reals, work: Workspace) -> float:
     """|x|, x (n,) a change of the coordinates in units of their size."""
     square = 0.0
     for i in range(x.shape[0]):
@@ -179,7 +179,7 @@ def scaled_norm(x: Reals, work: Any) -> float:
 
 
 @inlined
-def loop_speed(v: Reals, work: Any) -> float:
+def loop_speed(v: Reals, work: Workspace) -> float:
     """|v| of the coordinates that occur in constraints, in units of their size a second."""
     square = 0.0
     for i in range(v.shape[0]):

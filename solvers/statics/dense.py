@@ -53,7 +53,7 @@ NULL_SINGULAR_RATIO = 1e-10  # singular value of K relative to the largest, belo
 INDEPENDENT_PIVOT_RATIO = 1e-8  # relative pivot of an independent constraint
 
 
-class Scratch(NamedTuple):
+class NewtonScratch(NamedTuple):
     """Allocated once. N = n + rank unknowns."""
 
     size: Array  # (n,) units of the coordinates
@@ -82,11 +82,11 @@ class Scratch(NamedTuple):
     W: Array  # (rank, rank)
 
     @staticmethod
-    def allocate(nq: int, size: Array, row: Array) -> Scratch:
+    def allocate(nq: int, size: Array, row: Array) -> NewtonScratch:
         """Return zeroed scratch for this number of positions and these units of coordinates and constraints."""
         n, rank, z = len(size), len(row), np.zeros
         N = n + rank
-        return Scratch(
+        return NewtonScratch(
             size, row, np.ones(1), z(nq, complex), z(n, complex), z(n, complex), z(nq), z(rank), z(n), z(n), z(N),
             z((N, N)), z(N), z(N), z((N, N)), z(N, np.int64), z(N, np.int64), z(1, np.int64), z((rank, n)),
             z((n, rank)), z(rank, np.int64), z((n, n)), z(rank), z((rank, rank)),
@@ -151,7 +151,7 @@ def solve_correction(scratch: Any, z: Any) -> float:
 
 
 @kernel
-def is_balanced(lam: Reals, scale: float, scratch: Scratch) -> bool:
+def is_balanced(lam: Reals, scale: float, scratch: NewtonScratch) -> bool:
     """Whether s.f is small against what s.K and the multipliers do in each row; where they do nothing, zero."""
     n, N = scratch.v.shape[0], scratch.f.shape[0]
     for i in range(N):
@@ -167,7 +167,7 @@ def is_balanced(lam: Reals, scale: float, scratch: Scratch) -> bool:
 
 
 @kernel
-def max_stiffness(scratch: Scratch) -> float:
+def max_stiffness(scratch: NewtonScratch) -> float:
     """Largest entry of the force rows of K, or 1."""
     n, largest = scratch.v.shape[0], 0.0
     for i in range(n):
@@ -177,7 +177,7 @@ def max_stiffness(scratch: Scratch) -> float:
 
 
 @kernel
-def apply_correction(eqs: Any, q: Reals, lam: Reals, damping: float, scale: float, scratch: Any) -> None:
+def apply_correction(eqs: Equations, q: Reals, lam: Reals, damping: float, scale: float, scratch: Any) -> None:
     """s.q_try, s.lam_try, s.moved_try = (q, lam) and s.moved, changed by ``damping`` times the correction s.z."""
     n = scratch.v.shape[0]
     for i in range(q.shape[0]):
@@ -193,7 +193,7 @@ def apply_correction(eqs: Any, q: Reals, lam: Reals, damping: float, scale: floa
 
 
 @kernel
-def accept_trial(q: Reals, lam: Reals, scratch: Scratch) -> None:
+def accept_trial(q: Reals, lam: Reals, scratch: NewtonScratch) -> None:
     """Accept the trial state."""
     for i in range(q.shape[0]):
         q[i] = scratch.q_try[i]
@@ -219,7 +219,7 @@ def factor_jacobian(scratch: Any) -> bool:
 
 
 @kernel
-def evaluate(eqs: Equations, t: float, q: Any, v: Any) -> None:
+def evaluate(eqs: Equations, t: float, q: Reals, v: Reals) -> None:
     """The terms at (t, q, v), called from Python."""
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
 
@@ -245,7 +245,15 @@ def find_constraint_forces(rows: Any, terms: Terms, scratch: Any, lam: Reals) ->
 
 @kernel
 def newton(
-    eqs: Equations, t: float, q: Any, lam: Any, rows: Any, c2: float, mass: float, scratch: Scratch, report: Any
+    eqs: Equations,
+    t: float,
+    q: Reals,
+    lam: Reals,
+    rows: Any,
+    c2: float,
+    mass: float,
+    scratch: NewtonScratch,
+    report: Any,
 ) -> int:
     """Solve f = 0 from (q, lam), in place, or a pseudo-transient step; report: Jacobians factored."""
     n = scratch.v.shape[0]
@@ -306,7 +314,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         self._terms = system.allocate_terms(complex)
         self._eqs = Equations.of(system, self._terms)
         self.rows = self._independent_rows(t, q)
-        scratch = Scratch.allocate(system.nq, system.size, system.row_size[self.rows])
+        scratch = NewtonScratch.allocate(system.nq, system.size, system.row_size[self.rows])
         scratch.v[:] = v
         scaled = self._terms.J.real[self.rows] * system.size / scratch.row[:, np.newaxis]
         scratch.largest[:] = np.linalg.norm(scaled, 2) if scaled.size else 1.0

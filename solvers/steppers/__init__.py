@@ -13,6 +13,7 @@ from solvers.system import MAX_SOLVER_DENSE_COORDINATES, AnySystem, Array, TreeS
 from .adams.dense import AdamsLUStepper, AdamsStepper, HybridStepper
 from .adams.tree import TreeAdamsStepper
 from .esdirk.tree import TreeESDIRKStepper
+from .fingerprint import fingerprint_of_class
 from .plugins import create_plugin, give_solver, load_plugin, plugin_names
 from .radau.dense import RadauStepper
 
@@ -79,6 +80,11 @@ def solver_names() -> tuple[str, ...]:
 def is_solver(name: str) -> bool:
     """Whether there is a solver of this name, be it from outside this package."""
     return name in SOLVER_NAMES or name in plugin_names(RESERVED_NAMES)
+
+
+def fingerprint_of_solver(name: str) -> str:
+    """Return what distinguishes a solver from outside this package from others of its name; empty for other names."""
+    return "" if name in RESERVED_NAMES else fingerprint_of_class(load_plugin(name))
 
 
 def solver_name(solver: Any) -> Any:

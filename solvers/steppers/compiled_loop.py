@@ -88,7 +88,7 @@ class LoopStepper(Stepper):
     def _compose(self, formulation: Formulation, method: CompiledMethod) -> None:
         """Put the two together; the caller sets up the loop and restarts."""
         self.formulation, self.method = formulation, method
-        self._control, self._settings = method.control, method.settings
+        self._control, self._settings, self._max_step = method.control, method.settings, method.settings["max_step"]
         self.starts_singular, self.status = formulation.starts_singular, self._status(formulation.status)
         n = self.system.n
         self._scales = EnergyScales.of(self.options.rtol, np.zeros(n), np.zeros(n))  # set with the loop
@@ -128,8 +128,9 @@ class LoopStepper(Stepper):
         return self._t, self._q, self._v, float(self._energy_account[WORK])
 
     def limit_step(self, longest: float) -> None:
-        """As :meth:`solvers.stepper.Stepper.limit_step`."""
-        self.method.limit_step(*self._reported(), longest)
+        """As :meth:`solvers.stepper.Stepper.limit_step`; a limit that is in force already is not set again."""
+        if longest != self._max_step[0]:
+            self.method.limit_step(*self._reported(), longest)
 
     def restart(self) -> None:
         """Restart at the reported state, without its history."""
@@ -174,8 +175,7 @@ class LoopStepper(Stepper):
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        seen, limit = self._scales.bound_results, self._settings["max_step"]
-        own = self.clock, self._q, self._v, self._energy_account, seen, limit
+        own = self.clock, self._q, self._v, self._energy_account, self._scales.bound_results, self._max_step
         return [*self.method.memory, *own, *self.formulation.memory()]
 
     @property

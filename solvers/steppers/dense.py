@@ -48,7 +48,7 @@ RANK_LOSS_RATIO = 1e-9  # singular value of J~, relative to the largest, below w
 
 
 @kernel
-def classify_nearest_singularity(eqs: Equations, t: float, q: Any, rank: int, work: Any) -> int:
+def classify_nearest_singularity(eqs: Equations, t: float, q: Reals, rank: int, work: Workspace) -> int:
     """Class of the singular configuration next to q; see :func:`solvers.projection.singular.classify_singularity`."""
     eqs.position(t, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
@@ -57,7 +57,15 @@ def classify_nearest_singularity(eqs: Equations, t: float, q: Any, rank: int, wo
 
 @kernel
 def estimate_rates(
-    eqs: Any, t: float, q: Any, v: Reals, rank: int, known: float, loop_rate: float, duration: float, work: Any
+    eqs: Equations,
+    t: float,
+    q: Reals,
+    v: Reals,
+    rank: int,
+    known: float,
+    loop_rate: float,
+    duration: float,
+    work: Workspace,
 ) -> None:
     """Note the rate of the motion (1/s, see :func:`solvers.stepper.start_rate`), and of every coordinate's own part
     in it: a stiff spring at one of them is not to make the others' tolerances coarse.
@@ -75,7 +83,9 @@ def estimate_rates(
 
 
 @kernel
-def evaluate_stage(eqs: Equations, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, lam: Any) -> int:
+def evaluate_stage(
+    eqs: Equations, t: float, q: Reals, v: Reals, rank: int, work: Workspace, a: Reals, lam: Reals
+) -> int:
     """Accelerations and shortest multipliers at a state that need not be closed; leaves ``terms`` there.
 
     Near a crossing it is closed first: v' of a state off the constraints is wrong by the inverse square of its pivot.
@@ -93,7 +103,7 @@ def evaluate_stage(eqs: Equations, t: float, q: Any, v: Any, rank: int, work: An
 
 @kernel
 def record_dense_energy(
-    eqs: Equations, t: float, v: Any, accounts: Any, scales: Any, is_scheduled: bool, work: Any
+    eqs: Equations, t: float, v: Reals, accounts: Any, scales: EnergyScales, is_scheduled: bool, work: Workspace
 ) -> None:
     """Update rate growth, and if ``is_scheduled`` the energy bound, at the state evaluated last."""
     update_growth(t, eqs.terms.M, v, work)
@@ -103,7 +113,7 @@ def record_dense_energy(
 
 @kernel
 def record_dense_step(
-    eqs: Equations, t: float, q: Any, v: Any, taken: float, following: float, rank: int, work: Workspace
+    eqs: Equations, t: float, q: Reals, v: Reals, taken: float, following: float, rank: int, work: Workspace
 ) -> float:
     """Record an accepted position, evaluated last, after a step of ``taken`` (s; 0: the first one); return the longest
     next step, s.
@@ -115,7 +125,7 @@ def record_dense_step(
 
 
 @kernel
-def growth_factor(rtol: float, exponent: float, work: Any) -> float:
+def growth_factor(rtol: float, exponent: float, work: Workspace) -> float:
     """:func:`solvers.inertia.tolerance_factor` for Python."""
     return tolerance_factor(rtol, exponent, work)
 

@@ -32,7 +32,7 @@ from solvers.energy_account import (
 )
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
-from solvers.stepper import is_discontinuity, min_step_length, start_rate
+from solvers.stepper import start_rate
 from solvers.system import AnySystem, Array
 
 from .formulation import formulate, record_work
@@ -41,8 +41,8 @@ from .step_control import (
     FIRST_STEP_RATIO,
     MIN_RECORDED_ERROR,
     MIN_STEP_CHANGE,
-    MIN_STEP_RATIO,
     end_of_step,
+    retry_step,
     step_factor,
     truncated_step,
 )
@@ -170,32 +170,32 @@ class OneStepSolver(PythonLoopStepper):
 
     def _take_step(self, target: float) -> Code:
         """Attempt steps, shorter after each rejection, until one is accepted; or return why the last was rejected."""
-        control, options, is_min_step = self._control, self.options, False
+        control, options, is_forced = self._control, self.options, False
         t, y = float(control["t"]), np.concatenate((self._q, self._v, [float(control["work"])]))
         scale = self.formulation.tolerance_scale(options.rtol, 1.0)
         tolerances = scale * (options.rtol * np.abs(y[:-1]) + self._absolute_tolerances)
         while True:
             control["h"] = min(control["h"], self._max_step)
-            h = truncated_step(t, float(control["h"]), target)
+            attempted = h = truncated_step(t, float(control["h"]), target)
             after = end_of_step(t, h, target)
             code, end, errors = self._attempt(t, y, h, after)
             error = float(np.linalg.norm(errors[:-1] / tolerances)) if code is Code.OK else np.inf
-            if code is Code.OK and (error <= 1.0 or is_min_step):
+            if code is Code.OK and (error <= 1.0 or is_forced):
                 self._accept(after, h, y, end, error, float(errors[-1]))
                 return Code.OK
             control["rejected"] += 1
             control["corner_rejections"] += code is Code.OK
             control["h"] = h * (self._step_factor(h, error) if np.isfinite(error) else MIN_STEP_CHANGE)
-            smallest = min_step_length(MIN_STEP_RATIO, self.formulation.rate, self._max_step, t)
-            if not control["h"] > smallest:
+            may_force = code is Code.OK and not is_forced
+            h, forces = retry_step(float(control["h"]), self.formulation.rate, self._max_step, t, may_force)
+            if h == 0.0:
                 if not self._is_finite:
                     raise ArithmeticError(
                         f"step() of {type(self).__name__} returned a value that is not finite, with all step sizes "
-                        f"down to {h:.3g} s"
+                        f"down to {attempted:.3g} s"
                     )
-                if is_min_step or code is not Code.OK or not is_discontinuity(self._max_step, t):
-                    return Code.COLLAPSED if code is Code.OK else code
-                control["h"], is_min_step = smallest, True
+                return Code.COLLAPSED if code is Code.OK else code
+            control["h"], is_forced = h, is_forced or forces
 
     def _attempt(self, t: float, y: Array, h: float, after: float) -> tuple[Code, Array, Array]:
         """Return code, y at the end of a step of h, and its error; the state there is projected and evaluated."""

@@ -10,14 +10,12 @@ from __future__ import annotations
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
 from solvers.diagnostics import Diagnostic
-from solvers.outcome import SolverError
+from solvers.outcome import UserSolverError
 from solvers.stepper import Stepper
 from solvers.system import AnySystem
 
@@ -128,31 +126,31 @@ def load_plugin(name: str) -> type[Stepper]:
     return found
 
 
-@contextmanager
-def errors_named(name: str, reached: Callable[[], float], passing: type[Exception] = SolverError) -> Iterator[None]:
-    """Raise ValueError with the name of the solver for an exception in its own code, but for those that are
-    ``passing``; ``reached`` returns the time of the last good state, s.
+class ContractError(ValueError):
+    """A solver from outside has returned, or reported as its state, what is not allowed."""
+
+
+def name_error(name: str, reached: float, error: Exception) -> UserSolverError:
+    """Return an error with the name of the solver, for an exception in its own code, which is its ``__cause__``;
+    ``reached`` is the time of the last good state, s.
     """
-    try:
-        yield
-    except passing:
-        raise
-    except Exception as error:
-        raise ValueError(
-            Diagnostic.parse(
-                f"solver {name!r} ({describe_origin(name)}) fails after t = {reached():.9g} s with "
-                f"{describe_exception(error)}; correct the solver, or use another one",
-                "error",
-                "broken-solver",
-            )
-        ) from error
+    found = str(error) if isinstance(error, ContractError) else describe_exception(error)
+    text = f"solver {name!r} ({describe_origin(name)}) fails after t = {reached:.9g} s with {found}"
+    remedy = "Correct the solver, or use another one"
+    named = UserSolverError(Diagnostic.error("broken-solver", text, remedy, subject=name, time=reached))
+    named.__cause__ = error
+    return named
 
 
 def create_plugin(name: str, system: AnySystem, t0: float, *arguments: Any) -> Stepper:
     """Return a solver from outside at a state; ValueError if it cannot be loaded or created."""
     cls = load_plugin(name)
-    with errors_named(name, lambda: t0, passing=ValueError):
+    try:
         return cls(system, t0, *arguments)
+    except ValueError:
+        raise
+    except Exception as error:
+        raise name_error(name, t0, error) from error
 
 
 def describe_origin(name: str) -> str:

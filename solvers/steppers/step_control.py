@@ -7,10 +7,14 @@ the error 1 is h e^(-1 / (p + 1)). From the last two steps follows how C changes
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import inlined
 from solvers.projection.singular import IMPERFECT
+from solvers.stepper import is_discontinuity, min_step_length
+
+if TYPE_CHECKING:
+    from solvers.projection.workspace import Workspace
 
 FIRST_STEP_RATIO = 0.1  # first step, in units of one over the rate of the motion
 MIN_STEP_RATIO = 1e-11  # see solvers.stepper.min_step_length
@@ -57,7 +61,24 @@ def end_of_step(t: float, h: float, target: float) -> float:
 
 
 @inlined
-def set_near_miss_factor(control: Any, rtol: float, work: Any) -> None:
+def retry_step(h: float, rate: float, max_step: float, t: float, may_force: bool) -> tuple[float, bool]:
+    """Step to attempt at time t after a rejected one, s, and whether it is accepted with any error; 0 s: none is left.
+
+    ``h`` is the step that follows from the rejection. If it is too short for the ``rate`` of the motion (1/s) and the
+    longest step ``max_step`` (s), only a known jump of a signal allows another attempt, with the shortest step. There
+    the error cannot be made smaller, so it is accepted: ``may_force`` is whether the error is the only reason of the
+    rejection, and no such step has been tried.
+    """
+    shortest = min_step_length(MIN_STEP_RATIO, rate, max_step, t)
+    if h > shortest:
+        return h, False
+    if may_force and is_discontinuity(max_step, t):
+        return shortest, True
+    return 0.0, False
+
+
+@inlined
+def set_near_miss_factor(control: Any, rtol: float, work: Workspace) -> None:
     """Factor of the tolerances in ``control``: near a near miss rounding limits the accuracy, and a smaller tolerance
     only makes steps smaller.
     """

@@ -12,11 +12,32 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
+from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, f8, i8
 from solvers.compiled.template import require_hooks, specialize
 from solvers.outcome import MAX_STEPS, OK
 from solvers.system import Array
 
 LOOP_HOOKS = ("prepare", "take_step", "end_step", "report")
+
+
+class StepSettingsRecord(Record):
+    """Options of every method; the record of a method adds its own."""
+
+    rtol: f8  # of a step
+    atol: f8  # in units of the coordinates
+    max_step: f8  # s
+    max_steps: i8  # in one call
+    energy_check: i8  # 1: record energy and work
+    works: i8  # 1: some force does work
+
+
+@kernel
+def set_step_options(options: Any, settings_array: Any) -> None:
+    """Set the options of a run (``solvers.options.OPTIONS``) in a record with the fields of StepSettingsRecord."""
+    requested, settings = options[0], settings_array[0]
+    settings.rtol, settings.atol, settings.energy_check = requested.rtol, requested.absolute, requested.energy_check
+    settings.max_step, settings.max_steps = requested.max_step, requested.max_steps
 
 
 class Loop(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from solvers.stepper import require_resolution
 from solvers.system import Array, TreeSystem, energy_callbacks
 
 from .formulation import Formulation
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
 
 # Absolute tolerance of a rate to that of its coordinate, in units of the motion's rate. A tighter one than IDA's costs
 # nothing if stability limits the step, and a looser one lets the fastest modes grow.
@@ -74,7 +77,9 @@ class Scratch(NamedTuple):
 
 
 @kernel
-def compute_tree_power(eqs: TreeEquations, t: float, q: Any, v: Any, a: Any, lam: Any, scratch: Scratch) -> float:
+def compute_tree_power(
+    eqs: TreeEquations, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, scratch: Scratch
+) -> float:
     """W' at a state with accelerations a (n,) and multipliers lam (m,), W; this costs an inverse dynamics."""
     eqs.inverse(t, q, v, a, lam, eqs.data, scratch.qdot, scratch.a)
     return eqs.power(t, q, v, a, lam, eqs.data)
@@ -82,7 +87,14 @@ def compute_tree_power(eqs: TreeEquations, t: float, q: Any, v: Any, a: Any, lam
 
 @kernel
 def record_tree_energy(
-    eqs: TreeEquations, t: float, q: Any, v: Any, accounts: Any, scales: Any, is_scheduled: bool, scratch: Scratch
+    eqs: TreeEquations,
+    t: float,
+    q: Reals,
+    v: Reals,
+    accounts: Any,
+    scales: EnergyScales,
+    is_scheduled: bool,
+    scratch: Scratch,
 ) -> None:
     """Update the rate growth if it is watched, and if ``is_scheduled`` the energy bound, at (t, q, v)."""
     is_watched = scratch.inertia[0].watched == 1

@@ -14,7 +14,7 @@ from mbfmu.ensemble.records import Records, read_table, storable
 from mbfmu.ensemble.variation import toleranced
 from mbfmu.ensemble.worker import STATUS_FAILED, Outcome
 from mbfmu.modeling.scene import load_scene
-from mbfmu.studies.recommendation import read_target
+from mbfmu.studies.error_target import read_target
 from mbfmu.util.errors import UserError
 
 ODD = {

@@ -356,3 +356,15 @@ def test_an_element_is_a_load() -> None:
 def test_the_ratio_is_one_at_the_accurate_limit_and_two_at_the_valid_limit(value: float, ratio: float) -> None:
     compiled = CompiledMechanism(bob(0.0))
     assert compiled.limit_ratio(0.0, np.array([value])) == pytest.approx(ratio, abs=1e-12)
+
+
+def test_recorded_points_leave_the_session_as_points_that_a_run_stops_at() -> None:
+    times = np.linspace(0.0, 0.3, 16)[1:]
+    recorded, stopped = (mb.Simulation(bob(0.3), mb.Settings(solver="radau")) for _ in range(2))
+    assert recorded.record(times, np.zeros((len(times), len(recorded.variables)))) == len(times)
+    for t in times:
+        assert stopped.advance(float(t)).ok
+        stopped.outputs()
+    assert recorded.session.status["limit_ratio"][0] > 0.0
+    for one, other in zip(recorded.session.memory(), stopped.session.memory(), strict=True):
+        assert one.tobytes() == other.tobytes()

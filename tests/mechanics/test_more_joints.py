@@ -38,7 +38,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.util.errors import AssemblyError, UserError
-from mbfmu.viewer.picture import draw
+from mbfmu.viewer.drawing import draw
 from solvers import Options, stepper
 
 AXES: tuple[Any, ...] = ("x", "y", "z", (1.0, -2.0, 0.5))

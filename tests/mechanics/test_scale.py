@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mbfmu import equilibrium, simulate
 from mbfmu.mechanics import (
     CompiledMechanism,
     DistanceCutJoint,
     Floating,
+    Harmonic,
+    JointSpring,
     Mechanism,
     PointForce,
     Revolute,
@@ -77,3 +80,37 @@ def test_a_joint_may_be_told_its_size() -> None:
     for wrong in (0.0, -1.0, float("nan"), (1.0, 2.0)):
         with pytest.raises(UserError, match=r"nominal of body 'b' is .*; allowed: one number greater than zero, or 6"):
             floating(wrong)
+
+
+def masses(joint: Any, **options: Any) -> Mechanism:
+    """Two masses on the ground, each with a spring."""
+    m = Mechanism()
+    for name in ("first", "second"):
+        body = m.body(name, m.ground, joint(**options), mass=1.0)
+        m.force(f"{name}.spring", JointSpring(stiffness=100.0), body)
+        m.output(f"{name}.q", body.coordinate())
+    return m
+
+
+def test_a_length_that_is_assumed_for_displacements_is_reported() -> None:
+    found = simulate(masses(Translational, start=1e-3), 0.1).diagnostics
+    (note,) = [d for d in found if d.code == "assumed-length"]
+    assert note.severity == "note"
+    assert "A length of 1 m is assumed for the tolerances of the displacements of body 'first' and 1 more" in note.text
+    assert "`nominal`" in note.remedy
+    (note,) = [d for d in equilibrium(masses(Translational)).diagnostics if d.code == "assumed-length"]
+    assert note.subject == "first"
+
+
+@pytest.mark.parametrize(
+    "mechanism",
+    [
+        masses(Revolute),
+        masses(Translational, nominal=1e-3),
+        slider_crank(1.0, 0.0).mechanism,
+        masses(Translational, drive=Harmonic(amplitude=0.1, frequency=1.0)),
+    ],
+    ids=["rotations", "nominal", "points", "drives"],
+)
+def test_no_length_is_reported_where_none_is_assumed_for_free_displacements(mechanism: Mechanism) -> None:
+    assert CompiledMechanism(mechanism).describe_assumed_length() == []

@@ -1,4 +1,4 @@
-"""Arrays, terminals and the time of native FMUs of FMI 3."""
+"""Arrays and the time of native FMUs of FMI 3, terminals, and files for people."""
 
 from __future__ import annotations
 
@@ -211,10 +211,11 @@ TERMINALS: dict[str, tuple[Model, str, dict[str, tuple[str, str]]]] = {
 
 
 @native
+@pytest.mark.parametrize("kind", ["native, FMI 3", "native, FMI 2", "Python"])
 @pytest.mark.parametrize("name", TERMINALS)
-def test_a_shaft_is_a_terminal_of_variables_that_there_are(name: str, tmp_path: Path):
+def test_a_shaft_is_a_terminal_of_variables_that_there_are(name: str, kind: str, tmp_path: Path):
     model, shaft, members = TERMINALS[name]
-    path = export(model, tmp_path / "model.fmu", ADAMS, native=True, fmi=3)
+    path = export(model, tmp_path / "model.fmu", ADAMS, native=kind != "Python", fmi=3 if kind.endswith("3") else 2)
     assert validate_fmu(str(path)) == []
     known = {v.name for v in read_model_description(str(path)).modelVariables}
     with zipfile.ZipFile(path) as archive:
@@ -228,10 +229,29 @@ def test_a_shaft_is_a_terminal_of_variables_that_there_are(name: str, tmp_path: 
 
 
 @native
-def test_fmi_2_and_models_without_terminals_have_no_file_of_them(tmp_path: Path):
-    for model, fmi in ((FourBar(), 2), (Swing(), 3)):
-        path = export(model, tmp_path / "model.fmu", ADAMS, native=True, fmi=fmi)
+def test_models_without_terminals_have_no_file_of_them(tmp_path: Path):
+    for fmi in (2, 3):
+        path = export(Swing(), tmp_path / "model.fmu", ADAMS, native=True, fmi=fmi)
         assert not [name for name in zipfile.ZipFile(path).namelist() if "terminals" in name]
+
+
+@native
+@pytest.mark.parametrize("native_one", [True, False])
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_files_for_people_have_the_places_of_the_standard(native_one: bool, fmi: int, tmp_path: Path):
+    if fmi == 3 and not native_one:
+        return
+    path = export(FourBar(), tmp_path / "model.fmu", ADAMS, native=native_one, fmi=fmi)
+    with zipfile.ZipFile(path) as archive:
+        names = set(archive.namelist())
+        listed = archive.read("documentation/licenses/license.txt").decode()
+    folder = "documentation/licenses/"
+    licenses = {name.removeprefix(folder) for name in names if name.startswith(folder)} - {"license.txt"}
+    assert licenses == {line[2:] for line in listed.splitlines() if line.startswith("- ")}
+    assert {"terminalsAndIcons/icon.png", "documentation/index.html"} <= names
+    assert ("model.png" in names) == (fmi == 2)
+    assert ("documentation/externalDependencies.txt" in names) == (not native_one)
+    assert ("documentation/source/core.c" in names) == native_one
 
 
 @native

@@ -28,7 +28,7 @@ from mbfmu.modeling.settings import Settings
 from mbfmu.native.start_checks import Flaw
 from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import AssemblyError
-from solvers.assembly import ASSEMBLED, NO_MASS, OPEN, OPENS
+from solvers.loop_closure import ASSEMBLED, NO_MASS, OPEN, OPENS
 
 pytestmark = needs_linker
 

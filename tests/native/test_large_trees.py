@@ -14,7 +14,7 @@ from mbfmu.mechanics.joints import Spherical
 from mbfmu.native.entries import image_of
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.errors import UserError
-from solvers.assembly import ASSEMBLED
+from solvers.loop_closure import ASSEMBLED
 from solvers.outcome import OK
 
 ADAMS = Settings(solver="adams", tolerance=1e-5)

@@ -21,8 +21,9 @@ from mbfmu.sheets.contact.surfaces.guide import gap as guide_gap
 from mbfmu.sheets.contact.surfaces.trough import gap as trough_gap
 from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, html, images
+from mbfmu.viewer.drawing import draw
 from mbfmu.viewer.gltf import glb
-from mbfmu.viewer.picture import Part, draw
+from mbfmu.viewer.picture import Part
 from solvers.compiled.kernel import kernel, records
 
 NONE = np.zeros((1, 3))

@@ -19,8 +19,8 @@ from mbfmu.mechanics import Floating, Mechanism
 from mbfmu.session.run import simulate
 from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, Recorder, html, images
+from mbfmu.viewer.drawing import draw
 from mbfmu.viewer.fields import COLOR_STOPS, Field, colored, field_with, fields
-from mbfmu.viewer.picture import draw
 
 ROWS, COLUMNS = 3, 4
 BALL: dict[str, Any] = {"mass": 0.1, "inertia": (1e-4, 1e-4, 1e-4)}

@@ -40,8 +40,9 @@ from mbfmu.session.simulation import Settings
 from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, Recorder
 from mbfmu.viewer.camera import Camera, Stage
+from mbfmu.viewer.drawing import PIN_COLOR, draw
 from mbfmu.viewer.motion import matrices
-from mbfmu.viewer.picture import PIN_COLOR, Picture, draw
+from mbfmu.viewer.picture import Picture
 
 
 class Arm(Model):

@@ -32,7 +32,7 @@ from mbfmu.session.run import simulate
 from mbfmu.sheets import Support, add_sheet
 from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, Recorder, html, images
-from mbfmu.viewer.picture import draw
+from mbfmu.viewer.drawing import draw
 from mbfmu.viewer.show import view
 
 Command = Callable[..., Any]

@@ -26,7 +26,7 @@ from .closing import (
     check_inertia,
     fill_frame_angles,
 )
-from .compile import shares_coordinates
+from .numbering import shares_coordinates
 from .rounded import ROUNDED_ADVICE, nearly_parallel
 from .rows import MAX_LISTED, dependent_rows, describe, first_of
 

@@ -1,6 +1,6 @@
 """Consistent positions and velocities from approximate ones, or an error that names the loop that cannot close.
 
-The method is that of :mod:`solvers.assembly`.
+The method is that of :mod:`solvers.loop_closure`.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import Arrays
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import AssemblyError
-from solvers.assembly import (
+from solvers.compiled.kernel import kernel
+from solvers.compiled.tuple_pointer import pin
+from solvers.loop_closure import (
     ASSEMBLED,
+    ClosureScratch,
     Loops,
     Outcome,
-    Scratch,
     check_mobile_mass,
     find_closed_positions,
     find_consistent_velocities,
 )
-from solvers.assembly import solve_least_change as find_least_change
-from solvers.compiled.kernel import kernel
-from solvers.compiled.tuple_pointer import pin
+from solvers.loop_closure import solve_least_change as find_least_change
 from solvers.system import AnySystem, Array
 
 PARALLEL_AXES = ("", "z", "xyz")  # see CutJoint.parallel
@@ -70,7 +70,7 @@ def assemble_positions(
     q = start.copy()
     if system.m == 0:
         return q
-    scratch = Scratch.of(system, held, given)
+    scratch = ClosureScratch.of(system, held, given)
     code = find_closed_positions(Loops.of(system), t, start, q, pin(scratch))
     if code == ASSEMBLED:
         return q
@@ -79,7 +79,7 @@ def assemble_positions(
 
 def least_change(system: AnySystem, J: Array, gaps: Array, held: NDArray[np.bool_]) -> Array:
     """Return the shortest step (n,) of those that close the gaps (m,) best, all in their units; ``held`` ones stay."""
-    scratch = Scratch.of(system, held)
+    scratch = ClosureScratch.of(system, held)
     scratch.gaps[:] = gaps
     find_least_change(J, 0.0, pin(scratch))
     return scratch.step
@@ -100,14 +100,14 @@ def assemble_velocities(
     v = start.copy()
     if system.m == 0:
         return v
-    scratch = Scratch.of(system, held, given)
+    scratch = ClosureScratch.of(system, held, given)
     code = find_consistent_velocities(Loops.of(system), t, q, start, system.rate, v, pin(scratch))
     if code != ASSEMBLED:
         raise AssemblyError(_failure_message(system, scratch, code))
     return v
 
 
-def _failure_message(system: AnySystem, scratch: Scratch, code: int) -> str:
+def _failure_message(system: AnySystem, scratch: ClosureScratch, code: int) -> str:
     """Return which row does not close, and by what."""
     row, gap = scratch.worst[0]
     return str(CLOSURE_MESSAGES[Outcome(code)]).format(name=system.constraint_names[row], gap=float(gap))
@@ -117,7 +117,7 @@ class CutFrames(NamedTuple):
     """The frames of cut joints that are parallel in closed loops, as kernels read them."""
 
     parallel: NDArray[np.int64]  # (cuts,) which axes are, by their place in PARALLEL_AXES
-    Ra: NDArray[np.int64]  # (cuts,) place of the axes in body a among the numbers, see CUT_PARAMETERS
+    Ra: NDArray[np.int64]  # (cuts,) place of the axes in body a among the numbers, see CutJointRecord
     Rb: NDArray[np.int64]  # (cuts,) place of those in body b
     numbers: Array  # the records of all element types
 
@@ -198,7 +198,7 @@ def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
     """
     if not system.has_matrices:
         return
-    terms, scratch = system.allocate_terms(), Scratch.of(system)
+    terms, scratch = system.allocate_terms(), ClosureScratch.of(system)
     system.fill(t, q, v, terms)
     if check_mobile_mass(pin(terms), np.zeros((system.n, system.n)), pin(scratch)) != ASSEMBLED:
         names = ", ".join(repr(system.coordinate_names[i]) for i in np.flatnonzero(scratch.massless))

@@ -24,19 +24,20 @@ from solvers.compiled.record import Table
 from solvers.compiled.tuple_pointer import unpin
 from solvers.system import Array, System
 
-from .assembly import Assembly, start_positions
-from .behind import SignalDependence
+from .assembly import Assembly, free_bodies, start_positions
 from .bounds import check_bounds
 from .coincident import find_coincident
-from .compile import Compiled, Numbering, Variable, check_rows
-from .given import Courses
+from .compile import CompiledElements, check_rows
+from .given_inputs import GivenInputs
 from .inputs import Drives, Inputs
 from .load_groups import LoadGroup, largest_ratio, load_groups
-from .redundant import Course, drive_courses
+from .numbering import Numbering, Variable
+from .redundant import DriveMotion, drive_motions
 from .rounded import describe_omitted, measure_rows
 from .rounding import Rounding
 from .rows import VANISHING_TOLERANCE, find_vanishing_rows, first_of, row_names
-from .scale import characteristic_length
+from .scale import characteristic_length, describe_assumed_length
+from .signal_dependence import SignalDependence
 from .systems import Systems
 from .tables import CalledKernel
 
@@ -48,7 +49,7 @@ class CompiledMechanism:
     ----------
     mechanism
         Complete mechanism.
-    courses
+    given_inputs
         Inputs given for the whole run; these are not inputs of the compiled mechanism.
 
     Attributes
@@ -71,26 +72,26 @@ class CompiledMechanism:
         Warnings about loops whose joints are shifted and turned so that redundant equations close.
     """
 
-    def __init__(self, mechanism: Mechanism, courses: Courses | None = None) -> None:
+    def __init__(self, mechanism: Mechanism, given_inputs: GivenInputs | None = None) -> None:
         if len(mechanism.bodies) == 1:
             raise UserError("the mechanism has no bodies; add at least one with Mechanism.body")
         mechanism.compiled = True
         self.mechanism = mechanism
-        numbering = Numbering(mechanism, courses)
+        numbering = Numbering(mechanism, given_inputs)
         try:
-            self._compiled = compiled = Compiled(mechanism, numbering)
+            self._elements = elements = CompiledElements(mechanism, numbering)
         except MemoryError as error:
             count = len(mechanism.bodies)
             raise UserError(
                 f"a mechanism of {count} bodies needs more memory than is available; use fewer bodies"
             ) from error
-        self.data = compiled.data
-        check_bounds(mechanism, compiled.called(), self.data)
+        self.data = elements.data
+        check_bounds(mechanism, elements.called(), self.data)
         self.length = characteristic_length(mechanism, self.data.arrays)
-        self.drives = Drives(mechanism, numbering, compiled.signals, self.length)
-        polynomials = compiled.table(Input)
-        self.inputs = Inputs(numbering, self.data.arrays, compiled.signals, polynomials, self.drives)
-        self._systems = Systems(mechanism, numbering, compiled, self.drives, self.length)
+        self.drives = Drives(mechanism, numbering, elements.signals, self.length)
+        polynomials = elements.table(Input)
+        self.inputs = Inputs(numbering, self.data.arrays, elements.signals, polynomials, self.drives)
+        self._systems = Systems(mechanism, numbering, elements, self.drives, self.length)
         self.data.arrays.residual_scale[:] = self.length / self._systems.row_size
         names = row_names(mechanism.constraints)
         self.vanishing_rows: list[str] = []
@@ -99,7 +100,7 @@ class CompiledMechanism:
         if names:
             self.vanishing_rows = self._drop_vanishing_rows(names)
             self.system = self._systems.make([n for n in names if n not in self.vanishing_rows])
-        self._rounding = Rounding(mechanism, self.data, self.system, self._systems.row_size, self._courses())
+        self._rounding = Rounding(mechanism, self.data, self.system, self._systems.row_size, self._drive_motions())
         self.corrections = self._rounding.correct()
         self.assembly = Assembly(mechanism, self.system, self.data, self.vanishing_rows)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
@@ -107,9 +108,9 @@ class CompiledMechanism:
 
     def _drop_vanishing_rows(self, names: list[str]) -> list[str]:
         """Renumber the constraint equations that are not trivially satisfied; return their names."""
-        signals, before = self._compiled.signals, self.data.arrays.memory.copy()
+        signals, before = self._elements.signals, self.data.arrays.memory.copy()
         start, system, mechanism = start_positions(self.mechanism), self.system, self.mechanism
-        self.energy(0.0, start, np.zeros(system.n))  # places the bodies
+        self.place_bodies(0.0, start)
         measures = measure_rows(mechanism, self.data.state, system.row_size)
         units = [unit for handle in mechanism.constraints for unit in handle.units]
         slack, why = measures.allowed(mechanism.assembly_tolerance) / system.row_size, measures.axes
@@ -128,8 +129,8 @@ class CompiledMechanism:
         dropped = first_of([*self.rounded_rows.values()], "constraints are left out")
         return [*dropped, *first_of(self.corrections, "groups of loops are corrected")]
 
-    def _courses(self) -> list[Course]:
-        return drive_courses(self.drives, self.inputs, self._compiled.signals)
+    def _drive_motions(self) -> list[DriveMotion]:
+        return drive_motions(self.drives, self.inputs, self._elements.signals)
 
     def assemble(self, t: float = 0.0) -> tuple[Array, Array]:
         """Close the loops from the given start; return consistent positions (nq,) and velocities (n,).
@@ -178,12 +179,12 @@ class CompiledMechanism:
         """Return the loads of every type with this hook, with the bodies at free positions q (nq,)."""
         found = list(load_groups(self.mechanism, self.data, self.kernel_data, hook))
         if found:
-            self.energy(t, q, np.zeros(self.system.n))  # places the bodies
+            self.place_bodies(t, q)
         return found
 
     def feedthrough(self) -> list[tuple[int, ...]]:
         """Return for every output the numbers of the inputs with direct feedthrough."""
-        behind = SignalDependence(self.mechanism, self._compiled)
+        behind = SignalDependence(self.mechanism, self._elements)
         return [
             tuple(k for k in range(len(self.inputs)) if self.inputs.changes(k, sensor.follows, behind.signals(sensor)))
             for _, sensor, *_ in self.mechanism.outputs
@@ -209,12 +210,12 @@ class CompiledMechanism:
 
     def records(self, kind: type[ElementType]) -> NDArray[Any]:
         """Return the records of a type of joint, cut joint, load, signal or sensor, in the order of their addition."""
-        return self._compiled.table(kind)
+        return self._elements.table(kind)
 
     @property
     def tables(self) -> list[NDArray[Any]]:
         """The records of all element types in the order of ``data.arrays.memory``."""
-        return self._compiled.tables
+        return self._elements.tables
 
     @property
     def kernel_data(self) -> Any:
@@ -223,15 +224,15 @@ class CompiledMechanism:
 
     def called(self) -> list[CalledKernel | None]:
         """Return the kernels of element types whose addresses are in the arrays of this compiled mechanism."""
-        return self._compiled.called()
+        return self._elements.called()
 
     def signals(self, data: Data) -> list[InUse]:
         """Return every signal as it is in data of this compiled mechanism: its own, or those of a complex system."""
-        return self._compiled.signals_in(data)
+        return self._elements.signals_in(data)
 
     def magnitudes(self) -> dict[str, InUse]:
         """Return the signals of the loads, by what each is in messages."""
-        return {what: self._compiled.signals[k] for what, k in self._compiled.magnitudes.items()}
+        return {what: self._elements.signals[k] for what, k in self._elements.magnitudes.items()}
 
     def complex_system(self) -> System:
         """Return the system as it is now on complex numbers, for derivatives by complex step."""
@@ -243,11 +244,15 @@ class CompiledMechanism:
 
     def tangent_arrays(self) -> Arrays:
         """Return the arrays with the kernels ``tangent`` of loads; a real state has none of them otherwise."""
-        return self._compiled.tangent_arrays()
+        return self._elements.tangent_arrays()
+
+    def place_bodies(self, t: float, q: Array) -> None:
+        """Place the bodies in ``data.state`` where they are at rest at free positions q (nq,)."""
+        self.energy(t, q, np.zeros(self.system.n))
 
     def poses(self, t: float, q: Array) -> tuple[Array, Array]:
         """Return origins (bodies, 3), m, and axes as columns (bodies, 3, 3), global, of all bodies, ground first."""
-        self.energy(t, q, np.zeros(self.system.n))  # places them
+        self.place_bodies(t, q)
         bodies = self.data.state.bodies
         return bodies["r"].copy(), bodies["A"].copy()
 
@@ -311,8 +316,12 @@ class CompiledMechanism:
         """Return a warning about every force between points that has no direction at free positions q (nq,)."""
         if not any(isinstance(acting.load, BETWEEN_POINTS) for acting in self.mechanism.loads()):
             return []
-        self.energy(t, q, np.zeros(self.system.n))  # places the bodies
+        self.place_bodies(t, q)
         return find_coincident(self.mechanism, self.data.state.bodies, self.length)
+
+    def describe_assumed_length(self) -> list[Diagnostic]:
+        """Return a note if displacements are measured by a length that the mechanism does not have."""
+        return describe_assumed_length(self.mechanism, self.data.arrays, free_bodies(self.mechanism))
 
     @cached_property
     def monitored(self) -> Table[ItemRecord]:
@@ -328,7 +337,7 @@ class CompiledMechanism:
         """
         if not len(self.monitored):
             return 0.0
-        self.energy(t, q, np.zeros(self.system.n))  # places the bodies
+        self.place_bodies(t, q)
         return float(largest_ratio(self.monitored, *self.kernel_data))
 
     def describe_limit(self, t: float, q: Array, when: str = "") -> str:

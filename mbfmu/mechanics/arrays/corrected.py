@@ -21,6 +21,7 @@ from scipy import linalg
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.joints.section import Section
+from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import Data
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.system import Array
@@ -73,7 +74,7 @@ class Placements:
             if k not in self._joints and not isinstance(mechanism.bodies[k].joint, Section):
                 self._joints[k] = len(self.places)
                 self.places.append(JointPoint(int(record["parent"]), record["s"], record["R"]))
-        dtype = np.dtype(type(handle.cut).record)
+        dtype = record_of(handle.cut)
         if {"Pb", "Rb"} <= set(dtype.names or ()):
             at = int(arrays.cuts[handle.index]["at"])
             record = arrays.memory[at : at + dtype.itemsize].view(dtype)[0]
@@ -214,7 +215,7 @@ def _close(
         found: list[Position] = []
         gaps, slopes = [], []
         for old in positions:
-            at = search.position_at(old.q, part.rows, part.coordinates, part.rank, old.course, old.step)
+            at = search.position_at(old.q, part.rows, part.coordinates, part.rank, old.drive_motion, old.step)
             if at is not None:
                 U = linalg.svd(at.J)[0][:, part.rank :] * near_singular(at, positions[0])
                 gaps.append(U.T @ at.gaps)

@@ -15,8 +15,7 @@ from mbfmu.mechanics.signals import InUse, SpeedInput, Step
 from solvers.compiled.tuple_pointer import pin
 from solvers.system import Array
 
-from .compile import GRAVITY_SIGNAL, Numbering
-from .points import (
+from .input_kernels import (
     EXTRAPOLATED_LOAD,
     GRAVITY_LOAD,
     HELD_LOAD,
@@ -27,6 +26,7 @@ from .points import (
     skip_points,
     start_input,
 )
+from .numbering import GRAVITY_SIGNAL, Numbering
 from .scale import joint_sizes
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class Drives:
 
 
 class Inputs:
-    """The inputs of a compiled mechanism, by number; what communication points do with them is in :mod:`.points`.
+    """The inputs of a compiled mechanism, by number; for communication points see :mod:`.input_kernels`.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class Inputs:
     """
 
     def __init__(
-        self, numbering: Numbering, arrays: Arrays, signals: list[InUse], courses: NDArray[Any], drives: Drives
+        self, numbering: Numbering, arrays: Arrays, signals: list[InUse], polynomials: NDArray[Any], drives: Drives
     ) -> None:
         self._slots, self._arrays = tuple(numbering.slots), arrays
         self._records = [signal.record for signal in signals]
@@ -121,12 +121,12 @@ class Inputs:
             if slot.signal in drives.signals:
                 self._supports.setdefault(slot.signal, slot.variable.name)
         self._roles = [self._role(slot.signal) for slot in self._slots]
-        begin = courses.ctypes.data - arrays.memory.ctypes.data
-        places = (arrays.signals["at"] - begin) // courses.itemsize  # of signals, where they are polynomials
-        self._courses = [0 if slot.signal == GRAVITY_SIGNAL else int(places[slot.signal]) for slot in self._slots]
-        own = InputRecords.allocate(len(self._slots), 0, len(self._supports), courses, arrays.world)
+        begin = polynomials.ctypes.data - arrays.memory.ctypes.data
+        places = (arrays.signals["at"] - begin) // polynomials.itemsize  # of signals, where they are polynomials
+        self._polynomials = [0 if slot.signal == GRAVITY_SIGNAL else int(places[slot.signal]) for slot in self._slots]
+        own = InputRecords.allocate(len(self._slots), 0, len(self._supports), polynomials, arrays.world)
         for support, signal in zip(own.supports, self._supports, strict=True):
-            support["course"], support["size"] = places[signal], drives.sizes[signal]
+            support["polynomial"], support["size"] = places[signal], drives.sizes[signal]
             support["speed"] = isinstance(numbering.signals[signal], SpeedInput)
         self._begin(own)
 
@@ -138,24 +138,24 @@ class Inputs:
     def _begin(self, own: InputRecords) -> None:
         """Take up records whose inputs are zero, and begin."""
         loads = 0
-        for record, slot, role, course in zip(own.inputs, self._slots, self._roles, self._courses, strict=True):
-            record["role"], record["number"], record["coefficient"] = role, course, slot.coefficient
+        for record, slot, role, polynomial in zip(own.inputs, self._slots, self._roles, self._polynomials, strict=True):
+            record["role"], record["number"], record["coefficient"] = role, polynomial, slot.coefficient
             if role == SUPPORT_MOTION:
                 record["number"] = list(self._supports).index(slot.signal)
             elif role == EXTRAPOLATED_LOAD:
-                record["number"], own.loads[loads]["course"] = loads, course
+                record["number"], own.loads[loads]["polynomial"] = loads, polynomial
                 loads += 1
         self.own, self.pinned = own, pin(own)
         begin_inputs(self.pinned)
 
     def extrapolate(self) -> None:
-        """Extrapolate loads between points, see :mod:`.extrapolated`; not gravity, nor where the host gives a rate."""
+        """Extrapolate loads, see :mod:`.load_extrapolation`; not gravity, nor where the host gives a rate."""
         rated = {slot.signal for slot in self._slots if slot.coefficient}
         for index, slot in enumerate(self._slots):
             if self._roles[index] == HELD_LOAD and slot.signal not in rated:
                 self._roles[index] = EXTRAPOLATED_LOAD
         sizes = len(self._slots), self._roles.count(EXTRAPOLATED_LOAD), len(self._supports)
-        own = InputRecords.allocate(*sizes, self.own.courses, self.own.world)
+        own = InputRecords.allocate(*sizes, self.own.polynomials, self.own.world)
         self._begin(own._replace(supports=self.own.supports))
 
     def __len__(self) -> int:

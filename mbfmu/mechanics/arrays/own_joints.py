@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.records import Arrays, State
+from mbfmu.mechanics.records import Arrays, RelativeMotionRecord, State
 from mbfmu.util.errors import UserError
+from solvers.compiled.record_view import complex_dtype
 from solvers.system import Array
 
 from .tables import CalledKernel
@@ -22,9 +23,9 @@ EPSILON = 1e-30  # of the complex step
 DERIVATIVE_TOLERANCE, POSE_TOLERANCE = 1e-6, 1e-11  # deviation from the derivative, relative to it and to the pose
 CHECK_DISTANCE = 0.37  # of a second position, from the start; and velocity, in units of the coordinates
 FIXES = {
-    "place": "columns of the motion subspace in rel[0:nv] (linear velocity of the child's origin, then angular "
-    "velocity, in axes of the joint frame) that are the derivatives of the pose in rel[6:9]",
-    "bias": "sum over k of v_k times the time derivative of rel[k]; without a kernel bias it is zero",
+    "place": "columns of the motion subspace in rel.S (linear velocity of the child's origin, then angular "
+    "velocity, in axes of the joint frame) that are the derivatives of the pose in rel.R and rel.p",
+    "bias": "sum over k of v_k times the time derivative of rel.S[k]; without a kernel bias it is zero",
 }
 
 
@@ -43,7 +44,7 @@ def check_joints(
         first, count = int(own["qi"]), body.joint.nv
         at = int(own["at"])
         record = arrays.memory[at : at + place.record.itemsize].view(place.record).view(np.recarray)[0]
-        joint = _JointProbe(record, place.function, bias.function if bias is not None else None, count, state)
+        joint = _JointProbe(record, place.function, bias.function if bias is not None else None, count)
         near = state.q[first : first + count]
         wrong = [name for q in (near, near + CHECK_DISTANCE) for name in joint.contradictions(q)]
         if wrong:
@@ -57,8 +58,8 @@ def check_joints(
 class _JointProbe:
     """Kernels of a joint as plain Python in complex numbers."""
 
-    def __init__(self, record: Any, place: Any, bias: Any, count: int, state: State) -> None:
-        self._record, self._count, self._shape = record, count, state.rel.shape
+    def __init__(self, record: Any, place: Any, bias: Any, count: int) -> None:
+        self._record, self._count = record, count
         self._place: Callable[..., None] = getattr(place, "py_func", place)
         self._bias: Callable[..., None] | None = bias and getattr(bias, "py_func", bias)
 
@@ -66,44 +67,46 @@ class _JointProbe:
         """Return the names of the kernels that are wrong at positions q (nv,); none if they cannot be called there."""
         try:
             with np.errstate(all="ignore"):
-                rel, slopes = self._written(q.astype(complex)).real, self._slopes(q)
+                (S, R, p), (dS, dR, dp) = self._written(q.astype(complex)), self._slopes(q)
                 given = self._given_bias(q)
         except Exception:  # the run reports it
             return []
-        n, R, r = self._count, rel[6:9, :3], rel[6:9, 3]
-        if not (np.isfinite(rel).all() and np.isfinite(slopes).all()):
+        n = self._count
+        if not all(np.isfinite(part).all() for part in (S, R, p, dS, dR, dp)):
             return []
-        turns = slopes[:, 6:9, :3] @ R.T
+        S, R, far = S.real, R.real, np.abs(p.real).max()
+        turns = dR @ R.T
         angular = np.stack((turns[:, 2, 1], turns[:, 0, 2], turns[:, 1, 0]), axis=1)
-        linear, far = slopes[:, 6:9, 3], np.abs(r).max()
         v = CHECK_DISTANCE * (1.0 + np.arange(n))
-        expected = np.einsum("k,j,jkc->c", v, v, slopes[:, :n, :6])
+        expected = np.einsum("k,j,jkc->c", v, v, dS[:, :n])
         pairs = {
-            "place": ((rel[:n, :3], linear, far), (rel[:n, 3:6], angular, 1.0)),
+            "place": ((S[:n, :3], dp, far), (S[:n, 3:], angular, 1.0)),
             "bias": (
-                (given[:3], expected[:3], far + np.abs(linear).max(initial=0.0)),
+                (given[:3], expected[:3], far + np.abs(dp).max(initial=0.0)),
                 (given[3:], expected[3:], 1.0),
             ),
         }
         return [name for name, parts in pairs.items() if any(_differ(*part) for part in parts)]
 
-    def _written(self, q: Any) -> Any:
-        rel = np.zeros(self._shape, complex)
+    def _written(self, q: Any) -> tuple[Any, Any, Any]:
+        """Return S (6, 6), R (3, 3) and p (3,) at complex positions."""
+        rel = np.zeros(1, complex_dtype(RelativeMotionRecord.dtype)).view(np.recarray)
         self._place(self._record, 0, SimpleNamespace(q=q, rel=rel))
-        return rel
+        return rel.S[0], rel.R[0], rel.p[0]
 
-    def _slopes(self, q: Array) -> Array:
-        """Return the derivatives (nv, ...) of ``rel`` by the positions."""
+    def _slopes(self, q: Array) -> list[Array]:
+        """Return the derivatives (nv, ...) of S, R and p by the positions."""
         steps = EPSILON * 1j * np.eye(self._count)
-        return np.array([self._written(q + step).imag / EPSILON for step in steps])
+        written = [self._written(q + step) for step in steps]
+        return [np.array(parts).imag / EPSILON for parts in zip(*written, strict=True)]
 
     def _given_bias(self, q: Array) -> Array:
-        out = np.zeros(6)
+        rel = np.zeros(1, RelativeMotionRecord.dtype).view(np.recarray)
         if self._bias is not None:
-            v = CHECK_DISTANCE * (1.0 + np.arange(self._count))
-            rel = self._written(q.astype(complex)).real
-            self._bias(self._record, 0, 0, SimpleNamespace(q=q, v=v, rel=rel, bias=out))
-        return out
+            state = SimpleNamespace(q=q, v=CHECK_DISTANCE * (1.0 + np.arange(self._count)), rel=rel)
+            self._place(self._record, 0, state)
+            self._bias(self._record, 0, 0, state)
+        return np.asarray(rel.bias[0])
 
 
 def _differ(given: Array, expected: Array, size: float) -> bool:

@@ -34,19 +34,19 @@ ENTRY_TOLERANCE = 1e-13  # entries of J~ that tie no equation to a coordinate
 WALK_STEP, WALK_STEPS = 0.3, 12  # of a move, in units; steps of a walk: about a turn, forwards and backwards
 MAX_WALKS = 3  # walks, each forwards and backwards, if there are several degrees of freedom
 MAX_NEWTON_STEP = 0.5  # of a coordinate in one iteration, in units
-MAX_COURSE_ITERATIONS, COURSE_TOLERANCE = 60, 1e-12
+MAX_CLOSING_ITERATIONS, CLOSING_TOLERANCE = 60, 1e-12
 MAX_RANKS = 4  # that are tried at most in one part
 MAX_PART_EQUATIONS = 400  # equations of a part that is examined
 
 
-class Course(NamedTuple):
+class DriveMotion(NamedTuple):
     """How drives move along a walk."""
 
     time: Callable[[int], float]  # (step): s
     place: Callable[[int], None]  # (step): moves the inputs that drive; backwards where it is negative
 
 
-def drive_courses(drives: Drives, inputs: Inputs, signals: list[InUse]) -> list[Course]:
+def drive_motions(drives: Drives, inputs: Inputs, signals: list[InUse]) -> list[DriveMotion]:
     """Return how drives can move: functions of time by their time scales, inputs anywhere."""
     given = [k for k in drives.signals if k in inputs.signals]
     centers = {k: float(signals[k].record["c"][0]) for k in given}
@@ -55,18 +55,18 @@ def drive_courses(drives: Drives, inputs: Inputs, signals: list[InUse]) -> list[
         for k in given:
             signals[k].record["c"][0] = centers[k] + WALK_STEP * step * drives.sizes[k]
 
-    def course(time_scale: float) -> Course:
-        return Course(lambda step: WALK_STEP * step * time_scale, place)
+    def drive_motion(time_scale: float) -> DriveMotion:
+        return DriveMotion(lambda step: WALK_STEP * step * time_scale, place)
 
     time_scales = {drives.time_scale(k) for k in drives.signals if k not in given}
-    return [course(time_scale) for time_scale in sorted(time_scales)] or [course(0.0)]
+    return [drive_motion(time_scale) for time_scale in sorted(time_scales)] or [drive_motion(0.0)]
 
 
 class Position(NamedTuple):
     """A position of one part that is closed in the least-squares sense."""
 
     q: Array  # (nq,) of all parts
-    course: int  # how the drives move
+    drive_motion: int  # how the drives move
     step: int  # how far they have moved
     J: Array  # (rows, coordinates) in units
     gaps: Array  # (rows,) in units
@@ -94,12 +94,12 @@ class Redundancy:
         (m,) what each residual is measured by: 1 rad, or the length of its loop in m.
     allowed
         (m,) the most that a redundant equation may open, in its unit.
-    courses
+    drive_motions
         How drives move; one that stays where no drive moves.
     """
 
-    def __init__(self, system: AnySystem, units: Array, allowed: Array, courses: list[Course]) -> None:
-        self._system, self._units, self._courses = system, units, courses
+    def __init__(self, system: AnySystem, units: Array, allowed: Array, drive_motions: list[DriveMotion]) -> None:
+        self._system, self._units, self._drive_motions = system, units, drive_motions
         self._allowed = np.maximum(allowed, ROUNDING_TOLERANCE)
         self._terms, self._random = system.allocate_terms(), np.random.default_rng(0)
         self._regular = max(MIN_REGULAR, min(MAX_REGULAR, REGULAR_RATIO * float(allowed.max(initial=0.0))))
@@ -128,7 +128,7 @@ class Redundancy:
         values or those that are regular; False if it does not converge.
         """
         largest = np.inf
-        for _ in range(MAX_COURSE_ITERATIONS):
+        for _ in range(MAX_CLOSING_ITERATIONS):
             J, gaps = self.evaluate(q, t)
             if not (np.isfinite(J).all() and np.isfinite(gaps).all()):
                 return False
@@ -139,7 +139,7 @@ class Redundancy:
             largest = float(np.abs(step).max(initial=0.0))
             step *= min(1.0, MAX_NEWTON_STEP / max(largest, 1e-300))
             self._system.apply(q, step * self._system.size)
-            if largest < COURSE_TOLERANCE:
+            if largest < CLOSING_TOLERANCE:
                 return True
         return largest < ROUNDING_TOLERANCE
 
@@ -148,14 +148,14 @@ class Redundancy:
     ) -> list[Position] | None:
         """Return closed positions along random motions from ``start``; None: an equation opens too far."""
         found: list[Position] = []
-        walks = MAX_WALKS * len(self._courses) if len(columns) - rank > 1 else len(self._courses)
+        walks = MAX_WALKS * len(self._drive_motions) if len(columns) - rank > 1 else len(self._drive_motions)
         for k in range(2 * walks):
-            course, sign, q = k // 2 % len(self._courses), 1 - 2 * (k % 2), start.copy()
+            drive_motion, sign, q = k // 2 % len(self._drive_motions), 1 - 2 * (k % 2), start.copy()
             if k % 2 == 0:
                 wanted = self._random.normal(size=len(columns))
             along = sign * wanted
             for step in range(WALK_STEPS + 1):
-                position = self.position_at(q, rows, columns, rank, course, sign * step)
+                position = self.position_at(q, rows, columns, rank, drive_motion, sign * step)
                 if position is None:
                     break  # the end of the range of the motion
                 found.append(position)
@@ -171,11 +171,11 @@ class Redundancy:
         rows: NDArray[np.int64],
         columns: NDArray[np.int64],
         rank: int,
-        course: int,
+        drive_motion: int,
         step: int,
     ) -> Position | None:
         """Return the closed position near q (nq,), the drives moved by ``step``; None: there is none."""
-        drives, near = self._courses[course], q.copy()
+        drives, near = self._drive_motions[drive_motion], q.copy()
         drives.place(step)
         t = drives.time(abs(step))
         closed = self.close(near, t, rows, columns, rank)
@@ -185,7 +185,7 @@ class Redundancy:
             return None
         own = J[np.ix_(rows, columns)]
         regular = linalg.svdvals(own)[rank - 1] if rank else 1.0
-        return Position(near, course, step, own, gaps[rows], float(regular))
+        return Position(near, drive_motion, step, own, gaps[rows], float(regular))
 
     def parts(self, q: Array) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
         """Yield the equations and the coordinates of every part of the mechanism that they tie together."""

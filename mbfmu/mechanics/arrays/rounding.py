@@ -20,7 +20,7 @@ from solvers.system import AnySystem, Array
 
 from .assembly import held_coordinates, start_positions
 from .corrected import Placements, correct, describe_correction
-from .redundant import Course, Part, Redundancy
+from .redundant import DriveMotion, Part, Redundancy
 from .rounded import Measures, measure_rows
 from .rows import MAX_LISTED, VANISHING_TOLERANCE, row_names
 
@@ -36,15 +36,15 @@ class Rounding:
     ----------
     row_size
         Units of the residuals of all rows.
-    courses
+    drive_motions
         How drives move.
     """
 
     def __init__(
-        self, mechanism: Mechanism, data: Data, system: AnySystem, row_size: Array, courses: list[Course]
+        self, mechanism: Mechanism, data: Data, system: AnySystem, row_size: Array, drive_motions: list[DriveMotion]
     ) -> None:
         self._mechanism, self._data, self._system = mechanism, data, system
-        self._row_size, self._courses = row_size, courses
+        self._row_size, self._drive_motions = row_size, drive_motions
 
     def correct(self) -> list[Diagnostic]:
         """Correct joint frames so that equations which are redundant within the tolerance close; return warnings."""
@@ -100,7 +100,7 @@ class Rounding:
 
     def _search(self, measures: Measures, tolerance: float) -> Redundancy:
         rows = self._rows
-        return Redundancy(self._system, measures.units[rows], measures.relative[rows] * tolerance, self._courses)
+        return Redundancy(self._system, measures.units[rows], measures.relative[rows] * tolerance, self._drive_motions)
 
 
 def _locked(search: Redundancy, t: float, q: Array, part: Part) -> NDArray[np.int64]:

@@ -16,7 +16,10 @@ from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.numbers import MAX_LENGTH, MIN_LENGTH, array_of
 from mbfmu.mechanics.records import Arrays
 from mbfmu.util.errors import UserError
+from solvers.diagnostics import Diagnostic
 from solvers.system import Array
+
+ASSUMED_LENGTH = 1.0  # m, of a mechanism that has none
 
 
 def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:
@@ -24,14 +27,41 @@ def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:
 
     Points are origins of joints, centers of mass, and where cut joints and forces act; a rod between two points and an
     elastic body count with their length. A mechanism all of whose points coincide is measured by the springs and the
-    radii of gyration it has, and one without any by 1 m. Raises UserError for one that is no length of a mechanism.
+    radii of gyration it has, and one without any by ASSUMED_LENGTH, see :func:`describe_assumed_length`. Raises
+    UserError for one that is no length of a mechanism.
     """
-    length = float(spans(mechanism, arrays).max() or _length_without_points(mechanism, arrays) or 1.0)
+    length = _given_length(mechanism, arrays) or ASSUMED_LENGTH
     if not MIN_LENGTH <= length <= MAX_LENGTH:
         raise UserError(
             f"the largest length of the mechanism is {length:.3g} m; allowed: {MIN_LENGTH:g} to {MAX_LENGTH:g} m"
         )
     return length
+
+
+def _given_length(mechanism: Mechanism, arrays: Arrays) -> float:
+    """Return the characteristic length that the mechanism itself has, m; zero: it has none."""
+    return float(spans(mechanism, arrays).max()) or _length_without_points(mechanism, arrays)
+
+
+def describe_assumed_length(mechanism: Mechanism, arrays: Arrays, free: list[Body]) -> list[Diagnostic]:
+    """Return a note if no length of the mechanism is known, and coordinates of these ``free`` joints are displacements
+    measured by it; else nothing.
+    """
+    if _given_length(mechanism, arrays):
+        return []
+    names = [body.name for body in free if "m" in body.joint.units and body.joint.nominal is None]
+    if not names:
+        return []
+    others = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    return [
+        Diagnostic.note(
+            "assumed-length",
+            f"no length of the mechanism is given: all points of its bodies coincide. A length of {ASSUMED_LENGTH:g} m "
+            f"is assumed for the tolerances of the displacements of body {names[0]!r}{others}",
+            f"If they are much smaller or larger, give `nominal` of the joint{'s' * (len(names) > 1)}, m",
+            subject=names[0],
+        )
+    ]
 
 
 def spans(mechanism: Mechanism, arrays: Arrays) -> Array:

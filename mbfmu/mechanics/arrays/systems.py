@@ -29,8 +29,9 @@ from solvers.positions import Positions
 from solvers.system import AnySystem, Array, ComplexStepSystem, System, TreeSystem
 
 from .assembly import free_bodies
-from .compile import Compiled, Numbering
+from .compile import CompiledElements
 from .inputs import Drives
+from .numbering import Numbering
 from .scale import coordinate_sizes, row_sizes
 
 MAX_DENSE_TREE_COORDINATES = 60  # coordinates of a tree without loops from which on no dense matrix is made
@@ -48,10 +49,10 @@ class Systems:
     """
 
     def __init__(
-        self, mechanism: Mechanism, numbering: Numbering, compiled: Compiled, drives: Drives, length: float
+        self, mechanism: Mechanism, numbering: Numbering, elements: CompiledElements, drives: Drives, length: float
     ) -> None:
-        self._mechanism, self._numbering, self._compiled = mechanism, numbering, compiled
-        self._drives, self._length, self._arrays = drives, length, compiled.data.arrays
+        self._mechanism, self._numbering, self._elements = mechanism, numbering, elements
+        self._drives, self._length, self._arrays = drives, length, elements.data.arrays
         self._size = coordinate_sizes(free_bodies(mechanism), length)
         self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
         limit = MAX_DENSE_LOOP_COORDINATES if mechanism.constraints else MAX_DENSE_TREE_COORDINATES
@@ -61,11 +62,11 @@ class Systems:
         """Return the system with the rows that are kept today, by their names."""
         if self._large:
             return self._tree(constraint_names)
-        return self.dense(constraint_names, self._compiled.data)
+        return self.dense(constraint_names, self._elements.data)
 
     def make_complex(self, constraint_names: list[str]) -> System:
         """Return the system as it is now on complex numbers, for derivatives by complex step."""
-        return self.dense(constraint_names, self._compiled.complex_data(), complex)
+        return self.dense(constraint_names, self._elements.complex_data(), complex)
 
     def dense(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
         """Return the system by its matrices."""
@@ -86,7 +87,7 @@ class Systems:
 
     def _tree(self, constraint_names: list[str]) -> TreeSystem:
         """Return the system of a large tree."""
-        data = self._compiled.data
+        data = self._elements.data
         inverse, forward, mobility, position, constraints, retract = tree_callbacks()
         power, evaluate_energy_bound = work_callbacks(tree=True)
         return TreeSystem(
@@ -125,7 +126,7 @@ class Systems:
     def _complex_step(self) -> ComplexStepSystem:
         """Return the recursions on complex numbers with the arrays, which may change later."""
         inverse, position, retract = complex_step_callbacks()
-        return ComplexStepSystem(inverse, position, retract, self._compiled.complex_step_data())
+        return ComplexStepSystem(inverse, position, retract, self._elements.complex_step_data())
 
     def _find_mesh_mask(self) -> NDArray[np.bool_]:
         """Return which coordinates are of joints between nodes of a mesh."""
@@ -185,7 +186,7 @@ class Systems:
         """Return the structured tangent over these groups of bodies, or those that joints and loads tie."""
         found = self._groups() if groups is None else groups
         loads = list(self._mechanism.loads())
-        return Tangent(self._compiled.tangent_arrays(), self._compiled.data.state, found, loads)
+        return Tangent(self._elements.tangent_arrays(), self._elements.data.state, found, loads)
 
     def _groups(self) -> Groups:
         """Return the groups of the structured tangent; UserError where they would be too wide to be solved."""
@@ -213,7 +214,7 @@ class Systems:
     @cached_property
     def _held(self) -> Any:
         """The data as kernels take them."""
-        return pin(self._compiled.data)
+        return pin(self._elements.data)
 
     def _rate(self, bodies: Iterable[int] | None = None) -> float:
         """Return how fast gravity and drives, or the drives of these bodies, move them, 1/s; zero: neither does."""

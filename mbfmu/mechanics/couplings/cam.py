@@ -34,7 +34,7 @@ class CamRecord(Record):
 
 
 @kernel
-def evaluate(cam: CamRecord, x: Any, arrays: Arrays) -> Any:
+def evaluate(cam: CamRecord, x: float, arrays: Arrays) -> Any:
     """See :mod:`.base`."""
     value, slope, bend, _ = curve(arrays.numbers, cam.first, cam.count, x)
     return value, slope, bend
@@ -69,7 +69,7 @@ class Cam(Coupling):
     law: Any
     width: float | None = None
 
-    record = CamRecord.dtype
+    record = CamRecord
     evaluate = evaluate
 
     def __post_init__(self) -> None:

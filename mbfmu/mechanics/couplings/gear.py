@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite, is_finite
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
@@ -27,7 +26,7 @@ class GearRecord(Record):
 
 
 @kernel
-def evaluate(gear: GearRecord, x: Any, arrays: Arrays) -> Any:
+def evaluate(gear: GearRecord, x: float, arrays: Arrays) -> Any:
     """See :mod:`.base`."""
     return gear.ratio * x + gear.offset, gear.ratio + 0.0 * x, 0.0 * x
 
@@ -49,7 +48,7 @@ class Gear(Coupling):
         First coordinate if the second is zero, rad or m.
     """
 
-    record = GearRecord.dtype
+    record = GearRecord
     evaluate = evaluate
 
     ratio: float
@@ -60,10 +59,6 @@ class Gear(Coupling):
         if np.ndim(self.ratio) or not is_finite(self.ratio) or self.ratio == 0.0:
             raise UserError(f"ratio of {what} is {self.ratio!r}; allowed: a finite number other than zero")
         finite(f"offset of {what}", self.offset)
-
-    def fill(self, record: Any, site: Attachment) -> None:
-        """Write ratio and offset."""
-        record["ratio"], record["offset"] = self.ratio, self.offset
 
     def steepness(self) -> float:
         """Return the ratio without its sign."""

@@ -20,23 +20,24 @@ import numpy as np
 
 from mbfmu.mechanics.axes import plane_axes, unit_axis
 from mbfmu.mechanics.checks import Matrix, rotation, vector
-from mbfmu.mechanics.kind import Attachment, ElementType
+from mbfmu.mechanics.kind import Attachment, ElementType, RecordType
 from mbfmu.mechanics.spatial import arm, centripetal
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Mat3, Record, Vec3
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import MotionRecord, RowRecord, State
 
-CUT_PARAMETERS = np.dtype(
-    [
-        ("Pa", np.float64, (3,)),  # point on body a, body axes, m
-        ("Pb", np.float64, (3,)),
-        ("Ra", np.float64, (3, 3)),  # axes of the cut frame in body a; columns x, y, z
-        ("Rb", np.float64, (3, 3)),
-    ],
-    align=True,
-)
 FRAME_ORDERS = {"x": "yzx", "y": "zxy", "z": "xyz"}  # axes of a frame in a right-handed order, by the last one
+
+
+class CutJointRecord(Record):
+    """Parameters of :class:`CutJoint`."""
+
+    Pa: Vec3  # point on body a, body axes, m
+    Pb: Vec3
+    Ra: Mat3  # axes of the cut frame in body a; columns x, y, z
+    Rb: Mat3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +59,7 @@ class CutJoint(ElementType):
     rotation_a: Any = None
     rotation_b: Any = None
 
-    record = CUT_PARAMETERS
+    record: ClassVar[RecordType] = CutJointRecord
     kernels: ClassVar = {"evaluate": "motion, motion, index, state"}
     evaluate: ClassVar[Any]
     rows: ClassVar[tuple[str, ...]]  # suffix of each row's name
@@ -79,10 +80,9 @@ class CutJoint(ElementType):
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write points and axes."""
-        record["Pa"], record["Pb"] = (
-            vector(f"at_a of {site.name}", self.at_a),
-            vector(f"at_b of {site.name}", self.at_b),
-        )
+        super().fill(record, site)
+        record["Pa"] = vector(f"at_a of {site.name}", self.at_a)
+        record["Pb"] = vector(f"at_b of {site.name}", self.at_b)
         record["Ra"], record["Rb"] = self.frames(site.name)
 
     def extent(self) -> float:
@@ -133,7 +133,7 @@ class AxisCut(CutJoint):
 
 
 @kernel
-def constrain_point(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
+def constrain_point(cut: CutJointRecord, A: MotionRecord, B: MotionRecord, row: int, state: State) -> None:
     """Three rows: Q stays on P along each axis of the cut frame in body a."""
     motion = relative_motion(cut, A, B)
     for k in range(3):
@@ -141,7 +141,7 @@ def constrain_point(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
 
 
 @kernel
-def relative_motion(cut: Any, A: MotionRecord, B: MotionRecord) -> Any:
+def relative_motion(cut: CutJointRecord, A: MotionRecord, B: MotionRecord) -> Any:
     """The arms of Q from b's and from a's origin, the way d from P to Q, d', and d'' without angular accelerations."""
     ax, ay, az = arm(A, cut.Pa)
     bx, by, bz = arm(B, cut.Pb)
@@ -157,7 +157,7 @@ def relative_motion(cut: Any, A: MotionRecord, B: MotionRecord) -> Any:
 
 
 @kernel
-def constrain_along(cut: Any, k: int, A: MotionRecord, motion: Any, row: RowRecord) -> None:
+def constrain_along(cut: CutJointRecord, k: int, A: MotionRecord, motion: Any, row: RowRecord) -> None:
     """One row: Phi = n.d, n axis k of the cut frame in body a, d from P on a to Q on b; ``motion`` is
     what :func:`relative_motion` returns.
 
@@ -188,7 +188,9 @@ def constrain_along(cut: Any, k: int, A: MotionRecord, motion: Any, row: RowReco
 
 
 @kernel
-def constrain_perpendicular(cut: Any, i: int, j: int, A: MotionRecord, B: MotionRecord, row: RowRecord) -> None:
+def constrain_perpendicular(
+    cut: CutJointRecord, i: int, j: int, A: MotionRecord, B: MotionRecord, row: RowRecord
+) -> None:
     """One row: axis i of the cut frame in body a stays perpendicular to axis j of that in body b.
 
     Phi = p.s, Phi' = (w_a - w_b).(p x s), and with p' = w_a x p, s' = w_b x s:

@@ -6,24 +6,28 @@ Phi = (d.d - L^2) / (2 L) with d = r_Q - r_P: smooth at every d, and lambda is t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import MAX_LENGTH, MIN_LENGTH, is_finite
 from mbfmu.mechanics.spatial import arm, centripetal
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import f8
 
-from .base import CUT_PARAMETERS, CutJoint
+from .base import CutJoint, CutJointRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import MotionRecord, State
 
 
+class DistanceCutRecord(CutJointRecord):
+    """Parameters of :class:`DistanceCutJoint`."""
+
+    length: f8  # m
+
+
 @kernel
-def evaluate(cut: Any, A: MotionRecord, B: MotionRecord, row: int, state: State) -> None:
+def evaluate(cut: DistanceCutRecord, A: MotionRecord, B: MotionRecord, row: int, state: State) -> None:
     """See :mod:`.base`. Phi' = d.d'/L, Phi'' = (d.d'' + d'.d')/L."""
     out = state.rows[row]
     ax, ay, az = arm(A, cut.Pa)
@@ -57,7 +61,7 @@ class DistanceCutJoint(CutJoint):
         Length of the rod, m.
     """
 
-    record = np.dtype([*CUT_PARAMETERS.descr, ("length", np.float64)], align=True)
+    record = DistanceCutRecord
     rows = ("",)
     units = ("N",)
     drawn = "rod"
@@ -69,11 +73,6 @@ class DistanceCutJoint(CutJoint):
         """Refuse what is no length."""
         if not (is_finite(self.length) and MIN_LENGTH <= self.length <= MAX_LENGTH):
             raise UserError(f"length of {what} is {self.length!r} m; allowed: {MIN_LENGTH:g} to {MAX_LENGTH:g}")
-
-    def fill(self, record: Any, site: Attachment) -> None:
-        """Write the length too."""
-        super().fill(record, site)
-        record["length"] = self.length
 
     def extent(self) -> float:
         """Return its length."""

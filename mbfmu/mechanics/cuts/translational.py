@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import kernel
 
-from .base import AxisCut, constrain_along, constrain_perpendicular, relative_motion
+from .base import AxisCut, CutJointRecord, constrain_along, constrain_perpendicular, relative_motion
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import State
+    from mbfmu.mechanics.records import MotionRecord, State
 
 
 @kernel
-def evaluate(cut: Any, A: Any, B: Any, row: int, state: State) -> None:
+def evaluate(cut: CutJointRecord, A: MotionRecord, B: MotionRecord, row: int, state: State) -> None:
     """See :mod:`.base`. x_a, y_a, z_a are perpendicular to y_b, z_b, x_b."""
     motion = relative_motion(cut, A, B)
     constrain_along(cut, 0, A, motion, state.rows[row])

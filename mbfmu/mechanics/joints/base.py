@@ -3,13 +3,14 @@
 A joint places its child in the joint frame F, which is fixed in the parent at the placement the builder was given. Its
 kernel ``place(joint, qi, state)`` reads the positions from ``state.q[qi]`` on and writes, in F axes,
 
-    state.rel[0:nv]       the columns of the motion subspace: the child's relative velocity is  sum_k v_k rel[k]
-    state.rel[6:9, 0:3]   the child's axes in F,   state.rel[6:9, 3] its origin in F
+    rel.S[0:nv]   the columns of the motion subspace: the child's relative velocity is  sum_k v_k S[k]
+    rel.R         the child's axes in F
+    rel.p         its origin in F
 
-all of it: what ``rel`` held before is another joint's. For axes that rest in F and for angular velocities in the
-child's axes differentiating the columns adds nothing to the relative acceleration; a joint of other columns also has
-``bias(joint, qi, vi, state)``, which writes sum_k v_k d(rel[k])/dt into ``state.bias`` (6,), F axes, with the
-velocities from ``state.v[vi]`` on. Everything else about tree joints is common and lives in the recursions.
+with ``rel = state.rel[0]``; all of it: what ``rel`` held before is another joint's. For axes that rest in F and for
+angular velocities in the child's axes differentiating the columns adds nothing to the relative acceleration; a joint of
+other columns also has ``bias(joint, qi, vi, state)``, which writes sum_k v_k dS[k]/dt into ``rel.bias`` (6,), F axes,
+with the velocities from ``state.v[vi]`` on. Everything else about tree joints is common and lives in the recursions.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.axes import Vector, unit_axis
-from mbfmu.mechanics.kind import Attachment, ElementType
+from mbfmu.mechanics.kind import Attachment, ElementType, RecordType
 from mbfmu.util.errors import UserError
+from solvers.compiled.record import Record, Vec3
 
 MAX_COORDINATES = 6  # of a joint
 
@@ -123,6 +125,12 @@ class Joint(ElementType):
         return q
 
 
+class AxisRecord(Record):
+    """Parameters of :class:`AxisJoint`."""
+
+    axis: Vec3  # unit vector in the joint frame
+
+
 @dataclass(frozen=True, kw_only=True)
 class AxisJoint(Joint):
     """Base class of joints with an axis.
@@ -133,7 +141,7 @@ class AxisJoint(Joint):
         Axis in the joint frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,) of any length.
     """
 
-    record = np.dtype([("axis", np.float64, (3,))], align=True)  # unit vector in the joint frame
+    record: ClassVar[RecordType] = AxisRecord
 
     axis: str | Vector = "z"
 

@@ -8,7 +8,7 @@ child's axes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.spatial import quaternion_matrix
 from solvers.compiled.kernel import kernel
@@ -17,18 +17,19 @@ from .base import Joint
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
+    from solvers.compiled.record import Record
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: Record, qi: int, state: State) -> None:
     """See :mod:`.base`."""
-    q, rel = state.q, state.rel
-    quaternion_matrix(q, qi + 3, rel, 6)
+    q, rel = state.q, state.rel[0]
+    quaternion_matrix(q, qi + 3, rel.R)
     for k in range(3):
         for i in range(3):
-            rel[k, i], rel[k, 3 + i] = 1.0 if i == k else 0.0, 0.0
-            rel[3 + k, i], rel[3 + k, 3 + i] = 0.0, rel[6 + i, k]
-        rel[6 + k, 3] = q[qi + k]
+            rel.S[k, i], rel.S[k, 3 + i] = 1.0 if i == k else 0.0, 0.0
+            rel.S[3 + k, i], rel.S[3 + k, 3 + i] = 0.0, rel.R[i, k]
+        rel.p[k] = q[qi + k]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,32 +11,31 @@ from mbfmu.mechanics.axes import plane_axes
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import axis_matrix
 from solvers.compiled.kernel import kernel
-from solvers.compiled.record import Record, Vec3
+from solvers.compiled.record import Vec3
 
-from .base import AxisJoint
+from .base import AxisJoint, AxisRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
 
 
-class PlanarRecord(Record):
+class PlanarRecord(AxisRecord):
     """Parameters of :class:`Planar`."""
 
-    axis: Vec3  # unit vectors in the joint frame
-    first: Vec3
+    first: Vec3  # unit vectors in the joint frame
     other: Vec3
 
 
 @kernel
 def place(joint: PlanarRecord, qi: int, state: State) -> None:
     """See :mod:`.base`."""
-    q, axis, first, other, rel = state.q, joint.axis, joint.first, joint.other, state.rel
-    axis_matrix(axis, np.cos(q[qi + 2]), np.sin(q[qi + 2]), rel, 6)
+    q, axis, first, other, rel = state.q, joint.axis, joint.first, joint.other, state.rel[0]
+    axis_matrix(axis, np.cos(q[qi + 2]), np.sin(q[qi + 2]), rel.R)
     for i in range(3):
-        rel[0, i], rel[0, 3 + i] = first[i], 0.0
-        rel[1, i], rel[1, 3 + i] = other[i], 0.0
-        rel[2, i], rel[2, 3 + i] = 0.0, axis[i]
-        rel[6 + i, 3] = q[qi] * first[i] + q[qi + 1] * other[i]
+        rel.S[0, i], rel.S[0, 3 + i] = first[i], 0.0
+        rel.S[1, i], rel.S[1, 3 + i] = other[i], 0.0
+        rel.S[2, i], rel.S[2, 3 + i] = 0.0, axis[i]
+        rel.p[i] = q[qi] * first[i] + q[qi + 1] * other[i]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +47,7 @@ class Planar(AxisJoint):
     y is along ``axis`` cross that. So for ``axis`` y they are along the frame's x and -z, for x along its y and z.
     """
 
-    record = PlanarRecord.dtype
+    record = PlanarRecord
     nq = 3
     nv = 3
     place = place

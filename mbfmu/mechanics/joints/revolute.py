@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbfmu.mechanics.spatial import axis_matrix
 from solvers.compiled.kernel import kernel
 
-from .base import AxisJoint
+from .base import AxisJoint, AxisRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: AxisRecord, qi: int, state: State) -> None:
     """See :mod:`.base`."""
-    axis, rel = joint.axis, state.rel
-    axis_matrix(axis, np.cos(state.q[qi]), np.sin(state.q[qi]), rel, 6)
+    axis, rel = joint.axis, state.rel[0]
+    axis_matrix(axis, np.cos(state.q[qi]), np.sin(state.q[qi]), rel.R)
     for i in range(3):
-        rel[0, i], rel[0, 3 + i] = 0.0, axis[i]
-        rel[6 + i, 3] = 0.0
+        rel.S[0, i], rel.S[0, 3 + i] = 0.0, axis[i]
+        rel.p[i] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,29 +12,28 @@ from mbfmu.mechanics.numbers import MAX_LENGTH, MIN_LENGTH, is_finite
 from mbfmu.mechanics.spatial import axis_matrix
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
-from solvers.compiled.record import Record, Vec3, f8
+from solvers.compiled.record import f8
 
-from .base import AxisJoint
+from .base import AxisJoint, AxisRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
 
 
-class ScrewRecord(Record):
+class ScrewRecord(AxisRecord):
     """Parameters of :class:`Screw`."""
 
-    axis: Vec3
-    rise: f8
+    rise: f8  # displacement along the axis, m/rad
 
 
 @kernel
 def place(joint: ScrewRecord, qi: int, state: State) -> None:
     """See :mod:`.base`."""
-    angle, axis, rel = state.q[qi], joint.axis, state.rel
-    axis_matrix(axis, np.cos(angle), np.sin(angle), rel, 6)
+    angle, axis, rel = state.q[qi], joint.axis, state.rel[0]
+    axis_matrix(axis, np.cos(angle), np.sin(angle), rel.R)
     for i in range(3):
-        rel[0, i], rel[0, 3 + i] = joint.rise * axis[i], axis[i]
-        rel[6 + i, 3] = joint.rise * angle * axis[i]
+        rel.S[0, i], rel.S[0, 3 + i] = joint.rise * axis[i], axis[i]
+        rel.p[i] = joint.rise * angle * axis[i]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +46,7 @@ class Screw(AxisJoint):
         Displacement along ``axis`` per revolution, m; negative: left-handed thread.
     """
 
-    record = ScrewRecord.dtype
+    record = ScrewRecord
     nq = 1
     nv = 1
     place = place

@@ -6,7 +6,7 @@ Velocities are the angular velocity in the child's axes, whose columns turn with
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.spatial import quaternion_matrix
 from solvers.compiled.kernel import kernel
@@ -15,17 +15,18 @@ from .base import Joint
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
+    from solvers.compiled.record import Record
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: Record, qi: int, state: State) -> None:
     """See :mod:`.base`."""
-    rel = state.rel
-    quaternion_matrix(state.q, qi, rel, 6)
+    rel = state.rel[0]
+    quaternion_matrix(state.q, qi, rel.R)
     for k in range(3):
         for i in range(3):
-            rel[k, i], rel[k, 3 + i] = 0.0, rel[6 + i, k]
-        rel[6 + k, 3] = 0.0
+            rel.S[k, i], rel.S[k, 3 + i] = 0.0, rel.R[i, k]
+        rel.p[k] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

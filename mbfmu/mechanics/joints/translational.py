@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import kernel
 
-from .base import AxisJoint
+from .base import AxisJoint, AxisRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: AxisRecord, qi: int, state: State) -> None:
     """See :mod:`.base`."""
-    q, axis, rel = state.q, joint.axis, state.rel
+    q, axis, rel = state.q, joint.axis, state.rel[0]
     for i in range(3):
-        rel[0, i], rel[0, 3 + i] = axis[i], 0.0
+        rel.S[0, i], rel.S[0, 3 + i] = axis[i], 0.0
         for j in range(3):
-            rel[6 + i, j] = 1.0 if i == j else 0.0
-        rel[6 + i, 3] = q[qi] * axis[i]
+            rel.R[i, j] = 1.0 if i == j else 0.0
+        rel.p[i] = q[qi] * axis[i]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,9 +17,9 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import axis_matrix, rotated
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
-from solvers.compiled.record import Record, Vec3
+from solvers.compiled.record import Vec3
 
-from .base import AxisJoint
+from .base import AxisJoint, AxisRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
@@ -27,31 +27,30 @@ if TYPE_CHECKING:
 MAX_AXIS_COSINE = 1e-9  # cosine of the angle between two axes
 
 
-class UniversalRecord(Record):
+class UniversalRecord(AxisRecord):
     """Parameters of :class:`Universal`."""
 
-    axis: Vec3
     second: Vec3
 
 
 @kernel
 def place(joint: UniversalRecord, qi: int, state: State) -> None:
     """See :mod:`.base`. Columns: n;  A_n m."""
-    q, n, m, rel = state.q, joint.axis, joint.second, state.rel
-    axis_matrix(m, np.cos(q[qi + 1]), np.sin(q[qi + 1]), rel, 6)
+    q, n, m, rel = state.q, joint.axis, joint.second, state.rel[0]
+    axis_matrix(m, np.cos(q[qi + 1]), np.sin(q[qi + 1]), rel.R)
     c, s = np.cos(q[qi]), np.sin(q[qi])
     for k in range(3):
-        rel[6, k], rel[7, k], rel[8, k] = rotated(n, c, s, rel[6, k], rel[7, k], rel[8, k])
-        rel[6 + k, 3] = 0.0
-        rel[0, k], rel[0, 3 + k] = 0.0, n[k]
-        rel[1, k] = 0.0
-    rel[1, 3], rel[1, 4], rel[1, 5] = rotated(n, c, s, m[0], m[1], m[2])
+        rel.R[0, k], rel.R[1, k], rel.R[2, k] = rotated(n, c, s, rel.R[0, k], rel.R[1, k], rel.R[2, k])
+        rel.p[k] = 0.0
+        rel.S[0, k], rel.S[0, 3 + k] = 0.0, n[k]
+        rel.S[1, k] = 0.0
+    rel.S[1, 3], rel.S[1, 4], rel.S[1, 5] = rotated(n, c, s, m[0], m[1], m[2])
 
 
 @kernel
 def bias(joint: UniversalRecord, qi: int, vi: int, state: State) -> None:
     """See :mod:`.base`: q_0' q_1' n x A_n m."""
-    q, v, n, m, out = state.q, state.v, joint.axis, joint.second, state.bias
+    q, v, n, m, out = state.q, state.v, joint.axis, joint.second, state.rel[0].bias
     x, y, z = rotated(n, np.cos(q[qi]), np.sin(q[qi]), m[0], m[1], m[2])
     turn = v[vi] * v[vi + 1]
     for k in range(3):
@@ -69,7 +68,7 @@ class Universal(AxisJoint):
         Perpendicular axes in the joint frame, for zero angles.
     """
 
-    record = UniversalRecord.dtype
+    record = UniversalRecord
     nq = 2
     nv = 2
     place = place

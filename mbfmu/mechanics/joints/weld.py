@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import kernel
 
@@ -11,16 +11,17 @@ from .base import Joint
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
+    from solvers.compiled.record import Record
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: Record, qi: int, state: State) -> None:
     """See :mod:`.base`."""
-    rel = state.rel
+    rel = state.rel[0]
     for i in range(3):
         for j in range(3):
-            rel[6 + i, j] = 1.0 if i == j else 0.0
-        rel[6 + i, 3] = 0.0
+            rel.R[i, j] = 1.0 if i == j else 0.0
+        rel.p[i] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ Its kernels:
     monitor(load, arrays, state)             returns how far it is from the limits of its theory, see
                                              :func:`limit_ratio`; None: it does not say
     misplacement(load, arrays, state)        returns how far its bodies are from where it requires them at the start:
-                                             more than 1 is refused; None: it requires nothing
+                                             more than MAX_MISPLACEMENT is refused; None: it requires nothing
 
 A load without ``tangent`` is differentiated by complex steps, so ``apply`` is analytic in every real
 number it reads. A load whose tangent is negligible has ``zero_tangent``. A load that a scene does not call for has no
@@ -35,27 +35,33 @@ from mbfmu.mechanics.checks import vector
 from mbfmu.mechanics.kind import Attachment, ElementType
 from mbfmu.mechanics.spatial import arm
 from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Record, Vec3, i8
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.arrays.load_groups import LoadGroup
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from solvers.compiled.record import Reals
 
 Points = tuple[Any, ...]
+MAX_ACCURATE_RATIO, MAX_VALID_RATIO = 1.0, 2.0  # of a ``monitor``: beyond these results are inaccurate, meaningless
+MAX_MISPLACEMENT = 1.0  # of a ``misplacement``: beyond it the mechanism is refused
 FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 
 
 @kernel
-def zero_tangent(load: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
+def zero_tangent(load: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Reals) -> float:
     """Tangent of a load whose stiffness is negligible in the implicit solvers of large trees."""
     return 0.0
 
 
 @inlined
 def limit_ratio(value: float, accurate: float, valid: float) -> float:
-    """What a ``monitor`` returns of a measure: up to 1 results are accurate, up to 2 they mean something, beyond they
-    mean nothing; ``accurate`` and ``valid`` are the largest values with these properties.
+    """What a ``monitor`` returns of a measure: MAX_ACCURATE_RATIO at ``accurate``, its largest value with accurate
+    results, and MAX_VALID_RATIO at ``valid``, beyond which results mean nothing.
     """
-    return value / accurate if value <= accurate else 1.0 + (value - accurate) / (valid - accurate)
+    if value <= accurate:
+        return value / accurate * MAX_ACCURATE_RATIO
+    return MAX_ACCURATE_RATIO + (value - accurate) / (valid - accurate) * (MAX_VALID_RATIO - MAX_ACCURATE_RATIO)
 
 
 @kernel
@@ -65,6 +71,15 @@ def direction(force: Any, body: MotionRecord) -> tuple[float, float, float]:
         return arm(body, force.axis)
     one = 1.0 + 0.0 * body.r[0]  # of the type of the state
     return force.axis[0] * one, force.axis[1] * one, force.axis[2] * one
+
+
+class PointPairRecord(Record):
+    """Parameters of a force between points of two bodies."""
+
+    a: i8
+    b: i8
+    Pa: Vec3  # body axes, m
+    Pb: Vec3
 
 
 def fill_points(force: Any, record: Any, site: Attachment) -> None:

@@ -166,7 +166,7 @@ class BeamElement(Force):
         Damping time of the material, s.
     """
 
-    record = BeamElementRecord.dtype
+    record = BeamElementRecord
     apply = apply
     potential = potential
     power = power
@@ -186,8 +186,8 @@ class BeamElement(Force):
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write its bodies and stiffnesses."""
+        super().fill(record, site)
         record["a"], record["b"] = site.bodies
-        record["length"], record["damping"] = self.length, self.damping
         record["stiffness"] = self.axial, self.torsion, self.bending_y, self.bending_z
 
     @property

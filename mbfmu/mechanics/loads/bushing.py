@@ -29,7 +29,7 @@ from solvers.compiled.record import Mat3, Record, Vec3, Vec6, i8
 from .base import Force, Points, fill_points
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
     from solvers.compiled.record import Reals
 
 
@@ -47,18 +47,18 @@ class BushingRecord(Record):
 
 
 @kernel
-def _axes(body: Any, E: Reals) -> Any:
+def _axes(body: MotionRecord, E: Reals) -> Any:
     """Axes of a frame E, rows in body axes, in global ones."""
     return arm(body, E[0]), arm(body, E[1]), arm(body, E[2])
 
 
 @kernel
-def _dot(a: Reals, b: Any) -> float:
+def _dot(a: Any, b: Any) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @kernel
-def _attitude(force: Any, A: Any, B: Any) -> Any:
+def _attitude(force: Any, A: MotionRecord, B: MotionRecord) -> Any:
     """Quaternion of the frame in b, in the one in a."""
     fx, fy, fz = _axes(B, force.Eb)
     ex, ey, ez = _axes(A, force.Ea)
@@ -70,7 +70,7 @@ def _attitude(force: Any, A: Any, B: Any) -> Any:
 
 
 @kernel
-def _stretch(force: BushingRecord, A: Any, B: Any) -> tuple[float, float, float, float, float, float]:
+def _stretch(force: BushingRecord, A: MotionRecord, B: MotionRecord) -> tuple[float, float, float, float, float, float]:
     """(d, p)."""
     d, _, _ = point_offset(A, B, force.Pa, force.Pb)
     ex, ey, ez = _axes(A, force.Ea)
@@ -79,7 +79,7 @@ def _stretch(force: BushingRecord, A: Any, B: Any) -> tuple[float, float, float,
 
 
 @kernel
-def _stretch_rate(force: Any, A: Any, B: Any) -> tuple[float, float, float, float, float, float]:
+def _stretch_rate(force: Any, A: MotionRecord, B: MotionRecord) -> tuple[float, float, float, float, float, float]:
     """(d, p)', seen from the frame."""
     rise = point_offset_rate(A, B, force.Pa, force.Pb)
     ex, ey, ez = _axes(A, force.Ea)
@@ -161,7 +161,7 @@ class Bushing(Force):
         3x3 axes of the frame in the two bodies; identity by default.
     """
 
-    record = BushingRecord.dtype
+    record = BushingRecord
     apply = apply
     potential = potential
     power = power

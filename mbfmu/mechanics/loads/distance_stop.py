@@ -5,40 +5,40 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import not_negative
-from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
 
-from .base import Force, Points, fill_points
-from .spring import connecting_line
-from .stops import LIMITS, check_limits, dissipated_power, fill_limits, stop_energy, stop_force
+from .base import Force, PointPairRecord, Points, fill_points
+from .spring import connecting_line, pull_together
+from .stops import LimitRecord, check_limits, dissipated_power, fill_limits, stop_energy, stop_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
 
 
+class DistanceStopRecord(LimitRecord, PointPairRecord):
+    """Parameters of :class:`DistanceStop`."""
+
+
 @kernel
-def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: DistanceStopRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
     A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
-    f = stop_force(force, length, rate) if length != 0.0 else 0.0 * length
-    add_force(A.F, ax, ay, az, -f * dx, -f * dy, -f * dz)
-    add_force(B.F, bx, by, bz, f * dx, f * dy, f * dz)
+    line = connecting_line(force, A, B)
+    _, _, _, length, rate = line
+    pull_together(A, B, line, -stop_force(force, length, rate) if length != 0.0 else 0.0 * length)
 
 
 @kernel
-def potential(force: Any, arrays: Arrays, state: State) -> float:
+def potential(force: DistanceStopRecord, arrays: Arrays, state: State) -> float:
     """k x^2 / 2."""
     _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return stop_energy(force, length)
 
 
 @kernel
-def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(force: DistanceStopRecord, t: float, arrays: Arrays, state: State) -> float:
     """-(f - k x) x'."""
     _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return dissipated_power(force, length, rate) if length != 0.0 else 0.0 * length
@@ -61,16 +61,7 @@ class DistanceStop(Force):
         Damping c (Hunt and Crossley), s/m; see :class:`.JointStop`.
     """
 
-    record = np.dtype(
-        [
-            ("a", np.int64),
-            ("b", np.int64),
-            ("Pa", np.float64, (3,)),  # body axes, m
-            ("Pb", np.float64, (3,)),
-            *LIMITS,
-        ],
-        align=True,
-    )
+    record = DistanceStopRecord
     apply = apply
     potential = potential
     power = power

@@ -73,7 +73,7 @@ def power(drag: DragRecord, t: float, arrays: Arrays, state: State) -> float:
 class Drag(Load):
     """Drag on a cell of some area (m^2); ``density`` is that of the air times the drag coefficient, kg/m^3."""
 
-    record = DragRecord.dtype
+    record = DragRecord
     apply = apply
     power = power
     tangent = zero_tangent

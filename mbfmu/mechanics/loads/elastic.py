@@ -16,6 +16,7 @@ from mbfmu.mechanics.kind import Attachment, kernel_of
 from mbfmu.mechanics.numbers import finite, not_negative
 from mbfmu.mechanics.signals import Table
 from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.record import Record, f8, i8
 
 from .base import Force
 
@@ -23,16 +24,30 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
 
 
+class ElasticRecord(Record):
+    """Parameters of :class:`ElasticForce`."""
+
+    stiffness: f8  # N/m or N m/rad
+    damping: f8  # N s/m or N m s/rad
+    free: f8  # m or rad
+    first: i8  # of the numbers of a table, and how many rows it has; none: it is linear
+    count: i8
+
+
 @kernel
-def table_force(force: Any, stretch: Any, arrays: Arrays) -> Any:
-    """The force at a stretch, by the table of a record with ``first`` and ``count``."""
+def elastic_force(force: ElasticRecord, stretch: float, arrays: Arrays) -> float:
+    """k x, or the force by the table: without the damper."""
+    if force.count == 0:
+        return force.stiffness * stretch
     f, _, _, _ = curve(arrays.numbers, force.first, force.count, stretch)
     return f
 
 
 @kernel
-def table_energy(force: Any, stretch: Any, arrays: Arrays) -> Any:
-    """The integral of the force, from no stretch on."""
+def elastic_energy(force: ElasticRecord, stretch: float, arrays: Arrays) -> float:
+    """k x^2 / 2, or the integral of the table from no stretch on."""
+    if force.count == 0:
+        return 0.5 * force.stiffness * stretch * stretch
     _, _, _, stored = curve(arrays.numbers, force.first, force.count, stretch)
     _, _, _, unloaded = curve(arrays.numbers, force.first, force.count, 0.0 * stretch)
     return stored - unloaded
@@ -52,27 +67,23 @@ def as_law(f: Any) -> Any:
 class ElasticForce(Force):
     """Spring and parallel damper.
 
-    ``tabled`` are ``apply`` and ``potential`` of one with a table, ``made`` returns ``apply`` and ``power`` of one with
-    a function of the time, the stretch and its rate.
+    Its kernels are for a stiffness and for a table; ``kernels_of_law`` returns ``apply`` and ``power`` of one with a
+    function of the time, the stretch and its rate.
     """
 
-    tabled: ClassVar[tuple[Any, Any]]
-    made: ClassVar[Any]
+    kernels_of_law: ClassVar[Any]
 
     stiffness: Any = 0.0
     damping: float = 0.0
     free: float = 0.0
 
     def __post_init__(self) -> None:
-        """Take the kernels of a table, or of a function."""
-        found: dict[str, Any] = {}
-        if isinstance(self.stiffness, Table):
-            found = dict(zip(("apply", "potential"), self.tabled, strict=True))
-        elif self._is_function():
+        """Take the kernels of a function."""
+        if self._is_function():
             f = as_law(law.law_of(f"stiffness of a {type(self).__name__}", self.stiffness, ("x",)))
-            found = dict(zip(("apply", "power"), kernel_of(self, "made")(f), strict=True)) | {"potential": None}
-        for name, function in found.items():
-            object.__setattr__(self, name, function)
+            apply, power = kernel_of(self, "kernels_of_law")(f)
+            for name, function in {"apply": apply, "power": power, "potential": None}.items():
+                object.__setattr__(self, name, function)
 
     def _is_function(self) -> bool:
         return isinstance(self.stiffness, str) or callable(self.stiffness)

@@ -63,7 +63,7 @@ class JointForce(Force):
         and its rate v: ``lambda t, q, v: -3.0 * v * abs(v)`` or ``"-3 * v * abs(v)"``.
     """
 
-    record = JointForceRecord.dtype
+    record = JointForceRecord
     on_joint = True
     apply = apply
     power = power

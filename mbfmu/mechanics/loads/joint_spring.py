@@ -9,57 +9,38 @@ from typing import TYPE_CHECKING, Any
 from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import jit_uncached, kernel
-from solvers.compiled.record import Record, f8, i8
+from solvers.compiled.record import i8
 
-from .elastic import ElasticForce, table_energy, table_force
+from .elastic import ElasticForce, ElasticRecord, elastic_energy, elastic_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
 
 
-class JointSpringRecord(Record):
+class JointSpringRecord(ElasticRecord):
     """Parameters of :class:`JointSpring`."""
 
     q: i8
     v: i8
-    first: i8  # of the numbers of a table, and how many rows it has
-    count: i8
-    stiffness: f8  # N m/rad or N/m
-    damping: f8
-    free: f8
 
 
 @kernel
 def apply(force: JointSpringRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
-    stretch = state.q[force.q] - force.free
-    state.Q[force.v] -= force.stiffness * stretch + force.damping * state.v[force.v]
+    f = elastic_force(force, state.q[force.q] - force.free, arrays)
+    state.Q[force.v] -= f + force.damping * state.v[force.v]
 
 
 @kernel
 def potential(force: JointSpringRecord, arrays: Arrays, state: State) -> float:
-    """k (q - q0)^2 / 2."""
-    stretch = state.q[force.q] - force.free
-    return 0.5 * force.stiffness * stretch * stretch
+    """Energy of the stretch."""
+    return elastic_energy(force, state.q[force.q] - force.free, arrays)
 
 
 @kernel
 def power(force: JointSpringRecord, t: float, arrays: Arrays, state: State) -> float:
     """-c q'^2."""
     return -force.damping * state.v[force.v] * state.v[force.v]
-
-
-@kernel
-def apply_table(force: JointSpringRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`."""
-    f = table_force(force, state.q[force.q] - force.free, arrays)
-    state.Q[force.v] -= f + force.damping * state.v[force.v]
-
-
-@kernel
-def table_potential(force: JointSpringRecord, arrays: Arrays, state: State) -> float:
-    """The integral of the force, from no stretch on."""
-    return table_energy(force, state.q[force.q] - force.free, arrays)
 
 
 @cache
@@ -92,14 +73,13 @@ class JointSpring(ElasticForce):
         Unloaded coordinate, rad or m.
     """
 
-    record = JointSpringRecord.dtype
+    record = JointSpringRecord
     on_joint = True
     drawn = "coil"
     apply = apply
     potential = potential
     power = power
-    tabled = (apply_table, table_potential)
-    made = kernels_of
+    kernels_of_law = kernels_of
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write where it acts too."""

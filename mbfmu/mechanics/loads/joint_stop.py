@@ -5,32 +5,38 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import i8
 
 from .base import Force
-from .stops import LIMITS, check_limits, dissipated_power, fill_limits, stop_energy, stop_force
+from .stops import LimitRecord, check_limits, dissipated_power, fill_limits, stop_energy, stop_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
 
 
+class JointStopRecord(LimitRecord):
+    """Parameters of :class:`JointStop`."""
+
+    q: i8
+    v: i8
+
+
 @kernel
-def apply(force: State, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: JointStopRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     state.Q[force.v] += stop_force(force, state.q[force.q], state.v[force.v])
 
 
 @kernel
-def potential(force: State, arrays: Arrays, state: State) -> float:
+def potential(force: JointStopRecord, arrays: Arrays, state: State) -> float:
     """k x^2 / 2."""
     return stop_energy(force, state.q[force.q])
 
 
 @kernel
-def power(force: State, t: float, arrays: Arrays, state: State) -> float:
+def power(force: JointStopRecord, t: float, arrays: Arrays, state: State) -> float:
     """-(f - k x) x'."""
     return dissipated_power(force, state.q[force.q], state.v[force.v])
 
@@ -50,7 +56,7 @@ class JointStop(Force):
         v much smaller than 1 / c, the rebound velocity is about v (1 - 2 c v / 3).
     """
 
-    record = np.dtype([("q", np.int64), ("v", np.int64), *LIMITS], align=True)
+    record = JointStopRecord
     on_joint = True
     apply = apply
     potential = potential

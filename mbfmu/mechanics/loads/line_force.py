@@ -7,39 +7,33 @@ from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
-from solvers.compiled.record import Record, Vec3, i8
+from solvers.compiled.record import i8
 
-from .base import Force, Points, fill_points
-from .spring import connecting_line
+from .base import Force, PointPairRecord, Points, fill_points
+from .spring import connecting_line, pull_together
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
 
 
-class LineForceRecord(Record):
+class LineForceRecord(PointPairRecord):
     """Parameters of :class:`LineForce`."""
 
-    a: i8
-    b: i8
     signal: i8
-    Pa: Vec3  # body axes, m
-    Pb: Vec3
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(force: LineForceRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`. Points that coincide have no line of action: there is no force."""
     A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, _ = connecting_line(force, A, B)
-    f = signal_value(force.signal, t, arrays) if length != 0.0 else 0.0 * length
-    add_force(A.F, ax, ay, az, -f * dx, -f * dy, -f * dz)
-    add_force(B.F, bx, by, bz, f * dx, f * dy, f * dz)
+    line = connecting_line(force, A, B)
+    _, _, _, length, _ = line
+    pull_together(A, B, line, -signal_value(force.signal, t, arrays) if length != 0.0 else 0.0 * length)
 
 
 @kernel
-def power(force: Any, t: float, arrays: Arrays, state: State) -> float:
+def power(force: LineForceRecord, t: float, arrays: Arrays, state: State) -> float:
     """Force times rate of the distance."""
     _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
     return signal_value(force.signal, t, arrays) * rate if length != 0.0 else 0.0 * length
@@ -65,7 +59,7 @@ class LineForce(Force):
     start. Outputs of distance and rate: ``ForceHandle.length`` and ``ForceHandle.length_rate``.
     """
 
-    record = LineForceRecord.dtype
+    record = LineForceRecord
     apply = apply
     power = power
 

@@ -67,7 +67,7 @@ class PointForce(Force):
         Point of application, m, body frame.
     """
 
-    record = PointForceRecord.dtype
+    record = PointForceRecord
     apply = apply
     power = power
 

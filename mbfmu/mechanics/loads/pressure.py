@@ -107,7 +107,7 @@ def tangent(load: PressureRecord, c1: float, arrays: Arrays, state: State, pertu
 class Pressure(Load):
     """Pressure of ``magnitude`` (Pa: number, signal or input) along y of a flat face."""
 
-    record = PressureRecord.dtype
+    record = PressureRecord
     apply = apply
     power = power
     tangent = tangent

@@ -17,31 +17,20 @@ from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force, arm
 from solvers.compiled.kernel import jit_uncached, kernel
-from solvers.compiled.record import Record, Vec3, f8, i8
 
-from .base import Points, fill_points
-from .elastic import ElasticForce, table_energy, table_force
+from .base import PointPairRecord, Points, fill_points
+from .elastic import ElasticForce, ElasticRecord, elastic_energy, elastic_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 
-class SpringRecord(Record):
+class SpringRecord(ElasticRecord, PointPairRecord):
     """Parameters of :class:`Spring`."""
-
-    a: i8
-    b: i8
-    first: i8  # of the numbers of a table
-    count: i8  # rows of the table
-    Pa: Vec3  # body axes, m
-    Pb: Vec3
-    stiffness: f8
-    damping: f8
-    free: f8  # unloaded length, m
 
 
 @kernel
-def connecting_line(force: SpringRecord, A: MotionRecord, B: MotionRecord) -> Any:
+def connecting_line(force: PointPairRecord, A: MotionRecord, B: MotionRecord) -> Any:
     """Direction from a to b, or of the velocity where points coincide, arms of the points, length and its rate."""
     ax, ay, az = arm(A, force.Pa)
     bx, by, bz = arm(B, force.Pb)
@@ -62,23 +51,30 @@ def connecting_line(force: SpringRecord, A: MotionRecord, B: MotionRecord) -> An
 
 
 @kernel
-def apply(force: SpringRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
-    f = force.damping * rate
-    if length != 0.0:
-        f += force.stiffness * (length - force.free)
+def pull_together(A: MotionRecord, B: MotionRecord, line: Any, f: float) -> None:
+    """Let a force f pull two points together along the line that joins them; see :func:`connecting_line`."""
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), _, _ = line
     add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
     add_force(B.F, bx, by, bz, -f * dx, -f * dy, -f * dz)
 
 
 @kernel
+def apply(force: SpringRecord, t: float, arrays: Arrays, state: State) -> None:
+    """See :mod:`.base`."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    line = connecting_line(force, A, B)
+    _, _, _, length, rate = line
+    f = force.damping * rate
+    if length != 0.0:
+        f += elastic_force(force, length - force.free, arrays)
+    pull_together(A, B, line, f)
+
+
+@kernel
 def potential(force: SpringRecord, arrays: Arrays, state: State) -> float:
-    """k (l - l0)^2 / 2."""
+    """Energy of the stretch."""
     _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
-    stretch = length - force.free
-    return 0.5 * force.stiffness * stretch * stretch
+    return elastic_energy(force, length - force.free, arrays)
 
 
 @kernel
@@ -88,40 +84,21 @@ def power(force: SpringRecord, t: float, arrays: Arrays, state: State) -> float:
     return -force.damping * rate * rate
 
 
-@kernel
-def apply_table(force: SpringRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
-    f = force.damping * rate
-    if length != 0.0:
-        f += table_force(force, length - force.free, arrays)
-    add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
-    add_force(B.F, bx, by, bz, -f * dx, -f * dy, -f * dz)
-
-
-@kernel
-def table_potential(force: SpringRecord, arrays: Arrays, state: State) -> float:
-    """The integral of the force, from no stretch on."""
-    _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
-    return table_energy(force, length - force.free, arrays)
-
-
 @cache
 def kernels_of(f: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` of a spring whose force is a function."""
     at = law.at
 
-    def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+    def apply(force: SpringRecord, t: float, arrays: Arrays, state: State) -> None:
         A, B = state.bodies[force.a], state.bodies[force.b]
-        (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = connecting_line(force, A, B)
+        line = connecting_line(force, A, B)
+        _, _, _, length, rate = line
         f_x = force.damping * rate
         if length != 0.0:
             f_x += at(f, t, length - force.free, rate)
-        add_force(A.F, ax, ay, az, f_x * dx, f_x * dy, f_x * dz)
-        add_force(B.F, bx, by, bz, -f_x * dx, -f_x * dy, -f_x * dz)
+        pull_together(A, B, line, f_x)
 
-    def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
+    def power(force: SpringRecord, t: float, arrays: Arrays, state: State) -> float:
         _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
         f_x = force.damping * rate
         if length != 0.0:
@@ -149,13 +126,12 @@ class Spring(ElasticForce):
         has no direction and is omitted; a message reports this if it occurs at the start and ``free`` is not zero.
     """
 
-    record = SpringRecord.dtype
+    record = SpringRecord
     drawn = "coil"
     apply = apply
     potential = potential
     power = power
-    tabled = (apply_table, table_potential)
-    made = kernels_of
+    kernels_of_law = kernels_of
 
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)

@@ -16,13 +16,16 @@ import numpy as np
 from mbfmu.mechanics.numbers import finite, not_negative
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, f8
 
-LIMITS = [
-    ("lower", np.float64),  # rad or m; infinite: none
-    ("upper", np.float64),
-    ("stiffness", np.float64),  # N m/rad or N/m
-    ("damping", np.float64),  # s/rad or s/m
-]
+
+class LimitRecord(Record):
+    """Parameters of a stop."""
+
+    lower: f8  # rad or m; infinite: none
+    upper: f8
+    stiffness: f8  # N m/rad or N/m
+    damping: f8  # s/rad or s/m
 
 
 class Limits(Protocol):
@@ -46,7 +49,7 @@ class Limits(Protocol):
 
 
 @kernel
-def penetration(force: Any, q: float, v: float) -> tuple[float, float, float]:
+def penetration(force: LimitRecord, q: float, v: float) -> tuple[float, float, float]:
     """x, x' and which way the stop pushes along q, v being its rate; x is zero between the limits."""
     if q.real < force.lower.real:
         return force.lower - q, -v, 1.0
@@ -56,7 +59,7 @@ def penetration(force: Any, q: float, v: float) -> tuple[float, float, float]:
 
 
 @kernel
-def stop_force(force: Any, q: float, v: float) -> float:
+def stop_force(force: LimitRecord, q: float, v: float) -> float:
     """Force of a stop along q."""
     x, rate, way = penetration(force, q, v)
     share = 1.0 + force.damping * rate
@@ -64,14 +67,14 @@ def stop_force(force: Any, q: float, v: float) -> float:
 
 
 @kernel
-def stop_energy(force: Any, q: float) -> float:
+def stop_energy(force: LimitRecord, q: float) -> float:
     """k x^2 / 2."""
     x, _, _ = penetration(force, q, 0.0 * q)
     return 0.5 * force.stiffness * x * x
 
 
 @kernel
-def dissipated_power(force: Any, q: float, v: float) -> float:
+def dissipated_power(force: LimitRecord, q: float, v: float) -> float:
     """Power of what is not stored, -(f - k x) x', never positive."""
     x, _, way = penetration(force, q, v)
     return (stop_force(force, q, v) - way * force.stiffness * x) * v

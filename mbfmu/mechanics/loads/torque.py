@@ -58,7 +58,7 @@ class Torque(Force):
         ``"ground"``: the axis is global; ``"body"``: the axis is fixed in the body.
     """
 
-    record = TorqueRecord.dtype
+    record = TorqueRecord
     apply = apply
     power = power
 

@@ -20,26 +20,21 @@ from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import angle_of, arm
 from solvers.compiled.kernel import jit_uncached, kernel
-from solvers.compiled.record import Mat3, Record, f8, i8
+from solvers.compiled.record import Mat3, i8
 
-from .elastic import ElasticForce, table_energy, table_force
+from .elastic import ElasticForce, ElasticRecord, elastic_energy, elastic_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 
-class TorsionSpringRecord(Record):
+class TorsionSpringRecord(ElasticRecord):
     """Parameters of :class:`TorsionSpring`."""
 
     a: i8
     b: i8
-    first: i8  # of the numbers of a table, and how many rows it has
-    count: i8
     Ea: Mat3  # rows e1, e2, n, axes of a
     Eb: Mat3  # rows f1, f2, m, axes of b
-    stiffness: f8
-    damping: f8
-    free: f8
 
 
 @kernel
@@ -62,7 +57,7 @@ def _twist(force: TorsionSpringRecord, A: MotionRecord, B: MotionRecord) -> Any:
 
 
 @kernel
-def apply_torque(A: MotionRecord, B: MotionRecord, torque: Any, g: Any) -> None:
+def apply_torque(A: MotionRecord, B: MotionRecord, torque: float, g: Any) -> None:
     """Let a torque act along g on a, and against it on b."""
     gx, gy, gz = g
     A.F[3] += torque * gx
@@ -78,14 +73,14 @@ def apply(force: TorsionSpringRecord, t: float, arrays: Arrays, state: State) ->
     """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     phi, rate, g = _twist(force, A, B)
-    apply_torque(A, B, force.stiffness * (phi - force.free) + force.damping * rate, g)
+    apply_torque(A, B, elastic_force(force, phi - force.free, arrays) + force.damping * rate, g)
 
 
 @kernel
 def potential(force: TorsionSpringRecord, arrays: Arrays, state: State) -> float:
-    """k (phi - phi0)^2 / 2."""
+    """Energy of the turn from phi0."""
     phi, _, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
-    return 0.5 * force.stiffness * (phi - force.free) * (phi - force.free)
+    return elastic_energy(force, phi - force.free, arrays)
 
 
 @kernel
@@ -93,21 +88,6 @@ def power(force: TorsionSpringRecord, t: float, arrays: Arrays, state: State) ->
     """-c phi'^2."""
     _, rate, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
     return -force.damping * rate * rate
-
-
-@kernel
-def apply_table(force: TorsionSpringRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
-    phi, rate, g = _twist(force, A, B)
-    apply_torque(A, B, table_force(force, phi - force.free, arrays) + force.damping * rate, g)
-
-
-@kernel
-def table_potential(force: TorsionSpringRecord, arrays: Arrays, state: State) -> float:
-    """The integral of the torque, from no turn on."""
-    phi, _, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
-    return table_energy(force, phi - force.free, arrays)
 
 
 @cache
@@ -149,12 +129,11 @@ class TorsionSpring(ElasticForce):
         3x3 axes of b in a at the angle zero, such as the ``rotation`` of a joint; None: parallel.
     """
 
-    record = TorsionSpringRecord.dtype
+    record = TorsionSpringRecord
     apply = apply
     potential = potential
     power = power
-    tabled = (apply_table, table_potential)
-    made = kernels_of
+    kernels_of_law = kernels_of
 
     axis: Any = "z"
     rotation: Any = None

@@ -7,7 +7,7 @@ A composite inertia about an origin O is kept as mass m, first moment mc and sec
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.flexible import modal
 from mbfmu.mechanics.records import MODAL, SECTION
@@ -80,7 +80,7 @@ def set_symmetric(row: int, column: int, power: float, add: bool, M: Reals) -> N
 
 
 @inlined
-def propagate_force(i: int, row: int, f: Any, add: bool, arrays: Arrays, state: State, M: Any) -> None:
+def propagate_force(i: int, row: int, f: Reals, add: bool, arrays: Arrays, state: State, M: Reals) -> None:
     """Enter the power of the momentum wrench f of coordinate ``row`` at body i on every free coordinate further in."""
     while arrays.bodies[i].parent > 0:
         up = arrays.bodies[i].parent
@@ -93,7 +93,7 @@ def propagate_force(i: int, row: int, f: Any, add: bool, arrays: Arrays, state: 
 
 
 @inlined
-def mass_matrix(arrays: Arrays, state: State, M: Any) -> None:
+def mass_matrix(arrays: Arrays, state: State, M: Reals) -> None:
     """M (n, n) over the free coordinates, after :func:`composite_inertia`; zero between branches, and left so.
 
     The amplitudes of an elastic body get its inertia first, then that of the bodies on each of its sections.

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @inlined
-def update_kinematics(t: float, q: Any, v: Any, arrays: Arrays, state: State) -> None:
+def update_kinematics(t: float, q: Reals, v: Reals, arrays: Arrays, state: State) -> None:
     """Positions, velocities and applied forces at (t, q, v)."""
     scatter_coordinates(t, q, v, arrays, state)
     update_positions(arrays, state)
@@ -52,7 +52,7 @@ def update_velocity_level(t: float, arrays: Arrays, state: State) -> None:
 
 
 @inlined
-def evaluate_position_rate(arrays: Arrays, q: Any, v: Reals, qdot: Reals) -> None:
+def evaluate_position_rate(arrays: Arrays, q: Reals, v: Reals, qdot: Reals) -> None:
     """qdot (nq,) = N(q) v over the free coordinates."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -76,7 +76,7 @@ def gather_free(values: Reals, arrays: Arrays, out: Reals) -> None:
 
 
 @inlined
-def evaluate_motion_terms(q: Any, v: Any, arrays: Arrays, state: State, terms: Terms) -> None:
+def evaluate_motion_terms(q: Reals, v: Reals, arrays: Arrays, state: State, terms: Terms) -> None:
     """The terms of the bodies as they move; the free accelerations are zero while the bias is taken."""
     update_accelerations(arrays, state)
     inverse_dynamics(arrays, state)
@@ -166,7 +166,7 @@ def retract(q: Any, dq: Any, data: Any) -> None:
 
 
 @kernel
-def energy(t: float, q: Any, v: Any, data: Data) -> float:
+def energy(t: float, q: Reals, v: Reals, data: Data) -> float:
     """Kinetic and potential energy, J."""
     arrays, state = data.arrays, data.state
     scatter_coordinates(t, q, v, arrays, state)
@@ -215,14 +215,14 @@ def scatter_free(a: Reals, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def inverse_dynamics_at_solution(t: float, q: Any, v: Any, a: Any, lam: Any, data: Data) -> None:
+def inverse_dynamics_at_solution(t: float, q: Reals, v: Reals, a: Reals, lam: Reals, data: Data) -> None:
     """Put the solution (q, v, a, lam) into the state: motion of all bodies, joint wrenches, drive efforts."""
     update_kinematics(t, q, v, data.arrays, data.state)
     update_acceleration_level(a, lam, data.arrays, data.state)
 
 
 @inlined
-def update_acceleration_level(a: Any, lam: Any, arrays: Arrays, state: State) -> None:
+def update_acceleration_level(a: Reals, lam: Reals, arrays: Arrays, state: State) -> None:
     """Accelerations, joint wrenches and drive efforts of the solution, bodies moving and loaded as they do there."""
     scatter_free(a, arrays, state)
     update_accelerations(arrays, state)
@@ -231,14 +231,14 @@ def update_acceleration_level(a: Any, lam: Any, arrays: Arrays, state: State) ->
 
 
 @kernel
-def observe(t: float, q: Any, v: Any, a: Any, lam: Any, data: Data, out: Any) -> None:
+def observe(t: float, q: Reals, v: Reals, a: Reals, lam: Reals, data: Data, out: Reals) -> None:
     """The first outputs, up to the length of the array, at the solution (q, v, a, lam)."""
     update_kinematics(t, q, v, data.arrays, data.state)
     evaluate_outputs(a, lam, data, out)
 
 
 @kernel
-def evaluate_outputs(a: Any, lam: Any, data: Data, out: Reals) -> None:
+def evaluate_outputs(a: Reals, lam: Reals, data: Data, out: Reals) -> None:
     """:func:`observe` where the bodies move as at that solution."""
     arrays, state = data.arrays, data.state
     update_acceleration_level(a, lam, arrays, state)
@@ -251,7 +251,7 @@ def evaluate_outputs(a: Any, lam: Any, data: Data, out: Reals) -> None:
 
 
 @kernel
-def observe_all(times: Reals, q: Reals, v: Reals, a: Reals, lam: Reals, data: Any, out: Reals) -> None:
+def observe_all(times: Reals, q: Reals, v: Reals, a: Reals, lam: Reals, data: Data, out: Reals) -> None:
     """:func:`observe` at each of ``times``, in a row of ``out`` each."""
     for i in range(times.shape[0]):
         observe(times[i], q[i], v[i], a[i], lam[i], data, out[i])

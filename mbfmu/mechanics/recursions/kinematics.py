@@ -47,7 +47,7 @@ def scatter_coordinates(t: float, q: Reals, v: Reals, arrays: Arrays, state: Sta
 @inlined
 def update_positions(arrays: Arrays, state: State) -> None:
     """Positions r, A and the subspaces S from State.q."""
-    rel, C = state.rel, state.frame
+    rel, C = state.rel[0], state.frame
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         here = state.bodies[i]
@@ -59,18 +59,18 @@ def update_positions(arrays: Arrays, state: State) -> None:
         multiply(parent.A, body.R, C)
         for k in range(3):
             for j in range(3):
-                here.A[k, j] = C[k, 0] * rel[6, j] + C[k, 1] * rel[7, j] + C[k, 2] * rel[8, j]
+                here.A[k, j] = C[k, 0] * rel.R[0, j] + C[k, 1] * rel.R[1, j] + C[k, 2] * rel.R[2, j]
             here.r[k] = (
                 parent.r[k]
                 + parent.A[k, 0] * body.s[0]
                 + parent.A[k, 1] * body.s[1]
                 + parent.A[k, 2] * body.s[2]
-                + C[k, 0] * rel[6, 3]
-                + C[k, 1] * rel[7, 3]
-                + C[k, 2] * rel[8, 3]
+                + C[k, 0] * rel.p[0]
+                + C[k, 1] * rel.p[1]
+                + C[k, 2] * rel.p[2]
             )
         for k in range(body.nv):
-            rotate_row(C, rel, k, state.S, body.si + k)
+            rotate_row(C, rel.S, k, state.S, body.si + k)
 
 
 @inlined
@@ -114,7 +114,7 @@ def update_velocities(arrays: Arrays, state: State) -> None:
         beta[5] = wx * Y[4] - wy * Y[3]
         if body.role == RIGID and has_bias(body, arrays):
             joint_bias(body, arrays, state)
-            add_bias(body, parent, state.bias, beta)
+            add_bias(body, parent, state.rel[0].bias, beta)
         if body.role != RIGID and arrays.nodes[body.node].shortens > 0:
             add_section_bias(body, arrays.nodes[body.node], parent, state, beta)
         Y[0] += Yj[0] + px

@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import quaternion_of
 from solvers.compiled.kernel import kernel
-from solvers.compiled.record import Record, i8
+from solvers.compiled.record import i8
 
-from .base import Sensor
+from .base import QuantityRecord, Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from solvers.compiled.record import Reals
 
 
-class DirectionCosineRecord(Record):
+class DirectionCosineRecord(QuantityRecord):
     """Parameters of :class:`DirectionCosine`."""
 
-    index: i8
-    component: i8
     axis: i8
 
 
 @kernel
-def quaternion(sensor: DirectionCosineRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def quaternion(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Of e and -e, which are one attitude, the one whose first component is positive."""
     A = state.bodies[sensor.index].A
     e = quaternion_of(A[0], A[1], A[2])
@@ -36,13 +34,13 @@ def quaternion(sensor: DirectionCosineRecord, lam: Any, arrays: Arrays, state: S
 
 
 @kernel
-def cosine(sensor: DirectionCosineRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def cosine(sensor: DirectionCosineRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.bodies[sensor.index].A[sensor.component, sensor.axis]
 
 
 @kernel
-def angular_velocity(sensor: DirectionCosineRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def angular_velocity(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Of component 3 to 5: in the body's axes."""
     here, k = state.bodies[sensor.index], sensor.component
     if k < 3:
@@ -66,16 +64,11 @@ class Quaternion(Sensor):
 class DirectionCosine(Sensor):
     """Global component of an axis of a body's frame."""
 
-    record = DirectionCosineRecord.dtype
+    record = DirectionCosineRecord
     unit: str = "1"
     read = cosine
 
     axis: int = 0
-
-    def fill(self, record: Any, site: Attachment) -> None:
-        """Write the axis too."""
-        super().fill(record, site)
-        record["axis"] = self.axis
 
 
 @dataclass(frozen=True, kw_only=True)

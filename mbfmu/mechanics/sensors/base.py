@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, ClassVar
 
-import numpy as np
-
-from mbfmu.mechanics.kind import Attachment, ElementType
+from mbfmu.mechanics.kind import Attachment, ElementType, RecordType
 from mbfmu.util.errors import UserError
+from solvers.compiled.record import Record, i8
 
 
 class Follows(IntEnum):
@@ -25,6 +24,13 @@ class Follows(IntEnum):
     GRAVITY = 1  # potential energy: with gravity
     LOADS = 2  # accelerations: with every load
     FORCES = 3  # as LOADS, for a force, a moment or a generalized force
+
+
+class QuantityRecord(Record):
+    """Parameters of :class:`Sensor`."""
+
+    index: i8  # of the body, the coordinate, the cut joint or the force
+    component: i8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,13 +56,7 @@ class Sensor(ElementType):
     read: ClassVar[Any]
     follows: ClassVar[Follows] = Follows.MOTION
     reads_energy: ClassVar[bool] = False  # State.energy, which costs a pass over all bodies and loads
-    record = np.dtype(
-        [
-            ("index", np.int64),  # of the body, the coordinate, the cut joint or the force
-            ("component", np.int64),
-        ],
-        align=True,
-    )
+    record: ClassVar[RecordType] = QuantityRecord
 
     unit: str
     item: Any = None
@@ -69,8 +69,9 @@ class Sensor(ElementType):
         return None
 
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write which body, cut joint or force, and the component."""
-        record["index"], record["component"] = 0 if self.item is None else self.item.index, self.component
+        """Write which body, cut joint or force too."""
+        super().fill(record, site)
+        record["index"] = 0 if self.item is None else self.item.index
 
 
 def axis_index(axis: str, of: str) -> int:

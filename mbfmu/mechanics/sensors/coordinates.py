@@ -13,34 +13,36 @@ from .base import Follows, Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.sensors.base import QuantityRecord
+    from solvers.compiled.record import Reals
 
 
 @kernel
-def position(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def position(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.q[sensor.index]
 
 
 @kernel
-def velocity(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def velocity(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.v[sensor.index]
 
 
 @kernel
-def acceleration(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def acceleration(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.a[sensor.index]
 
 
 @kernel
-def effort(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def effort(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.tau[sensor.index]
 
 
 @kernel
-def turn(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def turn(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Angles of revolutes, slopes of sections; component 1: their rates."""
     total, i = 0.0 * arrays.world[0].gravity[0], sensor.index
     while i > 0:

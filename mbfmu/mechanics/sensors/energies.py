@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.recursions.energy import driven_action
 from solvers.compiled.kernel import kernel
@@ -12,34 +12,36 @@ from .base import Follows, Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.sensors.base import QuantityRecord
+    from solvers.compiled.record import Reals
 
 
 @kernel
-def kinetic(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def kinetic(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.energy[0]
 
 
 @kernel
-def potential(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def potential(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.energy[1]
 
 
 @kernel
-def total(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def total(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.energy[0] + state.energy[1]
 
 
 @kernel
-def jacobi(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def jacobi(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.energy[0] + state.energy[1] - driven_action(arrays, state)
 
 
 @kernel
-def residual(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def residual(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return largest_residual(sensor.component == 1, arrays, state)
 

@@ -11,11 +11,12 @@ from .base import Follows, Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.sensors.base import QuantityRecord
     from solvers.compiled.record import Reals
 
 
 @kernel
-def joint_wrench(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def joint_wrench(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     return state.bodies[sensor.index].W[sensor.component]
 
@@ -28,7 +29,7 @@ def row_force(sensor: Any, lam: Reals, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def cut_force(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def cut_force(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. -lambda G summed over the rows; component 0 to 2: on body b, 3 to 5: on body a."""
     cut, k, total = arrays.cuts[sensor.index], sensor.component, 0.0 * arrays.world[0].gravity[0]
     for r in range(cut.row, cut.end):

@@ -44,7 +44,7 @@ def _take_wrench(F: Reals) -> Any:
 
 
 @kernel
-def wrench(sensor: LoadWrenchRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def wrench(sensor: LoadWrenchRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Component 0 to 5: on body a, 6 to 11: on body b."""
     Fa, Fb, k = state.bodies[sensor.a].F, state.bodies[sensor.b].F, sensor.component
     kept_a, kept_b, power = _take_wrench(Fa), _take_wrench(Fb), state.cached_power[0]
@@ -59,7 +59,7 @@ def wrench(sensor: LoadWrenchRecord, lam: Any, arrays: Arrays, state: State) -> 
 
 
 @kernel
-def effort(sensor: LoadEffortRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def effort(sensor: LoadEffortRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     v = sensor.v
     kept, power = state.Q[v], state.cached_power[0]
@@ -85,7 +85,7 @@ class OfLoad(Sensor):
 class LoadWrench(OfLoad):
     """Global component of the wrench that a force exerts about the origin of body a, from component 6 on of body b."""
 
-    record = LoadWrenchRecord.dtype
+    record = LoadWrenchRecord
     read = wrench
 
     def fill(self, record: Any, site: Attachment) -> None:
@@ -98,7 +98,7 @@ class LoadWrench(OfLoad):
 class LoadEffort(OfLoad):
     """What a joint force exerts along the coordinate of its joint."""
 
-    record = LoadEffortRecord.dtype
+    record = LoadEffortRecord
     read = effort
 
     def fill(self, record: Any, site: Attachment) -> None:

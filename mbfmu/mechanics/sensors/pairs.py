@@ -16,6 +16,7 @@ from .base import Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from solvers.compiled.record import Reals
 
 
 class DistanceRecord(Record):
@@ -29,14 +30,14 @@ class DistanceRecord(Record):
 
 
 @kernel
-def distance(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def distance(sensor: DistanceRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     (x, y, z), _, _ = point_offset(state.bodies[sensor.a], state.bodies[sensor.b], sensor.Pa, sensor.Pb)
     return np.sqrt(x * x + y * y + z * z)
 
 
 @kernel
-def distance_rate(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def distance_rate(sensor: DistanceRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. In the frame of a: a rotation does not change the distance. Coincident points: zero."""
     A, B = state.bodies[sensor.a], state.bodies[sensor.b]
     (x, y, z), _, _ = point_offset(A, B, sensor.Pa, sensor.Pb)
@@ -46,7 +47,7 @@ def distance_rate(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: State
 
 
 @kernel
-def angle(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def angle(sensor: DistanceRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. By the lengths of both products: the cosine is inaccurate at small angles."""
     nx, ny, nz = arm(state.bodies[sensor.a], sensor.Pa)
     mx, my, mz = arm(state.bodies[sensor.b], sensor.Pb)
@@ -55,7 +56,7 @@ def angle(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: State) -> flo
 
 
 @kernel
-def relative_position(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def relative_position(sensor: DistanceRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     A, k = state.bodies[sensor.a], sensor.component
     (x, y, z), _, _ = point_offset(A, state.bodies[sensor.b], sensor.Pa, sensor.Pb)
@@ -63,7 +64,7 @@ def relative_position(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: S
 
 
 @kernel
-def relative_velocity(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def relative_velocity(sensor: DistanceRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     A, k = state.bodies[sensor.a], sensor.component
     x, y, z = point_offset_rate(A, state.bodies[sensor.b], sensor.Pa, sensor.Pb)
@@ -74,7 +75,7 @@ def relative_velocity(sensor: DistanceRecord, lam: Any, arrays: Arrays, state: S
 class Distance(Sensor):
     """Distance between ``at_a`` on the first and ``at_b`` on the second of ``bodies`` (m, body axes)."""
 
-    record = DistanceRecord.dtype
+    record = DistanceRecord
     read = distance
 
     at_a: Any = (0.0, 0.0, 0.0)

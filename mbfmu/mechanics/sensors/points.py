@@ -5,34 +5,32 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import arm, centripetal
 from solvers.compiled.kernel import kernel
-from solvers.compiled.record import Record, Vec3, i8
+from solvers.compiled.record import Vec3
 
-from .base import Follows, Sensor
+from .base import Follows, QuantityRecord, Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from solvers.compiled.record import Reals
 
 
-class PointPositionRecord(Record):
+class PointPositionRecord(QuantityRecord):
     """Parameters of :class:`PointPosition`."""
 
-    index: i8
-    component: i8
     point: Vec3
 
 
 @kernel
-def position(sensor: PointPositionRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def position(sensor: PointPositionRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     here, k = state.bodies[sensor.index], sensor.component
     return here.r[k] + arm(here, sensor.point)[k]
 
 
 @kernel
-def velocity(sensor: PointPositionRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def velocity(sensor: PointPositionRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. r' + w x p."""
     here, k = state.bodies[sensor.index], sensor.component
     p, i, j = arm(here, sensor.point), (k + 1) % 3, (k + 2) % 3
@@ -40,7 +38,7 @@ def velocity(sensor: PointPositionRecord, lam: Any, arrays: Arrays, state: State
 
 
 @kernel
-def acceleration(sensor: PointPositionRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def acceleration(sensor: PointPositionRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. r'' + w' x p + w x (w x p)."""
     here, k = state.bodies[sensor.index], sensor.component
     p, i, j = arm(here, sensor.point), (k + 1) % 3, (k + 2) % 3
@@ -52,15 +50,10 @@ def acceleration(sensor: PointPositionRecord, lam: Any, arrays: Arrays, state: S
 class PointPosition(Sensor):
     """Component of the position of ``point`` (m, body axes)."""
 
-    record = PointPositionRecord.dtype
+    record = PointPositionRecord
     read = position
 
     point: Any = (0.0, 0.0, 0.0)
-
-    def fill(self, record: Any, site: Attachment) -> None:
-        """Write the point too."""
-        super().fill(record, site)
-        record["point"] = self.point
 
 
 @dataclass(frozen=True, kw_only=True)

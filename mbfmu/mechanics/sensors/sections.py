@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import kernel
 
@@ -11,10 +11,12 @@ from .base import Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.mechanics.sensors.base import QuantityRecord
+    from solvers.compiled.record import Reals
 
 
 @kernel
-def deflection(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def deflection(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     body = arrays.bodies[sensor.index]
     node, total = arrays.nodes[body.node], 0.0 * state.q[body.qi]
@@ -24,7 +26,7 @@ def deflection(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def bending_moment(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def bending_moment(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     body = arrays.bodies[sensor.index]
     node, total = arrays.nodes[body.node], 0.0 * state.q[body.qi]

@@ -125,7 +125,7 @@ class Followed(Signal):
     acceleration: Pieces
     smooth: bool
 
-    record = FollowedRecord.dtype
+    record = FollowedRecord
     evaluate, longest_step = evaluate, longest_step
 
     def fill(self, record: Any, site: Attachment) -> None:

@@ -81,7 +81,7 @@ class Function(Signal):
     time: float = 1.0
     what: str = "function of time"
 
-    record = FunctionRecord.dtype
+    record = FunctionRecord
     longest_step = longest_step
 
     def __post_init__(self) -> None:

@@ -62,7 +62,7 @@ class Harmonic(Signal):
         Phase at t = 0, rad.
     """
 
-    record = HarmonicRecord.dtype
+    record = HarmonicRecord
     evaluate, longest_step = evaluate, longest_step
 
     amplitude: float
@@ -71,11 +71,11 @@ class Harmonic(Signal):
     mean: float = 0.0
 
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write the parameters."""
+        """Check and write the parameters."""
         for key in ("amplitude", "frequency", "phase", "mean"):
             finite(f"{key} of a Harmonic", getattr(self, key))
-        record["middle"], record["amplitude"], record["phase"] = self.mean, self.amplitude, self.phase
-        record["frequency"] = 2.0 * pi * self.frequency
+        super().fill(record, site)
+        record["middle"], record["frequency"] = self.mean, 2.0 * pi * self.frequency
 
     def time_scale(self, own: InUse, size: float) -> float:
         """Return the time of a radian."""

@@ -1,7 +1,7 @@
 """Polynomials in time, and the inputs that a host sets: polynomials about the last communication point.
 
-The coefficients of an input during a run are described in :mod:`mbfmu.mechanics.arrays.motion` and
-:mod:`mbfmu.mechanics.arrays.extrapolated`.
+The coefficients of an input during a run are described in :mod:`mbfmu.mechanics.arrays.support_motion` and
+:mod:`mbfmu.mechanics.arrays.load_extrapolation`.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Input(Coefficients):
 
     A load is held, or continued with ``rate_name`` if the rate is given too. The drive of a joint is a motion
     instead: the coordinate moves to the position of the given motion at the end of the step, without a jump of its
-    position, see :mod:`mbfmu.mechanics.arrays.motion`.
+    position, see :mod:`mbfmu.mechanics.arrays.support_motion`.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ class RunUp(Signal):
         Position of the coordinate at t = 0, rad or m.
     """
 
-    record = RunUpRecord.dtype
+    record = RunUpRecord
     evaluate, longest_step = evaluate, longest_step
 
     speed: float
@@ -83,11 +83,11 @@ class RunUp(Signal):
     start: float = 0.0
 
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write the parameters."""
+        """Check and write the parameters."""
         for key in ("speed", "start"):
             finite(f"{key} of a RunUp", getattr(self, key))
         positive("duration of a RunUp", self.duration)
-        record["start"], record["speed"], record["duration"] = self.start, self.speed, self.duration
+        super().fill(record, site)
 
     def time_scale(self, own: InUse, size: float) -> float:
         """Return the time of the run-up and of ``size`` at full speed."""

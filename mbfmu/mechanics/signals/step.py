@@ -86,7 +86,7 @@ class Step(Signal):
         Initial value, in the unit of the driven quantity.
     """
 
-    record = StepRecord.dtype
+    record = StepRecord
     evaluate, longest_step = smooth, longest_step
 
     height: float
@@ -95,13 +95,12 @@ class Step(Signal):
     offset: float = 0.0
 
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write the parameters."""
+        """Check and write the parameters."""
         what = f"of a {type(self).__name__}"
         for key in ("height", "begin", "offset"):
             finite(f"{key} {what}", getattr(self, key))
         not_negative(f"duration {what}", self.duration)
-        record["height"], record["begin"] = self.height, self.begin
-        record["duration"], record["offset"] = self.duration, self.offset
+        super().fill(record, site)
 
     @property
     def drives(self) -> bool:  # type: ignore[override]

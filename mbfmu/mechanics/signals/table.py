@@ -77,7 +77,7 @@ class Table(Signal):
     kind: str = "spline"
     beyond: str = "linear"
 
-    record = TableRecord.dtype
+    record = TableRecord
     evaluate, longest_step = evaluate, longest_step
 
     def fill(self, record: Any, site: Attachment) -> None:

@@ -25,7 +25,7 @@ from .layout import FIXED, Layout
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
-    from mbfmu.mechanics.tangent.factored import Scratch
+    from mbfmu.mechanics.tangent.factored import TangentScratch
     from solvers.compiled.record import Reals
 
 
@@ -54,7 +54,7 @@ class Border(NamedTuple):
 
 @kernel
 def store_coupling(
-    first: int, end: int, group: int, inner: int, layout: Layout, arrays: Arrays, state: State, scratch: Scratch
+    first: int, end: int, group: int, inner: int, layout: Layout, arrays: Arrays, state: State, scratch: TangentScratch
 ) -> None:
     """Add the entries of scratch.K between bodies of a group or its neighbor and bodies away from it to
     scratch.coupling_block, as wrenches.

@@ -10,12 +10,12 @@ from .joints import dual_basis
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
-    from mbfmu.mechanics.tangent.factored import Scratch
+    from mbfmu.mechanics.tangent.factored import TangentScratch
     from solvers.compiled.record import Reals
 
 
 @kernel
-def stiffness(c: int, arrays: Arrays, state: State, dual: Any, scratch: Scratch) -> None:
+def stiffness(c: int, arrays: Arrays, state: State, dual: Any, scratch: TangentScratch) -> None:
     """scratch.K (24, 24) = alpha w w^T - lambda f'' w_b w_b^T of a coupling; six rows and columns a body: a, its
     parent, b, its parent.
 
@@ -45,7 +45,7 @@ def stiffness(c: int, arrays: Arrays, state: State, dual: Any, scratch: Scratch)
 
 
 @kernel
-def coordinate_row(i: int, v: int, at: int, arrays: Arrays, state: State, dual: Reals, scratch: Scratch) -> None:
+def coordinate_row(i: int, v: int, at: int, arrays: Arrays, state: State, dual: Reals, scratch: TangentScratch) -> None:
     """scratch.pair (12 from ``at`` on): change of coordinate v of body i's joint over the motions of the body and its
     parent: d . (y_i - X y_j), d from the dual basis of the joint's subspace.
     """

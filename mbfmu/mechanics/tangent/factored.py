@@ -34,7 +34,7 @@ NO_BLOCK = np.zeros((0, 0))
 MAX_BORDER_CONDITION = 1e14  # condition of the border's equations from which on they are
 
 
-class Scratch(NamedTuple):
+class TangentScratch(NamedTuple):
     """Allocated once; W: rows of the largest two neighbors."""
 
     F: Array  # (W + 6, W), the last six rows for condensation
@@ -217,7 +217,7 @@ class Tangent:
         widest = max(size + (self._sizes[k] if k >= 0 else 0) for size, k in zip(self._sizes, inward, strict=True))
         z = np.zeros
         most = 6 * max(4, int(np.diff(self.layout.first_body).max(initial=0)))
-        self._scratch = Scratch(
+        self._scratch = TangentScratch(
             F=z((widest + 6, widest)),
             S=z((6, 6)),
             N=z((6, 6)),

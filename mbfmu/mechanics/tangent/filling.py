@@ -16,7 +16,7 @@ from .layout import FIXED, OUTER
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
-    from mbfmu.mechanics.tangent.factored import Scratch
+    from mbfmu.mechanics.tangent.factored import TangentScratch
     from mbfmu.mechanics.tangent.layout import Layout
     from solvers.compiled.record import Reals
 
@@ -86,7 +86,14 @@ def add_analytic_tangent(
 
 @kernel
 def add_cut_joint(
-    c: int, group: int, size: int, layout: Layout, arrays: Arrays, state: State, perturbed: State, scratch: Scratch
+    c: int,
+    group: int,
+    size: int,
+    layout: Layout,
+    arrays: Arrays,
+    state: State,
+    perturbed: State,
+    scratch: TangentScratch,
 ) -> None:
     """How the reactions of a cut joint turn, and the springs that hold it."""
     _cut_stiffness(arrays.cuts[c], scratch.weight, arrays, state, perturbed, scratch.K)

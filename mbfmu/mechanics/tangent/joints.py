@@ -16,13 +16,13 @@ from .layout import FIXED, INNER
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
-    from mbfmu.mechanics.tangent.factored import Scratch
+    from mbfmu.mechanics.tangent.factored import TangentScratch
     from mbfmu.mechanics.tangent.layout import Layout
     from solvers.compiled.record import Reals
 
 
 @kernel
-def geometric_stiffness(i: int, arrays: Arrays, state: State, perturbed: State, scratch: Scratch) -> None:
+def geometric_stiffness(i: int, arrays: Arrays, state: State, perturbed: State, scratch: TangentScratch) -> None:
     """scratch.g (nv, 3) and scratch.G (nv, nv): change of the joint's S^T W with the parent's rotation and with its own
     positions, with the stiffness along its coordinates, scratch.along.
 
@@ -57,10 +57,11 @@ def geometric_stiffness(i: int, arrays: Arrays, state: State, perturbed: State, 
         place_child(body, arrays, perturbed)
         for k in range(body.nq):
             perturbed.q[body.qi + k] = state.q[body.qi + k]
+        S = perturbed.rel[0].S
         for k in range(body.nv):
             total = 0.0
             for a in range(3):
-                total += perturbed.rel[k, a].imag * pull[a] + perturbed.rel[k, 3 + a].imag * twist[a]
+                total += S[k, a].imag * pull[a] + S[k, 3 + a].imag * twist[a]
             scratch.G[k, l] = total / COMPLEX_STEP_SIZE
         scratch.G[l, l] += scratch.along[body.vi + l]
 
@@ -139,7 +140,7 @@ def add_outer_joint(
     perturbed: State,
     dual: Reals,
     F: Reals,
-    scratch: Scratch,
+    scratch: TangentScratch,
 ) -> None:
     """Rows and columns of an outer body's joint: what it locks, and its turning along its own directions."""
     body = arrays.bodies[i]

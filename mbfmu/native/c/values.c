@@ -43,7 +43,7 @@ static bool is_at_work(const Instance *own)
     return own->phase >= RUNNING && own->phase < FAILED;
 }
 
-/* Let what was set since the last step reach the model. */
+/* Let what was set since the last step reach the model, in the order of mbfmu/session/kernels/sequence.py. */
 void apply_changes(Instance *own)
 {
     bool tuned = false;

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.arrays.load_groups import largest_ratio
-from mbfmu.mechanics.arrays.points import (
+from mbfmu.mechanics.arrays.input_kernels import (
     GRAVITY_LOAD,
     InputRecords,
     begin_inputs,
@@ -20,15 +19,18 @@ from mbfmu.mechanics.arrays.points import (
     set_input,
     start_motions,
 )
+from mbfmu.mechanics.arrays.load_groups import largest_ratio
+from mbfmu.mechanics.loads.base import MAX_VALID_RATIO
 from mbfmu.mechanics.recursions.dynamics import energy, observe
 from solvers.balance import BALANCE, BALANCE_OK, check_energy_balance, energy_floor
-from solvers.compiled.kernel import kernel, records
+from solvers.compiled.kernel import inlined, kernel, records
 from solvers.compiled.record import Record, f8, i8
 from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
 from solvers.outcome import OK
 
 if TYPE_CHECKING:
-    from solvers.compiled.record import Reals
+    from mbfmu.mechanics.records import ItemRecord
+    from solvers.compiled.record import Reals, Table
 
 
 class RunStatusRecord(Record):
@@ -55,13 +57,13 @@ class Session(NamedTuple):
     """The state of a run besides its solver."""
 
     data: Any  # mbfmu.mechanics.records.Data, pinned
-    inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords
+    inputs: Any  # mbfmu.mechanics.arrays.input_kernels.InputRecords
     balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
     status: NDArray[Any]  # (1,) RUN_STATUS
-    monitored: NDArray[Any]  # mbfmu.mechanics.records.ItemRecord, loads that have limits of their theory
+    monitored: Table[ItemRecord]  # mbfmu.mechanics.records.ItemRecord, loads that have limits of their theory
 
     @staticmethod
-    def allocate(data: Any, inputs: InputRecords, monitored: NDArray[Any]) -> Session:
+    def allocate(data: Any, inputs: InputRecords, monitored: Table[ItemRecord]) -> Session:
         """Return a session that has not begun."""
         return Session(data, inputs, records(1, BALANCE), records(1, RUN_STATUS), monitored)
 
@@ -71,14 +73,14 @@ class Session(NamedTuple):
 
 
 @kernel
-def energy_at(session: Session, t: float, q: Any, v: Any) -> float:
+def energy_at(session: Session, t: float, q: Reals, v: Reals) -> float:
     """Kinetic and potential energy of the state (q, v) at t, J."""
     found: float = energy(t, q, v, session.data)
     return found
 
 
 @kernel
-def note_limits(session: Any) -> None:
+def note_limits(session: Session) -> None:
     """Note how far elements are from their limits where the bodies are."""
     if session.monitored.shape[0] > 0:
         session.status[0].limit_ratio = largest_ratio(session.monitored, session.data.arrays, session.data.state)
@@ -88,8 +90,8 @@ def note_limits(session: Any) -> None:
 def begin_session(
     session: Session,
     t: float,
-    q: Any,
-    v: Any,
+    q: Reals,
+    v: Reals,
     code: int,
     is_checked: bool,
     freedom: int,
@@ -118,7 +120,7 @@ def begin_session(
 
 
 @kernel
-def account_discontinuity(session: Session, before: float, t: float, q: Any, v: Any) -> None:
+def account_discontinuity(session: Session, before: float, t: float, q: Reals, v: Reals) -> None:
     """Count the change of the energy at one state from ``before``, J, as work: it is no energy error."""
     work = energy_at(session, t, q, v) - before
     session.status[0].discontinuity_work += work
@@ -126,7 +128,7 @@ def account_discontinuity(session: Session, before: float, t: float, q: Any, v: 
 
 
 @kernel
-def apply_input(session: Session, index: int, value: float, t: float, q: Any, v: Any) -> int:
+def apply_input(session: Session, index: int, value: float, t: float, q: Reals, v: Reals) -> int:
     """Set an input at the time reached; return its role."""
     role: int = session.inputs.inputs[index].role
     before = energy_at(session, t, q, v) if role == GRAVITY_LOAD else 0.0
@@ -137,20 +139,20 @@ def apply_input(session: Session, index: int, value: float, t: float, q: Any, v:
 
 
 @kernel
-def note_energy(session: Session, t: float, q: Any, v: Any) -> None:
+def note_energy(session: Session, t: float, q: Reals, v: Reals) -> None:
     """Note the energy before parameters change."""
     session.status[0].before = energy_at(session, t, q, v)
 
 
 @kernel
-def account_parameters(session: Session, t: float, q: Any, v: Any) -> None:
+def account_parameters(session: Session, t: float, q: Reals, v: Reals) -> None:
     """Count the change of the energy since :func:`note_energy` as work."""
     account_discontinuity(session, session.status[0].before, t, q, v)
 
 
 @kernel
 def plan_step(session: Session, t: float, end: float) -> int:
-    """Plan a step from t to ``end``, s; return what :func:`mbfmu.mechanics.arrays.points.begin_support_motions` finds.
+    """Plan a step from t to ``end``, s; return what :func:`.input_kernels.begin_support_motions` finds.
 
     A step of length zero changes nothing.
     """
@@ -180,7 +182,7 @@ def start_support_motions(session: Session) -> None:
 
 
 @kernel
-def check_energy(session: Session, t: float, now: float, account: Any) -> float:
+def check_energy(session: Session, t: float, now: float, account: Reals) -> float:
     """Check the energy balance of a state at t (s) of energy ``now`` (J); return the energy error, J.
 
     ``account`` (ACCOUNT_SIZE,) is the energy account of the state. The first violation is noted.
@@ -198,14 +200,7 @@ def check_energy(session: Session, t: float, now: float, account: Any) -> float:
 
 
 @kernel
-def check_energies(session: Any, times: Reals, energies: Reals, accounts: Any, energy_errors: Reals) -> None:
-    """:func:`check_energy` of k states one after the other; put the energy errors into ``energy_errors`` (k,), J."""
-    for i in range(times.shape[0]):
-        energy_errors[i] = check_energy(session, times[i], energies[i], accounts[i])
-
-
-@kernel
-def check_point(session: Any, t: float, q: Any, v: Any, account: Any) -> None:
+def check_point(session: Session, t: float, q: Reals, v: Reals, account: Reals) -> None:
     """Check the energy balance of the state reached, and note how far elements are from their limits there."""
     if session.balance[0].is_checked == 1:
         check_energy(session, t, energy_at(session, t, q, v), account)
@@ -214,14 +209,45 @@ def check_point(session: Any, t: float, q: Any, v: Any, account: Any) -> None:
         note_limits(session)
 
 
-@kernel
-def read_outputs(session: Session, t: float, q: Any, v: Any, a: Any, lam: Any, account: Any, out: Reals) -> None:
-    """Put the outputs at the solution (q, v, a, lam) into ``out``, and in place of the energies that they end in the
-    energy error and the exchanged energy, J; nan if the energy balance is not checked.
+@inlined
+def fill_energies(session: Session, t: float, account: Reals, out: Reals) -> None:
+    """Put the energy error and the exchanged energy, J, in place of the energies that the outputs ``out`` end in; nan
+    if the energy balance is not checked.
     """
-    observe(t, q, v, a, lam, session.data, out)
     last = out.shape[0] - 1
     if session.balance[0].is_checked == 1:
         out[last - 1], out[last] = check_energy(session, t, out[last - 1], account), account[EXCHANGED_ENERGY]
     else:
         out[last - 1], out[last] = np.nan, np.nan
+
+
+@kernel
+def check_samples(
+    session: Session, times: Reals, q: Reals, v: Reals, accounts: Reals, ratios: Reals, out: Reals
+) -> int:
+    """:func:`check_point` and the end of :func:`read_outputs` at k points that a solver has passed in one call.
+
+    ``out`` (k, outputs) contains the outputs; ``ratios`` (k,) receives how far elements are from their limits. Return
+    the number of points before the first at which an element is invalid.
+    """
+    count: int = times.shape[0]
+    for i in range(count):
+        if session.monitored.shape[0] > 0:
+            energy_at(session, times[i], q[i], v[i])  # places the bodies
+            note_limits(session)
+        ratios[i] = session.status[0].limit_ratio
+        if not ratios[i] <= MAX_VALID_RATIO:
+            return i
+        fill_energies(session, times[i], accounts[i], out[i])
+    return count
+
+
+@kernel
+def read_outputs(
+    session: Session, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, account: Reals, out: Reals
+) -> None:
+    """Put the outputs at the solution (q, v, a, lam) into ``out``, and in place of the energies that they end in the
+    energy error and the exchanged energy, J; nan if the energy balance is not checked.
+    """
+    observe(t, q, v, a, lam, session.data, out)
+    fill_energies(session, t, account, out)

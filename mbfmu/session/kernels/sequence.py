@@ -6,6 +6,11 @@
     read        accelerations and multipliers; outputs; check of the energy balance
     retune      count the change of the energy by parameters as work; the solver restarts
 
+A host that changes parameters and inputs at one point calls ``note_energy`` and ``retune`` before ``set_input``: the
+work of the change of parameters is that with the inputs that were valid until then, which keep their values in it.
+:func:`sampling_of` returns what does ``step`` and ``read`` at several points at which nothing is set, in one call of
+the solver.
+
 The functions run over a *run*, which has the fields of :class:`Run`. In a native FMU a run is a pinned tuple, the
 actions of its solver are kernels, and the functions are compiled together with them. In Python a run contains a
 :class:`solvers.Stepper` of any kind, the actions are its methods, and the functions are interpreted: they only call
@@ -20,15 +25,18 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.arrays.points import (
+from mbfmu.mechanics.arrays.input_kernels import (
     LOADS_CHANGED,
     MOTION_STARTS,
     RATE_JUMPS,
     SUPPORT_MOTION,
+    all_finished,
     perturb_motions,
     restore_motions,
+    skip_points,
 )
 from solvers.outcome import NOT_FINITE, OK
+from solvers.stepper import Samples
 from solvers.system import Array
 
 from .points import (
@@ -36,6 +44,7 @@ from .points import (
     account_parameters,
     apply_input,
     check_point,
+    check_samples,
     energy_at,
     note_energy,
     note_impulse,
@@ -52,7 +61,7 @@ class Run(Protocol):
     """What the functions read of a run; arrays are those of the reported state."""
 
     session: Any  # .points.Session, pinned
-    inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords, pinned: those of the session
+    inputs: Any  # mbfmu.mechanics.arrays.input_kernels.InputRecords, pinned: those of the session
     clock: Array | tuple[float]  # (1,) s, the time reached
     q: Array  # (nq,)
     v: Array  # (n,)
@@ -61,6 +70,13 @@ class Run(Protocol):
     lam: Array  # (m,) multipliers, filled by it too
     dv: Array  # (n,) jump of the velocities, see the action ``jump``
     out: NDArray[np.float64]  # outputs
+
+
+class SampledRun(Run, Protocol):
+    """A run that passes several points in one call."""
+
+    samples: Samples  # motion at these points
+    ratios: Array  # (k,) how far elements are from their limits there
 
 
 class SolverActions(NamedTuple):
@@ -93,7 +109,7 @@ def sequence_of(solver: SolverActions, compiled: Callable[[F], F] = _unchanged) 
     advance, evaluate, continue_at_state, restart, jump = solver
 
     def evaluate_impulse(run: Any) -> int:
-        """Put the jump of the velocities into ``run.dv``, see :mod:`mbfmu.mechanics.arrays.points`."""
+        """Put the jump of the velocities into ``run.dv``, see :mod:`mbfmu.mechanics.arrays.input_kernels`."""
         code: int = OK
         for k in range(2):
             if code == OK:
@@ -157,3 +173,37 @@ def sequence_of(solver: SolverActions, compiled: Callable[[F], F] = _unchanged) 
         return OK
 
     return Sequence(set_input, begin, step, read, note, retune)
+
+
+def sampling_of(sequence: Sequence, take_samples: Callable[..., Samples]) -> Callable[..., int]:
+    """Return what steps to several points at which nothing is set, and reads there, in one call of the solver.
+
+    Parameters
+    ----------
+    sequence
+        Sequence of the same runs, which are interpreted.
+    take_samples
+        (run, times, out) -> samples: advance to each of ``times`` (k,), s, as far as possible, and fill a row of
+        ``out`` (k, outputs) with the outputs there.
+
+    Returns
+    -------
+    callable
+        (run, times, out) -> count: fill rows of ``out`` until a solver stops, an element is invalid, or a prescribed
+        motion may begin or end, and fill ``run.samples`` and ``run.ratios``. The rows that are valid are counted.
+    """
+
+    def sample(run: Any, times: Array, out: Array) -> int:
+        if sequence.begin_step(run, times[0]) != OK:
+            return 0
+        ahead = len(times) if all_finished(run.inputs) else 1
+        run.samples = found = take_samples(run, times[:ahead], out[:ahead])
+        reached = len(found.q)
+        run.ratios = np.zeros(reached)
+        state = times[:reached], found.q, found.v, found.energy_account
+        count = int(check_samples(run.session, *state, run.ratios, out[:reached]))
+        if count > 1:
+            skip_points(run.inputs, times[count - 2])
+        return count
+
+    return sample

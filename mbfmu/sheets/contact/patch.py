@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @kernel
-def evaluate_weights(cell: Any, xi: Any, zeta: Any, c: Reals) -> None:
+def evaluate_weights(cell: Any, xi: float, zeta: float, c: Reals) -> None:
     """c (4, 3) <- weights at a point of a cell."""
     X1, Z1 = xi * xi * (3.0 - 2.0 * xi), zeta * zeta * (3.0 - 2.0 * zeta)
     X0, Z0 = 1.0 - X1, 1.0 - Z1
@@ -40,7 +40,7 @@ def evaluate_weights(cell: Any, xi: Any, zeta: Any, c: Reals) -> None:
 
 
 @kernel
-def evaluate_ruled_weights(cell: Any, axis: int, xi: Any, zeta: Any, c: Reals, cx: Reals, cz: Reals) -> None:
+def evaluate_ruled_weights(cell: Any, axis: int, xi: float, zeta: float, c: Reals, cx: Reals, cz: Reals) -> None:
     """As :func:`evaluate_weights`, of a surface that is straight across x (``axis`` 0) or z (1), with derivatives
     by xi and zeta.
     """
@@ -62,7 +62,7 @@ def evaluate_ruled_weights(cell: Any, axis: int, xi: Any, zeta: Any, c: Reals, c
 
 
 @kernel
-def interpolate_point(cell: Any, c: Any, bodies: Table[MotionRecord], r: Any) -> None:
+def interpolate_point(cell: Any, c: Reals, bodies: Table[MotionRecord], r: Reals) -> None:
     """r (3,) <- what the weights make of the nodes: a point, or its derivative."""
     for k in range(3):
         r[k] = 0.0
@@ -73,7 +73,7 @@ def interpolate_point(cell: Any, c: Any, bodies: Table[MotionRecord], r: Any) ->
 
 
 @kernel
-def evaluate_line(cell: Any, xi: Any, bodies: Table[MotionRecord], line: Reals) -> None:
+def evaluate_line(cell: Any, xi: float, bodies: Table[MotionRecord], line: Reals) -> None:
     """line (4, 3) <- the cubic on which all points at xi lie: where it begins and ends, and its derivatives there."""
     X1 = xi * xi * (3.0 - 2.0 * xi)
     X0, A0, A1 = 1.0 - X1, cell.a * xi * (1.0 - xi) * (1.0 - xi), -cell.a * xi * xi * (1.0 - xi)
@@ -85,7 +85,7 @@ def evaluate_line(cell: Any, xi: Any, bodies: Table[MotionRecord], line: Reals) 
 
 
 @kernel
-def evaluate_on_line(line: Reals, zeta: Any, r: Reals) -> None:
+def evaluate_on_line(line: Reals, zeta: float, r: Reals) -> None:
     """r (3,) <- the point of a line at zeta."""
     Z1 = zeta * zeta * (3.0 - 2.0 * zeta)
     Z0, B0, B1 = 1.0 - Z1, zeta * (1.0 - zeta) * (1.0 - zeta), -zeta * zeta * (1.0 - zeta)
@@ -94,7 +94,7 @@ def evaluate_on_line(line: Reals, zeta: Any, r: Reals) -> None:
 
 
 @kernel
-def evaluate_center(cell: Any, bodies: Table[MotionRecord], r: Any) -> None:
+def evaluate_center(cell: Any, bodies: Table[MotionRecord], r: Reals) -> None:
     """r (3,) <- the mean of the nodes; the patch lies within :func:`bounding_radius` of it."""
     for k in range(3):
         r[k] = 0.0
@@ -127,7 +127,7 @@ def sagitta(cell: Any, bodies: Table[MotionRecord], r: Reals, n: Reals) -> float
 
 
 @inlined
-def moment_arm(A: Reals, along: Any, across: Any) -> Any:
+def moment_arm(A: Reals, along: float, across: float) -> Any:
     """A L of a node with the axes A (3, 3), by its weights a Nx and b Nz."""
     return (
         along * A[0, 0] + across * A[0, 2],
@@ -137,7 +137,7 @@ def moment_arm(A: Reals, along: Any, across: Any) -> Any:
 
 
 @kernel
-def point_velocity(cell: Any, c: Any, bodies: Table[MotionRecord], v: Any) -> None:
+def point_velocity(cell: Any, c: Reals, bodies: Table[MotionRecord], v: Reals) -> None:
     """v (3,) <- velocity of the point."""
     for k in range(3):
         v[k] = 0.0
@@ -151,7 +151,7 @@ def point_velocity(cell: Any, c: Any, bodies: Table[MotionRecord], v: Any) -> No
 
 
 @kernel
-def apply_to_nodes(cell: Any, c: Any, bodies: Table[MotionRecord], f: Any) -> None:
+def apply_to_nodes(cell: Any, c: Reals, bodies: Table[MotionRecord], f: Reals) -> None:
     """Add a force f (3,) at the point to the applied wrenches of the nodes."""
     for i in range(4):
         node = bodies[cell.node[i]]
@@ -177,7 +177,7 @@ def apply_reaction(body: MotionRecord, r: Reals, f: Reals) -> None:
 
 
 @kernel
-def smooth_step(u: Any) -> Any:
+def smooth_step(u: float) -> Any:
     """From 0 where u is 0 to 1 where it is 1, without a corner."""
     if u.real <= 0.0:
         return 0.0 * u

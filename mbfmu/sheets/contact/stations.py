@@ -71,13 +71,13 @@ def find_material_point(nip: Any, P: Any, bodies: Table[MotionRecord], here: Any
 
 
 @kernel
-def cell_share(x: Any, before: float, after: float) -> Any:
+def cell_share(x: float, before: float, after: float) -> Any:
     """Part of a station that a cell has, by the margins where it begins and where it ends."""
     return smooth_step((x + before) / (2.0 * before)) * smooth_step((1.0 + after - x) / (2.0 * after))
 
 
 @kernel
-def entry_gap(nip: NipRecord, u: Any) -> Any:
+def entry_gap(nip: NipRecord, u: float) -> Any:
     """Half of what roller and idler leave open where the sheet's edge is, as long as it is on its way in or out, m."""
     h = nip.a if nip.way == 0 else nip.b
     short = 0.0 * u
@@ -89,7 +89,7 @@ def entry_gap(nip: NipRecord, u: Any) -> Any:
 
 
 @kernel
-def entry_gap_law(y: Any, gap: Any) -> Any:
+def entry_gap_law(y: float, gap: float) -> Any:
     """Part of y that acts on rubber near an opening, and its derivative: almost zero within, almost all outside."""
     if gap.real == 0.0:
         return y, 0.0 * y + 1.0
@@ -98,7 +98,7 @@ def entry_gap_law(y: Any, gap: Any) -> Any:
 
 
 @kernel
-def clamped_beam_compliance(x: Any, u: Any) -> Any:
+def clamped_beam_compliance(x: float, u: float) -> Any:
     """Deflection at x of a clamped beam of length 1 and stiffness 1 under a unit force at u, and its slope there."""
     if x.real <= u.real:
         free, v = (1.0 - u) * (1.0 - u) / 6.0, 3.0 * u - (1.0 + 2.0 * u) * x
@@ -109,6 +109,6 @@ def clamped_beam_compliance(x: Any, u: Any) -> Any:
 
 
 @kernel
-def is_within_cell(u: Any) -> bool:
+def is_within_cell(u: float) -> bool:
     """Whether a place is in the cell; a station over the edge of the sheet need not be."""
     return 0.0 < u.real < 1.0

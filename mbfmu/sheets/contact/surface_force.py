@@ -176,7 +176,7 @@ def point_force(contact: SurfaceContactRecord, share: float, d: Any, body: Motio
 
 
 @kernel
-def tangent(contact: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
+def tangent(contact: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Reals) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: the law by complex steps of a point, the point by its weights."""
     here, there, bodies = contact_scratch(contact, state), contact_scratch(contact, perturbed), state.bodies
     body, moved = bodies[contact.body], perturbed.bodies[contact.body]

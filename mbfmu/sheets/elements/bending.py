@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbfmu.mechanics.loads.base import limit_ratio
+from mbfmu.mechanics.loads.base import MAX_VALID_RATIO, limit_ratio
 from solvers.compiled.kernel import kernel
 
 if TYPE_CHECKING:
@@ -52,6 +52,6 @@ def describe_limit(group: LoadGroup, ratio: float, when: str) -> str:
         cells = np.array([len(mesh.nodes), len(mesh.nodes[0])]) - 1
         finer = np.ceil(cells * np.maximum(1.0, sharp / MAX_ACCURATE_ANGLE)).astype(int) + 1
         advice = f"Refine the grid of {mesh.name!r} to {finer[0]} x {finer[1]} nodes"
-    if ratio > 2.0:
+    if ratio > MAX_VALID_RATIO:
         return f"a cell is folded{when}: {text}. {advice}. {ADVICE}"
     return f"the mesh is too coarse{when}: {text}. {advice}"

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbfmu.mechanics.arrays.load_groups import find_misplaced_load
+from mbfmu.mechanics.loads.base import MAX_MISPLACEMENT
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import inlined, kernel
 
@@ -85,7 +86,7 @@ def check_corners(group: LoadGroup, angle: Any) -> None:
     arrays, state = group.kernel_data
     loads: Any = group.data.arrays.loads
     p, ratio = find_misplaced_load(loads[group.numbers], arrays, state)
-    if ratio <= 1.0:
+    if ratio <= MAX_MISPLACEMENT:
         return
     record, bodies = group.records[p], group.acting[p].bodies
     names, angles = [body.name for body in bodies], [angle(record, k, state) for k in range(CORNERS)]

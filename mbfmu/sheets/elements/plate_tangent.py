@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @kernel
-def tangent(plate: PlateRecord, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
+def tangent(plate: PlateRecord, c1: float, arrays: Arrays, state: State, perturbed: State, K: Reals) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
     stiffness(
         plate, 1.0 + c1 * plate.damping if plate.damped == 1 else 1.0, state.bodies, plate_scratch(plate, state), K
@@ -41,7 +41,7 @@ def tangent(plate: PlateRecord, c1: float, arrays: Arrays, state: State, perturb
 
 
 @kernel
-def stiffness(plate: Any, part: float, bodies: Table[MotionRecord], here: PlateScratch, K: Any) -> None:
+def stiffness(plate: Any, part: float, bodies: Table[MotionRecord], here: PlateScratch, K: Reals) -> None:
     """K (24, 24) += - d(wrenches) / d(motions) at the present positions; ``here`` is scratch.
 
     ``part`` = 1 + c1 beta has the damping in it: its stresses go with the rates of the strains as the elastic ones do

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @kernel
-def tangent(shell: ShellRecord, c1: float, arrays: Arrays, state: State, perturbed: State, K: Any) -> float:
+def tangent(shell: ShellRecord, c1: float, arrays: Arrays, state: State, perturbed: State, K: Reals) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
     here = shell_scratch(shell, state)
     deform(shell, state.bodies, here)

@@ -50,31 +50,31 @@ class GeodesicRecord(Record):
 @kernel
 def place(joint: GeodesicRecord, qi: int, state: State) -> None:
     """See :mod:`.base`. Columns: g', (h' + A_z A_x h') / 2, A_z f' with h' = (0, 0, 1), f' = (1, 0, 0), less b dP."""
-    q, b, rel = state.q, joint.b, state.rel
+    q, b, rel = state.q, joint.b, state.rel[0]
     alpha, theta_z, theta_x = q[qi], q[qi + 1], q[qi + 2]
     square = 1.0 / (b[0] * b[0] + b[2] * b[2])
     beta = (b[0] * theta_z - b[2] * theta_x) * square
     by_alpha, by_beta = 1.2 * alpha - 0.1 * beta, (2.0 * beta / 15.0 - 0.1 * alpha) * square
     P = 0.6 * alpha * alpha + (beta / 15.0 - 0.1 * alpha) * beta
     for k in range(3):
-        rel[0, k], rel[0, 3 + k] = -by_alpha * b[k], 0.0
-        rel[1, k], rel[2, k] = -by_beta * b[0] * b[k], by_beta * b[2] * b[k]
-        rel[6 + k, 3] = -P * b[k]
-    rel[0, 1] += 1.0
-    rel[7, 3] += alpha
+        rel.S[0, k], rel.S[0, 3 + k] = -by_alpha * b[k], 0.0
+        rel.S[1, k], rel.S[2, k] = -by_beta * b[0] * b[k], by_beta * b[2] * b[k]
+        rel.p[k] = -P * b[k]
+    rel.S[0, 1] += 1.0
+    rel.p[1] += alpha
     cz, sz, cx, sx = np.cos(0.5 * theta_z), np.sin(0.5 * theta_z), np.cos(theta_x), np.sin(theta_x)
-    rel[1, 3], rel[1, 4], rel[1, 5] = 0.5 * sz * sx, -0.5 * cz * sx, 0.5 + 0.5 * cx
-    rel[2, 3], rel[2, 4], rel[2, 5] = cz, sz, 0.0
+    rel.S[1, 3], rel.S[1, 4], rel.S[1, 5] = 0.5 * sz * sx, -0.5 * cz * sx, 0.5 + 0.5 * cx
+    rel.S[2, 3], rel.S[2, 4], rel.S[2, 5] = cz, sz, 0.0
     both = sz * cz * (1.0 + cx)
-    rel[6, 0], rel[6, 1], rel[6, 2] = cz * cz - sz * sz * cx, -both, sz * sx
-    rel[7, 0], rel[7, 1], rel[7, 2] = both, cz * cz * cx - sz * sz, -cz * sx
-    rel[8, 0], rel[8, 1], rel[8, 2] = sz * sx, cz * sx, cx
+    rel.R[0, 0], rel.R[0, 1], rel.R[0, 2] = cz * cz - sz * sz * cx, -both, sz * sx
+    rel.R[1, 0], rel.R[1, 1], rel.R[1, 2] = both, cz * cz * cx - sz * sz, -cz * sx
+    rel.R[2, 0], rel.R[2, 1], rel.R[2, 2] = sz * sx, cz * sx, cx
 
 
 @kernel
 def bias(joint: GeodesicRecord, qi: int, vi: int, state: State) -> None:
     """See :mod:`.base`: -b P'' of the rates alpha', beta', and the turning of the two axes of rotation."""
-    q, v, b, out = state.q, state.v, joint.b, state.bias
+    q, v, b, out = state.q, state.v, joint.b, state.rel[0].bias
     rate, bend, twist = v[vi], v[vi + 1], v[vi + 2]
     beta = (b[0] * bend - b[2] * twist) / (b[0] * b[0] + b[2] * b[2])
     back = 1.2 * rate * rate + (2.0 * beta / 15.0 - 0.2 * rate) * beta
@@ -92,7 +92,7 @@ def bias(joint: GeodesicRecord, qi: int, vi: int, state: State) -> None:
 class Geodesic(OutOfPlane):
     """Out-of-plane joint that keeps lengths and angles; ``at`` is the vector to the node in the flat sheet."""
 
-    record = GeodesicRecord.dtype
+    record = GeodesicRecord
     place = place
     bias = bias
 

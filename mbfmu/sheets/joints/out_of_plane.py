@@ -13,7 +13,7 @@ see :mod:`.geodesic`, which does neither.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -22,32 +22,33 @@ from solvers.compiled.kernel import kernel
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
+    from solvers.compiled.record import Record
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: Record, qi: int, state: State) -> None:
     """See :mod:`.base`. Columns: g';  h' = (0, 0, 1);  A_z f' with f' = (1, 0, 0)."""
-    q, rel = state.q, state.rel
+    q, rel = state.q, state.rel[0]
     cz, sz = np.cos(q[qi + 1]), np.sin(q[qi + 1])
     cx, sx = np.cos(q[qi + 2]), np.sin(q[qi + 2])
     for k in range(3):
-        rel[0, k], rel[0, 3 + k] = 0.0, 0.0
-        rel[1, k], rel[1, 3 + k] = 0.0, 0.0
-        rel[2, k] = 0.0
-        rel[6 + k, 3] = 0.0
-    rel[0, 1] = 1.0
-    rel[7, 3] = q[qi]
-    rel[1, 5] = 1.0
-    rel[2, 3], rel[2, 4], rel[2, 5] = cz, sz, 0.0
-    rel[6, 0], rel[6, 1], rel[6, 2] = cz, -sz * cx, sz * sx
-    rel[7, 0], rel[7, 1], rel[7, 2] = sz, cz * cx, -cz * sx
-    rel[8, 0], rel[8, 1], rel[8, 2] = 0.0, sx, cx
+        rel.S[0, k], rel.S[0, 3 + k] = 0.0, 0.0
+        rel.S[1, k], rel.S[1, 3 + k] = 0.0, 0.0
+        rel.S[2, k] = 0.0
+        rel.p[k] = 0.0
+    rel.S[0, 1] = 1.0
+    rel.p[1] = q[qi]
+    rel.S[1, 5] = 1.0
+    rel.S[2, 3], rel.S[2, 4], rel.S[2, 5] = cz, sz, 0.0
+    rel.R[0, 0], rel.R[0, 1], rel.R[0, 2] = cz, -sz * cx, sz * sx
+    rel.R[1, 0], rel.R[1, 1], rel.R[1, 2] = sz, cz * cx, -cz * sx
+    rel.R[2, 0], rel.R[2, 1], rel.R[2, 2] = 0.0, sx, cx
 
 
 @kernel
-def bias(joint: Any, qi: int, vi: int, state: State) -> None:
+def bias(joint: Record, qi: int, vi: int, state: State) -> None:
     """See :mod:`.base`: theta_z' theta_x' h' x A_z f'."""
-    q, v, out = state.q, state.v, state.bias
+    q, v, out = state.q, state.v, state.rel[0].bias
     turn = v[vi + 1] * v[vi + 2]
     for k in range(3):
         out[k] = 0.0 * turn

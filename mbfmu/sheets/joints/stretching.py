@@ -14,41 +14,41 @@ theta_x alone, and what is stiff is u, v and psi.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solvers.compiled.kernel import kernel
 
 from . import geodesic
-from .geodesic import Geodesic
+from .geodesic import Geodesic, GeodesicRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
 
 
 @kernel
-def place(joint: Any, qi: int, state: State) -> None:
+def place(joint: GeodesicRecord, qi: int, state: State) -> None:
     """See :mod:`.base`. Columns: those of the geodesic joint, e_x, e_z, and the child's normal."""
     geodesic.place(joint, qi, state)
-    q, rel = state.q, state.rel
-    rel[6, 3] += q[qi + 3]
-    rel[8, 3] += q[qi + 4]
+    q, rel = state.q, state.rel[0]
+    rel.p[0] += q[qi + 3]
+    rel.p[2] += q[qi + 4]
     c, s = np.cos(q[qi + 5]), np.sin(q[qi + 5])
     for k in range(3):
-        rel[3, k], rel[3, 3 + k] = 0.0, 0.0
-        rel[4, k], rel[4, 3 + k] = 0.0, 0.0
-        rel[5, k], rel[5, 3 + k] = 0.0, rel[6 + k, 1]
-        x, z = rel[6 + k, 0], rel[6 + k, 2]
-        rel[6 + k, 0], rel[6 + k, 2] = c * x - s * z, s * x + c * z
-    rel[3, 0], rel[4, 2] = 1.0, 1.0
+        rel.S[3, k], rel.S[3, 3 + k] = 0.0, 0.0
+        rel.S[4, k], rel.S[4, 3 + k] = 0.0, 0.0
+        rel.S[5, k], rel.S[5, 3 + k] = 0.0, rel.R[k, 1]
+        x, z = rel.R[k, 0], rel.R[k, 2]
+        rel.R[k, 0], rel.R[k, 2] = c * x - s * z, s * x + c * z
+    rel.S[3, 0], rel.S[4, 2] = 1.0, 1.0
 
 
 @kernel
-def bias(joint: Any, qi: int, vi: int, state: State) -> None:
+def bias(joint: GeodesicRecord, qi: int, vi: int, state: State) -> None:
     """See :mod:`.base`: that of the geodesic joint, and psi' w x n, w and n the child's spin there and its normal."""
     geodesic.bias(joint, qi, vi, state)
-    q, v, out = state.q, state.v, state.bias
+    q, v, out = state.q, state.v, state.rel[0].bias
     cz, sz = np.cos(0.5 * q[qi + 1]), np.sin(0.5 * q[qi + 1])
     cx, sx = np.cos(q[qi + 2]), np.sin(q[qi + 2])
     bend, twist, turn = v[vi + 1], v[vi + 2], v[vi + 5]

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.mechanics.dispatch import apply_load
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.sensors.base import Follows, Sensor
+from mbfmu.mechanics.sensors.base import Follows, QuantityRecord, Sensor
 from mbfmu.sheets.contact.scratch import ALL_POINTS, CONTACT_SCRATCH, OWN_SHARE, contact_scratch
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import Record, f8, i8
@@ -18,13 +18,12 @@ from solvers.compiled.record import Record, f8, i8
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
     from mbfmu.sheets.contact.scratch import ContactScratch
+    from solvers.compiled.record import Reals
 
 
-class ContactSumRecord(Record):
+class ContactSumRecord(QuantityRecord):
     """Parameters of :class:`ContactSum`."""
 
-    index: i8
-    component: i8
     count: i8
     over: i8
     scratch: i8
@@ -55,7 +54,7 @@ def sum_contact_results(
 
 
 @kernel
-def read_sum(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def read_sum(sensor: ContactSumRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: a sum over loads, or the ratio of two."""
     here = contact_scratch(sensor, state)
     sum_contact_results(sensor.index, sensor.count, ALL_POINTS, arrays, state, here)
@@ -67,7 +66,7 @@ def read_sum(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def read_force_sum(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def read_force_sum(sensor: ContactForceSumRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: the sizes of the forces of single contacts on their cells, added."""
     here, total = contact_scratch(sensor, state), 0.0
     result = here.result
@@ -81,7 +80,7 @@ def read_force_sum(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float
 class ContactSum(Sensor):
     """Sum of ``component`` of the contacts, times ``scale``, divided by the sum of ``over`` if that is not negative."""
 
-    record = ContactSumRecord.dtype
+    record = ContactSumRecord
     read = read_sum
     follows = Follows.FORCES
 
@@ -94,9 +93,8 @@ class ContactSum(Sensor):
         return range(self.item.index, self.item.index + self.count)
 
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write the loads too."""
+        """Write the scratch memory too."""
         super().fill(record, site)
-        record["count"], record["over"], record["scale"] = self.count, self.over, self.scale
         record["scratch"] = site.scratch(CONTACT_SCRATCH)
 
 
@@ -104,7 +102,7 @@ class ContactSum(Sensor):
 class ContactForceSum(Sensor):
     """Sizes of the forces of single contacts, added, times ``scale``; ``own``: their numbers in Mechanism.others."""
 
-    record = ContactForceSumRecord.dtype
+    record = ContactForceSumRecord
     read = read_force_sum
     follows = Follows.FORCES
 

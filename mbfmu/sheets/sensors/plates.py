@@ -19,10 +19,11 @@ from solvers.compiled.kernel import kernel
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+    from solvers.compiled.record import Reals
 
 
 @kernel
-def in_plate(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def in_plate(sensor: Any, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Weights times the generalized strains."""
     here = plate_scratch(sensor, state)
     shape(sensor, state.bodies, here)
@@ -34,7 +35,7 @@ def in_plate(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def in_shell(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def in_shell(sensor: Any, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`. Weights times the displacements and turns of the corners."""
     here = shell_scratch(sensor, state)
     deform(sensor, state.bodies, here)

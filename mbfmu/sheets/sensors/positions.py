@@ -85,7 +85,7 @@ class Cell(NamedTuple):
 
 
 @kernel
-def position(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def position(sensor: Any, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     r = contact_scratch(sensor, state).r
     interpolate_point(sensor, sensor.weight, state.bodies, r)
@@ -93,7 +93,7 @@ def position(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def skew(sensor: SkewRecord, lam: Any, arrays: Arrays, state: State) -> float:
+def skew(sensor: SkewRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: the angle about the mean normal, by sine and cosine."""
     A, B, s = state.bodies[sensor.a], state.bodies[sensor.b], sensor.across
     x, y, z = B.r[0] - A.r[0], B.r[1] - A.r[1], B.r[2] - A.r[2]
@@ -104,7 +104,7 @@ def skew(sensor: SkewRecord, lam: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def covered(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def covered(sensor: Any, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: the most that any cell covers."""
     here, P, d = contact_scratch(sensor, state), sensor.place, sensor.direction
     most = 0.0 * here.r[0]
@@ -185,7 +185,7 @@ def find_beam_intersection(cell: Any, beam: CoveredRecord, bodies: Table[MotionR
 
 
 @kernel
-def jammed(sensor: Any, lam: Any, arrays: Arrays, state: State) -> float:
+def jammed(sensor: Any, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: 1 if any of the nips slips."""
     here = contact_scratch(sensor, state)
     for e in range(sensor.nips):
@@ -217,7 +217,7 @@ class SheetPosition(Sensor):
         xi and zeta, 0 to 1.
     """
 
-    record = SheetPositionRecord.dtype
+    record = SheetPositionRecord
     read = position
 
     sides: tuple[float, float]
@@ -236,7 +236,7 @@ class SheetPosition(Sensor):
 class Skew(Sensor):
     """Angle of the way from the first to the second of two bodies, nodes of a sheet, against ``across``, rad."""
 
-    record = SkewRecord.dtype
+    record = SkewRecord
     read = skew
 
     across: Any
@@ -260,7 +260,7 @@ class Covered(Sensor):
         Of every cell, ((begins, ends) along x, (begins, ends) along z): whether that is an edge of the sheet.
     """
 
-    record = CoveredRecord.dtype
+    record = CoveredRecord
     read = covered
 
     place: Any
@@ -286,7 +286,7 @@ class Jammed(Sensor):
     ``bodies`` are the rollers; ``nips`` have for each the handle, the radius (m) and the number of stations.
     """
 
-    record = JammedRecord.dtype
+    record = JammedRecord
     read = jammed
     follows = Follows.FORCES
 

@@ -31,6 +31,8 @@ from .order_control import GAMMA_STAR, choose_order, choose_step, count_stabilit
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
+    from solvers.energy_account import EnergyScales
+    from solvers.projection.workspace import Workspace
 
 MAX_ORDER = 12
 N_DIFFERENCES = MAX_ORDER + 3  # entries of the arrays that are indexed by the order
@@ -129,7 +131,14 @@ def pack_state(q: Reals, v: Reals, y: Reals) -> None:
 
 @kernel
 def restart_history(
-    history: History, t: float, q: Any, v: Any, work: float, rk_steps: int, needs_derivative: int, keeps_position: bool
+    history: History,
+    t: float,
+    q: Reals,
+    v: Reals,
+    work: float,
+    rk_steps: int,
+    needs_derivative: int,
+    keeps_position: bool,
 ) -> None:
     """Begin the next step at a reported state, see CONTROL.
 
@@ -144,7 +153,7 @@ def restart_history(
 
 
 @kernel
-def set_tolerance_units(history: History, absolute: float, work: Any, scales: Any) -> None:
+def set_tolerance_units(history: History, absolute: float, work: Workspace, scales: EnergyScales) -> None:
     """Take what the absolute tolerance is measured in, by the units and paces in ``work``."""
     nq, n = work.size_q.shape[0], work.size.shape[0]
     for i in range(nq):

@@ -34,14 +34,14 @@ if TYPE_CHECKING:
     from solvers.projection.workspace import Workspace
     from solvers.steppers.adams.formulas import History
     from solvers.steppers.adams.loop import SettingsRecord
-    from solvers.system import Equations
+    from solvers.system import Equations, Terms
 
 PROJECTION, LU, HYBRID = 0, 1, 2  # partitions; the first two are regimes of the third
 MIN_CLEAR_STEPS = 5.0  # steps to a singular configuration beyond which a return to LU is worthwhile
 
 
 @kernel
-def record_position(eqs: Any, control: Any, history: History, work: Workspace) -> None:
+def record_position(eqs: Equations, control: Any, history: History, work: Workspace) -> None:
     """Note y as the last good position, after it was left by LU, which has noted none."""
     unpack_state(history.y, work.q, work.v)
     eqs.position(control.t, work.q, eqs.data, eqs.terms)
@@ -53,7 +53,7 @@ def record_position(eqs: Any, control: Any, history: History, work: Workspace) -
 
 
 @kernel
-def record_orientation(terms: Any, control: Any, history: Any, work: Any) -> None:
+def record_orientation(terms: Terms, control: Any, history: Any, work: Workspace) -> None:
     """Note orientation and tangents of the dependents, whose J_d is factored and whose tangents are at hand."""
     control.is_det_positive = 1 if is_determinant_positive(work.D, control.rank, work.order) else 0
     n = work.T.shape[1]
@@ -63,7 +63,7 @@ def record_orientation(terms: Any, control: Any, history: Any, work: Any) -> Non
 
 
 @kernel
-def is_on_same_branch_lu(control: Any, history: Any, work: Any) -> bool:
+def is_on_same_branch_lu(control: Any, history: Any, work: Workspace) -> bool:
     """Whether the LU step stayed on its branch for sure: J_d has kept the sign of its determinant, and tangents turned
     little.
     """
@@ -72,7 +72,7 @@ def is_on_same_branch_lu(control: Any, history: Any, work: Any) -> bool:
 
 
 @kernel
-def adopt_partition(terms: Any, control: Any, history: Any, work: Any) -> None:
+def adopt_partition(terms: Terms, control: Any, history: Any, work: Workspace) -> None:
     """Make the candidate choice of rows and coordinates the choice, at the position of ``terms``."""
     for i in range(work.rows.shape[0]):
         history.rows[i] = work.rows[i]
@@ -85,36 +85,44 @@ def adopt_partition(terms: Any, control: Any, history: Any, work: Any) -> None:
 
 
 @inlined
-def has_energy_jump(
-    eqs: Equations, t: float, done: float, control: Any, settings: SettingsRecord, work: Workspace
-) -> bool:
-    """Whether the energy, less the work ``done``, has jumped in an LU step of the hybrid, in units of the largest
-    kinetic energy so far.
+def has_energy_jump(energy: float, kinetic: float, done: float, control: Any, settings: SettingsRecord) -> bool:
+    """Whether the energy less the work ``done``, J, has jumped in an LU step since :func:`record_energy_level`, in
+    units of the largest kinetic energy so far; ``kinetic`` is that of now, J.
     """
-    if settings.partition != HYBRID:
+    if control.regime != LU:
         return False
-    after = eqs.energy(t, work.q, work.v, eqs.data) - done
+    allowed = settings.energy_jump * max(kinetic, control.energy_scale) + settings.rtol * (abs(energy) + abs(done))
+    return abs(energy - control.last_energy) > allowed
+
+
+@inlined
+def record_energy_level(energy: float, kinetic: float, control: Any) -> None:
+    """Record the energy less the work done, and the kinetic energy of an accepted step, J."""
+    control.last_energy = energy
+    control.energy_scale = max(kinetic, control.energy_scale)
+
+
+@inlined
+def kinetic_energy(eqs: Equations, work: Workspace) -> float:
+    """Kinetic energy of the state evaluated last, J."""
     kinetic = 0.0
     for i in range(work.v.shape[0]):
         for j in range(work.v.shape[0]):
             kinetic += 0.5 * work.v[i] * eqs.terms.M[i, j] * work.v[j]
-    allowed = settings.energy_jump * max(kinetic, control.energy_scale) + settings.rtol * (abs(after) + abs(done))
-    if control.regime == LU and abs(after - control.last_energy) > allowed:
-        return True
-    control.last_energy = after
-    control.energy_scale = max(kinetic, control.energy_scale)
-    return False
+    return kinetic
 
 
 @kernel
-def fall_back_to_projection(eqs: Any, control: Any, history: Any, work: Any) -> None:
+def fall_back_to_projection(eqs: Equations, control: Any, history: Any, work: Workspace) -> None:
     """Continue by projection from the last accepted state."""
     control.regime, control.lu_ready_steps = PROJECTION, 0
     record_position(eqs, control, history, work)
 
 
 @kernel
-def check_switch_to_projection(eqs: Any, control: Any, settings: SettingsRecord, work: Any, history: Any) -> None:
+def check_switch_to_projection(
+    eqs: Equations, control: Any, settings: SettingsRecord, work: Workspace, history: Any
+) -> None:
     """After an accepted LU step: the paper's re-choice, and what the hybrid makes of it.
 
     The hybrid extrapolates the smallest pivot of J_d. If that is nearly zero, or would be within a few steps, and no
@@ -128,7 +136,7 @@ def check_switch_to_projection(eqs: Any, control: Any, settings: SettingsRecord,
             control.min_pivot < SINGULAR_PIVOT_RATIO
             or extrapolate_to_zero(before, control.min_pivot, control.hold) < LOOKAHEAD_STEPS * control.h
         )
-    if not (is_choice_due(control) or ends):
+    if not (update_choice_schedule(control) or ends):
         return
     found = choose_partition(eqs.terms, control.rank, work)
     if ends and not (found and is_better_partition(control.rank, work)):
@@ -153,8 +161,10 @@ def check_switch_to_projection(eqs: Any, control: Any, settings: SettingsRecord,
 
 
 @inlined
-def is_choice_due(control: Any) -> bool:
-    """Whether the paper repeats the choice: the step has shrunk, or stayed equal for five steps."""
+def update_choice_schedule(control: Any) -> bool:
+    """Record the length of the last step; return whether the paper repeats the choice: the step has shrunk, or stayed
+    equal for five steps.
+    """
     control.equal_steps = control.equal_steps + 1 if control.hold == control.h_before else 0
     shrunk = control.hold < control.h_before
     control.h_before = control.hold
@@ -165,7 +175,7 @@ def is_choice_due(control: Any) -> bool:
 
 
 @kernel
-def check_switch_to_lu(control: Any, settings: SettingsRecord, terms: Any, work: Workspace, history: Any) -> None:
+def check_switch_to_lu(control: Any, settings: SettingsRecord, terms: Terms, work: Workspace, history: Any) -> None:
     """After an accepted projection step of the hybrid: count steps in which LU would have kept its choice.
 
     If a singular configuration is a few steps ahead LU is not worthwhile.

@@ -19,13 +19,16 @@ from solvers.stepper import is_discontinuity
 from .formulas import restart_history
 
 if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
     from solvers.steppers.adams.formulas import History
 
 ENDED_LIMIT_RATIO = 1e3  # times: a limit that becomes longer by so much has ended
 
 
 @kernel
-def limit_steps(history: History, settings_array: Any, t: float, q: Any, v: Any, work: float, longest: float) -> None:
+def limit_steps(
+    history: History, settings_array: Any, t: float, q: Reals, v: Reals, work: float, longest: float
+) -> None:
     """From the reported state (q, v) at t on, s, no step is longer than ``longest``, s; ``work`` is W there, J."""
     control, settings = history.control[0], settings_array[0]
     before = settings.max_step

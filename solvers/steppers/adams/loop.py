@@ -12,10 +12,10 @@ are used.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.compiled.record import Record, f8, i8
+from solvers.compiled.record import f8, i8
 from solvers.inertia import clear_growth
 from solvers.outcome import NOT_CLOSED, OK
 from solvers.projection.branch import BRANCH_RESOLUTION, on_same_branch
@@ -23,7 +23,7 @@ from solvers.projection.lu_partition import choose_partition
 from solvers.projection.projection import project
 from solvers.projection.reported import fill_reported_state
 from solvers.projection.singular import IMPERFECT, SINGULAR_PIVOT_RATIO, branch_step_limit, record_accepted
-from solvers.steppers.step_loop import make_sample
+from solvers.steppers.step_loop import StepSettingsRecord, make_sample
 
 from .derivatives import evaluate_derivative, evaluate_power, record_energy, set_error_weights
 from .formulas import pack_state, set_tolerance_units, unpack_state
@@ -37,24 +37,21 @@ from .hybrid import (
     fall_back_to_projection,
     has_energy_jump,
     is_on_same_branch_lu,
+    kinetic_energy,
+    record_energy_level,
 )
 from .pece import make_pece_loop
 
 if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
     from solvers.steppers.step_loop import Integration
 
 
-class SettingsRecord(Record):
+class SettingsRecord(StepSettingsRecord):
     """Options of Adams on matrices."""
 
-    rtol: f8
-    atol: f8
-    max_step: f8
     max_order: i8
-    max_steps: i8
     partition: i8  # PROJECTION, LU, or HYBRID
-    energy_check: i8  # 1: record energy and work
-    works: i8  # 1: some force does work
     flicker_steps: i8
     flicker_count: i8
     energy_jump: f8
@@ -135,21 +132,22 @@ def accept_branch(integration: Integration, t: float) -> bool:
     control = history.control[0]
     if settings.partition == LU:
         return True
-    done = history.trial[history.y.shape[0] - 1]
     if control.regime == PROJECTION:
-        if on_same_branch(eqs, t, work.q, BRANCH_RESOLUTION, control.rank, work):
-            has_energy_jump(eqs, t, done, control, settings, work)
-            return True
-        control.refused += 1
-        return False
-    if not is_on_same_branch_lu(control, history, work):
+        if not on_same_branch(eqs, t, work.q, BRANCH_RESOLUTION, control.rank, work):
+            control.refused += 1
+            return False
+    elif not is_on_same_branch_lu(control, history, work):
         fall_back_to_projection(eqs, control, history, work)
         control.by_turn += 1
         return False
-    if has_energy_jump(eqs, t, done, control, settings, work):
-        fall_back_to_projection(eqs, control, history, work)
-        control.by_energy += 1
-        return False
+    if settings.partition == HYBRID:
+        done = history.trial[history.y.shape[0] - 1]
+        energy, kinetic = eqs.energy(t, work.q, work.v, eqs.data) - done, kinetic_energy(eqs, work)
+        if has_energy_jump(energy, kinetic, done, control, settings):
+            fall_back_to_projection(eqs, control, history, work)
+            control.by_energy += 1
+            return False
+        record_energy_level(energy, kinetic, control)
     return True
 
 
@@ -180,13 +178,13 @@ def end_step(integration: Integration) -> None:
 
 
 @inlined
-def close(integration: Integration, t: float, q: Any, v: Any) -> int:
+def close(integration: Integration, t: float, q: Reals, v: Reals) -> int:
     """Project a reported state onto the constraints."""
     return project(integration.eqs, t, q, v, integration.memory.control[0].rank, integration.work)
 
 
 @inlined
-def fill_row(integration: Integration, t: float, q: Any, v: Any, a: Any, lam: Any, outputs: Any) -> int:
+def fill_row(integration: Integration, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, outputs: Reals) -> int:
     """Accelerations, multipliers and outputs of the system at the state reported last."""
     control, settings = integration.memory.control[0], integration.settings[0]
     return fill_reported_state(integration.eqs, t, q, v, settings.rtol, control, integration.work, a, lam, outputs)

@@ -19,9 +19,8 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.template import require_hooks, specialize
 from solvers.energy_account import count_rejected_step, fill_account_row
 from solvers.outcome import BRANCHES, COLLAPSED, OK
-from solvers.stepper import is_discontinuity, min_step_length
-from solvers.steppers.step_control import FIRST_STEP_RATIO, MIN_STEP_RATIO
-from solvers.steppers.step_loop import Loop, make_loop
+from solvers.steppers.step_control import FIRST_STEP_RATIO, retry_step
+from solvers.steppers.step_loop import Loop, make_loop, set_step_options
 
 from .formulas import (
     MAX_ORDER,
@@ -149,7 +148,7 @@ def runge_kutta_step(integration: Any, target: float) -> int:
     history, control, settings = integration.memory, integration.memory.control[0], integration.settings[0]
     q, v, last = integration.work.q, integration.work.v, history.y.shape[0] - 1
     set_error_weights(integration)
-    is_min_step = False
+    is_forced = False
     while True:
         control.h = min(control.h, settings.max_step)
         truncate_step(control, target)
@@ -167,7 +166,7 @@ def runge_kutta_step(integration: Any, target: float) -> int:
             history.trial[last] = history.p[last]
             pack_state(q, v, history.trial)
             error = estimate_error(control, history)
-            if error <= 1.0 or is_min_step:
+            if error <= 1.0 or is_forced:
                 record_energy(integration, control.t + control.h)
                 if accept_branch(integration, control.t + control.h):
                     accept_runge_kutta_step(control, history, target, error)
@@ -175,12 +174,12 @@ def runge_kutta_step(integration: Any, target: float) -> int:
                 code, error = BRANCHES, np.inf
         count_rejected_step(control, code == OK)
         adapt_step(control, error)
-        smallest = min_step_length(MIN_STEP_RATIO, motion_rate(integration), settings.max_step, control.t)
-        if not control.h > smallest:
-            if is_min_step or code != OK or not is_discontinuity(settings.max_step, control.t):
-                control.rk_step_size = 0.0
-                return COLLAPSED if code == OK else code
-            control.h, is_min_step = smallest, True
+        may_force = code == OK and not is_forced
+        h, forces = retry_step(control.h, motion_rate(integration), settings.max_step, control.t, may_force)
+        if h == 0.0:
+            control.rk_step_size = 0.0
+            return COLLAPSED if code == OK else code
+        control.h, is_forced = h, is_forced or forces
 
 
 def adams_step(integration: Any) -> int:
@@ -188,7 +187,7 @@ def adams_step(integration: Any) -> int:
     history, control, settings = integration.memory, integration.memory.control[0], integration.settings[0]
     q, v = integration.work.q, integration.work.v
     set_error_weights(integration)
-    cuts, is_min_step = 0, False
+    cuts, is_forced = 0, False
     while True:
         update_coefficients(control)
         predict(control, history)
@@ -196,7 +195,7 @@ def adams_step(integration: Any) -> int:
         after = control.t + control.h
         control.erk = 0.0
         code = evaluate_derivative(integration, after, False)
-        if code == OK and (estimate_errors(control, history) <= 1.0 or is_min_step):
+        if code == OK and (estimate_errors(control, history) <= 1.0 or is_forced):
             correct_state(control, history)
             unpack_state(history.trial, q, v)
             code = evaluate_derivative(integration, after, True)
@@ -213,11 +212,13 @@ def adams_step(integration: Any) -> int:
         undo_prediction(control, history)
         shorten_step(cuts, control)
         respond_to_cuts(integration, cuts)
-        smallest = min_step_length(MIN_STEP_RATIO, motion_rate(integration), settings.max_step, control.t)
-        if not control.h > smallest:
-            if is_min_step or code != OK or not is_discontinuity(settings.max_step, control.t):
-                return COLLAPSED if code == OK else code
-            control.h, control.k, is_min_step = smallest, 1, True
+        may_force = code == OK and not is_forced
+        h, forces = retry_step(control.h, motion_rate(integration), settings.max_step, control.t, may_force)
+        if h == 0.0:
+            return COLLAPSED if code == OK else code
+        control.h, is_forced = h, is_forced or forces
+        if forces:
+            control.k = 1
 
 
 def report(integration: Any, code: int, target: float, q: Any, v: Any, energy_account: Any) -> int:
@@ -239,14 +240,8 @@ def report(integration: Any, code: int, target: float, q: Any, v: Any, energy_ac
 @kernel
 def set_options(options: Any, settings_array: Any) -> None:
     """Set the options of a run (``solvers.options.OPTIONS``)."""
-    requested, settings = options[0], settings_array[0]
-    settings.rtol, settings.atol = requested.rtol, requested.absolute
-    settings.max_step, settings.max_steps, settings.energy_check = (
-        requested.max_step,
-        requested.max_steps,
-        requested.energy_check,
-    )
-    settings.max_order = requested.max_order if requested.max_order > 0 else MAX_ORDER
+    set_step_options(options, settings_array)
+    settings_array[0].max_order = options[0].max_order if options[0].max_order > 0 else MAX_ORDER
 
 
 def make_pece_loop(module: str, **hooks: Any) -> Loop:

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.compiled.record import Record, f8, i8
+from solvers.compiled.record import f8, i8
 from solvers.energy_account import energy_check_scheduled, update_energy_bound
 from solvers.inertia import clear_growth, tolerance_factor, update_tree_growth
 from solvers.outcome import NO_MASS, NOT_FINITE, OK
 from solvers.positions import position_sizes
 from solvers.stepper import start_rate
+from solvers.steppers.step_loop import StepSettingsRecord
 from solvers.steppers.tree import RATE_TOLERANCE_RATIO
 
 from .formulas import pack_state, set_tolerance_units, unpack_state
@@ -32,24 +33,18 @@ if TYPE_CHECKING:
     from solvers.steppers.tree import TreeEquations
 
 
-class SettingsRecord(Record):
+class SettingsRecord(StepSettingsRecord):
     """Options of Adams on trees."""
 
-    rtol: f8
-    atol: f8
-    max_step: f8
     max_order: i8
-    max_steps: i8
     rate: f8  # of the motion, 1/s
-    energy_check: i8  # 1: record energy and work
-    works: i8  # 1: some force does work
 
 
 SETTINGS = SettingsRecord.dtype
 
 
 @inlined
-def evaluate_forward_dynamics(eqs: TreeEquations, t: float, q: Any, v: Any, qdot: Any, a: Reals) -> int:
+def evaluate_forward_dynamics(eqs: TreeEquations, t: float, q: Reals, v: Reals, qdot: Reals, a: Reals) -> int:
     """qdot (nq,) = N v and a (n,) = v' at (t, q, v)."""
     if eqs.forward(t, q, v, eqs.data, qdot, a) != 0:
         return NO_MASS
@@ -137,7 +132,7 @@ def end_step(integration: Any) -> None:
 
 
 @inlined
-def close(integration: Integration, t: float, q: Any, v: Any) -> int:
+def close(integration: Integration, t: float, q: Reals, v: Reals) -> int:
     """Bring the quaternions of an interpolated state to unit length."""
     if t < integration.memory.control[0].t:
         integration.eqs.retract(q, integration.work.zero, integration.eqs.data)
@@ -166,7 +161,7 @@ def set_up(integration: Integration, t: float, known: float, duration: float) ->
 
 
 @kernel
-def evaluate(integration: Integration, t: float, a: Any) -> int:
+def evaluate(integration: Integration, t: float, a: Reals) -> int:
     """Accelerations a (n,) at the reported state, of time t (s)."""
     return evaluate_forward_dynamics(integration.eqs, t, integration.q, integration.v, integration.work.qdot, a)
 

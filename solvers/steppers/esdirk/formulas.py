@@ -28,6 +28,7 @@ from solvers.system import Array, TreeSystem
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
+    from solvers.energy_account import EnergyScales
     from solvers.inertia import Growth
     from solvers.system import ComplexStepSystem, Equations
 
@@ -375,7 +376,7 @@ def update_inertia_growth(eqs: Any, memory: Memory, stage: Stage, growth: Growth
 
 
 @kernel
-def record_energy(eqs: Any, memory: Memory, stage: Stage, scales: Any) -> None:
+def record_energy(eqs: Any, memory: Memory, stage: Stage, scales: EnergyScales) -> None:
     """Record the energy where the last step ended; this costs an inverse dynamics (`solvers.energy_account`)."""
     control = memory.control[0]
     if energy_check_scheduled(control):
@@ -384,7 +385,7 @@ def record_energy(eqs: Any, memory: Memory, stage: Stage, scales: Any) -> None:
 
 
 @kernel
-def interpolate(t: float, memory: Any, stage: Any, q: Any, v: Any) -> float:
+def interpolate(t: float, memory: Any, stage: Any, q: Reals, v: Reals) -> float:
     """Put into (q, v) the motion at t in the last step: cubic through the positions and slopes at its ends.
 
     Its velocity is the cubic's own; accelerations would bring in the unresolved modes. Returns W there.

@@ -13,6 +13,14 @@ length needs other factors.
 
 A step may pass the requested time, and is interpolated. After a jump of the loads the next ones end there: what a step
 needs of the one before it are its accelerations alone.
+
+**Which solver for which size.** In small mechanisms, by their matrices, Radau IIA needs less CPU time for the same
+error. A compiled trial of this method on the loop of 'radau', with its Newton matrices, had an evaluation count per
+step of 0.7 to 1 times that of 'radau', but errors of order 3: 1.3 to 1.8 times the CPU time of 'radau' at an error of
+1e-3, 2 to 4 times at 1e-5 (four-bar, with and without a singular configuration, governor, triple pendulum and chain of
+40 links with stiff joints). Radau IIA on trees would need T for a complex c in addition, at four times the work of a
+real factorization, and five real solutions for a correction of its three stages, where this method needs three. At the
+errors of meshes, 1e-3 to 1e-4, that costs more than the two to four times fewer steps save.
 """
 
 from __future__ import annotations
@@ -30,18 +38,14 @@ from solvers.inertia import Growth, describe_large_growth, tolerance_factor
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, Saddle, count_freedom, motion_rate, project
-from solvers.stepper import (
-    min_step_length,
-    require_resolution,
-    start_rate,
-)
+from solvers.stepper import require_resolution, start_rate
 from solvers.steppers.python_loop import PythonLoopStepper
 from solvers.steppers.step_control import (
     FIRST_STEP_RATIO,
     MIN_RECORDED_ERROR,
-    MIN_STEP_RATIO,
     TRUNCATED_STEPS,
     end_of_step,
+    retry_step,
     step_factor,
     truncated_step,
 )
@@ -177,7 +181,7 @@ class TreeESDIRKStepper(PythonLoopStepper):
                 control["h"] = h * step_factor(h, error, 0.0, 0.0, ESDIRK_EXPONENT, MAX_STEP_CHANGE)
             else:
                 control["h"], control["failed_step"], control["retry_steps"] = 0.5 * h, h, RETRY_STEPS
-            if not control["h"] > min_step_length(MIN_STEP_RATIO, self._rate, self._max_step, float(control["t"])):
+            if retry_step(float(control["h"]), self._rate, self._max_step, t, False)[0] == 0.0:
                 return Code.COLLAPSED if code is Code.OK else code
         whole, longer = h >= control["h"], self._next_step_size(h, error)
         control["last_error"], control["last_error_step"] = max(error, MIN_RECORDED_ERROR), h

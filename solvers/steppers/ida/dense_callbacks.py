@@ -34,6 +34,7 @@ from .sundials import Callbacks, matrix_data, vector_data
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
+    from solvers.energy_account import EnergyScales
     from solvers.projection.workspace import Workspace
     from solvers.steppers.ida.ggl import Unknowns
     from solvers.system import Equations
@@ -54,7 +55,7 @@ def record_energy(
     unknowns: Unknowns,
     work: Workspace,
     energy_record: Any,
-    scales: Any,
+    scales: EnergyScales,
 ) -> None:
     """Record the energy after a step of IDA to (t, y, yp); see :mod:`solvers.energy_account`."""
     record, nq, n, power = energy_record[0], unknowns.q.shape[0], unknowns.v.shape[0], 0.0

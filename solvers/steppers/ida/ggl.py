@@ -246,7 +246,7 @@ def copy_unknowns(t: float, y: Reals, yp: Reals, unknowns: Unknowns) -> None:
 
 
 @kernel
-def residual(eqs: Any, t: float, y: Any, yp: Any, res: Reals, unknowns: Unknowns, work: Any) -> None:
+def residual(eqs: Any, t: float, y: Reals, yp: Reals, res: Reals, unknowns: Unknowns, work: Any) -> None:
     """IDA's residual function; what is not finite IDA takes as a sign to cut the step."""
     copy_unknowns(t, y, yp, unknowns)
     evaluate_residual(eqs, t, unknowns, work, res)
@@ -258,7 +258,7 @@ def residual(eqs: Any, t: float, y: Any, yp: Any, res: Reals, unknowns: Unknowns
 
 
 @kernel
-def set_up_preconditioner(eqs: Equations, t: float, y: Any, yp: Any, unknowns: Unknowns, work: Any) -> None:
+def set_up_preconditioner(eqs: Equations, t: float, y: Reals, yp: Reals, unknowns: Unknowns, work: Any) -> None:
     """unknowns.K: differences in q and v, all columns in one call; unknowns.N. The part of y' is known."""
     nq, n = unknowns.q.shape[0], unknowns.v.shape[0]
     copy_unknowns(t, y, yp, unknowns)
@@ -321,7 +321,7 @@ def assemble_matrix(eqs: Equations, unknowns: Unknowns, work: Any, cj: float) ->
 
 @kernel
 def apply_preconditioner(
-    eqs: Any, t: float, y: Any, yp: Any, right: Any, left: Any, cj: float, unknowns: Any, work: Any
+    eqs: Any, t: float, y: Reals, yp: Reals, right: Any, left: Any, cj: float, unknowns: Any, work: Any
 ) -> None:
     """The preconditioner: left = matrix^-1 right with J and M of this iterate, or the vector requested before."""
     N = y.shape[0]

@@ -3,22 +3,22 @@
 Unknowns y = (q, v, lambda, mu), the last two where there are cut joints; residual by inverse dynamics, in the form of
 :mod:`.ggl`::
 
-    q' - N(q) (v - J^T mu) + k (q - unit(q)) = 0      M v' + h + J^T lambda = 0
-    J v - nu - d0 lambda = 0                          Phi - d1 mu = 0
+    q' - N(q) (v - S^2 J^T mu) + k (q - unit(q)) = 0      M v' + h + J^T lambda = 0
+    J v - nu - d0 lambda = 0                              Phi - d1 mu = 0
 
-d0 and d1 are TIKHONOV_FACTOR rtol times the inverse of each constraint's effective mass, and times its J J^T. The
-reaction of a node's support would throw the node alone at hundreds of g: with a D as large as :mod:`.ggl` has, it damps
-the motion.
+S are the sizes of the coordinates: what mu moves is least in units of these. d0 and d1 are TIKHONOV_FACTOR rtol over
+the rate of the motion, times the inverse of each constraint's effective mass, and times its J S^2 J^T. The reaction of
+a node's support would throw the node alone at hundreds of g: with a D as large as :mod:`.ggl` has, it damps the motion.
 
 Newton's linear systems go to GMRES, whose preconditioner is the structured tangent (all but exact, so one or two
 iterations do). With g the first residual as a motion, c = IDA's cj and T = c^2 M + c D + K,
 
-    T dtheta = r2 + c M (g - J^T dmu) - J^T dlambda,    dv = c dtheta - g + J^T dmu,    dq = N dtheta.
+    T dtheta = r2 + c M (g - S^2 J^T dmu) - J^T dlambda,    dv = c dtheta - g + S^2 J^T dmu,    dq = N dtheta.
 
-D g is left out of the right-hand side: it only matters to the preconditioner. With X = T^-1 c M J^T, A = T^-1 J^T and
-theta0 = T^-1 (r2 + c M g) the constraints, the third less c times the fourth, leave 2 m equations::
+D g is left out of the right-hand side: it only matters to the preconditioner. With X = T^-1 c M S^2 J^T, A = T^-1 J^T
+and theta0 = T^-1 (r2 + c M g) the constraints, the third less c times the fourth, leave 2 m equations::
 
-    [ J J^T + c d1      -d0  ] [ dmu     ]   [ r3 + J g - c r4 ]
+    [ J S^2 J^T + c d1  -d0  ] [ dmu     ]   [ r3 + J g - c r4 ]
     [ -(J X + d1)      -J A  ] [ dlambda ] = [ r4 - J theta0   ]
 
 **Order.** BDF of orders 3 to 5 are unstable on undamped motions faster than the steps resolve. A mesh has thousands of
@@ -77,7 +77,7 @@ from .tree_callbacks import (
 )
 from .tree_callbacks import residual as residual_of_tree
 
-MULTIPLIER_TOLERANCE = 1e8  # absolute tolerance of the multipliers
+MULTIPLIER_TOLERANCE = 1e100  # absolute tolerance of the multipliers, above any force in any unit
 RATE_TOLERANCE_RATIO = 1.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
 MESH_RATE_TOLERANCE_RATIO = 150.0  # the same where the order is low, and fast motions are damped and not followed
 MAX_MESH_ORDER = 2  # of BDF on meshes
@@ -101,7 +101,9 @@ class TreeIDAStepper(IDADriver):
         self._velocity_slice = slice(nq, nq + n)
         self._scratch, self._terms = Scratch.allocate(nq, n, m), system.allocate_terms()
         z = np.zeros
-        self._reduced = Reduced(np.ones(1), z((2, m)), z((m, n)), z((n, m)), z((n, m)), z((2 * m, 2 * m)))
+        self._reduced = Reduced(
+            np.ones(1), z((2, m)), system.size**2, z((m, n)), z((n, m)), z((n, m)), z((2 * m, 2 * m))
+        )
         self._motion = Accelerations(system)
         self._rate = motion_rate(self._motion, self._t, self._q, self._v, self.options.duration)
         sizes, rtol = system.position_sizes(system.size), self.options.rtol
@@ -251,11 +253,12 @@ class TreeIDAStepper(IDADriver):
             return
         J = self._reduced.J
         J[:] = self._terms.J
-        inertia = np.array([system.tangent.inertia(row) for row in J])
+        moved = self._reduced.metric * J
+        inertia = np.array([system.tangent.inertia(row) for row in moved])
         both = system.tangent.solve(np.vstack((J, cj * inertia)).T)  # (n, 2 m)
         A, X = self._reduced.A, self._reduced.X
         A[:], X[:] = both[:, :m], both[:, m:]
-        self._reduced.inverse[:] = np.linalg.inv(np.block([[J @ J.T + cj * d1, -d0], [-J @ X - d1, -J @ A]]))
+        self._reduced.inverse[:] = np.linalg.inv(np.block([[J @ moved.T + cj * d1, -d0], [-J @ X - d1, -J @ A]]))
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
@@ -289,8 +292,8 @@ class TreeIDAStepper(IDADriver):
         code = motion.solve(self._t, self._q, self._v)
         if code is Code.OK:
             J, zeros = motion.terms.J, np.zeros(m)
-            self._reduced.d[0] = TIKHONOV_FACTOR * self.options.rtol / motion.masses
-            self._reduced.d[1] = TIKHONOV_FACTOR * self.options.rtol / inverse_squares(np.einsum("ij,ij->i", J, J))
+            part, squares = TIKHONOV_FACTOR * self.options.rtol / self._rate, J * J @ self._reduced.metric
+            self._reduced.d[0], self._reduced.d[1] = part / motion.masses, part / inverse_squares(squares)
             y = np.concatenate((self._q, self._v, motion.lam, zeros))
             yp = np.concatenate((motion.qdot, motion.a, zeros, zeros))
             self._begin_with(y, yp)

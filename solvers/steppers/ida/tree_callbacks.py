@@ -55,6 +55,7 @@ class Reduced(NamedTuple):
 
     c: Array  # (1,) 1/s
     d: Array  # (2, m) d0 and d1
+    metric: Array  # (n,) S^2
     J: Array  # (m, n)
     A: Array  # (n, m)
     X: Array  # (n, m)
@@ -123,7 +124,7 @@ def copy_unknowns(y: Reals, slopes: Reals, user_data: Any) -> None:
 @kernel
 def residual(t: float, y: Reals, slopes: Reals, res: Reals, user_data: Any) -> None:
     """IDA's residual function; what is not finite IDA takes as a sign to cut the step."""
-    scratch, d, terms = user_data.scratch, user_data.reduced.d, user_data.terms
+    scratch, d, metric, terms = user_data.scratch, user_data.reduced.d, user_data.reduced.metric, user_data.terms
     nq, n, m = scratch.q.shape[0], scratch.v.shape[0], scratch.lam.shape[0]
     user_data.counts[RESIDUALS] += 1.0
     copy_unknowns(y, slopes, user_data)
@@ -146,7 +147,7 @@ def residual(t: float, y: Reals, slopes: Reals, res: Reals, user_data: Any) -> N
     for i in range(n):
         scratch.load[i] = 0.0
         for row in range(m):
-            scratch.load[i] += terms.J[row, i] * y[nq + n + m + row]
+            scratch.load[i] += metric[i] * terms.J[row, i] * y[nq + n + m + row]
     as_slope(scratch.q, scratch.load, user_data.positions, scratch.slope)
     for i in range(nq):
         res[i] += scratch.slope[i]
@@ -204,7 +205,7 @@ def apply_preconditioner(y: Reals, r: Reals, z: Reals, user_data: UserData) -> N
             scratch.dtheta[i] -= (
                 reduced.X[i, row] * scratch.multipliers[row] + reduced.A[i, row] * scratch.multipliers[m + row]
             )
-            scratch.res_motion[i] -= reduced.J[row, i] * scratch.multipliers[row]
+            scratch.res_motion[i] -= reduced.metric[i] * reduced.J[row, i] * scratch.multipliers[row]
     as_slope(y, scratch.dtheta, positions, z)
     for k in range(positions.turning.shape[0]):  # and the quaternions' length
         first, along = positions.turning[k, 0], 0.0
@@ -217,7 +218,7 @@ def apply_preconditioner(y: Reals, r: Reals, z: Reals, user_data: UserData) -> N
 
 
 @kernel
-def record_energy(t: float, y: Any, slopes: Any, user_data: UserData) -> None:
+def record_energy(t: float, y: Reals, slopes: Any, user_data: UserData) -> None:
     """Record the energy after a step of IDA to (t, y, y'); see :mod:`solvers.energy_account`."""
     record, scratch, done = user_data.energy_record[0], user_data.scratch, 0.0
     copy_unknowns(y, slopes, user_data)
@@ -235,7 +236,7 @@ def record_energy(t: float, y: Any, slopes: Any, user_data: UserData) -> None:
 
 
 @kernel
-def accept_step(t: float, y: Any, slopes: Any, user_data: UserData) -> int:
+def accept_step(t: float, y: Reals, slopes: Any, user_data: UserData) -> int:
     """Accept IDA's step to (t, y)."""
     user_data.counts[STEPS] += 1.0
     user_data.progress[0].t_reached = t

@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.compiled.record import Record, f8, i8
+from solvers.compiled.record import f8
 from solvers.energy_account import (
     add_energy_error_bound,
     count_rejected_step,
@@ -31,40 +31,36 @@ from solvers.projection.branch import BRANCH_RESOLUTION, on_same_branch
 from solvers.projection.projection import evaluate_acceleration, project
 from solvers.projection.reported import fill_reported_state
 from solvers.projection.singular import branch_step_limit, record_accepted
-from solvers.stepper import is_discontinuity, min_step_length
 from solvers.steppers.step_control import (
     FIRST_STEP_RATIO,
     MIN_CONTROLLED_ERROR,
     MIN_RECORDED_ERROR,
     MIN_STEP_CHANGE,
-    MIN_STEP_RATIO,
     end_of_step,
+    retry_step,
     set_near_miss_factor,
     step_factor,
     truncated_step,
 )
-from solvers.steppers.step_loop import make_loop, make_sample
+from solvers.steppers.step_loop import StepSettingsRecord, make_loop, make_sample, set_step_options
 
 from .formulas import N_STAGES, A, estimate_error, estimate_work_error, factor_newton, interpolate
 from .stages import MAX_EXTRAPOLATION, difference_accelerations, evaluate_power, set_state, solve_stages
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
+    from solvers.energy_account import EnergyScales
+    from solvers.projection.workspace import Workspace
     from solvers.steppers.radau.formulas import Memory
     from solvers.steppers.step_loop import Integration
+    from solvers.system import Equations
 
 
-class SettingsRecord(Record):
-    """Options of Radau."""
+class SettingsRecord(StepSettingsRecord):
+    """Options of Radau; its tolerances are those of the estimated error."""
 
-    rtol: f8  # of the estimated error
-    atol: f8
     motion_rtol: f8  # rtol requested for the motion
     newton_tolerance: f8  # what Newton may leave, in tolerances of the estimated error
-    max_step: f8
-    max_steps: i8
-    energy_check: i8  # 1: record energy and work
-    works: i8  # 1: some force does work
 
 
 SETTINGS = SettingsRecord.dtype
@@ -82,7 +78,7 @@ NEWTON_RTOL_RATIO = 0.1  # of rtol: the remainder of Newton's method has one sig
 
 
 @inlined
-def set_tolerances(control: Any, settings: SettingsRecord, memory: Memory, work: Any) -> None:
+def set_tolerances(control: Any, settings: SettingsRecord, memory: Memory, work: Workspace) -> None:
     """Tolerances at (memory.q, memory.v), larger near a near miss."""
     set_near_miss_factor(control, settings.motion_rtol, work)
     control.inertia_factor = tolerance_factor(settings.rtol, RTOL_EXPONENT, work)
@@ -97,7 +93,13 @@ def set_tolerances(control: Any, settings: SettingsRecord, memory: Memory, work:
 
 @kernel
 def evaluate_end(
-    eqs: Any, t: float, control: Any, settings: SettingsRecord, memory: Memory, work: Any, scales: Any
+    eqs: Equations,
+    t: float,
+    control: Any,
+    settings: SettingsRecord,
+    memory: Memory,
+    work: Workspace,
+    scales: EnergyScales,
 ) -> int:
     """Evaluate q', v' and W' at (work.q, work.v), record its energy, and store it.
 
@@ -174,7 +176,7 @@ def take_step(integration: Integration, target: float) -> int:
     eqs, settings, memory, work = integration.eqs, integration.settings[0], integration.memory, integration.work
     control, nq, n = memory.control[0], memory.q.shape[0], memory.v.shape[0]
     set_tolerances(control, settings, memory, work)
-    is_min_step = False
+    is_forced = False
     while True:
         control.h = min(control.h, settings.max_step)
         h = truncated_step(control.t, control.h, target) if control.truncated_steps > 0 else control.h
@@ -193,7 +195,7 @@ def take_step(integration: Integration, target: float) -> int:
             corner = has_corner(control, h, error)
             largest = min(1.0, settings.motion_rtol / (control.inertia_factor * settings.rtol)) if corner else 1.0
             is_accurate = error <= largest
-            if is_accurate or is_min_step:
+            if is_accurate or is_forced:
                 for i in range(nq):
                     work.q[i] = memory.Q[N_STAGES - 1, i]
                 for i in range(n):
@@ -221,11 +223,11 @@ def take_step(integration: Integration, target: float) -> int:
         count_rejected_step(control, corner)
         if shorter < 1.0:
             control.h = shorter * h
-        smallest = min_step_length(MIN_STEP_RATIO, work.rate[0], settings.max_step, control.t)
-        if not control.h > smallest:
-            if is_min_step or is_accurate or not is_discontinuity(settings.max_step, control.t):
-                return code
-            control.h, is_min_step = smallest, True
+        may_force = not (is_forced or is_accurate)
+        h, forces = retry_step(control.h, work.rate[0], settings.max_step, control.t, may_force)
+        if h == 0.0:
+            return code
+        control.h, is_forced = h, is_forced or forces
 
 
 @inlined
@@ -285,7 +287,7 @@ def end_step(integration: Integration) -> None:
 
 
 @inlined
-def report(integration: Integration, code: int, target: float, q: Any, v: Any, energy_account: Any) -> int:
+def report(integration: Integration, code: int, target: float, q: Reals, v: Reals, energy_account: Any) -> int:
     """The state at ``target``, interpolated and closed, or where the last step ended; and its energy account."""
     eqs, memory, work, control = integration.eqs, integration.memory, integration.work, integration.memory.control[0]
     copy_last_state(memory, q, v)
@@ -302,7 +304,7 @@ def report(integration: Integration, code: int, target: float, q: Any, v: Any, e
 
 
 @inlined
-def fill_row(integration: Integration, t: float, q: Any, v: Any, a: Any, lam: Any, outputs: Any) -> int:
+def fill_row(integration: Integration, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, outputs: Reals) -> int:
     """Accelerations, multipliers and outputs of the system at the state reported last."""
     control, rtol = integration.memory.control[0], integration.settings[0].motion_rtol
     return fill_reported_state(integration.eqs, t, q, v, rtol, control, integration.work, a, lam, outputs)
@@ -311,15 +313,11 @@ def fill_row(integration: Integration, t: float, q: Any, v: Any, a: Any, lam: An
 @kernel
 def set_options(options: Any, settings_array: Any) -> None:
     """Set the options of a run (``solvers.options.OPTIONS``)."""
+    set_step_options(options, settings_array)
     requested, settings = options[0], settings_array[0]
     error_rtol = RTOL_FACTOR * requested.rtol**RTOL_EXPONENT
     settings.rtol, settings.atol = error_rtol, requested.absolute * error_rtol / requested.rtol
     settings.motion_rtol, settings.newton_tolerance = requested.rtol, NEWTON_RTOL_RATIO * requested.rtol / error_rtol
-    settings.max_step, settings.max_steps, settings.energy_check = (
-        requested.max_step,
-        requested.max_steps,
-        requested.energy_check,
-    )
 
 
 @kernel

@@ -28,7 +28,7 @@ MAX_EXTRAPOLATION = 6.0  # step in units of the last one, up to which its polyno
 
 
 @kernel
-def evaluate_stage_acceleration(eqs: Any, t: float, control: Any, work: Workspace, a: Any) -> int:
+def evaluate_stage_acceleration(eqs: Equations, t: float, control: Any, work: Workspace, a: Reals) -> int:
     """a = v' at (work.q, work.v), which need not be closed; leaves ``terms`` there.
 
     What is off the constraints is in v' by the inverse square of the smallest pivot: where that is small it is closed.
@@ -43,7 +43,7 @@ def evaluate_stage_acceleration(eqs: Any, t: float, control: Any, work: Workspac
 
 
 @kernel
-def evaluate_power(eqs: Any, t: float, control: Any, settings: Any, work: Workspace, a: Any) -> float:
+def evaluate_power(eqs: Equations, t: float, control: Any, settings: Any, work: Workspace, a: Reals) -> float:
     """W' at the state evaluated last, with v' = a."""
     if settings.works == 0:
         return 0.0
@@ -52,7 +52,7 @@ def evaluate_power(eqs: Any, t: float, control: Any, settings: Any, work: Worksp
 
 
 @inlined
-def set_state(q: Reals, v: Reals, work: Any) -> None:
+def set_state(q: Reals, v: Reals, work: Workspace) -> None:
     """(work.q, work.v) <- (q, v)."""
     for i in range(q.shape[0]):
         work.q[i] = q[i]
@@ -61,7 +61,7 @@ def set_state(q: Reals, v: Reals, work: Any) -> None:
 
 
 @kernel
-def difference_accelerations(eqs: Any, control: Any, memory: Memory, work: Any) -> None:
+def difference_accelerations(eqs: Equations, control: Any, memory: Memory, work: Workspace) -> None:
     """a_q and a_v at (memory.q, memory.v) by differences, in units of size; none if one is not finite."""
     n = memory.v.shape[0]
     control.matrices += 1
@@ -95,7 +95,7 @@ def difference_accelerations(eqs: Any, control: Any, memory: Memory, work: Any) 
 
 
 @kernel
-def update_stage_positions(eqs: Equations, h: float, control: Any, memory: Memory, work: Any) -> float:
+def update_stage_positions(eqs: Equations, h: float, control: Any, memory: Memory, work: Workspace) -> float:
     """Positions of the stages, from their velocities; return the square of how far they went, in tolerances.
 
     For quaternions N is that of the previous correction: they converge with every correction.
@@ -124,7 +124,7 @@ def update_stage_positions(eqs: Equations, h: float, control: Any, memory: Memor
 
 
 @kernel
-def solve_stages(eqs: Any, h: float, control: Any, settings: Any, memory: Memory, work: Any) -> int:
+def solve_stages(eqs: Equations, h: float, control: Any, settings: Any, memory: Memory, work: Workspace) -> int:
     """Solve for the stages of a step of h from (memory.q, memory.v) with the existing factors.
 
     ``control.contraction`` is the rate of convergence.

@@ -11,13 +11,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
 from mbfmu.mechanics.kind import ElementType
 from mbfmu.mechanics.shapes import Matrix, Shape
 from mbfmu.sheets.contact.patch import smooth_step
 from mbfmu.sheets.contact.scratch import CONTACT_SCRATCH
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Mat3, Record, Vec3
 
 if TYPE_CHECKING:
     from mbfmu.sheets.contact.scratch import ContactScratch
@@ -25,8 +24,15 @@ if TYPE_CHECKING:
 FADE_LENGTH = 1e-3  # m
 
 
+class FrameRecord(Record):
+    """Frame of what is drawn along a straight line, in the axes of the body."""
+
+    origin: Vec3  # m
+    axes: Mat3  # columns
+
+
 @kernel
-def edge_factor(along: Any, half: float) -> Any:
+def edge_factor(along: float, half: float) -> Any:
     """Part of the force at a distance from the middle of a surface ``half`` of which is so long, m."""
     return smooth_step((half + 0.5 * FADE_LENGTH - along) / FADE_LENGTH) * smooth_step(
         (half + 0.5 * FADE_LENGTH + along) / FADE_LENGTH
@@ -34,7 +40,7 @@ def edge_factor(along: Any, half: float) -> Any:
 
 
 @kernel
-def to_frame_axes(frame: Any, contact: ContactScratch) -> Any:
+def to_frame_axes(frame: FrameRecord, contact: ContactScratch) -> Any:
     """The point in a frame's plane, (x, y), and along its third axis, z; ``frame`` has ``origin`` and ``axes``."""
     p, o, A = contact.p, frame.origin, frame.axes
     x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
@@ -46,14 +52,11 @@ def to_frame_axes(frame: Any, contact: ContactScratch) -> Any:
 
 
 @kernel
-def set_normal(frame: Any, x: Any, y: Any, contact: ContactScratch) -> None:
+def set_normal(frame: FrameRecord, x: float, y: float, contact: ContactScratch) -> None:
     """Write a normal that has these components in the plane of a frame."""
     n, A = contact.n, frame.axes
     for k in range(3):
         n[k] = A[k, 0] * x + A[k, 1] * y
-
-
-FRAME_FIELDS = (("origin", np.float64, (3,)), ("axes", np.float64, (3, 3)))  # of what is drawn along a straight line
 
 
 class Surface(ElementType):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,12 +14,23 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.shapes import SURFACE_OPACITY, Cylinder, Shape
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import f8
 
-from .base import FRAME_FIELDS, Surface, edge_factor, set_normal, to_frame_axes
+from .base import FrameRecord, Surface, edge_factor, set_normal, to_frame_axes
+
+if TYPE_CHECKING:
+    from mbfmu.sheets.contact.scratch import ContactScratch
+
+
+class DrumRecord(FrameRecord):
+    """Parameters of :class:`Drum`."""
+
+    radius: f8
+    length: f8
 
 
 @kernel
-def gap(drum: Any, contact: Any) -> float:
+def gap(drum: DrumRecord, contact: ContactScratch) -> float:
     """See :mod:`.base`: distance from the axis less the radius."""
     x, y, z = to_frame_axes(drum, contact)
     distance = np.sqrt(x * x + y * y)
@@ -44,7 +55,7 @@ class Drum(Surface):
         Axis in that frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
     """
 
-    record = np.dtype([*FRAME_FIELDS, ("radius", np.float64), ("length", np.float64)])
+    record = DrumRecord
     gap = gap
     convex = True
 
@@ -62,8 +73,8 @@ class Drum(Surface):
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write its frame and its size."""
+        super().fill(record, site)
         record["origin"], record["axes"] = self.at, along(unit_axis(self.axis, "axis"))
-        record["radius"], record["length"] = self.radius, self.length
 
     def shapes(self, near: Any) -> tuple[Shape, ...]:
         """See the base."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,14 +15,26 @@ from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.shapes import SURFACE_OPACITY, Matrix, Shape, ribbon
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import f8
 
-from .base import FRAME_FIELDS, Surface, edge_factor, set_normal, to_frame_axes
+from .base import FrameRecord, Surface, edge_factor, set_normal, to_frame_axes
+
+if TYPE_CHECKING:
+    from mbfmu.sheets.contact.scratch import ContactScratch
 
 EDGE_PANELS = 8  # panels that a rounded edge is drawn with
 
 
+class GuideRecord(FrameRecord):
+    """Parameters of :class:`Guide`."""
+
+    length: f8
+    radius: f8
+    width: f8
+
+
 @kernel
-def gap(guide: Any, contact: Any) -> float:
+def gap(guide: GuideRecord, contact: ContactScratch) -> float:
     """See :mod:`.base`: distance from the segment less the radius."""
     x, y, z = to_frame_axes(guide, contact)
     if x.real > guide.length.real:
@@ -54,7 +66,7 @@ class Guide(Surface):
         ``"z"``, or a vector (3,).
     """
 
-    record = np.dtype([*FRAME_FIELDS, ("length", np.float64), ("radius", np.float64), ("width", np.float64)])
+    record = GuideRecord
     gap = gap
     convex = True
 
@@ -77,8 +89,9 @@ class Guide(Surface):
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write its frame, x along it and z across, and its size."""
+        super().fill(record, site)
         record["origin"], record["axes"] = self.start, self._axes()
-        record["length"], record["radius"], record["width"] = self._length(), self.radius, self.width
+        record["length"] = self._length()
 
     def shapes(self, near: Any) -> tuple[Shape, ...]:
         """See the base: its rim, open at both ends of its width."""

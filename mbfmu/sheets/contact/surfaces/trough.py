@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,15 +15,27 @@ from mbfmu.mechanics.numbers import finite, positive
 from mbfmu.mechanics.shapes import SURFACE_OPACITY, Matrix, Shape, ribbon
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
+from solvers.compiled.record import f8
 
-from .base import FRAME_FIELDS, Surface, edge_factor, set_normal, to_frame_axes
+from .base import FrameRecord, Surface, edge_factor, set_normal, to_frame_axes
+
+if TYPE_CHECKING:
+    from mbfmu.sheets.contact.scratch import ContactScratch
 
 BACK_DISTANCE_RATIO = 0.2  # of the radius: what is so far behind it is not on its inside
 PANEL_ANGLE = np.pi / 24.0  # rad of the arc that a panel is drawn for
 
 
+class TroughRecord(FrameRecord):
+    """Parameters of :class:`Trough`."""
+
+    half: f8
+    radius: f8
+    length: f8
+
+
 @kernel
-def gap(trough: Any, contact: Any) -> float:
+def gap(trough: TroughRecord, contact: ContactScratch) -> float:
     """See :mod:`.base`: the radius less the distance from the axis, between two planes through that."""
     x, y, z = to_frame_axes(trough, contact)
     distance = np.sqrt(x * x + y * y)
@@ -54,7 +66,7 @@ class Trough(Surface):
         Axis of the cylinder in that frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
     """
 
-    record = np.dtype([("half", np.float64), *FRAME_FIELDS, ("radius", np.float64), ("length", np.float64)])
+    record = TroughRecord
     gap = gap
 
     radius: float
@@ -77,8 +89,8 @@ class Trough(Surface):
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write its frame and its size."""
+        super().fill(record, site)
         record["origin"], record["axes"] = self.at, self._axes()
-        record["radius"], record["length"] = self.radius, self.length
         record["half"] = self.radius * np.sin(0.5 * self.angle)
 
     def shapes(self, near: Any) -> tuple[Shape, ...]:

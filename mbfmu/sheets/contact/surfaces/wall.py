@@ -52,7 +52,7 @@ class Wall(Surface):
         Normal that points to the sheet, in that frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
     """
 
-    record = WallRecord.dtype
+    record = WallRecord
     gap = gap
     convex = True
 

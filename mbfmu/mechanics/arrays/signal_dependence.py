@@ -7,7 +7,7 @@ from collections.abc import Set
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.sensors import Sensor
 
-from .compile import Compiled
+from .compile import CompiledElements
 
 OWN_PACKAGE = "mbfmu."  # its loads depend on positions, velocities and their own signals, and not on gravity
 
@@ -15,7 +15,7 @@ OWN_PACKAGE = "mbfmu."  # its loads depend on positions, velocities and their ow
 class SignalDependence:
     """The signals behind the loads of a compiled mechanism."""
 
-    def __init__(self, mechanism: Mechanism, compiled: Compiled) -> None:
+    def __init__(self, mechanism: Mechanism, compiled: CompiledElements) -> None:
         _, _, couplings, loads, sensors, signals = compiled.ends
         self._loads = [acting.load for acting in mechanism.loads()]
         self._of_loads = compiled.used[couplings:loads]

@@ -41,7 +41,7 @@ REPEAT_TOLERANCE = 1e-9  # ... and deviation from the first call, relative to th
 MAX_MARKS = 100_000  # output times at which approximations are compared with functions
 
 
-class Course:
+class GivenInput:
     """What one input is given by: ``given`` over the ``times`` of the outputs, s.
 
     Attributes
@@ -183,7 +183,7 @@ class Course:
         ]
 
 
-class Courses:
+class GivenInputs:
     """What the inputs of a mechanism are given by, for one run with this relative tolerance.
 
     ``set_later``: the inputs given by ``numbers`` may be set during the run.
@@ -198,7 +198,7 @@ class Courses:
         *,
         set_later: bool = False,
     ) -> None:
-        self.by_name = {name: Course(name, value, times) for name, value in given.items()}
+        self.by_name = {name: GivenInput(name, value, times) for name, value in given.items()}
         self._numbers, self._tolerance, self._begin = numbers, tolerance, float(times[0])
         self._sampled = times[np.linspace(0, len(times) - 1, min(len(times), N_REPEATED_CALLS)).astype(int)]
         self._set_later, self._contradictions = set_later, dict[str, Diagnostic]()
@@ -225,22 +225,22 @@ class Courses:
 
     def starts(self) -> dict[str, float]:
         """Return the values at the begin of all inputs that are used."""
-        return {name: course.value(self._begin) for name, course in self.by_name.items() if course.used}
+        return {name: given_input.value(self._begin) for name, given_input in self.by_name.items() if given_input.used}
 
     def diagnostics(self) -> list[Diagnostic]:
         """Return warnings about inputs that are not evaluated exactly or contradict each other, after a run."""
         found = [
             Diagnostic.warning(
                 "sampled-input",
-                f"input {course.name!r} cannot be evaluated at the solver's times ({course.held}): it was set at every "
-                "output only, and the result depends on the interval between outputs",
-                f"{course.jerk}Reduce the interval, or give a smooth function",
-                subject=course.name,
+                f"input {given_input.name!r} cannot be evaluated at the solver's times ({given_input.held}): it was "
+                "set at every output only, and the result depends on the interval between outputs",
+                f"{given_input.jerk}Reduce the interval, or give a smooth function",
+                subject=given_input.name,
             )
-            for course in self.held
+            for given_input in self.held
         ]
         found += self._contradictions.values()
-        found += [diagnostic for course in self.by_name.values() for diagnostic in course.check_repeats()]
+        found += [diagnostic for given_input in self.by_name.values() for diagnostic in given_input.check_repeats()]
         return found
 
     def summary(self, interpolation: str) -> tuple[str, ...]:
@@ -249,56 +249,56 @@ class Courses:
         return (
             *(f"{name}: constant" for name in self._numbers),
             *(
-                f"{course.name}: {course.kind}, "
-                + (f"set at outputs, {between} between them" if course.held else "evaluated at the solver's times")
-                for course in self.by_name.values()
+                f"{given_input.name}: {given_input.kind}, "
+                + (f"set at outputs, {between} between them" if given_input.held else "evaluated at the solver's times")
+                for given_input in self.by_name.values()
             ),
         )
 
     @property
     def unused(self) -> list[str]:
         """Names that no input of the mechanism has."""
-        return [name for name, course in self.by_name.items() if not course.used]
+        return [name for name, given_input in self.by_name.items() if not given_input.used]
 
     @property
-    def held(self) -> list[Course]:
+    def held(self) -> list[GivenInput]:
         """Those that have to be set at every output."""
-        return [course for course in self.by_name.values() if course.held]
+        return [given_input for given_input in self.by_name.values() if given_input.held]
 
     def hold(self, name: str, reason: str) -> None:
         """Let an input be set at outputs, for a reason."""
         if name in self.by_name:
-            course = self.by_name[name]
-            course.used, course.held = True, reason
+            given_input = self.by_name[name]
+            given_input.used, given_input.held = True, reason
 
     def _make(self, signal: Input | SpeedInput, names: dict[int, str], drive: bool) -> Signal | None:
         """Return the signal; None where the input has to be held."""
-        courses = {k: self.by_name[name] for k, name in names.items()}
-        for course in courses.values():
-            course.note()
+        given_inputs = {k: self.by_name[name] for k, name in names.items()}
+        for given_input in given_inputs.values():
+            given_input.note()
         try:
-            if 0 in courses and (own := courses[0].signal) is not None:
+            if 0 in given_inputs and (own := given_inputs[0].signal) is not None:
                 if isinstance(own, Table):
                     self._compare(signal, own)
-                return signal_of(own, f"input {courses[0].name!r}", drive=drive)
-            if 0 in courses:
-                found = self._followed(courses[0], drive)
-            elif 1 in courses:
-                found = self._integrated(courses[1], signal, drive)
+                return signal_of(own, f"input {given_inputs[0].name!r}", drive=drive)
+            if 0 in given_inputs:
+                found = self._followed(given_inputs[0], drive)
+            elif 1 in given_inputs:
+                found = self._integrated(given_inputs[1], signal, drive)
             else:
                 raise UnresolvedError("neither its value nor its rate is given for the whole run")
         except UnresolvedError as reason:
-            for course in courses.values():
-                course.held = str(reason)
-            if drive and 0 in courses:
-                courses[0].note_start()
+            for given_input in given_inputs.values():
+                given_input.held = str(reason)
+            if drive and 0 in given_inputs:
+                given_inputs[0].note_start()
             return None
         self._compare(signal, found)
         return found
 
-    def _followed(self, course: Course, drive: bool) -> Followed:
-        points = drive and not course.is_function
-        value = course.spline() if points else course.pieces(self._tolerance, smooth=drive)
+    def _followed(self, given_input: GivenInput, drive: bool) -> Followed:
+        points = drive and not given_input.is_function
+        value = given_input.spline() if points else given_input.pieces(self._tolerance, smooth=drive)
         rate = value.derivative()
         if drive:
             refuse_jump(value, "it")
@@ -306,10 +306,10 @@ class Courses:
         joined = value.joined_derivative() if drive else rate
         return Followed(value=value, rate=joined, acceleration=rate.derivative(), smooth=drive)
 
-    def _integrated(self, course: Course, signal: Input | SpeedInput, drive: bool) -> Followed:
+    def _integrated(self, given_input: GivenInput, signal: Input | SpeedInput, drive: bool) -> Followed:
         """Return the integral of a rate from where the input starts."""
         name, _, _, start = signal.variables()[0]
-        rate = course.pieces(self._tolerance, smooth=drive)
+        rate = given_input.pieces(self._tolerance, smooth=drive)
         if drive:
             refuse_jump(rate, "it")
         value = rate.integral(float(self._numbers.get(name, start)) if name else 0.0)

@@ -22,8 +22,8 @@ from mbfmu.mechanics.signals import Input
 from solvers.compiled.kernel import kernel, records
 from solvers.compiled.record import Record, Table, i8
 
-from .extrapolated import LOAD, load_finished, load_starts, set_load_input, skip_load_point, start_load
-from .motion import (
+from .load_extrapolation import LOAD, load_finished, load_starts, set_load_input, skip_load_point, start_load
+from .support_motion import (
     SEGMENT,
     SUPPORT,
     adopt_segment,
@@ -63,18 +63,18 @@ class InputRecords(NamedTuple):
     supports: NDArray[Any]  # SUPPORT
     segments: NDArray[Any]  # (supports,) SEGMENT, those they are on
     ahead: NDArray[Any]  # (supports,) SEGMENT, those they depart for
-    courses: NDArray[Any]  # every polynomial of the mechanism, where it lies in Arrays.memory
+    polynomials: NDArray[Any]  # every polynomial of the mechanism, where it lies in Arrays.memory
     before: NDArray[Any]  # (supports,) polynomials that were perturbed
     world: Table[WorldRecord]  # (1,) of Arrays
 
     @staticmethod
     def allocate(
-        inputs: int, loads: int, supports: int, courses: NDArray[Any], world: Table[WorldRecord]
+        inputs: int, loads: int, supports: int, polynomials: NDArray[Any], world: Table[WorldRecord]
     ) -> InputRecords:
         """Return zeroed records for the given numbers, with the existing polynomials and ground."""
         segments, ahead = records(supports, SEGMENT), records(supports, SEGMENT)
-        before = records(supports, courses.dtype)
-        moved = records(supports, SUPPORT), segments, ahead, courses, before
+        before = records(supports, polynomials.dtype)
+        moved = records(supports, SUPPORT), segments, ahead, polynomials, before
         return InputRecords(records(inputs, INPUT), records(loads, LOAD), *moved, world)
 
     @staticmethod
@@ -88,31 +88,31 @@ class InputRecords(NamedTuple):
 
     def values(self) -> list[NDArray[Any]]:
         """Return the polynomials and gravity, which are parts of other arrays."""
-        return [self.courses, self.world["gravity"]]
+        return [self.polynomials, self.world["gravity"]]
 
 
 @kernel
 def begin_inputs(i: InputRecords) -> None:
     """Let all begin as the polynomials say; nothing is known of the time before."""
     for k in range(i.loads.shape[0]):
-        start_load(i.loads[k], i.courses[i.loads[k].course])
+        start_load(i.loads[k], i.polynomials[i.loads[k].polynomial])
     for k in range(i.supports.shape[0]):
-        start_motion(i.supports[k], i.segments[k], i.courses[i.supports[k].course])
+        start_motion(i.supports[k], i.segments[k], i.polynomials[i.supports[k].polynomial])
 
 
 @kernel
-def hold_value(coefficient: int, value: float, t: float, course: PolynomialRecord) -> None:
+def hold_value(coefficient: int, value: float, t: float, polynomial: PolynomialRecord) -> None:
     """Set a coefficient from t on; a polynomial with a rate continues from its present value."""
-    course.c[0] += (t - course.t0) * course.c[1]
-    course.t0 = t
-    course.c[coefficient] = 0.5 * value if coefficient == 2 else value
+    polynomial.c[0] += (t - polynomial.t0) * polynomial.c[1]
+    polynomial.t0 = t
+    polynomial.c[coefficient] = 0.5 * value if coefficient == 2 else value
 
 
 @kernel
-def begin_course(coefficient: int, value: float, t: float, course: PolynomialRecord) -> None:
+def begin_polynomial(coefficient: int, value: float, t: float, polynomial: PolynomialRecord) -> None:
     """Let a polynomial begin at t with another value of a coefficient; it has not moved before."""
-    course.t0 = t
-    course.c[coefficient] = 0.5 * value if coefficient == 2 else value
+    polynomial.t0 = t
+    polynomial.c[coefficient] = 0.5 * value if coefficient == 2 else value
 
 
 @kernel
@@ -123,14 +123,14 @@ def start_input(i: InputRecords, index: int, value: float, t: float) -> None:
         i.world[0].gravity[own.coefficient] = value
     elif own.role == SUPPORT_MOTION:
         support = i.supports[own.number]
-        begin_course(own.coefficient, value, t, i.courses[support.course])
-        start_motion(support, i.segments[own.number], i.courses[support.course])
+        begin_polynomial(own.coefficient, value, t, i.polynomials[support.polynomial])
+        start_motion(support, i.segments[own.number], i.polynomials[support.polynomial])
     elif own.role == EXTRAPOLATED_LOAD:
         load = i.loads[own.number]
-        begin_course(own.coefficient, value, t, i.courses[load.course])
-        start_load(load, i.courses[load.course])
+        begin_polynomial(own.coefficient, value, t, i.polynomials[load.polynomial])
+        start_load(load, i.polynomials[load.polynomial])
     else:
-        begin_course(own.coefficient, value, t, i.courses[own.number])
+        begin_polynomial(own.coefficient, value, t, i.polynomials[own.number])
 
 
 @kernel
@@ -147,9 +147,9 @@ def set_input(i: InputRecords, index: int, value: float, t: float) -> None:
         set_motion_input(own.coefficient, value, i.supports[own.number])
     elif own.role == EXTRAPOLATED_LOAD:
         load = i.loads[own.number]
-        set_load_input(t, value, load, i.courses[load.course])
+        set_load_input(t, value, load, i.polynomials[load.polynomial])
     else:
-        hold_value(own.coefficient, value, t, i.courses[own.number])
+        hold_value(own.coefficient, value, t, i.polynomials[own.number])
 
 
 @kernel
@@ -160,11 +160,11 @@ def begin_support_motions(i: InputRecords, t: float, end: float) -> int:
     found = 0
     for k in range(i.loads.shape[0]):
         load = i.loads[k]
-        if load_starts(t, end, load, i.courses[load.course]):
+        if load_starts(t, end, load, i.polynomials[load.polynomial]):
             found |= LOADS_CHANGED
     for k in range(i.supports.shape[0]):
         support = i.supports[k]
-        plan_motion(t, end, support, i.segments[k], i.courses[support.course], i.ahead[k])
+        plan_motion(t, end, support, i.segments[k], i.polynomials[support.polynomial], i.ahead[k])
         if support.departs == 1:
             found |= MOTION_STARTS
             if support.jump != 0.0:
@@ -181,10 +181,10 @@ def perturb_motions(i: InputRecords, t: float, part: float) -> None:
     for k in range(i.supports.shape[0]):
         support = i.supports[k]
         if support.departs == 1:
-            course = i.courses[support.course]
+            polynomial = i.polynomials[support.polynomial]
             if part == 0.0:
-                follow_path(course.t0, course.c, i.before[k])
-            perturb_motion(t, part * support.jump, i.segments[k], course)
+                follow_path(polynomial.t0, polynomial.c, i.before[k])
+            perturb_motion(t, part * support.jump, i.segments[k], polynomial)
 
 
 @kernel
@@ -192,7 +192,7 @@ def restore_motions(i: InputRecords) -> None:
     """Let supports that depart be on their way still."""
     for k in range(i.supports.shape[0]):
         if i.supports[k].departs == 1:
-            follow_path(i.before[k].t0, i.before[k].c, i.courses[i.supports[k].course])
+            follow_path(i.before[k].t0, i.before[k].c, i.polynomials[i.supports[k].polynomial])
 
 
 @kernel
@@ -205,7 +205,7 @@ def start_motions(i: InputRecords, tolerance: float) -> bool:
     for k in range(i.supports.shape[0]):
         support, ahead = i.supports[k], i.ahead[k]
         if support.departs == 1:
-            follow_path(ahead.begin, ahead.path, i.courses[support.course])
+            follow_path(ahead.begin, ahead.path, i.polynomials[support.polynomial])
             adopt_segment(ahead, support, i.segments[k])
             if abs(ahead.position - ahead.path[0]) <= tolerance * support.size:
                 ahead.jumps = 0
@@ -217,7 +217,7 @@ def start_motions(i: InputRecords, tolerance: float) -> bool:
 def skip_points(i: InputRecords, t: float) -> None:
     """Note a communication point at which nothing changed."""
     for k in range(i.loads.shape[0]):
-        skip_load_point(t, i.loads[k], i.courses[i.loads[k].course])
+        skip_load_point(t, i.loads[k], i.polynomials[i.loads[k].polynomial])
 
 
 @kernel
@@ -227,5 +227,5 @@ def all_finished(i: InputRecords) -> bool:
     for k in range(i.supports.shape[0]):
         settled = settled and motion_finished(i.supports[k], i.segments[k])
     for k in range(i.loads.shape[0]):
-        settled = settled and load_finished(i.courses[i.loads[k].course])
+        settled = settled and load_finished(i.polynomials[i.loads[k].polynomial])
     return settled

@@ -83,7 +83,7 @@ class Loops(NamedTuple):
         return pin(Loops(system.position, system.retract, system.pinned_data, pin(system.allocate_terms())))
 
 
-class Scratch(NamedTuple):
+class ClosureScratch(NamedTuple):
     """Units, scratch, and what is wrong; allocated once. k = min(m, n)."""
 
     size: Array  # (n,) units of the coordinates
@@ -107,22 +107,24 @@ class Scratch(NamedTuple):
     massless: Array  # (n,) 1 for coordinates of a motion that moves no mass, 0 for others
 
     @staticmethod
-    def allocate(n: int, m: int) -> Scratch:
+    def allocate(n: int, m: int) -> ClosureScratch:
         """Return scratch for ``n`` velocities, all free, and ``m`` constraints, units of one."""
         k, z, one = min(m, n), np.zeros, np.ones
-        return Scratch(
+        return ClosureScratch(
             one(n), one(m), one(n), z((2, n)), one(n),
             z(m), z(n), z((m, n)), z(m), z(m, np.int64), z(m), z((k, m + k)), z(m + k), z(n),
             z(n, np.int64), z(n), z(n), records(1, WORST), z(n),
         )  # fmt: skip
 
     @staticmethod
-    def of(system: AnySystem, held: NDArray[np.bool_] | None = None, given: NDArray[np.bool_] | None = None) -> Scratch:
+    def of(
+        system: AnySystem, held: NDArray[np.bool_] | None = None, given: NDArray[np.bool_] | None = None
+    ) -> ClosureScratch:
         """Return scratch with the units of a system; ``held`` (n,) coordinates are to stay, none by default.
 
         ``given`` (2, n) positions and velocities change after the others; none by default.
         """
-        scratch = Scratch.allocate(system.n, system.m)
+        scratch = ClosureScratch.allocate(system.n, system.m)
         scratch.size[:], scratch.row[:] = system.size, system.row_size
         if held is not None:
             scratch.free[held] = 0.0
@@ -133,7 +135,7 @@ class Scratch(NamedTuple):
 
 
 @kernel
-def find_closed_positions(eqs: Any, t: float, start: Any, q: Any, work: Scratch) -> int:
+def find_closed_positions(eqs: Loops, t: float, start: Any, q: Reals, work: ClosureScratch) -> int:
     """q (nq,) = closed positions near ``start`` (nq,). Where there are none: the last that was tried.
 
     First by damped steps (Levenberg and Marquardt, the damping falling as the square of the gap), which stay near where
@@ -152,7 +154,7 @@ def find_closed_positions(eqs: Any, t: float, start: Any, q: Any, work: Scratch)
 
 
 @kernel
-def set_weights(stage: int, given: Any, work: Scratch) -> bool:
+def set_weights(stage: int, given: Any, work: ClosureScratch) -> bool:
     """Fill work.weight for a stage of the module docstring; False if the stage does not differ from the last one."""
     some, others = False, False
     for j in range(given.shape[0]):
@@ -188,7 +190,7 @@ def iterate_to_closed(eqs: Loops, t: float, start: Any, damped: bool, q: Reals, 
 
 
 @kernel
-def has_nonfinite(terms: Terms, work: Scratch) -> bool:
+def has_nonfinite(terms: Terms, work: ClosureScratch) -> bool:
     """Whether some row or its slope is not finite; the first that is not is the worst."""
     for i in range(terms.Phi.shape[0]):
         total = terms.Phi[i]
@@ -202,7 +204,7 @@ def has_nonfinite(terms: Terms, work: Scratch) -> bool:
 
 
 @kernel
-def fill_scaled_gaps(terms: Terms, work: Scratch) -> float:
+def fill_scaled_gaps(terms: Terms, work: ClosureScratch) -> float:
     """work.gaps = Phi in units of the rows; return the largest."""
     worst, largest = work.worst[0], 0.0
     for i in range(terms.Phi.shape[0]):
@@ -214,7 +216,7 @@ def fill_scaled_gaps(terms: Terms, work: Scratch) -> float:
 
 
 @kernel
-def apply_limited_step(eqs: Loops, q: Any, work: Any) -> None:
+def apply_limited_step(eqs: Loops, q: Reals, work: Any) -> None:
     """q <- q (+) -S step, as much of it as no coordinate moves too far by; ``work.step`` becomes that."""
     largest = 0.0
     for j in range(work.step.shape[0]):
@@ -262,7 +264,9 @@ def solve_least_change(J: Any, damping: float, work: Any) -> None:
 
 
 @kernel
-def find_consistent_velocities(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, work: Scratch) -> int:
+def find_consistent_velocities(
+    eqs: Loops, t: float, q: Reals, start: Any, rate: float, v: Reals, work: ClosureScratch
+) -> int:
     """v (n,) = velocities with J v = nu, the least change from ``start`` (n,); ``rate`` (1/s) as that of the system."""
     code = OPENS
     for stage in range(MAX_STAGES):
@@ -272,7 +276,9 @@ def find_consistent_velocities(eqs: Any, t: float, q: Any, start: Any, rate: flo
 
 
 @kernel
-def find_consistent_velocities_once(eqs: Loops, t: float, q: Any, start: Any, rate: float, v: Reals, work: Any) -> int:
+def find_consistent_velocities_once(
+    eqs: Loops, t: float, q: Reals, start: Any, rate: float, v: Reals, work: Any
+) -> int:
     """One stage of :func:`find_consistent_velocities`."""
     m, n = eqs.terms.J.shape
     eqs.position(t, q, eqs.data, eqs.terms)
@@ -294,7 +300,7 @@ def find_consistent_velocities_once(eqs: Loops, t: float, q: Any, start: Any, ra
 
 
 @kernel
-def fill_velocity_residual(terms: Terms, v: Reals, work: Scratch) -> None:
+def fill_velocity_residual(terms: Terms, v: Reals, work: ClosureScratch) -> None:
     """work.gaps = J v - nu, in units of the rows."""
     for i in range(work.gaps.shape[0]):
         total = -terms.nu[i]
@@ -304,7 +310,7 @@ def fill_velocity_residual(terms: Terms, v: Reals, work: Scratch) -> None:
 
 
 @kernel
-def is_off_branch(terms: Any, v: Any, rank: int, tolerance: float, work: Any) -> bool:
+def is_off_branch(terms: Terms, v: Reals, rank: int, tolerance: float, work: Any) -> bool:
     """Whether the rates v (n,) belong to no branch of the motion in a singular configuration with these ``terms``.
 
     An acceleration exists if J v' = gamma has a solution. In a singular configuration, in which J has not the ``rank``
@@ -332,7 +338,7 @@ def is_off_branch(terms: Any, v: Any, rank: int, tolerance: float, work: Any) ->
 
 
 @kernel
-def check_mobile_mass(terms: Any, mass: Any, work: Any) -> int:
+def check_mobile_mass(terms: Terms, mass: Any, work: Any) -> int:
     """Whether all that the constraints allow moves mass, held or not; ``mass`` (n, n) is scratch.
 
     Every motion is scaled by itself: a light body may move together with a heavy one.
@@ -374,7 +380,7 @@ def reduce_mass_matrix(M: Reals, rank: int, mass: Any, work: Any) -> None:
 
 
 @kernel
-def mark_massless_coordinates(freedom: int, rank: int, mass: Any, work: Scratch) -> None:
+def mark_massless_coordinates(freedom: int, rank: int, mass: Any, work: ClosureScratch) -> None:
     """work.massless from the factors of a singular ``mass``: coordinates of one motion that it has nothing for."""
     n, x, y, solid = work.step.shape[0], work.left_B, work.step, freedom
     while solid > 0 and not abs(mass[solid - 1, solid - 1]) > MASSLESS_PIVOT_RATIO * abs(mass[0, 0]):

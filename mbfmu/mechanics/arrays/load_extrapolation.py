@@ -8,7 +8,7 @@ Kernels take a load and the polynomial that is evaluated.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class LoadRecord(Record):
     """A force that an input gives, extrapolated between communication points."""
 
-    course: i8  # number of the polynomial
+    polynomial: i8  # number of the polynomial
     value: f8  # what the host has set
     point: f8  # s, of the last point; not a number: there was none
     before: f8  # s, of the one before
@@ -33,43 +33,43 @@ LOAD = LoadRecord.dtype
 
 
 @inlined
-def load_finished(course: Any) -> bool:
+def load_finished(polynomial: PolynomialRecord) -> bool:
     """Whether a load stays as it is until it is set."""
-    return course.c[1] == 0.0
+    return polynomial.c[1] == 0.0
 
 
 @kernel
-def start_load(load: LoadRecord, course: Any) -> None:
+def start_load(load: LoadRecord, polynomial: PolynomialRecord) -> None:
     """Begin at the value that the polynomial has; nothing is known of the time before."""
-    load.value, load.point, load.before, load.was = course.c[0], np.nan, np.nan, np.nan
+    load.value, load.point, load.before, load.was = polynomial.c[0], np.nan, np.nan, np.nan
 
 
 @kernel
-def set_load_input(t: float, value: float, load: LoadRecord, course: PolynomialRecord) -> None:
+def set_load_input(t: float, value: float, load: LoadRecord, polynomial: PolynomialRecord) -> None:
     """Take the value at the point t, s."""
     if t != load.point:
         load.before, load.was, load.point = load.point, load.value, t
     load.value = value
-    course.t0, course.c[0], course.c[1] = t, value, 0.0
+    polynomial.t0, polynomial.c[0], polynomial.c[1] = t, value, 0.0
 
 
 @kernel
-def load_starts(t: float, end: float, load: LoadRecord, course: PolynomialRecord) -> bool:
-    """Begin a step from t to ``end``, s; return whether the load changes its course.
+def load_starts(t: float, end: float, load: LoadRecord, polynomial: PolynomialRecord) -> bool:
+    """Begin a step from t to ``end``, s; return whether the load changes its rate.
 
     It changes by no more than it last did, however long the step.
     """
-    went_on = not load_finished(course)
+    went_on = not load_finished(polynomial)
     if t != load.point:
-        set_load_input(t, load.value, load, course)  # the host has said nothing: it is what it was
+        set_load_input(t, load.value, load, polynomial)  # the host has said nothing: it is what it was
     change = load.value - load.was
     slope = change / max(t - load.before, end - t) if change != 0.0 and t > load.before else 0.0
-    course.t0, course.c[0], course.c[1] = load.point, load.value, slope
+    polynomial.t0, polynomial.c[0], polynomial.c[1] = load.point, load.value, slope
     return went_on or slope != 0.0
 
 
 @kernel
-def skip_load_point(t: float, load: LoadRecord, course: Any) -> None:
+def skip_load_point(t: float, load: LoadRecord, polynomial: PolynomialRecord) -> None:
     """Note a point, t (s), at which the load stayed as it is."""
-    if load_finished(course) and not t <= load.point:
-        set_load_input(t, load.value, load, course)
+    if load_finished(polynomial) and not t <= load.point:
+        set_load_input(t, load.value, load, polynomial)

@@ -26,7 +26,7 @@ Without a rate that of the step is what two differences of u agree in, and what 
     x = x_n + (r + (u_n - x_n) / h) s,     r = minmod((u_n - u_(n-1)) / H, the same a step before)
 
 Kernels take a support, the segment it is on, and the polynomial of its drive, which is where the support is and how
-fast it goes. Where the rate jumps between two segments the mechanism gets an impulse, see :mod:`.points`.
+fast it goes. Where the rate jumps between two segments the mechanism gets an impulse, see :mod:`.input_kernels`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ MAX_EXTRAPOLATION_ERROR_RATIO = 1.5  # error of an extrapolated position to the 
 class SupportRecord(Record):
     """A joint whose motion an input gives."""
 
-    course: i8  # number of the drive's polynomial
+    polynomial: i8  # number of the drive's polynomial
     speed: i8  # 1: the host sets the speed alone, see mbfmu.mechanics.signals.SpeedInput
     position: f8  # u, as the host has given it last, m or rad
     rate: f8  # v, its coefficients
@@ -88,18 +88,18 @@ def minmod(a: float, b: float, c: float) -> float:
 
 
 @kernel
-def start_motion(support: SupportRecord, segment: SegmentRecord, course: Any) -> None:
+def start_motion(support: SupportRecord, segment: SegmentRecord, polynomial: PolynomialRecord) -> None:
     """Begin with the polynomial, without a history."""
-    x, v = course.c[0], course.c[1]
+    x, v = polynomial.c[0], polynomial.c[1]
     support.position, support.rate, support.given, support.departs = x, v, 0, 0
     support.rated = 1 if v != 0.0 else 0
-    support.acceleration, segment.acceleration = 2.0 * course.c[2], 2.0 * course.c[2]
-    if course.c[2] != 0.0:
+    support.acceleration, segment.acceleration = 2.0 * polynomial.c[2], 2.0 * polynomial.c[2]
+    if polynomial.c[2] != 0.0:
         support.accelerated = 1
     segment.begin, segment.end, segment.goal = -np.inf, np.nan, x
     segment.position, segment.rate, segment.average, segment.jumps, segment.change = x, v, 0.0, 0, 0.0
     path = segment.path
-    path[0], path[1], path[2], path[3] = x, v, course.c[2], 0.0
+    path[0], path[1], path[2], path[3] = x, v, polynomial.c[2], 0.0
 
 
 @kernel
@@ -116,16 +116,21 @@ def set_motion_input(coefficient: int, value: float, support: SupportRecord) -> 
 
 
 @inlined
-def position_and_rate(t: float, segment: SegmentRecord, course: PolynomialRecord) -> tuple[float, float]:
+def position_and_rate(t: float, segment: SegmentRecord, polynomial: PolynomialRecord) -> tuple[float, float]:
     """Return both at t, before any jump."""
-    s, c = t - course.t0, course.c
+    s, c = t - polynomial.t0, polynomial.c
     x = segment.goal if t == segment.end else c[0] + s * (c[1] + s * (c[2] + s * c[3]))
     return x, c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])
 
 
 @kernel
 def plan_motion(
-    t: float, end: float, support: SupportRecord, segment: SegmentRecord, course: Any, ahead: SegmentRecord
+    t: float,
+    end: float,
+    support: SupportRecord,
+    segment: SegmentRecord,
+    polynomial: PolynomialRecord,
+    ahead: SegmentRecord,
 ) -> None:
     """Find the segment ``ahead`` from t to ``end`` (s), and whether the support departs for it.
 
@@ -135,9 +140,9 @@ def plan_motion(
     same = support.rate == segment.rate and support.acceleration == segment.acceleration
     if support.given == 0 and same and t < segment.end and end <= segment.end:
         return
-    x, v = position_and_rate(t, segment, course)
+    x, v = position_and_rate(t, segment, polynomial)
     continue_motion(t, end, x, support, segment, ahead)
-    path, c = ahead.path, course.c
+    path, c = ahead.path, polynomial.c
     straight = path[0] == x and path[2] == 0.0 and path[3] == 0.0 and c[2] == 0.0 and c[3] == 0.0
     if straight and path[1] == v:
         adopt_segment(ahead, support, segment)
@@ -196,19 +201,19 @@ def adopt_segment(ahead: SegmentRecord, support: SupportRecord, segment: Segment
 
 
 @inlined
-def follow_path(t: float, path: Any, course: PolynomialRecord) -> None:
+def follow_path(t: float, path: Any, polynomial: PolynomialRecord) -> None:
     """Let the polynomial be that of ``path`` (4,) about t."""
-    course.t0 = t
+    polynomial.t0 = t
     for k in range(4):
-        course.c[k] = path[k]
+        polynomial.c[k] = path[k]
 
 
 @kernel
-def perturb_motion(t: float, acceleration: float, segment: Any, course: PolynomialRecord) -> None:
+def perturb_motion(t: float, acceleration: float, segment: Any, polynomial: PolynomialRecord) -> None:
     """Let the polynomial have an acceleration at t, and the position and rate it has there."""
-    x, v = position_and_rate(t, segment, course)
-    c = course.c
-    course.t0, c[0], c[1], c[2], c[3] = t, x, v, 0.5 * acceleration, 0.0
+    x, v = position_and_rate(t, segment, polynomial)
+    c = polynomial.c
+    polynomial.t0, c[0], c[1], c[2], c[3] = t, x, v, 0.5 * acceleration, 0.0
 
 
 @kernel

@@ -1,0 +1,104 @@
+"""``mbfmu ssp``."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import tempfile
+from pathlib import Path
+
+from mbfmu.util.diagnostics import Diagnostic, render
+from mbfmu.util.errors import UserError
+
+from .common import (
+    Commands,
+    add_scene,
+    add_set,
+    add_solver,
+    add_times,
+    assignments,
+    file_name,
+    print_paths,
+    print_unless_quiet,
+    scene_of,
+)
+
+
+def add(commands: Commands) -> None:
+    """Describe ``mbfmu ssp``."""
+    p = commands.add_parser(
+        "ssp",
+        help="export a model with other FMUs as one connected system (SSP)",
+        description="Export a model or a scene as an FMU and write it, with other FMUs and the connections between "
+        "them, as one file of System Structure and Parameterization (SSP) 1.0. FMPy, libcosim and other tools "
+        "simulate such files. The component of the model has the name of the model.",
+        epilog="examples:\n  mbfmu ssp governor --set driven=no\n"
+        "  mbfmu ssp governor --set driven=no --with engine=engine.fmu \\\n"
+        "      --connect governor.spindle.speed=engine.spindle_speed engine.shaft_torque=governor.spindle.torque\n",
+    )
+    add_scene(p)
+    add_set(p)
+    add_times(p, "stop time of the system", "communication step size in the description of the model's FMU")
+    p.add_argument(
+        "--with",
+        dest="components",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME=FILE",
+        help="further components, each with its FMU of FMI 2.0",
+    )
+    p.add_argument(
+        "--connect",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="OUTPUT=INPUT",
+        help="connections, each from an output to an input, both as COMPONENT.VARIABLE",
+    )
+    p.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="SSP file (default: MODEL.ssp); an existing file is overwritten",
+    )
+    add_solver(p)
+    p.add_argument("--native", action="store_true", help="export the model as machine code, which needs no Python")
+    p.set_defaults(command=command_ssp)
+
+
+def command_ssp(options: argparse.Namespace) -> int:
+    """Write a system of FMUs."""
+    from mbfmu.fmi.export import FmuKind, export_scene
+    from mbfmu.fmi.native_fmu import refuse_solver
+    from mbfmu.fmi.ssp import connectors_of, write_ssp
+
+    scene = scene_of(options)
+    name = re.sub(r"\W", "_", file_name(scene.model.name), flags=re.ASCII)
+    others = assignments("--with", options.components)
+    if name in others:
+        raise UserError(f"--with: component {name!r} is the model itself; give the other FMU another name")
+    connections = []
+    for text in options.connect:
+        output, equals, end = text.partition("=")
+        if not equals:
+            raise UserError(f"--connect {text!r}; allowed: OUTPUT=INPUT, both as COMPONENT.VARIABLE")
+        connections.append((output.strip(), end.strip()))
+    if options.native and options.solver is not None:
+        refuse_solver(options.solver)
+    path, found = options.output or Path(f"{name}.ssp"), list[Diagnostic]()
+    with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
+        own = Path(folder) / f"{name}.fmu"
+        export_scene(scene, own, FmuKind.NATIVE if options.native else FmuKind.PYTHON, report=found.append)
+        known = connectors_of(name, own)
+        values = {
+            f"{name}.{parameter}": float(getattr(scene.model, parameter))
+            for parameter in assignments("--set", options.set)
+            if parameter in known
+        }
+        write_ssp(path, {name: own, **others}, connections, values, stop_time=float(scene.stop_time))
+    for line in render(found, details=options.verbose):
+        print_unless_quiet(options, line)
+    print_paths(options, path)
+    return 0

@@ -1,0 +1,197 @@
+"""Numbering of a mechanism: where coordinates, signals, parts, numbers and scratch memory of its elements are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.checks import signal_of
+from mbfmu.mechanics.joints import Section
+from mbfmu.mechanics.kind import ElementType, check_element_type, check_field_names
+from mbfmu.mechanics.signals import Input, Signal, SpeedInput
+from mbfmu.mechanics.signals.followed import Followed
+from mbfmu.util.errors import UserError
+from solvers.compiled.record_view import round_up
+
+from .given_inputs import GivenInputs
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Input or output of a mechanism."""
+
+    name: str  # unique, structured as ``crank.angle``
+    unit: str  # in the notation of FMI, such as ``rad/s``
+    description: str = ""  # empty: none
+    start: float = 0.0  # start value of an input
+    nominal: float | None = None  # typical size in the unit; None: it follows from unit and mechanism
+
+
+GRAVITY_SIGNAL = -1  # in place of a signal's number
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Where the value of an input is kept: a coefficient of a signal, or a component of gravity."""
+
+    variable: Variable
+    signal: int
+    coefficient: int
+
+
+class Numbering:
+    """Offsets of every joint in the full and the free coordinates; signals in the order they are met."""
+
+    def __init__(self, mechanism: Mechanism, given_inputs: GivenInputs | None = None) -> None:
+        self._given_inputs = given_inputs
+        self.signals: list[Signal] = []
+        self.parts: list[ElementType] = []
+        self.scratch_places: list[tuple[np.dtype[Any], int]] = []
+        self.scratch_size = 0
+        self.slots: list[Slot] = []
+        self.q: list[int] = []
+        self.v: list[int] = []
+        self.qf: list[int] = []
+        self.vf: list[int] = []
+        self.drive: list[int] = []
+        self.coordinate_names: list[str] = []
+        self.numbers: list[float] = []
+        self.nq_full = self.nv_full = self.nq = self.nv = 0
+        for axis, gravity in mechanism.gravity_inputs.items():
+            ((name, unit, description, start),) = gravity.variables()
+            if given_inputs:
+                given_inputs.hold(name, "gravity is no signal of a mechanism")
+            self._slot(Variable(name, unit, description, start), GRAVITY_SIGNAL, axis)
+        for body in mechanism.bodies:
+            self._count(body)
+        self.s = list(self.v)
+        self.subspaces = self.nv_full
+        for body in mechanism.bodies:
+            if shares_coordinates(body):
+                self.s[body.index] = self.subspaces
+                self.subspaces += body.joint.nv
+
+    def _count(self, body: Body) -> None:
+        joint = body.joint
+        if isinstance(joint, Section) and joint.frame is not None:
+            for numbers in (self.q, self.v, self.qf, self.vf, self.drive):
+                numbers.append(numbers[joint.frame.index])
+            return
+        driven = joint.drive is not None
+        self.q.append(self.nq_full)
+        self.v.append(self.nv_full)
+        self.nq_full += joint.nq
+        self.nv_full += joint.nv
+        self.qf.append(-1 if driven else self.nq)
+        self.vf.append(-1 if driven else self.nv)
+        self.drive.append(self._number(self._drive(body), drive=True) if driven else -1)
+        if not driven:
+            self.nq += joint.nq
+            self.nv += joint.nv
+            self.coordinate_names += [f"{body.name}.{c}" if c else body.name for c in joint.coordinates]
+
+    def _drive(self, body: Body) -> Signal:
+        """Return the signal that a joint follows; UserError for one that jumps."""
+        what = f"drive of body {body.name!r}"
+        signal = self._given(signal_of(body.joint.drive, what, drive=True), what, drive=True)
+        if not signal.drives:
+            raise UserError(
+                f"{what} is {signal!r}; its value or its rate is discontinuous, which no joint can "
+                "follow. Use a smooth signal"
+            )
+        return signal
+
+    def _given(self, signal: Signal, what: str, *, drive: bool = False) -> Signal:
+        """Return what a signal is given by for the whole run, if it is an input that is, else itself."""
+        if self._given_inputs is not None and isinstance(signal, Input | SpeedInput):
+            signal = self._given_inputs.replace(signal, drive=drive)
+        check_element_type(what, signal, Signal)
+        return signal
+
+    def signal(self, value: Any, what: str) -> int:
+        """Number a signal and, if it is an input, its slots; one input object may load several things."""
+        return self._number(self._given(signal_of(value, what), what))
+
+    def scratch(self, dtype: np.dtype[Any]) -> int:
+        """Return the place of scratch memory with these fields, bytes; equal fields share it."""
+        for known, place in self.scratch_places:
+            if known == dtype:
+                return place
+        place, self.scratch_size = self.scratch_size, self.scratch_size + round_up(dtype.itemsize)
+        self.scratch_places.append((dtype, place))
+        return place
+
+    def _number(self, signal: Signal, *, drive: bool = False) -> int:
+        if isinstance(signal, Input) and signal.acceleration_name and not drive:
+            raise UserError(
+                f"input {signal.name!r} has an acceleration, {signal.acceleration_name!r}, and does not drive a joint; "
+                "leave out acceleration_name"
+            )
+        if isinstance(signal, Input | Followed):
+            for index, known in enumerate(self.signals):
+                if known is signal:
+                    return index
+        index = len(self.signals)
+        self.signals.append(signal)
+        for coefficient, (name, unit, description, start) in enumerate(signal.variables()):
+            if name:
+                error = signal.force_error if drive and isinstance(signal, Input) and not coefficient else ""
+                text = "; ".join(filter(None, (description, error)))
+                self._slot(Variable(name, unit, text, start), index, coefficient)
+        return index
+
+    def _slot(self, variable: Variable, signal: int, coefficient: int) -> None:
+        if variable.name in [slot.variable.name for slot in self.slots]:
+            raise UserError(
+                f"input {variable.name!r} is used twice; use one Input object for all loads and drives with this "
+                "input, or choose other names"
+            )
+        self.slots.append(Slot(variable, signal, coefficient))
+
+
+def shares_coordinates(body: Body) -> bool:
+    """Whether the coordinates of a body's joint are another body's."""
+    return isinstance(body.joint, Section) and body.joint.frame is not None
+
+
+class CompiledAttachment:
+    """Where something of a kind is in a mechanism, see :class:`mbfmu.mechanics.kind.Attachment`."""
+
+    def __init__(self, name: str, bodies: tuple[Body, ...], numbering: Numbering, known: dict[str, int]) -> None:
+        self.name, self.bodies = name, tuple(body.index for body in bodies)
+        self._numbering, self._known = numbering, known
+        first = self.bodies[0] if bodies else 0
+        self.q, self.v, self.used = numbering.q[first], numbering.v[first], list[int]()
+
+    def signal(self, value: Any, what: str) -> int:
+        """Number a signal; loads of one name share it."""
+        if what not in self._known:
+            self._known[what] = self._numbering.signal(value, what)
+        self.used.append(self._known[what])
+        return self._known[what]
+
+    def part(self, part: ElementType) -> int:
+        """Number a part, each object once."""
+        known = self._numbering.parts
+        for index, other in enumerate(known):
+            if other is part:
+                return index
+        known.append(part)
+        return len(known) - 1
+
+    def scratch(self, dtype: np.dtype[Any]) -> int:
+        """Return the place of scratch memory with these fields, bytes; raises UserError for their names."""
+        if not isinstance(dtype, np.dtype) or not dtype.names:
+            raise UserError(f"scratch memory of {self.name} is {dtype!r}; allowed: a NumPy dtype of named fields")
+        check_field_names(f"scratch memory of {self.name}", dtype)
+        return self._numbering.scratch(dtype)
+
+    def numbers(self, values: Any) -> int:
+        """Keep numbers; return where they begin."""
+        first = len(self._numbering.numbers)
+        self._numbering.numbers.extend(np.ravel(values))
+        return first
