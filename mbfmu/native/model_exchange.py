@@ -79,7 +79,7 @@ class Branch(NamedTuple):
         z, i = np.zeros, np.int64
         critical = records(1, CRITICAL), z(nq), z(m), z((m, n)), z(m), z(m, i)
         frame = z((m, n)), records(1, BRANCH_HISTORY), z((m, n)), z(m), z(m, i), z(nq), z(m)
-        return Branch(*critical, *frame)
+        return Branch._make((*critical, *frame))
 
 
 class Exchange(NamedTuple):
@@ -110,7 +110,7 @@ class Exchange(NamedTuple):
     def allocate(nq: int, n: int, m: int) -> Exchange:
         """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         states, branches = (np.zeros(nq + n) for _ in range(3)), (Branch.allocate(nq, n, m) for _ in range(3))
-        return Exchange(*states, np.zeros(TIMES), *branches)
+        return Exchange._make((*states, np.zeros(TIMES), *branches))
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save."""
@@ -258,11 +258,11 @@ def place_inputs(i: InputRecords, t: float) -> None:
     for k in range(i.inputs.shape[0]):
         role, number = i.inputs[k].role, i.inputs[k].number
         if role == EXTRAPOLATED_LOAD:
-            i.courses[i.loads[number].course].t0 = t
+            i.polynomials[i.loads[number].polynomial].t0 = t
         elif role == SUPPORT_MOTION:
-            i.courses[i.supports[number].course].t0 = t
+            i.polynomials[i.supports[number].polynomial].t0 = t
         elif role != GRAVITY_LOAD:
-            i.courses[number].t0 = t
+            i.polynomials[number].t0 = t
 
 
 @kernel
