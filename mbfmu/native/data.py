@@ -26,7 +26,7 @@ from solvers.steppers import ORDER_LIMITS
 
 from . import layout, start_checks
 from .entries import Instance, family_of, image_of
-from .exchange_states import ExchangeState, exchange_states, explain_missing_exchange
+from .exchange_states import ExchangeState, exchange_states, explain_missing_exchange, list_constant_inputs
 from .families import FAMILIES
 from .image import MemoryImage
 from .model_numbers import Place
@@ -97,11 +97,19 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
 def _states(
     simulation: Simulation, variables: Sequence[ScalarVariable]
 ) -> tuple[tuple[ExchangeState, ...] | None, list[Diagnostic]]:
-    """Return the states of model exchange, or None and a note of the reason."""
+    """Return the states of model exchange, or None, and notes on its limits."""
     if why := explain_missing_exchange(simulation):
         text = f"this FMU is for co-simulation only, not for model exchange: {why}"
         return None, [Diagnostic.note("no-model-exchange", text)]
-    return exchange_states(simulation, [v.name for v in variables]), []
+    notes = []
+    if names := list_constant_inputs(simulation):
+        text = (
+            f"in model exchange the inputs {', '.join(map(repr, names))} of joint motions are constant from the end of "
+            "the initialization on, since their accelerations, which are parts of the equations of motion, are no inputs"
+        )
+        remedy = "Declare such an input with rate_name and acceleration_name, or use co-simulation"
+        notes.append(Diagnostic.note("constant-input", text, remedy, subject=names[0]))
+    return exchange_states(simulation, [v.name for v in variables]), notes
 
 
 def _nothing_settable(model: Model, why: str) -> SettableParameters:
@@ -147,6 +155,7 @@ class _File:
     ) -> None:
         self._simulation, self._instance, self._image, self._settable = simulation, instance, image, settable
         self._variables, self._arrays, self._text, self._exchanges = variables, several, bytearray(), exchanges
+        self._constant_inputs = list_constant_inputs(simulation)
         self._block = image.block()
         self._references = {v.name: k for k, v in enumerate(variables)}
         self._places = {
@@ -213,7 +222,9 @@ class _File:
             low, high = 0.0, 1.0
         unknown = nan if v.type is Type.REAL else 0.0
         start = unknown if v.start is None else float(v.start)
-        moves = v.role is Role.INPUT and self._simulation.compiled.inputs.moves_support(number)
+        moves = int(v.role is Role.INPUT and self._simulation.compiled.inputs.moves_support(number))
+        if v.name in self._constant_inputs:
+            moves = layout.MOVES_WITHOUT_DERIVATIVES
         rests = v.role is Role.INPUT and self._simulation.settings.start_at_equilibrium
         rest_scale = max(abs(start), v.nominal or 0.0) if rests else 0.0
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)

@@ -49,17 +49,19 @@ def explain_missing_exchange(simulation: Simulation) -> str:
             f"it has {count} continuous states and {outputs} outputs, each of which depends on all states; supported: "
             f"{MAX_STATES} states, and a product of the two numbers of {MAX_DEPENDENCIES}"
         )
-    for name, given, is_integral in simulation.compiled.inputs.supports().values():
-        if is_integral:
-            return f"input {name!r} is a speed, and the position is its integral"
-        if given != ALL_DERIVATIVES:
-            words = "position", "rate", "acceleration"
-            missing = " and ".join(word for k, word in enumerate(words) if k not in given)
-            return (
-                f"input {name!r} moves a joint without an input for its {missing}, which are parts of the equations of "
-                "motion. Give Input(..., rate_name=, acceleration_name=)"
-            )
     return ""
+
+
+def list_constant_inputs(simulation: Simulation) -> list[str]:
+    """Return the names of inputs that move joints without an input for the acceleration: a motion that changes needs
+    all derivatives.
+    """
+    inputs = simulation.compiled.inputs
+    moving = [k for k in range(len(inputs)) if inputs.moves_support(k)]
+    given: dict[int, set[int]] = {}  # derivatives that are inputs, by the number of the support
+    for k in moving:
+        given.setdefault(int(inputs.own.inputs["number"][k]), set()).add(int(inputs.own.inputs["coefficient"][k]))
+    return [inputs.variables[k].name for k in moving if given[int(inputs.own.inputs["number"][k])] != ALL_DERIVATIVES]
 
 
 def exchange_states(simulation: Simulation, taken: Iterable[str]) -> tuple[ExchangeState, ...]:

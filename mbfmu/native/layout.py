@@ -42,7 +42,7 @@ VARIABLE = np.dtype(
         ("role", "i8"),  # place in interface.Role
         ("number", "i8"),  # among those of its role
         ("settable", "i8"),  # when: see SETTABLE
-        ("moves", "i8"),  # 1: a support, which may have moved since it was set
+        ("moves", "i8"),  # 1: a support, which may have moved since it was set; MOVES_WITHOUT_DERIVATIVES: see there
         ("start", "f8"),
         ("low", "f8"),
         ("high", "f8"),
@@ -51,6 +51,7 @@ VARIABLE = np.dtype(
 )
 ARRAY = np.dtype([("members", "i8"), ("count", "i8")])  # of FMI 3: first of its members, and how many
 MEMBER = np.dtype([("variable", "i8")])
+MOVES_WITHOUT_DERIVATIVES = 2  # a support whose acceleration is no input: it is constant in model exchange
 SETTABLE = ("never", "before", "between")  # never; until the initialization ends; between steps too
 ENTRY = np.dtype(  # a number that follows parameters, see table.Entry
     [
@@ -149,6 +150,7 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     lines.append(f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}")
     lines += [f"#define LEFT_BRANCH ({LEFT_BRANCH})", f"#define STATES_NOT_FINITE ({STATES_NOT_FINITE})"]
     lines.append(f"#define EXCHANGE_TIMES {TIMES}")
+    lines.append(f"#define MOVES_WITHOUT_DERIVATIVES {MOVES_WITHOUT_DERIVATIVES}")
     lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     coarse = Diagnostic.warning("coarse-tolerance", COARSE_TEXT, COARSE_REMEDY)

@@ -50,6 +50,7 @@ MAX_APPROACHES = 100  # times to which a signal halves the way, before the time 
 # of times, relative to the time or 1 s: a jump of a signal takes no longer; see mbfmu.mechanics.signals.step
 MAX_JUMP_DURATION_RATIO = 4.0 * JUMP_TIME_TOLERANCE
 HALF_TOLERANCE = 1e-6  # relative error of half the way
+ACCELERATION = 2  # coefficient of an input that is an acceleration
 # Entries of ``Exchange.times``
 EVALUATED_FROM, NEXT_EVENT, COMPLETED, PREVIOUS, COMPARED, EVALUATED, INTERPOLATES, RESTART = range(8)
 TIMES = 8
@@ -93,6 +94,8 @@ class Exchange(NamedTuple):
         (TIMES,) times, s: signals are evaluated no earlier, at a jump; the next event; the last completed step; the
         previous and the present position that branches are compared with; the last evaluation. Then 1.0 if the
         importing tool reports points at which it interpolates, and 1.0 if the next update of events begins anew.
+    counts
+        (3,) of completed steps, discarded evaluations, and evaluations, as the first of COUNTERS.
     before, completed, previous
         The branch before an evaluation or a report, at the last completed step, and at the previous position that
         branches were compared with.
@@ -102,6 +105,7 @@ class Exchange(NamedTuple):
     derivatives: Array
     nominal: Array
     times: Array
+    counts: NDArray[np.int64]
     before: Branch
     completed: Branch
     previous: Branch
@@ -110,11 +114,11 @@ class Exchange(NamedTuple):
     def allocate(nq: int, n: int, m: int) -> Exchange:
         """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         states, branches = (np.zeros(nq + n) for _ in range(3)), (Branch.allocate(nq, n, m) for _ in range(3))
-        return Exchange._make((*states, np.zeros(TIMES), *branches))
+        return Exchange._make((*states, np.zeros(TIMES), np.zeros(3, np.int64), *branches))
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save."""
-        return [self.x, self.nominal, self.times, *self.completed, *self.previous]
+        return [self.x, self.nominal, self.times, self.counts, *self.completed, *self.previous]
 
 
 @kernel
@@ -254,13 +258,16 @@ def find_end_of_jump(t: float, data: Any) -> float:
 
 @kernel
 def place_inputs(i: InputRecords, t: float) -> None:
-    """Let all inputs have their present values at t, s."""
+    """Let all inputs have their present values at t, s. Motions of joints without an input of the acceleration go on
+    from the start at a constant rate.
+    """
     for k in range(i.inputs.shape[0]):
         role, number = i.inputs[k].role, i.inputs[k].number
         if role == EXTRAPOLATED_LOAD:
             i.polynomials[i.loads[number].polynomial].t0 = t
         elif role == SUPPORT_MOTION:
-            i.polynomials[i.supports[number].polynomial].t0 = t
+            if i.inputs[k].coefficient == ACCELERATION:
+                i.polynomials[i.supports[number].polynomial].t0 = t
         elif role != GRAVITY_LOAD:
             i.polynomials[number].t0 = t
 
@@ -458,19 +465,21 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
         for k in (EVALUATED_FROM, COMPLETED, PREVIOUS, COMPARED, EVALUATED):
             exchange.times[k] = t
         exchange.times[INTERPOLATES], exchange.times[RESTART] = 1.0, 1.0
+        for k in range(exchange.counts.shape[0]):
+            exchange.counts[k] = 0
         begin_anew(instance)
         complete(instance)
         return OK
 
     def exchange_evaluate(instance: Any, t: float) -> int:
         """Fill x' at (t, x); return a code of solvers.outcome, LEFT_BRANCH or STATES_NOT_FINITE."""
-        control, times = instance.given.memory.control[0], instance.exchange.times
+        counts, times = instance.exchange.counts, instance.exchange.times
         evaluated = begin_evaluation(instance, t)
         times[EVALUATED] = evaluated
         go_back(instance, evaluated)
         keep(instance)
         code = evaluate_at(instance, evaluated)
-        control.evaluations += 1
+        counts[2] += 1
         if code == OK and not is_on_branch(instance, evaluated):
             code = LEFT_BRANCH
         if code == OK and times[INTERPOLATES] > 0.0 and evaluated > times[COMPARED]:
@@ -479,7 +488,7 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
         else:
             restore(instance)
         if code != OK:
-            control.rejected += 1
+            counts[1] += 1
         return int(code)
 
     def exchange_report(instance: Any, t: float) -> int:
@@ -504,6 +513,8 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
             code = read(instance)
             instance.clock[0] = t
         restore(instance)
+        for k in range(instance.exchange.counts.shape[0]):
+            instance.counts[k] = instance.exchange.counts[k]
         is_conservative = session.data.arrays.world[0].nonconservative == 0 and instance.inputs.inputs.shape[0] == 0
         if code == OK and is_conservative:
             energy = energy_at(session, evaluated, instance.q, instance.v)
@@ -519,7 +530,7 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
         code = project_at(instance, evaluated)
         if code != OK:
             return int(code)
-        instance.given.memory.control[0].steps += 1
+        instance.exchange.counts[0] += 1
         keep_front(instance)
         go_back(instance, evaluated)
         is_same = is_on_branch(instance, evaluated)

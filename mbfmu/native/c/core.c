@@ -84,7 +84,8 @@ Outcome refuse(Instance *own, const char *call)
 Outcome not_offered(Instance *own, const char *call)
 {
     char text[SAYS];
-    SAY(text, call, " is not supported: this FMU is for co-simulation; its capabilities are in modelDescription.xml");
+    SAY(text, call, " is not supported: this ", own->exchange ? "instance is for model exchange" : "FMU is for co-simulation",
+        "; its capabilities are in modelDescription.xml");
     return mistake(own, text);
 }
 

@@ -71,7 +71,8 @@ Outcome get_indicators(Instance *own, const char *call, size_t n);
 Outcome enter_event_mode(Instance *own, const char *call);
 Outcome update_events(Instance *own, const char *call, Events *events);
 Outcome enter_continuous_mode(Instance *own, const char *call);
-Outcome complete_step(Instance *own, const char *call);
+Outcome complete_step(Instance *own, const char *call, bool *event, bool *ends);
+Outcome count_exchanged(Instance *own, const char *call, bool indicators, size_t *n);
 
 /* States of the FMU. */
 Outcome save(Instance *own, State **state);

@@ -26,6 +26,28 @@ static bool is_in(Instance *own, unsigned modes, const char *call)
     return false;
 }
 
+/* Whether a place for a result is given; else the reason is logged. */
+static bool is_given(Instance *own, const char *call, const void *place)
+{
+    char text[SAYS];
+    if (place)
+        return true;
+    SAY(text, call, " was called with NULL for a result");
+    mistake(own, text);
+    return false;
+}
+
+/* Return the number of continuous states, or of event indicators. */
+Outcome count_exchanged(Instance *own, const char *call, bool indicators, size_t *n)
+{
+    if (!own->exchange)
+        return not_offered(own, call);
+    if (!is_given(own, call, n))
+        return ERROR;
+    *n = indicators ? 0 : state_count(own);
+    return OK;
+}
+
 /* Whether an array has as many entries as there are states; else the reason is logged. */
 static bool fits_states(Instance *own, const char *call, const double *x, size_t n)
 {
@@ -248,7 +270,7 @@ Outcome enter_continuous_mode(Instance *own, const char *call)
 Outcome update_events(Instance *own, const char *call, Events *events)
 {
     char text[SAYS];
-    if (!is_in(own, 1u << EVENT_MODE, call))
+    if (!is_in(own, 1u << EVENT_MODE, call) || !is_given(own, call, events))
         return ERROR;
     const Variable *wrong = refused_value(own);
     if (wrong)
@@ -272,11 +294,12 @@ Outcome update_events(Instance *own, const char *call, Events *events)
 }
 
 /* Record a completed step, and warn if it ended on another branch of the motion. */
-Outcome complete_step(Instance *own, const char *call)
+Outcome complete_step(Instance *own, const char *call, bool *event, bool *ends)
 {
     char text[SAYS], digits[32];
-    if (!is_in(own, 1u << CONTINUOUS_MODE, call))
+    if (!is_in(own, 1u << CONTINUOUS_MODE, call) || !is_given(own, call, event) || !is_given(own, call, ends))
         return ERROR;
+    *event = *ends = false;
     apply_changes(own);
     int64_t code = call_now(own, own->family->exchange_accept);
     if (code == CODE_OK)

@@ -1,5 +1,6 @@
 /* FMI 2.0 for co-simulation and model exchange. */
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -107,7 +108,11 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     if (host && folder) {
         host->logged = logging ? LOG_ALL : 0;
         read_location(location ? location : "", folder);
-        host->own = create(guid ? guid : "", folder, type == fmi2ModelExchange, tell, host, text);
+        if (type == fmi2ModelExchange || type == fmi2CoSimulation)
+            host->own = create(guid ? guid : "", folder, type == fmi2ModelExchange, tell, host, text);
+        else
+            snprintf(text, sizeof text,
+                     "the type of the FMU is %d; allowed: 0 (model exchange) or 1 (co-simulation) [fmi-call]", (int)type);
     }
     free(folder);
     if (!host || host->own)
@@ -330,11 +335,6 @@ fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind, fmi2String
 
 /* ---- model exchange ---------------------------------------------------------------------------------------------- */
 
-static fmi2Status null_given(fmi2Component c, const char *text)
-{
-    return c ? (fmi2Status)mistake(instance(c), text) : fmi2Error;
-}
-
 fmi2Status fmi2EnterEventMode(fmi2Component c)
 {
     return c ? (fmi2Status)enter_event_mode(instance(c), "fmi2EnterEventMode") : fmi2Error;
@@ -343,9 +343,7 @@ fmi2Status fmi2EnterEventMode(fmi2Component c)
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info)
 {
     Events events;
-    if (!c || !info)
-        return null_given(c, "fmi2NewDiscreteStates was called with NULL");
-    Outcome outcome = update_events(instance(c), "fmi2NewDiscreteStates", &events);
+    Outcome outcome = c ? update_events(instance(c), "fmi2NewDiscreteStates", info ? &events : NULL) : ERROR;
     if (outcome != OK)
         return (fmi2Status)outcome;
     info->newDiscreteStatesNeeded = info->terminateSimulation = fmi2False;
@@ -363,10 +361,15 @@ fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
 
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean, fmi2Boolean *event, fmi2Boolean *ends)
 {
-    if (!c || !event || !ends)
-        return null_given(c, "fmi2CompletedIntegratorStep was called with NULL");
-    *event = *ends = fmi2False;
-    return (fmi2Status)complete_step(instance(c), "fmi2CompletedIntegratorStep");
+    bool one, two;
+    Outcome outcome = ERROR;
+    if (c)
+        outcome = complete_step(instance(c), "fmi2CompletedIntegratorStep", event ? &one : NULL, ends ? &two : NULL);
+    if (outcome == OK || outcome == WARNING) {
+        *event = one;
+        *ends = two;
+    }
+    return (fmi2Status)outcome;
 }
 
 fmi2Status fmi2SetTime(fmi2Component c, fmi2Real t)

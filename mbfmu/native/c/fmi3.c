@@ -84,7 +84,8 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3Strin
                                                fmi3ClockUpdateCallback, fmi3LockPreemptionCallback,
                                                fmi3UnlockPreemptionCallback)
 {
-    return no_instance(log, environment, "scheduled execution is not supported: this FMU is for co-simulation [fmi-call]");
+    return no_instance(log, environment,
+                       "scheduled execution is not supported: this FMU is for co-simulation and model exchange [fmi-call]");
 }
 
 void fmi3FreeInstance(fmi3Instance c)
@@ -296,11 +297,6 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_
 
 /* ---- model exchange ---------------------------------------------------------------------------------------------- */
 
-static fmi3Status null_given(fmi3Instance c, const char *text)
-{
-    return c ? (fmi3Status)mistake(instance(c), text) : fmi3Error;
-}
-
 fmi3Status fmi3EnterEventMode(fmi3Instance c)
 {
     return c ? (fmi3Status)enter_event_mode(instance(c), "fmi3EnterEventMode") : fmi3Error;
@@ -310,9 +306,8 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *more, fmi3Boole
                                     fmi3Boolean *values, fmi3Boolean *has_next, fmi3Float64 *next)
 {
     Events events;
-    if (!c || !more || !ends || !nominals || !values || !has_next || !next)
-        return null_given(c, "fmi3UpdateDiscreteStates was called with NULL");
-    Outcome outcome = update_events(instance(c), "fmi3UpdateDiscreteStates", &events);
+    bool given = more && ends && nominals && values && has_next && next;
+    Outcome outcome = c ? update_events(instance(c), "fmi3UpdateDiscreteStates", given ? &events : NULL) : ERROR;
     if (outcome != OK)
         return (fmi3Status)outcome;
     *more = *ends = false;
@@ -330,10 +325,7 @@ fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c)
 
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean, fmi3Boolean *event, fmi3Boolean *ends)
 {
-    if (!c || !event || !ends)
-        return null_given(c, "fmi3CompletedIntegratorStep was called with NULL");
-    *event = *ends = false;
-    return (fmi3Status)complete_step(instance(c), "fmi3CompletedIntegratorStep");
+    return c ? (fmi3Status)complete_step(instance(c), "fmi3CompletedIntegratorStep", event, ends) : fmi3Error;
 }
 
 fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 t)
@@ -368,18 +360,12 @@ fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 nominal
 
 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance c, size_t *n)
 {
-    if (!c || !n)
-        return null_given(c, "fmi3GetNumberOfEventIndicators was called with NULL");
-    *n = 0;
-    return fmi3OK;
+    return c ? (fmi3Status)count_exchanged(instance(c), "fmi3GetNumberOfEventIndicators", true, n) : fmi3Error;
 }
 
 fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance c, size_t *n)
 {
-    if (!c || !n)
-        return null_given(c, "fmi3GetNumberOfContinuousStates was called with NULL");
-    *n = state_count(instance(c));
-    return fmi3OK;
+    return c ? (fmi3Status)count_exchanged(instance(c), "fmi3GetNumberOfContinuousStates", false, n) : fmi3Error;
 }
 
 /* ---- what hosts look for, and this FMU does not offer ------------------------------------------------------------ */

@@ -36,7 +36,8 @@ static void read_outputs(Instance *own)
 {
     const double *out = numbers_at(own, own->header->out_at);
     const int64_t *counts = (const int64_t *)(own->block + own->header->counts_at);
-    call_entry(own, own->family->count);
+    if (!own->exchange)
+        call_entry(own, own->family->count);
     for (size_t k = 0; k < count_of(own); k++) {
         const Variable *v = &own->variables[k];
         if (v->role == ROLE_OUTPUT)
