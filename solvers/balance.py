@@ -45,7 +45,6 @@ class BalanceRecord(Record):
     last_passage_energy: f8  # J, of the last slow passage that was examined
 
 
-BALANCE = BalanceRecord.dtype
 BOUND_FRACTION = 0.25  # of what the steps could add up to
 LAST_STEP_FACTOR = 6.0  # times what the last step could add: errors of a few steps need not cancel each other
 MAX_ENERGY_FRACTION = 0.02  # of the energy at work
@@ -70,7 +69,7 @@ def energy_floor(mass: float, length: float, rate: float, tolerance: float) -> f
 
 @kernel
 def energy_error_limit(record: BalanceRecord, energy: float, row: Any) -> float:
-    """What the tolerance and rounding explain of the energy error of a state, J; record of BALANCE."""
+    """What the tolerance and rounding explain of the energy error of a state, J; a BalanceRecord."""
     bound, at_work = row[ENERGY_ERROR_BOUND], row[KINETIC_MAX] + row[EXCHANGED_ENERGY]
     rounding = ENERGY_ROUNDING * (abs(energy) + abs(record.reference_energy) + at_work + bound / record.tolerance)
     most = max(MAX_ENERGY_FRACTION, 1.0 / max(1.0, row[EXTENT])) * at_work + row[MAX_WORK_ERROR]
@@ -84,7 +83,7 @@ def check_energy_balance(balance: Any, energy: float, row: Any) -> tuple[float, 
     """Return the energy error (J) of a state with this energy and reported row (ACCOUNT_SIZE,), and the result of
     the check: BALANCE_VIOLATED if it exceeds the limit or is not a number, PASSAGE_INACCURATE if it is too large for a
     slow passage since the last call, else BALANCE_OK.
-    balance (1,) of BALANCE.
+    balance (1,) BalanceRecord.
     """
     record = balance[0]
     error, passes = (

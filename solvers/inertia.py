@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.kernel import inlined, kernel, records
-from solvers.compiled.record import Record, f8, i8
+from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Record, Table, f8, i8
 
 from .system import Array, TreeSystem
 
@@ -43,7 +43,6 @@ class InertiaRecord(Record):
     large_since: f8  # s, when it was above LARGE_GROWTH first; meaningless where the largest is not
 
 
-INERTIA = InertiaRecord.dtype
 MAX_HARMLESS_GROWTH = 2.0  # rate growth up to which the tolerance is not changed
 LARGE_GROWTH = 10.0  # rate growth from which on the mass matrix is called nearly singular
 MIN_TOLERANCE = 3e-13  # relative tolerance that rounding allows
@@ -56,12 +55,12 @@ class Growth(NamedTuple):
     size: Array  # (n,) units of the coordinates
     coordinate_rates: Array  # (n,) 1/s, of their rates
     parts: Array  # (1 + n,) see solvers.system.TreeSystem.inertia_parts
-    inertia: NDArray[Any]  # (1,) record of INERTIA
+    inertia: Table[InertiaRecord]  # (1,)
 
     @staticmethod
     def of(system: TreeSystem, rate: float) -> Growth:
         """Return the growth of a tree that moves at this rate, 1/s."""
-        growth = Growth(system.size, np.full(system.n, rate), np.zeros(1 + system.n), records(1, INERTIA))
+        growth = Growth(system.size, np.full(system.n, rate), np.zeros(1 + system.n), InertiaRecord.zeros(1))
         growth.inertia["watched"] = system.can_compute_rate_growth
         return growth
 
@@ -129,7 +128,7 @@ def tolerance_factor(rtol: float, power: float, work: Growth | Workspace) -> flo
 
 
 def describe_large_growth(inertia: NDArray[Any]) -> str:
-    """Return the message of a record of INERTIA on a nearly singular mass matrix; empty: none."""
+    """Return the message of an InertiaRecord on a nearly singular mass matrix; empty: none."""
     record = inertia[0]
     if not record["largest"] > LARGE_GROWTH:
         return ""

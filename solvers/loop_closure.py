@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.kernel import kernel, records
-from solvers.compiled.record import Record, f8, i8
+from solvers.compiled.kernel import kernel
+from solvers.compiled.record import Record, Table, f8, i8
 from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.dense import apply_Q, apply_Qt, factor_lq, rank_at, solve_transposed_basic
 from solvers.system import AnySystem, Array
@@ -66,9 +66,6 @@ class WorstRecord(Record):
     gap: f8
 
 
-WORST = WorstRecord.dtype
-
-
 class Loops(NamedTuple):
     """What closing needs of a system of any size; kernels take :class:`solvers.system.Equations` as well."""
 
@@ -103,7 +100,7 @@ class ClosureScratch(NamedTuple):
     pivots_B: NDArray[np.int64]  # (n,) int64
     left_B: Array  # (n,)
     own: Array  # (n,) measure of every allowed motion, root of its mass
-    worst: NDArray[Any]  # (1,) record of WORST: the row that does not close, and by what, in SI units
+    worst: Table[WorstRecord]  # (1,) the row that does not close, and by what, in SI units
     massless: Array  # (n,) 1 for coordinates of a motion that moves no mass, 0 for others
 
     @staticmethod
@@ -113,7 +110,7 @@ class ClosureScratch(NamedTuple):
         return ClosureScratch(
             one(n), one(m), one(n), z((2, n)), one(n),
             z(m), z(n), z((m, n)), z(m), z(m, np.int64), z(m), z((k, m + k)), z(m + k), z(n),
-            z(n, np.int64), z(n), z(n), records(1, WORST), z(n),
+            z(n, np.int64), z(n), z(n), WorstRecord.zeros(1), z(n),
         )  # fmt: skip
 
     @staticmethod

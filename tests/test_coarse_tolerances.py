@@ -12,7 +12,7 @@ from healthy_runs import Draw, double_pendulum, loop, pendulum, shaken, top
 from fmus.sheet import Sheet
 from mbfmu import simulate
 from mbfmu.mechanics import Harmonic, Mechanism, Revolute, rod
-from mbfmu.session.tolerances import COARSE_ERROR
+from mbfmu.session.run_messages import COARSE_ERROR
 from mbfmu.util.diagnostics import without_details
 
 SOLVERS = ("adams", "hybrid", "ida", "radau")

@@ -436,6 +436,22 @@ def test_the_run_so_far_is_the_result_if_a_solver_fails_later(
         assert part in result.failure
 
 
+@pytest.mark.parametrize(
+    ("returned", "part"),
+    [
+        ((Code.OK, np.zeros(2), np.zeros(0)), "returned v' of the shape (2,)"),
+        ((Code.OK, np.array([np.inf]), np.zeros(0)), "returned v' = [inf]; allowed: finite numbers"),
+        ((Code.OK, np.zeros(1), np.zeros(3)), "returned lambda of the shape (3,)"),
+        ((0, np.zeros(1), np.zeros(0)), "returned the code 0; allowed: a solvers.outcome.Code"),
+    ],
+)
+def test_wrong_accelerations_end_the_run(returned: Any, part: str) -> None:
+    solver = direct(evaluate=lambda base, self: returned if self._t > 0.45 else base.evaluate(self))
+    result = mb.simulate(oscillator(), 1.0, interval=0.1, solver=solver)
+    requires_good_rows(result, 0.4)
+    assert f"evaluate() of Direct {part}" in result.failure
+
+
 def test_a_solver_that_never_advances_ends_where_a_signal_limits_the_steps() -> None:
     m = oscillator()
     m.force("push", JointForce(Step(begin=0.3, height=1.0)), m.bodies[1])
@@ -626,6 +642,14 @@ def test_a_state_belongs_to_the_class_that_saved_it(tmp_path: Path) -> None:
         code, text = end("restore", **other)
         assert code == 1
         assert "a saved state belongs to another model" in text
+
+
+def test_an_fmu_whose_solver_fails_reports_the_exception(packages: Path) -> None:
+    path = mb.export(FourBar(), packages / "crank.fmu", mb.Settings(solver="ending"))
+    with Fmu(path) as fmu:
+        fmu.step(0.04)
+        with pytest.raises(mb.UserError, match=r"LookupError: a table ends \(ending_plugin.py, line"):
+            fmu.step(0.1)
 
 
 @pytest.mark.parametrize(

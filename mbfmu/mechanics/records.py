@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.flexible.modal import FLEXIBLE, MODES, NODE
+from mbfmu.mechanics.flexible.modal import MODES, FlexibleRecord, NodeRecord
 from solvers.compiled.kernel import records
 from solvers.compiled.record import Mat3, Mat6, Record, Table, Vec3, Vec6, f8, i8
 from solvers.compiled.record_view import COMPLEX_FACTOR, aligned_bytes, complex_dtype
@@ -113,8 +113,8 @@ class Arrays(NamedTuple):
     sensors: Table[SensorRecord]
     kept: NDArray[np.int64]  # (rows,) number among the constraints, cuts before couplings; -1: trivially satisfied
     residual_scale: NDArray[np.float64]  # (rows,) m: length of the mechanism divided by the unit of the row
-    flexibles: NDArray[Any]  # FLEXIBLE
-    nodes: NDArray[Any]  # NODE
+    flexibles: Table[FlexibleRecord]
+    nodes: Table[NodeRecord]
     kernels: NDArray[np.int64]  # addresses of kernels, MAX_KERNELS for each kind that is there; 0: it has none
     memory: NDArray[np.uint8]  # every record of whatever has a kind
     numbers: NDArray[np.float64]  # of tables, which are of any length
@@ -240,8 +240,8 @@ def empty_data() -> Data:
         sensors=SensorRecord.zeros(1),
         kept=whole,
         residual_scale=np.zeros(1),
-        flexibles=records(1, FLEXIBLE),
-        nodes=records(1, NODE),
+        flexibles=FlexibleRecord.zeros(1),
+        nodes=NodeRecord.zeros(1),
         kernels=np.zeros(MAX_KERNELS, np.int64),
         memory=np.zeros(1, np.uint8),
         numbers=np.zeros(1),

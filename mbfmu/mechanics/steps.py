@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import kernel
 
@@ -27,7 +27,7 @@ def displace(here: MotionRecord, perturbed: MotionRecord, k: int) -> None:
 
 
 @kernel
-def step(here: Any, perturbed: MotionRecord, k: int, c1: float) -> None:
+def step(here: MotionRecord, perturbed: MotionRecord, k: int, c1: float) -> None:
     """A body after an imaginary unit motion k, with c1 times the velocity along it, and no force on it."""
     displace(here, perturbed, k)
     for j in range(6):

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.mechanics.arrays.closing import CLOSURE_MESSAGES
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.parameters import declared, span
@@ -105,7 +106,7 @@ def _states(
     if names := list_constant_inputs(simulation):
         text = (
             f"in model exchange the inputs {', '.join(map(repr, names))} of joint motions are constant from the end of "
-            "the initialization on, since their accelerations, which are parts of the equations of motion, are no inputs"
+            "the initialization on, since their accelerations, which the equations of motion contain, are no inputs"
         )
         remedy = "Declare such an input with rate_name and acceleration_name, or use co-simulation"
         notes.append(Diagnostic.note("constant-input", text, remedy, subject=names[0]))
@@ -167,6 +168,13 @@ class _File:
             "exchange_nominal": image.at(instance.exchange.nominal),
             "exchange_times": image.at(instance.exchange.times),
         }  # fmt: skip
+        control = instance.given.memory.control
+        self._places |= {
+            "undetermined": image.at(control, "undetermined"),
+            "undetermined_time": image.at(control, "undetermined_at"),
+            "near_miss_factor": image.at(control, "max_near_miss_factor"),
+            "near_miss_gap": image.at(control, "min_gap"),
+        }
 
     def write(self) -> bytes:
         """Return the bytes of the file."""
@@ -183,8 +191,18 @@ class _File:
         rows["coordinates"] = [(self._add_text(name),) for name in system.coordinate_names]
         rows["cuts"] = [(self._add_text(handle.name),) for handle in self._simulation.compiled.mechanism.cuts]
         rows["loads"] = [
-            (self._add_text(f"{acting.what} at {acting.bodies[0].name}" if acting.load.misplacement else ""),)
+            (self._add_text(acting.place if acting.load.misplacement else ""),)
             for acting in self._simulation.compiled.mechanism.loads()
+        ]
+        mechanism, inputs = self._simulation.compiled.mechanism, self._simulation.compiled.inputs
+        rows["free_rates"] = [
+            (self._add_text(body.name if body.joint.rate is None else ""),)
+            for body in free_bodies(mechanism)
+            for _ in range(body.joint.nv)
+        ]
+        units = {v.name: v.unit for v in inputs.variables}
+        rows["supports"] = [
+            (self._references[name], self._add_text(units[name])) for name, *_ in inputs.supports().values()
         ]
         rows["text"] = [(byte,) for byte in self._text]
         header = np.zeros(1, layout.HEADER)
@@ -200,6 +218,7 @@ class _File:
         compiled, freedom = self._simulation.compiled, self._simulation.stepper.freedom
         header["exchange"], header["positions"], header["velocities"] = self._exchanges, system.nq, system.n
         header["reports_coarse"] = bool(describe_coarse(compiled, COARSE_TOLERANCE, freedom))
+        header["reports_undetermined"] = compiled.has_force_outputs
         for name, place in self._places.items():
             header[f"{name}_at"] = place
         return b"".join((header.tobytes(), *parts, self._block))

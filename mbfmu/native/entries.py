@@ -32,13 +32,14 @@ from mbfmu.sheets import sensors as sheet_sensors
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import as_kernel, jit_uncached, records, types
 from solvers.compiled.tuple_pointer import pin, unpin
-from solvers.energy_account import ACCOUNT_SIZE, EnergyScales
+from solvers.energy_account import ACCOUNT_SIZE, WORK, EnergyScales
 from solvers.loop_closure import ASSEMBLED, ClosureScratch
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
 from solvers.stepper import advance_in_pieces_of
 from solvers.steppers import drop_unlisted
+from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
 
@@ -203,12 +204,15 @@ _named = cache(as_kernel)  # what two families call is compiled once
 def solver_actions(name: str) -> SolverActions:
     """Return what the solvers of a family do for an instance, as kernels."""
     family = FAMILIES[name]
-    advance_reported, limit, continued = family.loop.advance_reported, family.limit, family.continue_at_state
+    advance_reported, needs_work = family.loop.advance_reported, family.needs_work
+    start_method, limit_method, _ = family.method
 
     @jit_uncached
     def limit_steps(instance: Any, t: float) -> float:
-        longest, until = input_step_limit(t, instance.given.eqs.data)
-        limit(instance.given, t, min(longest, instance.options[0].max_step))
+        own = instance.given
+        longest, until = input_step_limit(t, own.eqs.data)
+        longest = min(longest, instance.options[0].max_step)
+        limit_method(own.memory, own.settings, t, own.q, own.v, own.energy_account[WORK], longest)
         return float(until)
 
     @jit_uncached
@@ -228,18 +232,26 @@ def solver_actions(name: str) -> SolverActions:
         return int(status.code)
 
     @jit_uncached
+    def start(instance: Any, truncated_steps: int, keeps_position: bool) -> None:
+        own = instance.given
+        has_work = own.eqs.data.arrays.world[0].nonconservative == 1 and needs_work(own.settings[0])
+        own.settings[0].works = 1 if has_work else 0
+        state = instance.clock[0], own.q, own.v, own.energy_account[WORK]
+        start_method(own.memory, *state, truncated_steps, keeps_position)
+
+    @jit_uncached
     def continue_at_state(instance: Any) -> None:
-        continued(instance, False)
+        start(instance, TRUNCATED_STEPS, instance.session.status[0].code == OK)
 
     @jit_uncached
     def restart(instance: Any) -> None:
-        continued(instance, True)
+        start(instance, 0, False)
 
     @jit_uncached
     def jump(instance: Any) -> None:
         for i in range(instance.dv.shape[0]):
             instance.v[i] += instance.dv[i]
-        continued(instance, False)
+        continue_at_state(instance)
 
     return SolverActions(advance, family.evaluate, continue_at_state, restart, jump)
 
@@ -247,8 +259,9 @@ def solver_actions(name: str) -> SolverActions:
 def entries(name: str) -> dict[str, Entry]:
     """Return the entry points of a family by their names."""
     family, actions = FAMILIES[name], solver_actions(name)
-    assembled, begun, continued, counted = family.assemble, family.begin, family.continue_at_state, family.count
+    assembled, begun, counted = family.assemble, family.begin, family.method.count
     sequence, advanced = sequence_of(actions, jit_uncached), actions.advance
+    restarted, continued = actions.restart, actions.continue_at_state
 
     def start(instance: Any, index: int, value: float) -> int:
         """Let an input have another value at the start, before :func:`begin`."""
@@ -271,7 +284,7 @@ def entries(name: str) -> dict[str, Entry]:
         problem = instance.given
         instance.clock[0], problem.scales.rtol[0] = t, instance.options[0].rtol
         code, rate = begun(instance, t)
-        continued(instance, True)
+        restarted(instance)
         options, freedom = instance.options[0], problem.v.shape[0] - problem.memory.control[0].rank
         begin_session(
             instance.session,
@@ -294,7 +307,7 @@ def entries(name: str) -> dict[str, Entry]:
 
     def continue_at_state(instance: Any) -> int:
         """Go on where loads have changed."""
-        continued(instance, False)
+        continued(instance)
         return OK
 
     def advance(instance: Any, t: float) -> int:
@@ -304,7 +317,7 @@ def entries(name: str) -> dict[str, Entry]:
 
     def count(instance: Any) -> int:
         """Write the cost of the run so far."""
-        counted(instance.given, instance.counts)
+        counted(instance.given.memory, instance.counts)
         return OK
 
     timed, given = (types.float64,), (types.int64, types.float64)

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 from mbfmu.mechanics.recursions import dynamics as recursions
 from solvers.compiled.kernel import kernel
-from solvers.energy_account import WORK
 from solvers.loop_closure import (
     ASSEMBLED,
     check_mobile_mass,
@@ -23,22 +22,23 @@ from solvers.outcome import OK
 from solvers.positions import position_sizes
 from solvers.projection.projection import project
 from solvers.projection.rank import find_normal_rank
-from solvers.projection.reported import evaluate_state
+from solvers.projection.reported import evaluate_state, has_unresolved_forces
 from solvers.projection.workspace import Workspace
 from solvers.steppers.adams import loop as adams
 from solvers.steppers.adams import tree_loop
-from solvers.steppers.adams.formulas import History, restart_history
+from solvers.steppers.adams.formulas import History
 from solvers.steppers.adams.hybrid import HYBRID
-from solvers.steppers.adams.jumps import limit_steps
+from solvers.steppers.adams.method import ADAMS_KERNELS
 from solvers.steppers.adams.pece import set_options
+from solvers.steppers.compiled_loop import MethodKernels
 from solvers.steppers.dense import estimate_rates
 from solvers.steppers.radau import loop as radau
+from solvers.steppers.radau.dense import RadauMethod
 from solvers.steppers.radau.formulas import Memory
-from solvers.steppers.step_control import TRUNCATED_STEPS
-from solvers.steppers.tree import Scratch, TreeEquations
+from solvers.steppers.tree import TreeEquations, TreeScratch
 from solvers.system import Equations, Terms
 
-from .start_checks import NO_BRANCH, find_turned
+from .start_checks import NO_BRANCH, find_turned, mark_free_rates
 
 DENSE_KERNELS = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
 TREE_KERNELS = {name: getattr(recursions, name) for name in TreeEquations._fields[:-1]}
@@ -46,7 +46,7 @@ TREE_KERNELS["power"] = recursions.solved_power
 
 
 class Family(NamedTuple):
-    """What is a family's own. All kernels but the last two take an instance first."""
+    """What is a family's own. All kernels but those of the method and of its settings take an instance first."""
 
     loop: ModuleType  # with its kernels ``advance_reported``, and SETTINGS
     callbacks: dict[str, Callable[..., Any]]  # of its equations
@@ -57,9 +57,8 @@ class Family(NamedTuple):
     begin: Any  # (instance, t) -> code and rate (1/s): options, units and paces as a stepper's constructor takes
     # them, and a flaw of the start into the status of the run
     evaluate: Any  # (instance) -> code: accelerations and multipliers at the reported state
-    continue_at_state: Any  # (instance, restart): continue at the reported state; restart: no history is kept
-    limit: Any  # (problem, t, longest): no step from the reported state at t on is longer, s
-    count: Any  # (problem, counts): what the run has cost, in the order of COUNTERS
+    needs_work: Any  # (settings) -> whether the work of forces without a potential is to be integrated
+    method: MethodKernels
 
 
 @kernel
@@ -98,6 +97,7 @@ def project_and_scale(instance: Any, t: float) -> tuple[int, int]:
     problem.eqs.dynamics(t, problem.q, problem.v, problem.eqs.data, problem.eqs.terms)
     off = is_off_branch(problem.eqs.terms, problem.v, rank, instance.options[0].rtol, instance.start.scratch)
     instance.session.status[0].flaw = NO_BRANCH if off else ASSEMBLED
+    instance.session.status[0].singular = mark_free_rates(problem.eqs.terms.J, rank, instance.start.scratch)
     estimate_rates(
         problem.eqs,
         t,
@@ -134,7 +134,7 @@ def begin_radau(instance: Any, t: float) -> tuple[int, float]:
 def begin_tree(instance: Any, t: float) -> tuple[int, float]:
     """As ``TreeAdamsStepper`` is made."""
     set_options(instance.options, instance.given.settings)
-    instance.session.status[0].flaw = ASSEMBLED
+    instance.session.status[0].flaw, instance.session.status[0].singular = ASSEMBLED, 0
     tree_loop.set_up(instance.given, t, instance.known[0], instance.options[0].duration)
     return OK, instance.given.settings[0].rate
 
@@ -143,16 +143,11 @@ def begin_tree(instance: Any, t: float) -> tuple[int, float]:
 def evaluate_dense(instance: Any) -> int:
     """Fill ``instance.a`` and ``instance.lam``."""
     problem = instance.given
-    code: int = evaluate_state(
-        problem.eqs,
-        instance.clock[0],
-        problem.q,
-        problem.v,
-        problem.memory.control[0].rank,
-        problem.work,
-        instance.a,
-        instance.lam,
-    )
+    control, t = problem.memory.control[0], instance.clock[0]
+    state = t, problem.q, problem.v, control.rank, problem.work
+    code: int = evaluate_state(problem.eqs, *state, instance.a, instance.lam)
+    if code == OK and has_unresolved_forces(instance.options[0].rtol, control.rank, problem.work):
+        control.undetermined, control.undetermined_at = 1, t
     return code
 
 
@@ -164,92 +159,15 @@ def evaluate_tree(instance: Any) -> int:
 
 
 @kernel
-def continue_history(instance: Any, restart: bool, watched: bool) -> None:
-    """As ``LoopStepper.continue_after_event`` does; ``restart``: as its ``restart``; ``watched``: work is to be
-    booked.
-    """
-    problem, keeps_position, rk_steps = (
-        instance.given,
-        not restart and instance.session.status[0].code == OK,
-        0 if restart else TRUNCATED_STEPS,
-    )
-    problem.settings[0].works = 1 if watched and problem.eqs.data.arrays.world[0].nonconservative == 1 else 0
-    restart_history(
-        problem.memory,
-        instance.clock[0],
-        problem.q,
-        problem.v,
-        problem.energy_account[WORK],
-        rk_steps,
-        0 if restart else 1,
-        keeps_position,
-    )
+def checks_energy(settings: Any) -> bool:
+    """Whether work is needed: for the energy check."""
+    return bool(settings.energy_check == 1)
 
 
 @kernel
-def continue_adams(instance: Any, restart: bool) -> None:
-    """See :func:`continue_history`."""
-    settings = instance.given.settings[0]
-    continue_history(instance, restart, settings.energy_check == 1 or settings.partition == HYBRID)
-
-
-@kernel
-def continue_tree(instance: Any, restart: bool) -> None:
-    """See :func:`continue_history`."""
-    continue_history(instance, restart, instance.given.settings[0].energy_check == 1)
-
-
-@kernel
-def continue_radau(instance: Any, restart: bool) -> None:
-    """As ``RadauStepper.continue_after_event`` does; ``restart``: as its ``restart``."""
-    problem, keeps_position = instance.given, not restart and instance.session.status[0].code == OK
-    settings = problem.settings[0]
-    settings.works = 1 if settings.energy_check == 1 and problem.eqs.data.arrays.world[0].nonconservative == 1 else 0
-    radau.restart_at_state(
-        problem.memory,
-        instance.clock[0],
-        problem.q,
-        problem.v,
-        problem.energy_account[WORK],
-        0 if restart else TRUNCATED_STEPS,
-        keeps_position,
-    )
-    if restart:
-        problem.memory.control[0].has_derivatives = 0
-
-
-@kernel
-def limit_history(problem: Any, t: float, longest: float) -> None:
-    """As ``AdamsMethod.limit_step`` does."""
-    limit_steps(problem.memory, problem.settings, t, problem.q, problem.v, problem.energy_account[WORK], longest)
-
-
-@kernel
-def limit_radau(problem: Any, t: float, longest: float) -> None:
-    """As ``CompiledMethod.limit_step`` does."""
-    problem.settings[0].max_step = longest
-
-
-@kernel
-def count_adams(problem: Any, counts: Any) -> None:
-    """As ``statistics`` of steppers on Adams formulas."""
-    control = problem.memory.control[0]
-    left = control.by_turn + control.by_flicker + control.by_energy + control.by_collapse
-    counts[0], counts[1], counts[2], counts[3] = (
-        control.steps,
-        control.rejected,
-        control.evaluations,
-        left + control.returns,
-    )
-    counts[4], counts[5] = max(0, control.starts - 1), control.stability_limited
-
-
-@kernel
-def count_radau(problem: Any, counts: Any) -> None:
-    """As ``RadauStepper.statistics``."""
-    control = problem.memory.control[0]
-    counts[0], counts[1], counts[2] = control.steps, control.rejected, control.evaluations
-    counts[4] = max(0, control.starts - 1)
+def checks_or_watches_energy(settings: Any) -> bool:
+    """Whether work is needed: for the energy check, or for the hybrid, which checks for jumps of the energy."""
+    return bool(settings.energy_check == 1 or settings.partition == HYBRID)
 
 
 def _dense_equations(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> Equations:
@@ -267,16 +185,16 @@ def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
 FAMILIES = {  # by the prefix of their entry points
     "adams": Family(
         adams, DENSE_KERNELS, _dense_equations, History.allocate, _workspace,
-        assemble_dense, begin_adams, evaluate_dense, continue_adams, limit_history, count_adams,
+        assemble_dense, begin_adams, evaluate_dense, checks_or_watches_energy, ADAMS_KERNELS,
     ),
     "radau": Family(
         radau, DENSE_KERNELS, _dense_equations, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
-        assemble_dense, begin_radau, evaluate_dense, continue_radau, limit_radau, count_radau,
+        assemble_dense, begin_radau, evaluate_dense, checks_energy, RadauMethod.kernels,
     ),
     "tree": Family(
         tree_loop, TREE_KERNELS, _tree_equations, History.allocate,
-        lambda nq, n, m, p: Scratch.allocate(nq, n, p),
-        assemble_tree, begin_tree, evaluate_tree, continue_tree, limit_history, count_adams,
+        lambda nq, n, m, p: TreeScratch.allocate(nq, n, p),
+        assemble_tree, begin_tree, evaluate_tree, checks_energy, ADAMS_KERNELS,
     ),
 }  # fmt: skip
 NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau")  # that they serve

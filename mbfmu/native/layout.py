@@ -11,18 +11,21 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from mbfmu.mechanics import MAX_VALID_RATIO
 from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import Role, Type
+from mbfmu.session import run_messages
 from mbfmu.session.kernels.points import RUN_STATUS
-from mbfmu.session.tolerances import COARSE_REMEDY, COARSE_TEXT, COARSE_TOLERANCE
+from mbfmu.session.tolerances import COARSE_TOLERANCE
 from mbfmu.sheets.elements.bending import ADVICE, MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.balance import PASSAGE_INACCURATE
 from solvers.compiled.kernel import types
-from solvers.loop_closure import WORST, Outcome
+from solvers.loop_closure import Outcome, WorstRecord
 from solvers.options import OPTIONS
 from solvers.outcome import Code
+from solvers.steppers.compiled_loop import LIMITED_TOLERANCE
 
 from .checksum import crc64
 from .entries import Entry, shipped_kernels
@@ -71,6 +74,7 @@ LENGTH_VARIABLE = -1
 SENTENCE = np.dtype([("what", "i8"), ("remedy", "i8")])  # places in the text, by solvers.outcome.Code
 FAILURE = np.dtype([("before", "i8"), ("between", "i8"), ("after", "i8")])  # by Outcome, then start_checks.Flaw
 NAME_RECORD = np.dtype([("name", "i8")])  # place in the text
+SUPPORT_RECORD = np.dtype([("variable", "i8"), ("unit", "i8")])  # first input of a support; its unit in the text
 
 SECTIONS = {
     "variables": VARIABLE,
@@ -88,6 +92,8 @@ SECTIONS = {
     "coordinates": NAME_RECORD,
     "cuts": NAME_RECORD,
     "loads": NAME_RECORD,
+    "free_rates": NAME_RECORD,  # of the coordinates: their bodies if their rates are not given, else empty
+    "supports": SUPPORT_RECORD,
     "text": np.dtype("u1"),
 }
 HEADER_OFFSETS = (
@@ -103,6 +109,10 @@ HEADER_OFFSETS = (
     "exchange_derivatives",
     "exchange_nominal",
     "exchange_times",
+    "undetermined",
+    "undetermined_time",
+    "near_miss_factor",
+    "near_miss_gap",
 )  # of arrays that C looks at, in the block
 HEADER = np.dtype(
     [
@@ -116,6 +126,7 @@ HEADER = np.dtype(
         ("saved", "i8"),  # of it, what is saved and restored
         ("root", "i8"),
         ("reports_coarse", "i8"),  # 1: a coarse tolerance is reported at the start
+        ("reports_undetermined", "i8"),  # 1: some output is a force, and it is reported that forces are not determined
         ("exchange", "i8"),  # 1: model exchange is supported
         ("positions", "i8"),  # number of free positions, and of velocities
         ("velocities", "i8"),
@@ -126,8 +137,20 @@ HEADER = np.dtype(
 STRUCTS = {
     "Header": HEADER, "Variable": VARIABLE, "Array": ARRAY, "Member": MEMBER, "Entry": ENTRY, "Sum": SUM, "Term": TERM,
     "Factor": FACTOR, "Relocation": RELOCATION, "Sentence": SENTENCE, "Failure": FAILURE, "Name": NAME_RECORD,
-    "Options": OPTIONS, "RunStatus": RUN_STATUS, "Worst": WORST,
+    "Support": SUPPORT_RECORD, "Options": OPTIONS, "RunStatus": RUN_STATUS, "Worst": WorstRecord.dtype,
 }  # fmt: skip
+
+
+TEXTS: dict[str, Diagnostic | str] = {  # of diagnostics, with fields that C fills
+    "COARSE_TOLERANCE_TEXT": run_messages.COARSE_TOLERANCE_WARNING,
+    "ENERGY_BALANCE_TEXT": run_messages.ENERGY_BALANCE,
+    "EXCHANGED_ENERGY_PART": run_messages.EXCHANGED_ENERGY_PART,
+    "INPUT_JUMP_TEXT": run_messages.INPUT_JUMP,
+    "LIMITED_TOLERANCE_TEXT": LIMITED_TOLERANCE,
+    "SINGULAR_START_TEXT": run_messages.SINGULAR_START,
+    "SLOW_PASSAGE_TEXT": run_messages.SLOW_PASSAGE,
+    "UNDETERMINED_FORCES_TEXT": run_messages.UNDETERMINED_FORCES,
+}
 
 
 def signed(data: bytes, token: str) -> bytes:
@@ -147,14 +170,13 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     lines += [f"#define MAGIC INT64_C({FILE_MAGIC})", f"#define LENGTH ({LENGTH_VARIABLE})"]
     limits = {"MAX_ACCURATE_ANGLE": MAX_ACCURATE_ANGLE, "MAX_VALID_ANGLE": MAX_VALID_ANGLE}  # of shipped elements
     lines += [f"#define {name} {float(np.degrees(angle))!r} /* degrees */" for name, angle in limits.items()]
-    lines.append(f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}")
+    lines += [f"#define MAX_VALID_RATIO {MAX_VALID_RATIO!r}", f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}"]
     lines += [f"#define LEFT_BRANCH ({LEFT_BRANCH})", f"#define STATES_NOT_FINITE ({STATES_NOT_FINITE})"]
     lines.append(f"#define EXCHANGE_TIMES {TIMES}")
     lines.append(f"#define MOVES_WITHOUT_DERIVATIVES {MOVES_WITHOUT_DERIVATIVES}")
     lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
-    coarse = Diagnostic.warning("coarse-tolerance", COARSE_TEXT, COARSE_REMEDY)
-    lines.append(f"#define COARSE_TEXT {json.dumps(str(coarse))}")
+    lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]
     lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(shipped_kernels())}", ""]
     lines += [_struct(name, record) for name, record in STRUCTS.items()]
     lines += [

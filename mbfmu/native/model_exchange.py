@@ -30,18 +30,18 @@ from mbfmu.mechanics.arrays.input_kernels import EXTRAPOLATED_LOAD, GRAVITY_LOAD
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
 from mbfmu.mechanics.signals.step import JUMP_TIME_TOLERANCE
 from mbfmu.session.kernels.points import energy_at
-from solvers.compiled.kernel import kernel, records, types
+from solvers.compiled.kernel import kernel, types
 from solvers.outcome import OK
 from solvers.projection.branch import BRANCH_RESOLUTION, on_same_branch
 from solvers.projection.projection import evaluate_acceleration, project
 from solvers.projection.singular import NO_CRITICAL_POINT, record_accepted
-from solvers.projection.workspace import BRANCH_HISTORY, CRITICAL, evaluate_and_factor
+from solvers.projection.workspace import BranchHistoryRecord, CriticalRecord, evaluate_and_factor
 from solvers.steppers.adams.tree_loop import evaluate_forward_dynamics
 from solvers.system import Array
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.arrays.input_kernels import InputRecords
-    from solvers.compiled.record import Reals
+    from solvers.compiled.record import Reals, Table
     from solvers.positions import Positions
 
 # Codes in addition to those of solvers.outcome: the state is on another branch of the motion; it is not finite
@@ -60,14 +60,14 @@ SAME_TIME = 1e-10  # relative, or s
 class Branch(NamedTuple):
     """What is known of the branch of the motion: fields of :class:`solvers.projection.workspace.Workspace`."""
 
-    critical: NDArray[Any]
+    critical: Table[CriticalRecord]
     q_c: Array
     u: Array
     C: Array
     C_tau: Array
     C_pivots: NDArray[np.int64]
     J_last: Array
-    branch_history: NDArray[Any]
+    branch_history: Table[BranchHistoryRecord]
     frame: Array
     frame_tau: Array
     frame_pivots: NDArray[np.int64]
@@ -78,8 +78,8 @@ class Branch(NamedTuple):
     def allocate(nq: int, n: int, m: int) -> Branch:
         """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         z, i = np.zeros, np.int64
-        critical = records(1, CRITICAL), z(nq), z(m), z((m, n)), z(m), z(m, i)
-        frame = z((m, n)), records(1, BRANCH_HISTORY), z((m, n)), z(m), z(m, i), z(nq), z(m)
+        critical = CriticalRecord.zeros(1), z(nq), z(m), z((m, n)), z(m), z(m, i)
+        frame = z((m, n)), BranchHistoryRecord.zeros(1), z((m, n)), z(m), z(m, i), z(nq), z(m)
         return Branch._make((*critical, *frame))
 
 

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.arrays.closing import fill_frame_angles
-from mbfmu.mechanics.arrays.load_groups import find_misplaced_load
+from mbfmu.mechanics.arrays.load_groups import MISPLACED_LOAD, find_misplaced_load
 from mbfmu.mechanics.loads.base import MAX_MISPLACEMENT
+from mbfmu.session.failure_diagnosis import MIN_RATE_PARTICIPATION
 from mbfmu.session.kernels.points import energy_at
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.compiled.kernel import kernel
-from solvers.loop_closure import ASSEMBLED, Outcome
+from solvers.linalg.dense import apply_Q
+from solvers.loop_closure import ASSEMBLED, Outcome, factor_scaled_jacobian
 from solvers.stepper import RESOLVED, UNRESOLVED_TIME, find_unresolved
 
 
@@ -48,12 +50,7 @@ START_MESSAGES = {
         "tolerance",
         "Start nearer to zero (an angle minus a multiple of 2 pi is the same position)",
     ),
-    Flaw.MISPLACED: Diagnostic.error(
-        "invalid-value",
-        "{name!r} is misplaced at the start: its bodies are {gap:.3g} times as far from the places that it requires as "
-        "is allowed",
-        "Give start positions in which they are nearer to these",
-    ),
+    Flaw.MISPLACED: MISPLACED_LOAD,
     Flaw.NO_BRANCH: Diagnostic.error(
         "singular-start",
         "the start is a singular configuration, in which several branches of the motion cross, and the given rates are "
@@ -84,6 +81,28 @@ def find_misplaced(instance: Any, t: float) -> int:
         return ASSEMBLED
     worst.row, worst.gap = k, ratio
     return MISPLACED
+
+
+@kernel
+def mark_free_rates(J: Any, rank: int, work: Any) -> int:
+    """1 if J (m, n) has not the ``rank`` at the start that it has nearby, else 0; then ``work.massless`` is 1 for
+    coordinates whose rates the loops do not determine, see :func:`mbfmu.session.failure_diagnosis`.
+    """
+    n, x = J.shape[1], work.left_B
+    for j in range(n):
+        work.massless[j] = 0.0
+    here = factor_scaled_jacobian(J, True, work) if rank > 0 else rank
+    if here >= rank:
+        return 0
+    for k in range(here, n):
+        for j in range(n):
+            x[j] = 1.0 if j == k else 0.0
+        apply_Q(work.A, work.tau, here, n, x)
+        for j in range(n):
+            work.massless[j] += x[j] * x[j]
+    for j in range(n):
+        work.massless[j] = 1.0 if np.sqrt(work.massless[j]) > MIN_RATE_PARTICIPATION else 0.0
+    return 1
 
 
 @kernel

@@ -19,6 +19,8 @@ from mbfmu.mechanics import CompiledMechanism
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.balance import BALANCE_OK, PASSAGE_INACCURATE
 
+from .run_messages import ENERGY_BALANCE, EXCHANGED_ENERGY_PART, SLOW_PASSAGE, filled
+
 Array = NDArray[np.float64]
 Place = tuple[float, Array]  # t, q
 
@@ -62,31 +64,17 @@ class EnergyCheck:
         """Return the warning about a violation here; ``before`` is the last state without one, if there is any."""
         status = self._status[0]
         energy_error, passage, exchanged = (float(status[name]) for name in ("energy_error", "passage", "exchanged"))
-        more = "more" if energy_error > 0.0 else "less"
-        change = f"the energy has changed by {abs(energy_error):.3g} J {more} than the work done on the mechanism"
+        values: dict[str, Any] = {
+            "t": here[0],
+            "change": abs(energy_error),
+            "direction": "more" if energy_error > 0.0 else "less",
+        }
         if status["lost"] == PASSAGE_INACCURATE:
-            return Diagnostic.warning(
-                "slow-passage",
-                f"the energy error is too large at t = {here[0]:.6g} s: {change}, which is "
-                f"{abs(energy_error) / passage:.2g} of the {passage:.3g} J by which the motion has just passed an "
-                "unstable equilibrium, or missed it",
-                "The time of the passage and the motion after it may be wrong: reduce the tolerance and compare the "
-                "results",
-                subject="energy_error",
-                time=here[0],
-            )
-        part = (
-            f", {abs(energy_error) / exchanged:.2g} of the {exchanged:.3g} J of energy exchanged" if exchanged else ""
-        )
-        return Diagnostic.warning(
-            "energy-balance",
-            f"the energy error is too large at t = {here[0]:.6g} s: {change}{part}, and more than the tolerance "
-            f"explains{nearest(self.compiled, before or here, here)}",
-            "The motion after this time may be wrong: reduce the tolerance or use another solver, and compare the "
-            "results",
-            subject="energy_error",
-            time=here[0],
-        )
+            values |= {"part": abs(energy_error) / passage, "passage": passage}
+            return filled(SLOW_PASSAGE, time=here[0], **values)
+        part = {"part": abs(energy_error) / exchanged, "exchanged": exchanged} if exchanged else {}
+        values |= {"part": EXCHANGED_ENERGY_PART.format(**part) if part else ""}
+        return filled(ENERGY_BALANCE, time=here[0], **values, nearest=nearest(self.compiled, before or here, here))
 
 
 def nearest(compiled: CompiledMechanism, before: Place, here: Place) -> str:

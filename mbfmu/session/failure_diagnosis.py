@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,8 @@ from solvers.compiled.tuple_pointer import pin
 from solvers.loop_closure import ClosureScratch, is_off_branch
 from solvers.outcome import Code, Status
 from solvers.system import Array
+
+from .run_messages import SINGULAR_START
 
 SEARCH_INTERVALS = 100  # intervals of the requested time, in which loops are closed one after the other
 REACHED_TIME_TOLERANCE = 1e-9  # of that time, to which the last position they reach is found
@@ -144,11 +146,15 @@ def _find_last_reachable_time(compiled: CompiledMechanism, begin: float, q: Arra
 
 def describe_free_rates(compiled: CompiledMechanism, t: float, q: Array) -> str:
     """Return a message on the rates that choose the branch in a singular configuration q (nq,); empty: all given."""
-    names = [repr(name) for name in find_undetermined_rates(compiled, t, q)]
-    if not names:
-        return ""
-    joints = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-    return f"Give the rate{'s' if len(names) > 1 else ''} of {joints} to choose the branch"
+    names = find_undetermined_rates(compiled, t, q)
+    return SINGULAR_START.remedy.format(**free_rates(names)) if names else ""
+
+
+def free_rates(names: Sequence[str]) -> dict[str, str]:
+    """Return the fields of the remedy of SINGULAR_START for joints of these names."""
+    quoted = [repr(name) for name in names]
+    joints = " and ".join(filter(None, (", ".join(quoted[:-1]), quoted[-1])))
+    return {"plural": "s" if len(names) > 1 else "", "joints": joints}
 
 
 def explain_rates(compiled: CompiledMechanism, t: float, q: Array, v: Array, rank: int, tolerance: float) -> str:

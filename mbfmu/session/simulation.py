@@ -30,8 +30,9 @@ from solvers.steppers.guard import GuardedStepper
 
 from .element_monitor import ElementMonitor, Furthest
 from .energy_check import EnergyCheck
-from .failure_diagnosis import describe_free_rates, explain_failure, explain_rates
+from .failure_diagnosis import explain_failure, explain_rates, find_undetermined_rates, free_rates
 from .kernels.points import Session, begin_session
+from .run_messages import INPUT_JUMP, SINGULAR_START, UNDETERMINED_FORCES, filled
 from .serialization import decode_state, encode_state
 from .solver_selection import SolverChoice, limit_order, select_solver
 from .step_count import StepCountCheck
@@ -172,12 +173,8 @@ class Simulation(Diagnosed):
             rank = self.compiled.system.n - self.stepper.freedom
             if off := explain_rates(self.compiled, t, q, v, rank, settings.tolerance):
                 raise UserError(f"model {self.model.name!r}: {off}", "singular-start")
-        if self.stepper.starts_singular and (advice := describe_free_rates(self.compiled, t, q)):
-            text = (
-                "the start is a singular configuration, in which the loops do not determine all rates; the rates "
-                "nearest to the given ones are used"
-            )
-            found.append(Diagnostic.warning("singular-start", text, advice, time=t))
+        if self.stepper.starts_singular and (names := find_undetermined_rates(self.compiled, t, q)):
+            found.append(filled(SINGULAR_START, time=t, **free_rates(names)))
         found += [*unstable, *self.compiled.explain_lock(t, q, self.stepper.freedom), *self.compiled.rounding]
         if not settings.start_at_equilibrium:
             found += self.compiled.assembly.changes(q, v, settings.tolerance)
@@ -367,15 +364,11 @@ class Simulation(Diagnosed):
                 f"the rate of input {names} jumps at t = {t:.9g} s, where the impulse is not determined: "
                 f"{self._run.error}"
             ) from self._run.error
-        for name, size in inputs.jumped() if self._supports_jump[0] else []:
+        for name, size, unit in inputs.jumped() if self._supports_jump[0] else []:
             if name not in self._reported_jumps:
                 self._reported_jumps.add(name)
-                text = (
-                    f"input {name!r} at t = {t:.9g} s: its position differs by {size} from the value that its rate "
-                    "gives; the joint is moved there within the next communication step"
-                )
-                remedy = "Set position and rate consistently, or use a smaller communication step"
-                self._noted.append(Diagnostic.warning("input-jump", text, remedy, subject=name, time=t))
+                values = {"name": name, "t": t, "size": size, "unit": unit}
+                self._noted.append(filled(INPUT_JUMP, time=t, subject=name, **values))
 
     def outputs(self) -> Array:
         """Return the outputs at the time reached.
@@ -450,12 +443,7 @@ class Simulation(Diagnosed):
         if isnan(self.stepper.undetermined_at) or self._reported_undetermined or not self.compiled.has_force_outputs:
             return
         self._reported_undetermined, t = True, float(self.stepper.undetermined_at)
-        text = (
-            f"outputs of forces at t = {t:.9g} s are not determined and may be unbounded, because the mechanism is in "
-            "a singular configuration or too near to one"
-        )
-        remedy = "Read them at other times, or change the lengths of the loop"
-        self._noted.append(Diagnostic.warning("undetermined-forces", text, remedy, time=t))
+        self._noted.append(filled(UNDETERMINED_FORCES, time=t, t=t))
 
     def _input(self, key: int | str) -> int:
         """Return the number of an input."""

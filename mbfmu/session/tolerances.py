@@ -5,14 +5,10 @@ from __future__ import annotations
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.util.diagnostics import Diagnostic
 
+from .run_messages import COARSE_TOLERANCE_WARNING, filled
+
 STIFF_OUTPUT_TOLERANCE = 1e-7  # tolerance at which forces in the plane of a sheet in motion are good to some percents
 COARSE_TOLERANCE = 1e-3  # from which on runs report how large their errors may be
-COARSE_ERROR = 100.0  # tolerances times the growth of errors of the motion: what counts as right in tests
-COARSE_TEXT = (
-    f"errors may be about {COARSE_ERROR:g} times the tolerance (in rad, or in lengths of the mechanism), multiplied by "
-    "the growth of errors of the motion itself, which is large near unstable equilibria and in chaotic motions"
-)
-COARSE_REMEDY = "Repeat the run with a tenth of the tolerance and compare the results"
 
 
 def describe_loose(compiled: CompiledMechanism, tolerance: float) -> list[Diagnostic]:
@@ -37,5 +33,4 @@ def describe_coarse(compiled: CompiledMechanism, tolerance: float, freedom: int)
     """
     if tolerance < COARSE_TOLERANCE or freedom == 0 or compiled.mechanism.meshes:
         return []
-    text = f"the tolerance is {tolerance:g}: {COARSE_TEXT}"
-    return [Diagnostic.warning("coarse-tolerance", text, COARSE_REMEDY, subject="tolerance")]
+    return [filled(COARSE_TOLERANCE_WARNING, tolerance=tolerance)]

@@ -56,11 +56,13 @@ def compile_kernels(trial: Stepper, compiled: CompiledMechanism, outputs: int) -
     compiled.observe(t0, q, v, np.zeros(len(v)), np.zeros(compiled.system.m), values[0])
     compiled.energy(t0, q, v)
     compiled.limit_ratio(t0, q)
+    trial.limit_step(h)  # as where a signal changes fast, and no longer
     ends = [trial.status, trial.advance(t0 + 2.0 * h)]
     for k in (3, 4):  # as where loads change, the second time with what is kept across
         trial.continue_after_event()
         ends.append(trial.advance(t0 + k * h))
     _warm_up_points(trial, compiled, outputs)
+    trial.statistics  # noqa: B018  # counts by a kernel
     return len(sampled.q) > 0 and all(status.ok for status in ends)
 
 

@@ -17,6 +17,7 @@ from solvers.compiled.kernel import kernel
 from solvers.system import Array, Terms
 
 if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Data
     from solvers.compiled.record import Reals
 
 STENCIL = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}
@@ -52,7 +53,7 @@ class Deviation(NamedTuple):
 
 
 @kernel
-def _power(function: Any, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, data: Any) -> float:
+def _power(function: Any, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, data: Data) -> float:
     power: float = function(t, q, v, a, lam, data)
     return power
 

@@ -208,7 +208,7 @@ def factor_block(terms: Terms, rank: int, work: Workspace) -> int:
 
 
 @inlined
-def count_regular(L: Any, rank: int) -> int:
+def count_regular(L: Reals, rank: int) -> int:
     """How many of the first ``rank`` diagonal entries of L come before the largest gap; 0: there is none."""
     widest, regular = MIN_PIVOT_GAP, 0
     for r in range(1, rank):
@@ -386,7 +386,8 @@ def apply_block_step(eqs: Equations, largest: float, work: Workspace) -> bool:
     for i in range(n):
         work.dq[i] = part * work.change[i] * work.size[i]
     eqs.retract(work.q_c, work.dq, eqs.data)
-    work.critical[0].t += part * work.change[n] / work.critical[0].rate
+    change: Any = work.change[n]
+    work.critical[0].t += part * change / work.critical[0].rate
     return True
 
 

@@ -21,7 +21,7 @@ values there and the method is better than its name.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -100,7 +100,7 @@ def solve_dependent(rank: int, rows: Integers, columns: Integers, work: Workspac
 
 
 @kernel
-def restore_dependents(rank: int, columns: Integers, last: Any, q: Reals, v: Reals) -> None:
+def restore_dependents(rank: int, columns: Integers, last: Reals, q: Reals, v: Reals) -> None:
     """Set the dependents of q to those of ``last`` if the coordinates of q and v correspond."""
     if q.shape[0] == v.shape[0]:
         for j in range(rank):
@@ -212,7 +212,7 @@ def evaluate_dependent_acceleration(
 
 
 @kernel
-def have_tangents_turned(rank: int, before: Any, work: Workspace) -> bool:
+def have_tangents_turned(rank: int, before: Reals, work: Workspace) -> bool:
     """Whether a motion of one independent has changed by more than half of what it was ``before``."""
     n = work.T.shape[1]
     for k in range(n - rank):

@@ -23,7 +23,7 @@ hardly turn.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -91,7 +91,7 @@ def fill_lost_block(J: Reals, regular: int, work: Workspace, B: Reals) -> bool:
 
 
 @kernel
-def max_tangent_slope(B: Any, regular: int, work: Workspace) -> float:
+def max_tangent_slope(B: Reals, regular: int, work: Workspace) -> float:
     """Largest square of a column of R^-1 N, [R N] = B[:regular]: slope of the tangents of the regular equations, seen
     from Z.
     """

@@ -30,7 +30,7 @@ def _retract(retract: Any, q: Reals, dq: Any, data: Any) -> None:
 
 @kernel
 def _inverse(
-    inverse: Any, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, data: Any, rate: Any, force: Any
+    inverse: Any, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, data: Any, rate: Reals, force: Reals
 ) -> None:
     inverse(t, q, v, a, lam, data, rate, force)
 

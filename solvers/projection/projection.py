@@ -32,7 +32,7 @@ Without velocity there is no tangent, and the branch cannot be determined.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -174,7 +174,7 @@ def project(eqs: Equations, t: float, q: Reals, v: Reals, rank: int, work: Works
 
 @kernel
 def project_with_frozen_jacobian(
-    eqs: Equations, t: float, q: Reals, v: Reals, near: Any, rank: int, slight: float, work: Workspace
+    eqs: Equations, t: float, q: Reals, v: Reals, near: Reals, rank: int, slight: float, work: Workspace
 ) -> int:
     """As :func:`project`, with ``terms`` and the factors of J at the prediction ``near`` (simplified Newton).
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.kernel import inlined, kernel, records
-from solvers.compiled.record import Record, f8, i8
-from solvers.inertia import INERTIA
+from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Record, Table, f8, i8
+from solvers.inertia import InertiaRecord
 from solvers.linalg.dense import factor_lq
 from solvers.system import Array
 
@@ -32,9 +32,6 @@ class CriticalRecord(Record):
     failed_search_ratio: f8  # ratio of the pivots at the last search that failed
 
 
-CRITICAL = CriticalRecord.dtype
-
-
 class BranchHistoryRecord(Record):
     """How the loops have moved lately, from which their branch is known."""
 
@@ -43,9 +40,6 @@ class BranchHistoryRecord(Record):
     decrease_rate: f8  # 1/s, of it in the last step
     step: f8  # s, that step
     time_to_singular: f8  # s, when it would be zero, or stop, if it continues to decrease
-
-
-BRANCH_HISTORY = BranchHistoryRecord.dtype
 
 
 class Workspace(NamedTuple):
@@ -88,7 +82,7 @@ class Workspace(NamedTuple):
     lam: Array  # (m,)    multipliers
     rows: NDArray[np.int64]  # (m,)    candidate choice of rows, int64
     columns: NDArray[np.int64]  # (n,)    candidate choice of coordinates, dependent ones first, int64
-    critical: NDArray[Any]  # (1,)    record of CRITICAL
+    critical: Table[CriticalRecord]  # (1,)
     q_c: Array  # (nq,)   critical point
     q_try: Array  # (nq,)   perturbed position
     u: Array  # (m,)    left null vector there
@@ -108,13 +102,13 @@ class Workspace(NamedTuple):
     C_pivots: NDArray[np.int64]  # (m,)  int64
     J_last: Array  # (m, n)  J~ in the last good position
     slopes: Array  # (m, n)  its part that is zero in the critical point
-    branch_history: NDArray[Any]  # (1,)    record of BRANCH_HISTORY: the last accepted position
+    branch_history: Table[BranchHistoryRecord]  # (1,)    the last accepted position
     frame: Array  # (m, n)  factors of J~ there, see solvers.projection.singular
     frame_tau: Array  # (m,)
     frame_pivots: NDArray[np.int64]  # (m,)  int64
     q_last: Array  # (nq,)   the position itself
     nu_last: Array  # (m,)    what the drives did there, in units of the rows
-    inertia: NDArray[Any]  # (1,)    record of INERTIA: how nearly singular the mass matrix is
+    inertia: Table[InertiaRecord]  # (1,)    how nearly singular the mass matrix is
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Workspace:
@@ -127,10 +121,11 @@ class Workspace(NamedTuple):
         return Workspace(
             one(n), one(nq), one(m), one(n), one(2), one(n), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)),
             z((n, n)), z((1, n)), z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m),
-            pivots_B, z((m, n)), z((m, m)), order, z(m), z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m),
+            pivots_B, z((m, n)), z((m, m)), order, z(m), z(m), rows, columns,
+            CriticalRecord.zeros(1), z(nq), z(nq), z(m),
             z((N, N)), z((N, N)), z(N), K_pivots, z(N), z(N), z(N), z((m, n + 1)), z(m),
-            E_pivots, z((m, n)), z((m, n)), z(m), C_pivots, z((m, n)), z((m, n)), records(1, BRANCH_HISTORY),
-            z((m, n)), z(m), frame_pivots, z(nq), z(m), records(1, INERTIA),
+            E_pivots, z((m, n)), z((m, n)), z(m), C_pivots, z((m, n)), z((m, n)), BranchHistoryRecord.zeros(1),
+            z((m, n)), z(m), frame_pivots, z(nq), z(m), InertiaRecord.zeros(1),
         )  # fmt: skip
 
     def memory(self) -> list[NDArray[Any]]:
@@ -188,7 +183,7 @@ def loop_speed(v: Reals, work: Workspace) -> float:
 
 
 @inlined
-def distance(q: Reals, other: Any, work: Workspace) -> float:
+def distance(q: Reals, other: Reals, work: Workspace) -> float:
     """Distance of two positions (nq,) in units of size."""
     square = 0.0
     for i in range(q.shape[0]):

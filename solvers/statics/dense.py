@@ -41,7 +41,7 @@ from .newton import (
 )
 
 if TYPE_CHECKING:
-    from solvers.compiled.record import Reals
+    from solvers.compiled.record import Integers, Reals
     from solvers.system import Terms
 
 UNDETERMINED_PIVOT_RATIO = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
@@ -100,11 +100,11 @@ def linearize(
     q: Reals,
     lam: Reals,
     moved: Any,
-    rows: Any,
+    rows: Integers,
     c2: float,
     mass: float,
     scale: float,
-    scratch: Any,
+    scratch: NewtonScratch,
 ) -> None:
     """s.f and s.K at (q, lam), c2 M moved among the forces; one evaluation a coordinate. ``scale`` is an energy.
 
@@ -139,7 +139,7 @@ def linearize(
 
 
 @kernel
-def solve_correction(scratch: Any, z: Any) -> float:
+def solve_correction(scratch: NewtonScratch, z: Reals) -> float:
     """z with K z = -f by the factors at hand; return the length of its coordinates, which multipliers follow."""
     N, square = z.shape[0], 0.0
     solve_full_pivot(scratch.LU, N, scratch.rank[0], scratch.order, scratch.columns, scratch.f, z)
@@ -177,7 +177,9 @@ def max_stiffness(scratch: NewtonScratch) -> float:
 
 
 @kernel
-def apply_correction(eqs: Equations, q: Reals, lam: Reals, damping: float, scale: float, scratch: Any) -> None:
+def apply_correction(
+    eqs: Equations, q: Reals, lam: Reals, damping: float, scale: float, scratch: NewtonScratch
+) -> None:
     """s.q_try, s.lam_try, s.moved_try = (q, lam) and s.moved, changed by ``damping`` times the correction s.z."""
     n = scratch.v.shape[0]
     for i in range(q.shape[0]):
@@ -204,7 +206,7 @@ def accept_trial(q: Reals, lam: Reals, scratch: NewtonScratch) -> None:
 
 
 @kernel
-def factor_jacobian(scratch: Any) -> bool:
+def factor_jacobian(scratch: NewtonScratch) -> bool:
     """Eliminate K; False where it or f is not finite."""
     N = scratch.z.shape[0]
     for i in range(N):
@@ -225,7 +227,7 @@ def evaluate(eqs: Equations, t: float, q: Reals, v: Reals) -> None:
 
 
 @kernel
-def find_constraint_forces(rows: Any, terms: Terms, scratch: Any, lam: Reals) -> bool:
+def find_constraint_forces(rows: Integers, terms: Terms, scratch: NewtonScratch, lam: Reals) -> bool:
     """lam (rank,): multipliers of least residual with the ``terms`` at hand; return whether J~ has its full rank."""
     n, rank = scratch.v.shape[0], rows.shape[0]
     for r in range(rank):
@@ -249,7 +251,7 @@ def newton(
     t: float,
     q: Reals,
     lam: Reals,
-    rows: Any,
+    rows: Integers,
     c2: float,
     mass: float,
     scratch: NewtonScratch,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +23,38 @@ from .formulation import Formulation
 from .step_control import TRUNCATED_STEPS
 from .step_loop import Integration
 
+LIMITED_TOLERANCE = Diagnostic.warning(  # its text is filled by native FMUs too, see mbfmu.session.run_messages
+    "limited-tolerance",
+    "the tolerance was {used:.0e} instead of {requested:g} near a singular configuration that the loop misses by "
+    "{gap:.0e} of its size, because rounding errors allow no smaller one there",
+    "Change the lengths of the loop if the error is too large",
+    subject="tolerance",
+)
+COUNTED = ("steps", "rejected", "rhs_evals", "partition_switches", "restarts", "stability_limited")  # of Statistics
+
+
+class MethodKernels(NamedTuple):
+    """What is compiled of a method besides its loop, for steppers in Python and in native FMUs.
+
+    Arguments are the memory of the method, its settings (1,), and a state: time t, s, positions q (nq,), velocities
+    v (n,) and work W, J.
+    """
+
+    # (memory, t, q, v, work, truncated_steps, keeps_position): begin the next step at a state. The truncated steps end
+    # at the requested times, after a change of loads; 0: restart without any history. keeps_position: the position is
+    # on the constraints if it is that of the last step
+    start: Callable[..., Any]
+    limit_step: Callable[..., Any]  # (memory, settings, t, q, v, work, longest): no step from there on is longer, s
+    count: Callable[..., Any]  # (memory, counts): fill the counts in the order of COUNTED, int64
+
 
 class CompiledMethod(ABC):
     """A method whose steps are compiled: its memory, its settings, and how it starts and continues.
 
     Attributes
     ----------
+    kernels
+        How it starts, limits its steps and counts them.
     memory, pinned
         Named tuple of all that an integration remembers, with its ``control`` (1,); and the same for kernels.
     control
@@ -37,33 +65,22 @@ class CompiledMethod(ABC):
         Whether the work is computed even if the energy is not checked.
     """
 
+    kernels: ClassVar[MethodKernels]
     needs_work: bool = False
 
     def __init__(self, memory: Any, settings: NDArray[Any]) -> None:
         self.memory, self.settings = memory, settings
         self.pinned, self.control = pin(memory), memory.control[0]
 
-    @abstractmethod
-    def start(self, t: float, q: Array, v: Array, work: float, truncated_steps: int, keeps_position: bool) -> None:
-        """Begin the next step at a state.
-
-        Parameters
-        ----------
-        t, q, v, work
-            Time, s, positions (nq,), velocities (n,) and work W, J.
-        truncated_steps
-            Number of steps that end at the requested time, after a change of loads; 0: restart without any history.
-        keeps_position
-            Whether the position is on the constraints if it is that of the last step.
-        """
-
-    def limit_step(self, t: float, q: Array, v: Array, work: float, longest: float) -> None:
-        """Limit the length of all later steps from a state on to ``longest``, s."""
-        self.settings["max_step"] = longest
-
-    @abstractmethod
     def counts(self) -> dict[str, Any]:
         """Return counters by the names of :class:`solvers.options.Statistics`."""
+        counts = np.zeros(len(COUNTED), np.int64)
+        self.kernels.count(self.pinned, counts)
+        return dict(zip(COUNTED, counts.tolist(), strict=True)) | self.details()
+
+    @abstractmethod
+    def details(self) -> dict[str, Any]:
+        """Return the other fields of :class:`solvers.options.Statistics` that the method has."""
 
 
 class LoopStepper(Stepper):
@@ -130,7 +147,8 @@ class LoopStepper(Stepper):
     def limit_step(self, longest: float) -> None:
         """As :meth:`solvers.stepper.Stepper.limit_step`; a limit that is in force already is not set again."""
         if longest != self._max_step[0]:
-            self.method.limit_step(*self._reported(), longest)
+            method = self.method
+            method.kernels.limit_step(method.pinned, method.settings, *self._reported(), longest)
 
     def restart(self) -> None:
         """Restart at the reported state, without its history."""
@@ -143,7 +161,7 @@ class LoopStepper(Stepper):
     def _start(self, truncated_steps: int, keeps_position: bool) -> None:
         needs_work = self.options.energy_check or self.method.needs_work
         self._settings["works"] = needs_work and self.system.works()
-        self.method.start(*self._reported(), truncated_steps, keeps_position)
+        self.method.kernels.start(self.method.pinned, *self._reported(), truncated_steps, keeps_position)
 
     def jump(self, dv: Array) -> None:
         """Add dv (n,) to the reported velocities, and continue as after :meth:`continue_after_event`."""
@@ -161,17 +179,9 @@ class LoopStepper(Stepper):
         control = self._control
         if not control["max_near_miss_factor"] > 1.0:
             return ()
-        used = control["max_near_miss_factor"] * self.options.rtol
-        return (
-            Diagnostic.warning(
-                "limited-tolerance",
-                f"the tolerance was {used:.0e} instead of {self.options.rtol:g} near a singular configuration that the "
-                f"loop misses by {control['min_gap']:.0e} of its size, because rounding errors allow no smaller one "
-                "there",
-                "Change the lengths of the loop if the error is too large",
-                subject="tolerance",
-            ),
-        )
+        used, requested = control["max_near_miss_factor"] * self.options.rtol, self.options.rtol
+        text = LIMITED_TOLERANCE.text.format(used=used, requested=requested, gap=control["min_gap"])
+        return (replace(LIMITED_TOLERANCE, text=text),)
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""

@@ -27,6 +27,15 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 
+def require_reals(what: str, values: Any, size: int) -> None:
+    """Raise ContractError unless ``values`` is an array (size,) of real numbers."""
+    array = np.asarray(values)
+    if array.shape != (size,) or array.dtype.kind not in "fiu":
+        raise ContractError(
+            f"{what} of the shape {array.shape} and the type {array.dtype}; allowed: ({size},), of real numbers"
+        )
+
+
 class GuardedStepper(Stepper):
     """A solver from outside the package, whose errors are statuses.
 
@@ -98,15 +107,10 @@ class GuardedStepper(Stepper):
             ("v", inner.v, len(self._v)),
             ("energy_account", inner.energy_account, len(self._energy_account)),
         ):
-            array = np.asarray(values)
-            if array.shape != (size,) or array.dtype.kind not in "fiu":
-                raise ContractError(
-                    f"{what} has reported {name} of the shape {array.shape} and the type {array.dtype}; allowed: "
-                    f"({size},), of real numbers"
-                )
-            if name != "energy_account" and not np.isfinite(array).all():
-                raise ContractError(f"{what} has reported {name} = {array}; allowed: finite numbers")
-            found.append(array)
+            require_reals(f"{what} has reported {name}", values, size)
+            if name != "energy_account" and not np.isfinite(values).all():
+                raise ContractError(f"{what} has reported {name} = {values}; allowed: finite numbers")
+            found.append(values)
         self._t = float(t)
         self._q[:], self._v[:], self._energy_account[:] = found
 
@@ -149,14 +153,16 @@ class GuardedStepper(Stepper):
         nothing = Code.COLLAPSED, np.zeros(n), np.zeros(m)
 
         def checked() -> tuple[Code, Array, Array]:
+            what = f"evaluate() of {type(self.inner).__name__} returned"
             code, a, lam = self.inner.evaluate()
+            if not isinstance(code, Code):
+                raise ContractError(f"{what} the code {code!r}; allowed: a solvers.outcome.Code")
+            if code is not Code.OK:
+                return code, *nothing[1:]
             for name, values, size in (("v'", a, n), ("lambda", lam, m)):
-                array = np.asarray(values)
-                if array.shape != (size,) or array.dtype.kind not in "fiu":
-                    raise ContractError(
-                        f"evaluate() of {type(self.inner).__name__} returned {name} of the shape {array.shape} and the "
-                        f"type {array.dtype}; allowed: ({size},), of real numbers"
-                    )
+                require_reals(f"{what} {name}", values, size)
+                if not np.isfinite(values).all():
+                    raise ContractError(f"{what} {name} = {values}; allowed: finite numbers")
             return code, a, lam
 
         return self._call("evaluate()", checked, nothing)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.kernel import kernel, records
+from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import EnergyScales, update_energy_bound
-from solvers.inertia import INERTIA, tolerance_factor, update_tree_growth
+from solvers.inertia import InertiaRecord, tolerance_factor, update_tree_growth
 from solvers.options import Options
 from solvers.outcome import Code
 from solvers.positions import Positions
@@ -21,7 +21,7 @@ from solvers.system import Array, TreeSystem, energy_callbacks
 from .formulation import Formulation
 
 if TYPE_CHECKING:
-    from solvers.compiled.record import Reals
+    from solvers.compiled.record import Reals, Table
 
 # Absolute tolerance of a rate to that of its coordinate, in units of the motion's rate. A tighter one than IDA's costs
 # nothing if stability limits the step, and a looser one lets the fastest modes grow.
@@ -46,7 +46,7 @@ class TreeEquations(NamedTuple):
         return pin(TreeEquations(*callbacks, system.pinned_data))
 
 
-class Scratch(NamedTuple):
+class TreeScratch(NamedTuple):
     """Units, a state, its rates, and arguments of inverse dynamics.
 
     Only the units and :meth:`memory` are needed after a call.
@@ -63,13 +63,13 @@ class Scratch(NamedTuple):
     zero: Array  # (n,)
     lam: Array  # (m,)   zero
     parts: Array  # (1 + n,) see solvers.system.TreeSystem.inertia_parts
-    inertia: NDArray[Any]  # (1,) record of solvers.inertia.INERTIA
+    inertia: Table[InertiaRecord]  # (1,)
 
     @staticmethod
-    def allocate(nq: int, n: int, positions: Positions, m: int = 0) -> Scratch:
+    def allocate(nq: int, n: int, positions: Positions, m: int = 0) -> TreeScratch:
         """Return zeroed arrays."""
         sizes = n, nq, n, nq, n, n, nq, n, m, 1 + n
-        return Scratch._make((positions, *(np.zeros(size) for size in sizes), records(1, INERTIA)))
+        return TreeScratch._make((positions, *(np.zeros(size) for size in sizes), InertiaRecord.zeros(1)))
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that are needed to continue a motion."""
@@ -78,7 +78,7 @@ class Scratch(NamedTuple):
 
 @kernel
 def compute_tree_power(
-    eqs: TreeEquations, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, scratch: Scratch
+    eqs: TreeEquations, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, scratch: TreeScratch
 ) -> float:
     """W' at a state with accelerations a (n,) and multipliers lam (m,), W; this costs an inverse dynamics."""
     eqs.inverse(t, q, v, a, lam, eqs.data, scratch.qdot, scratch.a)
@@ -94,7 +94,7 @@ def record_tree_energy(
     accounts: Any,
     scales: EnergyScales,
     is_scheduled: bool,
-    scratch: Scratch,
+    scratch: TreeScratch,
 ) -> None:
     """Update the rate growth if it is watched, and if ``is_scheduled`` the energy bound, at (t, q, v)."""
     is_watched = scratch.inertia[0].watched == 1
@@ -125,7 +125,7 @@ class TreeFormulation(Formulation):
         self.position_units = system.position_sizes(system.size)
         require_resolution(t, self.rate, q, self.position_units, options.rtol, system.coordinate_names)
         self.rate_units = RATE_TOLERANCE_RATIO * self.rate * system.size
-        self._scratch = Scratch.allocate(system.nq, system.n, system.positions, system.m)
+        self._scratch = TreeScratch.allocate(system.nq, system.n, system.positions, system.m)
         self._scratch.size[:], self._scratch.size_q[:] = system.size, self.position_units
         self._scratch.coordinate_rates[:] = RATE_TOLERANCE_RATIO * self.rate
         self._scratch.inertia["watched"] = system.can_compute_rate_growth

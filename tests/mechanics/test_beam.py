@@ -10,9 +10,8 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from mbfmu.mechanics import MODES, Beam
-from mbfmu.mechanics.flexible.modal import FLEXIBLE, NODE
+from mbfmu.mechanics.flexible.modal import FlexibleRecord, NodeRecord
 from mbfmu.util.errors import UserError
-from solvers.compiled.kernel import records
 
 L, MASS, EI = 3.0, 24.057, 7897.5
 SCALE = np.sqrt(EI / (MASS / L)) / L**2  # frequency is its product with the square of the eigenvalue beta L
@@ -77,7 +76,7 @@ def test_moments_are_of_the_order_of_the_shapes() -> None:
 
 def test_integrals_are_those_of_the_shapes() -> None:
     arm = beam(ends=("clamped", "free"), elements=5, modes=2, stiffening=True, damping=0.25)
-    record = records(1, FLEXIBLE)[0]
+    record = FlexibleRecord.zeros(1)[0]
     arm.fill(record)
     rho = MASS / L
 
@@ -101,7 +100,7 @@ def test_integrals_are_those_of_the_shapes() -> None:
     np.testing.assert_allclose(record["g1"][:2, :2], [
         [integral(lambda x, k=k, l=l: rho * x * arm.shortening(x)[k, l]) for l in range(2)] for k in range(2)
     ], rtol=1e-9)  # fmt: skip
-    node = records(1, NODE)[0]
+    node = NodeRecord.zeros(1)[0]
     arm.fill_node(1.3, node)
     assert node["G"][0, 1] == pytest.approx(quad(lambda x: np.prod(arm.shape(x)[1]), 0.0, 1.3, points=[0.6, 1.2])[0])
 

@@ -368,3 +368,40 @@ def test_recorded_points_leave_the_session_as_points_that_a_run_stops_at() -> No
     assert recorded.session.status["limit_ratio"][0] > 0.0
     for one, other in zip(recorded.session.memory(), stopped.session.memory(), strict=True):
         assert one.tobytes() == other.tobytes()
+
+
+@kernel
+def no_force(load: Any, t: float, arrays: Any, state: Any) -> None:
+    pass
+
+
+@kernel
+def misplacement(load: Any, arrays: Any, state: Any) -> float:
+    return state.bodies[load.body].r[1] / 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placed(Load):
+    """Requires its body to be no higher than 0.5 m at the start, and does nothing."""
+
+    record = np.dtype([("body", np.int64)])
+    apply = no_force
+    misplacement = misplacement
+    n_bodies = 1
+    title = "a shelf"
+
+    def fill(self, record: Any, site: Any) -> None:
+        (record["body"],) = site.bodies
+
+
+@pytest.mark.parametrize("height", [0.4, 0.5, 0.6, 5.0])
+def test_a_load_that_is_misplaced_is_refused_without_a_check_of_its_own(height: float) -> None:
+    m = mb.Mechanism()
+    body = m.body("bob", m.ground, mb.Translational(axis="y", start=height, fixed=True), mass=2.0)
+    m.element(Placed(), body)
+    if height <= 0.5:
+        assert mb.Simulation(m, mb.Settings(solver="radau")).advance(0.1).ok
+        return
+    found = f"'a shelf at bob' is misplaced at the start: its bodies are {height / 0.5:.3g} times as far"
+    with pytest.raises(UserError, match=found):
+        mb.Simulation(m, mb.Settings(solver="radau"))

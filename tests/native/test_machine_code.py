@@ -17,6 +17,7 @@ from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.fmi import export
 from mbfmu.mechanics import Mechanism, Revolute, Spring, rod
+from mbfmu.native import runtime
 from mbfmu.native.entries import image_of
 from mbfmu.native.image import MemoryImage
 from mbfmu.native.runtime import objects
@@ -115,6 +116,20 @@ def test_two_builds_of_the_kernels_give_equal_bytes(tmp_path: Path):
     build = [sys.executable, "-m", "mbfmu.native.kernels", str(tmp_path), host()]
     subprocess.run(build, env={**os.environ, **own}, check=True)
     assert (tmp_path / f"{host()}.o").read_bytes() == objects([host()])[host()].read_bytes()
+
+
+def test_the_kernels_are_compiled_for_a_process_that_compiles_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    given: dict[str, str] = {}
+
+    def build(command: list[str], more: dict[str, str]) -> None:
+        given.update(more)
+        (Path(command[3]) / "x86_64-linux.o").write_bytes(b"code")
+
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    monkeypatch.setattr(runtime, "_run", build)
+    runtime._build([tmp_path / "x86_64-linux.o"])
+    assert given["NUMBA_DISABLE_JIT"] == "0"
+    assert (tmp_path / "x86_64-linux.o").read_bytes() == b"code"
 
 
 def test_a_solver_that_is_not_there_is_refused():

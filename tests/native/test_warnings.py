@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -10,14 +11,24 @@ from typing import Any
 import numpy as np
 import pytest
 from binding import OK, WARNING, Binary
+from mechanisms import parallelogram
 from running import needs_linker
 from scipy.integrate import solve_ivp
 
 from mbfmu.fmi import export
-from mbfmu.mechanics import Harmonic, Mechanism, Revolute, rod
+from mbfmu.mechanics import (
+    Harmonic,
+    Input,
+    Mechanism,
+    Polynomial,
+    Revolute,
+    RevoluteCutJoint,
+    Translational,
+    rod,
+)
 from mbfmu.modeling import Model, parameter
 from mbfmu.session.run import run
-from mbfmu.session.simulation import Settings
+from mbfmu.session.simulation import Settings, Simulation
 
 pytestmark = needs_linker
 
@@ -107,3 +118,95 @@ def test_a_coarse_tolerance_is_logged_as_in_python(model: Model, tolerance: floa
     said = logged(model, settings, tmp_path)
     assert [text for text in said if code_of(text) == "coarse-tolerance"] == remarks
     assert len(remarks) == (isinstance(model, Upright) and tolerance >= 1e-3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NearMiss(Model):
+    """A four-bar that misses its singular configuration by less than a solver can resolve."""
+
+    def build(self) -> Mechanism:
+        return parallelogram(1e-9).mechanism
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lifted(Model):
+    """A parallelogram that a drive takes through its singular configuration at 0.6 s; all pins are loaded."""
+
+    def build(self) -> Mechanism:
+        m = Mechanism(gravity=(0.0, -G, 0.0))
+        crank = m.body("crank", m.ground, Revolute(drive=Polynomial((-0.6, 1.0))), **rod(mass=1.0, length=1.0))
+        coupler = m.body("coupler", crank, Revolute(at=(1.0, 0.0, 0.0), start=0.6), **rod(mass=2.0, length=3.0))
+        rocker = m.body("rocker", m.ground, Revolute(at=(3.0, 0.0, 0.0), start=-0.6), **rod(mass=1.5, length=1.0))
+        pin = m.cut("pin", RevoluteCutJoint(at_a=(3.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
+        m.output("pin", pin.joint_force("x"))
+        return m
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flat(Model):
+    """A parallelogram that starts flat, of whose three rates two are given."""
+
+    def build(self) -> Mechanism:
+        m = Mechanism(gravity=(0.0, -G, 0.0))
+        crank = m.body("crank", m.ground, Revolute(start=0.0, rate=1.0, fixed=True), **rod(mass=1.0, length=1.0))
+        pin = Revolute(at=(1.0, 0.0, 0.0), start=0.0, rate=-1.0)
+        coupler = m.body("coupler", crank, pin, **rod(mass=1.0, length=2.5))
+        rocker = m.body("rocker", m.ground, Revolute(at=(2.5, 0.0, 0.0), start=0.0), **rod(mass=1.0, length=1.0))
+        m.cut("pin", RevoluteCutJoint(at_a=(2.5, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
+        m.output("angle", rocker.angle())
+        return m
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sleds(Model):
+    """Two sleds whose positions and rates are inputs, each with a bob on it."""
+
+    def build(self) -> Mechanism:
+        m = Mechanism()
+        for k in range(2):
+            drive = Input(name=f"u{k}", unit="m", rate_name=f"v{k}")
+            sled = m.body(f"sled{k}", m.ground, Translational(axis="x", drive=drive), mass=1.0)
+            m.output(f"x{k}", m.body(f"bob{k}", sled, Translational(axis="x"), mass=1.0).coordinate())
+        return m
+
+
+def jumping(t: float) -> dict[str, float]:
+    """The sleds' positions jump at 0.3 and 0.5 s, and once more, by more than their rates explain."""
+    first, other = 0.1 * (t > 0.25) + 0.2 * (t > 0.65), -0.03 * (t > 0.45)
+    return {"u0": 0.5 * t + first, "v0": 0.5, "u1": other - t, "v1": -1.0}
+
+
+Given = Callable[[float], dict[str, float]]
+LATER: list[tuple[Model, Settings, Given, list[str]]] = [
+    (NearMiss(), Settings(solver="adams", tolerance=1e-10), lambda _: {}, ["limited-tolerance"]),
+    (Lifted(), Settings(solver="radau", tolerance=1e-6), lambda _: {}, ["undetermined-forces"]),
+    (Flat(), Settings(solver="adams", tolerance=1e-6), lambda _: {}, ["singular-start"]),
+    (Sleds(), Settings(solver="adams", tolerance=1e-6), jumping, ["input-jump", "input-jump"]),
+]
+
+
+@pytest.mark.parametrize(("model", "settings", "given", "codes"), LATER, ids=[code for *_, (code, *_) in LATER])
+def test_what_the_solver_and_the_inputs_cause_is_logged_as_in_python(
+    model: Model, settings: Settings, given: Given, codes: list[str], tmp_path: Path
+) -> None:
+    """The first text of every code and subject, as FMUs with Python log it; a later text may have other numbers."""
+    times = np.linspace(0.0, 2.1, 22) if codes == ["limited-tolerance"] else np.linspace(0.0, 0.9, 10)
+    binary = Binary(export(model, tmp_path / "model.fmu", settings, native=True), tmp_path)
+    numbers = {v.name: v.valueReference for v in binary.description.modelVariables}
+    outputs = [v.valueReference for v in binary.description.modelVariables if v.causality == "output"]
+    simulation, fmu = Simulation(model, settings), binary.instantiate()
+    assert fmu.set_up() == fmu.call("EnterInitializationMode") == fmu.call("ExitInitializationMode") == OK
+    found: dict[tuple[str, str], str] = {}
+    for begin, end in pairwise(times):
+        for name, value in given(begin).items():
+            simulation.set_input(name, value)
+            assert fmu.set("Real", [numbers[name]], [value]) == OK
+        assert simulation.advance(end).ok
+        assert fmu.step(begin, end - begin) == OK
+        np.testing.assert_array_equal(fmu.get("Real", outputs)[1], simulation.outputs())
+        for d in simulation.diagnostics:
+            found.setdefault((d.code, d.subject), str(d))
+    fmu.free()
+    expected = [text for (code, _), text in found.items() if code in codes]
+    assert list(map(code_of, expected)) == codes
+    assert [text for _, text in binary.logged if code_of(text) in codes] == expected

@@ -6,7 +6,7 @@ The method is that of :mod:`solvers.loop_closure`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,9 @@ from solvers.loop_closure import (
 )
 from solvers.loop_closure import solve_least_change as find_least_change
 from solvers.system import AnySystem, Array
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Data
 
 PARALLEL_AXES = ("", "z", "xyz")  # see CutJoint.parallel
 Z_AXIS = PARALLEL_AXES.index("z")
@@ -109,8 +112,9 @@ def assemble_velocities(
 
 def _failure_message(system: AnySystem, scratch: ClosureScratch, code: int) -> str:
     """Return which row does not close, and by what."""
-    row, gap = scratch.worst[0]
-    return str(CLOSURE_MESSAGES[Outcome(code)]).format(name=system.constraint_names[row], gap=float(gap))
+    worst = scratch.worst[0]
+    name = system.constraint_names[worst["row"]]
+    return str(CLOSURE_MESSAGES[Outcome(code)]).format(name=name, gap=float(worst["gap"]))
 
 
 class CutFrames(NamedTuple):
@@ -139,7 +143,7 @@ class CutFrames(NamedTuple):
 
 
 @kernel
-def frame_cosine(frames: Any, k: int, data: Any) -> float:
+def frame_cosine(frames: CutFrames, k: int, data: Data) -> float:
     """Cosine of the angle between the z axes of a cut joint's frames, or of the rotation between frames that are
     parallel in all axes; 1 if none need be parallel.
     """
@@ -158,7 +162,7 @@ def frame_cosine(frames: Any, k: int, data: Any) -> float:
 
 
 @kernel
-def fill_frame_angles(frames: Any, data: Any, angles: Any) -> int:
+def fill_frame_angles(frames: CutFrames, data: Data, angles: Any) -> int:
     """Put the angles of :func:`frame_cosine` into ``angles`` (cuts,), rad; return the first cut joint that is closed
     with a wrong orientation, the number of cut joints if none is.
 

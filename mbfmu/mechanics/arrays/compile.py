@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation, vector
-from mbfmu.mechanics.flexible.modal import FLEXIBLE, NODE
+from mbfmu.mechanics.flexible.modal import FlexibleRecord, NodeRecord
 from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.kind import ElementType, record_of
 from mbfmu.mechanics.records import (
@@ -238,18 +238,18 @@ def coupling_records(
     return table
 
 
-def flexible_records(mechanism: Mechanism, numbering: Numbering) -> tuple[NDArray[Any], NDArray[Any]]:
+def flexible_records(mechanism: Mechanism, numbering: Numbering) -> tuple[Table[FlexibleRecord], Table[NodeRecord]]:
     """One record an elastic body, and one a cross-section in the order of the bodies."""
-    flexibles = records(len(mechanism.flexible_bodies), FLEXIBLE)
+    flexibles = FlexibleRecord.zeros(len(mechanism.flexible_bodies))
     for record, elastic in zip(flexibles, mechanism.flexible_bodies, strict=True):
         i = elastic.modes.index
         record["body"], record["qi"], record["vi"] = i, numbering.q[i], numbering.v[i]
         elastic.beam.fill(record)
     sections = [body.joint for body in mechanism.bodies if isinstance(body.joint, Section)]
-    nodes = records(len(sections), NODE)
-    for record, section in zip(nodes, sections, strict=True):
+    nodes = NodeRecord.zeros(len(sections))
+    for node, section in zip(nodes, sections, strict=True):
         if section.frame is not None:  # bending leaves the frame in place
-            section.beam.fill_node(section.x, record)
+            section.beam.fill_node(section.x, node)
     return flexibles, nodes
 
 

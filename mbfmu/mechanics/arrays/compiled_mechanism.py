@@ -160,6 +160,8 @@ class CompiledMechanism:
         """Raise UserError if at free positions q (nq,) bodies are not where the elements between them need them."""
         for group in self._load_groups("check_positions", t, q):
             group.ask("check_positions")
+        for group in self._load_groups("misplacement", t, q):
+            group.require_places()
 
     def check_start(self, t: float, q: Array) -> list[Diagnostic]:
         """Return what loads warn of where a run starts at free positions q (nq,); UserError where it cannot."""

@@ -22,10 +22,10 @@ from mbfmu.mechanics.signals import Input
 from solvers.compiled.kernel import kernel, records
 from solvers.compiled.record import Record, Table, i8
 
-from .load_extrapolation import LOAD, load_finished, load_starts, set_load_input, skip_load_point, start_load
+from .load_extrapolation import LoadRecord, load_finished, load_starts, set_load_input, skip_load_point, start_load
 from .support_motion import (
-    SEGMENT,
-    SUPPORT,
+    SegmentRecord,
+    SupportRecord,
     adopt_segment,
     follow_path,
     motion_finished,
@@ -52,17 +52,14 @@ class InputRecord(Record):
     coefficient: i8  # of the polynomial, or component of gravity
 
 
-INPUT = InputRecord.dtype
-
-
 class InputRecords(NamedTuple):
     """The inputs of a mechanism as kernels take them."""
 
-    inputs: NDArray[Any]  # (inputs,) INPUT
-    loads: NDArray[Any]  # LOAD, those that go on between points
-    supports: NDArray[Any]  # SUPPORT
-    segments: NDArray[Any]  # (supports,) SEGMENT, those they are on
-    ahead: NDArray[Any]  # (supports,) SEGMENT, those they depart for
+    inputs: Table[InputRecord]  # (inputs,)
+    loads: Table[LoadRecord]  # those that go on between points
+    supports: Table[SupportRecord]
+    segments: Table[SegmentRecord]  # (supports,) those they are on
+    ahead: Table[SegmentRecord]  # (supports,) those they depart for
     polynomials: NDArray[Any]  # every polynomial of the mechanism, where it lies in Arrays.memory
     before: NDArray[Any]  # (supports,) polynomials that were perturbed
     world: Table[WorldRecord]  # (1,) of Arrays
@@ -72,10 +69,10 @@ class InputRecords(NamedTuple):
         inputs: int, loads: int, supports: int, polynomials: NDArray[Any], world: Table[WorldRecord]
     ) -> InputRecords:
         """Return zeroed records for the given numbers, with the existing polynomials and ground."""
-        segments, ahead = records(supports, SEGMENT), records(supports, SEGMENT)
+        segments, ahead = SegmentRecord.zeros(supports), SegmentRecord.zeros(supports)
         before = records(supports, polynomials.dtype)
-        moved = records(supports, SUPPORT), segments, ahead, polynomials, before
-        return InputRecords(records(inputs, INPUT), records(loads, LOAD), *moved, world)
+        moved = SupportRecord.zeros(supports), segments, ahead, polynomials, before
+        return InputRecords(InputRecord.zeros(inputs), LoadRecord.zeros(loads), *moved, world)
 
     @staticmethod
     def example() -> InputRecords:

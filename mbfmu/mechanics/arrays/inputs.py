@@ -239,15 +239,15 @@ class Inputs:
         both = zip(self._supports.values(), self.own.supports, strict=True)
         return [name for name, support in both if support["departs"] and support["jump"] != 0.0]
 
-    def jumped(self) -> list[tuple[str, str]]:
-        """Return name and size of every jump of a position with which a support motion has started, farther than its
-        rate explains.
+    def jumped(self) -> list[tuple[str, float, str]]:
+        """Return name, size and unit of every jump of a position with which a support motion has started, farther than
+        its rate explains.
         """
         found, units = [], {v.name: v.unit for v in self.variables}
         for name, support, ahead in zip(self._supports.values(), self.own.supports, self.own.ahead, strict=True):
             size = float(ahead["position"] - ahead["path"][0])
             if support["departs"] and ahead["jumps"]:
-                found.append((name, f"{size:.3g} {units[name]}"))
+                found.append((name, size, units[name]))
         return found
 
     def state(self) -> dict[str, list[Any]]:

@@ -29,9 +29,6 @@ class LoadRecord(Record):
     was: f8  # value there
 
 
-LOAD = LoadRecord.dtype
-
-
 @inlined
 def load_finished(polynomial: PolynomialRecord) -> bool:
     """Whether a load stays as it is until it is set."""

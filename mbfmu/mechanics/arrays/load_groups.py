@@ -14,13 +14,23 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.dispatch import load_misplacement, load_monitor
 from mbfmu.mechanics.kind import kernel_of, record_of
 from mbfmu.mechanics.loads import Load
+from mbfmu.mechanics.loads.base import MAX_MISPLACEMENT
 from mbfmu.mechanics.records import Data
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel, records
+from solvers.diagnostics import Diagnostic
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, ItemRecord, State
     from solvers.compiled.record import Table
+
+
+MISPLACED_LOAD = Diagnostic.error(
+    "invalid-value",
+    "{name!r} is misplaced at the start: its bodies are {gap:.3g} times as far from the places that it requires as is "
+    "allowed",
+    "Give start positions in which they are nearer to these",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +75,13 @@ class LoadGroup:
     def gravity(self) -> float:
         """Magnitude of gravity, m/s^2."""
         return float(np.linalg.norm(self.data.arrays.world[0]["gravity"]))
+
+    def require_places(self) -> None:
+        """Raise UserError if bodies of a load are farther from the places that it requires than is allowed."""
+        loads: Any = self.data.arrays.loads
+        k, ratio = find_misplaced_load(loads[self.numbers], *self.kernel_data)
+        if not ratio <= MAX_MISPLACEMENT:
+            raise UserError(str(MISPLACED_LOAD).format(name=self.acting[k].place, gap=ratio))
 
     def ask(self, hook: str, *arguments: Any) -> Any:
         """Return what a class method of this type returns for these loads.

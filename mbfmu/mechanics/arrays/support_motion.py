@@ -31,7 +31,7 @@ fast it goes. Where the rate jumps between two segments the mechanism gets an im
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -60,9 +60,6 @@ class SupportRecord(Record):
     size: f8  # unit of the coordinate, m or rad
 
 
-SUPPORT = SupportRecord.dtype
-
-
 class SegmentRecord(Record):
     """The motion of a support within one communication step."""
 
@@ -76,9 +73,6 @@ class SegmentRecord(Record):
     average: f8  # rate of u over the segment before
     change: f8  # of v since the beginning of the segment before, without sign
     jumps: i8  # 1: u is farther off than the changes of the given rates explain
-
-
-SEGMENT = SegmentRecord.dtype
 
 
 @inlined
@@ -201,7 +195,7 @@ def adopt_segment(ahead: SegmentRecord, support: SupportRecord, segment: Segment
 
 
 @inlined
-def follow_path(t: float, path: Any, polynomial: PolynomialRecord) -> None:
+def follow_path(t: float, path: Reals, polynomial: PolynomialRecord) -> None:
     """Let the polynomial be that of ``path`` (4,) about t."""
     polynomial.t0 = t
     for k in range(4):
@@ -209,7 +203,7 @@ def follow_path(t: float, path: Any, polynomial: PolynomialRecord) -> None:
 
 
 @kernel
-def perturb_motion(t: float, acceleration: float, segment: Any, polynomial: PolynomialRecord) -> None:
+def perturb_motion(t: float, acceleration: float, segment: SegmentRecord, polynomial: PolynomialRecord) -> None:
     """Let the polynomial have an acceleration at t, and the position and rate it has there."""
     x, v = position_and_rate(t, segment, polynomial)
     c = polynomial.c

@@ -25,6 +25,11 @@ class Acting(NamedTuple):
     name: str = ""
 
     @property
+    def place(self) -> str:
+        """What messages call it, and its first body: elements of a mesh have no names."""
+        return f"{self.what} at {self.bodies[0].name}"
+
+    @property
     def tied(self) -> tuple[Body, ...]:
         """Those that the structured tangent ties to each other."""
         return self.bodies[: len(self.bodies) - self.load.n_untied_bodies]

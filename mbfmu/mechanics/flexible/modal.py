@@ -35,7 +35,7 @@ J. by p', kappa_k the modal stiffness, beta the damping time of the material.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -68,9 +68,6 @@ class FlexibleRecord(Record):
     g1: Annotated[Reals, (MODES, MODES)]
 
 
-FLEXIBLE = FlexibleRecord.dtype
-
-
 class NodeRecord(Record):
     """A cross-section of an elastic body."""
 
@@ -80,9 +77,6 @@ class NodeRecord(Record):
     slope: Annotated[Reals, (MODES,)]  # 1/m, turn
     moment: Annotated[Reals, (MODES,)]  # N, bending moment per amplitude
     G: Annotated[Reals, (MODES, MODES)]  # 1/m, shortening from the frame to here
-
-
-NODE = NodeRecord.dtype
 
 
 @kernel
@@ -127,7 +121,7 @@ def place_section(body: BodyRecord, node: NodeRecord, parent: MotionRecord, here
 
 
 @kernel
-def add_section_bias(body: Any, node: NodeRecord, frame: MotionRecord, state: State, beta: Reals) -> None:
+def add_section_bias(body: BodyRecord, node: NodeRecord, frame: MotionRecord, state: State, beta: Reals) -> None:
     """Add to a node's velocity products what the changing of its subspace adds, -p'^T G p' along the axis."""
     back = quadratic(node.G, node.shortens, state.v, body.vi, state.v, body.vi)
     for i in range(3):
@@ -175,7 +169,7 @@ def shift_rate(elastic: FlexibleRecord, k: int, q: Reals) -> float:
 
 
 @kernel
-def composite(elastic: FlexibleRecord, here: MotionRecord, q: Any) -> None:
+def composite(elastic: FlexibleRecord, here: MotionRecord, q: Reals) -> None:
     """Mass, first moment and second moment about the origin of the bent body, global axes."""
     A = here.A
     sx, sy, pxx, pxy, pyy = moments(elastic, q)
@@ -192,7 +186,7 @@ def composite(elastic: FlexibleRecord, here: MotionRecord, q: Any) -> None:
 
 
 @kernel
-def coupling(elastic: FlexibleRecord, k: int, here: MotionRecord, q: Any, out: Reals) -> None:
+def coupling(elastic: FlexibleRecord, k: int, here: MotionRecord, q: Reals, out: Reals) -> None:
     """out = momentum wrench of p'_k = 1 about the origin, global axes: (S_k, h_k)."""
     for i in range(6):
         out[i] = 0.0
@@ -243,7 +237,7 @@ def inertia(elastic: FlexibleRecord, here: MotionRecord, state: State) -> None:
 
 
 @kernel
-def momentum(elastic: FlexibleRecord, here: MotionRecord, state: State, out: Any) -> None:
+def momentum(elastic: FlexibleRecord, here: MotionRecord, state: State, out: Reals) -> None:
     """out += momentum and angular momentum about the frame's origin, global axes."""
     A, v, vi = here.A, state.v, elastic.vi
     vx, vy, vz = to_body_axis(A, here.Y, 0)
@@ -276,7 +270,7 @@ def modal_momentum(elastic: FlexibleRecord, k: int, here: MotionRecord, state: S
 
 
 @kernel
-def kinetic(elastic: FlexibleRecord, here: MotionRecord, state: State, scratch: Any) -> float:
+def kinetic(elastic: FlexibleRecord, here: MotionRecord, state: State, scratch: Reals) -> float:
     """T = (Y . momentum wrench + p' . dT/dp') / 2, J."""
     for i in range(6):
         scratch[i] = 0.0

@@ -49,7 +49,7 @@ FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 
 
 @kernel
-def zero_tangent(load: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Reals) -> float:
+def zero_tangent(load: Record, c1: float, arrays: Arrays, state: State, perturbed: State, K: Reals) -> float:
     """Tangent of a load whose stiffness is negligible in the implicit solvers of large trees."""
     return 0.0
 

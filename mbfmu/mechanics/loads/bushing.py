@@ -58,7 +58,7 @@ def _dot(a: Any, b: Any) -> float:
 
 
 @kernel
-def _attitude(force: Any, A: MotionRecord, B: MotionRecord) -> Any:
+def _attitude(force: BushingRecord, A: MotionRecord, B: MotionRecord) -> Any:
     """Quaternion of the frame in b, in the one in a."""
     fx, fy, fz = _axes(B, force.Eb)
     ex, ey, ez = _axes(A, force.Ea)
@@ -79,7 +79,9 @@ def _stretch(force: BushingRecord, A: MotionRecord, B: MotionRecord) -> tuple[fl
 
 
 @kernel
-def _stretch_rate(force: Any, A: MotionRecord, B: MotionRecord) -> tuple[float, float, float, float, float, float]:
+def _stretch_rate(
+    force: BushingRecord, A: MotionRecord, B: MotionRecord
+) -> tuple[float, float, float, float, float, float]:
     """(d, p)', seen from the frame."""
     rise = point_offset_rate(A, B, force.Pa, force.Pb)
     ex, ey, ez = _axes(A, force.Ea)

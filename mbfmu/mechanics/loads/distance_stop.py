@@ -9,9 +9,9 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import not_negative
 from solvers.compiled.kernel import kernel
 
-from .base import Force, PointPairRecord, Points, fill_points
+from .base import PointPairRecord, Points, fill_points
 from .spring import connecting_line, pull_together
-from .stops import LimitRecord, check_limits, dissipated_power, fill_limits, stop_energy, stop_force
+from .stops import LimitRecord, Stop, dissipated_power, stop_energy, stop_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -45,7 +45,7 @@ def power(force: DistanceStopRecord, t: float, arrays: Arrays, state: State) -> 
 
 
 @dataclass(frozen=True, kw_only=True)
-class DistanceStop(Force):
+class DistanceStop(Stop):
     """End stops of the distance between a point of body a and a point of body b.
 
     Parameters
@@ -66,29 +66,20 @@ class DistanceStop(Force):
     potential = potential
     power = power
 
-    lower: float | None = None
-    upper: float | None = None
-    stiffness: float
-    damping: float = 0.0
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
 
     def check(self, what: str) -> None:
         """Refuse limits without a distance between them, and a negative distance."""
-        check_limits(what, self)
+        super().check(what)
         for key in ("lower", "upper"):
             if getattr(self, key) is not None:
                 not_negative(f"{key} of {what}", getattr(self, key))
 
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write the two points, the limits, stiffness and damping."""
+        """Write the two points too."""
+        super().fill(record, site)
         fill_points(self, record, site)
-        fill_limits(record, self)
-
-    @property
-    def is_nonconservative(self) -> bool:
-        """Whether it is damped."""
-        return bool(self.damping)
 
     def points(self) -> Points:
         """Return its two points."""

@@ -9,8 +9,7 @@ from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import i8
 
-from .base import Force
-from .stops import LimitRecord, check_limits, dissipated_power, fill_limits, stop_energy, stop_force
+from .stops import LimitRecord, Stop, dissipated_power, stop_energy, stop_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -42,7 +41,7 @@ def power(force: JointStopRecord, t: float, arrays: Arrays, state: State) -> flo
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointStop(Force):
+class JointStop(Stop):
     """End stops of the joint coordinate of a body.
 
     Parameters
@@ -62,21 +61,7 @@ class JointStop(Force):
     potential = potential
     power = power
 
-    lower: float | None = None
-    upper: float | None = None
-    stiffness: float
-    damping: float = 0.0
-
-    def check(self, what: str) -> None:
-        """Refuse limits without a distance between them."""
-        check_limits(what, self)
-
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write its coordinate, the limits, stiffness and damping."""
+        """Write its coordinate too."""
+        super().fill(record, site)
         record["q"], record["v"] = site.q, site.v
-        fill_limits(record, self)
-
-    @property
-    def is_nonconservative(self) -> bool:
-        """Whether it is damped."""
-        return bool(self.damping)

@@ -39,7 +39,7 @@ class PressureRecord(Record):
 
 @kernel
 def corner_forces(
-    load: PressureRecord, p: Any, bodies: Table[MotionRecord], k: int
+    load: PressureRecord, p: float, bodies: Table[MotionRecord], k: int
 ) -> tuple[float, float, float, float]:
     """Component k of f_1 ... f_4 for the pressure p, Pa; positive along the normal g2 x g1."""
     r1, r2, r3, r4 = bodies[load.node[0]].r, bodies[load.node[1]].r, bodies[load.node[2]].r, bodies[load.node[3]].r

@@ -9,14 +9,18 @@ the damping begins with the penetration (Hunt and Crossley 1975), so that the fo
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import finite, not_negative
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import Record, f8
+
+from .base import Force
 
 
 class LimitRecord(Record):
@@ -26,26 +30,6 @@ class LimitRecord(Record):
     upper: f8
     stiffness: f8  # N m/rad or N/m
     damping: f8  # s/rad or s/m
-
-
-class Limits(Protocol):
-    """Parameters of a stop."""
-
-    @property
-    def lower(self) -> float | None:
-        """Where it begins, rad or m."""
-
-    @property
-    def upper(self) -> float | None:
-        """Where it begins on the other side."""
-
-    @property
-    def stiffness(self) -> float:
-        """N m/rad or N/m."""
-
-    @property
-    def damping(self) -> float:
-        """s/rad or s/m."""
 
 
 @kernel
@@ -80,20 +64,33 @@ def dissipated_power(force: LimitRecord, q: float, v: float) -> float:
     return (stop_force(force, q, v) - way * force.stiffness * x) * v
 
 
-def check_limits(what: str, stop: Limits) -> None:
-    """Refuse values that are no numbers, limits without a distance between them, and stops without a limit."""
-    not_negative(f"stiffness of {what}", stop.stiffness)
-    not_negative(f"damping of {what}", stop.damping)
-    limits = {"lower": stop.lower, "upper": stop.upper}
-    given = [finite(f"{key} of {what}", limit) for key, limit in limits.items() if limit is not None]
-    if not given:
-        raise UserError(f"{what} has neither lower nor upper; a stop needs one of them")
-    if len(given) == 2 and given[0] >= given[1]:
-        raise UserError(f"lower of {what} is {stop.lower!r}, upper {stop.upper!r}; allowed: lower less than upper")
+@dataclass(frozen=True, kw_only=True)
+class Stop(Force):
+    """Base class of stops: limits, stiffness and damping."""
 
+    lower: float | None = None
+    upper: float | None = None
+    stiffness: float
+    damping: float = 0.0
 
-def fill_limits(record: Any, stop: Limits) -> None:
-    """Write between what it leaves free, and how it pushes."""
-    record["lower"] = -np.inf if stop.lower is None else stop.lower
-    record["upper"] = np.inf if stop.upper is None else stop.upper
-    record["stiffness"], record["damping"] = stop.stiffness, stop.damping
+    def check(self, what: str) -> None:
+        """Refuse values that are no numbers, limits without a distance between them, and stops without a limit."""
+        not_negative(f"stiffness of {what}", self.stiffness)
+        not_negative(f"damping of {what}", self.damping)
+        limits = {"lower": self.lower, "upper": self.upper}
+        given = [finite(f"{key} of {what}", limit) for key, limit in limits.items() if limit is not None]
+        if not given:
+            raise UserError(f"{what} has neither lower nor upper; a stop needs one of them")
+        if len(given) == 2 and given[0] >= given[1]:
+            raise UserError(f"lower of {what} is {self.lower!r}, upper {self.upper!r}; allowed: lower less than upper")
+
+    def fill(self, record: Any, site: Attachment) -> None:
+        """Write between what it leaves free, and how it pushes."""
+        record["lower"] = -np.inf if self.lower is None else self.lower
+        record["upper"] = np.inf if self.upper is None else self.upper
+        record["stiffness"], record["damping"] = self.stiffness, self.damping
+
+    @property
+    def is_nonconservative(self) -> bool:
+        """Whether it is damped."""
+        return bool(self.damping)

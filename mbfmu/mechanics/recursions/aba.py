@@ -12,7 +12,7 @@ which eliminates them (flexible.modal).
 from __future__ import annotations
 
 from math import sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.flexible import modal
 from mbfmu.mechanics.records import SECTION
@@ -211,7 +211,7 @@ def backward_pass(i: int, arrays: Arrays, state: State) -> int:
 
 
 @kernel
-def add_section_inertia(body: BodyRecord, here: MotionRecord, frame: Any, state: State) -> None:
+def add_section_inertia(body: BodyRecord, here: MotionRecord, frame: MotionRecord, state: State) -> None:
     """Add a node's U, about the frame's origin, D and u to those of the amplitudes."""
     IA, S, U, D, vi, si, f = here.IA, state.S, state.U, state.D, body.vi, body.si, state.wrench
     for e in range(body.nv):

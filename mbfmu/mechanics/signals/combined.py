@@ -24,9 +24,6 @@ class SignalPairRecord(Record):
     b: i8
 
 
-SIGNAL_PAIR = SignalPairRecord.dtype
-
-
 @kernel
 def total(signal: SignalPairRecord, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
@@ -53,7 +50,7 @@ class Combined(Signal):
         Two or more signals or numbers.
     """
 
-    record = SIGNAL_PAIR
+    record = SignalPairRecord
 
     parts: tuple[Any, ...]
 

@@ -31,9 +31,6 @@ class PolynomialRecord(Record):
     c: Annotated[Reals, (4,)]  # c0 + c1 s + c2 s^2 + c3 s^3, s = t - t0
 
 
-POLYNOMIAL = PolynomialRecord.dtype
-
-
 @kernel
 def evaluate(signal: PolynomialRecord, t: float, arrays: Arrays) -> tuple[float, float, float]:
     """See :mod:`.base`."""
@@ -49,7 +46,7 @@ def evaluate(signal: PolynomialRecord, t: float, arrays: Arrays) -> tuple[float,
 class Coefficients(Signal):
     """A polynomial, whoever gives its coefficients."""
 
-    record = POLYNOMIAL
+    record = PolynomialRecord
     evaluate = evaluate
 
     def time_scale(self, own: InUse, size: float) -> float:

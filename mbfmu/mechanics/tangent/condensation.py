@@ -32,7 +32,7 @@ def add_moment(m: Reals, y: float, z: float, fy: Reals, fz: Reals, out: Reals) -
 
 
 @inlined
-def combine(s: Reals, f: Any, out: Reals) -> None:
+def combine(s: Reals, f: Reals, out: Reals) -> None:
     """out <- s . f, of six rows f."""
     f0, f1, f2, f3, f4, f5 = f
     s0, s1, s2, s3, s4, s5 = s[0], s[1], s[2], s[3], s[4], s[5]
@@ -50,7 +50,7 @@ def six_rows(F: Reals, i: int, begin: int, end: int) -> Any:
 
 
 @kernel
-def shift_rows(F: Any, i: int, j: int, begin: int, end: int, x: float, y: float, z: float) -> None:
+def shift_rows(F: Reals, i: int, j: int, begin: int, end: int, x: float, y: float, z: float) -> None:
     """Rows of a wrench at body i's slot, added at body j's: X^T, with (x, y, z) from j to i."""
     f, out = six_rows(F, i, begin, end), six_rows(F, j, begin, end)
     for k in range(3):
@@ -61,7 +61,7 @@ def shift_rows(F: Any, i: int, j: int, begin: int, end: int, x: float, y: float,
 
 
 @kernel
-def project_rows(F: Any, i: int, begin: int, end: int, S: Reals, vi: int, nv: int) -> None:
+def project_rows(F: Reals, i: int, begin: int, end: int, S: Reals, vi: int, nv: int) -> None:
     """Rows at slot i <- S^T rows: the first nv of the six."""
     f, projected = six_rows(F, i, begin, end), six_rows(F, F.shape[0] - 6, begin, end)
     for k in range(nv):
@@ -73,7 +73,7 @@ def project_rows(F: Any, i: int, begin: int, end: int, S: Reals, vi: int, nv: in
 
 @kernel
 def condense(
-    F: Any, offset: int, begin: int, end: int, group: int, layout: Layout, arrays: Arrays, state: State
+    F: Reals, offset: int, begin: int, end: int, group: int, layout: Layout, arrays: Arrays, state: State
 ) -> None:
     """Condense a group's inner bodies onto their parents: rows of F from ``offset`` on, columns ``begin`` to ``end``.
 
@@ -93,7 +93,7 @@ def condense(
 
 
 @kernel
-def spread_load(r: Reals, base: Any, layout: Layout, arrays: Arrays, state: State, dual: Reals, b: Reals) -> None:
+def spread_load(r: Reals, base: Reals, layout: Layout, arrays: Arrays, state: State, dual: Reals, b: Reals) -> None:
     """b: joint forces r (n,) as wrenches where a joint is outer, condensed, then as they are where it is inner.
 
     Its last six rows are scratch.
@@ -144,7 +144,7 @@ def condense_load(r: Reals, base: int, group: int, layout: Layout, arrays: Array
 
 @kernel
 def gather_motion(
-    x: Reals, base: Any, layout: Layout, arrays: Arrays, state: State, dual: Reals, Y: Reals, dq: Reals
+    x: Reals, base: Reals, layout: Layout, arrays: Arrays, state: State, dual: Reals, Y: Reals, dq: Reals
 ) -> None:
     """dq (n,) from the solution x, by an outward pass through the motions Y (nb, 6) of all bodies."""
     for i in range(1, arrays.bodies.shape[0]):

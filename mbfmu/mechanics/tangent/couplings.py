@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import kernel
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @kernel
-def stiffness(c: int, arrays: Arrays, state: State, dual: Any, scratch: TangentScratch) -> None:
+def stiffness(c: int, arrays: Arrays, state: State, dual: Reals, scratch: TangentScratch) -> None:
     """scratch.K (24, 24) = alpha w w^T - lambda f'' w_b w_b^T of a coupling; six rows and columns a body: a, its
     parent, b, its parent.
 

@@ -66,8 +66,9 @@ class Panels(NamedTuple):
 
 @kernel
 def assemble(
-    group: int, size: int, after: int, c1: float, c2: float, layout: Any, arrays: Arrays, state: State,
-    perturbed: State, dual: Any, scratch: Any, symmetric: bool, incoming: Any, outgoing: Any, panels: Any, blocks: Any,
+    group: int, size: int, after: int, c1: float, c2: float, layout: Layout, arrays: Arrays, state: State,
+    perturbed: State, dual: Reals, scratch: TangentScratch, symmetric: bool, incoming: Any, outgoing: Any, panels: Any,
+    blocks: Any,
 ) -> None:  # fmt: skip
     """Fill the ``blocks`` of a group of ``size`` rows, and ``after`` of its neighbor inward. ``incoming`` is what outer
     groups have added to its own rows, to ``outgoing`` it adds what starts in it and belongs to its neighbor's.
@@ -101,7 +102,7 @@ def assemble(
 
 @kernel
 def condense_columns(
-    F: Reals, offset: int, rows: Any, first: int, count: int, columns: Any, group: int, layout: Layout,
+    F: Reals, offset: int, rows: Reals, first: int, count: int, columns: Reals, group: int, layout: Layout,
     arrays: Arrays, state: State, panel: Reals, out: Reals,
 ) -> None:  # fmt: skip
     """out (columns, rows) <- these rows of F from ``offset`` on, and of a group's ``count`` columns from ``first`` on
@@ -144,14 +145,14 @@ class SolveContext(NamedTuple):
 
 
 @kernel
-def solve(r: Any, context: SolveContext, dq: Any) -> None:
+def solve(r: Reals, context: SolveContext, dq: Reals) -> None:
     """dq (n,) with T dq = r."""
     solve_within(r, context, dq)
     add_border(context.border, dq)
 
 
 @kernel
-def solve_within(r: Any, context: SolveContext, dq: Any) -> None:
+def solve_within(r: Reals, context: SolveContext, dq: Reals) -> None:
     """dq (n,) with T dq = r, T without its border."""
     unknowns = context.unknowns
     spread_load(r, unknowns.base, context.layout, context.arrays, context.state, unknowns.dual, unknowns.b)

@@ -4,7 +4,7 @@ its neighbor inward.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.dispatch import load_tangent
 from solvers.compiled.kernel import inlined, kernel
@@ -70,7 +70,7 @@ def add_analytic_tangent(
     arrays: Arrays,
     state: State,
     perturbed: State,
-    scratch: Any,
+    scratch: TangentScratch,
 ) -> None:
     """A load with a tangent between bodies of a group and its neighbor; scratch.K is zero before and after."""
     if load_tangent(arrays.loads[e], c1, arrays, state, perturbed, scratch.K) == 0.0:
@@ -103,7 +103,7 @@ def add_cut_joint(
 
 @kernel
 def add_coupling(
-    c: int, group: int, size: int, layout: Layout, arrays: Arrays, state: State, dual: Any, scratch: Any
+    c: int, group: int, size: int, layout: Layout, arrays: Arrays, state: State, dual: Reals, scratch: TangentScratch
 ) -> None:
     """How the efforts of a coupling change, and the spring that holds it."""
     _coupling_stiffness(c, arrays, state, dual, scratch)
@@ -121,7 +121,7 @@ def add_complex_step_tangent(
     arrays: Arrays,
     state: State,
     perturbed: State,
-    scratch: Any,
+    scratch: TangentScratch,
 ) -> None:
     """A load that does not know it."""
     _load_stiffness(e, c1, layout, arrays, state, perturbed, scratch.K)
@@ -129,7 +129,9 @@ def add_complex_step_tangent(
 
 
 @kernel
-def add_element(first: int, end: int, group: int, inner: int, size: int, layout: Layout, scratch: Any) -> None:
+def add_element(
+    first: int, end: int, group: int, inner: int, size: int, layout: Layout, scratch: TangentScratch
+) -> None:
     """Add scratch.K to scratch.F, between the bodies ``first`` to ``end`` of the layout that are in a group or its
     neighbor ``inner`` (offset ``size``), six rows a body.
     """
@@ -158,8 +160,8 @@ def fill(
     arrays: Arrays,
     state: State,
     perturbed: State,
-    dual: Any,
-    scratch: Any,
+    dual: Reals,
+    scratch: TangentScratch,
 ) -> None:
     """Add to scratch.F what starts in a group: bodies, elements, joints in it and to its neighbor (offset ``size``)."""
     clear_matrix(scratch.K.shape[0], scratch.K)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -192,7 +192,7 @@ def add_outer_joint(
 
 @kernel
 def add_parent_geometric_stiffness(
-    group: int, layout: Layout, arrays: Arrays, state: State, perturbed: State, F: Reals, scratch: Any
+    group: int, layout: Layout, arrays: Arrays, state: State, perturbed: State, F: Reals, scratch: TangentScratch
 ) -> None:
     """Add the turning of a group's inner joints by their parents, before columns are condensed."""
     for m in range(layout.first[group], layout.first[group + 1]):
@@ -207,7 +207,7 @@ def add_parent_geometric_stiffness(
 
 @kernel
 def add_own_geometric_stiffness(
-    group: int, layout: Layout, arrays: Arrays, state: State, perturbed: State, columns: Any, scratch: Any
+    group: int, layout: Layout, arrays: Arrays, state: State, perturbed: State, columns: Reals, scratch: TangentScratch
 ) -> None:
     """Add the turning of a group's inner joints by their own positions, after that, to what is kept, by columns."""
     for m in range(layout.first[group], layout.first[group + 1]):

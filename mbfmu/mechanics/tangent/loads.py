@@ -5,7 +5,7 @@ T takes minus the derivative, by positions and c1 times by velocities.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.dispatch import apply_load
 from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
@@ -33,7 +33,7 @@ def stiffness(e: int, c1: float, layout: Layout, arrays: Arrays, state: State, p
 
 
 @kernel
-def joint_stiffness(c1: float, layout: Any, arrays: Arrays, state: State, perturbed: State, along: Any) -> None:
+def joint_stiffness(c1: float, layout: Layout, arrays: Arrays, state: State, perturbed: State, along: Reals) -> None:
     """along (nv,): stiffness of the loads that act along coordinates, by the coordinate itself."""
     for i in range(along.shape[0]):
         along[i] = 0.0

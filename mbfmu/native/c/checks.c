@@ -82,8 +82,12 @@ static bool good_header(const Header *h)
            in_block(h, h->length_at, 1, sizeof(double)) && in_block(h, h->options_at, 1, sizeof(Options)) &&
            in_block(h, h->run_status_at, 1, sizeof(RunStatus)) && in_block(h, h->worst_at, 1, sizeof(Worst)) &&
            in_block(h, h->massless_at, h->coordinates_count, sizeof(double)) && in_block(h, h->out_at, 0, 1) &&
-           in_block(h, h->counts_at, 0, 1) && is_index(h->reports_coarse, 2) && is_index(h->exchange, 2) &&
-           good_states(h);
+           in_block(h, h->counts_at, 0, 1) && is_index(h->reports_coarse, 2) && is_index(h->reports_undetermined, 2) &&
+           in_block(h, h->undetermined_at, 1, sizeof(int64_t)) &&
+           in_block(h, h->undetermined_time_at, 1, sizeof(double)) &&
+           in_block(h, h->near_miss_factor_at, 1, sizeof(double)) &&
+           in_block(h, h->near_miss_gap_at, 1, sizeof(double)) &&
+           h->free_rates_count <= h->coordinates_count && is_index(h->exchange, 2) && good_states(h);
 }
 
 #define SECTION(name, kind) in_tables(h, h->name, h->name##_count, sizeof(kind))
@@ -94,6 +98,7 @@ static bool good_sections(const Header *h)
            SECTION(entries, Entry) && SECTION(sums, Sum) && SECTION(terms, Term) && SECTION(factors, Factor) &&
            SECTION(relocations, Relocation) && SECTION(kernels, Relocation) && SECTION(sentences, Sentence) &&
            SECTION(failures, Failure) && SECTION(rows, Name) && SECTION(coordinates, Name) && SECTION(cuts, Name) && SECTION(loads, Name) &&
+           SECTION(free_rates, Name) && SECTION(supports, Support) &&
            SECTION(text, char) && h->sentences_count >= CODE_COUNT && h->failures_count >= ASSEMBLY_COUNT;
 }
 
@@ -194,6 +199,15 @@ static bool good_names(const Instance *own, int64_t at, int64_t count)
     return true;
 }
 
+static bool good_supports(const Instance *own)
+{
+    const Support *supports = section(own, own->header->supports);
+    for (int64_t k = 0; k < own->header->supports_count; k++)
+        if (!is_index(supports[k].variable, own->header->variables_count) || !good_text(own->header, supports[k].unit))
+            return false;
+    return true;
+}
+
 static bool good_texts(const Instance *own)
 {
     const Header *h = own->header;
@@ -209,7 +223,8 @@ static bool good_texts(const Instance *own)
             !good_text(h, failures[k].after))
             return false;
     return good_names(own, h->rows, h->rows_count) && good_names(own, h->coordinates, h->coordinates_count) &&
-           good_names(own, h->cuts, h->cuts_count);
+           good_names(own, h->cuts, h->cuts_count) && good_names(own, h->loads, h->loads_count) &&
+           good_names(own, h->free_rates, h->free_rates_count) && good_supports(own);
 }
 
 /* Whether all that the tables refer to is there; the sections are checked before anything in them is read. */

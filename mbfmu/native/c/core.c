@@ -129,11 +129,8 @@ Outcome enter_initialization(Instance *own)
 static void warn_coarse_tolerance(Instance *own)
 {
     const Options *options = (const Options *)(own->block + own->header->options_at);
-    char text[SAYS], digits[32];
-    if (!own->header->reports_coarse || options->rtol < COARSE_TOLERANCE)
-        return;
-    SAY(text, "the tolerance is ", in_digits(digits, options->rtol), ": " COARSE_TEXT);
-    warn(own, text);
+    if (own->header->reports_coarse && options->rtol >= COARSE_TOLERANCE)
+        warn_filled(own, COARSE_TOLERANCE_TEXT, &options->rtol, NULL);
 }
 
 Outcome exit_initialization(Instance *own)
@@ -183,15 +180,11 @@ static bool may_step(Instance *own, double t, double length)
     return true;
 }
 
-/* Tell what is unusual about a step that was made; a lost balance is the message of every one since. */
-static void log_new(Instance *own, const RunStatus *status)
+/* Tell what is unusual about a step that was made from t, s; a lost balance is the message of every one since. */
+static void log_new(Instance *own, const RunStatus *status, double t)
 {
-    if (status->jumps && !own->warned_jump) {
-        own->warned_jump = true;
-        warn(own, "the position of an input differs from the value that its rate gives; the joint is moved there within "
-                  "the next communication step. Set position and rate consistently, or use a smaller communication step "
-                  "[input-jump]");
-    }
+    warn_jump(own, status, t);
+    warn_near_miss(own);
     if (status->lost) {
         describe_energy_error(own, own->message);
         if (!own->warned_balance)
@@ -216,7 +209,7 @@ static Outcome go(Instance *own, double t, double length)
     }
     size_t saved = (size_t)own->header->saved;
     memcpy(own->kept, own->block, saved);
-    double end = fmax(clock_of(own), t + length); /* the host's clock may be a little slow */
+    double here = clock_of(own), end = fmax(here, t + length); /* the host's clock may be a little slow */
     int64_t code = call_entry_at(own, own->family->step, end);
     if (code != CODE_OK) {
         describe_stop(own, code, text);
@@ -228,7 +221,7 @@ static Outcome go(Instance *own, double t, double length)
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
     }
-    if (!(status->limit_ratio <= 2.0)) {
+    if (!(status->limit_ratio <= MAX_VALID_RATIO)) {
         describe_bend(own, "a cell is folded", ". " UNFOLD " [folded-cell]", text);
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
@@ -236,7 +229,7 @@ static Outcome go(Instance *own, double t, double length)
     own->fresh = own->derived = false;
     own->message[0] = '\0';
     own->reached = end;
-    log_new(own, status);
+    log_new(own, status, here);
     return OK;
 }
 

@@ -5,7 +5,8 @@
 
 #include "core.h"
 
-enum { GIVEN = 1, REFUSED = 2 }; /* flags of a variable: set since the last step; set to what is not allowed */
+/* Flags of a variable: set since the last step; set to what is not allowed; its jump has been reported. */
+enum { GIVEN = 1, REFUSED = 2, JUMP_REPORTED = 4 };
 
 struct Instance {
     Log *log;
@@ -28,7 +29,7 @@ struct Instance {
     bool untouched; /* the block is that of the file */
     bool fresh;     /* outputs are those of the present state */
     bool derived;   /* so are derivatives */
-    bool warned_jump, warned_balance, warned_coarse, warned_branch;
+    bool warned_balance, warned_coarse, warned_near_miss, warned_undetermined, warned_branch;
     unsigned reported; /* reasons of discarded evaluations, bits by their codes */
     char message[SAYS];
 };
@@ -82,6 +83,11 @@ void describe_assembly(Instance *own, int64_t code, char text[SAYS]);
 void describe_energy_error(const Instance *own, char text[SAYS]);
 void describe_bend(Instance *own, const char *before, const char *after, char text[SAYS]);
 void warn(Instance *own, const char *text);
+void warn_filled(Instance *own, const char *form, const double numbers[], const char *const texts[]);
+void warn_jump(Instance *own, const RunStatus *status, double t);
+void warn_near_miss(Instance *own);
+void warn_undetermined(Instance *own);
+void warn_singular_start(Instance *own);
 void warn_coarse(Instance *own, const RunStatus *status);
 
 /* Make a text of parts. */

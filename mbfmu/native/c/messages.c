@@ -8,10 +8,9 @@
 
 #define DEGREES 57.29577951308232 /* in a radian */
 
-/* Return a number in so many digits, with a point wherever the host is. */
-static const char *with_digits(char digits[32], int count, double value)
+/* Return a number with a point wherever the host is. */
+static const char *with_point(char digits[32])
 {
-    snprintf(digits, 32, "%.*g", count, value);
     for (char *c = digits; *c; c++)
         if (*c == ',')
             *c = '.';
@@ -20,7 +19,8 @@ static const char *with_digits(char digits[32], int count, double value)
 
 const char *in_digits(char digits[32], double value)
 {
-    return with_digits(digits, 9, value);
+    snprintf(digits, 32, "%.9g", value);
+    return with_point(digits);
 }
 
 /* Append to a text as much as there is room for. */
@@ -117,31 +117,43 @@ void describe_assembly(Instance *own, int64_t code, char text[SAYS])
     add(text, text_at(own, f->between));
 }
 
+/* Fill a text of mbfmu/session/run_messages.py: fields with a format, such as {t:.6g}, with numbers, others with texts,
+   in quotes where it is {name!r}. */
+static void fill(char text[SAYS], const char *form, const double numbers[], const char *const texts[])
+{
+    char part[SAYS], format[16], digits[32];
+    text[0] = '\0';
+    for (const char *open; (open = strchr(form, '{')); form = strchr(open, '}') + 1) {
+        size_t before = (size_t)(open - form), width = (size_t)(strchr(open, '}') - open);
+        const char *colon = memchr(open, ':', width);
+        memcpy(part, form, before);
+        part[before] = '\0';
+        add(text, part);
+        if (colon) {
+            snprintf(format, sizeof format, "%%%.*s", (int)(width - (size_t)(colon - open) - 1), colon + 1);
+            snprintf(digits, sizeof digits, format, *numbers++);
+            add(text, with_point(digits));
+            continue;
+        }
+        const char *quote = memchr(open, '!', width) ? "'" : "";
+        const char *const parts[] = {quote, *texts++, quote};
+        add_all(text, parts, 3);
+    }
+    add(text, form);
+}
+
 /* Say when and by how much the balance of energy and work was lost. */
 void describe_energy_error(const Instance *own, char text[SAYS])
 {
     const RunStatus *status = (const RunStatus *)(own->block + own->header->run_status_at);
     double most = fabs(status->energy_error);
-    char at[32], lost[32], part[32], all[32];
-    if (status->lost == PASSAGE_INACCURATE) {
-        SAY(text, "the energy error is too large at t = ", with_digits(at, 6, status->lost_at),
-            " s: the energy has changed by ", with_digits(lost, 3, most), " J ", status->energy_error > 0.0 ? "more" : "less",
-            " than the work done on the mechanism, which is ", with_digits(part, 2, most / status->passage), " of the ",
-            with_digits(all, 3, status->passage), " J by which the motion has just passed an unstable equilibrium, or missed ",
-            "it. The time of the passage and the motion after it may be wrong: reduce the tolerance and compare the ",
-            "results [slow-passage]");
-        return;
-    }
-    SAY(text, "the energy error is too large at t = ", with_digits(at, 6, status->lost_at),
-        " s: the energy has changed by ", with_digits(lost, 3, most), " J ", status->energy_error > 0.0 ? "more" : "less",
-        " than the work done on the mechanism");
-    if (status->exchanged != 0.0) {
-        const char *const parts[] = {", ", with_digits(part, 2, most / status->exchanged), " of the ",
-                                     with_digits(all, 3, status->exchanged), " J of energy exchanged"};
-        add_all(text, parts, sizeof parts / sizeof parts[0]);
-    }
-    add(text, ", and more than the tolerance explains. The motion after this time may be wrong: reduce the tolerance or "
-              "use another solver, and compare the results [energy-balance]");
+    const double parts[] = {most / status->exchanged, status->exchanged};
+    const double numbers[] = {status->lost_at, most, most / status->passage, status->passage};
+    char part[SAYS] = "";
+    if (status->exchanged != 0.0)
+        fill(part, EXCHANGED_ENERGY_PART, parts, NULL);
+    const char *const texts[] = {status->energy_error > 0.0 ? "more" : "less", part, ""};
+    fill(text, status->lost == PASSAGE_INACCURATE ? SLOW_PASSAGE_TEXT : ENERGY_BALANCE_TEXT, numbers, texts);
 }
 
 /* Say how far cells of a sheet bend where the model stands, too far for their grid: limit_ratio is 1 where plates are
@@ -174,4 +186,77 @@ void warn_coarse(Instance *own, const RunStatus *status)
     describe_bend(own, "the mesh is too coarse", " [coarse-mesh]", text);
     warn(own, text);
     own->warned_coarse = true;
+}
+
+void warn_filled(Instance *own, const char *form, const double numbers[], const char *const texts[])
+{
+    char text[SAYS];
+    fill(text, form, numbers, texts);
+    warn(own, text);
+}
+
+/* Tell once of each input that its position has jumped, at the point t, s. */
+void warn_jump(Instance *own, const RunStatus *status, double t)
+{
+    if (!status->jumps)
+        return;
+    const Support *support = (const Support *)section(own, own->header->supports) + status->jump_support;
+    const double numbers[] = {t, status->jump_size};
+    const char *const texts[] = {text_at(own, own->variables[support->variable].name), text_at(own, support->unit)};
+    if (own->flags[support->variable] & JUMP_REPORTED)
+        return;
+    own->flags[support->variable] |= JUMP_REPORTED;
+    warn_filled(own, INPUT_JUMP_TEXT, numbers, texts);
+}
+
+/* Tell once that the tolerance was larger than requested near a near miss of a singular configuration. */
+void warn_near_miss(Instance *own)
+{
+    const Header *h = own->header;
+    const Options *options = (const Options *)(own->block + h->options_at);
+    double factor = *numbers_at(own, h->near_miss_factor_at);
+    const double numbers[] = {factor * options->rtol, options->rtol, *numbers_at(own, h->near_miss_gap_at)};
+    if (own->warned_near_miss || !(factor > 1.0))
+        return;
+    own->warned_near_miss = true;
+    warn_filled(own, LIMITED_TOLERANCE_TEXT, numbers, NULL);
+}
+
+/* Tell once that forces were asked for at a time at which they are not determined. */
+void warn_undetermined(Instance *own)
+{
+    const Header *h = own->header;
+    if (own->warned_undetermined || !h->reports_undetermined || !*(const int64_t *)(own->block + h->undetermined_at))
+        return;
+    own->warned_undetermined = true;
+    warn_filled(own, UNDETERMINED_FORCES_TEXT, numbers_at(own, h->undetermined_time_at), NULL);
+}
+
+/* Return the next name, from a coordinate on, of a body whose rate the loops do not determine and no one has given. */
+static const char *next_free_rate(Instance *own, int64_t *k)
+{
+    const Name *names = section(own, own->header->free_rates);
+    const double *is_free = numbers_at(own, own->header->massless_at);
+    const char *before = *k > 0 ? text_at(own, names[*k - 1].name) : "";
+    for (; *k < own->header->free_rates_count; ++*k) {
+        const char *name = text_at(own, names[*k].name);
+        if (is_free[*k] != 0.0 && *name && strcmp(name, before) != 0)
+            return text_at(own, names[(*k)++].name);
+    }
+    return NULL;
+}
+
+/* Tell that the loops do not determine all rates at the start, and which have not been given. */
+void warn_singular_start(Instance *own)
+{
+    char joints[SAYS] = "";
+    int64_t k = 0, count = 0;
+    for (const char *name = next_free_rate(own, &k), *next; name; name = next) {
+        next = next_free_rate(own, &k);
+        const char *const parts[] = {!count++ ? "" : next ? ", " : " and ", "'", name, "'"};
+        add_all(joints, parts, 4);
+    }
+    const char *const texts[] = {count > 1 ? "s" : "", joints};
+    if (count)
+        warn_filled(own, SINGULAR_START_TEXT, NULL, texts);
 }

@@ -57,6 +57,7 @@ Outcome evaluate(Instance *own)
         return fail(own, DISCARD, text);
     }
     read_outputs(own);
+    warn_undetermined(own);
     own->fresh = true;
     return OK;
 }
@@ -102,7 +103,9 @@ Outcome start_anew(Instance *own)
         return fail(own, ERROR, text);
     }
     own->untouched = false;
-    own->warned_jump = own->warned_balance = own->warned_coarse = own->warned_branch = false;
+    own->warned_balance = own->warned_coarse = own->warned_near_miss = own->warned_undetermined = own->warned_branch = false;
+    for (size_t k = 0; k < count_of(own); k++)
+        own->flags[k] &= (unsigned char)~JUMP_REPORTED;
     put_options(own);
     if ((wrong = moved_from_rest(own)))
         return fail_moved(own, wrong);
@@ -129,6 +132,8 @@ Outcome start_anew(Instance *own)
         return fail(own, ERROR, text);
     }
     own->reached = own->start;
+    if (status->singular)
+        warn_singular_start(own);
     warn_coarse(own, status);
     own->derived = false;
     if (own->exchange)

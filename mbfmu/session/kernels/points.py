@@ -22,7 +22,7 @@ from mbfmu.mechanics.arrays.input_kernels import (
 from mbfmu.mechanics.arrays.load_groups import largest_ratio
 from mbfmu.mechanics.loads.base import MAX_VALID_RATIO
 from mbfmu.mechanics.recursions.dynamics import energy, observe
-from solvers.balance import BALANCE, BALANCE_OK, check_energy_balance, energy_floor
+from solvers.balance import BALANCE_OK, BalanceRecord, check_energy_balance, energy_floor
 from solvers.compiled.kernel import inlined, kernel, records
 from solvers.compiled.record import Record, f8, i8
 from solvers.energy_account import EXCHANGED_ENERGY, PASSAGE_ENERGY
@@ -38,7 +38,10 @@ class RunStatusRecord(Record):
 
     code: i8  # result of the last advance of a native run, see solvers.outcome
     unknown: i8  # 1: the rate of a support jumps where its impulse is not determined
-    jumps: i8  # 1: a support has jumped in position, farther than its rate explains
+    jumps: i8  # 1: a support has jumped in position, farther than its rate explains; then the first of them
+    jump_support: i8  # ... at the last point where one has, by its number
+    jump_size: f8  # ... and by how much, m or rad
+    singular: i8  # 1: the loops do not determine all rates at the start of a native run
     flaw: i8  # what is wrong with the start of a native run, see start_checks.Flaw; zero: nothing
     lost: i8  # first result of the check of the energy balance that is not BALANCE_OK
     lost_at: f8  # s, time of that check; then energy error and exchanged energy there, J
@@ -58,14 +61,14 @@ class Session(NamedTuple):
 
     data: Any  # mbfmu.mechanics.records.Data, pinned
     inputs: Any  # mbfmu.mechanics.arrays.input_kernels.InputRecords
-    balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
+    balance: Table[BalanceRecord]  # (1,)
     status: NDArray[Any]  # (1,) RUN_STATUS
     monitored: Table[ItemRecord]  # mbfmu.mechanics.records.ItemRecord, loads that have limits of their theory
 
     @staticmethod
     def allocate(data: Any, inputs: InputRecords, monitored: Table[ItemRecord]) -> Session:
         """Return a session that has not begun."""
-        return Session(data, inputs, records(1, BALANCE), records(1, RUN_STATUS), monitored)
+        return Session(data, inputs, BalanceRecord.zeros(1), records(1, RUN_STATUS), monitored)
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save, but for the values of inputs."""
@@ -177,8 +180,12 @@ def note_impulse(session: Session, code: int) -> None:
 @kernel
 def start_support_motions(session: Session) -> None:
     """Start the motions of the supports that are planned."""
-    if start_motions(session.inputs, session.balance[0].tolerance):
-        session.status[0].jumps = 1
+    inputs, status = session.inputs, session.status[0]
+    if start_motions(inputs, session.balance[0].tolerance):
+        status.jumps = 1
+        for k in range(inputs.supports.shape[0] - 1, -1, -1):
+            if inputs.supports[k].departs == 1 and inputs.ahead[k].jumps == 1:
+                status.jump_support, status.jump_size = k, inputs.ahead[k].position - inputs.ahead[k].path[0]
 
 
 @kernel

@@ -121,11 +121,8 @@ class NipRecord(Record):
     friction_velocity: f8  # slip v_r at rest, m/s
 
 
-NIP = NipRecord.dtype
-
-
 @kernel
-def evaluate_contact(nip: Any, t: float, arrays: Arrays, state: State) -> None:
+def evaluate_contact(nip: NipRecord, t: float, arrays: Arrays, state: State) -> None:
     """Add the forces at all stations in this cell to ``here.result``, and unless ``accumulate_only`` to the bodies."""
     here, bodies, pair = contact_scratch(nip, state), state.bodies, nip_scratch(nip, state)
     evaluate_center(nip, bodies, here.r)
@@ -195,7 +192,9 @@ def solve_pair_forces(nip: NipRecord, pair: NipScratch, here: ContactScratch) ->
 
 
 @inlined
-def friction_force(nip: NipRecord, body: MotionRecord, R: Any, ahead: Any, side: Any, along: Any, across: Any) -> Any:
+def friction_force(
+    nip: NipRecord, body: MotionRecord, R: float, ahead: float, side: float, along: float, across: float
+) -> Any:
     """Friction of a body's surface at R n from its axis on the sheet there, whose speed is ``ahead`` along d and
     ``side`` along e, and its slip; each along d and e. It is ``along`` and ``across`` at most.
     """
@@ -216,7 +215,9 @@ def friction_force(nip: NipRecord, body: MotionRecord, R: Any, ahead: Any, side:
 
 
 @inlined
-def apply_friction_reaction(nip: NipRecord, body: MotionRecord, R: Any, fd: Any, fe: Any, here: ContactScratch) -> None:
+def apply_friction_reaction(
+    nip: NipRecord, body: MotionRecord, R: float, fd: Reals, fe: Reals, here: ContactScratch
+) -> None:
     """Let what the sheet feels by :func:`friction_force` act back on the body."""
     for k in range(3):
         here.f[k] = fd * nip.d[k] + fe * nip.e[k]
@@ -225,7 +226,7 @@ def apply_friction_reaction(nip: NipRecord, body: MotionRecord, R: Any, fd: Any,
 
 
 @kernel
-def apply_station_force(nip: Any, i: int, N: Any, pair: Any, bodies: Table[MotionRecord], here: Any) -> None:
+def apply_station_force(nip: NipRecord, i: int, N: float, pair: Any, bodies: Table[MotionRecord], here: Any) -> None:
     """What one station of a pair feels."""
     evaluate_ruled_weights(nip, nip.way, pair.at[i, 0], pair.at[i, 1], here.c, here.cx, here.cz)
     interpolate_point(nip, here.c, bodies, here.r)
@@ -298,7 +299,7 @@ def tangent(nip: NipRecord, c1: float, arrays: Arrays, state: State, perturbed: 
 
 
 @kernel
-def evaluate_quantity(nip: Any, t: float, arrays: Arrays, state: State, k: int) -> Any:
+def evaluate_quantity(nip: NipRecord, t: float, arrays: Arrays, state: State, k: int) -> Any:
     """Entry k of ``result`` by one cell alone, the bodies left as they are."""
     here = contact_scratch(nip, state)
     for j in range(8):
@@ -310,7 +311,7 @@ def evaluate_quantity(nip: Any, t: float, arrays: Arrays, state: State, k: int) 
 
 
 @kernel
-def apply(nip: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(nip: NipRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power on sheet and roller is a by-product."""
     here = contact_scratch(nip, state)
     result = here.result
@@ -321,7 +322,7 @@ def apply(nip: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def potential(nip: Any, arrays: Arrays, state: State) -> float:
+def potential(nip: NipRecord, arrays: Arrays, state: State) -> float:
     """Energy that rubber and cells store, J."""
     return evaluate_quantity(nip, state.time[0].real, arrays, state, 6)
 
@@ -330,7 +331,7 @@ def potential(nip: Any, arrays: Arrays, state: State) -> float:
 class RollerNip(Load):
     """One cell of a sheet against a nip; :func:`.add_nip` makes those of a sheet."""
 
-    record = NIP
+    record = NipRecord
     apply = apply
     potential = potential
     tangent = tangent

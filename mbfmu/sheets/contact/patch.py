@@ -16,7 +16,7 @@ Every kernel is analytic in what it reads of the state.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -27,8 +27,24 @@ if TYPE_CHECKING:
     from solvers.compiled.record import Reals, Table
 
 
+class CellSides(Protocol):
+    """What kernels read of a cell."""
+
+    @property
+    def node(self) -> Any:
+        """Numbers of the bodies at its corners (4,)."""
+
+    @property
+    def a(self) -> float:
+        """Side along x, m."""
+
+    @property
+    def b(self) -> float:
+        """Side along z, m."""
+
+
 @kernel
-def evaluate_weights(cell: Any, xi: float, zeta: float, c: Reals) -> None:
+def evaluate_weights(cell: CellSides, xi: float, zeta: float, c: Reals) -> None:
     """c (4, 3) <- weights at a point of a cell."""
     X1, Z1 = xi * xi * (3.0 - 2.0 * xi), zeta * zeta * (3.0 - 2.0 * zeta)
     X0, Z0 = 1.0 - X1, 1.0 - Z1
@@ -40,7 +56,7 @@ def evaluate_weights(cell: Any, xi: float, zeta: float, c: Reals) -> None:
 
 
 @kernel
-def evaluate_ruled_weights(cell: Any, axis: int, xi: float, zeta: float, c: Reals, cx: Reals, cz: Reals) -> None:
+def evaluate_ruled_weights(cell: CellSides, axis: int, xi: float, zeta: float, c: Reals, cx: Reals, cz: Reals) -> None:
     """As :func:`evaluate_weights`, of a surface that is straight across x (``axis`` 0) or z (1), with derivatives
     by xi and zeta.
     """
@@ -73,7 +89,7 @@ def interpolate_point(cell: Any, c: Reals, bodies: Table[MotionRecord], r: Reals
 
 
 @kernel
-def evaluate_line(cell: Any, xi: float, bodies: Table[MotionRecord], line: Reals) -> None:
+def evaluate_line(cell: CellSides, xi: float, bodies: Table[MotionRecord], line: Reals) -> None:
     """line (4, 3) <- the cubic on which all points at xi lie: where it begins and ends, and its derivatives there."""
     X1 = xi * xi * (3.0 - 2.0 * xi)
     X0, A0, A1 = 1.0 - X1, cell.a * xi * (1.0 - xi) * (1.0 - xi), -cell.a * xi * xi * (1.0 - xi)
@@ -94,7 +110,7 @@ def evaluate_on_line(line: Reals, zeta: float, r: Reals) -> None:
 
 
 @kernel
-def evaluate_center(cell: Any, bodies: Table[MotionRecord], r: Reals) -> None:
+def evaluate_center(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> None:
     """r (3,) <- the mean of the nodes; the patch lies within :func:`bounding_radius` of it."""
     for k in range(3):
         r[k] = 0.0
@@ -103,13 +119,13 @@ def evaluate_center(cell: Any, bodies: Table[MotionRecord], r: Reals) -> None:
 
 
 @kernel
-def bounding_radius(cell: Any) -> float:
+def bounding_radius(cell: CellSides) -> float:
     """Radius of a ball about the middle of a cell that holds all of it, m: half a diagonal and some for bending."""
     return 0.6 * np.sqrt(cell.a * cell.a + cell.b * cell.b)
 
 
 @kernel
-def sagitta(cell: Any, bodies: Table[MotionRecord], r: Reals, n: Reals) -> float:
+def sagitta(cell: CellSides, bodies: Table[MotionRecord], r: Reals, n: Reals) -> float:
     """How far, at most, the patch reaches from its middle r against the unit vector n, m: as far as its Bezier points
     do, r_i and a third of a side on from there along t_x and t_z.
     """
@@ -137,7 +153,7 @@ def moment_arm(A: Reals, along: float, across: float) -> Any:
 
 
 @kernel
-def point_velocity(cell: Any, c: Reals, bodies: Table[MotionRecord], v: Reals) -> None:
+def point_velocity(cell: CellSides, c: Reals, bodies: Table[MotionRecord], v: Reals) -> None:
     """v (3,) <- velocity of the point."""
     for k in range(3):
         v[k] = 0.0
@@ -151,7 +167,7 @@ def point_velocity(cell: Any, c: Reals, bodies: Table[MotionRecord], v: Reals) -
 
 
 @kernel
-def apply_to_nodes(cell: Any, c: Reals, bodies: Table[MotionRecord], f: Reals) -> None:
+def apply_to_nodes(cell: CellSides, c: Reals, bodies: Table[MotionRecord], f: Reals) -> None:
     """Add a force f (3,) at the point to the applied wrenches of the nodes."""
     for i in range(4):
         node = bodies[cell.node[i]]

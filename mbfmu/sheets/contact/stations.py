@@ -39,7 +39,7 @@ def is_separated(nip: NipRecord, P: Reals, x: float, y: float, z: float) -> bool
 
 
 @kernel
-def find_material_point(nip: Any, P: Any, bodies: Table[MotionRecord], here: Any) -> Any:
+def find_material_point(nip: NipRecord, P: Any, bodies: Table[MotionRecord], here: Any) -> Any:
     """Find the material of a cell under a point P (three numbers); return xi, zeta and whether they were found.
 
     Leaves weights, point and derivatives there. In a complex state the imaginary part is exact after the last pass.

@@ -12,7 +12,7 @@ from mbfmu.mechanics.loads.base import Load
 
 from .initial_contact import check_surface_contacts, undersampled_edges
 from .scratch import CONTACT_REASON, CONTACT_SCRATCH
-from .surface_force import SURFACE_CONTACT, apply, potential, tangent
+from .surface_force import SurfaceContactRecord, apply, potential, tangent
 from .surfaces import Surface
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class SurfaceContact(Load):
     """One cell of a sheet against a surface; :func:`.add_contact` makes those of a sheet."""
 
-    record = SURFACE_CONTACT
+    record = SurfaceContactRecord
     apply = apply
     potential = potential
     tangent = tangent

@@ -69,11 +69,8 @@ class SurfaceContactRecord(Record):
     friction_velocity: f8  # v_r, m/s
 
 
-SURFACE_CONTACT = SurfaceContactRecord.dtype
-
-
 @kernel
-def gap(contact: Any, arrays: Arrays, state: State) -> Any:
+def gap(contact: SurfaceContactRecord, arrays: Arrays, state: State) -> Any:
     """Distance of the sheet's face at here.r from the surface; the normal in global axes is left in here.f."""
     here, body = contact_scratch(contact, state), state.bodies[contact.body]
     here.part = 1.0
@@ -95,7 +92,7 @@ def gap(contact: Any, arrays: Arrays, state: State) -> Any:
 
 @kernel
 def is_separated(
-    contact: SurfaceContactRecord, distance: Any, bodies: Table[MotionRecord], here: ContactScratch
+    contact: SurfaceContactRecord, distance: float, bodies: Table[MotionRecord], here: ContactScratch
 ) -> bool:
     """Broad-phase test: whether a cell is separated, by the distance ``distance`` and the normal here.f at its center
     here.r.
@@ -108,7 +105,7 @@ def is_separated(
 
 
 @kernel
-def evaluate_contact(contact: Any, arrays: Arrays, state: State) -> None:
+def evaluate_contact(contact: SurfaceContactRecord, arrays: Arrays, state: State) -> None:
     """Add the forces at all points to ``here.result``, and unless ``accumulate_only`` to the bodies."""
     here, bodies = contact_scratch(contact, state), state.bodies
     evaluate_center(contact, bodies, here.r)
@@ -143,7 +140,9 @@ def point_area(contact: SurfaceContactRecord, i: int, k: int, own: bool) -> floa
 
 
 @kernel
-def point_force(contact: SurfaceContactRecord, share: float, d: Any, body: MotionRecord, here: ContactScratch) -> None:
+def point_force(
+    contact: SurfaceContactRecord, share: float, d: Reals, body: MotionRecord, here: ContactScratch
+) -> None:
     """here.f <- what a point at here.r with the velocity here.v feels, the normal of the surface in here.f so far."""
     r, v, f, result = here.r, here.v, here.f, here.result
     x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
@@ -176,7 +175,9 @@ def point_force(contact: SurfaceContactRecord, share: float, d: Any, body: Motio
 
 
 @kernel
-def tangent(contact: Any, c1: float, arrays: Arrays, state: State, perturbed: State, K: Reals) -> float:
+def tangent(
+    contact: SurfaceContactRecord, c1: float, arrays: Arrays, state: State, perturbed: State, K: Reals
+) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: the law by complex steps of a point, the point by its weights."""
     here, there, bodies = contact_scratch(contact, state), contact_scratch(contact, perturbed), state.bodies
     body, moved = bodies[contact.body], perturbed.bodies[contact.body]
@@ -219,7 +220,9 @@ def tangent(contact: Any, c1: float, arrays: Arrays, state: State, perturbed: St
 
 
 @kernel
-def point_force_perturbed(contact: Any, share: float, j: int, arrays: Arrays, here: Any, perturbed: State) -> None:
+def point_force_perturbed(
+    contact: SurfaceContactRecord, share: float, j: int, arrays: Arrays, here: Any, perturbed: State
+) -> None:
     """perturbed.contact.f <- force at a point after an imaginary step of position (j < 3), velocity (j < 6) or none."""
     there = contact_scratch(contact, perturbed)
     for k in range(3):
@@ -288,7 +291,7 @@ def add_columns(
 
 
 @kernel
-def evaluate_quantity(contact: Any, arrays: Arrays, state: State, k: int) -> Any:
+def evaluate_quantity(contact: SurfaceContactRecord, arrays: Arrays, state: State, k: int) -> Any:
     """Entry k of ``result`` by one cell alone, the bodies left as they are."""
     here = contact_scratch(contact, state)
     for j in range(8):
@@ -328,7 +331,7 @@ def find_max_penetration(
 
 
 @kernel
-def apply(contact: Any, t: float, arrays: Arrays, state: State) -> None:
+def apply(contact: SurfaceContactRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The dissipated power is a by-product."""
     here = contact_scratch(contact, state)
     result = here.result
@@ -339,6 +342,6 @@ def apply(contact: Any, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def potential(contact: Any, arrays: Arrays, state: State) -> float:
+def potential(contact: SurfaceContactRecord, arrays: Arrays, state: State) -> float:
     """Energy that the law of pressure stores, J."""
     return evaluate_quantity(contact, arrays, state, 3)

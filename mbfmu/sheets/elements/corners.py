@@ -19,6 +19,8 @@ from solvers.compiled.kernel import inlined, kernel
 if TYPE_CHECKING:
     from mbfmu.mechanics.arrays.load_groups import LoadGroup
     from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.sheets.elements.plate_energy import PlateRecord
+    from mbfmu.sheets.elements.shell_energy import ShellRecord
 
 MAX_EDGE_ANGLE = np.radians(45.0)  # of an edge: no element is good that far from its own shape
 CORNERS = 4
@@ -36,7 +38,7 @@ def edge_angle(element: Any, k: int, x: float, y: float, z: float, state: State)
 
 
 @kernel
-def plate_edge_angle(plate: Any, k: int, state: State) -> float:
+def plate_edge_angle(plate: PlateRecord, k: int, state: State) -> float:
     """Angle between edge k of a rectangle and its direction by the orientations of the bodies, rad."""
     x, y, z = 0.0, 0.0, 0.0
     for c in range(CORNERS):
@@ -48,7 +50,7 @@ def plate_edge_angle(plate: Any, k: int, state: State) -> float:
 
 
 @kernel
-def shell_edge_angle(shell: Any, k: int, state: State) -> float:
+def shell_edge_angle(shell: ShellRecord, k: int, state: State) -> float:
     """Angle between edge k of a shell and its direction by the orientations of the bodies, rad."""
     x, y, z, X, last = 0.0, 0.0, 0.0, shell.X, (k + 1) % CORNERS
     for c in range(CORNERS):
@@ -64,7 +66,7 @@ def shell_edge_angle(shell: Any, k: int, state: State) -> float:
 
 
 @kernel
-def plate_misplacement(plate: Any, arrays: Arrays, state: State) -> float:
+def plate_misplacement(plate: PlateRecord, arrays: Arrays, state: State) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: by the largest angle of an edge."""
     largest = 0.0
     for k in range(CORNERS):
@@ -73,7 +75,7 @@ def plate_misplacement(plate: Any, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def shell_misplacement(shell: Any, arrays: Arrays, state: State) -> float:
+def shell_misplacement(shell: ShellRecord, arrays: Arrays, state: State) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: by the largest angle of an edge."""
     largest = 0.0
     for k in range(CORNERS):

@@ -17,7 +17,7 @@ from .base import PlaneElement
 from .corners import plate_edge_angle, plate_misplacement
 from .material import Matrix, PlaneStress, add_crease_compliance
 from .plate_curvature import curvature
-from .plate_energy import PLATE, PLATE_SCRATCH, apply, potential
+from .plate_energy import PLATE_SCRATCH, PlateRecord, apply, potential
 from .plate_tangent import tangent
 from .stress_recovery import Recovered, recover
 
@@ -48,7 +48,7 @@ class Plate(PlaneElement):
         Density of the air times drag coefficient, kg/m^3; zero: none.
     """
 
-    record = PLATE
+    record = PlateRecord
     apply = apply
     potential = potential
     tangent = tangent

@@ -91,9 +91,6 @@ class PlateRecord(Record):
     curl: Annotated[Reals, (12,)]  # natural strains; of the membrane none
 
 
-PLATE = PlateRecord.dtype
-
-
 class PlateScratch(Record):
     """An element at work, everything in element axes."""
 
@@ -140,7 +137,7 @@ def plate_scratch(item: PlateRecord, state: State) -> Any:
 
 
 @kernel
-def slope_factor(c: Any) -> Any:
+def slope_factor(c: float) -> Any:
     """F = theta / sin theta and its first two derivatives by c = cos theta; analytic about c = 1.
 
     About c = 1 the series in u = 1 - c, with coefficients n!/(2n+1)!!, is summed with its derivatives.
@@ -195,7 +192,7 @@ def shape(plate: PlateRecord, bodies: Table[MotionRecord], here: PlateScratch) -
 
 
 @kernel
-def bending_strain(plate: PlateRecord, w: Reals, tau: Any, e: Reals) -> None:
+def bending_strain(plate: PlateRecord, w: Reals, tau: float, e: Reals) -> None:
     """e[0:9] from slopes w (4, 2) and tau, or their rates from rates: the map is linear."""
     e[0] = 0.25 * (w[1, 0] + w[2, 0] - w[0, 0] - w[3, 0])
     e[1] = 0.25 * (w[2, 1] + w[3, 1] - w[0, 1] - w[1, 1])

@@ -8,7 +8,7 @@ the elastic wrenches. Small rotations do not commute, so it is symmetric only if
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import kernel
 
@@ -41,7 +41,7 @@ def tangent(plate: PlateRecord, c1: float, arrays: Arrays, state: State, perturb
 
 
 @kernel
-def stiffness(plate: Any, part: float, bodies: Table[MotionRecord], here: PlateScratch, K: Reals) -> None:
+def stiffness(plate: PlateRecord, part: float, bodies: Table[MotionRecord], here: PlateScratch, K: Reals) -> None:
     """K (24, 24) += - d(wrenches) / d(motions) at the present positions; ``here`` is scratch.
 
     ``part`` = 1 + c1 beta has the damping in it: its stresses go with the rates of the strains as the elastic ones do

@@ -16,7 +16,7 @@ from mbfmu.util.errors import UserError
 
 from .base import PlaneElement
 from .corners import shell_edge_angle, shell_misplacement
-from .shell_energy import SHELL, SHELL_SCRATCH, apply, potential
+from .shell_energy import SHELL_SCRATCH, ShellRecord, apply, potential
 from .shell_stiffness import Matrix, assumed_strains, bending, curvature, drilling, flat_axes, membrane, stresses
 from .shell_tangent import tangent
 from .stress_recovery import Recovered, recover
@@ -47,7 +47,7 @@ class Shell(PlaneElement):
         Density of the air times drag coefficient, kg/m^3; zero: none.
     """
 
-    record = SHELL
+    record = ShellRecord
     apply = apply
     potential = potential
     tangent = tangent

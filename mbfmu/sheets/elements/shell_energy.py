@@ -48,9 +48,6 @@ class ShellRecord(Record):
     bent: Annotated[Reals, (12, 12)]  # ... over (y, turn about x, about z)
 
 
-SHELL = ShellRecord.dtype
-
-
 class ShellScratch(Record):
     """An element at work, everything in element axes."""
 
@@ -278,7 +275,7 @@ def apply(shell: ShellRecord, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
-def potential(shell: Any, arrays: Arrays, state: State) -> float:
+def potential(shell: ShellRecord, arrays: Arrays, state: State) -> float:
     """Elastic energy, J."""
     here = shell_scratch(shell, state)
     deform(shell, state.bodies, here)

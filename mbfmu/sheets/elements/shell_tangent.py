@@ -8,7 +8,7 @@ turns leaves the element's axes where they are, so half of the columns take a fr
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solvers.compiled.kernel import kernel
 
@@ -55,7 +55,7 @@ def tangent(shell: ShellRecord, c1: float, arrays: Arrays, state: State, perturb
 
 
 @kernel
-def direction(shell: Any, here: ShellScratch, i: int, k: int) -> bool:
+def direction(shell: ShellRecord, here: ShellScratch, i: int, k: int) -> bool:
     """What a unit motion of body i changes d by, and the spin omega of the element: k = 0, 1, 2 along the global axes,
     3, 4, 5 about them. False where corner i alone turns: then the element's axes stay.
     """
@@ -88,7 +88,7 @@ def resist_turn(shell: ShellRecord, here: ShellScratch, i: int, part: float, f: 
 
 
 @kernel
-def change_by_shift(shell: Any, here: Any) -> None:
+def change_by_shift(shell: ShellRecord, here: ShellScratch) -> None:
     """Differentials dn, dm of the gradient in element axes where a corner moves, from df."""
     x, X, f, df, dx, o, lift = here.x, shell.X, here.f, here.df, here.rate, here.o, here.lift
     ox, oy, oz, dspread = 0.0, 0.0, 0.0, 0.0
@@ -111,7 +111,7 @@ def change_by_shift(shell: Any, here: Any) -> None:
 
 
 @kernel
-def change_by_turn(shell: Any, here: Any, corner: int) -> None:
+def change_by_turn(shell: ShellRecord, here: ShellScratch, corner: int) -> None:
     """The same where a corner turns: the others and their levers stay, and so do the element's axes."""
     x, X, df, H = here.x, shell.X, here.df, here.H
     ox, oy, oz = 0.0, 0.0, 0.0

@@ -13,8 +13,8 @@ import numpy as np
 
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.sensors.base import Sensor
-from mbfmu.sheets.elements.plate_energy import PLATE, plate_scratch, shape, strain
-from mbfmu.sheets.elements.shell_energy import SHELL, deform, shell_scratch
+from mbfmu.sheets.elements.plate_energy import PlateRecord, plate_scratch, shape, strain
+from mbfmu.sheets.elements.shell_energy import ShellRecord, deform, shell_scratch
 from solvers.compiled.kernel import kernel
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class _InElement(Sensor):
 class InPlate(_InElement):
     """... over the twelve generalized strains of a plate."""
 
-    record = _record((12,), PLATE)
+    record = _record((12,), PlateRecord.dtype)
     read = in_plate
 
 
@@ -86,5 +86,5 @@ class InPlate(_InElement):
 class InShell(_InElement):
     """... over the displacements and turns of the four corners of a shell."""
 
-    record = _record((4, 6), SHELL)
+    record = _record((4, 6), ShellRecord.dtype)
     read = in_shell

@@ -85,7 +85,7 @@ class Cell(NamedTuple):
 
 
 @kernel
-def position(sensor: Any, lam: Reals, arrays: Arrays, state: State) -> float:
+def position(sensor: SheetPositionRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`."""
     r = contact_scratch(sensor, state).r
     interpolate_point(sensor, sensor.weight, state.bodies, r)
@@ -104,7 +104,7 @@ def skew(sensor: SkewRecord, lam: Reals, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def covered(sensor: Any, lam: Reals, arrays: Arrays, state: State) -> float:
+def covered(sensor: CoveredRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: the most that any cell covers."""
     here, P, d = contact_scratch(sensor, state), sensor.place, sensor.direction
     most = 0.0 * here.r[0]
@@ -138,7 +138,7 @@ def covered(sensor: Any, lam: Reals, arrays: Arrays, state: State) -> float:
 
 
 @kernel
-def cell_coverage(x: Any, side: float, ends: int) -> Any:
+def cell_coverage(x: float, side: float, ends: int) -> Any:
     """Part of a beam that a cell covers which it meets at x, by the edges of the sheet: 1 where it begins, 2 where it
     ends on one, 3 both.
     """
@@ -185,7 +185,7 @@ def find_beam_intersection(cell: Any, beam: CoveredRecord, bodies: Table[MotionR
 
 
 @kernel
-def jammed(sensor: Any, lam: Reals, arrays: Arrays, state: State) -> float:
+def jammed(sensor: JammedRecord, lam: Reals, arrays: Arrays, state: State) -> float:
     """See :mod:`.base`: 1 if any of the nips slips."""
     here = contact_scratch(sensor, state)
     for e in range(sensor.nips):

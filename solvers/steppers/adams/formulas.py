@@ -131,22 +131,16 @@ def pack_state(q: Reals, v: Reals, y: Reals) -> None:
 
 @kernel
 def restart_history(
-    history: History,
-    t: float,
-    q: Reals,
-    v: Reals,
-    work: float,
-    rk_steps: int,
-    needs_derivative: int,
-    keeps_position: bool,
+    history: History, t: float, q: Reals, v: Reals, work: float, truncated_steps: int, keeps_position: bool
 ) -> None:
-    """Begin the next step at a reported state, see CONTROL.
+    """Begin the next step at a reported state, see :class:`solvers.steppers.compiled_loop.MethodKernels`.
 
-    ``keeps_position``: the position is on the constraints if it is that of the last step.
+    Truncated steps are of one-step formulas, which need no history but the derivative there.
     """
     control = history.control[0]
     control.is_projected = control.is_projected if keeps_position and control.t == t else 0
-    control.t, control.start, control.rk_steps, control.needs_derivative = t, 1, rk_steps, needs_derivative
+    control.t, control.start, control.rk_steps = t, 1, truncated_steps
+    control.needs_derivative = 1 if truncated_steps > 0 else 0
     reset_check_schedule(history.control)
     pack_state(q, v, history.y)
     history.y[history.y.shape[0] - 1] = work

@@ -29,7 +29,7 @@ ENDED_LIMIT_RATIO = 1e3  # times: a limit that becomes longer by so much has end
 def limit_steps(
     history: History, settings_array: Any, t: float, q: Reals, v: Reals, work: float, longest: float
 ) -> None:
-    """From the reported state (q, v) at t on, s, no step is longer than ``longest``, s; ``work`` is W there, J."""
+    """See :class:`solvers.steppers.compiled_loop.MethodKernels`; the order falls ahead of a jump."""
     control, settings = history.control[0], settings_array[0]
     before = settings.max_step
     if longest == before:
@@ -37,7 +37,7 @@ def limit_steps(
     settings.max_step = longest
     if control.start == 0:
         if longest >= ENDED_LIMIT_RATIO * before and is_discontinuity(before, t):
-            restart_history(history, t, q, v, work, 0, 0, False)
+            restart_history(history, t, q, v, work, 0, False)
         elif longest < control.h and is_discontinuity(longest, t):
             control.phase1, control.k = 0, 1
     control.h = min(control.h, longest)

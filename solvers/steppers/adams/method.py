@@ -2,44 +2,42 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
-from solvers.steppers.compiled_loop import CompiledMethod
-from solvers.system import Array
+from solvers.compiled.kernel import kernel
+from solvers.steppers.compiled_loop import CompiledMethod, MethodKernels
 
-from .formulas import restart_history
+from .formulas import History, restart_history
 from .jumps import limit_steps
+
+
+@kernel
+def count(history: History, counts: Any) -> None:
+    """See :class:`solvers.steppers.compiled_loop.MethodKernels`."""
+    control = history.control[0]
+    left = control.by_turn + control.by_flicker + control.by_energy + control.by_collapse
+    counts[0], counts[1], counts[2] = control.steps, control.rejected, control.evaluations
+    counts[3], counts[4], counts[5] = left + control.returns, max(0, control.starts - 1), control.stability_limited
+
+
+ADAMS_KERNELS = MethodKernels(restart_history, limit_steps, count)
 
 
 class AdamsMethod(CompiledMethod):
     """Adams formulas, and one-step formulas where a history would not last; its memory: :class:`.formulas.History`."""
 
-    def start(self, t: float, q: Array, v: Array, work: float, truncated_steps: int, keeps_position: bool) -> None:
-        """As :meth:`solvers.steppers.compiled_loop.CompiledMethod.start`; truncated steps need no history."""
-        needs_derivative = int(truncated_steps > 0)
-        restart_history(self.pinned, t, q, v, work, truncated_steps, needs_derivative, keeps_position)
+    kernels: ClassVar = ADAMS_KERNELS
 
-    def limit_step(self, t: float, q: Array, v: Array, work: float, longest: float) -> None:
-        """As :meth:`solvers.steppers.compiled_loop.CompiledMethod.limit_step`; the order falls ahead of a jump."""
-        limit_steps(self.pinned, self.settings, t, q, v, work, longest)
-
-    def counts(self) -> dict[str, Any]:
-        """As :meth:`solvers.steppers.compiled_loop.CompiledMethod.counts`."""
+    def details(self) -> dict[str, Any]:
+        """As :meth:`solvers.steppers.compiled_loop.CompiledMethod.details`."""
         control = self.control
-        left = {name: int(control[name]) for name in ("by_turn", "by_flicker", "by_energy", "by_collapse")}
         return {
-            "steps": int(control["steps"]),
-            "rejected": int(control["rejected"]),
-            "rhs_evals": int(control["evaluations"]),
-            "restarts": max(0, int(control["starts"]) - 1),
             "order": int(control["kold"]),
             "step_size": float(control["hold"]),
-            "stability_limited": int(control["stability_limited"]),
-            "partition_switches": sum(left.values()) + int(control["returns"]),
             "choices": int(control["changes"]),
             "refused": int(control["refused"]),
             "coarser": max(1.0, float(control["max_near_miss_factor"])),
-            **{f"left_{name}": count for name, count in left.items()},
+            **{f"left_{name}": int(control[name]) for name in ("by_turn", "by_flicker", "by_energy", "by_collapse")},
             "time_lu": float(control["time_lu"]),
             "time_projection": float(control["time_projection"]),
         }

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from solvers.compiled.kernel import records
 from solvers.options import Options
-from solvers.steppers.compiled_loop import CompiledMethod, LoopStepper
+from solvers.steppers.compiled_loop import CompiledMethod, LoopStepper, MethodKernels
 from solvers.steppers.dense import DenseFormulation
 from solvers.system import Array, System
 
@@ -17,20 +17,12 @@ from .formulas import Memory
 class RadauMethod(CompiledMethod):
     """Radau IIA of order 5; its memory is a :class:`.formulas.Memory`."""
 
-    def start(self, t: float, q: Array, v: Array, work: float, truncated_steps: int, keeps_position: bool) -> None:
-        """As :meth:`solvers.steppers.compiled_loop.CompiledMethod.start`; a restart needs new derivatives."""
-        loop.restart_at_state(self.pinned, t, q, v, work, truncated_steps, keeps_position)
-        if not truncated_steps:
-            self.control["has_derivatives"] = 0
+    kernels: ClassVar = MethodKernels(loop.restart_at_state, loop.limit_steps, loop.count)
 
-    def counts(self) -> dict[str, Any]:
-        """As :meth:`solvers.steppers.compiled_loop.CompiledMethod.counts`."""
+    def details(self) -> dict[str, Any]:
+        """As :meth:`solvers.steppers.compiled_loop.CompiledMethod.details`."""
         control = self.control
         return {
-            "steps": int(control["steps"]),
-            "rejected": int(control["rejected"]),
-            "rhs_evals": int(control["evaluations"]),
-            "restarts": max(0, int(control["starts"]) - 1),
             "order": 5,
             "step_size": float(control["hold"]),
             "refused": int(control["refused"]),

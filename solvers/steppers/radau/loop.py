@@ -124,9 +124,9 @@ def evaluate_end(
 def restart_at_state(
     memory: Memory, t: float, q: Reals, v: Reals, done: float, truncated_steps: int, keeps_position: bool
 ) -> None:
-    """Begin the next step at a reported state, with work ``done``, J; ``truncated_steps`` steps end at the targets.
+    """Begin the next step at a reported state, with work ``done``, J; a restart needs new derivatives.
 
-    ``keeps_position``: the position is on the constraints if it is that of the last step.
+    See :class:`solvers.steppers.compiled_loop.MethodKernels`.
     """
     control = memory.control[0]
     control.is_projected = control.is_projected if keeps_position and control.t == t else 0
@@ -137,6 +137,22 @@ def restart_at_state(
     for i in range(memory.v.shape[0]):
         memory.v[i] = v[i]
     memory.work[0] = done
+    if truncated_steps == 0:
+        control.has_derivatives = 0
+
+
+@kernel
+def limit_steps(memory: Memory, settings: Any, t: float, q: Any, v: Any, done: float, longest: float) -> None:
+    """See :class:`solvers.steppers.compiled_loop.MethodKernels`."""
+    settings[0].max_step = longest
+
+
+@kernel
+def count(memory: Memory, counts: Any) -> None:
+    """See :class:`solvers.steppers.compiled_loop.MethodKernels`."""
+    control = memory.control[0]
+    counts[0], counts[1], counts[2], counts[3] = control.steps, control.rejected, control.evaluations, 0
+    counts[4], counts[5] = max(0, control.starts - 1), 0
 
 
 @kernel

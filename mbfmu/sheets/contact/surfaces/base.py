@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from mbfmu.mechanics.kind import ElementType
 from mbfmu.mechanics.shapes import Matrix, Shape
 from mbfmu.sheets.contact.patch import smooth_step
@@ -57,6 +59,20 @@ def set_normal(frame: FrameRecord, x: float, y: float, contact: ContactScratch) 
     n, A = contact.n, frame.axes
     for k in range(3):
         n[k] = A[k, 0] * x + A[k, 1] * y
+
+
+@kernel
+def round_gap(
+    frame: FrameRecord, x: float, y: float, z: float, radius: float, half: float, contact: ContactScratch
+) -> float:
+    """Distance of the point (x, y, z) of a frame from a cylinder about its third axis, ``half`` of which is so long, m;
+    writes what a ``gap`` writes. A point on the axis has no normal.
+    """
+    distance = np.sqrt(x * x + y * y)
+    if distance.real > 0.0:
+        set_normal(frame, x / distance, y / distance, contact)
+        contact.part = edge_factor(z, half)
+    return distance - radius
 
 
 class Surface(ElementType):

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mbfmu.mechanics.axes import along, unit_axis
 from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import Attachment
@@ -16,7 +14,7 @@ from mbfmu.mechanics.shapes import SURFACE_OPACITY, Cylinder, Shape
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import f8
 
-from .base import FrameRecord, Surface, edge_factor, set_normal, to_frame_axes
+from .base import FrameRecord, Surface, round_gap, to_frame_axes
 
 if TYPE_CHECKING:
     from mbfmu.sheets.contact.scratch import ContactScratch
@@ -33,12 +31,7 @@ class DrumRecord(FrameRecord):
 def gap(drum: DrumRecord, contact: ContactScratch) -> float:
     """See :mod:`.base`: distance from the axis less the radius."""
     x, y, z = to_frame_axes(drum, contact)
-    distance = np.sqrt(x * x + y * y)
-    if distance.real <= 0.0:
-        return distance - drum.radius
-    set_normal(drum, x / distance, y / distance, contact)
-    contact.part = edge_factor(z, 0.5 * drum.length)
-    return distance - drum.radius
+    return round_gap(drum, x, y, z, drum.radius, 0.5 * drum.length, contact)
 
 
 @dataclass(frozen=True, kw_only=True)

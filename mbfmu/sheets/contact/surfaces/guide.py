@@ -17,7 +17,7 @@ from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import f8
 
-from .base import FrameRecord, Surface, edge_factor, set_normal, to_frame_axes
+from .base import FrameRecord, Surface, round_gap, to_frame_axes
 
 if TYPE_CHECKING:
     from mbfmu.sheets.contact.scratch import ContactScratch
@@ -41,12 +41,7 @@ def gap(guide: GuideRecord, contact: ContactScratch) -> float:
         x = x - guide.length
     elif x.real > 0.0:
         x = 0.0 * x
-    distance = np.sqrt(x * x + y * y)
-    if distance.real <= 0.0:
-        return distance - guide.radius
-    set_normal(guide, x / distance, y / distance, contact)
-    contact.part = edge_factor(z, 0.5 * guide.width)
-    return distance - guide.radius
+    return round_gap(guide, x, y, z, guide.radius, 0.5 * guide.width, contact)
 
 
 @dataclass(frozen=True, kw_only=True)

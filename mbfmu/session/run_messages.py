@@ -1,0 +1,62 @@
+"""Diagnostics of runs whose text native FMUs have too: templates with fields for names and numbers.
+
+The runtime of native FMUs contains these texts (:func:`mbfmu.native.layout.declarations`) and fills the fields itself:
+fields with a format such as ``{t:.6g}`` with numbers, others with texts, each in the order in which they occur.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from mbfmu.util.diagnostics import Diagnostic
+
+COARSE_ERROR = 100.0  # tolerances times the growth of errors of the motion: what counts as right in tests
+COARSE_TOLERANCE_WARNING = Diagnostic.warning(
+    "coarse-tolerance",
+    f"the tolerance is {{tolerance:g}}: errors may be about {COARSE_ERROR:g} times the tolerance (in rad, or in "
+    "lengths of the mechanism), multiplied by the growth of errors of the motion itself, which is large near unstable "
+    "equilibria and in chaotic motions",
+    "Repeat the run with a tenth of the tolerance and compare the results",
+    subject="tolerance",
+)
+EXCHANGED_ENERGY_PART = ", {part:.2g} of the {exchanged:.3g} J of energy exchanged"
+ENERGY_BALANCE = Diagnostic.warning(
+    "energy-balance",
+    "the energy error is too large at t = {t:.6g} s: the energy has changed by {change:.3g} J {direction} than the "
+    "work done on the mechanism{part}, and more than the tolerance explains{nearest}",
+    "The motion after this time may be wrong: reduce the tolerance or use another solver, and compare the results",
+    subject="energy_error",
+)
+SLOW_PASSAGE = Diagnostic.warning(
+    "slow-passage",
+    "the energy error is too large at t = {t:.6g} s: the energy has changed by {change:.3g} J {direction} than the "
+    "work done on the mechanism, which is {part:.2g} of the {passage:.3g} J by which the motion has just passed an "
+    "unstable equilibrium, or missed it",
+    "The time of the passage and the motion after it may be wrong: reduce the tolerance and compare the results",
+    subject="energy_error",
+)
+INPUT_JUMP = Diagnostic.warning(
+    "input-jump",
+    "input {name!r} at t = {t:.9g} s: its position differs by {size:.3g} {unit} from the value that its rate gives; "
+    "the joint is moved there within the next communication step",
+    "Set position and rate consistently, or use a smaller communication step",
+)
+UNDETERMINED_FORCES = Diagnostic.warning(
+    "undetermined-forces",
+    "outputs of forces at t = {t:.9g} s are not determined and may be unbounded, because the mechanism is in a "
+    "singular configuration or too near to one",
+    "Read them at other times, or change the lengths of the loop",
+)
+SINGULAR_START = Diagnostic.warning(
+    "singular-start",
+    "the start is a singular configuration, in which the loops do not determine all rates; the rates nearest to the "
+    "given ones are used",
+    "Give the rate{plural} of {joints} to choose the branch",
+)
+
+
+def filled(template: Diagnostic, *, time: float | None = None, subject: str = "", **values: Any) -> Diagnostic:
+    """Return a diagnostic of a template, at a time (s) or of no time."""
+    text, remedy = template.text.format(**values), template.remedy.format(**values)
+    return replace(template, text=text, remedy=remedy, time=time, subject=subject or template.subject)
