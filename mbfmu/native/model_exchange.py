@@ -93,7 +93,8 @@ class Exchange(NamedTuple):
     times
         (TIMES,) times, s: signals are evaluated no earlier, at a jump; the next event; the last completed step; the
         previous and the present position that branches are compared with; the last evaluation. Then 1.0 if the
-        importing tool reports points at which it interpolates, and 1.0 if the next update of events begins anew.
+        importing tool reports points at which it interpolates, and 1.0 if the next update of events restarts the
+        comparison of branches.
     counts
         (3,) of completed steps, discarded evaluations, and evaluations, as the first of COUNTERS.
     before, completed, previous
