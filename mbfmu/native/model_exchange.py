@@ -52,8 +52,8 @@ MAX_JUMP_DURATION_RATIO = 4.0 * JUMP_TIME_TOLERANCE
 HALF_TOLERANCE = 1e-6  # relative error of half the way
 ACCELERATION = 2  # coefficient of an input that is an acceleration
 # Entries of ``Exchange.times``
-EVALUATED_FROM, NEXT_EVENT, COMPLETED, PREVIOUS, COMPARED, EVALUATED, INTERPOLATES, RESTART = range(8)
-TIMES = 8
+JUMP, JUMP_END, NEXT_EVENT, COMPLETED, PREVIOUS, COMPARED, EVALUATED, INTERPOLATES, RESTART = range(9)
+TIMES = 9
 SAME_TIME = 1e-10  # relative, or s
 
 
@@ -91,9 +91,9 @@ class Exchange(NamedTuple):
     x, derivatives, nominal
         (nq + n,) states that the importing tool has set, their derivatives and nominal values.
     times
-        (TIMES,) times, s: signals are evaluated no earlier, at a jump; the next event; the last completed step; the
-        previous and the present position that branches are compared with; the last evaluation. Then 1.0 if the
-        importing tool reports points at which it interpolates, and 1.0 if the next update of events restarts the
+        (TIMES,) times, s: the last event, and the end of a jump of signals there; the next event; the last completed
+        step; the previous and the present position that branches are compared with; the last evaluation. Then 1.0 if
+        the importing tool reports points at which it interpolates, and 1.0 if the next update of events restarts the
         comparison of branches.
     counts
         (3,) of completed steps, discarded evaluations, and evaluations, as the first of COUNTERS.
@@ -276,7 +276,8 @@ def place_inputs(i: InputRecords, t: float) -> None:
 @kernel
 def begin_evaluation(instance: Any, t: float) -> float:
     """Place the inputs; return the time (s) at which the equations are evaluated: t, or the end of a jump at t."""
-    evaluated = max(t, instance.exchange.times[EVALUATED_FROM])
+    times = instance.exchange.times
+    evaluated = times[JUMP_END] if times[JUMP] <= t < times[JUMP_END] else t
     place_inputs(instance.inputs, evaluated)
     return float(evaluated)
 
@@ -444,7 +445,7 @@ TREE = Formulation(
     project_tree, evaluate_tree, is_on_branch_tree, unchanged_tree, unchanged_at_tree, unchanged_tree,
     unchanged_at_tree, unchanged_tree, unchanged_at_tree, unchanged_tree, unchanged_tree, unchanged_tree,
 )  # fmt: skip
-FORMULATIONS = {"adams": DENSE, "radau": DENSE, "tree": TREE}  # by family of steppers
+FORMULATIONS = {"adams": DENSE, "radau": DENSE, "ida": DENSE, "tree": TREE}  # by family of steppers
 
 
 def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[Callable[..., int], tuple[Any, ...]]]:
@@ -463,7 +464,7 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
         exchange, problem = instance.exchange, instance.given
         pack_states(problem.q, problem.v, exchange)
         fill_nominals(problem.work, exchange)
-        for k in (EVALUATED_FROM, COMPLETED, PREVIOUS, COMPARED, EVALUATED):
+        for k in (JUMP, JUMP_END, COMPLETED, PREVIOUS, COMPARED, EVALUATED):
             exchange.times[k] = t
         exchange.times[INTERPOLATES], exchange.times[RESTART] = 1.0, 1.0
         for k in range(exchange.counts.shape[0]):
@@ -545,7 +546,7 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
     def exchange_update(instance: Any, t: float) -> int:
         """Update at an event at t (s): x becomes P(x), and the next event is found."""
         exchange, work, data = instance.exchange, instance.given.work, instance.given.eqs.data
-        exchange.times[EVALUATED_FROM] = find_end_of_jump(t, data)
+        exchange.times[JUMP], exchange.times[JUMP_END] = t, find_end_of_jump(t, data)
         evaluated = begin_evaluation(instance, t)
         exchange.times[NEXT_EVENT] = find_next_event(evaluated, data)
         if exchange.times[RESTART] > 0.0:
