@@ -89,7 +89,9 @@ def model_description(
     told = {"modelIdentifier": identity.identifier, "needsExecutionTool": needs, **FMI2_CAPABILITIES}
     if exchanged is not None:
         root.set("numberOfEventIndicators", "0")
-        SubElement(root, "ModelExchange", {"modelIdentifier": identity.identifier, **exchange.FMI2_CAPABILITIES})
+        SubElement(
+            root, "ModelExchange", {"modelIdentifier": identity.identifier, **exchange.FMI2_EXCHANGE_CAPABILITIES}
+        )
     SubElement(root, "CoSimulation", told)
     root.extend(
         [*units([*variables, *(exchanged or ())]), *_enumerations(variables), *default_run(experiment, log_categories)]

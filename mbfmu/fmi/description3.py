@@ -71,7 +71,9 @@ def model_description(
         variableNamingConvention="structured",
     )
     if exchanged is not None:
-        SubElement(root, "ModelExchange", {"modelIdentifier": identity.identifier, **exchange.FMI3_CAPABILITIES})
+        SubElement(
+            root, "ModelExchange", {"modelIdentifier": identity.identifier, **exchange.FMI3_EXCHANGE_CAPABILITIES}
+        )
     SubElement(root, "CoSimulation", {"modelIdentifier": identity.identifier, **FMI3_CAPABILITIES})
     root.extend(
         [*units([*variables, *(exchanged or ())]), *_enumerations(variables), *default_run(experiment, log_categories)]

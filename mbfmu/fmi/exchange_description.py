@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from mbfmu.native.exchange_states import ExchangeState
 
-FMI2_CAPABILITIES = {
+FMI2_EXCHANGE_CAPABILITIES = {
     "needsExecutionTool": "false",
     "completedIntegratorStepNotNeeded": "false",
     "canBeInstantiatedOnlyOncePerProcess": "false",
@@ -16,7 +16,7 @@ FMI2_CAPABILITIES = {
     "canGetAndSetFMUstate": "true",
     "canSerializeFMUstate": "true",
 }
-FMI3_CAPABILITIES = {
+FMI3_EXCHANGE_CAPABILITIES = {
     "needsExecutionTool": "false",
     "canBeInstantiatedOnlyOncePerProcess": "false",
     "canGetAndSetFMUState": "true",
