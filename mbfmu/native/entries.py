@@ -176,8 +176,9 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
         *own.scales,
     ]
     state += [start.q, start.v, own.work.size, own.work.size_q, start.scratch.row, instance.known, instance.options]
-    state += [*instance.session.memory(), *instance.exchange.memory()]
+    state += instance.session.memory()
     state += [array for array in arrays if array is not arrays.kernels]
+    state += instance.exchange.memory()
     return instance, MemoryImage(instance, state, arrays.kernels, numbers)
 
 

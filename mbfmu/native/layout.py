@@ -124,6 +124,7 @@ HEADER = np.dtype(
         ("block", "i8"),  # where it begins in the file, and its bytes
         ("size", "i8"),
         ("saved", "i8"),  # of it, what is saved and restored
+        ("saved_alone", "i8"),  # of that, what co-simulation needs
         ("root", "i8"),
         ("reports_coarse", "i8"),  # 1: a coarse tolerance is reported at the start
         ("reports_undetermined", "i8"),  # 1: some output is a force, and it is reported that forces are not determined

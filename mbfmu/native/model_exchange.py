@@ -118,8 +118,8 @@ class Exchange(NamedTuple):
         return Exchange._make((*states, np.zeros(TIMES), np.zeros(3, np.int64), *branches))
 
     def memory(self) -> list[NDArray[Any]]:
-        """Return the arrays to save."""
-        return [self.x, self.nominal, self.times, self.counts, *self.completed, *self.previous]
+        """Return the arrays to save; the first is never empty."""
+        return [self.times, self.x, self.nominal, self.counts, *self.completed, *self.previous]
 
 
 @kernel

@@ -68,7 +68,7 @@ bool has_length(const Header *h, int64_t length)
 static bool good_states(const Header *h)
 {
     const size_t one = sizeof(double);
-    return is_index(h->positions, h->size) && is_index(h->velocities, h->size) &&
+    return fits(h->saved, 0, h->saved_alone, 1) && is_index(h->positions, h->size) && is_index(h->velocities, h->size) &&
            in_block(h, h->exchange_x_at, h->positions + h->velocities, one) &&
            in_block(h, h->exchange_derivatives_at, h->positions + h->velocities, one) &&
            in_block(h, h->exchange_nominal_at, h->positions + h->velocities, one) &&

@@ -207,7 +207,7 @@ static Outcome go(Instance *own, double t, double length)
             describe_energy_error(own, own->message);
         return OK;
     }
-    size_t saved = (size_t)own->header->saved;
+    size_t saved = saved_bytes(own);
     memcpy(own->kept, own->block, saved);
     double here = clock_of(own), end = fmax(here, t + length); /* the host's clock may be a little slow */
     int64_t code = call_entry_at(own, own->family->step, end);

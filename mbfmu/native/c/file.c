@@ -40,6 +40,12 @@ size_t count_of(const Instance *own)
     return (size_t)own->header->variables_count;
 }
 
+/* Return how many bytes of the block a state consists of; co-simulation needs none of those of model exchange. */
+size_t saved_bytes(const Instance *own)
+{
+    return (size_t)(own->exchange ? own->header->saved : own->header->saved_alone);
+}
+
 unsigned char *root_of(const Instance *own)
 {
     return own->block + own->header->root;

@@ -41,6 +41,7 @@ const void *section(const Instance *own, int64_t at);
 const char *text_at(const Instance *own, int64_t at);
 size_t count_of(const Instance *own);
 unsigned char *root_of(const Instance *own);
+size_t saved_bytes(const Instance *own);
 
 /* checks.c */
 uint64_t crc64(uint64_t sum, const void *bytes, size_t count);

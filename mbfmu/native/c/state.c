@@ -22,7 +22,7 @@ struct State {
 
 size_t bytes_of(const Instance *own)
 {
-    return sizeof(State) + count_of(own) * (sizeof(double) + 1) + (size_t)own->header->saved;
+    return sizeof(State) + count_of(own) * (sizeof(double) + 1) + saved_bytes(own);
 }
 
 /* FNV-1a. */
@@ -60,7 +60,7 @@ Outcome save(Instance *own, State **state)
     if (!*state && !(*state = malloc(bytes_of(own))))
         return mistake(own, "the memory for an FMU state cannot be allocated [out-of-memory]");
     State *s = *state;
-    size_t count = count_of(own), saved = (size_t)own->header->saved;
+    size_t count = count_of(own), saved = saved_bytes(own);
     s->magic = MAGIC;
     s->bytes = bytes_of(own);
     s->checked = 0;
@@ -81,7 +81,7 @@ Outcome restore(Instance *own, const State *state)
 {
     if (!ours(own, state))
         return refuse_state(own);
-    size_t count = count_of(own), saved = (size_t)own->header->saved;
+    size_t count = count_of(own), saved = saved_bytes(own);
     own->phase = (Phase)state->phase;
     own->start = state->start;
     own->reached = state->reached;
