@@ -228,9 +228,12 @@ static bool good_texts(const Instance *own)
 }
 
 /* Whether all that the tables refer to is there; the sections are checked before anything in them is read. */
-bool within_bounds(const Instance *own)
+bool within_bounds(Instance *own)
 {
     const Header *h = own->header;
-    return good_header(h) && good_sections(h) && good_texts(own) && good_variables(own) && good_arrays(own) &&
-           good_entries(own) && good_formulas(own) && good_addresses(own);
+    if (!good_header(h) || !good_sections(h))
+        return false;
+    own->variables = section(own, h->variables);
+    return good_texts(own) && good_variables(own) && good_arrays(own) && good_entries(own) && good_formulas(own) &&
+           good_addresses(own);
 }

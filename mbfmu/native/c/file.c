@@ -96,7 +96,6 @@ static bool read_tables(Instance *own, FILE *file, const char *token, char text[
                                                           "[fmu-files]");
         return false;
     }
-    own->variables = section(own, own->header->variables);
     if (!within_bounds(own)) {
         SAY(text, "file '", own->path, "' is damaged: it refers to data outside the file; export the FMU again [fmu-files]");
         return false;
