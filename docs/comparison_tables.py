@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from mbfmu.util.text_table import format_tolerance
-from solvers.steppers.ida.dense import MIN_RTOL
+from solvers.steppers.ida.dense_memory import MIN_RTOL
 
 ROOT = Path(__file__).parents[1]
 IMAGES = ROOT / "docs" / "images"

@@ -17,6 +17,7 @@ import mbfmu as mb
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
+from fmus.sheet import Sheet
 from mbfmu.cli import main
 from mbfmu.ensemble.study_target import make_target
 from mbfmu.fmi import export
@@ -124,10 +125,15 @@ def test_a_solver_that_was_requested_and_is_not_native_is_refused(
     assert not path.exists()
 
 
-def test_the_default_of_a_model_is_replaced_with_a_message() -> None:
+def test_the_default_of_a_model_is_kept_or_replaced_with_a_message() -> None:
     told: list[mb.Diagnostic] = []
-    assert _with_solver(FourBar(), mb.Settings(), told.append).solver in NATIVE_SOLVERS
+    assert _with_solver(FourBar(), mb.Settings(), told.append).solver == "ida"
+    assert told == []
+    sheet, default = Sheet(nx=9, nz=7), mb.Settings(solver=Sheet.default_solver)
+    assert _with_solver(sheet, default, told.append).solver == "adams"
     assert [found.text.partition(":")[0] for found in told] == ["solver changed from 'ida' to 'adams'"]
+    with pytest.raises(mb.UserError, match="solver is 'ida'; allowed in a native FMU: adams, hybrid, or auto"):
+        _with_solver(sheet, default, told.append, replaces=False)
 
 
 # causes of a step that collapses, and of near branches

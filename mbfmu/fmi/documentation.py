@@ -15,6 +15,7 @@ import mbfmu
 import mbfmu.native
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.variables import Role, ScalarVariable, columns
+from mbfmu.native.sundials_files import license_text
 from mbfmu.util.errors import UserError
 
 C_FOLDER = Path(mbfmu.native.__file__).parent / "c"
@@ -48,10 +49,14 @@ def _table(role: Role, variables: Sequence[ScalarVariable]) -> str:
     return f"<h2>{role.plural}</h2><table><tr>{head}</tr>{rows}</table>"
 
 
-def licenses(*, native: bool) -> dict[str, bytes]:
-    """Return the texts of the licenses of what an FMU contains, by the name of a file; ``license.txt`` lists them."""
+def licenses(*, native: bool, sundials: bool = False) -> dict[str, bytes]:
+    """Return the texts of the licenses of what an FMU contains, by the name of a file; ``license.txt`` lists them.
+
+    ``sundials``: it contains the libraries of SUNDIALS.
+    """
     texts = {"mbfmu": _license("mbfmu")}
     texts |= {"fmi-headers": _header_license()} if native else {"pythonfmu": _license("pythonfmu")}
+    texts |= {"sundials": license_text()} if sundials else {}
     texts["license"] = "".join(
         ["This FMU contains software under the licenses in these files:\n", *(f"- {name}.txt\n" for name in texts)]
     )

@@ -171,7 +171,8 @@ def _write(
             variables = list_variables(model, settings, compiled)
             content = build_python_fmu(model, settings, experiment) | terminal_files(model, variables) | dependencies()
             content["documentation/index.html"] = page(model, variables, needs_python=True).encode()
-        content |= {f"documentation/licenses/{name}": text for name, text in licenses(native=native).items()}
+        texts = licenses(native=native, sundials=any("sundials_core" in name for name in content))
+        content |= {f"documentation/licenses/{name}": text for name, text in texts.items()}
         picture = Path(inspect.getsourcefile(type(model)) or ".").parent / "model.png"
         if picture.is_file():
             content["terminalsAndIcons/icon.png"] = picture.read_bytes()

@@ -12,11 +12,13 @@ from mbfmu.native.data import native_model
 from mbfmu.native.families import NATIVE_SOLVERS
 from mbfmu.native.layout import signed
 from mbfmu.native.runtime import library
+from mbfmu.native.sundials_files import SUNDIALS_SOLVERS, libraries
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.session.solver_selection import select_solver
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from solvers.steppers import describe_refusal, drop_unlisted
+from solvers.system import AnySystem
 
 from . import description, description3
 from .description import LOG_CATEGORIES, Experiment, Identity, xml_bytes
@@ -43,7 +45,7 @@ def build_native_fmu(
     ``for_one_run``: its parameters are constant, which saves the search for what follows them.
     """
     names = _targets(fmi, platforms)
-    settings = _with_solver(model, settings, report)
+    settings = _with_solver(model, settings, report, replaces=not for_one_run)
     made = native_model(model, settings, for_one_run)
     for found in (*made.diagnostics, *describe_constants(made.fixed)):
         report(found)
@@ -67,6 +69,8 @@ def build_native_fmu(
         target = TARGETS[name]
         folder = target.folder if fmi == 2 else name
         content[f"binaries/{folder}/{owner.identifier}{target.suffix}"] = library(name).read_bytes()
+        beside = libraries(name) if settings.solver in SUNDIALS_SOLVERS else {}
+        content |= {f"binaries/{folder}/{file}": data for file, data in beside.items()}
     return content
 
 
@@ -102,49 +106,65 @@ def _known() -> str:
     return ", ".join(TARGETS)
 
 
-def refuse_solver(solver: str) -> None:
+def refuse_solver(solver: str, supported: tuple[str, ...] = NATIVE_SOLVERS) -> None:
     """Raise UserError if a solver that was requested is not in native FMUs; ``auto`` selects one that is."""
-    if solver not in (*NATIVE_SOLVERS, AUTO):
+    if solver not in (*supported, AUTO):
         raise UserError(
-            f"solver is {solver!r}; allowed in a native FMU: {_solvers()}, or {AUTO}. Choose one of these, or export "
-            "without --native",
+            f"solver is {solver!r}; allowed in a native FMU: {_listed(supported)}, or {AUTO}. Choose one of "
+            "these, or export without --native",
             "not-native",
         )
 
 
-def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic], None]) -> Settings:
+def _with_solver(
+    model: Model, settings: Settings, report: Callable[[Diagnostic], None], *, replaces: bool = True
+) -> Settings:
     """Return settings with a solver that native FMUs support: the cheapest in place of the model's default.
 
     Raises
     ------
     UserError
-        Another solver was requested that they do not support, or none of those that they support suits the model.
+        Another solver was requested that they do not support, or none of those that they support suits the model. Not
+        ``replaces``: the default is not supported either.
     """
-    if settings.solver in NATIVE_SOLVERS:
+    given = settings.solver
+    if given in NATIVE_SOLVERS and given not in SUNDIALS_SOLVERS:
         return settings
-    if settings.solver not in (AUTO, model.default_solver):
-        refuse_solver(settings.solver)
+    if given not in (AUTO, model.default_solver):
+        refuse_solver(given)
+        return settings
     compiled = model.compile()
+    supported = _supported(compiled.system)
+    if given in supported:
+        return settings
+    if not replaces:
+        refuse_solver(given, supported)
     found = select_solver(compiled, [(0.0, *compiled.assemble())], settings.options(model.stop_time))
     implicit = "radau" if compiled.system.has_matrices else "adams"  # which is all that large trees have
-    solver = found.solver if found.solver in NATIVE_SOLVERS else implicit
+    solver = found.solver if found.solver in supported else implicit
     if refused := describe_refusal(solver, compiled.system):
         why = f", since {compiled.system.stiffness_reason}" if compiled.system.stiffness_reason else f" ({refused})"
         raise UserError(
-            f"model {model.name!r} needs the solver 'ida' or 'esdirk'{why}, but native FMUs support {_solvers()} only; "
-            "export it without --native",
+            f"model {model.name!r} needs the solver 'ida' or 'esdirk'{why}, but native FMUs support "
+            f"{_listed(supported)} only for models of this size; export it without --native",
             "not-native",
         )
-    why = found.reason if found.solver in NATIVE_SOLVERS else f"{found.solver!r} would be better, but is not supported"
+    why = found.reason if found.solver in supported else f"{found.solver!r} would be better, but is not supported"
     text = (
         f"solver {solver!r} selected: {why}"
         if settings.solver == AUTO
-        else f"solver changed from {settings.solver!r} to {solver!r}: native FMUs support {_solvers()} only; the model "
-        f"is {why}"
+        else f"solver changed from {settings.solver!r} to {solver!r}: native FMUs support {_listed(supported)} only "
+        f"for models of this size; the model is {why}"
     )
     report(Diagnostic.note("selected-solver", text, subject=solver))
     return replace(settings, solver=solver)
 
 
-def _solvers() -> str:
-    return ", ".join(drop_unlisted(NATIVE_SOLVERS))
+def _supported(system: AnySystem) -> tuple[str, ...]:
+    """Return the solvers of native FMUs for models of this size."""
+    without_matrices = tuple(name for name in NATIVE_SOLVERS if name not in (*SUNDIALS_SOLVERS, "radau"))
+    return NATIVE_SOLVERS if system.has_matrices else without_matrices
+
+
+def _listed(solvers: tuple[str, ...]) -> str:
+    return ", ".join(drop_unlisted(solvers))

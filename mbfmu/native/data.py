@@ -26,7 +26,7 @@ from solvers.outcome import CODES, KEYS, MESSAGES, Status
 from solvers.steppers import ORDER_LIMITS
 
 from . import layout, start_checks
-from .entries import Instance, family_of, image_of
+from .entries import Instance, family_of, image_of, uses_sundials
 from .exchange_states import ExchangeState, exchange_states, explain_missing_exchange, list_constant_inputs
 from .families import FAMILIES
 from .image import MemoryImage
@@ -163,7 +163,9 @@ class _File:
             "clock": image.at(instance.clock), "out": image.at(instance.out), "options": image.at(instance.options),
             "counts": image.at(instance.counts), "length": image.at(instance.known) + 16,
             "run_status": image.at(instance.session.status), "worst": image.at(instance.start.scratch.worst),
-            "massless": image.at(instance.start.scratch.massless), "exchange_x": image.at(instance.exchange.x),
+            "massless": image.at(instance.start.scratch.massless),
+            "ida": image.at(instance.given.memory.ida.words) if uses_sundials(instance) else 0,
+            "exchange_x": image.at(instance.exchange.x),
             "exchange_derivatives": image.at(instance.exchange.derivatives),
             "exchange_nominal": image.at(instance.exchange.nominal),
             "exchange_times": image.at(instance.exchange.times),

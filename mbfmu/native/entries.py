@@ -39,6 +39,7 @@ from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
 from solvers.stepper import advance_in_pieces_of
 from solvers.steppers import drop_unlisted
+from solvers.steppers.ida.dense_memory import IDAMemory
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
@@ -47,6 +48,7 @@ from .families import FAMILIES, NATIVE_SOLVERS
 from .image import MemoryImage
 from .model_exchange import Exchange, exchange_entries
 from .start_checks import check_resolution, find_misplaced
+from .sundials_files import SUNDIALS_SOLVERS
 
 COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
     joints: joints.Joint, cuts: cuts.CutJoint, couplings: couplings.Coupling, loads: loads.Load,
@@ -129,6 +131,11 @@ def instance_of(simulation: Simulation) -> Instance:
     return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places, exchange)
 
 
+def uses_sundials(instance: Instance) -> bool:
+    """Whether an instance calls SUNDIALS."""
+    return isinstance(instance.given.memory, IDAMemory)
+
+
 def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     """Return the instance of a simulation that has just been made, and its block.
 
@@ -138,6 +145,12 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
         Its solver, or a kernel of it, is not in the runtime.
     """
     family, system = family_of(simulation), simulation.compiled.system
+    if not family and simulation.solver_choice.solver in SUNDIALS_SOLVERS:
+        raise UserError(
+            f"native FMUs support solver {simulation.solver_choice.solver!r} only for small models, and this one has "
+            f"{system.n} joint coordinates; use 'adams', or export it without --native",
+            "not-native",
+        )
     if not family:
         raise UserError(
             f"native FMUs do not support the solver {simulation.solver_choice.solver!r}; allowed: "
@@ -165,8 +178,9 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
         numbers.append(-1 if own is None else known[own])
     instance, arrays = instance_of(simulation), simulation.compiled.data.arrays
     own, start = instance.given, instance.start
+    memory = own.memory
     state = [
-        *own.memory,
+        *(memory.memory() if uses_sundials(instance) else memory),
         instance.clock,
         own.q,
         own.v,
@@ -233,12 +247,14 @@ def solver_actions(name: str) -> SolverActions:
         return int(status.code)
 
     @jit_uncached
-    def start(instance: Any, truncated_steps: int, keeps_position: bool) -> None:
+    def start_at_state(instance: Any, truncated_steps: int, keeps_position: bool) -> None:
         own = instance.given
         has_work = own.eqs.data.arrays.world[0].nonconservative == 1 and needs_work(own.settings[0])
         own.settings[0].works = 1 if has_work else 0
         state = instance.clock[0], own.q, own.v, own.energy_account[WORK]
         start_method(own.memory, *state, truncated_steps, keeps_position)
+
+    start: Any = family.start or start_at_state
 
     @jit_uncached
     def continue_at_state(instance: Any) -> None:
@@ -248,11 +264,13 @@ def solver_actions(name: str) -> SolverActions:
     def restart(instance: Any) -> None:
         start(instance, 0, False)
 
+    continue_after_jump = continue_at_state if family.keeps_history_at_jumps else restart
+
     @jit_uncached
     def jump(instance: Any) -> None:
         for i in range(instance.dv.shape[0]):
             instance.v[i] += instance.dv[i]
-        continue_at_state(instance)
+        continue_after_jump(instance)
 
     return SolverActions(advance, family.evaluate, continue_at_state, restart, jump)
 
@@ -261,6 +279,7 @@ def entries(name: str) -> dict[str, Entry]:
     """Return the entry points of a family by their names."""
     family, actions = FAMILIES[name], solver_actions(name)
     assembled, begun, counted = family.assemble, family.begin, family.method.count
+    restored, closed = family.restore, family.close
     sequence, advanced = sequence_of(actions, jit_uncached), actions.advance
     restarted, continued = actions.restart, actions.continue_at_state
 
@@ -299,9 +318,7 @@ def entries(name: str) -> dict[str, Entry]:
             instance.known[0],
             instance.known[2],
         )
-        found = check_resolution(
-            t, rate, problem.q, problem.work.size_q, problem.scales.rtol[0], instance.start.scratch.worst[0]
-        )
+        found = check_resolution(t, rate, problem.q, problem.work.size_q, options.rtol, instance.start.scratch.worst[0])
         if found != ASSEMBLED:
             instance.session.status[0].flaw = found
         return int(code)
@@ -321,6 +338,16 @@ def entries(name: str) -> dict[str, Entry]:
         counted(instance.given.memory, instance.counts)
         return OK
 
+    def restore(instance: Any) -> int:
+        """Continue from arrays that were saved, which are in their places again."""
+        restored(instance.given, instance.options)
+        return OK
+
+    def close(instance: Any) -> int:
+        """Free what was allocated outside of the block."""
+        closed(instance.given)
+        return OK
+
     timed, given = (types.float64,), (types.int64, types.float64)
     exchange = exchange_entries(name, jit_uncached(sequence.read))
     return {
@@ -335,6 +362,8 @@ def entries(name: str) -> dict[str, Entry]:
         "retune": Entry(sequence.retune, ()),
         "read": Entry(sequence.read, ()),
         "count": Entry(count, ()),
+        "restore": Entry(restore, ()),
+        "close": Entry(close, ()),
         **{own: Entry(*entry) for own, entry in exchange.items()},
     }
 

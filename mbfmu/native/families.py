@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from mbfmu.mechanics.recursions import dynamics as recursions
 from solvers.compiled.kernel import kernel
+from solvers.energy_account import WORK
 from solvers.loop_closure import (
     ASSEMBLED,
     check_mobile_mass,
@@ -32,6 +33,10 @@ from solvers.steppers.adams.method import ADAMS_KERNELS
 from solvers.steppers.adams.pece import set_options
 from solvers.steppers.compiled_loop import MethodKernels
 from solvers.steppers.dense import estimate_rates
+from solvers.steppers.ida import dense_loop as dense_ida
+from solvers.steppers.ida.dense_memory import IDAMemory, continue_history
+from solvers.steppers.ida.dense_memory import set_options as set_ida_options
+from solvers.steppers.ida.dense_memory import set_up as set_up_ida
 from solvers.steppers.radau import loop as radau
 from solvers.steppers.radau.dense import RadauMethod
 from solvers.steppers.radau.formulas import Memory
@@ -43,6 +48,16 @@ from .start_checks import NO_BRANCH, find_turned, mark_free_rates
 DENSE_KERNELS = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
 TREE_KERNELS = {name: getattr(recursions, name) for name in TreeEquations._fields[:-1]}
 TREE_KERNELS["power"] = recursions.solved_power
+
+
+@kernel
+def leave(problem: Any, options: Any) -> None:
+    """Change nothing: all that is remembered is in the arrays."""
+
+
+@kernel
+def leave_open(problem: Any) -> None:
+    """Free nothing: all memory is in the block."""
 
 
 class Family(NamedTuple):
@@ -59,6 +74,10 @@ class Family(NamedTuple):
     evaluate: Any  # (instance) -> code: accelerations and multipliers at the reported state
     needs_work: Any  # (settings) -> whether the work of forces without a potential is to be integrated
     method: MethodKernels
+    start: Any = None  # (instance, truncated_steps, keeps_position): instead of that of the method
+    restore: Any = leave  # (problem, options): continue from arrays that were saved
+    close: Any = leave_open  # (problem): free what was allocated outside of the block
+    keeps_history_at_jumps: bool = True  # whether it continues where velocities jump
 
 
 @kernel
@@ -140,6 +159,15 @@ def begin_tree(instance: Any, t: float) -> tuple[int, float]:
 
 
 @kernel
+def begin_ida(instance: Any, t: float) -> tuple[int, float]:
+    """As ``IDAStepper`` is made."""
+    set_ida_options(instance.options, instance.given)
+    code, rank = project_and_scale(instance, t)
+    set_up_ida(instance.given, t, rank)
+    return code, instance.given.work.rate[0]
+
+
+@kernel
 def evaluate_dense(instance: Any) -> int:
     """Fill ``instance.a`` and ``instance.lam``."""
     problem = instance.given
@@ -170,6 +198,17 @@ def checks_or_watches_energy(settings: Any) -> bool:
     return bool(settings.energy_check == 1 or settings.partition == HYBRID)
 
 
+@kernel
+def start_ida(instance: Any, truncated_steps: int, keeps_history: bool) -> None:
+    """As ``IDAStepper.continue_after_event`` does; no truncated steps: as its ``restart``."""
+    own, t = instance.given, instance.clock[0]
+    own.settings[0].works = 1 if own.eqs.data.arrays.world[0].nonconservative == 1 else 0
+    if truncated_steps > 0 and continue_history(own, t, keeps_history):
+        own.memory.progress[0].truncated_steps = truncated_steps
+    else:
+        dense_ida.start(own.memory, t, own.q, own.v, own.energy_account[WORK], truncated_steps, keeps_history)
+
+
 def _dense_equations(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> Equations:
     return Equations(**callbacks, data=data, terms=Terms.allocate(nq, n, m))
 
@@ -191,10 +230,15 @@ FAMILIES = {  # by the prefix of their entry points
         radau, DENSE_KERNELS, _dense_equations, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
         assemble_dense, begin_radau, evaluate_dense, checks_energy, RadauMethod.kernels,
     ),
+    "ida": Family(
+        dense_ida, DENSE_KERNELS, _dense_equations, IDAMemory.allocate, _workspace,
+        assemble_dense, begin_ida, evaluate_dense, checks_energy, dense_ida.IDA_KERNELS,
+        start_ida, dense_ida.restore, dense_ida.close, keeps_history_at_jumps=False,
+    ),
     "tree": Family(
         tree_loop, TREE_KERNELS, _tree_equations, History.allocate,
         lambda nq, n, m, p: TreeScratch.allocate(nq, n, p),
         assemble_tree, begin_tree, evaluate_tree, checks_energy, ADAMS_KERNELS,
     ),
 }  # fmt: skip
-NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau")  # that they serve
+NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau", "ida")  # that they serve

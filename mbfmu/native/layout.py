@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from mbfmu.mechanics import MAX_VALID_RATIO
+from mbfmu.mechanics.loads.base import MAX_VALID_RATIO
 from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import Role, Type
@@ -27,12 +27,17 @@ from solvers.options import OPTIONS
 from solvers.outcome import Code
 from solvers.steppers.compiled_loop import LIMITED_TOLERANCE
 
+from . import sundials
 from .checksum import crc64
 from .entries import Entry, shipped_kernels
 from .model_exchange import LEFT_BRANCH, NEXT_EVENT, RESTART, STATES_NOT_FINITE, TIMES
 from .start_checks import Flaw
 
-ENTRY_C_TYPES = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
+ENTRY_C_TYPES = {
+    types.float64: "double",
+    types.int64: "int64_t",
+    types.voidptr: "void *",
+}  # what entry points are called with
 FILE_MAGIC = int.from_bytes(b"mbfmu20a", "little")
 TOKEN_BYTES = 40  # bytes of the identity of an FMU
 
@@ -105,6 +110,7 @@ HEADER_OFFSETS = (
     "run_status",
     "worst",
     "massless",
+    "ida",
     "exchange_x",
     "exchange_derivatives",
     "exchange_nominal",
@@ -190,11 +196,17 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     ]
     for name, more in known:
         lines.append(f"typedef int32_t {_kind(name)}({', '.join(('int64_t *', 'void **', 'void *', *more))});")
-    lines += ["typedef struct {", *(f"    {_kind(name)} *{name};" for name, _ in known), "} Family;"]
+    lines += sundials.declarations(ENTRY_C_TYPES)
+    lines += ["typedef struct {", *(f"    {_kind(name)} *{name};" for name, _ in known)]
+    lines += ["    const Callbacks *callbacks; /* of SUNDIALS; NULL: it is not used */", "} Family;"]
     names = list(families)
     for family in names:
         lines += [f"{_kind(name)} mb_{family}_{name};" for name, _ in known]
-    rows = (f"    {{{', '.join(f'mb_{family}_{name}' for name, _ in known)}}}," for family in names)
+    called = {family: f"&{family}_callbacks" for family in sundials.SUNDIALS_FAMILIES}
+    rows = (
+        f"    {{{', '.join((*(f'mb_{family}_{name}' for name, _ in known), called.get(family, '0')))}}},"
+        for family in names
+    )
     lines += ["static const Family families[] = {", *rows, "};", "extern void *const mb_kinds[];", ""]
     return "\n".join(lines)
 

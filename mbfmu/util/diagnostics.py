@@ -70,6 +70,7 @@ MESSAGE_TITLES = OF_SOLVERS | {
     "fmi-call": "The importing tool calls an FMI function in a wrong state or with a wrong argument",
     "fmu-files": "The files of an FMU are missing, changed or damaged",
     "fmu-warning": "An FMU reports a problem without a code, or returns a value that is not finite",
+    "sundials-error": "SUNDIALS reports an error in a step that failed",
     "out-of-memory": "Memory cannot be allocated",
     "saved-state": "A saved state does not belong to the model, or is damaged",
     "file-access": "A file or folder cannot be read or written",

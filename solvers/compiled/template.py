@@ -17,7 +17,18 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def specialize(template: F, module: str, hooks: Mapping[str, Any]) -> F:
-    """Return a kernel of a template.
+    """Return a kernel of a template; arguments are those of :func:`substitute`.
+
+    Returns
+    -------
+    function
+        Compiled function; with ``NUMBA_DISABLE_JIT=1`` plain Python.
+    """
+    return kernel(substitute(template, module, hooks))
+
+
+def substitute(template: F, module: str, hooks: Mapping[str, Any]) -> F:
+    """Return a template with its hooks as plain Python.
 
     Parameters
     ----------
@@ -26,18 +37,13 @@ def specialize(template: F, module: str, hooks: Mapping[str, Any]) -> F:
     module
         Name of the module to which the kernel belongs; it must import that of the template.
     hooks
-        Kernels by the names under which the template calls them; those that it does not call are ignored.
-
-    Returns
-    -------
-    function
-        Compiled function; with ``NUMBA_DISABLE_JIT=1`` plain Python.
+        Functions by the names under which the template calls them; those that it does not call are ignored.
     """
     original = cast(FunctionType, template)
     names = {**original.__globals__, **hooks, "__name__": module}
     function = FunctionType(original.__code__, names, original.__name__)
     function.__doc__, function.__annotations__ = original.__doc__, original.__annotations__
-    return cast(F, kernel(function))
+    return cast(F, function)
 
 
 def require_hooks(names: tuple[str, ...], module: str, given: Mapping[str, Any]) -> None:

@@ -199,7 +199,7 @@ def test_archive_holds_what_a_user_looks_for(fourbar_fmu: Path) -> None:
 
 def test_native_fmus_contain_the_license_of_the_headers_they_are_compiled_with() -> None:
     texts = licenses(native=True)
-    assert set(texts) == {"mbfmu.txt", "fmi-headers.txt"}
+    assert set(texts) == {"mbfmu.txt", "fmi-headers.txt", "license.txt"}
     for words in (b"Modelica Association", b"2-Clause BSD", b"Redistributions in binary form", b"AS IS"):
         assert words in texts["fmi-headers.txt"]
 

@@ -258,6 +258,22 @@ static void counted(Fmu *fmu)
     need(allocated == before, "memory was asked for");
 }
 
+/* The same from the first step on, in which IDA makes room for its history. */
+static void counted_later(Fmu *fmu)
+{
+    fmi2FMUstate state = NULL;
+    fmi2Component c = begun(fmu);
+    WELL(fmu, GetFMUstate, c, &state);
+    read_row(fmu, c, &found[0], 0);
+    go(fmu, c, &found[0], 1, 1);
+    long before = allocated;
+    go(fmu, c, &found[0], 2, STEPS);
+    need(allocated == before, "memory was asked for");
+    WELL(fmu, SetFMUstate, c, state); /* the history begins again, in the same room */
+    go(fmu, c, &found[0], 1, STEPS);
+    need(allocated == before, "memory was asked for after a state");
+}
+
 /* Formatting of numbers is the host's, and so are decimal commas. */
 static void comma(Fmu *fmu)
 {
@@ -319,7 +335,7 @@ static const struct {
 } ways[] = {
     {"two models", two_models, 2}, {"another's state", another_s_state, 2},
     {"loaded again", loaded_again, 1}, {"forked", forked, 1}, {"threads", threads, 1}, {"many", many, 1},
-    {"flushed", flushed, 1}, {"counted", counted, 1}, {"comma", comma, 1}, {"restored", restored, 1},
+    {"flushed", flushed, 1}, {"counted", counted, 1}, {"counted later", counted_later, 1}, {"comma", comma, 1}, {"restored", restored, 1},
     {"nothing", nothing, 1},
 };
 

@@ -15,6 +15,7 @@ from fmus.feeder import Feeder
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
+from fmus.sheet import Sheet
 from mbfmu.fmi import export
 from mbfmu.mechanics import Mechanism, Revolute, Spring, rod
 from mbfmu.native import runtime
@@ -133,8 +134,10 @@ def test_the_kernels_are_compiled_for_a_process_that_compiles_nothing(tmp_path: 
 
 
 def test_a_solver_that_is_not_there_is_refused():
-    with pytest.raises(UserError, match="do not support the solver 'ida'; allowed: adams, hybrid, radau"):
-        image_of(Simulation(FourBar(), Settings(solver="ida")))
+    with pytest.raises(UserError, match="support solver 'ida' only for small models, and this one has 168 joint"):
+        image_of(Simulation(Sheet(nx=9, nz=7), Settings(solver="ida")))
+    with pytest.raises(UserError, match="do not support the solver 'esdirk'; allowed: adams, hybrid, radau, ida"):
+        image_of(Simulation(Sheet(nx=9, nz=7), Settings(solver="esdirk")))
 
 
 def test_a_kernel_of_the_model_s_own_is_refused():

@@ -18,6 +18,7 @@ from fmus.fourbar import FourBar
 from mbfmu.fmi import export
 from mbfmu.native import layout
 from mbfmu.native.runtime import COMPILERS, compiler, compiler_arguments
+from mbfmu.native.sundials_files import libraries
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Settings
 
@@ -30,14 +31,24 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-@pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+def unpacked(solver: str, folder: Path) -> list[str]:
     """Resources, token and number of variables of the four-bar's FMU."""
-    folder = tmp_path_factory.mktemp("fmu")
-    path = export(FourBar(), folder / "model.fmu", Settings(solver="adams"), native=True)
+    path = export(FourBar(), folder / "model.fmu", Settings(solver=solver), native=True)
     zipfile.ZipFile(path).extractall(folder)
     described = read_model_description(str(path))
     return [str(folder / "resources"), described.guid, str(len(described.modelVariables))]
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The FMU with Adams."""
+    return unpacked("adams", tmp_path_factory.mktemp("fmu"))
+
+
+@pytest.fixture(scope="module", params=["adams", "ida"])
+def each_told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The FMUs with Adams and with IDA."""
+    return unpacked(request.param, tmp_path_factory.mktemp("fmu"))
 
 
 def build(folder: Path, *flags: str) -> Path:
@@ -48,12 +59,14 @@ def build(folder: Path, *flags: str) -> Path:
     if done.returncode and flags:
         pytest.skip(f"the compiler has no sanitizers: {done.stderr.splitlines()[-1]}")
     assert done.returncode == 0, done.stderr
+    for name, data in libraries(host()).items():  # which it looks for in its own folder
+        (folder / name).write_bytes(data)
     return program
 
 
-def test_any_calls_leave_memory_and_numbers_whole(told: list[str], tmp_path: Path):
+def test_any_calls_leave_memory_and_numbers_whole(each_told: list[str], tmp_path: Path):
     program = build(tmp_path, *SANITIZED)
-    resources, token, count = told
+    resources, token, count = each_told
     steps = 0
     for seed in range(1, 5):
         call = [str(program), resources, token, str(seed), str(CALLS), count]
@@ -91,9 +104,9 @@ def test_a_damaged_file_is_refused_before_anything_beyond_it_is_read(told: list[
 
 
 @pytest.mark.skipif(shutil.which("valgrind") is None, reason="needs valgrind")
-def test_valgrind_finds_nothing(told: list[str], tmp_path: Path):
+def test_valgrind_finds_nothing(each_told: list[str], tmp_path: Path):
     program = build(tmp_path)
-    resources, token, count = told
+    resources, token, count = each_told
     watched = ["valgrind", "-q", "--error-exitcode=9", "--leak-check=full", "--exit-on-first-error=yes"]
     call = [*watched, str(program), resources, token, "7", "500", count]
     done = subprocess.run(call, capture_output=True, text=True, check=False)

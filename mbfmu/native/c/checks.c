@@ -75,6 +75,13 @@ static bool good_states(const Header *h)
            in_block(h, h->exchange_times_at, EXCHANGE_TIMES, one) && h->saved >= (h->positions + h->velocities) * (int64_t)one;
 }
 
+/* Whether the table of addresses for SUNDIALS is after what states hold, where the family calls it. */
+static bool good_table(const Header *h)
+{
+    bool is_called = families[h->family].callbacks;
+    return is_called ? h->ida_at >= h->saved && in_block(h, h->ida_at, WORD_COUNT, sizeof(int64_t)) : h->ida_at == 0;
+}
+
 static bool good_header(const Header *h)
 {
     return is_index(h->family, sizeof families / sizeof families[0]) && fits(h->size, 0, h->saved, 1) &&
@@ -87,7 +94,8 @@ static bool good_header(const Header *h)
            in_block(h, h->undetermined_time_at, 1, sizeof(double)) &&
            in_block(h, h->near_miss_factor_at, 1, sizeof(double)) &&
            in_block(h, h->near_miss_gap_at, 1, sizeof(double)) &&
-           h->free_rates_count <= h->coordinates_count && is_index(h->exchange, 2) && good_states(h);
+           h->free_rates_count <= h->coordinates_count && is_index(h->exchange, 2) && good_states(h) &&
+           good_table(h);
 }
 
 #define SECTION(name, kind) in_tables(h, h->name, h->name##_count, sizeof(kind))

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "instance.h"
+#include "sundials.h"
 
 #define AGREED 1e-9 /* s, or part of the time: so much may a host's clock differ from ours */
 
@@ -63,6 +64,7 @@ void destroy(Instance *own)
 {
     if (!own)
         return;
+    close_sundials(own);
     free(own->path);
     free(own->tables);
     free(own->room);
@@ -210,20 +212,22 @@ static Outcome go(Instance *own, double t, double length)
     size_t saved = saved_bytes(own);
     memcpy(own->kept, own->block, saved);
     double here = clock_of(own), end = fmax(here, t + length); /* the host's clock may be a little slow */
+    clear_report(own);
     int64_t code = call_entry_at(own, own->family->step, end);
     if (code != CODE_OK) {
+        warn_reported(own);
         describe_stop(own, code, text);
         if (status->unknown) {
             char what[SAYS];
             SAY(what, "the rate of an input jumps at a time at which the impulse is not determined: ", text);
             memcpy(text, what, sizeof text);
         }
-        memcpy(own->block, own->kept, saved);
+        put_back(own, own->kept);
         return fail(own, DISCARD, text);
     }
     if (!(status->limit_ratio <= MAX_VALID_RATIO)) {
         describe_bend(own, "a cell is folded", ". " UNFOLD " [folded-cell]", text);
-        memcpy(own->block, own->kept, saved);
+        put_back(own, own->kept);
         return fail(own, DISCARD, text);
     }
     own->fresh = own->derived = false;

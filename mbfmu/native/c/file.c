@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "instance.h"
+#include "sundials.h"
 
 #ifdef _WIN32
 #include <windows.h>
@@ -112,6 +113,7 @@ static void put_address(Instance *own, int64_t at, const void *address)
 static bool read_block(Instance *own, FILE *file)
 {
     const Header *h = own->header;
+    free_objects(own);
     if (fseek(file, (long)h->block, SEEK_SET) || fread(own->block, (size_t)h->size, 1, file) != 1 ||
         crc64(0, own->block, (size_t)h->size) != (uint64_t)h->block_sum)
         return false;
@@ -120,6 +122,8 @@ static bool read_block(Instance *own, FILE *file)
         put_address(own, relocations[k].at, own->block + relocations[k].target);
     for (int64_t k = 0; k < h->kernels_count; k++)
         put_address(own, kernels[k].at, mb_kinds[kernels[k].target]);
+    if (own->sundials)
+        fill_table(own);
     own->untouched = true;
     return true;
 }
@@ -164,6 +168,8 @@ bool open_model(Instance *own, const char *folder, const char *token, char text[
             own->block = own->room + (ALIGNED - (uintptr_t)own->room % ALIGNED) % ALIGNED;
         if (!well)
             SAY(text, "the memory for the instance cannot be allocated [out-of-memory]");
+        else if (own->header->ida_at && !open_sundials(own, text))
+            well = false;
         else if (!(well = read_block(own, file)))
             SAY(text, "file '", own->path, "' is damaged: the checksum of its model differs; unzip the FMU again [fmu-files]");
     }

@@ -31,6 +31,8 @@ struct Instance {
     bool derived;   /* so are derivatives */
     bool warned_balance, warned_coarse, warned_near_miss, warned_undetermined, warned_branch;
     unsigned reported; /* reasons of discarded evaluations, bits by their codes */
+    struct Sundials *sundials; /* NULL: it is not used */
+    bool is_table_filled;      /* the table of addresses in the block is that of this process */
     char message[SAYS];
 };
 
@@ -60,6 +62,7 @@ double clock_of(Instance *own);
 void give(Instance *own, int32_t (*entry)(int64_t *, void **, void *, int64_t, double), size_t k);
 Outcome evaluate(Instance *own);
 Outcome start_anew(Instance *own);
+void put_back(Instance *own, const unsigned char *saved);
 
 /* values.c */
 bool is_marked(const Instance *own, unsigned flag);

@@ -88,7 +88,7 @@ Outcome restore(Instance *own, const State *state)
     own->stopped = false;
     memcpy(own->message, state->message, sizeof own->message);
     memcpy(own->values, state->values, count * sizeof *state->values);
-    memcpy(own->block, block_of(own, state), saved);
+    put_back(own, block_of(own, state));
     memcpy(own->flags, block_of(own, state) + saved, count);
     own->untouched = own->fresh = own->derived = false;
     return OK;

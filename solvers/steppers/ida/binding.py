@@ -9,15 +9,16 @@ import numpy as np
 import sksundae.ida
 from numpy.typing import NDArray
 
+from solvers.compiled.template import substitute
 from solvers.options import Statistics
 from solvers.system import Array
 
+from . import loop
 from .logging import discard_logs, discard_output
-from .loop import step_until
 
 
 class BoundIDA:
-    """IDA on N unknowns; what :class:`.sundials.DirectIDA` does, and what :func:`.loop.step_until` finds in its place.
+    """IDA on N unknowns; what :class:`.sundials.DirectIDA` does, and what the hooks of :func:`.loop.step_until` call.
 
     Parameters
     ----------
@@ -26,19 +27,17 @@ class BoundIDA:
     accept
         (t, y, y', data), see :func:`.loop.step_until`.
     counts, progress
-        As the loop finds them in its data.
+        As the loop is given them.
     options
         Of scikit-sundae.
     """
-
-    memory = yy = yp = reached_address = 0
 
     def __init__(
         self, residual: Callable[..., None], accept: Callable[..., int], counts: Array, progress: NDArray[Any],
         **options: Any,
     ) -> None:  # fmt: skip
         self._residual, self._options = residual, options
-        self.accept, self.counts, self.progress = accept, counts, progress.view(np.recarray)
+        self._accept, self._counts, self._progress = accept, counts, progress.view(np.recarray)
         count = len(options["atol"])
         self.y, self.slopes, self.reached = np.zeros(count), np.zeros(count), np.zeros(1)
         self._stop: float | None = None
@@ -52,17 +51,13 @@ class BoundIDA:
     def step_until(self, t: float) -> int:
         """Step until t (s) is passed; see :func:`.loop.step_until`."""
         with discard_output():
-            return int(getattr(step_until, "py_func", step_until)(self, self, t))
+            return int(step_until(self, self._progress, self._counts, self._accept, t))
 
-    def stop_at(self, _memory: int, t: float) -> None:
-        """Stop at t (s) if the next step reaches it."""
+    def stop_at(self, t: float | None) -> None:
+        """Stop at t (s) if the next step reaches it; None: nowhere."""
         self._stop = t
 
-    def clear_stop(self, _memory: int) -> None:
-        """Remove the stop."""
-        self._stop = None
-
-    def solve(self, _memory: int, t: float, *_: Any) -> int:
+    def solve(self, t: float) -> int:
         """Take a step towards t (s); return IDA's status."""
         result = self._ida.step(t, method="onestep", tstop=self._stop)
         self.reached[0], self.y[:], self.slopes[:] = result.t, result.y, result.yp
@@ -77,3 +72,15 @@ class BoundIDA:
     def statistics(self) -> Statistics:
         """Return nothing: scikit-sundae does not report it."""
         return Statistics()
+
+
+step_until = substitute(
+    loop.step_until,
+    __name__,
+    {
+        "solve": BoundIDA.solve,
+        "stop_at": BoundIDA.stop_at,
+        "clear_stop": lambda ida: ida.stop_at(None),
+        "accept": lambda t, y, slopes, accept: accept(t, y, slopes, None),
+    },
+)

@@ -1,13 +1,14 @@
-"""What IDA is given in dense form: callbacks with the signatures of C, and the function that accepts its steps."""
+"""What IDA is given in dense form: callbacks, and the function that accepts its steps.
+
+All get the integration: :class:`solvers.steppers.step_loop.Integration` with the memory of :mod:`.dense_memory`.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from solvers.compiled.ffi import array_at
 from solvers.compiled.kernel import kernel
 from solvers.energy_account import energy_check_scheduled, record_step, update_energy_bound
 from solvers.inertia import tolerance_factor, update_growth
@@ -16,7 +17,6 @@ from solvers.outcome import BRANCHES, OK
 from solvers.projection.branch import on_same_branch
 from solvers.projection.singular import IMPERFECT, SINGULAR_PIVOT_RATIO, branch_step_limit, record_accepted
 from solvers.projection.workspace import factor, factor_transposed
-from solvers.system import Array
 
 from .ggl import (
     POSITION_REGULARIZATION,
@@ -30,13 +30,13 @@ from .ggl import (
     velocity,
 )
 from .loop import REJECTED_STEPS, STEP_REJECTED, STEPS
-from .sundials import Callbacks, matrix_data, vector_data
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
     from solvers.energy_account import EnergyScales
     from solvers.projection.workspace import Workspace
     from solvers.steppers.ida.ggl import Unknowns
+    from solvers.steppers.step_loop import Integration
     from solvers.system import Equations
 
 RTOL_EXPONENT = 1.2  # of a motion's tolerance: IDA bounds the error of a step, see solvers.steppers.ida.dense
@@ -92,24 +92,6 @@ def project_redundant(rank: int, unknowns: Unknowns, work: Workspace) -> None:
                 unknowns.P[i, j] += work.x[i] * work.x[j]
 
 
-class UserData(NamedTuple):
-    """What IDA's callbacks and its loop are given."""
-
-    eqs: Any
-    unknowns: Any
-    work: Any
-    rank: int
-    n_unknowns: int  # N
-    energy_record: NDArray[Any]
-    scales: Any
-    counts: Array
-    progress: NDArray[Any]
-    last_accepted: Array  # (2, N) IDA's unknowns after its last step, and their derivatives
-    max_speed_loss: Array  # (1,) upper limit of unknowns.speed_loss
-    rtol: float  # relative tolerance of IDA
-    atol: Array  # (N,)
-
-
 @kernel
 def check_step(
     eqs: Equations, t: float, y: Reals, taken: float, rank: int, unknowns: Unknowns, work: Workspace
@@ -147,137 +129,74 @@ def check_step(
 
 
 @kernel
-def set_error_weights(y: Reals, out: Reals, user_data: UserData) -> None:
+def set_error_weights(y: Reals, out: Reals, problem: Integration) -> None:
     """out (N,) <- one over the tolerances of the unknowns."""
-    finer = tolerance_factor(user_data.rtol, RTOL_EXPONENT, user_data.work)
+    rtol, atol = problem.settings[0].rtol, problem.memory.ida.atol
+    finer = tolerance_factor(rtol, RTOL_EXPONENT, problem.work)
     for i in range(out.shape[0]):
-        out[i] = 1.0 / (finer * (user_data.rtol * abs(y[i]) + user_data.atol[i]))
+        out[i] = 1.0 / (finer * (rtol * abs(y[i]) + atol[i]))
 
 
 @kernel
-def accept_step(t: float, y: Reals, slopes: Reals, user_data: UserData) -> int:
+def accept_step(t: float, y: Reals, slopes: Reals, problem: Integration) -> int:
     """Accept IDA's step to (t, y), or restart it from its beginning."""
-    progress, unknowns = user_data.progress[0], user_data.unknowns
-    user_data.counts[STEPS] += 1.0
+    memory, work = problem.memory, problem.work
+    progress, unknowns = memory.progress[0], memory.unknowns
+    memory.counts[STEPS] += 1.0
     if unknowns.lam.shape[0] > 0:
-        bound = check_step(user_data.eqs, t, y, progress.last_step, user_data.rank, unknowns, user_data.work)
+        bound = check_step(problem.eqs, t, y, progress.last_step, memory.control[0].rank, unknowns, work)
         if bound < 0.0:
-            user_data.counts[REJECTED_STEPS] += 1.0
+            memory.counts[REJECTED_STEPS] += 1.0
             progress.max_next_step = RETRY_STEP_RATIO * progress.last_step
             return STEP_REJECTED
         progress.max_next_step = min(bound, 2.0 * progress.max_next_step)
-        if unknowns.speed_loss[0] > user_data.max_speed_loss[0]:
+        if unknowns.speed_loss[0] > problem.settings[0].max_speed_loss:
             return BRANCHES
     progress.t_reached = t
     for i in range(y.shape[0]):
-        user_data.last_accepted[0, i], user_data.last_accepted[1, i] = y[i], slopes[i]
+        memory.last_accepted[0, i], memory.last_accepted[1, i] = y[i], slopes[i]
     for i in range(unknowns.v.shape[0]):
         unknowns.v[i] = velocity(i, t, y, unknowns)
-    update_growth(t, user_data.eqs.terms.M, unknowns.v, user_data.work)  # M of Newton's last correction
+    update_growth(t, problem.eqs.terms.M, unknowns.v, work)  # M of Newton's last correction
     if progress.energy_check == 1:
         record_energy(
-            user_data.eqs,
-            t,
-            y,
-            slopes,
-            progress.works == 1,
-            unknowns,
-            user_data.work,
-            user_data.energy_record,
-            user_data.scales,
+            problem.eqs, t, y, slopes, progress.works == 1, unknowns, work, memory.energy_record, problem.scales
         )
     return OK
 
 
-def call_accept(t: float, y: Any, slopes: Any, user_data: Any) -> int:
-    """As the loop calls it."""
-    return accept_step(t, y, slopes, user_data)
+@kernel
+def evaluate_residual_at(t: float, y: Reals, slopes: Reals, out: Reals, problem: Integration) -> None:
+    """out (N,) <- residual of IDA."""
+    residual(problem.eqs, t, y, slopes, out, problem.memory.unknowns, problem.work)
 
 
-def call_residual(t: float, y: Any, slopes: Any, out: Any, user_data: Any) -> int:
-    """As IDA calls it, like those that follow."""
-    n = user_data.n_unknowns
-    y_, slopes_, out_ = array_at(vector_data(y), n), array_at(vector_data(slopes), n), array_at(vector_data(out), n)
-    residual(user_data.eqs, t, y_, slopes_, out_, user_data.unknowns, user_data.work)
-    return 0
-
-
-def call_preconditioner_setup(t: float, y: Any, slopes: Any, _res: Any, _cj: float, user_data: Any) -> int:
+@kernel
+def set_up_preconditioner_at(t: float, y: Reals, slopes: Reals, problem: Integration) -> None:
     """Set up the preconditioner."""
-    set_up_preconditioner(
-        user_data.eqs,
-        t,
-        array_at(vector_data(y), user_data.n_unknowns),
-        array_at(vector_data(slopes), user_data.n_unknowns),
-        user_data.unknowns,
-        user_data.work,
-    )
-    return 0
+    set_up_preconditioner(problem.eqs, t, y, slopes, problem.memory.unknowns, problem.work)
 
 
-def call_preconditioner(
-    t: float, y: Any, slopes: Any, _res: Any, right: Any, left: Any, cj: float, _delta: float, user_data: Any
-) -> int:
-    """Apply it."""
-    n = user_data.n_unknowns
-    y_, slopes_ = array_at(vector_data(y), n), array_at(vector_data(slopes), n)
-    apply_preconditioner(
-        user_data.eqs,
-        t,
-        y_,
-        slopes_,
-        array_at(vector_data(right), n),
-        array_at(vector_data(left), n),
-        cj,
-        user_data.unknowns,
-        user_data.work,
-    )
-    return 0
+@kernel
+def apply_preconditioner_at(
+    t: float, y: Reals, slopes: Reals, right: Reals, left: Reals, cj: float, problem: Integration
+) -> None:
+    """left (N,) <- the solution for ``right``."""
+    apply_preconditioner(problem.eqs, t, y, slopes, right, left, cj, problem.memory.unknowns, problem.work)
 
 
-def call_error_weights(y: Any, out: Any, user_data: Any) -> int:
-    """Weigh the unknowns."""
-    set_error_weights(
-        array_at(vector_data(y), user_data.n_unknowns), array_at(vector_data(out), user_data.n_unknowns), user_data
-    )
-    return 0
+@kernel
+def multiply_matrix(x: Reals, product: Reals, problem: Integration) -> None:
+    """product (N,) <- the product of Newton's matrix and x (N,), for the preconditioner to undo."""
+    matvec_passthrough(x, product, problem.memory.unknowns)
 
 
-def call_matvec(
-    _t: float, _y: Any, _slopes: Any, _res: Any, vector: Any, product: Any, _cj: float, user_data: Any, _a: Any, _b: Any
-) -> int:
-    """Multiply by the matrix."""
-    matvec_passthrough(
-        array_at(vector_data(vector), user_data.n_unknowns),
-        array_at(vector_data(product), user_data.n_unknowns),
-        user_data.unknowns,
-    )
-    return 0
-
-
-def call_jacobian(
-    t: float, cj: float, y: Any, slopes: Any, _res: Any, matrix: Any, user_data: Any, _a: Any, _b: Any, _c: Any
-) -> int:
-    """Fill the matrix, column by column."""
-    n = user_data.n_unknowns
-    set_up_preconditioner(
-        user_data.eqs,
-        t,
-        array_at(vector_data(y), n),
-        array_at(vector_data(slopes), n),
-        user_data.unknowns,
-        user_data.work,
-    )
-    assemble_matrix(user_data.eqs, user_data.unknowns, user_data.work, cj)
-    out = array_at(matrix_data(matrix), n * n)
+@kernel
+def evaluate_jacobian_at(t: float, cj: float, y: Reals, slopes: Reals, out: Reals, problem: Integration) -> None:
+    """Fill Newton's matrix column by column, out (N N,)."""
+    unknowns, n = problem.memory.unknowns, y.shape[0]
+    set_up_preconditioner(problem.eqs, t, y, slopes, unknowns, problem.work)
+    assemble_matrix(problem.eqs, unknowns, problem.work, cj)
     for i in range(n):
         for j in range(n):
-            out[j * n + i] = user_data.unknowns.matrix[i, j]
-    return 0
-
-
-# Old factors serve where nothing is near singular.
-ITERATIVE_CALLBACKS = Callbacks(
-    call_residual, call_preconditioner_setup, call_preconditioner, call_matvec, error_weights=call_error_weights
-)
-DENSE_CALLBACKS = Callbacks(call_residual, jacobian=call_jacobian, error_weights=call_error_weights)
+            out[j * n + i] = unknowns.matrix[i, j]

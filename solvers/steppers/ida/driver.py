@@ -10,15 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import records
+from solvers.compiled.template import substitute
 from solvers.compiled.tuple_pointer import unpin
-from solvers.energy_account import ENERGY_ACCOUNT, WORK, fill_account_row_at, restart_work
+from solvers.energy_account import ENERGY_ACCOUNT, WORK, fill_account_row_at
 from solvers.options import Options, Statistics
-from solvers.outcome import Code
+from solvers.outcome import CODES, Code
 from solvers.stepper import Stepper
 from solvers.system import AnySystem, Array
 
+from . import loop
 from .binding import BoundIDA
-from .loop import ERROR_TEST_FAILURES, N_COUNTERS, PROGRESS, REJECTED_STEPS, RESIDUALS, STEP_REJECTED, STEPS
+from .loop import (
+    EARLIER_FAILURES,
+    ERROR_TEST_FAILURES,
+    N_COUNTERS,
+    PROGRESS,
+    REJECTED_STEPS,
+    RESIDUALS,
+    STARTS,
+    STEPS,
+    count_failures,
+    record_start,
+)
 from .sundials import DirectIDA
 
 
@@ -37,18 +50,19 @@ class IDADriver(Stepper):
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
-        self._counts = np.zeros(N_COUNTERS)
-        self._energy_record, self._progress_array = records(1, ENERGY_ACCOUNT), records(1, PROGRESS)
-        self._starts = np.zeros(1)  # how often IDA has been initialized
-        self._failed_before = 0.0  # steps of too large an error until then
-        self._pending = True  # IDA is to be initialized at the reported state
-        progress = self._progress = self._progress_array[0]
-        progress["t_reached"] = progress["t_begun"] = self._t
-        progress["max_next_step"] = progress["max_step"] = np.inf
-        self._max_steps = min(self.options.max_steps, np.iinfo(np.int64).max)
         self._check_at: float = np.inf  # steps since construction at which ``_check`` is called
         self._check: Callable[[], float] = lambda: np.inf
-        progress["max_steps"], progress["energy_check"] = self._max_steps, int(self.options.energy_check)
+        self._max_steps = min(self.options.max_steps, np.iinfo(np.int64).max)
+        self._set_records(np.zeros(N_COUNTERS), records(1, ENERGY_ACCOUNT), records(1, PROGRESS))
+
+    def _set_records(self, counts: Array, energy_record: NDArray[Any], progress: NDArray[Any]) -> None:
+        """Use these records, and begin them at the reported state."""
+        self._counts, self._energy_record, self._progress_array = counts, energy_record, progress
+        self._progress, self._progress_fields = progress[0], progress.view(np.recarray)
+        self._progress["t_reached"] = self._progress["t_begun"] = self._t
+        self._progress["max_next_step"] = self._progress["max_step"] = np.inf
+        self._progress["max_steps"], self._progress["is_pending"] = self._max_steps, 1
+        self._progress["energy_check"] = int(self.options.energy_check)
 
     @abstractmethod
     def _begin(self) -> Code:
@@ -56,7 +70,7 @@ class IDADriver(Stepper):
 
     @abstractmethod
     def _report_unknowns(self, t: float, y: Array) -> Code:
-        """Make IDA's y at t the reported state."""
+        """Make IDA's y at t the reported state; Code.NOT_FINITE if it is not finite."""
 
     def limit_step(self, longest: float) -> None:
         """As :meth:`solvers.stepper.Stepper.limit_step`."""
@@ -83,13 +97,10 @@ class IDADriver(Stepper):
     def _begin_with(self, y: Array, slopes: Array) -> None:
         """Initialize IDA at the reported state, where its unknowns and their derivatives are these (N,)."""
         self._count_failures()
-        self._failed_before = self._counts[ERROR_TEST_FAILURES]
+        self._progress["works"] = int(self._has_work())
         self._ida.begin(self._t, y, slopes)
-        progress = self._progress
-        self._pending, progress["t_reached"], progress["t_begun"], progress["last_step"] = False, self._t, self._t, 0.0
-        progress["works"] = int(self._has_work())
-        self._starts[0] += 1.0
-        restart_work(self._energy_record, self._energy_account[WORK])
+        work_done = self._energy_account[WORK]
+        record_start(self._progress_array, self._counts, self._energy_record, self._t, work_done)
 
     @abstractmethod
     def _has_work(self) -> bool:
@@ -97,43 +108,22 @@ class IDADriver(Stepper):
 
     def _count_failures(self) -> None:
         """Count the steps whose error was too large: IDA resets this counter at a restart."""
-        if not self._pending:
-            self._counts[ERROR_TEST_FAILURES] = self._failed_before + self._ida.statistics().rejected
+        count_failures(self._progress_array, self._counts, float(self._ida.statistics().rejected))
 
     def advance_to(self, t: float) -> Code:
         """As :meth:`solvers.stepper.Stepper.advance_to`."""
-        if self._pending:
-            code = self._begin()
-            if code is not Code.OK:
-                return code
-        code = self._step_until(t)
-        self._progress["truncated_steps"] = max(0, self._progress["truncated_steps"] - 1)
-        if code not in (Code.OK, Code.MAX_STEPS):
-            self._pending = True
-        return code
+        return CODES[_advance(self, self._progress_fields, t)]
 
-    def _step_until(self, t: float) -> Code:
-        """Step until ``t`` is passed, and interpolate."""
-        progress = self._progress
-        progress["steps"] = 0
-        while True:
-            progress["max_steps"] = self._steps_until_check()
-            returned = self._ida.step_until(t) if progress["t_reached"] < t else Code.OK
-            if returned == Code.MAX_STEPS and progress["steps"] < self._max_steps:
-                self._check_at = self._check()
-                continue
-            if not (
-                returned == STEP_REJECTED
-                or (returned == Code.COLLAPSED and progress["t_reached"] > progress["t_begun"])
-            ):
-                code = Code(returned)
-                break
-            code = self._resume()
-            if code is not Code.OK:
-                return code
-        if code is Code.OK:
-            y = self._ida.interpolate(t)
-            code = self._report_unknowns(t, y) if np.isfinite(y).all() else Code.NOT_FINITE
+    def _may_take_more(self) -> bool:
+        """Whether more steps may follow; if a check is due it is made."""
+        if self._progress["steps"] >= self._max_steps:
+            return False
+        self._check_at = self._check()
+        return True
+
+    def _report(self, t: float) -> Code:
+        """Make the motion at t the reported state."""
+        code = self._report_unknowns(t, self._ida.interpolate(t))
         if code is Code.OK:
             self._report_energy()
         return code
@@ -144,7 +134,7 @@ class IDADriver(Stepper):
 
     def restart(self) -> None:
         """Reinitialize IDA at the reported state before the next step."""
-        self._pending, self._progress["max_next_step"] = True, np.inf
+        self._progress["is_pending"], self._progress["max_next_step"] = 1, np.inf
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
@@ -155,7 +145,6 @@ class IDADriver(Stepper):
             self._q,
             self._v,
             self._counts,
-            self._starts,
             self._energy_account,
             self._energy_record,
             seen,
@@ -165,7 +154,7 @@ class IDADriver(Stepper):
         """Set a reported state; the history restarts."""
         super().restore(data)
         self.restart()
-        self._failed_before, self._progress["truncated_steps"] = self._counts[ERROR_TEST_FAILURES], 0
+        self._counts[EARLIER_FAILURES], self._progress["truncated_steps"] = self._counts[ERROR_TEST_FAILURES], 0
 
     @property
     def statistics(self) -> Statistics:
@@ -179,7 +168,7 @@ class IDADriver(Stepper):
             rate_growth=self._growth()[0],
             rate_growth_at=self._growth()[1],
             rhs_evals=self._evaluations(),
-            restarts=max(0, int(self._starts[0]) - 1),
+            restarts=max(0, int(self._counts[STARTS]) - 1),
             order=counted.order,
             step_size=counted.step_size,
         )
@@ -191,3 +180,15 @@ class IDADriver(Stepper):
     def _evaluations(self) -> int:
         """Return how often the equations were evaluated."""
         return int(self._counts[RESIDUALS])
+
+
+STEPPER_HOOKS = {
+    "begin": lambda stepper: stepper._begin(),
+    "steps_allowed": lambda stepper: stepper._steps_until_check(),
+    "may_take_more": lambda stepper: stepper._may_take_more(),
+    "take_steps": lambda stepper, t: stepper._ida.step_until(t),
+    "resume": lambda stepper: stepper._resume(),
+    "report": lambda stepper, t: stepper._report(t),
+}
+_advance_history = substitute(loop.advance_history, __name__, STEPPER_HOOKS)
+_advance = substitute(loop.advance, __name__, {**STEPPER_HOOKS, "advance_history": _advance_history})

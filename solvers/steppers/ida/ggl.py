@@ -96,7 +96,9 @@ class Unknowns(NamedTuple):
     left: Array  # (N,)
     pending_vector: Array  # (N,)    the vector whose product was requested
     is_pending: Array  # (1,)    whether it was
-    counts: Array  # (N_COUNTERS,)  see solvers.steppers.ida.driver
+    counts: Array  # (N_COUNTERS,)  see solvers.steppers.ida.loop
+    J_scratch: Array  # (n, m)  scratch of the singular values of J~
+    inertia: Array  # (n, n)  M~ + ..., its factors, where the regularization is set
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Unknowns:
@@ -106,7 +108,7 @@ class Unknowns(NamedTuple):
             z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(2), z((m, m)), z(1),
             z(1), z(1), z((m, m)), z(m), z(m), z((m, m)), z((2, n)), z(1), np.full(N, np.nan), np.full(N, np.nan), z(3),
             z((N, nq + n)), z((nq, n)), z((N, N)), z(N), z(N), np.zeros(N, np.int64), z(N), z(N), z(N), z(1),
-            z(N_COUNTERS),
+            z(N_COUNTERS), z((n, m)), z((n, n)),
         )  # fmt: skip
 
 

@@ -57,6 +57,7 @@ from solvers.stepper import require_resolution
 from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array, TreeSystem, energy_callbacks
 
 from .binding import BoundIDA
+from .calls import KRYLOV_DIMENSION, IDAHandle
 from .driver import IDADriver
 from .ggl import QUATERNION_LENGTH_RATE
 from .loop import JACOBIANS, MAX_CONVERGENCE_FAILURES, MAX_ORDER, N_COUNTERS, STANDSTILL_RATIO
@@ -68,12 +69,12 @@ from .tree_callbacks import (
     UserData,
     accept_step,
     apply_preconditioner,
-    call_accept,
     call_error_weights,
     call_matvec,
     call_preconditioner,
     call_residual,
     record_energy,
+    step_until,
 )
 from .tree_callbacks import residual as residual_of_tree
 
@@ -84,7 +85,6 @@ MAX_MESH_ORDER = 2  # of BDF on meshes
 # Factor of the error of a mesh; error in tolerances from which on it is reported.
 MESH_ERROR_FACTOR, MIN_REPORTED_ERROR = 0.18, 30.0
 MIN_RTOL = 1e-12
-KRYLOV_DIMENSION = 5
 SLIP_TOLERANCE_RATIO = 0.3  # part of the slip at which friction turns over, to which a mesh's speed is known
 TIKHONOV_FACTOR = 1e-6
 
@@ -153,9 +153,12 @@ class TreeIDAStepper(IDADriver):
             if system.nonsmooth_reason:
                 exact["matvec"] = call_matvec
             callbacks = Callbacks(call_residual, PythonSetup(self._set_up, len(atol)), call_preconditioner, **exact)
+            handle = IDAHandle.allocate(len(atol))
+            handle.atol[:] = atol
             return DirectIDA(
-                callbacks, call_accept, user_data, max_step=options.max_step, krylov=KRYLOV_DIMENSION, **ida_options
-            )
+                callbacks, step_until, user_data, self._progress_array, self._counts, pin(handle),
+                rtol=part * options.rtol, max_order=order, max_step=options.max_step,
+            )  # fmt: skip
 
         def residual(t: float, y: Array, yp: Array, res: Array) -> None:
             residual_of_tree(t, y, yp, res, user_data)
@@ -311,6 +314,8 @@ class TreeIDAStepper(IDADriver):
         return float(self._progress["t_reached"]), y[: self.system.nq].copy(), y[self._velocity_slice].copy()
 
     def _report_unknowns(self, t: float, y: Array) -> Code:
+        if not np.isfinite(y).all():
+            return Code.NOT_FINITE
         q, v = y[: self.system.nq].copy(), y[self._velocity_slice].copy()
         code = project(self.system, t, q, v)
         if code is Code.OK:

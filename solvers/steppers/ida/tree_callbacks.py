@@ -9,15 +9,17 @@ from numpy.typing import NDArray
 
 from solvers.compiled.ffi import array_at
 from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.template import specialize
 from solvers.energy_account import energy_check_scheduled, record_step, update_energy_bound
 from solvers.inertia import tolerance_factor, update_tree_growth
 from solvers.outcome import OK
 from solvers.positions import Positions, as_motion, as_slope
 from solvers.system import Array
 
+from . import loop
 from .dense_callbacks import RTOL_EXPONENT
 from .loop import NONFINITE_RESIDUALS, RESIDUALS, STEPS
-from .sundials import vector_data
+from .sundials import LOOP_CALLS, vector_data
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
@@ -248,9 +250,7 @@ def accept_step(t: float, y: Reals, slopes: Any, user_data: UserData) -> int:
     return OK
 
 
-def call_accept(t: float, y: Any, slopes: Any, user_data: Any) -> int:
-    """As the loop calls it."""
-    return accept_step(t, y, slopes, user_data)
+step_until = specialize(loop.step_until, __name__, {**LOOP_CALLS, "accept": accept_step})
 
 
 def call_residual(t: float, y: Any, slopes: Any, out: Any, user_data: Any) -> int:
