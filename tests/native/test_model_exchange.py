@@ -338,6 +338,20 @@ def test_evaluations_depend_on_nothing_but_their_arguments(binary: Any) -> None:
     assert np.isfinite(found[0]).all()
 
 
+@pytest.mark.parametrize("solver", ["radau", "ida"])
+def test_the_equations_do_not_depend_on_the_solver_of_co_simulation(solver: str, binary: Any, tmp_path: Path) -> None:
+    path = export(as_model(spatial_four_bar()), tmp_path / "m.fmu", Settings(solver=solver), native=True)
+    found = []
+    for own_binary in (binary("spatial four-bar", spatial_four_bar()), Binary(path, tmp_path / "unpacked")):
+        with importing(own_binary) as own:
+            own.start()
+            x = own.states()
+            shift = 1e-3 * np.sin(np.arange(len(x)))
+            found.append([own.derivatives(0.1 * k, x + k * shift) for k in range(4)])
+    np.testing.assert_array_equal(found[0], found[1])
+    assert np.isfinite(found[0]).all()
+
+
 def test_a_state_of_the_fmu_is_restored_to_the_bit(binary: Any) -> None:
     mechanism = spatial_four_bar()
     with importing(binary("spatial four-bar", mechanism)) as own:
