@@ -57,7 +57,7 @@ def test_another_machine_gets_the_same_motion(name: str, solver: str, tmp_path: 
     source = Path(__file__).with_name("host.c")
     subprocess.run([*compiler(name), "-std=c2x", "-O1", f"-I{headers}", source, "-o", alone], check=True)
     told = ["3", library.relative_to(tmp_path), "resources", described.instantiationToken, "out.bin", STEPS, LENGTH]
-    run = [program, alone, *told, *(references[name] for name in names)]
+    run = [program, alone, *told, len(names), *(references[name] for name in names)]
     subprocess.run(list(map(str, run)), cwd=tmp_path, check=True)
     wanted = [simulation.outputs()[:-2].copy()]
     for k in range(1, STEPS + 1):
