@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from mbfmu.mechanics import MAX_VALID_RATIO
+from mbfmu.mechanics.loads.base import MAX_VALID_RATIO
 from mbfmu.modeling.parameters import declared
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import Role, Type

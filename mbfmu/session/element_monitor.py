@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import MAX_ACCURATE_RATIO, MAX_VALID_RATIO, CompiledMechanism
+from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics.loads.base import MAX_ACCURATE_RATIO, MAX_VALID_RATIO
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.system import Array
 

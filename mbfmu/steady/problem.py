@@ -20,8 +20,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import MAX_ACCURATE_RATIO, CompiledMechanism
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays.closing import least_change
+from mbfmu.mechanics.loads.base import MAX_ACCURATE_RATIO
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model
 from mbfmu.steady.checks import STEADY_TOLERANCE, check
