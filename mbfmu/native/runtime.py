@@ -142,7 +142,8 @@ def _linked(name: str) -> Path:
         made = work / path.name
         (work / "exported").write_text(EXPORTED_SYMBOLS)
         linked = ["-shared", "-s", *([f"-Wl,--version-script={work}/exported"] if path.suffix == ".so" else [])]
-        _run([*command, *compiler_arguments(name, work), *linked, "-o", str(made), "-lm"], {})
+        libraries = ["-lm", *(["-ldl"] if path.suffix == ".so" else [])]  # libdl: up to glibc 2.33
+        _run([*command, *compiler_arguments(name, work), *linked, "-o", str(made), *libraries], {})
         install_atomically(made, path)
     return path
 

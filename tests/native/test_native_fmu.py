@@ -350,7 +350,7 @@ def test_nothing_is_called_but_the_c_library_and_nothing_else_is_offered(
     assert not [name for name in needed if name.startswith(("Py", "NRT_", "numba"))]
     linked = subprocess.run(("ldd", str(library)), capture_output=True, text=True, check=True).stdout
     names = {line.split()[0].rpartition("/")[2].partition(".")[0] for line in linked.splitlines()}
-    assert names <= {"linux-vdso", "libc", "libm", "ld-linux-x86-64", "ld-linux-aarch64"}
+    assert names <= {"linux-vdso", "libc", "libm", "libdl", "ld-linux-x86-64", "ld-linux-aarch64"}
 
 
 def test_equal_models_make_equal_files(tmp_path: Path):
