@@ -23,6 +23,7 @@ from solvers.system import AnySystem
 from . import description, description3
 from .description import LOG_CATEGORIES, Experiment, Identity, xml_bytes
 from .documentation import c_sources, page
+from .exchange_description import exchange_variables
 from .identity import identify
 from .terminals import terminal_files
 
@@ -50,11 +51,13 @@ def build_native_fmu(
         report(found)
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
     identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
-    shown = list(made.variables)
+    shown, exchanged = list(made.variables), None
+    if made.states is not None:
+        exchanged = exchange_variables(made.states, len(shown) + 1 + len(made.arrays))
     if fmi == 2:
-        root = description.model_description(identity, experiment, shown, LOG_CATEGORIES)
+        root = description.model_description(identity, experiment, shown, LOG_CATEGORIES, exchanged)
     else:
-        root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays)
+        root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays, exchanged)
         shown = [v for _, v in description3.listed(made.variables, made.arrays)]
     content = {
         "modelDescription.xml": xml_bytes(root),

@@ -1,4 +1,4 @@
-/* FMI 3.0 for co-simulation. */
+/* FMI 3.0 for co-simulation and model exchange. */
 
 #include <stdlib.h>
 
@@ -46,10 +46,9 @@ static fmi3Instance no_instance(fmi3LogMessageCallback log, fmi3InstanceEnvironm
     return NULL;
 }
 
-fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
-                                         fmi3Boolean logging, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
-                                         size_t, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
-                                         fmi3IntermediateUpdateCallback)
+/* Return a new instance; NULL if there is none, with the reason in the log. */
+static fmi3Instance instantiate(fmi3String token, fmi3String folder, bool exchange, bool logging,
+                                fmi3InstanceEnvironment environment, fmi3LogMessageCallback log)
 {
     char text[SAYS] = "the memory for the instance cannot be allocated [out-of-memory]";
     Host *host = calloc(1, sizeof *host);
@@ -58,17 +57,26 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3Strin
     host->log = log;
     host->environment = environment;
     host->logged = logging ? LOG_ALL : 0;
-    host->own = create(token ? token : "", folder ? folder : "", tell, host, text);
+    host->own = create(token ? token : "", folder ? folder : "", exchange, tell, host, text);
     if (host->own)
         return host;
     free(host);
     return no_instance(log, environment, text);
 }
 
-fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
-                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback log)
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
+                                         fmi3Boolean logging, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
+                                         size_t, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
+                                         fmi3IntermediateUpdateCallback)
 {
-    return no_instance(log, environment, "model exchange is not supported: this FMU is for co-simulation [fmi-call]");
+    return instantiate(token, folder, false, logging, environment, log);
+}
+
+fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
+                                          fmi3Boolean logging, fmi3InstanceEnvironment environment,
+                                          fmi3LogMessageCallback log)
+{
+    return instantiate(token, folder, true, logging, environment, log);
 }
 
 fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
@@ -76,7 +84,8 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3Strin
                                                fmi3ClockUpdateCallback, fmi3LockPreemptionCallback,
                                                fmi3UnlockPreemptionCallback)
 {
-    return no_instance(log, environment, "scheduled execution is not supported: this FMU is for co-simulation [fmi-call]");
+    return no_instance(log, environment,
+                       "scheduled execution is not supported: this FMU is for co-simulation and model exchange [fmi-call]");
 }
 
 void fmi3FreeInstance(fmi3Instance c)
@@ -286,6 +295,79 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_
     return c && state ? (fmi3Status)read_state(instance(c), bytes, size, (State **)state) : fmi3Error;
 }
 
+/* ---- model exchange ---------------------------------------------------------------------------------------------- */
+
+fmi3Status fmi3EnterEventMode(fmi3Instance c)
+{
+    return c ? (fmi3Status)enter_event_mode(instance(c), "fmi3EnterEventMode") : fmi3Error;
+}
+
+fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *more, fmi3Boolean *ends, fmi3Boolean *nominals,
+                                    fmi3Boolean *values, fmi3Boolean *has_next, fmi3Float64 *next)
+{
+    Events events;
+    bool given = more && ends && nominals && values && has_next && next;
+    Outcome outcome = c ? update_events(instance(c), "fmi3UpdateDiscreteStates", given ? &events : NULL) : ERROR;
+    if (outcome != OK)
+        return (fmi3Status)outcome;
+    *more = *ends = false;
+    *nominals = events.nominals_changed;
+    *values = events.states_changed;
+    *has_next = events.has_next;
+    *next = events.has_next ? events.next : 0.0;
+    return fmi3OK;
+}
+
+fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c)
+{
+    return c ? (fmi3Status)enter_continuous_mode(instance(c), "fmi3EnterContinuousTimeMode") : fmi3Error;
+}
+
+fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean, fmi3Boolean *event, fmi3Boolean *ends)
+{
+    return c ? (fmi3Status)complete_step(instance(c), "fmi3CompletedIntegratorStep", event, ends) : fmi3Error;
+}
+
+fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 t)
+{
+    return c ? (fmi3Status)set_time(instance(c), "fmi3SetTime", false, t) : fmi3Error;
+}
+
+fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 x[], size_t n)
+{
+    return c ? (fmi3Status)set_states(instance(c), "fmi3SetContinuousStates", x, n) : fmi3Error;
+}
+
+fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance c, fmi3Float64 dx[], size_t n)
+{
+    return c ? (fmi3Status)get_derivatives(instance(c), "fmi3GetContinuousStateDerivatives", dx, n) : fmi3Error;
+}
+
+fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64[], size_t n)
+{
+    return c ? (fmi3Status)get_indicators(instance(c), "fmi3GetEventIndicators", n) : fmi3Error;
+}
+
+fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n)
+{
+    return c ? (fmi3Status)get_states(instance(c), "fmi3GetContinuousStates", x, n) : fmi3Error;
+}
+
+fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 nominal[], size_t n)
+{
+    return c ? (fmi3Status)get_nominals(instance(c), "fmi3GetNominalsOfContinuousStates", nominal, n) : fmi3Error;
+}
+
+fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance c, size_t *n)
+{
+    return c ? (fmi3Status)count_exchanged(instance(c), "fmi3GetNumberOfEventIndicators", true, n) : fmi3Error;
+}
+
+fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance c, size_t *n)
+{
+    return c ? (fmi3Status)count_exchanged(instance(c), "fmi3GetNumberOfContinuousStates", false, n) : fmi3Error;
+}
+
 /* ---- what hosts look for, and this FMU does not offer ------------------------------------------------------------ */
 
 static fmi3Status refused(fmi3Instance c, const char *call)
@@ -332,19 +414,6 @@ NOT_OFFERED(fmi3SetIntervalFraction, (fmi3Instance c, REFERENCES, const fmi3UInt
 NOT_OFFERED(fmi3SetShiftDecimal, (fmi3Instance c, REFERENCES, const fmi3Float64[]))
 NOT_OFFERED(fmi3SetShiftFraction, (fmi3Instance c, REFERENCES, const fmi3UInt64[], const fmi3UInt64[]))
 NOT_OFFERED(fmi3EvaluateDiscreteStates, (fmi3Instance c))
-NOT_OFFERED(fmi3UpdateDiscreteStates, (fmi3Instance c, fmi3Boolean *, fmi3Boolean *, fmi3Boolean *, fmi3Boolean *, fmi3Boolean *,
-            fmi3Float64 *))
-NOT_OFFERED(fmi3EnterEventMode, (fmi3Instance c))
-NOT_OFFERED(fmi3EnterContinuousTimeMode, (fmi3Instance c))
-NOT_OFFERED(fmi3CompletedIntegratorStep, (fmi3Instance c, fmi3Boolean, fmi3Boolean *, fmi3Boolean *))
-NOT_OFFERED(fmi3SetTime, (fmi3Instance c, fmi3Float64))
-NOT_OFFERED(fmi3SetContinuousStates, (fmi3Instance c, const fmi3Float64[], size_t))
-NOT_OFFERED(fmi3GetContinuousStateDerivatives, (fmi3Instance c, fmi3Float64[], size_t))
-NOT_OFFERED(fmi3GetEventIndicators, (fmi3Instance c, fmi3Float64[], size_t))
-NOT_OFFERED(fmi3GetContinuousStates, (fmi3Instance c, fmi3Float64[], size_t))
-NOT_OFFERED(fmi3GetNominalsOfContinuousStates, (fmi3Instance c, fmi3Float64[], size_t))
-NOT_OFFERED(fmi3GetNumberOfEventIndicators, (fmi3Instance c, size_t *))
-NOT_OFFERED(fmi3GetNumberOfContinuousStates, (fmi3Instance c, size_t *))
 NOT_OFFERED(fmi3EnterStepMode, (fmi3Instance c))
 NOT_OFFERED(fmi3GetOutputDerivatives, (fmi3Instance c, REFERENCES, const fmi3Int32[], fmi3Float64[], size_t))
 NOT_OFFERED(fmi3ActivateModelPartition, (fmi3Instance c, fmi3ValueReference, fmi3Float64))
