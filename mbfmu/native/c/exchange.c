@@ -308,9 +308,9 @@ Outcome complete_step(Instance *own, const char *call, bool *event, bool *ends)
         describe_stop(own, code, text);
         return fail(own, ERROR, text);
     }
-    SAY(own->message, "the step that ended at t = ", in_digits(digits, clock_of(own)), " s has changed from one branch of "
-        "the motion to another near a singular configuration, so that the motion after it is wrong. Use a tolerance of "
-        "1e-6 or smaller in the importing tool, or a smaller step size [left-branch]");
+    SAY(own->message, "the step that ended at t = ", in_digits(digits, clock_of(own)), " s seems to have changed from one "
+        "branch of the motion to another near a singular configuration; the motion after it may be wrong. Use a tolerance "
+        "of 1e-6 or smaller in the importing tool, or a smaller step size [left-branch]");
     if (!own->warned_branch)
         warn(own, own->message);
     own->warned_branch = true;
