@@ -116,6 +116,13 @@ def refuse_solver(solver: str, supported: tuple[str, ...] = NATIVE_SOLVERS) -> N
         )
 
 
+def refuse_requested(model: Model, solver: str) -> None:
+    """Raise UserError if a solver that was requested is not in native FMUs of a model."""
+    refuse_solver(solver)
+    if solver in SUNDIALS_SOLVERS:
+        refuse_solver(solver, _supported(model.compile().system))
+
+
 def _with_solver(
     model: Model, settings: Settings, report: Callable[[Diagnostic], None], *, replaces: bool = True
 ) -> Settings:

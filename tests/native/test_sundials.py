@@ -11,7 +11,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from binding import DISCARD, OK, Binary, Instance
+from binding import DISCARD, OK, WARNING, Binary, Instance
 
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
@@ -119,6 +119,23 @@ def test_a_step_that_fails_leaves_the_state_and_may_be_repeated_shorter(tmp_path
         assert fmu.step(k * STEP, STEP) == OK
         assert reference.advance(k * STEP + STEP).ok
     np.testing.assert_array_equal(fmu.get("Real", wanted)[1], reference.outputs())
+
+
+def test_what_sundials_reports_of_a_step_that_fails_is_logged_before_the_reason(opened: Callable[[Model], Binary]):
+    binary = opened(FourBar())
+    fmu, known = begun(binary), {v.name: v.valueReference for v in binary.description.modelVariables}
+    assert fmu.step(0.0, STEP) == OK
+    assert fmu.set("Real", [known["crank.torque"]], [1e30]) == OK
+    assert fmu.step(STEP, STEP) == DISCARD
+    (first, reported), (second, told) = binary.logged[-2:]
+    assert (first, second) == (WARNING, DISCARD)
+    assert " reports: At t = 0.01 and h = " in reported
+    assert reported.endswith("[sundials-error]")
+    assert "(t = 0.01 s)" in told
+    assert told.endswith("[collapsed-step]")
+    assert fmu.set("Real", [known["crank.torque"]], [0.0]) == OK
+    assert fmu.step(STEP, STEP) == OK
+    assert binary.logged[-1] == (second, told), "the next step is silent"
 
 
 @pytest.mark.parametrize("name", ["core", "ida", "sunlinsolspgmr"])
