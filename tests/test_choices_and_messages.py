@@ -125,6 +125,13 @@ def test_a_solver_that_was_requested_and_is_not_native_is_refused(
     assert not path.exists()
 
 
+def test_ida_that_was_requested_for_a_large_model_is_refused(command: Callable[..., Any], tmp_path: Path) -> None:
+    path, grid = tmp_path / "out.fmu", ("--set=nx=9", "--set=nz=7")
+    code, _, err = command("export", "sheet", "--native", "--solver=ida", *grid, "-o", str(path))
+    assert (code, path.exists()) == (2, False)
+    assert "solver is 'ida'; allowed in a native FMU: adams, hybrid, or auto" in err
+
+
 def test_the_default_of_a_model_is_kept_or_replaced_with_a_message() -> None:
     told: list[mb.Diagnostic] = []
     assert _with_solver(FourBar(), mb.Settings(), told.append).solver == "ida"

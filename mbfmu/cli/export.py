@@ -59,13 +59,13 @@ def add(commands: Commands) -> None:
 def command_export(options: argparse.Namespace) -> int:
     """Write an FMU."""
     from mbfmu.fmi.export import FmuKind, export_scene
-    from mbfmu.fmi.native_fmu import refuse_solver
+    from mbfmu.fmi.native_fmu import refuse_requested
 
     scene = scene_of(options)
     name, part = file_name(scene.model.name), scene_part(scene)
     path = options.output or Path(f"{name}.fmu" if part == DEFAULT_SCENE else f"{name}_{part}.fmu")
     if options.native and options.solver is not None:
-        refuse_solver(options.solver)
+        refuse_requested(scene.model, options.solver)
     found: list[Diagnostic] = []
     export_scene(
         scene,

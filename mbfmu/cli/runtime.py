@@ -47,6 +47,7 @@ def add_platforms(parser: argparse.ArgumentParser, about: str) -> None:
 def command_runtime(options: argparse.Namespace) -> int:
     """Build runtimes, or list them."""
     from mbfmu.native.runtime import cached_library, library, pack
+    from mbfmu.native.sundials_files import libraries
     from mbfmu.native.targets import TARGETS, host
 
     if options.what is None:
@@ -64,4 +65,8 @@ def command_runtime(options: argparse.Namespace) -> int:
         path = pack(name) if options.pack else library(name)
         print_unless_quiet(options, f"{name}: {path}")
         print_if_verbose(options, f"{path.stat().st_size / 1e3:.0f} kB")
+        try:
+            libraries(name)  # downloaded now, so that a later export needs no network
+        except UserError as error:
+            print_unless_quiet(options, f"{name}: {error}")
     return 0

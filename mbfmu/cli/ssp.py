@@ -71,7 +71,7 @@ def add(commands: Commands) -> None:
 def command_ssp(options: argparse.Namespace) -> int:
     """Write a system of FMUs."""
     from mbfmu.fmi.export import FmuKind, export_scene
-    from mbfmu.fmi.native_fmu import refuse_solver
+    from mbfmu.fmi.native_fmu import refuse_requested
     from mbfmu.fmi.ssp import connectors_of, write_ssp
 
     scene = scene_of(options)
@@ -86,7 +86,7 @@ def command_ssp(options: argparse.Namespace) -> int:
             raise UserError(f"--connect {text!r}; allowed: OUTPUT=INPUT, both as COMPONENT.VARIABLE")
         connections.append((output.strip(), end.strip()))
     if options.native and options.solver is not None:
-        refuse_solver(options.solver)
+        refuse_requested(scene.model, options.solver)
     path, found = options.output or Path(f"{name}.ssp"), list[Diagnostic]()
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
         own = Path(folder) / f"{name}.fmu"

@@ -1,4 +1,4 @@
-"""The model description of FMI 2.0 for co-simulation, written from the list of variables."""
+"""The model description of FMI 2.0, written from the list of variables."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import mbfmu
 from mbfmu.modeling.variables import ScalarVariable, Type
 from mbfmu.util.units import read_unit
+
+from . import exchange_description as exchange
+from .exchange_description import ExchangeVariable
 
 BUILD_DATE = "2000-01-01T00:00:00+00:00"  # the date of every build: equal content gives equal bytes
 
@@ -59,9 +62,16 @@ class Identity:
 
 
 def model_description(
-    identity: Identity, experiment: Experiment, variables: Sequence[ScalarVariable], log_categories: Mapping[str, str]
+    identity: Identity,
+    experiment: Experiment,
+    variables: Sequence[ScalarVariable],
+    log_categories: Mapping[str, str],
+    exchanged: Sequence[ExchangeVariable] | None = None,
 ) -> Element:
-    """Return the root of modelDescription.xml; elements keep the order of the FMI schema."""
+    """Return the root of modelDescription.xml; elements keep the order of the FMI schema.
+
+    ``exchanged``: states and derivatives of model exchange; None: the FMU is for co-simulation only.
+    """
     root = Element(
         "fmiModelDescription",
         fmiVersion="2.0",
@@ -77,12 +87,23 @@ def model_description(
     )
     needs = "true" if identity.tool else "false"
     told = {"modelIdentifier": identity.identifier, "needsExecutionTool": needs, **FMI2_CAPABILITIES}
+    if exchanged is not None:
+        root.set("numberOfEventIndicators", "0")
+        SubElement(
+            root, "ModelExchange", {"modelIdentifier": identity.identifier, **exchange.FMI2_EXCHANGE_CAPABILITIES}
+        )
     SubElement(root, "CoSimulation", told)
-    root.extend([*units(variables), *_enumerations(variables), *default_run(experiment, log_categories)])
+    root.extend(
+        [*units([*variables, *(exchanged or ())]), *_enumerations(variables), *default_run(experiment, log_categories)]
+    )
     described = SubElement(root, "ModelVariables")
     for reference, v in enumerate(variables):
         _variable(described, reference, v)
-    root.append(_structure(variables))
+    states = [len(variables) + 1 + k for k, v in enumerate(exchanged or ()) if v.of is None]
+    structure = _structure(variables, states)
+    exchange.add_fmi2_variables(described, exchanged or (), len(variables))
+    exchange.add_fmi2_structure(structure, exchanged or (), len(variables))
+    root.append(structure)
     return root
 
 
@@ -109,7 +130,7 @@ def default_run(experiment: Experiment, log_categories: Mapping[str, str]) -> It
     yield Element("DefaultExperiment", {key: number(value) for key, value in told.items()})
 
 
-def units(variables: Iterable[ScalarVariable]) -> Iterable[Element]:
+def units(variables: Iterable[ScalarVariable | ExchangeVariable]) -> Iterable[Element]:
     """Yield the definitions of all units, with what people read them in."""
     shown = {v.unit: v.display_unit for v in variables if v.unit != "1"}
     if not shown:
@@ -177,14 +198,17 @@ def _variable(parent: Element, reference: int, v: ScalarVariable) -> None:
         kind.set("start", str(v.start).lower() if isinstance(v.start, bool) else as_text(v.start))
 
 
-def _structure(variables: Sequence[ScalarVariable]) -> Element:
-    """Return what depends on what: outputs on the inputs that change them at once, at the start on everything."""
+def _structure(variables: Sequence[ScalarVariable], states: Sequence[int]) -> Element:
+    """Return what depends on what: outputs on the inputs that change them at once and on all ``states`` (indices of
+    variables, from 1), at the start on everything.
+    """
     structure = Element("ModelStructure")
     index = {v.name: str(i) for i, v in enumerate(variables, 1)}
     made = [v for v in variables if v.causality == "output"]
     outputs = SubElement(structure, "Outputs")
     for v in made:
-        SubElement(outputs, "Unknown", index=index[v.name], dependencies=" ".join(index[n] for n in v.depends_on))
+        needs = " ".join([*(index[n] for n in v.depends_on), *map(str, states)])
+        SubElement(outputs, "Unknown", index=index[v.name], dependencies=needs)
     unknowns = SubElement(structure, "InitialUnknowns")
     for v in made:
         SubElement(unknowns, "Unknown", index=index[v.name])

@@ -1,4 +1,4 @@
-"""The model description of FMI 3.0 for co-simulation, written from the list of variables."""
+"""The model description of FMI 3.0, written from the list of variables."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from xml.etree.ElementTree import Element, SubElement
 import mbfmu
 from mbfmu.modeling.variables import ArrayVariable, ScalarVariable, Type
 
+from . import exchange_description as exchange
 from .description import BUILD_DATE, Experiment, Identity, default_run, number, type_name, units
+from .exchange_description import ExchangeVariable
 
 FMI3_TYPES = {
     Type.REAL: "Float64",
@@ -48,10 +50,12 @@ def model_description(
     variables: Sequence[ScalarVariable],
     log_categories: Mapping[str, str],
     arrays: Sequence[ArrayVariable],
+    exchanged: Sequence[ExchangeVariable] | None = None,
 ) -> Element:
     """Return the root of modelDescription.xml; elements keep the order of the FMI schema.
 
-    ``arrays`` are declared in place of those of the variables that are in them.
+    ``arrays`` are declared in place of those of the variables that are in them. ``exchanged``: states and derivatives
+    of model exchange; None: the FMU is for co-simulation only.
     """
     root = Element(
         "fmiModelDescription",
@@ -66,8 +70,14 @@ def model_description(
         generationDateAndTime=BUILD_DATE,
         variableNamingConvention="structured",
     )
+    if exchanged is not None:
+        SubElement(
+            root, "ModelExchange", {"modelIdentifier": identity.identifier, **exchange.FMI3_EXCHANGE_CAPABILITIES}
+        )
     SubElement(root, "CoSimulation", {"modelIdentifier": identity.identifier, **FMI3_CAPABILITIES})
-    root.extend([*units(variables), *_enumerations(variables), *default_run(experiment, log_categories)])
+    root.extend(
+        [*units([*variables, *(exchanged or ())]), *_enumerations(variables), *default_run(experiment, log_categories)]
+    )
     described = SubElement(root, "ModelVariables")
     told = list(listed(variables, arrays))
     for reference, v in told:
@@ -82,7 +92,8 @@ def model_description(
         description="time",
         unit="s",
     )
-    root.append(_structure(told))
+    exchange.add_fmi3_variables(described, exchanged or ())
+    root.append(_structure(told, exchanged or ()))
     return root
 
 
@@ -122,14 +133,20 @@ def _variable(parent: Element, reference: int, v: ScalarVariable) -> None:
         SubElement(element, "Dimension", start=str(count))
 
 
-def _structure(variables: Sequence[tuple[int, ScalarVariable]]) -> Element:
-    """Return what depends on what: outputs on the inputs that change them at once, at the start on everything."""
+def _structure(variables: Sequence[tuple[int, ScalarVariable]], exchanged: Sequence[ExchangeVariable]) -> Element:
+    """Return what depends on what: outputs on the inputs that change them at once and on all states, at the start on
+    everything.
+    """
     structure = Element("ModelStructure")
     reference = {v.name: str(k) for k, v in variables}
     made = [v for _, v in variables if v.causality == "output"]
+    states = [str(v.reference) for v in exchanged if v.of is None]
     for v in made:
-        needs = " ".join(reference[name] for name in v.depends_on)
+        needs = " ".join([*(reference[name] for name in v.depends_on), *states])
         SubElement(structure, "Output", valueReference=reference[v.name], dependencies=needs)
-    for v in made:
-        SubElement(structure, "InitialUnknown", valueReference=reference[v.name])
+    for own in exchanged:
+        if own.of is not None:
+            SubElement(structure, "ContinuousStateDerivative", valueReference=str(own.reference))
+    for k in (*(reference[v.name] for v in made), *(str(own.reference) for own in exchanged)):
+        SubElement(structure, "InitialUnknown", valueReference=k)
     return structure

@@ -24,6 +24,7 @@ from solvers.system import AnySystem
 from . import description, description3
 from .description import LOG_CATEGORIES, Experiment, Identity, xml_bytes
 from .documentation import c_sources, page
+from .exchange_description import exchange_variables
 from .identity import identify
 from .terminals import terminal_files
 
@@ -53,11 +54,13 @@ def build_native_fmu(
         report(found)
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
     identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
-    shown = list(made.variables)
+    shown, exchanged = list(made.variables), None
+    if made.states is not None:
+        exchanged = exchange_variables(made.states, len(shown) + 1 + len(made.arrays))
     if fmi == 2:
-        root = description.model_description(identity, experiment, shown, LOG_CATEGORIES)
+        root = description.model_description(identity, experiment, shown, LOG_CATEGORIES, exchanged)
     else:
-        root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays)
+        root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays, exchanged)
         shown = [v for _, v in description3.listed(made.variables, made.arrays)]
     content = {
         "modelDescription.xml": xml_bytes(root),
@@ -116,6 +119,13 @@ def refuse_solver(solver: str, supported: tuple[str, ...] = NATIVE_SOLVERS) -> N
             "these, or export without --native",
             "not-native",
         )
+
+
+def refuse_requested(model: Model, solver: str) -> None:
+    """Raise UserError if a solver that was requested is not in native FMUs of a model."""
+    refuse_solver(solver)
+    if solver in SUNDIALS_SOLVERS:
+        refuse_solver(solver, _supported(model.compile().system))
 
 
 def _with_solver(

@@ -27,6 +27,7 @@ from solvers.steppers import ORDER_LIMITS
 
 from . import layout, start_checks
 from .entries import Instance, family_of, image_of, user_kernels, uses_sundials
+from .exchange_states import ExchangeState, exchange_states, explain_missing_exchange, list_constant_inputs
 from .families import FAMILIES
 from .image import MemoryImage
 from .model_numbers import Place
@@ -54,6 +55,9 @@ class NativeModel(NamedTuple):
         Parameters that are constant, though a model that is built could change them, and why.
     diagnostics
         Notes and warnings on the model and its start.
+    states
+        Continuous states of model exchange, whose value references come after those of the arrays, followed by those
+        of their derivatives; None: the model is for co-simulation only.
     has_user_kernels
         Whether the FMU needs the library of :mod:`.user_kernels`.
     """
@@ -62,6 +66,7 @@ class NativeModel(NamedTuple):
     arrays: tuple[ArrayVariable, ...]
     fixed: dict[str, str]
     diagnostics: Sequence[Diagnostic]
+    states: tuple[ExchangeState, ...] | None
     data: bytes
     has_user_kernels: bool
 
@@ -88,9 +93,28 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
         for v in list_variables(model, settings, simulation.compiled)
     )
     several = arrays(model, variables)
-    file = _File(simulation, instance, image, settable, variables, several)
+    states, notes = _states(simulation, variables) if not for_one_run else (None, [])
+    file = _File(simulation, instance, image, settable, variables, several, states is not None)
     own = user_kernels(simulation.compiled.called())
-    return NativeModel(variables, several, frozen, simulation.diagnostics, file.write(), bool(own))
+    return NativeModel(variables, several, frozen, [*simulation.diagnostics, *notes], states, file.write(), bool(own))
+
+
+def _states(
+    simulation: Simulation, variables: Sequence[ScalarVariable]
+) -> tuple[tuple[ExchangeState, ...] | None, list[Diagnostic]]:
+    """Return the states of model exchange, or None, and notes on its limits."""
+    if why := explain_missing_exchange(simulation):
+        text = f"this FMU is for co-simulation only, not for model exchange: {why}"
+        return None, [Diagnostic.note("no-model-exchange", text)]
+    notes = []
+    if names := list_constant_inputs(simulation):
+        text = (
+            f"in model exchange the inputs {', '.join(map(repr, names))} of joint motions are constant from the end of "
+            "the initialization on, since their accelerations, which the equations of motion contain, are no inputs"
+        )
+        remedy = "Declare such an input with rate_name and acceleration_name, or use co-simulation"
+        notes.append(Diagnostic.note("constant-input", text, remedy, subject=names[0]))
+    return exchange_states(simulation, [v.name for v in variables]), notes
 
 
 def _nothing_settable(model: Model, why: str) -> SettableParameters:
@@ -132,9 +156,11 @@ class _File:
         settable: SettableParameters,
         variables: Sequence[ScalarVariable],
         several: Sequence[ArrayVariable],
+        exchanges: bool,
     ) -> None:
         self._simulation, self._instance, self._image, self._settable = simulation, instance, image, settable
-        self._variables, self._arrays, self._text = variables, several, bytearray()
+        self._variables, self._arrays, self._text, self._exchanges = variables, several, bytearray(), exchanges
+        self._constant_inputs = list_constant_inputs(simulation)
         self._block = image.block()
         self._references = {v.name: k for k, v in enumerate(variables)}
         self._places = {
@@ -143,6 +169,10 @@ class _File:
             "run_status": image.at(instance.session.status), "worst": image.at(instance.start.scratch.worst),
             "massless": image.at(instance.start.scratch.massless),
             "ida": image.at(instance.given.memory.ida.words) if uses_sundials(instance) else 0,
+            "exchange_x": image.at(instance.exchange.x),
+            "exchange_derivatives": image.at(instance.exchange.derivatives),
+            "exchange_nominal": image.at(instance.exchange.nominal),
+            "exchange_times": image.at(instance.exchange.times),
         }  # fmt: skip
         control = instance.given.memory.control
         self._places |= {
@@ -193,6 +223,8 @@ class _File:
         header["size"], header["saved"], header["root"] = self._image.size, self._image.saved, self._image.root
         compiled, freedom = self._simulation.compiled, self._simulation.stepper.freedom
         header["user_kernels"] = len(user_kernels(compiled.called()))
+        header["saved_alone"] = self._image.at(self._instance.exchange.times)  # the first of model exchange
+        header["exchange"], header["positions"], header["velocities"] = self._exchanges, system.nq, system.n
         header["reports_coarse"] = bool(describe_coarse(compiled, COARSE_TOLERANCE, freedom))
         header["reports_undetermined"] = compiled.has_force_outputs
         for name, place in self._places.items():
@@ -217,7 +249,9 @@ class _File:
             low, high = 0.0, 1.0
         unknown = nan if v.type is Type.REAL else 0.0
         start = unknown if v.start is None else float(v.start)
-        moves = v.role is Role.INPUT and self._simulation.compiled.inputs.moves_support(number)
+        moves = int(v.role is Role.INPUT and self._simulation.compiled.inputs.moves_support(number))
+        if v.name in self._constant_inputs:
+            moves = layout.MOVES_WITHOUT_DERIVATIVES
         rests = v.role is Role.INPUT and self._simulation.settings.start_at_equilibrium
         rest_scale = max(abs(start), v.nominal or 0.0) if rests else 0.0
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)

@@ -46,6 +46,7 @@ from solvers.system import Array
 
 from .families import FAMILIES, NATIVE_SOLVERS
 from .image import MemoryImage
+from .model_exchange import Exchange, exchange_entries
 from .start_checks import check_resolution, find_misplaced
 from .sundials_files import SUNDIALS_SOLVERS
 
@@ -88,6 +89,7 @@ class Instance(NamedTuple):
     frames: Any  # mbfmu.mechanics.arrays.closing.CutFrames
     angles: Array  # (cuts,) rad, scratch
     positions: Any  # solvers.positions.Positions
+    exchange: Any  # mbfmu.native.model_exchange.Exchange
 
 
 class Entry(NamedTuple):
@@ -127,7 +129,8 @@ def instance_of(simulation: Simulation) -> Instance:
     buffers = np.zeros(system.n), np.zeros(system.m), np.zeros(system.n), np.zeros(len(simulation.variables))
     settings = known, stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     places = assembly.frames, np.zeros(len(compiled.mechanism.cuts)), system.placed
-    return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places)
+    exchange = Exchange.allocate(*sizes)
+    return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places, exchange)
 
 
 def uses_sundials(instance: Instance) -> bool:
@@ -189,6 +192,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     state += [start.q, start.v, own.work.size, own.work.size_q, start.scratch.row, instance.known, instance.options]
     state += instance.session.memory()
     state += [array for array in arrays if array is not arrays.kernels]
+    state += instance.exchange.memory()
     return instance, MemoryImage(instance, state, arrays.kernels, numbers)
 
 
@@ -206,7 +210,7 @@ def example(name: str) -> Any:
     start, frames = Start(z(1), z(1), ClosureScratch.allocate(1, 1)), CutFrames.example()
     settings = z(3), records(1, OPTIONS), z(1, np.int64)
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
-    return pin(Instance(*run, given, start, *settings, frames, z(1), positions))
+    return pin(Instance(*run, given, start, *settings, frames, z(1), positions, Exchange.allocate(1, 1, 1)))
 
 
 _named = cache(as_kernel)  # what two families call is compiled once
@@ -345,6 +349,7 @@ def entries(name: str) -> dict[str, Entry]:
         return OK
 
     timed, given = (types.float64,), (types.int64, types.float64)
+    exchange = exchange_entries(name, jit_uncached(sequence.read))
     return {
         "start": Entry(start, given),
         "assemble": Entry(assemble, timed),
@@ -359,6 +364,7 @@ def entries(name: str) -> dict[str, Entry]:
         "count": Entry(count, ()),
         "restore": Entry(restore, ()),
         "close": Entry(close, ()),
+        **{own: Entry(*entry) for own, entry in exchange.items()},
     }
 
 

@@ -30,6 +30,7 @@ from solvers.steppers.compiled_loop import LIMITED_TOLERANCE
 from . import sundials
 from .checksum import crc64
 from .entries import USER_LIBRARY, USER_TABLE_SYMBOL, Entry, shipped_kernels
+from .model_exchange import LEFT_BRANCH, NEXT_EVENT, RESTART, STATES_NOT_FINITE, TIMES
 from .start_checks import Flaw
 
 ENTRY_C_TYPES = {
@@ -49,7 +50,7 @@ VARIABLE = np.dtype(
         ("role", "i8"),  # place in interface.Role
         ("number", "i8"),  # among those of its role
         ("settable", "i8"),  # when: see SETTABLE
-        ("moves", "i8"),  # 1: a support, which may have moved since it was set
+        ("moves", "i8"),  # 1: a support, which may have moved since it was set; MOVES_WITHOUT_DERIVATIVES: see there
         ("start", "f8"),
         ("low", "f8"),
         ("high", "f8"),
@@ -58,6 +59,7 @@ VARIABLE = np.dtype(
 )
 ARRAY = np.dtype([("members", "i8"), ("count", "i8")])  # of FMI 3: first of its members, and how many
 MEMBER = np.dtype([("variable", "i8")])
+MOVES_WITHOUT_DERIVATIVES = 2  # a support whose acceleration is no input: it is constant in model exchange
 SETTABLE = ("never", "before", "between")  # never; until the initialization ends; between steps too
 ENTRY = np.dtype(  # a number that follows parameters, see table.Entry
     [
@@ -109,6 +111,10 @@ HEADER_OFFSETS = (
     "worst",
     "massless",
     "ida",
+    "exchange_x",
+    "exchange_derivatives",
+    "exchange_nominal",
+    "exchange_times",
     "undetermined",
     "undetermined_time",
     "near_miss_factor",
@@ -124,10 +130,14 @@ HEADER = np.dtype(
         ("block", "i8"),  # where it begins in the file, and its bytes
         ("size", "i8"),
         ("saved", "i8"),  # of it, what is saved and restored
+        ("saved_alone", "i8"),  # of that, what co-simulation needs
         ("root", "i8"),
         ("reports_coarse", "i8"),  # 1: a coarse tolerance is reported at the start
         ("user_kernels", "i8"),  # number of kernels in the library of user-defined ones
         ("reports_undetermined", "i8"),  # 1: some output is a force, and it is reported that forces are not determined
+        ("exchange", "i8"),  # 1: model exchange is supported
+        ("positions", "i8"),  # number of free positions, and of velocities
+        ("velocities", "i8"),
         *((f"{name}_at", "i8") for name in HEADER_OFFSETS),
         *(field for name in SECTIONS for field in ((name, "i8"), (f"{name}_count", "i8"))),
     ]
@@ -169,6 +179,10 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     limits = {"MAX_ACCURATE_ANGLE": MAX_ACCURATE_ANGLE, "MAX_VALID_ANGLE": MAX_VALID_ANGLE}  # of shipped elements
     lines += [f"#define {name} {float(np.degrees(angle))!r} /* degrees */" for name, angle in limits.items()]
     lines += [f"#define MAX_VALID_RATIO {MAX_VALID_RATIO!r}", f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}"]
+    lines += [f"#define LEFT_BRANCH ({LEFT_BRANCH})", f"#define STATES_NOT_FINITE ({STATES_NOT_FINITE})"]
+    lines.append(f"#define EXCHANGE_TIMES {TIMES}")
+    lines.append(f"#define MOVES_WITHOUT_DERIVATIVES {MOVES_WITHOUT_DERIVATIVES}")
+    lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]
     lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(shipped_kernels())}"]
@@ -201,7 +215,7 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
 
 
 def _kind(name: str) -> str:
-    return f"{name.capitalize()}Entry"
+    return f"{name.title().replace('_', '')}Entry"
 
 
 def _enum(kind: str, words: Iterable[str]) -> str:

@@ -39,7 +39,9 @@ COMPILERS = ("cc", "gcc", "clang")
 PACKAGE_DIR = Path(__file__).parent
 PACKED_RUNTIMES = PACKAGE_DIR / "runtimes"  # that a wheel brings along
 # sources of the machine code, in addition to the kernels of other packages
-KERNEL_SOURCES = ("entries.py", "families.py", "kernels.py", "start_checks.py", "sundials.py", "targets.py")
+KERNEL_SOURCES = (
+    "entries.py", "families.py", "kernels.py", "model_exchange.py", "start_checks.py", "sundials.py", "targets.py",
+)  # fmt: skip
 COMPILER_FLAGS = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
 EXPORTED_SYMBOLS = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
 
@@ -139,7 +141,8 @@ def _linked(name: str) -> Path:
         work = Path(folder)
         made = work / path.name
         linked = link_arguments(name, work, EXPORTED_SYMBOLS)
-        _run([*command, *compiler_arguments(name, work), *linked, "-o", str(made), "-lm"], {})
+        libraries = ["-lm", *(["-ldl"] if path.suffix == ".so" else [])]  # libdl: up to glibc 2.33
+        _run([*command, *compiler_arguments(name, work), *linked, "-o", str(made), *libraries], {})
         install_atomically(made, path)
     return path
 

@@ -6,10 +6,16 @@ machine code of IDA.
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
+import tempfile
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
+from zipfile import ZipFile
 
 from mbfmu.util.errors import UserError
+from solvers.compiled.cache import shared_cache_dir
 
 from .targets import TARGETS, host
 
@@ -19,23 +25,78 @@ PACKAGE = "scikit-sundae"  # which brings the libraries along
 LIBRARIES = ("core", "nvecserial", "sunmatrixdense", "sunlinsoldense", "sunlinsolspgmr", "ida")
 
 
+# platforms of wheels by target; there is none for ARM64 Linux
+WHEELS = {
+    "x86_64-linux": ("manylinux2014_x86_64", "manylinux_2_28_x86_64"),
+    "x86_64-windows": ("win_amd64",),
+    "aarch64-darwin": ("macosx_11_0_arm64",),
+    "x86_64-darwin": ("macosx_11_0_x86_64", "macosx_10_13_x86_64"),
+}
+
+
 def libraries(target: str) -> dict[str, bytes]:
     """Return the libraries of SUNDIALS for a target, by the names of their files.
+
+    Those of another machine come from its wheel of the installed version, which pip downloads once.
 
     Raises
     ------
     UserError
-        They are not installed here.
+        There are none for it, or they cannot be downloaded.
     """
-    found = {path.name: path.read_bytes() for path in _installed() if target == host()}
+    if target == host():
+        found = {path.name: path.read_bytes() for path in _installed()}
+        return _complete(target, found, f"package {PACKAGE!r} is installed without them; install it again")
+    if target not in WHEELS:
+        return _complete(target, {}, f"{PACKAGE} has none")
+    folder = shared_cache_dir() / f"native-sundials-{_version()}-{target}"
+    if not folder.is_dir():
+        _download(target, folder)
+    found = {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+    return _complete(target, found, f"folder {str(folder)!r} is damaged; remove it")
+
+
+def _complete(target: str, found: dict[str, bytes], why: str) -> dict[str, bytes]:
+    """Return libraries that are complete; else raise UserError with the reason."""
     beginning = "sundials_" if TARGETS[target].suffix == ".dll" else "libsundials_"
     if sorted(_library_of(name, beginning) for name in found) != sorted(LIBRARIES):
         raise UserError(
-            f"solver 'ida' needs the libraries of SUNDIALS for {target}, but {PACKAGE} is installed here for "
-            f"{host() or 'another machine'} only; export for {host() or 'that machine'}, or use the solver 'radau'",
+            f"solver 'ida' needs the libraries of SUNDIALS for {target}: {why}. Use the solver 'radau', or leave out "
+            "this platform",
             "not-native",
         )
     return found
+
+
+def _version() -> str:
+    """Return the version of scikit-sundae, whose libraries every platform gets."""
+    return distribution(PACKAGE).version
+
+
+def _download(target: str, folder: Path) -> None:
+    """Put the libraries of the wheel for a target into a folder, at once."""
+    platforms = [word for name in WHEELS[target] for word in ("--platform", name)]
+    with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
+        command = [sys.executable, "-m", "pip", "download", "--only-binary=:all:", "--no-deps", "--dest", work]
+        wanted = f"{PACKAGE}=={_version()}"
+        done = subprocess.run([*command, *platforms, wanted], capture_output=True, text=True, check=False)
+        wheels, found = list(Path(work).glob("*.whl")), dict[str, bytes]()
+        for wheel in wheels:
+            with ZipFile(wheel) as archive:
+                for name in archive.namelist():
+                    if _library_of(Path(name).name, "") in LIBRARIES:
+                        found[Path(name).name] = archive.read(name)
+        errors = done.stderr.strip().splitlines()[-1:] or ["nothing was downloaded"]
+        why = f"the wheel of {wanted} has other files" if wheels else f"pip reports {errors[0]!r}"
+        _complete(target, found, why)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    made = Path(tempfile.mkdtemp(dir=folder.parent))
+    for name, data in found.items():
+        (made / name).write_bytes(data)
+    try:
+        made.rename(folder)
+    except OSError:  # another process was faster
+        shutil.rmtree(made)
 
 
 def _installed() -> list[Path]:

@@ -176,6 +176,92 @@ static void call3(fmi3Instance c, double *t)
     }
 }
 
+/* Model exchange: mostly in the order of an importing tool, so that it gets far, and anything in between. */
+static void exchange2(fmi2Component c, double *t)
+{
+    double x[2 * MOST];
+    fmi2EventInfo info;
+    fmi2Boolean event, ends;
+    static size_t n = 6;
+    size_t m = next(20) ? n : next(2 * MOST);
+    if (fmi2GetContinuousStates(c, x, m) != fmi2OK)
+        for (size_t k = 0; k < 2 * MOST; k++)
+            x[k] = number();
+    switch (next(12)) {
+    case 0:
+        check(fmi2NewDiscreteStates(c, next(20) ? &info : NULL));
+        break;
+    case 1:
+        check(fmi2EnterContinuousTimeMode(c));
+        break;
+    case 2:
+        if (!next(4))
+            check(fmi2EnterEventMode(c));
+        break;
+    case 3:
+        check(fmi2CompletedIntegratorStep(c, fmi2True, next(20) ? &event : NULL, &ends));
+        break;
+    case 4:
+        *t += 1e-3;
+        check(fmi2SetTime(c, next(20) ? *t : number()));
+        break;
+    case 5:
+    case 6:
+        for (size_t k = 0; k < 2 * MOST; k++)
+            x[k] = next(30) ? x[k] + 1e-3 * ((double)next(3) - 1.0) : number();
+        check(fmi2SetContinuousStates(c, x, m));
+        break;
+    case 7:
+        check(fmi2GetNominalsOfContinuousStates(c, x, m));
+        break;
+    case 8:
+        check(fmi2GetEventIndicators(c, x, next(2)));
+        break;
+    default:
+        steps += fmi2GetDerivatives(c, x, m) == fmi2OK;
+    }
+}
+
+static void exchange3(fmi3Instance c, double *t)
+{
+    double x[2 * MOST], at;
+    bool a, b, d, e, f;
+    size_t n = 6, m;
+    check(fmi3GetNumberOfContinuousStates(c, &n));
+    check(fmi3GetNumberOfEventIndicators(c, &m));
+    m = n <= 2 * MOST && next(20) ? n : next(2 * MOST);
+    if (fmi3GetContinuousStates(c, x, m) != fmi3OK)
+        for (size_t k = 0; k < 2 * MOST; k++)
+            x[k] = number();
+    switch (next(10)) {
+    case 0:
+        check(fmi3UpdateDiscreteStates(c, &a, &b, &d, &e, next(20) ? &f : NULL, &at));
+        break;
+    case 1:
+        check(fmi3EnterContinuousTimeMode(c));
+        break;
+    case 2:
+        if (!next(4))
+            check(fmi3EnterEventMode(c));
+        break;
+    case 3:
+        check(fmi3CompletedIntegratorStep(c, true, &a, next(20) ? &b : NULL));
+        break;
+    case 4:
+        *t += 1e-3;
+        check(fmi3SetTime(c, next(20) ? *t : number()));
+        break;
+    case 5:
+    case 6:
+        for (size_t k = 0; k < 2 * MOST; k++)
+            x[k] = next(30) ? x[k] + 1e-3 * ((double)next(3) - 1.0) : number();
+        check(fmi3SetContinuousStates(c, x, m));
+        break;
+    default:
+        steps += fmi3GetContinuousStateDerivatives(c, x, m) == fmi3OK;
+    }
+}
+
 int main(int count, char **told)
 {
     if (count < 6)
@@ -188,23 +274,36 @@ int main(int count, char **told)
     fmi2Component c = fmi2Instantiate("one", fmi2CoSimulation, told[2], location, &callbacks, fmi2False, fmi2True);
     fmi3Instance d = fmi3InstantiateCoSimulation("two", told[2], told[1], false, true, false, false, NULL, 0, NULL, tell3,
                                                  NULL);
-    if (!c || !d)
+    fmi2Component e = fmi2Instantiate("three", fmi2ModelExchange, told[2], location, &callbacks, fmi2False, fmi2True);
+    fmi3Instance f = fmi3InstantiateModelExchange("four", told[2], told[1], false, true, NULL, tell3);
+    if (!c || !d || !e || !f)
         return 3;
     if (fmi2Instantiate("bad", fmi2CoSimulation, "other", location, &callbacks, fmi2False, fmi2True) ||
         fmi2Instantiate("bad", fmi2CoSimulation, told[2], "file:///no/where", &callbacks, fmi2False, fmi2True) ||
         fmi2Instantiate(NULL, fmi2ModelExchange, told[2], NULL, NULL, fmi2False, fmi2True))
         return 4;
     check(fmi2DoStep(NULL, 0.0, 1.0, fmi2True));
-    double t = 0.0, t3 = 0.0;
-    fmi2FMUstate states[STATES] = {NULL};
+    double t = 0.0, t3 = 0.0, te = 0.0, tf = 0.0;
+    fmi2FMUstate states[STATES] = {NULL}, own[STATES] = {NULL};
     for (long k = 0; k < atol(told[4]); k++) {
         call2(c, &t, states);
         call3(d, &t3);
+        if (next(3)) {
+            exchange2(e, &te);
+            exchange3(f, &tf);
+        } else {
+            call2(e, &te, next(10) ? own : states);
+            call3(f, &tf);
+        }
     }
-    for (int k = 0; k < STATES; k++)
+    for (int k = 0; k < STATES; k++) {
         fmi2FreeFMUstate(c, &states[k]);
+        fmi2FreeFMUstate(e, &own[k]);
+    }
     fmi2FreeInstance(c);
     fmi3FreeInstance(d);
+    fmi2FreeInstance(e);
+    fmi3FreeInstance(f);
     printf("%ld\n", steps);
     return 0;
 }

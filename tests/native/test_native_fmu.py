@@ -325,7 +325,7 @@ def test_a_step_that_fails_leaves_all_as_it_was(fmu: Instance):
 def test_variables_are_those_of_the_fmu_that_calls_python(binary: Binary, tmp_path: Path):
     other = read_model_description(str(export(FourBar(), tmp_path / "model.fmu", Settings(solver="adams"))))
     native = {v.name: v for v in binary.description.modelVariables}
-    assert list(native) == [v.name for v in other.modelVariables]
+    assert [name for name in native if "state." not in name] == [v.name for v in other.modelVariables]
     constant = {"solver", "input_interpolation", "start_at_equilibrium", "coupler_elements"}
     for v in other.modelVariables:
         mine = native[v.name]
@@ -350,7 +350,7 @@ def test_nothing_is_called_but_the_c_library_and_nothing_else_is_offered(
     assert not [name for name in needed if name.startswith(("Py", "NRT_", "numba"))]
     linked = subprocess.run(("ldd", str(library)), capture_output=True, text=True, check=True).stdout
     names = {line.split()[0].rpartition("/")[2].partition(".")[0] for line in linked.splitlines()}
-    assert names <= {"linux-vdso", "libc", "libm", "ld-linux-x86-64", "ld-linux-aarch64"}
+    assert names <= {"linux-vdso", "libc", "libm", "libdl", "ld-linux-x86-64", "ld-linux-aarch64"}
 
 
 def test_equal_models_make_equal_files(tmp_path: Path):

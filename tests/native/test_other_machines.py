@@ -41,13 +41,15 @@ def emulator(name: str) -> str:
 
 
 @pytest.mark.skipif(not host(), reason="this machine is not known")
-@pytest.mark.parametrize("name", EMULATORS)
-def test_another_machine_gets_the_same_motion(name: str, tmp_path: Path):
-    program, settings = emulator(name), Settings(solver="adams", tolerance=TOLERANCE)
+@pytest.mark.parametrize(
+    ("name", "solver"), [*((name, "adams") for name in EMULATORS), ("x86_64-windows", "ida")], ids=str
+)
+def test_another_machine_gets_the_same_motion(name: str, solver: str, tmp_path: Path):
+    program, settings = emulator(name), Settings(solver=solver, tolerance=TOLERANCE)
     path = export(FourBar(), tmp_path / "model.fmu", settings, native=True, fmi=3, platforms=[name])
     zipfile.ZipFile(path).extractall(tmp_path)
-    (library,) = (tmp_path / "binaries" / name).glob(f"*{TARGETS[name].suffix}")
     described = read_model_description(str(path))
+    library = tmp_path / "binaries" / name / f"{described.coSimulation.modelIdentifier}{TARGETS[name].suffix}"
     simulation = Simulation(FourBar(), settings)
     references = {v.name: str(v.valueReference) for v in described.modelVariables}
     names = [v.name for v in simulation.variables][:-2]
@@ -55,7 +57,7 @@ def test_another_machine_gets_the_same_motion(name: str, tmp_path: Path):
     source = Path(__file__).with_name("host.c")
     subprocess.run([*compiler(name), "-std=c2x", "-O1", f"-I{headers}", source, "-o", alone], check=True)
     told = ["3", library.relative_to(tmp_path), "resources", described.instantiationToken, "out.bin", STEPS, LENGTH]
-    run = [program, alone, *told, *(references[name] for name in names)]
+    run = [program, alone, *told, len(names), *(references[name] for name in names)]
     subprocess.run(list(map(str, run)), cwd=tmp_path, check=True)
     wanted = [simulation.outputs()[:-2].copy()]
     for k in range(1, STEPS + 1):

@@ -5,16 +5,19 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from binding import DISCARD, OK, Binary, Instance
+from binding import DISCARD, OK, WARNING, Binary, Instance
 
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from mbfmu.fmi import export
 from mbfmu.modeling import Model
+from mbfmu.native import sundials_files
 from mbfmu.native.runtime import COMPILERS
 from mbfmu.native.sundials_files import libraries
 from mbfmu.native.targets import host
@@ -118,6 +121,23 @@ def test_a_step_that_fails_leaves_the_state_and_may_be_repeated_shorter(tmp_path
     np.testing.assert_array_equal(fmu.get("Real", wanted)[1], reference.outputs())
 
 
+def test_what_sundials_reports_of_a_step_that_fails_is_logged_before_the_reason(opened: Callable[[Model], Binary]):
+    binary = opened(FourBar())
+    fmu, known = begun(binary), {v.name: v.valueReference for v in binary.description.modelVariables}
+    assert fmu.step(0.0, STEP) == OK
+    assert fmu.set("Real", [known["crank.torque"]], [1e30]) == OK
+    assert fmu.step(STEP, STEP) == DISCARD
+    (first, reported), (second, told) = binary.logged[-2:]
+    assert (first, second) == (WARNING, DISCARD)
+    assert " reports: At t = 0.01 and h = " in reported
+    assert reported.endswith("[sundials-error]")
+    assert "(t = 0.01 s)" in told
+    assert told.endswith("[collapsed-step]")
+    assert fmu.set("Real", [known["crank.torque"]], [0.0]) == OK
+    assert fmu.step(STEP, STEP) == OK
+    assert binary.logged[-1] == (second, told), "the next step is silent"
+
+
 @pytest.mark.parametrize("name", ["core", "ida", "sunlinsolspgmr"])
 def test_a_library_that_is_missing_or_none_is_named(name: str, tmp_path: Path):
     binary = Binary(export(FourBar(), tmp_path / "model.fmu", IDA, native=True), tmp_path)
@@ -146,7 +166,40 @@ def test_the_fmu_contains_the_libraries_and_their_license(tmp_path: Path):
         assert not names & {*libraries(host()), "sundials.txt"}
 
 
-def test_another_platform_is_refused_with_a_way_out(tmp_path: Path):
-    other = next(name for name in ("aarch64-linux", "x86_64-linux") if name != host())
-    with pytest.raises(UserError, match=rf"libraries of SUNDIALS for {other}.* use the solver 'radau'"):
-        libraries(other)
+def test_a_platform_without_a_wheel_is_refused_with_a_way_out():
+    if host() == "aarch64-linux":
+        pytest.skip("it is this machine")
+    with pytest.raises(UserError, match=r"for aarch64-linux: scikit-sundae has none. Use the solver 'radau', or leave"):
+        libraries("aarch64-linux")
+
+
+def downloads(files: dict[str, str]) -> Callable[..., Any]:
+    """Return what stands for pip: it writes a wheel of these files, or fails if there are none."""
+
+    def run(command: list[str], **_: Any) -> Any:
+        folder = Path(command[command.index("--dest") + 1])
+        assert command[-1].startswith("scikit-sundae==")
+        assert command[command.index("--platform") + 1] == "win_amd64"
+        if files:
+            with ZipFile(folder / "one.whl", "w") as wheel:
+                for name, text in files.items():
+                    wheel.writestr(name, text)
+        return SimpleNamespace(stderr="" if files else "ERROR: no network")
+
+    return run
+
+
+def test_libraries_of_another_platform_come_from_its_wheel_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(sundials_files, "host", lambda: "x86_64-linux")
+    monkeypatch.setattr(sundials_files, "shared_cache_dir", lambda: tmp_path / "cache")
+    names = ("core", "nvecserial", "sunmatrixdense", "sunlinsoldense", "sunlinsolspgmr", "ida", "cvode")
+    wheel = {f"scikit_sundae.libs/sundials_{name}-0123.dll": name for name in names} | {"sksundae/ida.py": ""}
+    for wrong, why in (({}, "pip reports 'ERROR: no network'"), (dict([*wheel.items()][1:]), "has other files")):
+        monkeypatch.setattr(sundials_files.subprocess, "run", downloads(wrong))
+        with pytest.raises(UserError, match=rf"libraries of SUNDIALS for x86_64-windows: .*{why}"):
+            libraries("x86_64-windows")
+    monkeypatch.setattr(sundials_files.subprocess, "run", downloads(wheel))
+    found = libraries("x86_64-windows")
+    assert found == {f"sundials_{name}-0123.dll": name.encode() for name in names[:-1]}
+    monkeypatch.setattr(sundials_files.subprocess, "run", downloads({}))
+    assert libraries("x86_64-windows") == found, "it was kept"

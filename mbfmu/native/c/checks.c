@@ -65,6 +65,16 @@ bool has_length(const Header *h, int64_t length)
            h->size == length - h->block;
 }
 
+static bool good_states(const Header *h)
+{
+    const size_t one = sizeof(double);
+    return fits(h->saved, 0, h->saved_alone, 1) && is_index(h->positions, h->size) && is_index(h->velocities, h->size) &&
+           in_block(h, h->exchange_x_at, h->positions + h->velocities, one) &&
+           in_block(h, h->exchange_derivatives_at, h->positions + h->velocities, one) &&
+           in_block(h, h->exchange_nominal_at, h->positions + h->velocities, one) &&
+           in_block(h, h->exchange_times_at, EXCHANGE_TIMES, one) && h->saved >= (h->positions + h->velocities) * (int64_t)one;
+}
+
 /* Whether the table of addresses for SUNDIALS is after what states hold, where the family calls it. */
 static bool good_table(const Header *h)
 {
@@ -85,7 +95,8 @@ static bool good_header(const Header *h)
            in_block(h, h->undetermined_time_at, 1, sizeof(double)) &&
            in_block(h, h->near_miss_factor_at, 1, sizeof(double)) &&
            in_block(h, h->near_miss_gap_at, 1, sizeof(double)) &&
-           h->free_rates_count <= h->coordinates_count && good_table(h);
+           h->free_rates_count <= h->coordinates_count && is_index(h->exchange, 2) && good_states(h) &&
+           good_table(h);
 }
 
 #define SECTION(name, kind) in_tables(h, h->name, h->name##_count, sizeof(kind))
@@ -226,9 +237,12 @@ static bool good_texts(const Instance *own)
 }
 
 /* Whether all that the tables refer to is there; the sections are checked before anything in them is read. */
-bool within_bounds(const Instance *own)
+bool within_bounds(Instance *own)
 {
     const Header *h = own->header;
-    return good_header(h) && good_sections(h) && good_texts(own) && good_variables(own) && good_arrays(own) &&
-           good_entries(own) && good_formulas(own) && good_addresses(own);
+    if (!good_header(h) || !good_sections(h))
+        return false;
+    own->variables = section(own, h->variables);
+    return good_texts(own) && good_variables(own) && good_arrays(own) && good_entries(own) && good_formulas(own) &&
+           good_addresses(own);
 }

@@ -13,7 +13,8 @@
 
 #define AGREED 1e-9 /* s, or part of the time: so much may a host's clock differ from ours */
 
-static const char *const phases[] = {"instantiated", "initializing", "running", "failed", "terminated"};
+static const char *const phases[] = {"instantiated", "initializing", "running", "in event mode", "in continuous-time mode", "failed",
+                                     "terminated"};
 
 void *host_of(Instance *own)
 {
@@ -33,11 +34,11 @@ static void begin_life(Instance *own)
     own->start = own->reached = 0.0;
     own->stopped = false;
     own->phase = INSTANTIATED;
-    own->fresh = false;
+    own->fresh = own->derived = false;
     own->message[0] = '\0';
 }
 
-Instance *create(const char *token, const char *folder, Log *log, void *host, char text[SAYS])
+Instance *create(const char *token, const char *folder, bool exchange, Log *log, void *host, char text[SAYS])
 {
     Instance *own = calloc(1, sizeof *own);
     if (!own) {
@@ -46,7 +47,13 @@ Instance *create(const char *token, const char *folder, Log *log, void *host, ch
     }
     own->log = log;
     own->host = host;
+    own->exchange = exchange;
     if (!open_model(own, folder, token, text)) {
+        destroy(own);
+        return NULL;
+    }
+    if (exchange && !own->header->exchange) {
+        SAY(text, "model exchange is not supported: this FMU is for co-simulation [fmi-call]");
         destroy(own);
         return NULL;
     }
@@ -82,7 +89,8 @@ Outcome refuse(Instance *own, const char *call)
 Outcome not_offered(Instance *own, const char *call)
 {
     char text[SAYS];
-    SAY(text, call, " is not supported: this FMU is for co-simulation; its capabilities are in modelDescription.xml");
+    SAY(text, call, " is not supported: this ", own->exchange ? "instance is for model exchange" : "FMU is for co-simulation",
+        "; its capabilities are in modelDescription.xml");
     return mistake(own, text);
 }
 
@@ -118,7 +126,7 @@ Outcome enter_initialization(Instance *own)
     if (own->phase != INSTANTIATED)
         return refuse(own, "entering the initialization");
     own->phase = INITIALIZING;
-    own->fresh = false;
+    own->fresh = own->derived = false;
     return OK;
 }
 
@@ -139,7 +147,7 @@ Outcome exit_initialization(Instance *own)
         own->phase = FAILED;
         return ERROR;
     }
-    own->phase = RUNNING;
+    own->phase = own->exchange ? EVENT_MODE : RUNNING;
     memset(own->flags, 0, count_of(own));
     warn_coarse_tolerance(own);
     return OK;
@@ -204,7 +212,7 @@ static Outcome go(Instance *own, double t, double length)
             describe_energy_error(own, own->message);
         return OK;
     }
-    size_t saved = (size_t)own->header->saved;
+    size_t saved = saved_bytes(own);
     memcpy(own->kept, own->block, saved);
     double here = clock_of(own), end = fmax(here, t + length); /* the host's clock may be a little slow */
     clear_report(own);
@@ -225,7 +233,7 @@ static Outcome go(Instance *own, double t, double length)
         put_back(own, own->kept);
         return fail(own, DISCARD, text);
     }
-    own->fresh = false;
+    own->fresh = own->derived = false;
     own->message[0] = '\0';
     own->reached = end;
     log_new(own, status, here);
@@ -250,7 +258,7 @@ bool stopped(const Instance *own)
 
 Outcome terminate(Instance *own)
 {
-    if (own->phase != RUNNING && own->phase != FAILED)
+    if (own->phase < RUNNING || own->phase > FAILED)
         return refuse(own, "terminating");
     own->phase = TERMINATED;
     return OK;

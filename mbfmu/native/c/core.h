@@ -16,7 +16,8 @@
 
 typedef enum { OK, WARNING, DISCARD, ERROR, FATAL } Outcome; /* the numbers of both versions of FMI */
 
-typedef enum { INSTANTIATED, INITIALIZING, RUNNING, FAILED, TERMINATED } Phase;
+/* RUNNING is of co-simulation, the two modes are of model exchange */
+typedef enum { INSTANTIATED, INITIALIZING, RUNNING, EVENT_MODE, CONTINUOUS_MODE, FAILED, TERMINATED } Phase;
 
 /* Give a message to the host. */
 typedef void Log(void *host, Outcome outcome, const char *category, const char *text);
@@ -25,7 +26,7 @@ typedef struct Instance Instance;
 typedef struct State State;
 
 /* Life. Without an instance the text says why. */
-Instance *create(const char *token, const char *folder, Log *log, void *host, char text[SAYS]);
+Instance *create(const char *token, const char *folder, bool exchange, Log *log, void *host, char text[SAYS]);
 void destroy(Instance *own);
 void *host_of(Instance *own);
 Outcome set_up(Instance *own, double start, bool ends, double stop, bool tolerant, double tolerance);
@@ -55,7 +56,25 @@ uint32_t time_reference(const Instance *own);
 size_t width(const Instance *own, uint32_t reference);
 uint32_t element(const Instance *own, uint32_t reference, size_t k);
 
-/* States. */
+/* Model exchange; ``call`` is the name of the function that the host has called. */
+typedef struct {
+    bool states_changed, nominals_changed, has_next;
+    double next; /* s, time of the next event */
+} Events;
+size_t state_count(const Instance *own);
+Outcome set_time(Instance *own, const char *call, bool in_events, double t);
+Outcome set_states(Instance *own, const char *call, const double *x, size_t n);
+Outcome get_states(Instance *own, const char *call, double *x, size_t n);
+Outcome get_derivatives(Instance *own, const char *call, double *dx, size_t n);
+Outcome get_nominals(Instance *own, const char *call, double *nominal, size_t n);
+Outcome get_indicators(Instance *own, const char *call, size_t n);
+Outcome enter_event_mode(Instance *own, const char *call);
+Outcome update_events(Instance *own, const char *call, Events *events);
+Outcome enter_continuous_mode(Instance *own, const char *call);
+Outcome complete_step(Instance *own, const char *call, bool *event, bool *ends);
+Outcome count_exchanged(Instance *own, const char *call, bool indicators, size_t *n);
+
+/* States of the FMU. */
 Outcome save(Instance *own, State **state);
 Outcome restore(Instance *own, const State *state);
 size_t bytes_of(const Instance *own);

@@ -42,6 +42,12 @@ size_t count_of(const Instance *own)
     return (size_t)own->header->variables_count;
 }
 
+/* Return how many bytes of the block a state consists of; co-simulation needs none of those of model exchange. */
+size_t saved_bytes(const Instance *own)
+{
+    return (size_t)(own->exchange ? own->header->saved : own->header->saved_alone);
+}
+
 unsigned char *root_of(const Instance *own)
 {
     return own->block + own->header->root;
@@ -92,7 +98,6 @@ static bool read_tables(Instance *own, FILE *file, const char *token, char text[
                                                           "[fmu-files]");
         return false;
     }
-    own->variables = section(own, own->header->variables);
     if (!within_bounds(own)) {
         SAY(text, "file '", own->path, "' is damaged: it refers to data outside the file; export the FMU again [fmu-files]");
         return false;

@@ -1,5 +1,6 @@
-/* FMI 2.0 for co-simulation. */
+/* FMI 2.0 for co-simulation and model exchange. */
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -107,10 +108,11 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     if (host && folder) {
         host->logged = logging ? LOG_ALL : 0;
         read_location(location ? location : "", folder);
-        if (type == fmi2CoSimulation)
-            host->own = create(guid ? guid : "", folder, tell, host, text);
+        if (type == fmi2ModelExchange || type == fmi2CoSimulation)
+            host->own = create(guid ? guid : "", folder, type == fmi2ModelExchange, tell, host, text);
         else
-            strcpy(text, "model exchange is not supported: this FMU is for co-simulation [fmi-call]");
+            snprintf(text, sizeof text,
+                     "the type of the FMU is %d; allowed: 0 (model exchange) or 1 (co-simulation) [fmi-call]", (int)type);
     }
     free(folder);
     if (!host || host->own)
@@ -331,59 +333,71 @@ fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind, fmi2String
     return c ? fmi2Discard : fmi2Error;
 }
 
-/* ---- model exchange, which is not offered ------------------------------------------------------------------------ */
-
-static fmi2Status exchange(fmi2Component c, const char *call)
-{
-    return c ? (fmi2Status)not_offered(instance(c), call) : fmi2Error;
-}
+/* ---- model exchange ---------------------------------------------------------------------------------------------- */
 
 fmi2Status fmi2EnterEventMode(fmi2Component c)
 {
-    return exchange(c, "fmi2EnterEventMode");
+    return c ? (fmi2Status)enter_event_mode(instance(c), "fmi2EnterEventMode") : fmi2Error;
 }
 
-fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *)
+fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info)
 {
-    return exchange(c, "fmi2NewDiscreteStates");
+    Events events;
+    Outcome outcome = c ? update_events(instance(c), "fmi2NewDiscreteStates", info ? &events : NULL) : ERROR;
+    if (outcome != OK)
+        return (fmi2Status)outcome;
+    info->newDiscreteStatesNeeded = info->terminateSimulation = fmi2False;
+    info->nominalsOfContinuousStatesChanged = events.nominals_changed;
+    info->valuesOfContinuousStatesChanged = events.states_changed;
+    info->nextEventTimeDefined = events.has_next;
+    info->nextEventTime = events.has_next ? events.next : 0.0;
+    return fmi2OK;
 }
 
 fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
 {
-    return exchange(c, "fmi2EnterContinuousTimeMode");
+    return c ? (fmi2Status)enter_continuous_mode(instance(c), "fmi2EnterContinuousTimeMode") : fmi2Error;
 }
 
-fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean, fmi2Boolean *, fmi2Boolean *)
+fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean, fmi2Boolean *event, fmi2Boolean *ends)
 {
-    return exchange(c, "fmi2CompletedIntegratorStep");
+    bool one, two;
+    Outcome outcome = ERROR;
+    if (c)
+        outcome = complete_step(instance(c), "fmi2CompletedIntegratorStep", event ? &one : NULL, ends ? &two : NULL);
+    if (outcome == OK || outcome == WARNING) {
+        *event = one;
+        *ends = two;
+    }
+    return (fmi2Status)outcome;
 }
 
-fmi2Status fmi2SetTime(fmi2Component c, fmi2Real)
+fmi2Status fmi2SetTime(fmi2Component c, fmi2Real t)
 {
-    return exchange(c, "fmi2SetTime");
+    return c ? (fmi2Status)set_time(instance(c), "fmi2SetTime", true, t) : fmi2Error;
 }
 
-fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real[], size_t)
+fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n)
 {
-    return exchange(c, "fmi2SetContinuousStates");
+    return c ? (fmi2Status)set_states(instance(c), "fmi2SetContinuousStates", x, n) : fmi2Error;
 }
 
-fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real[], size_t)
+fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real dx[], size_t n)
 {
-    return exchange(c, "fmi2GetDerivatives");
+    return c ? (fmi2Status)get_derivatives(instance(c), "fmi2GetDerivatives", dx, n) : fmi2Error;
 }
 
-fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real[], size_t)
+fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real[], size_t n)
 {
-    return exchange(c, "fmi2GetEventIndicators");
+    return c ? (fmi2Status)get_indicators(instance(c), "fmi2GetEventIndicators", n) : fmi2Error;
 }
 
-fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real[], size_t)
+fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n)
 {
-    return exchange(c, "fmi2GetContinuousStates");
+    return c ? (fmi2Status)get_states(instance(c), "fmi2GetContinuousStates", x, n) : fmi2Error;
 }
 
-fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real[], size_t)
+fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real nominal[], size_t n)
 {
-    return exchange(c, "fmi2GetNominalsOfContinuousStates");
+    return c ? (fmi2Status)get_nominals(instance(c), "fmi2GetNominalsOfContinuousStates", nominal, n) : fmi2Error;
 }

@@ -1,21 +1,8 @@
-/* FMI 3.0 for co-simulation. */
+/* FMI 3.0 for co-simulation and model exchange. */
 
 #include <stdlib.h>
 
-#include "core.h"
-#include "fmi3Functions.h"
-
-typedef struct {
-    Instance *own;
-    fmi3LogMessageCallback log;
-    fmi3InstanceEnvironment environment;
-    unsigned logged; /* categories */
-} Host;
-
-static Instance *instance(fmi3Instance c)
-{
-    return ((Host *)c)->own;
-}
+#include "fmi3_host.h"
 
 /* Give a message to the host if it has asked for those of its category. */
 static void tell(void *host, Outcome outcome, const char *category, const char *text)
@@ -46,10 +33,9 @@ static fmi3Instance no_instance(fmi3LogMessageCallback log, fmi3InstanceEnvironm
     return NULL;
 }
 
-fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
-                                         fmi3Boolean logging, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
-                                         size_t, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
-                                         fmi3IntermediateUpdateCallback)
+/* Return a new instance; NULL if there is none, with the reason in the log. */
+static fmi3Instance instantiate(fmi3String token, fmi3String folder, bool exchange, bool logging,
+                                fmi3InstanceEnvironment environment, fmi3LogMessageCallback log)
 {
     char text[SAYS] = "the memory for the instance cannot be allocated [out-of-memory]";
     Host *host = calloc(1, sizeof *host);
@@ -58,17 +44,26 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3Strin
     host->log = log;
     host->environment = environment;
     host->logged = logging ? LOG_ALL : 0;
-    host->own = create(token ? token : "", folder ? folder : "", tell, host, text);
+    host->own = create(token ? token : "", folder ? folder : "", exchange, tell, host, text);
     if (host->own)
         return host;
     free(host);
     return no_instance(log, environment, text);
 }
 
-fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
-                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback log)
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
+                                         fmi3Boolean logging, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
+                                         size_t, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
+                                         fmi3IntermediateUpdateCallback)
 {
-    return no_instance(log, environment, "model exchange is not supported: this FMU is for co-simulation [fmi-call]");
+    return instantiate(token, folder, false, logging, environment, log);
+}
+
+fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
+                                          fmi3Boolean logging, fmi3InstanceEnvironment environment,
+                                          fmi3LogMessageCallback log)
+{
+    return instantiate(token, folder, true, logging, environment, log);
 }
 
 fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
@@ -76,7 +71,8 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3Strin
                                                fmi3ClockUpdateCallback, fmi3LockPreemptionCallback,
                                                fmi3UnlockPreemptionCallback)
 {
-    return no_instance(log, environment, "scheduled execution is not supported: this FMU is for co-simulation [fmi-call]");
+    return no_instance(log, environment,
+                       "scheduled execution is not supported: this FMU is for co-simulation and model exchange [fmi-call]");
 }
 
 void fmi3FreeInstance(fmi3Instance c)
@@ -286,65 +282,75 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_
     return c && state ? (fmi3Status)read_state(instance(c), bytes, size, (State **)state) : fmi3Error;
 }
 
-/* ---- what hosts look for, and this FMU does not offer ------------------------------------------------------------ */
+/* ---- model exchange ---------------------------------------------------------------------------------------------- */
 
-static fmi3Status refused(fmi3Instance c, const char *call)
+fmi3Status fmi3EnterEventMode(fmi3Instance c)
 {
-    return c ? (fmi3Status)not_offered(instance(c), call) : fmi3Error;
+    return c ? (fmi3Status)enter_event_mode(instance(c), "fmi3EnterEventMode") : fmi3Error;
 }
 
-#define NOT_OFFERED(name, parameters)                                              \
-    fmi3Status name parameters                                                     \
-    {                                                                              \
-        return refused(c, #name);                                                  \
-    }
-#define NO_TYPE(kind)                                                              \
-    NOT_OFFERED(fmi3Get##kind, (fmi3Instance c, const fmi3ValueReference[], size_t, fmi3##kind[], size_t)) \
-    NOT_OFFERED(fmi3Set##kind, (fmi3Instance c, const fmi3ValueReference[], size_t, const fmi3##kind[], size_t))
-#define REFERENCES const fmi3ValueReference[], size_t
+fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *more, fmi3Boolean *ends, fmi3Boolean *nominals,
+                                    fmi3Boolean *values, fmi3Boolean *has_next, fmi3Float64 *next)
+{
+    Events events;
+    bool given = more && ends && nominals && values && has_next && next;
+    Outcome outcome = c ? update_events(instance(c), "fmi3UpdateDiscreteStates", given ? &events : NULL) : ERROR;
+    if (outcome != OK)
+        return (fmi3Status)outcome;
+    *more = *ends = false;
+    *nominals = events.nominals_changed;
+    *values = events.states_changed;
+    *has_next = events.has_next;
+    *next = events.has_next ? events.next : 0.0;
+    return fmi3OK;
+}
 
-NO_TYPE(Float32)
-NO_TYPE(Int8)
-NO_TYPE(UInt8)
-NO_TYPE(Int16)
-NO_TYPE(UInt16)
-NO_TYPE(Int32)
-NO_TYPE(UInt32)
-NO_TYPE(UInt64)
-NOT_OFFERED(fmi3SetString, (fmi3Instance c, REFERENCES, const fmi3String[], size_t))
-NOT_OFFERED(fmi3GetBinary, (fmi3Instance c, REFERENCES, size_t[], fmi3Binary[], size_t))
-NOT_OFFERED(fmi3SetBinary, (fmi3Instance c, REFERENCES, const size_t[], const fmi3Binary[], size_t))
-NOT_OFFERED(fmi3GetClock, (fmi3Instance c, REFERENCES, fmi3Clock[]))
-NOT_OFFERED(fmi3SetClock, (fmi3Instance c, REFERENCES, const fmi3Clock[]))
-NOT_OFFERED(fmi3GetNumberOfVariableDependencies, (fmi3Instance c, fmi3ValueReference, size_t *))
-NOT_OFFERED(fmi3GetVariableDependencies, (fmi3Instance c, fmi3ValueReference, size_t[], fmi3ValueReference[], size_t[],
-            fmi3DependencyKind[], size_t))
-NOT_OFFERED(fmi3GetDirectionalDerivative, (fmi3Instance c, REFERENCES, REFERENCES, const fmi3Float64[], size_t, fmi3Float64[], size_t))
-NOT_OFFERED(fmi3GetAdjointDerivative, (fmi3Instance c, REFERENCES, REFERENCES, const fmi3Float64[], size_t, fmi3Float64[], size_t))
-NOT_OFFERED(fmi3EnterConfigurationMode, (fmi3Instance c))
-NOT_OFFERED(fmi3ExitConfigurationMode, (fmi3Instance c))
-NOT_OFFERED(fmi3GetIntervalDecimal, (fmi3Instance c, REFERENCES, fmi3Float64[], fmi3IntervalQualifier[]))
-NOT_OFFERED(fmi3GetIntervalFraction, (fmi3Instance c, REFERENCES, fmi3UInt64[], fmi3UInt64[], fmi3IntervalQualifier[]))
-NOT_OFFERED(fmi3GetShiftDecimal, (fmi3Instance c, REFERENCES, fmi3Float64[]))
-NOT_OFFERED(fmi3GetShiftFraction, (fmi3Instance c, REFERENCES, fmi3UInt64[], fmi3UInt64[]))
-NOT_OFFERED(fmi3SetIntervalDecimal, (fmi3Instance c, REFERENCES, const fmi3Float64[]))
-NOT_OFFERED(fmi3SetIntervalFraction, (fmi3Instance c, REFERENCES, const fmi3UInt64[], const fmi3UInt64[]))
-NOT_OFFERED(fmi3SetShiftDecimal, (fmi3Instance c, REFERENCES, const fmi3Float64[]))
-NOT_OFFERED(fmi3SetShiftFraction, (fmi3Instance c, REFERENCES, const fmi3UInt64[], const fmi3UInt64[]))
-NOT_OFFERED(fmi3EvaluateDiscreteStates, (fmi3Instance c))
-NOT_OFFERED(fmi3UpdateDiscreteStates, (fmi3Instance c, fmi3Boolean *, fmi3Boolean *, fmi3Boolean *, fmi3Boolean *, fmi3Boolean *,
-            fmi3Float64 *))
-NOT_OFFERED(fmi3EnterEventMode, (fmi3Instance c))
-NOT_OFFERED(fmi3EnterContinuousTimeMode, (fmi3Instance c))
-NOT_OFFERED(fmi3CompletedIntegratorStep, (fmi3Instance c, fmi3Boolean, fmi3Boolean *, fmi3Boolean *))
-NOT_OFFERED(fmi3SetTime, (fmi3Instance c, fmi3Float64))
-NOT_OFFERED(fmi3SetContinuousStates, (fmi3Instance c, const fmi3Float64[], size_t))
-NOT_OFFERED(fmi3GetContinuousStateDerivatives, (fmi3Instance c, fmi3Float64[], size_t))
-NOT_OFFERED(fmi3GetEventIndicators, (fmi3Instance c, fmi3Float64[], size_t))
-NOT_OFFERED(fmi3GetContinuousStates, (fmi3Instance c, fmi3Float64[], size_t))
-NOT_OFFERED(fmi3GetNominalsOfContinuousStates, (fmi3Instance c, fmi3Float64[], size_t))
-NOT_OFFERED(fmi3GetNumberOfEventIndicators, (fmi3Instance c, size_t *))
-NOT_OFFERED(fmi3GetNumberOfContinuousStates, (fmi3Instance c, size_t *))
-NOT_OFFERED(fmi3EnterStepMode, (fmi3Instance c))
-NOT_OFFERED(fmi3GetOutputDerivatives, (fmi3Instance c, REFERENCES, const fmi3Int32[], fmi3Float64[], size_t))
-NOT_OFFERED(fmi3ActivateModelPartition, (fmi3Instance c, fmi3ValueReference, fmi3Float64))
+fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c)
+{
+    return c ? (fmi3Status)enter_continuous_mode(instance(c), "fmi3EnterContinuousTimeMode") : fmi3Error;
+}
+
+fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean, fmi3Boolean *event, fmi3Boolean *ends)
+{
+    return c ? (fmi3Status)complete_step(instance(c), "fmi3CompletedIntegratorStep", event, ends) : fmi3Error;
+}
+
+fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 t)
+{
+    return c ? (fmi3Status)set_time(instance(c), "fmi3SetTime", false, t) : fmi3Error;
+}
+
+fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 x[], size_t n)
+{
+    return c ? (fmi3Status)set_states(instance(c), "fmi3SetContinuousStates", x, n) : fmi3Error;
+}
+
+fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance c, fmi3Float64 dx[], size_t n)
+{
+    return c ? (fmi3Status)get_derivatives(instance(c), "fmi3GetContinuousStateDerivatives", dx, n) : fmi3Error;
+}
+
+fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64[], size_t n)
+{
+    return c ? (fmi3Status)get_indicators(instance(c), "fmi3GetEventIndicators", n) : fmi3Error;
+}
+
+fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n)
+{
+    return c ? (fmi3Status)get_states(instance(c), "fmi3GetContinuousStates", x, n) : fmi3Error;
+}
+
+fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 nominal[], size_t n)
+{
+    return c ? (fmi3Status)get_nominals(instance(c), "fmi3GetNominalsOfContinuousStates", nominal, n) : fmi3Error;
+}
+
+fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance c, size_t *n)
+{
+    return c ? (fmi3Status)count_exchanged(instance(c), "fmi3GetNumberOfEventIndicators", true, n) : fmi3Error;
+}
+
+fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance c, size_t *n)
+{
+    return c ? (fmi3Status)count_exchanged(instance(c), "fmi3GetNumberOfContinuousStates", false, n) : fmi3Error;
+}

@@ -118,7 +118,7 @@ void put_options(Instance *own)
             o->max_step = value > 0.0 ? value : INFINITY;
             break;
         case SETTING_ENERGY_CHECK:
-            o->energy_check = value != 0.0;
+            o->energy_check = value != 0.0 && !own->exchange; /* model exchange has no account of the work */
             break;
         default: /* constant */
             break;

@@ -24,10 +24,13 @@ struct Instance {
     double start;   /* s */
     double reached; /* s */
     Phase phase;
+    bool exchange;  /* for model exchange, not for co-simulation */
     bool stopped;   /* the last step failed */
     bool untouched; /* the block is that of the file */
     bool fresh;     /* outputs are those of the present state */
-    bool warned_balance, warned_coarse, warned_near_miss, warned_undetermined;
+    bool derived;   /* so are derivatives */
+    bool warned_balance, warned_coarse, warned_near_miss, warned_undetermined, warned_branch;
+    unsigned reported; /* reasons of discarded evaluations, bits by their codes */
     struct Sundials *sundials; /* NULL: it is not used */
     void *user_library; /* of user-defined kernels; NULL: there are none */
     bool is_table_filled;      /* the table of addresses in the block is that of this process */
@@ -41,11 +44,12 @@ const void *section(const Instance *own, int64_t at);
 const char *text_at(const Instance *own, int64_t at);
 size_t count_of(const Instance *own);
 unsigned char *root_of(const Instance *own);
+size_t saved_bytes(const Instance *own);
 
 /* checks.c */
 uint64_t crc64(uint64_t sum, const void *bytes, size_t count);
 bool has_length(const Header *h, int64_t length);
-bool within_bounds(const Instance *own);
+bool within_bounds(Instance *own);
 
 /* formulas.c */
 bool put_parameters(Instance *own, bool at_work);
@@ -66,6 +70,13 @@ bool is_marked(const Instance *own, unsigned flag);
 const Variable *refused_value(const Instance *own);
 Outcome fail_refused(Instance *own, Outcome outcome, const Variable *v);
 void apply_changes(Instance *own);
+
+/* exchange.c */
+void apply_exchange_changes(Instance *own);
+void start_exchange(Instance *own);
+bool is_state(Instance *own, uint32_t reference);
+Outcome get_exchanged(Instance *own, uint32_t reference, unsigned wanted, double *value);
+int64_t read_exchanged(Instance *own);
 
 /* messages.c */
 const char *in_digits(char digits[32], double value);

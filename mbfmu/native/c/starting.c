@@ -36,7 +36,7 @@ double clock_of(Instance *own)
 /* Let the block continue from the first part of another one, which was saved. */
 void put_back(Instance *own, const unsigned char *saved)
 {
-    memcpy(own->block, saved, (size_t)own->header->saved);
+    memcpy(own->block, saved, saved_bytes(own));
     call_entry(own, own->family->restore);
 }
 
@@ -44,7 +44,8 @@ static void read_outputs(Instance *own)
 {
     const double *out = numbers_at(own, own->header->out_at);
     const int64_t *counts = (const int64_t *)(own->block + own->header->counts_at);
-    call_entry(own, own->family->count);
+    if (!own->exchange)
+        call_entry(own, own->family->count);
     for (size_t k = 0; k < count_of(own); k++) {
         const Variable *v = &own->variables[k];
         if (v->role == ROLE_OUTPUT)
@@ -58,7 +59,7 @@ static void read_outputs(Instance *own)
 Outcome evaluate(Instance *own)
 {
     char text[SAYS];
-    int64_t code = call_entry(own, own->family->read);
+    int64_t code = own->exchange ? read_exchanged(own) : call_entry(own, own->family->read);
     if (code != CODE_OK) {
         describe_stop(own, code, text);
         return fail(own, DISCARD, text);
@@ -110,7 +111,7 @@ Outcome start_anew(Instance *own)
         return fail(own, ERROR, text);
     }
     own->untouched = false;
-    own->warned_balance = own->warned_coarse = own->warned_near_miss = own->warned_undetermined = false;
+    own->warned_balance = own->warned_coarse = own->warned_near_miss = own->warned_undetermined = own->warned_branch = false;
     for (size_t k = 0; k < count_of(own); k++)
         own->flags[k] &= (unsigned char)~JUMP_REPORTED;
     put_options(own);
@@ -142,5 +143,8 @@ Outcome start_anew(Instance *own)
     if (status->singular)
         warn_singular_start(own);
     warn_coarse(own, status);
+    own->derived = false;
+    if (own->exchange)
+        start_exchange(own);
     return evaluate(own);
 }

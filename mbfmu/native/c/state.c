@@ -10,6 +10,7 @@ struct State {
     uint64_t bytes; /* of all of it */
     uint64_t checked; /* checksum of what comes after it, where it is written for others */
     char token[sizeof((Header *)0)->token];
+    int64_t exchange;
     int64_t phase;
     double start;
     double reached;
@@ -21,7 +22,7 @@ struct State {
 
 size_t bytes_of(const Instance *own)
 {
-    return sizeof(State) + count_of(own) * (sizeof(double) + 1) + (size_t)own->header->saved;
+    return sizeof(State) + count_of(own) * (sizeof(double) + 1) + saved_bytes(own);
 }
 
 /* FNV-1a. */
@@ -41,13 +42,14 @@ static unsigned char *block_of(const Instance *own, const State *state)
 
 static bool ours(const Instance *own, const State *state)
 {
-    return state && state->magic == MAGIC && state->bytes == bytes_of(own) &&
+    return state && state->magic == MAGIC && state->bytes == bytes_of(own) && state->exchange == own->exchange &&
            strncmp(state->token, own->header->token, sizeof state->token) == 0;
 }
 
 static Outcome refuse_state(Instance *own)
 {
-    return mistake(own, "the given FMU state is damaged or not one of this FMU; allowed: a state that it saved [saved-state]");
+    return mistake(own, "the given FMU state is damaged or not one of this FMU; allowed: a state that it saved, for the same type of FMU "
+                        "(co-simulation or model exchange) [saved-state]");
 }
 
 /* Take a state; one that is given is used again. */
@@ -58,11 +60,12 @@ Outcome save(Instance *own, State **state)
     if (!*state && !(*state = malloc(bytes_of(own))))
         return mistake(own, "the memory for an FMU state cannot be allocated [out-of-memory]");
     State *s = *state;
-    size_t count = count_of(own), saved = (size_t)own->header->saved;
+    size_t count = count_of(own), saved = saved_bytes(own);
     s->magic = MAGIC;
     s->bytes = bytes_of(own);
     s->checked = 0;
     memcpy(s->token, own->header->token, sizeof s->token);
+    s->exchange = own->exchange;
     s->phase = own->phase;
     s->start = own->start;
     s->reached = own->reached;
@@ -78,7 +81,7 @@ Outcome restore(Instance *own, const State *state)
 {
     if (!ours(own, state))
         return refuse_state(own);
-    size_t count = count_of(own), saved = (size_t)own->header->saved;
+    size_t count = count_of(own), saved = saved_bytes(own);
     own->phase = (Phase)state->phase;
     own->start = state->start;
     own->reached = state->reached;
@@ -87,7 +90,7 @@ Outcome restore(Instance *own, const State *state)
     memcpy(own->values, state->values, count * sizeof *state->values);
     put_back(own, block_of(own, state));
     memcpy(own->flags, block_of(own, state) + saved, count);
-    own->untouched = own->fresh = false;
+    own->untouched = own->fresh = own->derived = false;
     return OK;
 }
 

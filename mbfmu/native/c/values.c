@@ -37,12 +37,22 @@ Outcome fail_refused(Instance *own, Outcome outcome, const Variable *v)
     return fail(own, outcome, text);
 }
 
+/* Whether the initialization is over and nothing has failed. */
+static bool is_at_work(const Instance *own)
+{
+    return own->phase >= RUNNING && own->phase < FAILED;
+}
+
 /* Let what was set since the last step reach the model, in the order of mbfmu/session/kernels/sequence.py. */
 void apply_changes(Instance *own)
 {
     bool tuned = false;
     if (!is_marked(own, GIVEN))
         return;
+    if (own->exchange) {
+        apply_exchange_changes(own);
+        return;
+    }
     for (size_t k = 0; k < count_of(own); k++)
         tuned = tuned || (own->flags[k] & GIVEN && own->variables[k].role == ROLE_PARAMETER);
     if (tuned) {
@@ -56,7 +66,7 @@ void apply_changes(Instance *own)
         if (own->variables[k].role == ROLE_INPUT)
             give(own, own->family->set, k);
         own->flags[k] &= (unsigned char)~GIVEN;
-        own->fresh = false;
+        own->fresh = own->derived = false;
     }
 }
 
@@ -83,7 +93,7 @@ static Outcome refresh(Instance *own)
 {
     if (own->phase == INITIALIZING)
         return start_anew(own);
-    if (own->phase == RUNNING) {
+    if (is_at_work(own)) {
         apply_changes(own); /* an input changes accelerations and forces at once */
         return evaluate(own);
     }
@@ -92,6 +102,8 @@ static Outcome refresh(Instance *own)
 
 Outcome get(Instance *own, uint32_t reference, unsigned wanted, double *value)
 {
+    if (is_state(own, reference))
+        return get_exchanged(own, reference, wanted, value);
     const Variable *v = known(own, reference, wanted);
     if (!v)
         return ERROR;
@@ -123,12 +135,17 @@ static const char *locked(const Instance *own, const Variable *v)
         return "the FMU is terminated; reset it first";
     if (v->settable == SETTABLE_BEFORE && own->phase != INSTANTIATED && own->phase != INITIALIZING)
         return "it can be changed only before the end of the initialization";
+    if (v->role == ROLE_PARAMETER && own->phase == CONTINUOUS_MODE)
+        return "a parameter can be changed only in event mode";
     return NULL;
 }
 
 Outcome set(Instance *own, uint32_t reference, unsigned wanted, double value)
 {
     char text[SAYS], digits[32];
+    if (is_state(own, reference))
+        return mistake(own, "a continuous state or its derivative was set as a variable; allowed: to set all states by "
+                            "fmi2SetContinuousStates or fmi3SetContinuousStates");
     const Variable *v = known(own, reference, wanted);
     if (!v)
         return ERROR;
@@ -144,10 +161,15 @@ Outcome set(Instance *own, uint32_t reference, unsigned wanted, double value)
         return mistake(own, text);
     }
     own->flags[reference] &= (unsigned char)~REFUSED;
-    if (own->phase == RUNNING && own->values[reference] == value && !v->moves)
+    if (is_at_work(own) && own->values[reference] == value && (own->exchange || !v->moves))
         return OK;
+    if (own->exchange && v->moves == MOVES_WITHOUT_DERIVATIVES && is_at_work(own)) {
+        SAY(text, "'", text_at(own, v->name), "' was set to ", in_digits(digits, value), ", but it is constant in model "
+            "exchange: it moves a joint without an input for its acceleration; set it before the end of the initialization");
+        return mistake(own, text);
+    }
     own->values[reference] = value;
     own->flags[reference] |= GIVEN;
-    own->fresh = false;
+    own->fresh = own->derived = false;
     return OK;
 }

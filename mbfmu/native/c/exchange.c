@@ -1,0 +1,318 @@
+/* Model exchange: modes, states and derivatives. Kernels evaluate the equations at the time and the states of the block. */
+
+#include <math.h>
+#include <string.h>
+
+#include "instance.h"
+
+#define AT_WORK (1u << EVENT_MODE | 1u << CONTINUOUS_MODE)
+
+size_t state_count(const Instance *own)
+{
+    return own->header->exchange ? (size_t)(own->header->positions + own->header->velocities) : 0;
+}
+
+/* Whether an instance for model exchange is in one of these modes; else the reason is logged. */
+static bool is_in(Instance *own, unsigned modes, const char *call)
+{
+    if (!own->exchange)
+        not_offered(own, call);
+    else if (own->phase == FAILED)
+        mistake(own, own->message);
+    else if (!(modes & 1u << own->phase))
+        refuse(own, call);
+    else
+        return true;
+    return false;
+}
+
+/* Whether a place for a result is given; else the reason is logged. */
+static bool is_given(Instance *own, const char *call, const void *place)
+{
+    char text[SAYS];
+    if (place)
+        return true;
+    SAY(text, call, " was called with NULL for a result");
+    mistake(own, text);
+    return false;
+}
+
+/* Return the number of continuous states, or of event indicators. */
+Outcome count_exchanged(Instance *own, const char *call, bool indicators, size_t *n)
+{
+    if (!own->exchange)
+        return not_offered(own, call);
+    if (!is_given(own, call, n))
+        return ERROR;
+    *n = indicators ? 0 : state_count(own);
+    return OK;
+}
+
+/* Whether an array has as many entries as there are states; else the reason is logged. */
+static bool fits_states(Instance *own, const char *call, const double *x, size_t n)
+{
+    char text[SAYS], one[32], two[32];
+    if (n == state_count(own) && (x || !n))
+        return true;
+    SAY(text, call, " was called with ", in_digits(one, (double)n), x || !n ? "" : " (and NULL)",
+        " as the number of continuous states; allowed: ", in_digits(two, (double)state_count(own)));
+    mistake(own, text);
+    return false;
+}
+
+static double *times_of(Instance *own)
+{
+    return numbers_at(own, own->header->exchange_times_at);
+}
+
+/* Let what was set reach the model, at the present time. */
+void apply_exchange_changes(Instance *own)
+{
+    bool tuned = false;
+    for (size_t k = 0; k < count_of(own); k++)
+        tuned = tuned || (own->flags[k] & GIVEN && own->variables[k].role == ROLE_PARAMETER);
+    if (tuned) {
+        call_entry_at(own, own->family->exchange_read, clock_of(own)); /* places the bodies for the energy */
+        call_entry(own, own->family->note_energy);
+        put_parameters(own, true);
+        call_entry(own, own->family->retune);
+        times_of(own)[RESTART] = 1.0;
+    }
+    for (size_t k = 0; k < count_of(own); k++) {
+        if (own->flags[k] & GIVEN && own->variables[k].role == ROLE_INPUT)
+            give(own, own->family->start, k);
+        own->flags[k] &= (unsigned char)~GIVEN;
+    }
+    own->fresh = own->derived = false;
+}
+
+/* Begin a run at the start time and the reported state. */
+void start_exchange(Instance *own)
+{
+    call_entry_at(own, own->family->exchange_start, own->start);
+    own->derived = false;
+    own->reported = 0;
+}
+
+/* Call an entry point at the present time; return a code of the solvers. */
+static int64_t call_now(Instance *own, int32_t (*entry)(int64_t *, void **, void *, double))
+{
+    int64_t code = call_entry_at(own, entry, clock_of(own));
+    return code == STATES_NOT_FINITE ? CODE_NOT_FINITE : code;
+}
+
+/* Report, once for each reason, that an evaluation is discarded. */
+static Outcome discard(Instance *own, int64_t code)
+{
+    unsigned bit = 1u << (unsigned)(code < 0 ? 32 + code : code);
+    const Sentence *sentences = section(own, own->header->sentences);
+    char digits[32];
+    const char *what = code == LEFT_BRANCH ? "the state is on another branch of the motion than the last completed step"
+                       : code == STATES_NOT_FINITE ? "a continuous state that the importing tool has set is not finite"
+                                                   : text_at(own, sentences[code].what);
+    if (own->reported & bit || (code == STATES_NOT_FINITE && own->reported)) /* a result of a discarded evaluation */
+        return DISCARD;
+    own->reported |= bit;
+    SAY(own->message, "the evaluation at t = ", in_digits(digits, clock_of(own)), " s is discarded: ", what,
+        ". The importing tool is expected to repeat the step with a smaller step size; if it cannot, reduce its "
+        "tolerance or its step size [discarded-evaluation]");
+    own->log(own->host, DISCARD, "logStatusWarning", own->message);
+    return DISCARD;
+}
+
+/* Return where a value reference is in the block: a state, or a derivative. */
+static double *place_of(Instance *own, uint32_t reference)
+{
+    size_t first = (size_t)time_reference(own) + 1 + (size_t)own->header->arrays_count, n = state_count(own);
+    if (reference < first || reference - first >= 2 * n)
+        return NULL;
+    size_t k = reference - first;
+    return k < n ? numbers_at(own, own->header->exchange_x_at) + k
+                 : numbers_at(own, own->header->exchange_derivatives_at) + (k - n);
+}
+
+bool is_state(Instance *own, uint32_t reference)
+{
+    return place_of(own, reference) != NULL;
+}
+
+/* Evaluate the derivatives, if they are not known yet. */
+static Outcome derive(Instance *own)
+{
+    if (own->phase == INITIALIZING && !own->fresh) {
+        Outcome outcome = start_anew(own);
+        if (outcome != OK)
+            return outcome;
+    }
+    if (is_marked(own, GIVEN) && own->phase != INITIALIZING)
+        apply_changes(own);
+    if (own->derived)
+        return OK;
+    int64_t code = call_entry_at(
+        own, own->exchange ? own->family->exchange_evaluate : own->family->exchange_report, clock_of(own));
+    if (code != CODE_OK)
+        return discard(own, code);
+    own->derived = true;
+    return OK;
+}
+
+/* Return the value of a state or of a derivative. */
+Outcome get_exchanged(Instance *own, uint32_t reference, unsigned wanted, double *value)
+{
+    if (!(wanted & 1u << TYPE_REAL))
+        return mistake(own, "a continuous state or its derivative is of type Real, but it was accessed as another type");
+    Outcome outcome = OK;
+    bool derivative = place_of(own, reference) >= numbers_at(own, own->header->exchange_derivatives_at);
+    if (own->phase != INSTANTIATED && own->phase != FAILED && own->phase != TERMINATED && (derivative || !own->exchange))
+        outcome = derive(own);
+    *value = outcome == OK || !derivative ? *place_of(own, reference) : NAN;
+    return outcome;
+}
+
+/* Evaluate the outputs at the time and the states. */
+int64_t read_exchanged(Instance *own)
+{
+    return call_now(own, own->family->exchange_read);
+}
+
+Outcome set_time(Instance *own, const char *call, bool in_events, double t)
+{
+    char text[SAYS], digits[32];
+    if (!is_in(own, in_events ? AT_WORK : 1u << CONTINUOUS_MODE, call))
+        return ERROR;
+    if (!isfinite(t)) {
+        SAY(text, call, " was called with ", in_digits(digits, t), "; allowed: a finite time");
+        return mistake(own, text);
+    }
+    if (t != clock_of(own))
+        own->fresh = own->derived = false;
+    *numbers_at(own, own->header->clock_at) = own->reached = t;
+    return OK;
+}
+
+Outcome set_states(Instance *own, const char *call, const double *x, size_t n)
+{
+    if (!is_in(own, 1u << CONTINUOUS_MODE, call) || !fits_states(own, call, x, n))
+        return ERROR;
+    double *own_x = numbers_at(own, own->header->exchange_x_at);
+    if (n && memcmp(own_x, x, n * sizeof *x)) {
+        memcpy(own_x, x, n * sizeof *x);
+        own->fresh = own->derived = false;
+    }
+    return OK;
+}
+
+Outcome get_states(Instance *own, const char *call, double *x, size_t n)
+{
+    if (!is_in(own, AT_WORK | 1u << INITIALIZING, call) || !fits_states(own, call, x, n))
+        return ERROR;
+    Outcome outcome = own->phase == INITIALIZING && !own->fresh ? start_anew(own) : OK;
+    if (n)
+        memcpy(x, numbers_at(own, own->header->exchange_x_at), n * sizeof *x);
+    return outcome;
+}
+
+/* Derivatives that are discarded are no numbers: a tool that does not look at the status must not use them. */
+Outcome get_derivatives(Instance *own, const char *call, double *dx, size_t n)
+{
+    if (!is_in(own, AT_WORK | 1u << INITIALIZING, call) || !fits_states(own, call, dx, n))
+        return ERROR;
+    Outcome outcome = derive(own);
+    const double *known = numbers_at(own, own->header->exchange_derivatives_at);
+    for (size_t k = 0; k < n; k++)
+        dx[k] = outcome == OK ? known[k] : NAN;
+    return outcome;
+}
+
+Outcome get_nominals(Instance *own, const char *call, double *nominal, size_t n)
+{
+    if (!is_in(own, AT_WORK | 1u << INITIALIZING, call) || !fits_states(own, call, nominal, n))
+        return ERROR;
+    Outcome outcome = own->phase == INITIALIZING && !own->fresh ? start_anew(own) : OK;
+    const double *known = numbers_at(own, own->header->exchange_nominal_at);
+    for (size_t k = 0; k < n; k++)
+        nominal[k] = known[k] > 0.0 ? known[k] : 1.0;
+    return outcome;
+}
+
+/* There is no event indicator. */
+Outcome get_indicators(Instance *own, const char *call, size_t n)
+{
+    char text[SAYS];
+    if (!is_in(own, AT_WORK | 1u << INITIALIZING, call))
+        return ERROR;
+    if (!n)
+        return OK;
+    SAY(text, call, " was called for several event indicators; this FMU has none");
+    return mistake(own, text);
+}
+
+Outcome enter_event_mode(Instance *own, const char *call)
+{
+    if (!is_in(own, 1u << CONTINUOUS_MODE, call))
+        return ERROR;
+    own->phase = EVENT_MODE;
+    return OK;
+}
+
+Outcome enter_continuous_mode(Instance *own, const char *call)
+{
+    if (!is_in(own, 1u << EVENT_MODE, call))
+        return ERROR;
+    Events events;
+    Outcome outcome = times_of(own)[RESTART] > 0.0 ? update_events(own, call, &events) : OK;
+    if (outcome == OK)
+        own->phase = CONTINUOUS_MODE;
+    return outcome;
+}
+
+/* Update at an event. States are projected onto the constraints, which may change them. */
+Outcome update_events(Instance *own, const char *call, Events *events)
+{
+    char text[SAYS];
+    if (!is_in(own, 1u << EVENT_MODE, call) || !is_given(own, call, events))
+        return ERROR;
+    const Variable *wrong = refused_value(own);
+    if (wrong)
+        return fail_refused(own, ERROR, wrong);
+    apply_changes(own);
+    size_t bytes = state_count(own) * sizeof(double);
+    double *x = numbers_at(own, own->header->exchange_x_at), *before = (double *)own->kept; /* a part of the block */
+    bool restarts = times_of(own)[RESTART] > 0.0;
+    memcpy(before, x, bytes);
+    int64_t code = call_now(own, own->family->exchange_update);
+    if (code != CODE_OK) {
+        describe_stop(own, code, text);
+        return fail(own, ERROR, text);
+    }
+    own->fresh = own->derived = false;
+    events->states_changed = memcmp(before, x, bytes) != 0;
+    events->nominals_changed = restarts;
+    events->next = times_of(own)[NEXT_EVENT];
+    events->has_next = isfinite(events->next);
+    return OK;
+}
+
+/* Record a completed step, and warn if it ended on another branch of the motion. */
+Outcome complete_step(Instance *own, const char *call, bool *event, bool *ends)
+{
+    char text[SAYS], digits[32];
+    if (!is_in(own, 1u << CONTINUOUS_MODE, call) || !is_given(own, call, event) || !is_given(own, call, ends))
+        return ERROR;
+    *event = *ends = false;
+    apply_changes(own);
+    int64_t code = call_now(own, own->family->exchange_accept);
+    if (code == CODE_OK)
+        return OK;
+    if (code != LEFT_BRANCH) {
+        describe_stop(own, code, text);
+        return fail(own, ERROR, text);
+    }
+    SAY(own->message, "the step that ended at t = ", in_digits(digits, clock_of(own)), " s seems to have changed from one "
+        "branch of the motion to another near a singular configuration; the motion after it may be wrong. Use a tolerance "
+        "of 1e-6 or smaller in the importing tool, or a smaller step size [left-branch]");
+    if (!own->warned_branch)
+        warn(own, own->message);
+    own->warned_branch = true;
+    return WARNING;
+}

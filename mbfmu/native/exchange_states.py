@@ -1,0 +1,105 @@
+"""Variables of model exchange: continuous states, their derivatives, and which models have them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from mbfmu.mechanics.arrays.assembly import free_bodies
+from mbfmu.modeling.variables import VARIABLE_NAME_PATTERN
+from mbfmu.session.simulation import Simulation
+from solvers.compiled.tuple_pointer import unpin
+from solvers.system import Array
+
+MAX_STATES = 1000  # continuous states: each is two variables of the model description
+MAX_DEPENDENCIES = 200_000  # of outputs on states that a model description lists
+ALL_DERIVATIVES = {0, 1, 2}  # of the motion of a support
+
+
+class ExchangeState(NamedTuple):
+    """A continuous state, in the order of the states.
+
+    Attributes
+    ----------
+    name, derivative
+        Names of the state and of its derivative.
+    unit, derivative_unit
+        Their units.
+    nominal
+        Unit of the absolute tolerance of the solvers of mbfmu, in ``unit``.
+    """
+
+    name: str
+    derivative: str
+    description: str
+    unit: str
+    derivative_unit: str
+    nominal: float
+
+
+def explain_missing_exchange(simulation: Simulation) -> str:
+    """Return why a model is for co-simulation only; empty: it supports model exchange too."""
+    system = simulation.compiled.system
+    count, outputs = system.nq + system.n, len(simulation.compiled.outputs)
+    if count > MAX_STATES or count * outputs > MAX_DEPENDENCIES:
+        return (
+            f"it has {count} continuous states and {outputs} outputs, each of which depends on all states; supported: "
+            f"{MAX_STATES} states, and a product of the two numbers of {MAX_DEPENDENCIES}"
+        )
+    return ""
+
+
+def list_constant_inputs(simulation: Simulation) -> list[str]:
+    """Return the names of inputs that move joints without an input for the acceleration: a motion that changes needs
+    all derivatives.
+    """
+    inputs = simulation.compiled.inputs
+    moving = [k for k in range(len(inputs)) if inputs.moves_support(k)]
+    given: dict[int, set[int]] = {}  # derivatives that are inputs, by the number of the support
+    for k in moving:
+        given.setdefault(int(inputs.own.inputs["number"][k]), set()).add(int(inputs.own.inputs["coefficient"][k]))
+    return [inputs.variables[k].name for k in moving if given[int(inputs.own.inputs["number"][k])] != ALL_DERIVATIVES]
+
+
+def exchange_states(simulation: Simulation, taken: Iterable[str]) -> tuple[ExchangeState, ...]:
+    """Return the states of a model: free positions, then free velocities; ``taken``: names of other variables."""
+    compiled = simulation.compiled
+    system, placed = compiled.system, compiled.system.placed
+    units = [unit for body in free_bodies(compiled.mechanism) for unit in body.joint.units]
+    nominal, used = find_nominals(simulation), set(taken)
+    found: list[ExchangeState | None] = [None] * (system.nq + system.n)
+    for i, k in zip(placed.in_q, placed.in_v, strict=True):
+        name = system.coordinate_names[k]
+        found[i] = _state("position", name, f"joint coordinate {name!r}", units[k], nominal[i], used)
+    for i, k in placed.turning:
+        body = system.coordinate_names[k].rpartition(".")[0]
+        for part in range(4):
+            what = f"component {part + 1} of the quaternion of body {body!r}"
+            found[i + part] = _state("quaternion", f"{body}[{part + 1}]", what, "1", nominal[i + part], used)
+    for k, name in enumerate(system.coordinate_names):
+        at = system.nq + k
+        what = f"velocity of joint coordinate {name!r}"
+        found[at] = _state("velocity", name, what, f"{units[k]}/s", nominal[at], used)
+    return tuple(state for state in found if state is not None)
+
+
+def find_nominals(simulation: Simulation) -> Array:
+    """Return the nominal values of the states, as :func:`mbfmu.native.model_exchange.fill_nominals`."""
+    stepper, system = simulation.stepper, simulation.compiled.system
+    work = unpin(unpin(stepper.integration).work)  # type: ignore[attr-defined]
+    return np.concatenate((system.position_sizes(system.size), work.coordinate_rates * system.size))
+
+
+def _state(kind: str, name: str, what: str, unit: str, nominal: float, used: set[str]) -> ExchangeState:
+    """Return a state under a name that FMI allows and that is not used yet, which is used from then on."""
+    own = f"state.{kind}.{name}"
+    if not VARIABLE_NAME_PATTERN.fullmatch(own):
+        own = f"state.{kind}.n{re.sub('[^A-Za-z0-9_]', '_', name)}"
+    while own in used:
+        own += "_"
+    used.add(own)
+    slope = {"1": "1/s", "rad": "rad/s", "m": "m/s", "rad/s": "rad/s2", "m/s": "m/s2"}[unit]
+    return ExchangeState(own, f"der({own})", f"State: {what}", unit, slope, float(nominal))
