@@ -25,6 +25,7 @@ from mbfmu.util.diagnostics import Diagnostic, without_details
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import replacing
 from solvers.compiled.cache import CompilationNeeded, forbid_compilation
+from solvers.compiled.kernel import COMPILED
 from solvers.steppers import describe_refusal
 from solvers.steppers.plugins import is_given
 
@@ -126,7 +127,7 @@ def export_scene(
             "supported, or the run starts at an equilibrium",
             "not-native",
         )
-    if kind is FmuKind.PYTHON or not needs_no_compiler or not scene.reference:
+    if kind is FmuKind.PYTHON or not needs_no_compiler or not scene.reference or not COMPILED:
         _write(scene, path, kind, fmi, platforms, report)
         return path
     found: list[Diagnostic] = []

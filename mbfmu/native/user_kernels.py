@@ -24,7 +24,6 @@ from mbfmu.modeling.registry import reference_of
 from mbfmu.modeling.scene import Scene, as_toml, read_scene
 from mbfmu.util.errors import UserError
 from solvers.compiled.aot import emit_object, link_module
-from solvers.compiled.cache import notify_listeners
 from solvers.compiled.fingerprint import fingerprint_of_function
 from solvers.compiled.indirect_call import record_type
 
@@ -59,7 +58,6 @@ def user_library(scene: Scene, target: str) -> bytes:
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
         file = Path(work) / "scene.toml"
         file.write_text(as_toml(replace(scene, reference=reference)), encoding="utf-8")
-        notify_listeners()
         own = {
             "NUMBA_CPU_NAME": "generic",
             "NUMBA_CACHE_DIR": f"{work}/cache",
@@ -84,8 +82,8 @@ def user_library(scene: Scene, target: str) -> bytes:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise UserError(
-                f"the user-defined kernels of model {scene.model.name!r} use what only Python has, such as allocating "
-                f"arrays: {_last(done.stderr)}. Allocate nothing in a kernel, or export the model without --native",
+                f"the user-defined kernels of model {scene.model.name!r} cannot be linked without Python: "
+                f"{_last(done.stderr)}; export the model without --native",
                 "not-native",
             )
         return made.read_bytes()
