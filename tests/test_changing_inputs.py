@@ -188,7 +188,8 @@ def test_a_rollback_takes_back_values_of_inputs(inputs: str) -> None:
     assert simulation.outputs()[0] == pytest.approx(0.0, abs=1e-12)  # the torque is zero at the start
 
 
-def test_what_was_reported_of_a_discarded_step_is_reported_again() -> None:
+@pytest.mark.parametrize("way", ["rollback", "restore"])
+def test_what_was_reported_of_a_discarded_step_is_reported_again(way: str) -> None:
     m = Mechanism()
     u = Input(name="u", unit="rad", rate_name="du")
     m.body("hub", m.ground, Revolute(drive=u), mass=1.0, inertia=(0.1, 0.1, 0.1))
@@ -198,9 +199,13 @@ def test_what_was_reported_of_a_discarded_step_is_reported_again() -> None:
         simulation.set_input("u", 0.01 * k)
         simulation.set_input("du", 1.0)
         simulation.advance(0.01 * (k + 1))
-    mark, reported = simulation.checkpoint(), []
+    mark, state, reported = simulation.checkpoint(), simulation.save(), []
     for end in (0.06, 0.055):
-        simulation.rollback(mark)
+        if way == "rollback":
+            simulation.rollback(mark)
+        else:
+            simulation.restore(state)
+        assert not [d for d in simulation.diagnostics if d.code == "input-jump"]
         simulation.set_input("u", 0.5)
         simulation.set_input("du", 1.0)
         simulation.advance(end)

@@ -1,4 +1,4 @@
-"""A model at work: one object behind the direct run and inside the FMU."""
+"""A run of a model in Python: behind direct runs, and behind FMUs that call Python."""
 
 from __future__ import annotations
 
@@ -125,20 +125,20 @@ class Simulation(Diagnosed):
             raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
         given, unstable = self._starts(inputs or {}, t0), list[Diagnostic]()
         if settings.start_at_equilibrium:  # whose time is zero; the drives are where they are at the start time
-            found = find_state(build_problem(model_given, self._held_plant(inputs or {}, given)))
+            found = find_state(build_problem(model_given, self._compile_held(inputs or {}, given)))
             unstable = report_unstable(found)
         self.compiled.inputs.begin(t0, given)
         q, v = (found.q, found.v) if settings.start_at_equilibrium else self.compiled.assemble(t0)
         start_warnings = self.compiled.check_start(t0, q) if begins else []
-        self.start, found_out = (q, v), settings.solver == AUTO
+        self.start, is_auto = (q, v), settings.solver == AUTO
         if duration is not None and finite("duration", duration) < 0.0:
             raise UserError(f"duration is {duration!r}; allowed: at least 0 s (0: the stop time of the model)")
         options = settings.options(duration or model_given.stop_time)
         self.solver_choice = (
-            select_solver(self.compiled, [(t0, q, v)], options) if found_out else SolverChoice(settings.solver)
+            select_solver(self.compiled, [(t0, q, v)], options) if is_auto else SolverChoice(settings.solver)
         )
         self._options, limited = limit_order(self.compiled, self.solver_choice.solver, (t0, q, v), options)
-        self.step_count_check = StepCountCheck(self._copy_plant, self._options, self._report_step_count)
+        self.step_count_check = StepCountCheck(self._copy_compiled, self._options, self._report_step_count)
         self.report: Callable[[Diagnostic], None] | None = None
         self.variables = (*self.compiled.outputs, *ENERGY_OUTPUTS)
         require_unique(["time", *(v.name for v in (*self.compiled.inputs.variables, *self.variables))])
@@ -154,6 +154,7 @@ class Simulation(Diagnosed):
         self._has_supports, self._has_limits = bool(self.compiled.inputs.own.supports.size), bool(own[1].size)
         self._reported_jumps: set[str] = set()  # names of inputs
         self._noted = self._start_diagnostics(t0, unstable, start_warnings, limited)
+        self._noted_at_start = len(self._noted)
         how = settings.energy_check, self.stepper.freedom, settings.tolerance
         sizes = float(self.compiled.system.rate), float(self.compiled.length)
         state = self.t, self.stepper.q, self.stepper.v
@@ -195,7 +196,7 @@ class Simulation(Diagnosed):
         signals = self._given_inputs.replaced if self._given_inputs else set()
         return {self._input(key): value for key, value in checked.items() if key not in signals}
 
-    def _held_plant(self, inputs: Mapping[Any, Any], given: dict[int, float]) -> CompiledMechanism:
+    def _compile_held(self, inputs: Mapping[Any, Any], given: dict[int, float]) -> CompiledMechanism:
         """Return a compiled mechanism whose inputs are all held at their values at the start, to look for a steady
         state in.
         """
@@ -226,7 +227,7 @@ class Simulation(Diagnosed):
         created = stepper(name, system, t, q, v, options)
         return created if name in SOLVER_NAMES else GuardedStepper(name, created, system, t, q, v)
 
-    def _copy_plant(self) -> CompiledMechanism:
+    def _copy_compiled(self) -> CompiledMechanism:
         """Return another compiled mechanism of the same model, whose inputs are what they are now."""
         compiled = self.model.compile(self._given_inputs)
         if self.settings.input_interpolation == "linear":
@@ -513,6 +514,8 @@ class Simulation(Diagnosed):
     def rollback(self, checkpoint: Checkpoint) -> None:
         """Return to a checkpoint and discard everything after it, the values of inputs among it.
 
+        Parameters that :meth:`retune` has changed stay as they are.
+
         Solvers that keep their history in arrays continue bit for bit as if the discarded advance had not been tried.
         ``ida``, whose history is inside SUNDIALS, is reinitialized at the state of the checkpoint.
 
@@ -562,6 +565,8 @@ class Simulation(Diagnosed):
     def restore(self, state: bytes) -> None:
         """Continue from a state that a simulation of the same model and settings has saved.
 
+        Messages on the run until now are discarded, but for those on the start and the energy balance of the state.
+
         Parameters
         ----------
         state
@@ -584,6 +589,8 @@ class Simulation(Diagnosed):
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(body)
         self._element_monitor.restore(head["bent"], self.t, self.stepper.q)
+        del self._noted[self._noted_at_start :]
+        self._reported_jumps, self._reported_undetermined = set(), False
 
 
 class UnstartedSimulation(Simulation):
