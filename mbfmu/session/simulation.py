@@ -19,7 +19,7 @@ from mbfmu.modeling.settings import AUTO, Settings
 from mbfmu.modeling.variables import ENERGY_OUTPUTS, require_unique
 from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
 from mbfmu.util.diagnostics import Diagnosed, Diagnostic, from_saved, without_repeats
-from mbfmu.util.errors import UserError
+from mbfmu.util.errors import UserError, short
 from solvers import Options, Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.compiled.tuple_pointer import pin
@@ -57,6 +57,7 @@ class Checkpoint(NamedTuple):
     noted: int  # number of diagnostics that were noted
     reported_jumps: frozenset[str]  # names of inputs
     reported_undetermined: bool
+    model: Model  # with the parameters of that time
 
 
 class Simulation(Diagnosed):
@@ -153,6 +154,7 @@ class Simulation(Diagnosed):
         self._out = self._run.out
         self._has_supports, self._has_limits = bool(self.compiled.inputs.own.supports.size), bool(own[1].size)
         self._reported_jumps: set[str] = set()  # names of inputs
+        self._values_set = self.compiled.inputs.start_values(given)
         self._noted = self._start_diagnostics(t0, unstable, start_warnings, limited)
         self._noted_at_start = len(self._noted)
         how = settings.energy_check, self.stepper.freedom, settings.tolerance
@@ -462,7 +464,8 @@ class Simulation(Diagnosed):
     def set_input(self, key: int | str, value: float) -> None:
         """Set an input at the time reached.
 
-        The input of a load is held or extrapolated from this time on, according to the settings. The input of a driven
+        The input of a load is held or extrapolated from this time on, according to the settings; a held value that is
+        set again has no effect. The input of a driven
         joint is its position or rate at the end of the next communication step, which moves the joint there; see
         :mod:`mbfmu.mechanics.arrays.support_motion`.
 
@@ -479,7 +482,10 @@ class Simulation(Diagnosed):
             There is no such input, it is given for the whole run, or the value is not finite.
         """
         index = self._input(key)
-        SEQUENCE.set_input(self._run, index, self.compiled.inputs.checked(index, value))
+        value = self.compiled.inputs.checked(index, value)
+        if value != self._values_set.get(index) or not self.compiled.inputs.holds_value(index):
+            SEQUENCE.set_input(self._run, index, value)
+            self._values_set[index] = value
 
     def retune(self, model: Model) -> None:
         """Change tunable parameters at the time reached.
@@ -494,6 +500,8 @@ class Simulation(Diagnosed):
         UserError
             A parameter that is not tunable differs, or the structure would change.
         """
+        if type(model) is not type(self.model):
+            raise UserError(f"the model with new parameters is {short(model)}; allowed: a {type(self.model).__name__}")
         for p in model.parameters():
             before, after = getattr(self.model, p.name), getattr(model, p.name)
             if before != after and not (p.varies(before) and p.varies(after)):
@@ -509,12 +517,10 @@ class Simulation(Diagnosed):
         """Return a checkpoint of the present state for :meth:`rollback`; it costs less than :meth:`save`."""
         session, place = pack(self._session_arrays), self.stepper.save()
         reported = len(self._noted), frozenset(self._reported_jumps), self._reported_undetermined
-        return Checkpoint(place, session, self._lost, self._element_monitor.furthest, *reported)
+        return Checkpoint(place, session, self._lost, self._element_monitor.furthest, *reported, self.model)
 
     def rollback(self, checkpoint: Checkpoint) -> None:
-        """Return to a checkpoint and discard everything after it, the values of inputs among it.
-
-        Parameters that :meth:`retune` has changed stay as they are.
+        """Return to a checkpoint and discard everything after it, values of inputs and of parameters among it.
 
         Solvers that keep their history in arrays continue bit for bit as if the discarded advance had not been tried.
         ``ida``, whose history is inside SUNDIALS, is reinitialized at the state of the checkpoint.
@@ -523,7 +529,16 @@ class Simulation(Diagnosed):
         ----------
         checkpoint
             Checkpoint of this simulation.
+
+        Raises
+        ------
+        UserError
+            It is no checkpoint.
         """
+        if not isinstance(checkpoint, Checkpoint):
+            raise UserError(f"checkpoint is {checkpoint!r}; allowed: what checkpoint() of this simulation returned")
+        if self._adopt(checkpoint.model):
+            self.stepper.restart()  # the equations have changed
         self.stepper.restore(checkpoint.stepper)
         del self._noted[checkpoint.noted :]
         self._reported_jumps = set(checkpoint.reported_jumps)
@@ -531,9 +546,18 @@ class Simulation(Diagnosed):
         self._element_monitor.rewind(checkpoint.furthest)
         self._restore_session(checkpoint.session, checkpoint.lost)
 
+    def _adopt(self, model: Model) -> bool:
+        """Take the parameters of a model; return whether they differ from the present ones."""
+        differs = model != self.model
+        if differs:
+            self.compiled.adopt(model.compile(self._given_inputs))
+            self.model = model
+        return differs
+
     def _restore_session(self, session: bytes, lost: tuple[Diagnostic, ...]) -> None:
         """Restore the arrays of the session, and the message on the violation that they contain."""
         unpack(session, self._session_arrays)
+        self._values_set.clear()
         if self.energy_check:
             self.energy_check.found = lost
 
@@ -578,10 +602,7 @@ class Simulation(Diagnosed):
             The state is damaged, or of another model or other settings; nothing has changed then.
         """
         head, body = decode_state(self._state_key, state)
-        model = self.model.with_values(head["parameters"])
-        if model != self.model:
-            self.compiled.adopt(model.compile(self._given_inputs))
-            self.model = model
+        self._adopt(self.model.with_values(head["parameters"]))
         self._restore_session(bytes.fromhex(head["session"]), from_saved(head["lost"]))
         previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])
         if self.solver_choice.solver != previous.solver:  # auto takes another one at other parameters
