@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -17,10 +18,11 @@ from mbfmu.mechanics import (
     Mechanism,
     Revolute,
     RevoluteCutJoint,
+    Spring,
     Translational,
     rod,
 )
-from mbfmu.modeling import Model
+from mbfmu.modeling import Model, parameter
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.errors import UserError
 
@@ -76,11 +78,11 @@ def test_a_changing_torque_takes_a_step_a_point_and_no_accuracy(amplitude: float
 
 
 def test_single_steps_are_of_order_five() -> None:
-    """A torque that is set to the same value at every point, under a tolerance that asks for nothing."""
+    """A torque that is set at every point, to almost the same value, under a tolerance that asks for nothing."""
     steps = np.array([0.1, 0.05, 0.025])
     goal = exact(lambda _: 600.0, 0.4, FourBar(), end=0.4)  # far from where the linkage is flat
     settings = Settings(solver="adams", tolerance=1e-2)
-    errors = [off(moved(lambda _: 600.0, step, settings, end=0.4), goal) for step in steps]
+    errors = [off(moved(lambda t: 600.0 + 1e-11 * t, step, settings, end=0.4), goal) for step in steps]
     orders = np.diff(np.log(errors)) / np.diff(np.log(steps))
     assert orders == pytest.approx(5.0, abs=0.7)
 
@@ -188,7 +190,8 @@ def test_a_rollback_takes_back_values_of_inputs(inputs: str) -> None:
     assert simulation.outputs()[0] == pytest.approx(0.0, abs=1e-12)  # the torque is zero at the start
 
 
-def test_what_was_reported_of_a_discarded_step_is_reported_again() -> None:
+@pytest.mark.parametrize("way", ["rollback", "restore"])
+def test_what_was_reported_of_a_discarded_step_is_reported_again(way: str) -> None:
     m = Mechanism()
     u = Input(name="u", unit="rad", rate_name="du")
     m.body("hub", m.ground, Revolute(drive=u), mass=1.0, inertia=(0.1, 0.1, 0.1))
@@ -198,9 +201,13 @@ def test_what_was_reported_of_a_discarded_step_is_reported_again() -> None:
         simulation.set_input("u", 0.01 * k)
         simulation.set_input("du", 1.0)
         simulation.advance(0.01 * (k + 1))
-    mark, reported = simulation.checkpoint(), []
+    mark, state, reported = simulation.checkpoint(), simulation.save(), []
     for end in (0.06, 0.055):
-        simulation.rollback(mark)
+        if way == "rollback":
+            simulation.rollback(mark)
+        else:
+            simulation.restore(state)
+        assert not [d for d in simulation.diagnostics if d.code == "input-jump"]
         simulation.set_input("u", 0.5)
         simulation.set_input("du", 1.0)
         simulation.advance(end)
@@ -208,8 +215,70 @@ def test_what_was_reported_of_a_discarded_step_is_reported_again() -> None:
     assert [len(texts) for texts in reported] == [1, 1]
 
 
-def wheel() -> Model:
+def test_a_rollback_takes_back_parameters() -> None:
+    """A mass on a spring: the motion is known, whatever was tried in between."""
+    simulation = Simulation(Swinger(), Settings(solver="adams", tolerance=1e-9))
+    simulation.advance(0.2)
+    mark = simulation.checkpoint()
+    simulation.retune(Swinger(stiffness=500.0))
+    simulation.advance(0.3)
+    simulation.rollback(mark)
+    assert simulation.model == Swinger()
+    simulation.advance(1.0)
+    assert simulation.outputs()[0] == pytest.approx(0.1 * np.cos(10.0), abs=1e-8)
+    assert not simulation.inaccurate
+
+
+@pytest.mark.parametrize("solver", ["adams", "radau", "ida"])
+def test_a_value_that_is_set_again_costs_nothing(solver: str) -> None:
+    runs = [Simulation(wheel(), Settings(solver=solver)) for _ in range(2)]
+    for k in range(1, 51):
+        for simulation, value in zip(runs, (None, 3.0), strict=True):
+            if value is not None or k == 1:
+                simulation.set_input("torque", 3.0)
+            simulation.advance(0.01 * k)
+    assert runs[0].statistics == runs[1].statistics
+    assert runs[0].outputs()[0] == runs[1].outputs()[0] == pytest.approx(1.5, rel=1e-6)
+
+
+def test_a_load_with_a_rate_goes_back_to_a_value_that_is_set_again() -> None:
+    """A sawtooth: the torque is 0 at every point and grows by 1 N m/s in each step."""
+    simulation = Simulation(wheel(rate_name="slope"), Settings(solver="adams", tolerance=1e-9))
+    simulation.set_input("slope", 1.0)
+    for k in range(1, 11):
+        simulation.set_input("torque", 0.0)
+        simulation.advance(0.1 * k)
+    assert simulation.outputs()[0] == pytest.approx(10 * 0.5 * 0.1**2, rel=1e-8)
+
+
+def test_other_models_and_what_is_no_checkpoint_are_refused() -> None:
+    simulation = Simulation(Swinger(), Settings(solver="adams"))
+    for call, text in (
+        (lambda: simulation.retune(wheel()), "the model with new parameters is"),
+        (lambda: simulation.retune(3), "the model with new parameters is 3; allowed: a Swinger"),  # type: ignore[arg-type]
+        (lambda: simulation.rollback(None), "checkpoint is None; allowed: what checkpoint"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(UserError, match=text):
+            call()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Swinger(Model):
+    """A mass of 1 kg on a spring, whose position is the output."""
+
+    stiffness: float = parameter(100.0, unit="N/m", tunable=True, doc="Stiffness")
+
+    def build(self) -> Mechanism:
+        m = Mechanism()
+        block = m.body("block", m.ground, Translational(axis="x", start=0.1), mass=1.0)
+        m.force("spring", Spring(stiffness=self.stiffness, free=1.0, at_a=(-1.0, 0.0, 0.0)), m.ground, block)
+        m.output("x", block.coordinate())
+        return m
+
+
+def wheel(rate_name: str = "") -> Model:
     """A wheel of 1 kg m2 that a torque turns; its speed is the first output."""
+    torque = Input(name="torque", unit="N.m", rate_name=rate_name) if rate_name else Input(name="torque", unit="N.m")
 
     class Wheel(Model):
         name = "wheel"
@@ -217,7 +286,7 @@ def wheel() -> Model:
         def build(self) -> Mechanism:
             m = Mechanism()
             body = m.body("wheel", m.ground, Revolute(start=0.0, fixed=True), mass=1.0, inertia=(1.0, 1.0, 1.0))
-            m.force("motor", JointForce(magnitude=Input(name="torque", unit="N.m")), body)
+            m.force("motor", JointForce(magnitude=torque), body)
             m.output("speed", body.rate())
             return m
 

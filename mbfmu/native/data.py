@@ -249,7 +249,7 @@ class _File:
             low, high = 0.0, 1.0
         unknown = nan if v.type is Type.REAL else 0.0
         start = unknown if v.start is None else float(v.start)
-        moves = int(v.role is Role.INPUT and self._simulation.compiled.inputs.moves_support(number))
+        moves = int(v.role is Role.INPUT and not self._simulation.compiled.inputs.holds_value(number))
         if v.name in self._constant_inputs:
             moves = layout.MOVES_WITHOUT_DERIVATIVES
         rests = v.role is Role.INPUT and self._simulation.settings.start_at_equilibrium

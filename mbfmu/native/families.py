@@ -1,4 +1,4 @@
-"""What machine code does otherwise for one family of steppers than for another: kernels over instances.
+"""Kernels over instances that differ between families of steppers.
 
 Small mechanisms are integrated by their matrices, large trees by their recursions.
 """
@@ -61,7 +61,7 @@ def leave_open(problem: Any) -> None:
 
 
 class Family(NamedTuple):
-    """What is a family's own. All kernels but those of the method and of its settings take an instance first."""
+    """What a family has of its own. Kernels take an instance first, unless other arguments are stated."""
 
     loop: ModuleType  # with its kernels ``advance_reported``, and SETTINGS
     callbacks: dict[str, Callable[..., Any]]  # of its equations
@@ -82,7 +82,10 @@ class Family(NamedTuple):
 
 @kernel
 def assemble_dense(instance: Any, t: float) -> int:
-    """If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state."""
+    """Let the reported state be the start with its loops closed; return a code of :mod:`solvers.loop_closure`.
+
+    If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state.
+    """
     problem, start, work = instance.given, instance.start, instance.start.scratch
     code: int = find_closed_positions(problem.eqs, t, start.q, problem.q, work)
     if code == ASSEMBLED:
@@ -97,7 +100,10 @@ def assemble_dense(instance: Any, t: float) -> int:
 
 @kernel
 def assemble_tree(instance: Any, t: float) -> int:
-    """Nothing is to be closed; whether all that moves has inertia the solver finds out."""
+    """Let the reported state be the start, which has no loops to close.
+
+    The solver detects later whether everything that moves has inertia.
+    """
     problem, start = instance.given, instance.start
     for i in range(problem.q.shape[0]):
         problem.q[i] = start.q[i]

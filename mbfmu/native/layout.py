@@ -26,6 +26,7 @@ from solvers.loop_closure import Outcome, WorstRecord
 from solvers.options import OPTIONS
 from solvers.outcome import Code
 from solvers.steppers.compiled_loop import LIMITED_TOLERANCE
+from solvers.steppers.ida.dense_memory import LIMITED_RTOL, MIN_RTOL
 
 from . import sundials
 from .checksum import crc64
@@ -50,7 +51,7 @@ VARIABLE = np.dtype(
         ("role", "i8"),  # place in interface.Role
         ("number", "i8"),  # among those of its role
         ("settable", "i8"),  # when: see SETTABLE
-        ("moves", "i8"),  # 1: a support, which may have moved since it was set; MOVES_WITHOUT_DERIVATIVES: see there
+        ("moves", "i8"),  # 1: it may have changed since it was set, as a support; MOVES_WITHOUT_DERIVATIVES: see there
         ("start", "f8"),
         ("low", "f8"),
         ("high", "f8"),
@@ -154,6 +155,7 @@ TEXTS: dict[str, Diagnostic | str] = {  # of diagnostics, with fields that C fil
     "ENERGY_BALANCE_TEXT": run_messages.ENERGY_BALANCE,
     "EXCHANGED_ENERGY_PART": run_messages.EXCHANGED_ENERGY_PART,
     "INPUT_JUMP_TEXT": run_messages.INPUT_JUMP,
+    "LIMITED_RTOL_TEXT": LIMITED_RTOL,
     "LIMITED_TOLERANCE_TEXT": LIMITED_TOLERANCE,
     "SINGULAR_START_TEXT": run_messages.SINGULAR_START,
     "SLOW_PASSAGE_TEXT": run_messages.SLOW_PASSAGE,
@@ -183,7 +185,7 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     lines.append(f"#define EXCHANGE_TIMES {TIMES}")
     lines.append(f"#define MOVES_WITHOUT_DERIVATIVES {MOVES_WITHOUT_DERIVATIVES}")
     lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
-    lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
+    lines += [f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}", f"#define MIN_RTOL {MIN_RTOL!r}"]
     lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]
     lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(shipped_kernels())}"]
     words = {"USER_LIBRARY": USER_LIBRARY, "USER_TABLE": USER_TABLE_SYMBOL}

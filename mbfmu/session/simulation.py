@@ -1,4 +1,4 @@
-"""A model at work: one object behind the direct run and inside the FMU."""
+"""A run of a model in Python: behind direct runs, and behind FMUs that call Python."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mbfmu.modeling.settings import AUTO, Settings
 from mbfmu.modeling.variables import ENERGY_OUTPUTS, require_unique
 from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
 from mbfmu.util.diagnostics import Diagnosed, Diagnostic, from_saved, without_repeats
-from mbfmu.util.errors import UserError
+from mbfmu.util.errors import UserError, short
 from solvers import Options, Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.compiled.tuple_pointer import pin
@@ -57,6 +57,7 @@ class Checkpoint(NamedTuple):
     noted: int  # number of diagnostics that were noted
     reported_jumps: frozenset[str]  # names of inputs
     reported_undetermined: bool
+    model: Model  # with the parameters of that time
 
 
 class Simulation(Diagnosed):
@@ -125,20 +126,20 @@ class Simulation(Diagnosed):
             raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
         given, unstable = self._starts(inputs or {}, t0), list[Diagnostic]()
         if settings.start_at_equilibrium:  # whose time is zero; the drives are where they are at the start time
-            found = find_state(build_problem(model_given, self._held_plant(inputs or {}, given)))
+            found = find_state(build_problem(model_given, self._compile_held(inputs or {}, given)))
             unstable = report_unstable(found)
         self.compiled.inputs.begin(t0, given)
         q, v = (found.q, found.v) if settings.start_at_equilibrium else self.compiled.assemble(t0)
         start_warnings = self.compiled.check_start(t0, q) if begins else []
-        self.start, found_out = (q, v), settings.solver == AUTO
+        self.start, is_auto = (q, v), settings.solver == AUTO
         if duration is not None and finite("duration", duration) < 0.0:
             raise UserError(f"duration is {duration!r}; allowed: at least 0 s (0: the stop time of the model)")
         options = settings.options(duration or model_given.stop_time)
         self.solver_choice = (
-            select_solver(self.compiled, [(t0, q, v)], options) if found_out else SolverChoice(settings.solver)
+            select_solver(self.compiled, [(t0, q, v)], options) if is_auto else SolverChoice(settings.solver)
         )
         self._options, limited = limit_order(self.compiled, self.solver_choice.solver, (t0, q, v), options)
-        self.step_count_check = StepCountCheck(self._copy_plant, self._options, self._report_step_count)
+        self.step_count_check = StepCountCheck(self._copy_compiled, self._options, self._report_step_count)
         self.report: Callable[[Diagnostic], None] | None = None
         self.variables = (*self.compiled.outputs, *ENERGY_OUTPUTS)
         require_unique(["time", *(v.name for v in (*self.compiled.inputs.variables, *self.variables))])
@@ -153,7 +154,9 @@ class Simulation(Diagnosed):
         self._out = self._run.out
         self._has_supports, self._has_limits = bool(self.compiled.inputs.own.supports.size), bool(own[1].size)
         self._reported_jumps: set[str] = set()  # names of inputs
+        self._values_set = self.compiled.inputs.start_values(given)
         self._noted = self._start_diagnostics(t0, unstable, start_warnings, limited)
+        self._noted_at_start = len(self._noted)
         how = settings.energy_check, self.stepper.freedom, settings.tolerance
         sizes = float(self.compiled.system.rate), float(self.compiled.length)
         state = self.t, self.stepper.q, self.stepper.v
@@ -195,7 +198,7 @@ class Simulation(Diagnosed):
         signals = self._given_inputs.replaced if self._given_inputs else set()
         return {self._input(key): value for key, value in checked.items() if key not in signals}
 
-    def _held_plant(self, inputs: Mapping[Any, Any], given: dict[int, float]) -> CompiledMechanism:
+    def _compile_held(self, inputs: Mapping[Any, Any], given: dict[int, float]) -> CompiledMechanism:
         """Return a compiled mechanism whose inputs are all held at their values at the start, to look for a steady
         state in.
         """
@@ -226,7 +229,7 @@ class Simulation(Diagnosed):
         created = stepper(name, system, t, q, v, options)
         return created if name in SOLVER_NAMES else GuardedStepper(name, created, system, t, q, v)
 
-    def _copy_plant(self) -> CompiledMechanism:
+    def _copy_compiled(self) -> CompiledMechanism:
         """Return another compiled mechanism of the same model, whose inputs are what they are now."""
         compiled = self.model.compile(self._given_inputs)
         if self.settings.input_interpolation == "linear":
@@ -461,7 +464,8 @@ class Simulation(Diagnosed):
     def set_input(self, key: int | str, value: float) -> None:
         """Set an input at the time reached.
 
-        The input of a load is held or extrapolated from this time on, according to the settings. The input of a driven
+        The input of a load is held or extrapolated from this time on, according to the settings; a held value that is
+        set again has no effect. The input of a driven
         joint is its position or rate at the end of the next communication step, which moves the joint there; see
         :mod:`mbfmu.mechanics.arrays.support_motion`.
 
@@ -478,7 +482,10 @@ class Simulation(Diagnosed):
             There is no such input, it is given for the whole run, or the value is not finite.
         """
         index = self._input(key)
-        SEQUENCE.set_input(self._run, index, self.compiled.inputs.checked(index, value))
+        value = self.compiled.inputs.checked(index, value)
+        if value != self._values_set.get(index) or not self.compiled.inputs.holds_value(index):
+            SEQUENCE.set_input(self._run, index, value)
+            self._values_set[index] = value
 
     def retune(self, model: Model) -> None:
         """Change tunable parameters at the time reached.
@@ -493,6 +500,8 @@ class Simulation(Diagnosed):
         UserError
             A parameter that is not tunable differs, or the structure would change.
         """
+        if type(model) is not type(self.model):
+            raise UserError(f"the model with new parameters is {short(model)}; allowed: a {type(self.model).__name__}")
         for p in model.parameters():
             before, after = getattr(self.model, p.name), getattr(model, p.name)
             if before != after and not (p.varies(before) and p.varies(after)):
@@ -508,10 +517,10 @@ class Simulation(Diagnosed):
         """Return a checkpoint of the present state for :meth:`rollback`; it costs less than :meth:`save`."""
         session, place = pack(self._session_arrays), self.stepper.save()
         reported = len(self._noted), frozenset(self._reported_jumps), self._reported_undetermined
-        return Checkpoint(place, session, self._lost, self._element_monitor.furthest, *reported)
+        return Checkpoint(place, session, self._lost, self._element_monitor.furthest, *reported, self.model)
 
     def rollback(self, checkpoint: Checkpoint) -> None:
-        """Return to a checkpoint and discard everything after it, the values of inputs among it.
+        """Return to a checkpoint and discard everything after it, values of inputs and of parameters among it.
 
         Solvers that keep their history in arrays continue bit for bit as if the discarded advance had not been tried.
         ``ida``, whose history is inside SUNDIALS, is reinitialized at the state of the checkpoint.
@@ -520,7 +529,16 @@ class Simulation(Diagnosed):
         ----------
         checkpoint
             Checkpoint of this simulation.
+
+        Raises
+        ------
+        UserError
+            It is no checkpoint.
         """
+        if not isinstance(checkpoint, Checkpoint):
+            raise UserError(f"checkpoint is {checkpoint!r}; allowed: what checkpoint() of this simulation returned")
+        if self._adopt(checkpoint.model):
+            self.stepper.restart()  # the equations have changed
         self.stepper.restore(checkpoint.stepper)
         del self._noted[checkpoint.noted :]
         self._reported_jumps = set(checkpoint.reported_jumps)
@@ -528,9 +546,18 @@ class Simulation(Diagnosed):
         self._element_monitor.rewind(checkpoint.furthest)
         self._restore_session(checkpoint.session, checkpoint.lost)
 
+    def _adopt(self, model: Model) -> bool:
+        """Take the parameters of a model; return whether they differ from the present ones."""
+        differs = model != self.model
+        if differs:
+            self.compiled.adopt(model.compile(self._given_inputs))
+            self.model = model
+        return differs
+
     def _restore_session(self, session: bytes, lost: tuple[Diagnostic, ...]) -> None:
         """Restore the arrays of the session, and the message on the violation that they contain."""
         unpack(session, self._session_arrays)
+        self._values_set.clear()
         if self.energy_check:
             self.energy_check.found = lost
 
@@ -562,6 +589,8 @@ class Simulation(Diagnosed):
     def restore(self, state: bytes) -> None:
         """Continue from a state that a simulation of the same model and settings has saved.
 
+        Messages on the run until now are discarded, but for those on the start and the energy balance of the state.
+
         Parameters
         ----------
         state
@@ -573,10 +602,7 @@ class Simulation(Diagnosed):
             The state is damaged, or of another model or other settings; nothing has changed then.
         """
         head, body = decode_state(self._state_key, state)
-        model = self.model.with_values(head["parameters"])
-        if model != self.model:
-            self.compiled.adopt(model.compile(self._given_inputs))
-            self.model = model
+        self._adopt(self.model.with_values(head["parameters"]))
         self._restore_session(bytes.fromhex(head["session"]), from_saved(head["lost"]))
         previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])
         if self.solver_choice.solver != previous.solver:  # auto takes another one at other parameters
@@ -584,6 +610,8 @@ class Simulation(Diagnosed):
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(body)
         self._element_monitor.restore(head["bent"], self.t, self.stepper.q)
+        del self._noted[self._noted_at_start :]
+        self._reported_jumps, self._reported_undetermined = set(), False
 
 
 class UnstartedSimulation(Simulation):

@@ -23,6 +23,7 @@ from .kernel import records
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
+ARRAY_TYPES: dict[Any, type[Any]] = {Reals: np.float64, Integers: np.int64}  # number types of array fields
 f8 = Annotated[float, np.float64]
 i8 = Annotated[int, np.int64]
 Vec3 = Annotated[Reals, (3,)]
@@ -64,7 +65,7 @@ def _field(name: str, hint: Any) -> tuple[str, type[Any], tuple[int, ...]]:
     """Return a field of a dtype: its name, number type and shape."""
     base, meant = get_args(hint)
     if isinstance(meant, tuple):
-        return name, (np.float64 if base == Reals else np.int64), meant
+        return name, ARRAY_TYPES[base], meant
     return name, meant, ()
 
 

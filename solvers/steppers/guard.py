@@ -1,9 +1,9 @@
 """A solver from outside the package in a run: what its code raises, or leaves wrong, ends the run and loses nothing.
 
-The reported state is a copy of the last good one. After every call the state of the solver is compared with what
+The reported state is a copy of the last good one. After every call that may change the state it is compared with what
 :class:`solvers.Stepper` requires: sizes and types, finite numbers, and a time that advances to the requested one and
 not beyond it. If that fails, or the code raises an exception, the status is not ok and contains the error, whose
-``__cause__`` is the exception. The log has its traceback at the level INFO.
+``__cause__`` is the exception. The log has its traceback at the level INFO. Only ``save`` and ``restore`` raise errors.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ from mechanisms import parallelogram
 from running import needs_linker
 from scipy.integrate import solve_ivp
 
+from fmus.fourbar import FourBar
 from mbfmu.fmi import export
 from mbfmu.mechanics import (
     Harmonic,
@@ -210,3 +211,12 @@ def test_what_the_solver_and_the_inputs_cause_is_logged_as_in_python(
     expected = [text for (code, _), text in found.items() if code in codes]
     assert list(map(code_of, expected)) == codes
     assert [text for _, text in binary.logged if code_of(text) in codes] == expected
+
+
+@pytest.mark.parametrize("tolerance", [1e-10, 1e-9])
+def test_ida_tells_that_it_uses_another_tolerance(tolerance: float, tmp_path: Path) -> None:
+    settings = Settings(solver="ida", tolerance=tolerance)
+    expected = [str(d) for d in Simulation(FourBar(), settings).diagnostics if d.code == "limited-tolerance"]
+    told = [text for text in logged(FourBar(), settings, tmp_path) if code_of(text) == "limited-tolerance"]
+    assert told == expected
+    assert len(told) == (tolerance < 1e-9)

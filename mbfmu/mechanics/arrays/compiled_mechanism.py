@@ -107,7 +107,9 @@ class CompiledMechanism:
         check_rows(mechanism, self.data.arrays.kept)
 
     def _drop_vanishing_rows(self, names: list[str]) -> list[str]:
-        """Renumber the constraint equations that are not trivially satisfied; return their names."""
+        """Renumber the constraint equations that are not trivially satisfied; return the names of the others, which are
+        removed.
+        """
         signals, before = self._elements.signals, self.data.arrays.memory.copy()
         start, system, mechanism = start_positions(self.mechanism), self.system, self.mechanism
         self.place_bodies(0.0, start)

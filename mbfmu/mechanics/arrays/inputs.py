@@ -116,6 +116,9 @@ class Inputs:
         self.variables = tuple(slot.variable for slot in self._slots)
         self._names = [f"input {variable.name!r}" for variable in self.variables]
         self.signals = {slot.signal for slot in self._slots}
+        self._rated = {  # signals whose rate is an input too
+            slot.signal for slot in self._slots if slot.coefficient and slot.signal != GRAVITY_SIGNAL
+        }
         self._supports: dict[int, str] = {}  # of drives that are inputs: signal, name of the first input
         for slot in self._slots:
             if slot.signal in drives.signals:
@@ -150,9 +153,8 @@ class Inputs:
 
     def extrapolate(self) -> None:
         """Extrapolate loads, see :mod:`.load_extrapolation`; not gravity, nor where the host gives a rate."""
-        rated = {slot.signal for slot in self._slots if slot.coefficient}
         for index, slot in enumerate(self._slots):
-            if self._roles[index] == HELD_LOAD and slot.signal not in rated:
+            if self._roles[index] == HELD_LOAD and slot.signal not in self._rated:
                 self._roles[index] = EXTRAPOLATED_LOAD
         sizes = len(self._slots), self._roles.count(EXTRAPOLATED_LOAD), len(self._supports)
         own = InputRecords.allocate(*sizes, self.own.polynomials, self.own.world)
@@ -193,6 +195,10 @@ class Inputs:
         """Whether an input is the position or the rate of a driven coordinate."""
         return self._roles[index] == SUPPORT_MOTION
 
+    def holds_value(self, index: int) -> bool:
+        """Whether an input stays as it was set: a support moves on, and a load may be extrapolated, or have a rate."""
+        return self._roles[index] in (HELD_LOAD, GRAVITY_LOAD) and self._slots[index].signal not in self._rated
+
     def positions(self) -> list[int]:
         """Return the numbers of the inputs that are the position of a driven coordinate."""
         return [k for k, slot in enumerate(self._slots) if self.moves_support(k) and not slot.coefficient]
@@ -217,13 +223,17 @@ class Inputs:
         """Return the value of an input; raises UserError if it is not finite."""
         return finite(self._names[index], value)
 
+    def start_values(self, given: Mapping[int, float]) -> dict[int, float]:
+        """Return the values of all inputs at the start by their numbers: those ``given``, or the declared ones."""
+        return {index: given.get(index, variable.start) for index, variable in enumerate(self.variables)}
+
     def begin(self, t: float, given: Mapping[int, float]) -> None:
         """Let all inputs begin at t (s), with the values ``given`` by number or their start values.
 
         What they move has not moved before t.
         """
-        for index, variable in enumerate(self.variables):
-            self.start(index, given.get(index, variable.start), t)
+        for index, value in self.start_values(given).items():
+            self.start(index, value, t)
 
     @property
     def motions_finished(self) -> bool:

@@ -46,6 +46,12 @@ def check_joints(
         record = arrays.memory[at : at + place.record.itemsize].view(place.record).view(np.recarray)[0]
         joint = _JointProbe(record, place.function, bias.function if bias is not None else None, count)
         near = state.q[first : first + count]
+        if left := joint.unwritten(near):
+            raise UserError(
+                f"joint of body {body.name!r}: kernel 'place' of {type(body.joint).__name__} does not write all of "
+                f"{left}; allowed: all entries of rel.R and rel.p, and the first {count} lines of rel.S, are written, "
+                "because rel contains what another joint has written"
+            )
         wrong = [name for q in (near, near + CHECK_DISTANCE) for name in joint.contradictions(q)]
         if wrong:
             name = max(wrong)  # "place" before "bias"
@@ -88,9 +94,24 @@ class _JointProbe:
         }
         return [name for name, parts in pairs.items() if any(_differ(*part) for part in parts)]
 
-    def _written(self, q: Any) -> tuple[Any, Any, Any]:
-        """Return S (6, 6), R (3, 3) and p (3,) at complex positions."""
+    def unwritten(self, q: Array) -> str:
+        """Return which part of ``rel`` the kernel ``place`` does not write at positions q (nv,); empty: none."""
+        try:
+            with np.errstate(all="ignore"):
+                before, after = (self._written(q.astype(complex), fill) for fill in (0.0, np.nan))
+        except Exception:  # the run reports it
+            return ""
+        for name, zero, none in zip(("rel.S", "rel.R", "rel.p"), before, after, strict=True):
+            count = self._count if name == "rel.S" else len(zero)
+            if np.isfinite(zero[:count]).all() and not np.isfinite(none[:count]).all():
+                return name
+        return ""
+
+    def _written(self, q: Any, fill: float = 0.0) -> tuple[Any, Any, Any]:
+        """Return S (6, 6), R (3, 3) and p (3,) at complex positions; what is not written is ``fill``."""
         rel = np.zeros(1, complex_dtype(RelativeMotionRecord.dtype)).view(np.recarray)
+        for part in (rel.S, rel.R, rel.p):
+            part[:] = fill
         self._place(self._record, 0, SimpleNamespace(q=q, rel=rel))
         return rel.S[0], rel.R[0], rel.p[0]
 

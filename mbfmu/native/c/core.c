@@ -138,6 +138,15 @@ static void warn_coarse_tolerance(Instance *own)
         warn_filled(own, COARSE_TOLERANCE_TEXT, &options->rtol, NULL);
 }
 
+/* Tell that IDA uses another tolerance than requested. */
+static void warn_limited_rtol(Instance *own)
+{
+    const Options *options = (const Options *)(own->block + own->header->options_at);
+    const double numbers[] = {MIN_RTOL, options->rtol};
+    if (own->sundials && !own->exchange && own->header->rows_count && options->rtol < MIN_RTOL)
+        warn_filled(own, LIMITED_RTOL_TEXT, numbers, NULL);
+}
+
 Outcome exit_initialization(Instance *own)
 {
     if (own->phase != INITIALIZING)
@@ -150,6 +159,7 @@ Outcome exit_initialization(Instance *own)
     own->phase = own->exchange ? EVENT_MODE : RUNNING;
     memset(own->flags, 0, count_of(own));
     warn_coarse_tolerance(own);
+    warn_limited_rtol(own);
     return OK;
 }
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 class RunStatusRecord(Record):
     """How a run stands at its communication points."""
 
-    code: i8  # result of the last advance of a native run, see solvers.outcome
+    code: i8  # result of the projection of the start, then of the last advance of a native run, see solvers.outcome
     unknown: i8  # 1: the rate of a support jumps where its impulse is not determined
     jumps: i8  # 1: a support has jumped in position, farther than its rate explains; then the first of them
     jump_support: i8  # ... at the last point where one has, by its number

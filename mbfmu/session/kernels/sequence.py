@@ -8,8 +8,8 @@
 
 A host that changes parameters and inputs at one point calls ``note_energy`` and ``retune`` before ``set_input``: the
 work of the change of parameters is that with the inputs that were valid until then, which keep their values in it.
-:func:`sampling_of` returns what does ``step`` and ``read`` at several points at which nothing is set, in one call of
-the solver.
+:func:`sampling_of` returns a function that does ``step`` and ``read`` at several points at which nothing is set, in one
+call of the solver.
 
 The functions run over a *run*, which has the fields of :class:`Run`. In a native FMU a run is a pinned tuple, the
 actions of its solver are kernels, and the functions are compiled together with them. In Python a run contains a

@@ -16,6 +16,7 @@ restarts at order one, so it agrees with the saved one to the tolerance, not bit
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,7 @@ from .dense_callbacks import (
     set_up_preconditioner_at,
 )
 from .dense_memory import (
+    LIMITED_RTOL,
     SETTINGS,
     IDAMemory,
     continue_history,
@@ -189,15 +191,8 @@ class IDAStepper(IDADriver, DenseStepper):
             return (Diagnostic.warning("ill-conditioned-mass", text, "Use 'adams'", subject="ida", time=since),)
         if self._rtol == self.options.rtol:
             return ()
-        return (
-            Diagnostic.warning(
-                "limited-tolerance",
-                f"'ida' uses a tolerance of {self._rtol:g} instead of {self.options.rtol:g}, because rounding errors "
-                "of closed loops allow no smaller one",
-                "Use 'adams' if this is too large",
-                subject="ida",
-            ),
-        )
+        text = LIMITED_RTOL.text.format(used=self._rtol, requested=self.options.rtol)
+        return (replace(LIMITED_RTOL, text=text),)
 
     def _evaluations(self) -> int:
         columns = self.system.nq + 2 * self.system.n + 1
