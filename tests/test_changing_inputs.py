@@ -78,11 +78,11 @@ def test_a_changing_torque_takes_a_step_a_point_and_no_accuracy(amplitude: float
 
 
 def test_single_steps_are_of_order_five() -> None:
-    """A torque that is set at every point, to almost the same value, under a tolerance that asks for nothing."""
+    """A torque that is set to the same value at every point, under a tolerance that asks for nothing."""
     steps = np.array([0.1, 0.05, 0.025])
     goal = exact(lambda _: 600.0, 0.4, FourBar(), end=0.4)  # far from where the linkage is flat
     settings = Settings(solver="adams", tolerance=1e-2)
-    errors = [off(moved(lambda t: 600.0 + 1e-11 * t, step, settings, end=0.4), goal) for step in steps]
+    errors = [off(moved(lambda _: 600.0, step, settings, end=0.4), goal) for step in steps]
     orders = np.diff(np.log(errors)) / np.diff(np.log(steps))
     assert orders == pytest.approx(5.0, abs=0.7)
 
@@ -227,18 +227,6 @@ def test_a_rollback_takes_back_parameters() -> None:
     simulation.advance(1.0)
     assert simulation.outputs()[0] == pytest.approx(0.1 * np.cos(10.0), abs=1e-8)
     assert not simulation.inaccurate
-
-
-@pytest.mark.parametrize("solver", ["adams", "radau", "ida"])
-def test_a_value_that_is_set_again_costs_nothing(solver: str) -> None:
-    runs = [Simulation(wheel(), Settings(solver=solver)) for _ in range(2)]
-    for k in range(1, 51):
-        for simulation, value in zip(runs, (None, 3.0), strict=True):
-            if value is not None or k == 1:
-                simulation.set_input("torque", 3.0)
-            simulation.advance(0.01 * k)
-    assert runs[0].statistics == runs[1].statistics
-    assert runs[0].outputs()[0] == runs[1].outputs()[0] == pytest.approx(1.5, rel=1e-6)
 
 
 def test_a_load_with_a_rate_goes_back_to_a_value_that_is_set_again() -> None:

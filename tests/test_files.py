@@ -239,7 +239,9 @@ TEMPORARY = {  # functions that write into a folder of their own, which is remov
     "fmi/python_fmu.py:write_script",
     "fmi/subprocess_export.py:export_uncompiled",
     "native/runtime.py:compiler_arguments",
-    "native/runtime.py:_linked",
+    "native/runtime.py:link_arguments",
+    "native/user_kernels.py:main",
+    "native/user_kernels.py:user_library",
     "native/runtime.py:build_lock",  # a file that is locked, and empty
     "native/kernels.py:main",
     "ensemble/worker.py:unpacked",

@@ -294,11 +294,11 @@ def test_a_jump_of_position_is_a_motion_of_one_step(way: str) -> None:
     if way == "rate":
         simulation.set_input(1, 1e-3)
         assert simulation.advance(0.02).ok
-        assert ["'u' at t = " in text for text in map(str, simulation.diagnostics)] == [True]
+        assert [d.subject for d in simulation.diagnostics if d.code != "assumed-length"] == ["u"]
         assert simulation.outputs()[names.index("base")] == pytest.approx(0.005 + 1e-5, rel=1e-12)
         return
     assert simulation.advance(0.02).ok
-    assert not without_details(simulation.diagnostics)
+    assert not [d for d in without_details(simulation.diagnostics) if d.code != "assumed-length"]
     assert simulation.outputs()[names.index("base")] == pytest.approx(0.005, rel=1e-12)
     assert simulation.advance(0.03).ok
     restarts = simulation.statistics.restarts

@@ -33,8 +33,7 @@ def add(commands: Commands) -> None:
         "them, as one file of System Structure and Parameterization (SSP) 1.0. FMPy, libcosim and other tools "
         "simulate such files. The component of the model has the name of the model.",
         epilog="examples:\n  mbfmu ssp governor --set driven=no\n"
-        "  mbfmu ssp governor --set driven=no --with engine=engine.fmu \\\n"
-        "      --connect governor.spindle.speed=engine.spindle_speed engine.shaft_torque=governor.spindle.torque\n",
+        "  mbfmu ssp governor --with engine=engine.fmu --connect engine.shaft_torque=governor.spindle.torque\n",
     )
     add_scene(p)
     add_set(p)

@@ -52,12 +52,14 @@ from .loads import (
     Torque,
     TorsionSpring,
 )
-from .loads.base import limit_ratio
+from .loads.base import MAX_ACCURATE_RATIO, MAX_VALID_RATIO, limit_ratio
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Panel, Sphere
 from .signals import Function, Harmonic, Input, Polynomial, Product, Ramp, RunUp, Signal, SpeedInput, Step, Sum, Table
 
 __all__ = [
+    "MAX_ACCURATE_RATIO",
+    "MAX_VALID_RATIO",
     "MODES",
     "AssemblyError",
     "Beam",

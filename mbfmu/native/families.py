@@ -61,7 +61,7 @@ def leave_open(problem: Any) -> None:
 
 
 class Family(NamedTuple):
-    """What a family has of its own. Kernels take an instance first, unless other arguments are stated."""
+    """What differs between families. Kernels take an instance first, unless other arguments are stated."""
 
     loop: ModuleType  # with its kernels ``advance_reported``, and SETTINGS
     callbacks: dict[str, Callable[..., Any]]  # of its equations

@@ -15,6 +15,7 @@ from pathlib import Path
 from zipfile import ZipFile
 
 from mbfmu.util.errors import UserError
+from mbfmu.util.files import write_bytes
 from solvers.compiled.cache import shared_cache_dir
 
 from .targets import TARGETS, host
@@ -92,7 +93,7 @@ def _download(target: str, folder: Path) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     made = Path(tempfile.mkdtemp(dir=folder.parent))
     for name, data in found.items():
-        (made / name).write_bytes(data)
+        write_bytes(made / name, data)
     try:
         made.rename(folder)
     except OSError:  # another process was faster

@@ -2,7 +2,7 @@
 
 Kernels of user-defined elements, and functions of time and laws of forces that a model defines in Python, are not in
 the runtime, which is the same for all models. They are compiled into a library of the FMU, which the runtime loads
-from the folder of its own library. As the kernels of the runtime they are compiled in a separate process (see
+from the folder in which it lies. As the kernels of the runtime they are compiled in a separate process (see
 :mod:`.kernels`), which builds the model again and finds the same kernels in the same order.
 """
 

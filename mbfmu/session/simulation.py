@@ -154,7 +154,6 @@ class Simulation(Diagnosed):
         self._out = self._run.out
         self._has_supports, self._has_limits = bool(self.compiled.inputs.own.supports.size), bool(own[1].size)
         self._reported_jumps: set[str] = set()  # names of inputs
-        self._values_set = self.compiled.inputs.start_values(given)
         self._noted = self._start_diagnostics(t0, unstable, start_warnings, limited)
         self._noted_at_start = len(self._noted)
         how = settings.energy_check, self.stepper.freedom, settings.tolerance
@@ -464,8 +463,7 @@ class Simulation(Diagnosed):
     def set_input(self, key: int | str, value: float) -> None:
         """Set an input at the time reached.
 
-        The input of a load is held or extrapolated from this time on, according to the settings; a held value that is
-        set again has no effect. The input of a driven
+        The input of a load is held or extrapolated from this time on, according to the settings. The input of a driven
         joint is its position or rate at the end of the next communication step, which moves the joint there; see
         :mod:`mbfmu.mechanics.arrays.support_motion`.
 
@@ -482,10 +480,7 @@ class Simulation(Diagnosed):
             There is no such input, it is given for the whole run, or the value is not finite.
         """
         index = self._input(key)
-        value = self.compiled.inputs.checked(index, value)
-        if value != self._values_set.get(index) or not self.compiled.inputs.holds_value(index):
-            SEQUENCE.set_input(self._run, index, value)
-            self._values_set[index] = value
+        SEQUENCE.set_input(self._run, index, self.compiled.inputs.checked(index, value))
 
     def retune(self, model: Model) -> None:
         """Change tunable parameters at the time reached.
@@ -557,7 +552,6 @@ class Simulation(Diagnosed):
     def _restore_session(self, session: bytes, lost: tuple[Diagnostic, ...]) -> None:
         """Restore the arrays of the session, and the message on the violation that they contain."""
         unpack(session, self._session_arrays)
-        self._values_set.clear()
         if self.energy_check:
             self.energy_check.found = lost
 

@@ -12,6 +12,7 @@ from mbfmu.mechanics.arrays import input_kernels
 from solvers import SolverError
 from solvers.compiled.tuple_pointer import pin
 from solvers.stepper import Stepper, start_rate
+from solvers.steppers.guard import GuardedStepper
 
 from .kernels.points import (
     Session,
@@ -63,6 +64,8 @@ def compile_kernels(trial: Stepper, compiled: CompiledMechanism, outputs: int) -
         ends.append(trial.advance(t0 + k * h))
     _warm_up_points(trial, compiled, outputs)
     trial.statistics  # noqa: B018  # counts by a kernel
+    if not isinstance(trial, GuardedStepper):
+        trial.restore(trial.save())
     return len(sampled.q) > 0 and all(status.ok for status in ends)
 
 

@@ -129,7 +129,7 @@ def complex_energy(q: Any, system: Any) -> Any:
 def tangent_of(compiled: CompiledMechanism, c1: float, K: Any) -> None:
     """Add to K the tangent of the only load where it is."""
     _, state = compiled.kernel_data
-    arrays = pin(compiled._compiled.tangent_arrays())
+    arrays = pin(compiled._elements.tangent_arrays())
     twin = pin(to_complex_state(compiled.data.state))
     load_tangent(compiled.data.arrays.loads[0], c1, arrays, state, twin, K)
 

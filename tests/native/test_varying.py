@@ -30,10 +30,8 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.modeling import Model, parameter
-from mbfmu.native.entries import image_of
 from mbfmu.native.parameters import find_settable
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import unpin
 from solvers.outcome import OK
 
@@ -220,8 +218,3 @@ def test_a_host_changes_parameters_of_signals(solver: str):
     pushed_before = native.out[0]
     follow(simulation, native, TIMES[4:])
     assert native.out[0] - pushed_before > 0.5
-
-
-def test_a_function_of_time_is_refused():
-    with pytest.raises(UserError, match="is user-defined"):
-        image_of(Simulation(pushed("sin(t)"), Settings(solver="adams")))

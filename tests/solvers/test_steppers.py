@@ -10,7 +10,7 @@ import pytest
 from oracles import fourbar, fourbar_q, fourbar_v, particle, pendulum, rigid_body, singular_times
 
 from solvers import SOLVERS, Code, Options, SolverError, Switching
-from solvers.steppers.ida.dense import MIN_RTOL
+from solvers.steppers.ida.dense_memory import MIN_RTOL
 
 START = np.radians(10.0)
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)

@@ -223,17 +223,13 @@ class Inputs:
         """Return the value of an input; raises UserError if it is not finite."""
         return finite(self._names[index], value)
 
-    def start_values(self, given: Mapping[int, float]) -> dict[int, float]:
-        """Return the values of all inputs at the start by their numbers: those ``given``, or the declared ones."""
-        return {index: given.get(index, variable.start) for index, variable in enumerate(self.variables)}
-
     def begin(self, t: float, given: Mapping[int, float]) -> None:
         """Let all inputs begin at t (s), with the values ``given`` by number or their start values.
 
         What they move has not moved before t.
         """
-        for index, value in self.start_values(given).items():
-            self.start(index, value, t)
+        for index, variable in enumerate(self.variables):
+            self.start(index, given.get(index, variable.start), t)
 
     @property
     def motions_finished(self) -> bool:

@@ -43,7 +43,10 @@ if TYPE_CHECKING:
     from solvers.compiled.record import Reals
 
 Points = tuple[Any, ...]
-MAX_ACCURATE_RATIO, MAX_VALID_RATIO = 1.0, 2.0  # of a ``monitor``: beyond these results are inaccurate, meaningless
+#: Largest value of a ``monitor`` at which results are accurate.
+MAX_ACCURATE_RATIO = 1.0
+#: Largest value of a ``monitor`` at which the theory of the element is valid: the run ends at a larger one.
+MAX_VALID_RATIO = 2.0
 MAX_MISPLACEMENT = 1.0  # of a ``misplacement``: beyond it the mechanism is refused
 FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 
