@@ -54,6 +54,7 @@ nitpick_ignore = [
     ("py:class", "dict[float"),
     ("py:func", "scale.characteristic_length"),  # no part of the site
     ("py:attr", "System.dynamics"),
+    ("py:class", "UserSolverError"),  # described in the text of Status
 ]
 
 
