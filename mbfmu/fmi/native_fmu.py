@@ -74,8 +74,8 @@ def build_native_fmu(
         content[f"binaries/{folder}/{owner.identifier}{target.suffix}"] = library(name).read_bytes()
         if made.has_user_kernels:
             content[f"binaries/{folder}/{USER_LIBRARY}{target.suffix}"] = user_library(name)
-        beside = libraries(name) if settings.solver in SUNDIALS_SOLVERS else {}
-        content |= {f"binaries/{folder}/{file}": data for file, data in beside.items()}
+        added = libraries(name) if settings.solver in SUNDIALS_SOLVERS else {}
+        content |= {f"binaries/{folder}/{file}": data for file, data in added.items()}
     return content
 
 

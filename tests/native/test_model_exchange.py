@@ -70,7 +70,7 @@ def spatial_four_bar() -> Mechanism:
 
 
 def hanging_plate() -> Mechanism:
-    """A floating plate that hangs on three rods."""
+    """A floating plate, connected to the ground by three rods."""
     m = Mechanism(gravity=(0.0, -G, 0.0))
     start = (0.15, -1.0, 0.1, 1.0, 0.0, 0.0, 0.0)
     com = (0.05, -0.05, 0.02)
