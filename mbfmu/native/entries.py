@@ -272,7 +272,7 @@ def solver_actions(name: str) -> SolverActions:
             instance.v[i] += instance.dv[i]
         continue_after_jump(instance)
 
-    return SolverActions(advance, family.evaluate, continue_at_state, restart, jump)
+    return SolverActions(advance, family.evaluate, continue_at_state, restart, jump, family.leaves_placed, True)
 
 
 def entries(name: str) -> dict[str, Entry]:
@@ -281,6 +281,7 @@ def entries(name: str) -> dict[str, Entry]:
     assembled, begun, counted = family.assemble, family.begin, family.method.count
     restored, closed = family.restore, family.close
     sequence, advanced = sequence_of(actions, jit_uncached), actions.advance
+    read_advanced = sequence_of(actions._replace(evaluate=family.evaluate_advanced), jit_uncached).read
     restarted, continued = actions.restart, actions.continue_at_state
 
     def start(instance: Any, index: int, value: float) -> int:
@@ -361,6 +362,7 @@ def entries(name: str) -> dict[str, Entry]:
         "note_energy": Entry(sequence.note_energy, ()),
         "retune": Entry(sequence.retune, ()),
         "read": Entry(sequence.read, ()),
+        "read_advanced": Entry(read_advanced, ()),  # directly after a step
         "count": Entry(count, ()),
         "restore": Entry(restore, ()),
         "close": Entry(close, ()),

@@ -23,8 +23,8 @@ from solvers.outcome import OK
 from solvers.positions import position_sizes
 from solvers.projection.projection import project
 from solvers.projection.rank import find_normal_rank
-from solvers.projection.reported import evaluate_state, has_unresolved_forces
-from solvers.projection.workspace import Workspace
+from solvers.projection.reported import has_unresolved_forces, solve_state
+from solvers.projection.workspace import Workspace, evaluate_and_factor
 from solvers.steppers.adams import loop as adams
 from solvers.steppers.adams import tree_loop
 from solvers.steppers.adams.formulas import History
@@ -71,7 +71,9 @@ class Family(NamedTuple):
     assemble: Any  # (instance, t) -> code of solvers.loop_closure: lets the reported state be the start, loops closed
     begin: Any  # (instance, t) -> code and rate (1/s): options, units and paces as a stepper's constructor takes
     # them, and a flaw of the start into the status of the run
-    evaluate: Any  # (instance) -> code: accelerations and multipliers at the reported state
+    evaluate: Any  # (instance) -> code: accelerations and multipliers at the reported state; leaves the bodies there
+    evaluate_advanced: Any  # the same, directly after an advance
+    leaves_placed: bool  # whether an advance leaves the bodies at the reported state
     needs_work: Any  # (settings) -> whether the work of forces without a potential is to be integrated
     method: MethodKernels
     start: Any = None  # (instance, truncated_steps, keeps_position): instead of that of the method
@@ -170,16 +172,27 @@ def begin_ida(instance: Any, t: float) -> tuple[int, float]:
     set_ida_options(instance.options, instance.given)
     code, rank = project_and_scale(instance, t)
     set_up_ida(instance.given, t, rank)
-    return code, instance.given.work.rate[0]
+    allocated = dense_ida.allocate(instance.given, t)
+    return code if code != OK else allocated, instance.given.work.rate[0]
 
 
 @kernel
 def evaluate_dense(instance: Any) -> int:
     """Fill ``instance.a`` and ``instance.lam``."""
     problem = instance.given
+    evaluate_and_factor(problem.eqs, instance.clock[0], problem.q, problem.v, problem.work)
+    return solve_dense(instance)
+
+
+@kernel
+def solve_dense(instance: Any) -> int:
+    """As :func:`evaluate_dense`, directly after an advance: it ends with the projection of the reported state, which
+    leaves bodies, terms and factors there.
+    """
+    problem = instance.given
     control, t = problem.memory.control[0], instance.clock[0]
     state = t, problem.q, problem.v, control.rank, problem.work
-    code: int = evaluate_state(problem.eqs, *state, instance.a, instance.lam)
+    code: int = solve_state(problem.eqs, *state, instance.a, instance.lam)
     if code == OK and has_unresolved_forces(instance.options[0].rtol, control.rank, problem.work):
         control.undetermined, control.undetermined_at = 1, t
     return code
@@ -230,21 +243,21 @@ def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
 FAMILIES = {  # by the prefix of their entry points
     "adams": Family(
         adams, DENSE_KERNELS, _dense_equations, History.allocate, _workspace,
-        assemble_dense, begin_adams, evaluate_dense, checks_or_watches_energy, ADAMS_KERNELS,
+        assemble_dense, begin_adams, evaluate_dense, solve_dense, True, checks_or_watches_energy, ADAMS_KERNELS,
     ),
     "radau": Family(
         radau, DENSE_KERNELS, _dense_equations, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
-        assemble_dense, begin_radau, evaluate_dense, checks_energy, RadauMethod.kernels,
+        assemble_dense, begin_radau, evaluate_dense, solve_dense, True, checks_energy, RadauMethod.kernels,
     ),
     "ida": Family(
         dense_ida, DENSE_KERNELS, _dense_equations, IDAMemory.allocate, _workspace,
-        assemble_dense, begin_ida, evaluate_dense, checks_energy, dense_ida.IDA_KERNELS,
+        assemble_dense, begin_ida, evaluate_dense, solve_dense, True, checks_energy, dense_ida.IDA_KERNELS,
         start_ida, dense_ida.restore, dense_ida.close, keeps_history_at_jumps=False,
     ),
     "tree": Family(
         tree_loop, TREE_KERNELS, _tree_equations, History.allocate,
         lambda nq, n, m, p: TreeScratch.allocate(nq, n, p),
-        assemble_tree, begin_tree, evaluate_tree, checks_energy, ADAMS_KERNELS,
+        assemble_tree, begin_tree, evaluate_tree, evaluate_tree, False, checks_energy, ADAMS_KERNELS,
     ),
 }  # fmt: skip
 NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau", "ida")  # that they serve

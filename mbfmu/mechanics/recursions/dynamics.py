@@ -173,6 +173,13 @@ def energy(t: float, q: Reals, v: Reals, data: Data) -> float:
     update_positions(arrays, state)
     rotate_inertia(arrays, state)
     update_velocities(arrays, state)
+    return placed_energy(data)
+
+
+@kernel
+def placed_energy(data: Data) -> float:
+    """Kinetic and potential energy of the bodies as they are placed and move, J."""
+    arrays, state = data.arrays, data.state
     return kinetic_energy(arrays, state) + potential_energy(arrays, state)
 
 

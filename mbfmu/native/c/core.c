@@ -247,6 +247,7 @@ static Outcome go(Instance *own, double t, double length)
     own->message[0] = '\0';
     own->reached = end;
     log_new(own, status, here);
+    own->advanced = end > here;
     return OK;
 }
 

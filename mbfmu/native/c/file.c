@@ -37,19 +37,16 @@ const char *text_at(const Instance *own, int64_t at)
     return own->tables + own->header->text + at;
 }
 
-size_t count_of(const Instance *own)
-{
-    return (size_t)own->header->variables_count;
-}
-
 /* Return how many bytes of the block a state consists of; co-simulation needs none of those of model exchange. */
 size_t saved_bytes(const Instance *own)
 {
     return (size_t)(own->exchange ? own->header->saved : own->header->saved_alone);
 }
 
-unsigned char *root_of(const Instance *own)
+/* Return what every entry point is called with. */
+unsigned char *root_of(Instance *own)
 {
+    own->advanced = false;
     return own->block + own->header->root;
 }
 
@@ -178,9 +175,9 @@ bool open_model(Instance *own, const char *folder, const char *token, char text[
     if (well) {
         size_t size = (size_t)own->header->size;
         own->room = malloc(size + ALIGNED);
-        own->kept = malloc((size_t)own->header->saved);
+        own->kept = calloc((size_t)own->header->saved, 1);
         own->values = malloc(count_of(own) * sizeof *own->values);
-        own->flags = malloc(count_of(own));
+        own->flags = calloc(flag_words(own), sizeof(uint64_t));
         well = own->room && own->kept && own->values && own->flags;
         if (well)
             own->block = own->room + (ALIGNED - (uintptr_t)own->room % ALIGNED) % ALIGNED;
