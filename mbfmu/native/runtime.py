@@ -45,7 +45,7 @@ KERNEL_SOURCES = (
     "entries.py", "families.py", "kernels.py", "model_exchange.py", "start_checks.py", "sundials.py", "targets.py",
 )  # fmt: skip
 COMPILER_FLAGS = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
-# about so many functions are compiled, for the bar of progress
+# approximate numbers of functions that are compiled, for the bar of progress
 FUNCTIONS_OF_ELEMENTS, FUNCTIONS_OF_FAMILY = 230, 480
 EXPORTED_SYMBOLS = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
 
@@ -191,7 +191,7 @@ def compiler(name: str) -> list[str]:
 
 
 def _run(command: list[str], more: dict[str, str], functions: int = 1) -> None:
-    """Run a command, which prints a character for each of about so many ``functions`` that it has compiled."""
+    """Run a command, which may print a character for each function that it compiles; ``functions``: their number."""
     with tempfile.TemporaryFile("w+", errors="replace") as errors:
         own = {**os.environ, **more}
         # children of the process end when nothing reads what they print

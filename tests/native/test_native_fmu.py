@@ -373,10 +373,10 @@ def test_what_cannot_be_exported_is_refused(more: dict[str, Any], told: str, tmp
         export(FourBar(), tmp_path / "model.fmu", native=True, **more)
 
 
-def test_another_solver_than_was_asked_for_is_told(tmp_path: Path):
+def test_the_solver_that_auto_selects_is_told(tmp_path: Path):
     told: list[str] = []
-    export(Sheet(**GRID), tmp_path / "model.fmu", Settings(solver="ida"), native=True, report=told.append)
-    assert any("solver changed from 'ida' to 'adams'" in line for line in told)
+    export(Sheet(**GRID), tmp_path / "model.fmu", Settings(solver="auto"), native=True, report=told.append)
+    assert any("solver 'adams' selected: " in line for line in told)
     assert any("are constants in this FMU" in line for line in told)
 
 
