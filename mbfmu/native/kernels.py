@@ -15,8 +15,9 @@ from solvers.compiled.indirect_call import record_type
 from solvers.compiled.kernel import jit_uncached, types
 from solvers.compiled.tuple_pointer import pointer_type
 
-from .entries import KERNEL_TABLE_SYMBOL, entries, example, shipped_kernels
+from .entries import entries, example
 from .families import FAMILIES
+from .kernel_table import KERNEL_TABLE_SYMBOL, shipped_kernels
 from .sundials import CALLBACK_ENTRIES, SUNDIALS_FAMILIES, callback_symbol
 from .targets import TARGETS
 
@@ -36,8 +37,8 @@ def compiled() -> tuple[dict[str, tuple[Any, Any]], list[str]]:
             kernel.compile(types.int64(*arguments))
             found[callback_symbol(family, name)] = kernel, arguments
     numbered = []
-    for i, kind in enumerate(shipped_kernels()):
-        words, returned = types_of(kind)
+    for i, (kind, state) in enumerate(shipped_kernels()):
+        words, returned = types_of(kind, state=state)
         arguments = record_type(kind.record), *words
         kind.function.compile(returned(*arguments))
         numbered.append(f"mb_kind_{i}")

@@ -102,13 +102,15 @@ static int64_t call_now(Instance *own, int32_t (*entry)(int64_t *, void **, void
 }
 
 /* Report, once for each reason, that an evaluation is discarded. */
-static Outcome discard(Instance *own, int64_t code)
+Outcome discard(Instance *own, int64_t code)
 {
     unsigned bit = 1u << (unsigned)(code < 0 ? 32 + code : code);
     const Sentence *sentences = section(own, own->header->sentences);
     char digits[32];
     const char *what = code == LEFT_BRANCH ? "the state is on another branch of the motion than the last completed step"
                        : code == STATES_NOT_FINITE ? "a continuous state that the importing tool has set is not finite"
+                       : code == NOT_DIFFERENTIABLE
+                           ? "two branches of the motion cross there, where derivatives by the states are not determined"
                                                    : text_at(own, sentences[code].what);
     if (own->reported & bit || (code == STATES_NOT_FINITE && own->reported)) /* a result of a discarded evaluation */
         return DISCARD;
@@ -120,15 +122,25 @@ static Outcome discard(Instance *own, int64_t code)
     return DISCARD;
 }
 
-/* Return where a value reference is in the block: a state, or a derivative. */
-static double *place_of(Instance *own, uint32_t reference)
+/* Return the number of the state that a value reference stands for, or of which it is the derivative; negative: none. */
+int64_t exchanged_index(Instance *own, uint32_t reference, bool *is_derivative)
 {
     size_t first = (size_t)time_reference(own) + 1 + (size_t)own->header->arrays_count, n = state_count(own);
     if (reference < first || reference - first >= 2 * n)
-        return NULL;
+        return -1;
     size_t k = reference - first;
-    return k < n ? numbers_at(own, own->header->exchange_x_at) + k
-                 : numbers_at(own, own->header->exchange_derivatives_at) + (k - n);
+    *is_derivative = k >= n;
+    return (int64_t)(*is_derivative ? k - n : k);
+}
+
+/* Return where a value reference is in the block: a state, or a derivative. */
+static double *place_of(Instance *own, uint32_t reference)
+{
+    bool is_derivative;
+    int64_t k = exchanged_index(own, reference, &is_derivative);
+    if (k < 0)
+        return NULL;
+    return numbers_at(own, is_derivative ? own->header->exchange_derivatives_at : own->header->exchange_x_at) + k;
 }
 
 bool is_state(Instance *own, uint32_t reference)
@@ -137,7 +149,7 @@ bool is_state(Instance *own, uint32_t reference)
 }
 
 /* Evaluate the derivatives, if they are not known yet. */
-static Outcome derive(Instance *own)
+Outcome derive(Instance *own)
 {
     if (own->phase == INITIALIZING && !own->fresh) {
         Outcome outcome = start_anew(own);

@@ -245,18 +245,21 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     return n ? (fmi2Status)not_offered(instance(c), "fmi2SetRealInputDerivatives") : fmi2OK;
 }
 
-fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference[], size_t n, const fmi2Integer[],
-                                        fmi2Real[])
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference outputs[], size_t n,
+                                        const fmi2Integer orders[], fmi2Real found[])
 {
-    if (!c)
+    if (!c || (n && (!outputs || !orders || !found)))
         return fmi2Error;
-    return n ? (fmi2Status)not_offered(instance(c), "fmi2GetRealOutputDerivatives") : fmi2OK;
+    return (fmi2Status)output_derivatives(instance(c), "fmi2GetRealOutputDerivatives", outputs, n, orders, found);
 }
 
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference[], size_t,
-                                        const fmi2ValueReference[], size_t, const fmi2Real[], fmi2Real[])
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknowns[], size_t unknown_count,
+                                        const fmi2ValueReference knowns[], size_t known_count, const fmi2Real seed[],
+                                        fmi2Real found[])
 {
-    return c ? (fmi2Status)not_offered(instance(c), "fmi2GetDirectionalDerivative") : fmi2Error;
+    const Derivatives d = {{unknowns, knowns}, {unknown_count, known_count}, false,
+                           (!unknown_count || (unknowns && found)) && (!known_count || (knowns && seed))};
+    return c ? (fmi2Status)directional_derivative(instance(c), "fmi2GetDirectionalDerivative", &d, seed, found) : fmi2Error;
 }
 
 /* ---- states and status ------------------------------------------------------------------------------------------- */

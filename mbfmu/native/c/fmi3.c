@@ -243,6 +243,47 @@ fmi3Status fmi3SetBoolean(fmi3Instance c, const fmi3ValueReference references[],
     SET(values, 1u << TYPE_BOOLEAN);
 }
 
+/* ---- derivatives ------------------------------------------------------------------------------------------------- */
+
+static Derivatives derivatives_of(fmi3Instance c, const fmi3ValueReference unknowns[], size_t unknown_count,
+                                  const fmi3ValueReference knowns[], size_t known_count, const void *of_unknowns,
+                                  size_t n, const void *of_knowns, size_t m)
+{
+    bool fits = fit(c, unknowns, unknown_count, of_unknowns, n) && fit(c, knowns, known_count, of_knowns, m);
+    return (Derivatives){{unknowns, knowns}, {unknown_count, known_count}, true, fits};
+}
+
+fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t unknown_count,
+                                        const fmi3ValueReference knowns[], size_t known_count, const fmi3Float64 seed[],
+                                        size_t seeds, fmi3Float64 found[], size_t count)
+{
+    Derivatives d = derivatives_of(c, unknowns, unknown_count, knowns, known_count, found, count, seed, seeds);
+    return c ? (fmi3Status)directional_derivative(instance(c), "fmi3GetDirectionalDerivative", &d, seed, found) : fmi3Error;
+}
+
+fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t unknown_count,
+                                    const fmi3ValueReference knowns[], size_t known_count, const fmi3Float64 seed[],
+                                    size_t seeds, fmi3Float64 found[], size_t count)
+{
+    Derivatives d = derivatives_of(c, unknowns, unknown_count, knowns, known_count, seed, seeds, found, count);
+    return c ? (fmi3Status)adjoint_derivative(instance(c), "fmi3GetAdjointDerivative", &d, seed, found) : fmi3Error;
+}
+
+fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference outputs[], size_t n,
+                                    const fmi3Int32 orders[], fmi3Float64 found[], size_t count)
+{
+    if (!c || (n && !orders) || !fit(c, outputs, n, found, count))
+        return wrong_count(c);
+    Outcome worst = OK;
+    for (size_t k = 0; worst != ERROR && k < n; k++)
+        for (size_t i = 0; worst != ERROR && i < width(instance(c), outputs[k]); i++) {
+            uint32_t own = element(instance(c), outputs[k], i);
+            Outcome outcome = output_derivatives(instance(c), "fmi3GetOutputDerivatives", &own, 1, &orders[k], found++);
+            worst = outcome > worst ? outcome : worst;
+        }
+    return (fmi3Status)worst;
+}
+
 /* ---- states ------------------------------------------------------------------------------------------------------ */
 
 fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
