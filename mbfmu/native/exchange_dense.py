@@ -16,6 +16,7 @@ from solvers.projection.projection import (
     evaluate_multipliers,
     evaluate_regular_acceleration,
     project,
+    solve_transposed_shortest,
 )
 from solvers.projection.singular import NO_CRITICAL_POINT, record_accepted
 from solvers.projection.workspace import evaluate_and_factor
@@ -259,12 +260,13 @@ def correct_multipliers(
             work.x[i] = imaginary(own.rates[i]) if sign > 0.0 else work.x[i] - imaginary(own.rates[i])
     for i in range(m):
         work.x[i] /= work.row[i]
-    solve_least_norm(work.x, n, rank, work.A, work.tau, work.pivots, work.dq)
+    for j in range(n):
+        work.f[j] = 0.0
+        for i in range(m):
+            work.f[j] += work.size[j] * terms.J[i, j] * work.x[i] / work.row[i]
+    solve_transposed_shortest(m, n, rank, work, work.b)  # A^+ A dJ~ J~^+ lam~
     for i in range(m):
-        within = 0.0
-        for j in range(n):
-            within += terms.J[i, j] * work.size[j] * work.dq[j]
-        own.multipliers[i] += (work.x[i] - within / work.row[i]) / work.row[i]
+        own.multipliers[i] += (work.x[i] - work.b[i]) / work.row[i]
 
 
 @kernel

@@ -378,7 +378,7 @@ class Third:
         sides = [((c_uint * len(side))(*side), c_size_t(len(side))) for side in (unknowns, knowns)]
         function = self.fmu.dll[f"fmi3Get{kind}Derivative"]
         values = [(v.ctypes.data_as(c_void_p), c_size_t(len(v))) for v in (np.ascontiguousarray(seed), found)]
-        assert function(self.fmu.component, *sides[0], *sides[1], *values[0], *values[1]) == OK
+        assert function(c_void_p(self.fmu.component), *sides[0], *sides[1], *values[0], *values[1]) == OK
         return found
 
 
