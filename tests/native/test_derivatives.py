@@ -40,6 +40,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.native.runtime import COMPILERS
 from mbfmu.native.targets import host
+from mbfmu.steady.equilibrium import equilibrium
 
 Array = NDArray[np.float64]
 G = 9.81
@@ -64,12 +65,12 @@ def binary(models: ExportedModels) -> Callable[[str, Any], Binary]:
 class Linear:
     """Derivatives of an instance for model exchange, by states and inputs."""
 
-    def __init__(self, own: Importer) -> None:
+    def __init__(self, own: Importer, constant: tuple[str, ...] = ()) -> None:
         described = own.binary.description
         self.own = own
         self.slopes = [unknown.variable.valueReference for unknown in described.derivatives]
         self.states = [unknown.variable.derivative.valueReference for unknown in described.derivatives]
-        inputs = [v for v in described.modelVariables if v.causality == "input"]
+        inputs = [v for v in described.modelVariables if v.causality == "input" and v.name not in constant]
         self.inputs, self.input_names = [v.valueReference for v in inputs], [v.name for v in inputs]
         self.outputs = [own.references[name] for name in own.outputs]
 
@@ -126,7 +127,7 @@ def on_the_constraints(own: Importer, spread: float, seed: int = 1) -> Array:
 
 def relative_errors(found: Array, expected: Array) -> Array:
     """Return the largest error of every row, relative to its largest entry, or to a part of that of the matrix."""
-    size = np.maximum(np.abs(expected).max(axis=1), 1e-6 * np.abs(expected).max())
+    size = np.maximum(np.abs(expected).max(axis=1), 1e-3 * np.abs(expected).max())
     return np.abs(found - expected).max(axis=1) / size
 
 
@@ -184,17 +185,20 @@ CASES: dict[str, Callable[[], Mechanism]] = {
 }
 
 
+CONSTANT = {"governor": ("spindle.drive",), "pendulum": ("crank.drive",)}  # inputs that cannot be changed
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_derivatives_are_those_of_the_functions(name: str, binary: Callable[[str, Any], Binary]) -> None:
     with importing(binary(name, CASES[name]())) as own:
         own.start()
-        linear, rng = Linear(own), np.random.default_rng(7)
+        linear, rng = Linear(own, CONSTANT.get(name, ())), np.random.default_rng(7)
         spread = 1e-3 if name in ("near miss", "squeezer") else 0.05
         x, u = on_the_constraints(own, spread), rng.normal(size=len(linear.inputs))
         linear.evaluate(0.0, x, u)
         own.event()  # inputs may have moved the constraints
         x = own.states()
-        found, size = linear.matrix(), np.concatenate((np.ones(len(x)), np.full(len(u), 1.0)))
+        found, size = linear.matrix(), np.concatenate((own.nominals(), np.ones(len(u))))
         expected = linear.differences(0.0, x, u, (3e-5 if spread < 0.05 else 2e-3) * size)
     known = np.isfinite(expected).all(axis=1)
     assert np.isfinite(found).all()
@@ -266,7 +270,7 @@ def test_two_masses_in_closed_form(binary: Any) -> None:
 @pytest.mark.parametrize("model", [Governor(), Governor(driven=False), FourBar()], ids=["driven", "free", "four-bar"])
 def test_state_matrices_of_a_steady_state_are_those_of_mbfmu_linearize(model: Any, models: ExportedModels) -> None:
     """In directions that the constraints allow: by the independent coordinates, which change as linearize says."""
-    steady = model.equilibrium()
+    steady = equilibrium(model)
     expected, system = steady.state_space, steady.compiled.system
     f = expected.coordinates.shape[1]
     chosen = [list(system.coordinate_names).index(name) for name in expected.states[:f]]
@@ -341,11 +345,10 @@ def test_nothing_is_declared_independent_that_is_not(models: ExportedModels) -> 
 
 
 def test_branches_that_cross_have_no_derivatives(binary: Any) -> None:
-    case = loops.parallelogram(start=0.0)
-    with importing(binary("crossing", case.mechanism)) as own:
+    with importing(binary("crossing", loops.parallelogram(start=10.0).mechanism)) as own:
         own.start()
         linear = Linear(own)
-        own.place(0.0, np.concatenate(case.exact(np.zeros(1))).ravel())  # type: ignore[misc]
+        own.place(0.0, np.array([0.0, 0.0, 0.0, 1.0, -1.0, 1.0]))
         status, found = directional(own.fmu, linear.unknowns, linear.states[:1], [1.0])
         assert status == DISCARD
         assert np.isnan(found).all()
@@ -405,14 +408,14 @@ def test_a_large_tree_by_recursions(binary: Any) -> None:
         own.start()
         linear, rng = Linear(own), np.random.default_rng(4)
         assert own.count == 180
-        x, none = own.states() + 1e-3 * rng.normal(size=180), np.zeros(0)
+        x, gravity = own.states() + 1e-3 * rng.normal(size=180), np.array([0.0, -G, 0.0])
         for _ in range(3):
             direction, h = rng.normal(size=180), 1e-4
             own.place(0.0, x)
-            found = linear.along(direction)
+            found = linear.along(np.concatenate((direction, np.zeros(3))))
             expected = np.zeros(len(found))
             for n, w in ((1, 45.0), (2, -9.0), (3, 1.0)):
-                ahead, behind = (linear.evaluate(0.0, x + s * n * h * direction, none) for s in (1.0, -1.0))
+                ahead, behind = (linear.evaluate(0.0, x + s * n * h * direction, gravity) for s in (1.0, -1.0))
                 expected += w * (ahead - behind) / (60.0 * h)
             known = np.isfinite(expected)
             assert np.abs(found - expected)[known].max() < 1e-7 * np.abs(expected[known]).max()
