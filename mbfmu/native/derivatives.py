@@ -90,8 +90,9 @@ class Linearization(NamedTuple):
         (nq + n,) and (outputs,) derivatives of x' and of the outputs along the direction.
     positions, velocities, accelerations, multipliers
         (n,), (n,), (n,) and (m,) changes along the direction: xi, eta, da and dlam.
-    loads, before, observed
-        (n,) derivative of M a + h + J^T lam by forces that are inputs; (inputs,) their values; (outputs,) scratch.
+    loads, before, observed, redundant
+        (n,) derivative of M a + h + J^T lam by forces that are inputs; (inputs,) their values; (outputs,) and (m,)
+        scratch.
     qc, vc, ac, lamc, qdotc, tauc, gaps, rates, residuals, outc
         Complex: state, accelerations, multipliers; then q', M a + h + J^T lam, Phi, J v - nu, J a - gamma, outputs.
     """
@@ -114,6 +115,7 @@ class Linearization(NamedTuple):
     loads: Array
     before: Array
     observed: Array
+    redundant: Array
     qc: Complex
     vc: Complex
     ac: Complex
@@ -130,7 +132,7 @@ class Linearization(NamedTuple):
         """Return zeroed memory for a mechanism of ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         z, u = np.zeros, len(signals)
         point = z(nq), z(n), z(n), z(m)
-        direction = z(nq + n), z(u), z(nq + n), z(outputs), z(n), z(n), z(n), z(m), z(n), z(u), z(outputs)
+        direction = z(nq + n), z(u), z(nq + n), z(outputs), z(n), z(n), z(n), z(m), z(n), z(u), z(outputs), z(m)
         steps = (z(count, complex) for count in (nq, n, n, m, nq, n, m, m, m, outputs))
         return Linearization._make((data, signals, PointRecord.zeros(1), *point, *direction, *steps))
 

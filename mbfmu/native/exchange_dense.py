@@ -247,7 +247,7 @@ def correct_multipliers(
     lam~ = A^+ f with A = J~^T in units of coordinates and rows, so that dlam~ also has (1 - A^+ A) dJ~ J~^+ lam~ (Golub
     and Pereyra 1973, The differentiation of pseudo-inverses, doi:10.1137/0710036).
     """
-    m, n = terms.J.shape
+    (m, n), z = terms.J.shape, own.redundant
     for i in range(m):
         work.b[i] = own.lam[i] * work.row[i]
     solve_least_norm(work.b, n, rank, work.A, work.tau, work.pivots, work.dq)
@@ -257,16 +257,14 @@ def correct_multipliers(
             own.vc[i] = work.size[i] * work.dq[i] if sign > 0.0 else 0.0
         evaluate_complex(inputs, CONSTRAINTS, own)
         for i in range(m):
-            work.x[i] = imaginary(own.rates[i]) if sign > 0.0 else work.x[i] - imaginary(own.rates[i])
-    for i in range(m):
-        work.x[i] /= work.row[i]
+            z[i] = imaginary(own.rates[i]) / work.row[i] if sign > 0.0 else z[i] - imaginary(own.rates[i]) / work.row[i]
     for j in range(n):
         work.f[j] = 0.0
         for i in range(m):
-            work.f[j] += work.size[j] * terms.J[i, j] * work.x[i] / work.row[i]
-    solve_transposed_shortest(m, n, rank, work, work.b)  # A^+ A dJ~ J~^+ lam~
+            work.f[j] += work.size[j] * terms.J[i, j] * z[i] / work.row[i]
+    solve_transposed_shortest(m, n, rank, work, work.b)  # A^+ A z
     for i in range(m):
-        own.multipliers[i] += (work.x[i] - work.b[i]) / work.row[i]
+        own.multipliers[i] += (z[i] - work.b[i]) / work.row[i]
 
 
 @kernel

@@ -109,15 +109,18 @@ Outcome discard(Instance *own, int64_t code)
     char digits[32];
     const char *what = code == LEFT_BRANCH ? "the state is on another branch of the motion than the last completed step"
                        : code == STATES_NOT_FINITE ? "a continuous state that the importing tool has set is not finite"
-                       : code == NOT_DIFFERENTIABLE
-                           ? "two branches of the motion cross there, where derivatives by the states are not determined"
-                                                   : text_at(own, sentences[code].what);
+                       : code >= 0                 ? text_at(own, sentences[code].what)
+                                                   : "";
     if (own->reported & bit || (code == STATES_NOT_FINITE && own->reported)) /* a result of a discarded evaluation */
         return DISCARD;
     own->reported |= bit;
-    SAY(own->message, "the evaluation at t = ", in_digits(digits, clock_of(own)), " s is discarded: ", what,
-        ". The importing tool is expected to repeat the step with a smaller step size; if it cannot, reduce its "
-        "tolerance or its step size [discarded-evaluation]");
+    if (code == NOT_DIFFERENTIABLE)
+        SAY(own->message, "derivatives by states and inputs are not determined at t = ", in_digits(digits, clock_of(own)),
+            " s: two branches of the motion cross there. Request them at another state [discarded-evaluation]");
+    else
+        SAY(own->message, "the evaluation at t = ", in_digits(digits, clock_of(own)), " s is discarded: ", what,
+            ". The importing tool is expected to repeat the step with a smaller step size; if it cannot, reduce its "
+            "tolerance or its step size [discarded-evaluation]");
     own->log(own->host, DISCARD, "logStatusWarning", own->message);
     return DISCARD;
 }
