@@ -184,6 +184,23 @@ Outcome get_exchanged(Instance *own, uint32_t reference, unsigned wanted, double
     return outcome;
 }
 
+/* Set one state; the standard has a function for all of them, but some tools set them as variables. */
+Outcome set_exchanged(Instance *own, uint32_t reference, unsigned wanted, double value)
+{
+    bool is_derivative;
+    exchanged_index(own, reference, &is_derivative);
+    if (!(wanted & 1u << TYPE_REAL))
+        return mistake(own, "a continuous state is of type Real, but it was set as another type");
+    if (is_derivative || !own->exchange || !(AT_WORK & 1u << own->phase))
+        return mistake(own, "a continuous state or its derivative was set as a variable; allowed: to set states in model exchange, "
+                            "after the initialization");
+    double *place = place_of(own, reference);
+    if (*place != value)
+        own->fresh = own->derived = false;
+    *place = value;
+    return OK;
+}
+
 /* Evaluate the outputs at the time and the states. */
 int64_t read_exchanged(Instance *own)
 {

@@ -80,6 +80,7 @@ int64_t exchanged_index(Instance *own, uint32_t reference, bool *is_derivative);
 Outcome derive(Instance *own);
 Outcome discard(Instance *own, int64_t code);
 Outcome get_exchanged(Instance *own, uint32_t reference, unsigned wanted, double *value);
+Outcome set_exchanged(Instance *own, uint32_t reference, unsigned wanted, double value);
 int64_t read_exchanged(Instance *own);
 
 /* messages.c */
