@@ -72,6 +72,8 @@ class NativeModel(NamedTuple):
         Whether directional derivatives are provided.
     has_user_kernels
         Whether the FMU needs the library of :mod:`.user_kernels`.
+    family
+        Family of :mod:`.families` whose runtime the FMU needs.
     """
 
     variables: tuple[ScalarVariable, ...]
@@ -83,6 +85,7 @@ class NativeModel(NamedTuple):
     has_derivatives: bool
     data: bytes
     has_user_kernels: bool
+    family: str
 
 
 def native_model(model: Model, settings: Settings, for_one_run: bool = False) -> NativeModel:
@@ -111,10 +114,11 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     several = arrays(model, variables)
     states, notes = _states(simulation, variables) if not for_one_run else (None, [])
     file = _File(simulation, instance, image, settable, variables, several, states is not None, differentiates)
-    found, own = [*simulation.diagnostics, *notes], user_kernels(simulation.compiled.called())
-    inputs = simulation.compiled.inputs
+    messages, own = [*simulation.diagnostics, *notes], user_kernels(simulation.compiled.called())
+    inputs, family = simulation.compiled.inputs, family_of(simulation)
     moving = tuple(v.name for k, v in enumerate(inputs.variables) if inputs.moves_support(k))
-    return NativeModel(variables, several, frozen, found, states, moving, differentiates, file.write(), bool(own))
+    provided = states, moving, differentiates
+    return NativeModel(variables, several, frozen, messages, *provided, file.write(), bool(own), family)
 
 
 def _states(

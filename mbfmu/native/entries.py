@@ -154,7 +154,7 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
     if not family and simulation.solver_choice.solver in SUNDIALS_SOLVERS:
         raise UserError(
             f"native FMUs support solver {simulation.solver_choice.solver!r} only for small models, and this one has "
-            f"{system.n} joint coordinates; use 'adams', or export it without --native",
+            f"{system.n} joint coordinates; use 'adams', or export it with --python",
             "not-native",
         )
     if not family:
@@ -167,7 +167,7 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
         what = f"{simulation.solver_choice.solver!r}" if not system.m else f"{system.m} constraints"
         raise UserError(
             f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams' and without "
-            f"constraints; this one has {what}. Export it without --native",
+            f"constraints; this one has {what}. Export it with --python",
             "not-native",
         )
     called = simulation.compiled.called()
@@ -176,7 +176,7 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
         if own is not None and TableEntry(own, float) not in known:
             raise UserError(
                 f"kernel {own.function.__module__}.{own.function.__qualname__} is not in the runtime of native FMUs; "
-                "export the model without --native",
+                "export the model with --python",
                 "not-native",
             )
     instance, arrays = instance_of(simulation, differentiates), simulation.compiled.data.arrays

@@ -22,7 +22,8 @@ COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
     signals: signals.Signal, sensors: sensors.Sensor,
     sheet_joints: joints.Joint, sheet_elements: loads.Load, sheet_sensors: sensors.Sensor,
 }  # fmt: skip
-KERNEL_TABLE_SYMBOL = "mb_kinds"  # symbol of the addresses of all kernels of kinds
+KERNEL_TABLE_SYMBOL = "mb_kinds"  # symbol of the addresses of all kernels of kinds for real numbers
+DERIVATIVE_TABLE_SYMBOL = "mb_derivative_kinds"  # ... and of those for a complex state
 USER_LIBRARY = "mbfmu_kernels"  # beginning of the name of the library of user-defined kernels in an FMU
 USER_TABLE_SYMBOL = "mb_user_kernels"  # symbol of the addresses of its kernels
 LINEARIZED = NumberTypes(float, complex, UNMOVED | {"tangent"})  # real arrays and a complex state
@@ -30,7 +31,7 @@ STATE_WORDS = {"state", "motion", "coordinate", "lam"}  # words of a signature t
 
 
 class TableEntry(NamedTuple):
-    """A kernel of an element type, and the numbers of the state that it is compiled for."""
+    """A kernel, and the numbers of the state that it is compiled for."""
 
     called: CalledKernel
     state: type
@@ -42,10 +43,14 @@ def reads_state(called: CalledKernel) -> bool:
     return not (STATE_WORDS | set(dict(called.words))).isdisjoint(words.split(", "))
 
 
-def shipped_kernels() -> tuple[TableEntry, ...]:
-    """Return the kernels of all kinds that ship, in the order of their addresses in the runtime."""
-    real = [TableEntry(called, float) for called in _kernels(REAL)]
-    return tuple(dict.fromkeys([*real, *(TableEntry(c, complex) for c in _kernels(LINEARIZED) if reads_state(c))]))
+def shipped_kernels(state: type = float) -> tuple[CalledKernel, ...]:
+    """Return the kernels of all kinds that ship, in the order of their addresses in a table of the runtime.
+
+    ``state`` complex: those that are compiled for a complex state too.
+    """
+    if state is float:
+        return tuple(dict.fromkeys(_kernels(REAL)))
+    return tuple(dict.fromkeys(called for called in _kernels(LINEARIZED) if reads_state(called)))
 
 
 def _kernels(numbers: NumberTypes) -> Iterator[CalledKernel]:
@@ -62,7 +67,7 @@ def user_kernels(called: Iterable[CalledKernel | None]) -> tuple[CalledKernel, .
 
     Such a type has a kernel of another package, or one that is made of a function of the model.
     """
-    shipped = {entry.called for entry in shipped_kernels()}
+    shipped = set(shipped_kernels())
     others = dict.fromkeys(own for own in called if own is not None and own not in shipped)
     types_of_users = [own.record for own in others if _is_user_defined(own)]
     return tuple(own for own in others if own.record in types_of_users)
@@ -74,6 +79,8 @@ def _is_user_defined(called: CalledKernel) -> bool:
 
 
 def kernel_numbers(called: Iterable[CalledKernel | None]) -> dict[TableEntry, int]:
-    """Return the numbers of kernels in an FMU: those of the runtime, then the user-defined ones of a mechanism."""
-    own = (TableEntry(user, float) for user in user_kernels(called))
-    return {entry: k for k, entry in enumerate((*shipped_kernels(), *own))}
+    """Return the numbers of kernels in an FMU: those of both tables of the runtime, then the user-defined ones."""
+    own = ((user_kernels(called), float),)
+    tables = *((shipped_kernels(state), state) for state in (float, complex)), *own
+    entries = [TableEntry(kernel, state) for kernels, state in tables for kernel in kernels]
+    return {entry: k for k, entry in enumerate(entries)}

@@ -32,7 +32,8 @@ from . import sundials
 from .checksum import crc64
 from .entries import Entry
 from .exchange_memory import LEFT_BRANCH, NEXT_EVENT, NOT_DIFFERENTIABLE, RESTART, STATES_NOT_FINITE, TIMES
-from .kernel_table import USER_LIBRARY, USER_TABLE_SYMBOL, shipped_kernels
+from .families import FAMILIES
+from .kernel_table import DERIVATIVE_TABLE_SYMBOL, USER_LIBRARY, USER_TABLE_SYMBOL, shipped_kernels
 from .start_checks import Flaw
 
 ENTRY_C_TYPES = {
@@ -132,7 +133,7 @@ HEADER = np.dtype(
         ("token", f"S{TOKEN_BYTES}"),
         ("table_sum", "i8"),  # CRC-64 of header and sections, with zero in its place
         ("block_sum", "i8"),  # CRC-64 of the block
-        ("family", "i8"),  # place in entries.FAMILIES
+        ("family", "i8"),  # place in families.FAMILIES
         ("block", "i8"),  # where it begins in the file, and its bytes
         ("size", "i8"),
         ("saved", "i8"),  # of it, what is saved and restored
@@ -179,8 +180,8 @@ def signed(data: bytes, token: str) -> bytes:
     return header.tobytes() + sections + data[block:]
 
 
-def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) -> str:
-    """Return the C header of these records, and of the entry points that all families have, by their names."""
+def declarations(family: str, entries: Iterable[tuple[str, Entry]]) -> str:
+    """Return the C header of these records, and of the entry points of a family by their names."""
     known = [(name, [ENTRY_C_TYPES[word] for word in entry.more]) for name, entry in entries]
     lines = ["/* Made of mbfmu/native/layout.py. */", "#include <stdint.h>", ""]
     lines += [f"#define MAGIC INT64_C({FILE_MAGIC})", f"#define LENGTH ({LENGTH_VARIABLE})"]
@@ -193,6 +194,7 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     lines += [f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}", f"#define MIN_RTOL {MIN_RTOL!r}"]
     lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]
     lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(shipped_kernels())}"]
+    lines.append(f"#define DERIVATIVE_KINDS {len(shipped_kernels(complex))}")
     words = {"USER_LIBRARY": USER_LIBRARY, "USER_TABLE": USER_TABLE_SYMBOL}
     lines += [*(f"#define {name} {json.dumps(word)}" for name, word in words.items()), ""]
     lines += [_struct(name, record) for name, record in STRUCTS.items()]
@@ -206,18 +208,14 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     ]
     for name, more in known:
         lines.append(f"typedef int32_t {_kind(name)}({', '.join(('int64_t *', 'void **', 'void *', *more))});")
-    lines += sundials.declarations(ENTRY_C_TYPES)
+    lines += sundials.declarations(ENTRY_C_TYPES, family)
     lines += ["typedef struct {", *(f"    {_kind(name)} *{name};" for name, _ in known)]
     lines += ["    const Callbacks *callbacks; /* of SUNDIALS; NULL: it is not used */", "} Family;"]
-    names = list(families)
-    for family in names:
-        lines += [f"{_kind(name)} mb_{family}_{name};" for name, _ in known]
-    called = {family: f"&{family}_callbacks" for family in sundials.SUNDIALS_FAMILIES}
-    rows = (
-        f"    {{{', '.join((*(f'mb_{family}_{name}' for name, _ in known), called.get(family, '0')))}}},"
-        for family in names
-    )
-    lines += ["static const Family families[] = {", *rows, "};", "extern void *const mb_kinds[];", ""]
+    lines += [f"{_kind(name)} mb_{family}_{name};" for name, _ in known]
+    called = "&callbacks" if family in sundials.SUNDIALS_FAMILIES else "0"
+    row = ", ".join((*(f"mb_{family}_{name}" for name, _ in known), called))
+    lines += [f"#define FAMILY {list(FAMILIES).index(family)}", f"static const Family family = {{{row}}};"]
+    lines += [f"extern void *const mb_kinds[], *const {DERIVATIVE_TABLE_SYMBOL}[];", ""]
     return "\n".join(lines)
 
 

@@ -80,13 +80,13 @@ static bool good_states(const Header *h)
 /* Whether the table of addresses for SUNDIALS is after what states hold, where the family calls it. */
 static bool good_table(const Header *h)
 {
-    bool is_called = families[h->family].callbacks;
+    bool is_called = family.callbacks;
     return is_called ? h->ida_at >= h->saved && in_block(h, h->ida_at, WORD_COUNT, sizeof(int64_t)) : h->ida_at == 0;
 }
 
 static bool good_header(const Header *h)
 {
-    return is_index(h->family, sizeof families / sizeof families[0]) && fits(h->size, 0, h->saved, 1) &&
+    return h->family == FAMILY && fits(h->size, 0, h->saved, 1) &&
            in_block(h, h->root, 1, sizeof(double)) && in_block(h, h->clock_at, 1, sizeof(double)) &&
            in_block(h, h->length_at, 1, sizeof(double)) && in_block(h, h->options_at, 1, sizeof(Options)) &&
            in_block(h, h->run_status_at, 1, sizeof(RunStatus)) && in_block(h, h->worst_at, 1, sizeof(Worst)) &&
@@ -198,7 +198,7 @@ static bool good_addresses(const Instance *own)
             return false;
     for (int64_t k = 0; k < h->kernels_count; k++)
         if (kernels[k].at < h->saved || !in_block(h, kernels[k].at, 1, sizeof(void *)) ||
-            !is_index(kernels[k].target, KINDS + h->user_kernels))
+            !is_index(kernels[k].target, KINDS + DERIVATIVE_KINDS + h->user_kernels))
             return false;
     return true;
 }
