@@ -33,11 +33,12 @@ from .image import MemoryImage
 from .model_numbers import Place
 from .parameter_map import LENGTH_NAME, Entry, Term
 from .parameters import SettableParameters, find_settable
+from .steady_export import explain_missing_search, restricted_inputs
 
 FIXED_AT_EXPORT = {  # settings that are decided by the export, and why
     "solver": "it selects the machine code",
     "input_interpolation": "it changes the structure of the model",
-    "start_at_equilibrium": "the steady state is computed at export",
+    "start_at_equilibrium": "it decides how a run starts",
 }
 
 
@@ -83,9 +84,7 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     """
     simulation = UnstartedSimulation(model, settings)
     instance, image = image_of(simulation)
-    why = "the FMU is made for one run" if for_one_run else ""
-    if settings.start_at_equilibrium:
-        why = "the initial steady state, which is computed at export, depends on it"
+    why = "the FMU is made for one run" if for_one_run else explain_missing_search(simulation)
     settable = _nothing_settable(model, why) if why else find_settable(model)
     frozen = {name: why for name, why in settable.fixed.items() if not _structural(model, name)}
     variables = tuple(
@@ -161,6 +160,7 @@ class _File:
         self._simulation, self._instance, self._image, self._settable = simulation, instance, image, settable
         self._variables, self._arrays, self._text, self._exchanges = variables, several, bytearray(), exchanges
         self._constant_inputs = list_constant_inputs(simulation)
+        self._restricted_inputs = restricted_inputs(simulation)
         self._block = image.block()
         self._references = {v.name: k for k, v in enumerate(variables)}
         self._places = {
@@ -227,6 +227,7 @@ class _File:
         header["exchange"], header["positions"], header["velocities"] = self._exchanges, system.nq, system.n
         header["reports_coarse"] = bool(describe_coarse(compiled, COARSE_TOLERANCE, freedom))
         header["reports_undetermined"] = compiled.has_force_outputs
+        header["steady"] = self._simulation.steady_state is not None
         for name, place in self._places.items():
             header[f"{name}_at"] = place
         return b"".join((header.tobytes(), *parts, self._block))
@@ -252,7 +253,7 @@ class _File:
         moves = int(v.role is Role.INPUT and not self._simulation.compiled.inputs.holds_value(number))
         if v.name in self._constant_inputs:
             moves = layout.MOVES_WITHOUT_DERIVATIVES
-        rests = v.role is Role.INPUT and self._simulation.settings.start_at_equilibrium
+        rests = v.role is Role.INPUT and number in self._restricted_inputs
         rest_scale = max(abs(start), v.nominal or 0.0) if rests else 0.0
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)
         texts = self._add_text(v.name), self._add_text(v.allowed)
