@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.util.errors import UserError
 from solvers.system import Array
 
 from .monomials import FIT_TOLERANCE, Fit, products
+
+if TYPE_CHECKING:
+    from .parameter_dependence import ParameterDependence
 
 POWER_ROOT = 4  # powers are multiples of a quarter
 POWER_STEP_RATIO = 0.99  # of the value of a parameter, for its power about a point
@@ -79,3 +83,22 @@ def _products(
         return None
     scale = np.array([products(np.array([list(point.values())]), e[np.newaxis])[0, 0] for e in exponents.T])
     return exponents.T, y**POWER_ROOT / scale
+
+
+def fit_all_clipped(search: ParameterDependence, points: list[dict[str, float]]) -> bool:
+    """Fit what follows parameters up to a bound; false where that froze them."""
+    columns = np.array(sorted(search.bounded), np.int64)
+    started = set(search.reader.columns("q", "v", "world").tolist())
+    names = [n for n in search.settable if search.powers[n].keys() - started]  # a start has no say in a unit
+    search.clipped = []
+    if not any(search.powers[n].keys() & search.bounded for n in names):
+        return True
+    try:
+        found = fit_clipped(search.reader.read, search.at_center(), points, names, columns)
+    except UserError:
+        found = None
+    if found is None:
+        search.fix([n for n in names if search.powers[n].keys() & search.bounded], search.describe_no_sum(columns))
+        return False
+    search.clipped = found
+    return True

@@ -26,6 +26,7 @@ from solvers.outcome import CODES, KEYS, MESSAGES, Status
 from solvers.steppers import ORDER_LIMITS
 
 from . import layout, start_checks
+from .curves import Shifted
 from .entries import Instance, family_of, image_of, user_kernels, uses_sundials
 from .exchange_states import ExchangeState, exchange_states, explain_missing_exchange, list_constant_inputs
 from .families import FAMILIES
@@ -279,9 +280,11 @@ class _File:
         once = entry.place.array == "size"  # as CompiledMechanism.adopt has it: solvers keep their units
         return at, owner, once, entry.root, first, len(entry.sums), base
 
-    def _factors(self, term: Term) -> list[tuple[int, float]]:
+    def _factors(self, term: Term) -> list[tuple[int, float, float]]:
+        shifted = [(n if isinstance(n, Shifted) else Shifted(n, 0.0), power) for n, power in term.powers]
         return [
-            (layout.LENGTH_VARIABLE if n == LENGTH_NAME else self._references[n], power) for n, power in term.powers
+            (layout.LENGTH_VARIABLE if own.name == LENGTH_NAME else self._references[own.name], power, own.offset)
+            for own, power in shifted
         ]
 
     def _place(self, place: Place) -> int:

@@ -75,7 +75,8 @@ ENTRY = np.dtype(  # a number that follows parameters, see table.Entry
 )
 SUM = np.dtype([("terms", "i8"), ("count", "i8")])
 TERM = np.dtype([("factors", "i8"), ("count", "i8"), ("coefficient", "f8")])
-FACTOR = np.dtype([("variable", "i8"), ("power", "f8")])  # of variable LENGTH the characteristic length
+# power of a variable minus an offset; variable LENGTH is the characteristic length
+FACTOR = np.dtype([("variable", "i8"), ("power", "f8"), ("offset", "f8")])
 LENGTH_VARIABLE = -1
 SENTENCE = np.dtype([("what", "i8"), ("remedy", "i8")])  # places in the text, by solvers.outcome.Code
 FAILURE = np.dtype([("before", "i8"), ("between", "i8"), ("after", "i8")])  # by Outcome, then start_checks.Flaw

@@ -99,13 +99,17 @@ class Reader:
 
     def _read(self, values: Mapping[str, float]) -> Array:
         with np.errstate(all="ignore"):
-            compiled = self._model.with_values(values).compile()
+            compiled = self._model.with_values(self._typed(values)).compile()
             if fingerprints(compiled.called()) != self._kernels:
                 raise UserError(KERNEL_REASON)
             words = _words(compiled)
             if len(words) != len(self._real) or np.any(words[~self._real] != self._whole):
                 raise UserError(STRUCTURE_REASON)
             return self._numbers(compiled)
+
+    def _typed(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return values of parameters with the types of the parameters."""
+        return {name: type(getattr(self._model, name))(value) for name, value in values.items()}
 
     def _numbers(self, compiled: CompiledMechanism) -> Array:
         told = _solver_data(compiled)

@@ -29,7 +29,7 @@ class Flaw(IntEnum):
     MISPLACED = len(Outcome) + 3  # bodies are not where a load requires them: load, and its ``misplacement``
     NO_BRANCH = len(Outcome) + 4  # the rates belong to no branch of the motion in a singular configuration
     NO_STEADY_STATE = len(Outcome) + 5  # no steady state was found: a coordinate and the residual there
-    NOT_UNIQUE = len(Outcome) + 6  # a steady state has others next to it, or forces of loops are not determined: see there
+    NOT_UNIQUE = len(Outcome) + 6  # a steady state has others next to it, or forces in loops are not determined
     NOT_STEADY = len(Outcome) + 7  # forces do not balance after the drives have moved: see NO_STEADY_STATE
 
 
@@ -68,20 +68,20 @@ START_MESSAGES = {
     ),
     Flaw.NO_STEADY_STATE: Diagnostic.error(
         "no-steady-state",
-        "no steady state was found for the values that are set: the search ends where at {name!r} {gap:.3g} N or N m are "
-        "not balanced",
+        "no steady state was found for the values that are set: at the end of the search {name!r} has an unbalanced "
+        "force or moment of {gap:.3g} N or N m",
         STEADY_ADVICE,
     ),
     Flaw.NOT_UNIQUE: Diagnostic.error(
         "no-steady-state",
-        "the steady state for the values that are set is not unique, or forces of loop-closing joints are not determined "
-        "there; the largest residual is at {name!r}, {gap:.3g} N or N m",
+        "the steady state for the values that are set is not unique, or forces of loop-closing joints are not "
+        "determined in it; {name!r} has the largest residual, {gap:.3g} N or N m",
         STEADY_ADVICE,
     ),
     Flaw.NOT_STEADY: Diagnostic.error(
         "no-steady-state",
-        "there is no steady state for the values that are set: after the drives have moved, at {name!r} {gap:.3g} N or N m "
-        "are not balanced",
+        "there is no steady state for the values that are set: after the drives have moved, {name!r} has an unbalanced "
+        "force or moment of {gap:.3g} N or N m",
         STEADY_ADVICE,
     ),
 }

@@ -35,9 +35,7 @@ class SteadyStart(NamedTuple):
     gaps: Array  # (m,) Phi there
 
     @staticmethod
-    def allocate(
-        nq: int, m: int, search: SteadyScratch, drives: NDArray[np.int64], drive_sizes: Array
-    ) -> SteadyStart:
+    def allocate(nq: int, m: int, search: SteadyScratch, drives: NDArray[np.int64], drive_sizes: Array) -> SteadyStart:
         """Return arrays for ``nq`` positions and ``m`` constraints."""
         n, z = len(search.newton.v), np.zeros
         return SteadyStart(search, drives, drive_sizes, z(nq), z(n), z(n), z(m), z(n), z(m))

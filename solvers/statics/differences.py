@@ -68,9 +68,7 @@ class SteadyScratch(NamedTuple):
     report: Array  # (1,) factorized Jacobians
 
     @staticmethod
-    def allocate(
-        nq: int, size: Array, row: Array, rows: NDArray[np.int64], cyclic: NDArray[np.bool_]
-    ) -> SteadyScratch:
+    def allocate(nq: int, size: Array, row: Array, rows: NDArray[np.int64], cyclic: NDArray[np.bool_]) -> SteadyScratch:
         """Return scratch for these units of coordinates (n,) and of the independent constraints (rank,)."""
         n, rank, z = len(size), len(row), np.zeros
         newton = NewtonScratch.allocate(nq, size.copy(), row.copy())
