@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -90,15 +91,20 @@ def fit_all_clipped(search: ParameterDependence, points: list[dict[str, float]])
     columns = np.array(sorted(search.bounded), np.int64)
     started = set(search.reader.columns("q", "v", "world").tolist())
     names = [n for n in search.settable if search.powers[n].keys() - started]  # a start has no say in a unit
-    search.clipped = []
-    if not any(search.powers[n].keys() & search.bounded for n in names):
+    search.clipped, found = [], None
+    moving = [n for n in names if search.powers[n].keys() & search.bounded]
+    if not moving:
         return True
-    try:
+    with suppress(UserError):
         found = fit_clipped(search.reader.read, search.at_center(), points, names, columns)
-    except UserError:
-        found = None
     if found is None:
-        search.fix([n for n in names if search.powers[n].keys() & search.bounded], search.describe_no_sum(columns))
+        search.fix(blame_for_units(search) or moving, search.describe_no_sum(columns))
         return False
     search.clipped = found
     return True
+
+
+def blame_for_units(search: ParameterDependence) -> list[str]:
+    """Return the parameters that change both lengths that stay as they are and units with a bound."""
+    moved = ((n, search.powers[n].keys()) for n in search.settable)
+    return [n for n, columns in moved if columns & search.bounded and columns & search.constant_scales]

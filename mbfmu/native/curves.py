@@ -67,8 +67,8 @@ class Curve:
     coefficients: Array
 
     def values(self, known: Mapping[str, float]) -> tuple[Array, Array]:
-        """Return the numbers (k,) for values of all parameters, and bounds of their magnitude, so that ``FIT_TOLERANCE``
-        of the bounds is more than the error of the curves.
+        """Return the numbers (k,) for values of all parameters, and bounds of their magnitude: the error of the curves
+        is less than ``FIT_TOLERANCE`` of the bounds.
         """
         x = np.array([[value_of(variable, known) for variable in self.variables]])
         terms = products(x, self.exponents)[0]
@@ -165,7 +165,7 @@ class _Together:
         if (fitted + VALIDATION_SAMPLES) * len(search.reader.places) > MAX_SAMPLED_NUMBERS:
             return None
         try:
-            points = [self._point(box, k < fitted) for k in range(fitted + VALIDATION_SAMPLES)]
+            points = [self._point(box, k, k < fitted) for k in range(fitted + VALIDATION_SAMPLES)]
             points += [self._values | dict(zip(box, corner, strict=True)) for corner in product(*box.values())]
             rows = np.array([search.reader.read(point)[self._columns] for point in points])
         except UserError:
@@ -184,10 +184,13 @@ class _Together:
     def _others(self) -> list[str]:
         return [n for n in self._search.settable if n not in self._names]
 
-    def _point(self, box: dict[str, tuple[float, float]], dense_at_ends: bool) -> dict[str, float]:
-        """Return values of all parameters at random, those of curves within their range."""
+    def _point(self, box: dict[str, tuple[float, float]], number: int, dense_at_ends: bool) -> dict[str, float]:
+        """Return values of all parameters at random, those of curves within their range, whole numbers in turn."""
         search, random = self._search, self._search.random
         point = search.random_point()
+        for name in (n for n in self._names if n not in box):
+            number, k = divmod(number, len(search.discrete[name]))
+            point[name] = float(search.discrete[name][k])
         for name, (low, high) in box.items():
             u = np.cos(np.pi * random.random()) if dense_at_ends else random.uniform(-1.0, 1.0)
             point[name] = float(0.5 * (low + high) + 0.5 * (high - low) * u)
@@ -205,9 +208,8 @@ class _Together:
     ) -> Curve | None:
         """Return the curves of columns with the same powers of other parameters; None if they do not represent them."""
         others, names = self._others(), [*self._smooth, *(n for n in self._names if n not in self._smooth)]
-        offsets, scales = np.zeros(len(names)), np.ones(len(names))
-        for k, (low, high) in enumerate(box.values()):
-            offsets[k], scales[k] = 0.5 * (low + high), 0.5 * (high - low) or 1.0
+        low, high = np.array([box.get(n, self._search.ends[n]) for n in names]).T
+        offsets, scales = 0.5 * (low + high), np.where(low < high, 0.5 * (high - low), 1.0)
         powers = joint_exponents(kind) if kind else np.zeros((1, 0))
         u = (_vectors(points, names) - offsets) / scales
         center = np.array([self._search.center[n] or 1.0 for n in others])

@@ -127,20 +127,24 @@ def _structural(model: Model, name: str) -> bool:
 
 
 def _native_variable(v: ScalarVariable, model: Model, settable: SettableParameters, solver: str) -> ScalarVariable:
-    """Return a variable as it is without Python: what is baked is a constant, and ranges may be narrower."""
-    constant = (
-        v.name in FIXED_AT_EXPORT if v.role is Role.SETTING else v.role is Role.PARAMETER and v.name in settable.fixed
-    )
+    """Return a variable as it is without Python: some are constants, with the reason in the description, and ranges may
+    be narrower.
+    """
+    why = {Role.SETTING: FIXED_AT_EXPORT, Role.PARAMETER: settable.fixed}.get(v.role, {}).get(v.name, "")
     if v.role is Role.SETTING and v.name == "max_order":
         lowest, highest = ORDER_LIMITS[solver]
         if lowest < highest:
             return replace(v, max=highest, allowed=f"0, or {lowest} to {highest} with solver {solver!r}")
-        constant = True  # the method has one order
-    if constant:
-        return replace(v, causality="local", variability="constant", allowed="")
-    if v.role is not Role.PARAMETER or v.name not in settable.ranges:
+        why = "the solver has one order"
+    if why:
+        text = f"{v.description}; " if v.description else ""
+        text += f"constant in this FMU: {why}"
+        return replace(v, causality="local", variability="constant", allowed="", description=text)
+    if v.role is not Role.PARAMETER or v.name not in settable.ranges or v.type is Type.BOOLEAN:
         return v
     low, high = settable.ranges[v.name]
+    if v.type is Type.INTEGER:
+        low, high = int(low), int(high)
     own = next(p for p in model.parameters() if p.name == v.name)
     return replace(v, min=low, max=high, allowed=span(replace(own, min=low, max=high)))
 

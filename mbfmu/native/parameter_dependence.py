@@ -23,7 +23,7 @@ from mbfmu.util.errors import UserError
 from solvers.diagnostics import without_code
 from solvers.system import Array
 
-from .clipped import Clipped, fit_all_clipped
+from .clipped import Clipped, blame_for_units, fit_all_clipped
 from .curves import Curve, fit_all_curves
 from .guesses import fit_all_guesses
 from .model_numbers import STRUCTURE_REASON, Reader
@@ -37,22 +37,6 @@ EXTRA_FIT_POINTS, VALIDATION_POINTS = 3, 3  # points more than terms in a fit; p
 MIN_POWER_POINTS = 4  # points that decide whether a number is proportional to a power
 MAX_SCALE_RATIO = 2.0  # by which units may differ from those of another export, where they cannot follow a parameter
 PROBE_VALUE_FOR_ZERO = 0.7  # a value for what is zero
-ARRAY_DESCRIPTIONS = {
-    "world": "gravity",
-    "bodies": "a body",
-    "memory": "a joint, a force, a signal or a sensor",
-    "numbers": "a table",
-    "flexibles": "an elastic body",
-    "nodes": "the shape of an elastic body",
-    "q": "a start position",
-    "v": "a start velocity",
-    "size": "the unit of a coordinate",
-    "row_size": "the unit of a constraint",
-    "residual_scale": "the unit of a constraint",
-    "span": "the length of the mechanism",
-    "drive size": "the rate of the mechanism",
-    "drive rate": "the rate of the mechanism",
-}
 
 
 class ParameterDependence:
@@ -159,7 +143,7 @@ class ParameterDependence:
         """Leave parameters as they are in the model."""
         for name in list(names):
             hint = ""
-            if reason == STRUCTURE_REASON and getattr(self.model, name) == 0.0:
+            if reason == STRUCTURE_REASON and name not in self.discrete and getattr(self.model, name) == 0.0:
                 hint = " where it is not zero; export with another value than zero"
             self.fixed[name] = reason + hint
             self.settable.remove(name)
@@ -202,7 +186,7 @@ class ParameterDependence:
             y = np.array(rows)
             moved = self._without_derived(np.flatnonzero(np.any(y != y[0], axis=0)))
             found: dict[int, Powers | None] = dict.fromkeys(moved.tolist())
-            if self.center[name] and (name not in self.discrete or len(points) >= MIN_POWER_POINTS):
+            if name not in self.discrete or (all(points) and len(points) >= MIN_POWER_POINTS):
                 u = np.array(points) / self.center[name]
                 found = dict(zip(moved.tolist(), single(u, y[:, moved]), strict=True))
             unknown = {i for i in moved.tolist() if found[i] is None}
@@ -233,9 +217,7 @@ class ParameterDependence:
 
     def describe_no_sum(self, columns: Iterable[int]) -> str:
         """Return why a parameter is fixed that these columns follow in a way that is not represented."""
-        words = dict.fromkeys(
-            ARRAY_DESCRIPTIONS.get(self.reader.places[i].array, "the rate of the mechanism") for i in columns
-        )
+        words = dict.fromkeys(self.reader.describe(i) for i in columns)
         follow = "follows" if len(words) == 1 else "follow"
         return (
             f"{' and '.join(words)} {follow} it in a way that a native FMU cannot represent (only sums of "
@@ -245,6 +227,7 @@ class ParameterDependence:
     def _fit(self) -> bool:
         """Fit all sums and compare them with fresh compiled mechanisms; false where that froze a parameter."""
         keys: dict[tuple[Powers, ...], list[int]] = {}
+        self.curves = []
         left_out = self.guessed | self.bounded | self.constant_scales | self._curved_columns()
         for i in sorted(set().union(*(self.powers[n] for n in self.settable)) - left_out):
             keys.setdefault(tuple(self.powers[n].get(i, CONSTANT_POWERS) for n in self.settable), []).append(i)
@@ -265,7 +248,11 @@ class ParameterDependence:
                     *self.responsible_parameters(point, without_code(str(error)), self.settable, self.describe_refusal)
                 )
                 return False
-        x, center, y = self._vectors(points[:count]), np.array([self.center[n] for n in self.settable]), np.array(rows)
+        x, center, y = (
+            self._vectors(points[:count]),
+            np.array([self.center[n] or 1.0 for n in self.settable]),
+            np.array(rows),
+        )
         self.fits = []
         for key, members in keys.items():
             own = np.array(members, np.int64)
@@ -331,7 +318,9 @@ class ParameterDependence:
         blame.
         """
         reason, columns = self.compare_at(point)
-        if reason:
+        if columns and set(columns) <= self.bounded and (names := blame_for_units(self)):
+            self.fix(names, reason)
+        elif reason:
             self.fix(
                 *self.responsible_parameters(
                     point, reason, self.influencing_parameters(columns), self.describe_difference
@@ -351,9 +340,8 @@ class ParameterDependence:
         known = {int(i) for curve in self.curves for i in curve.columns}
         with np.errstate(invalid="ignore", divide="ignore"):
             off = ~(np.abs(wanted - row) <= good * size)
-            if self.constant_scales:
-                near = np.abs(np.log(np.abs(wanted / row))) <= np.log(MAX_SCALE_RATIO)
-                off[self._scales()] &= ~near[self._scales()]
+            units = self._scales() if self.constant_scales else []
+            off[units] &= ~(np.abs(np.log(np.abs(wanted[units] / row[units]))) <= np.log(MAX_SCALE_RATIO))
         off[[*self.guessed, *self.constant_scales, *(self._curved_columns() - known)]] = False
         wrong = np.flatnonzero(off).tolist()
         return (self.describe_no_sum(wrong), wrong) if wrong else ("", [])
