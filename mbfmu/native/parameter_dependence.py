@@ -271,7 +271,8 @@ class ParameterDependence:
         drawn, point = self.random.uniform, dict.fromkeys(self.settable, 0.0)
         for n in self.settable:
             low, high = self.ends[n]
-            point[n] = float(self.random.integers(low, high + 1.0) if n in self.discrete else drawn(low, high))
+            whole = n in self.discrete
+            point[n] = float(self.random.integers(int(low), int(high) + 1) if whole else drawn(low, high))
         return point
 
     def limits(self, name: str) -> tuple[float, float]:
@@ -340,7 +341,7 @@ class ParameterDependence:
         known = {int(i) for curve in self.curves for i in curve.columns}
         with np.errstate(invalid="ignore", divide="ignore"):
             off = ~(np.abs(wanted - row) <= good * size)
-            units = self._scales() if self.constant_scales else []
+            units = self._scales() if self.constant_scales else np.zeros(0, np.int64)
             off[units] &= ~(np.abs(np.log(np.abs(wanted[units] / row[units]))) <= np.log(MAX_SCALE_RATIO))
         off[[*self.guessed, *self.constant_scales, *(self._curved_columns() - known)]] = False
         wrong = np.flatnonzero(off).tolist()
