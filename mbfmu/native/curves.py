@@ -225,7 +225,7 @@ class _Together:
         kept = np.any(c != 0.0, axis=1)
         shifted = (Shifted(n, o) if o else n for n, o in zip(names, offsets.tolist(), strict=True))
         columns = np.array(self._columns, np.int64)[own]
-        return Curve(columns, (*shifted, *others), both[kept], c[kept])
+        return Curve(columns, (*shifted, *others), both[kept], np.asarray(c[kept], float))
 
 
 def _vectors(points: list[dict[str, float]], names: Iterable[str]) -> Array:
