@@ -142,7 +142,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     if not family and simulation.solver_choice.solver in SUNDIALS_SOLVERS:
         raise UserError(
             f"native FMUs support solver {simulation.solver_choice.solver!r} only for small models, and this one has "
-            f"{system.n} joint coordinates; use 'adams', or export it without --native",
+            f"{system.n} joint coordinates; use 'adams', or export it with --python",
             "not-native",
         )
     if not family:
@@ -155,7 +155,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
         what = f"{simulation.solver_choice.solver!r}" if not system.m else f"{system.m} constraints"
         raise UserError(
             f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams' and without "
-            f"constraints; this one has {what}. Export it without --native",
+            f"constraints; this one has {what}. Export it with --python",
             "not-native",
         )
     called = simulation.compiled.called()
@@ -164,7 +164,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
         if own is not None and own not in known:
             raise UserError(
                 f"kernel {own.function.__module__}.{own.function.__qualname__} is not in the runtime of native FMUs; "
-                "export the model without --native",
+                "export the model with --python",
                 "not-native",
             )
         numbers.append(-1 if own is None else known[own])
