@@ -267,17 +267,28 @@ class Equations(NamedTuple):
         return pin(Equations(*callbacks, s.pinned_data, pin(terms)))
 
 
+class TangentCallbacks(NamedTuple):
+    """What kernels call of a :class:`Tangent`."""
+
+    # (c1, c2, weight, symmetric, data) -> whether T is regular; weight (m,), zero: T itself
+    factor_tangent: Callable[[float, float, Array, bool, Any], bool]
+    solve_tangent: Callable[[Array, Any, Array], None]  # (r, data, dq): as Tangent.solve, all (n,)
+    multiply_mass_matrix: Callable[[Array, Any, Array], None]  # (a, data, tau): as Tangent.inertia
+    tangent: Any  # their data, pinned
+
+
 class Tangent(Protocol):
     """The linearized equations of motion of a tree, T = c2 M + c1 D + K, in a form that is solved in O(n).
 
     K is the derivative of h + J^T lambda.
     """
 
-    factored: int  # number of factorizations, by which a user of the factors detects that they have changed
     symmetric: bool  # whether T is symmetric up to terms that an outer iteration corrects
-    solve_one: Callable[[Array, Any, Array], None]  # compiled, (r, data, dq): as solve, all (n,)
-    inertia_one: Callable[[Array, Any, Array], None]  # (a, data, tau): as inertia
-    data: Any  # pinned
+    callbacks: TangentCallbacks
+
+    @property
+    def factored(self) -> int:
+        """Number of factorizations, by which a user of the factors detects that they have changed."""
 
     @property
     def negative(self) -> int:

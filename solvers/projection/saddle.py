@@ -20,7 +20,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from solvers.compiled.kernel import kernel
-from solvers.linalg.blocks import one_thread
+from solvers.linalg.threads import one_thread
 from solvers.outcome import Code
 from solvers.stepper import start_rate
 from solvers.system import Array, TreeSystem

@@ -49,7 +49,7 @@ from solvers.compiled.tuple_pointer import pin
 from solvers.diagnostics import Diagnostic
 from solvers.energy_account import EnergyScales
 from solvers.inertia import Growth, describe_large_growth
-from solvers.linalg.blocks import one_thread
+from solvers.linalg.threads import one_thread
 from solvers.options import Options
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, count_freedom, inverse_squares, motion_rate, project
@@ -127,8 +127,9 @@ class TreeIDAStepper(IDADriver):
         user_data = self._user_data = pin(
             UserData(
                 system.inverse, system.retract, system.position, *energy_callbacks(system), system.pinned_data,
-                self._terms, system.positions, system.tangent.solve_one, system.tangent.inertia_one,
-                system.tangent.data, self._scratch, self._reduced, QUATERNION_LENGTH_RATE * self._rate, len(atol),
+                self._terms, system.positions, system.tangent.callbacks.solve_tangent,
+                system.tangent.callbacks.multiply_mass_matrix, system.tangent.callbacks.tangent, self._scratch,
+                self._reduced, QUATERNION_LENGTH_RATE * self._rate, len(atol),
                 self._energy_record, self._scales, self._counts, self._progress_array,
                 self._tolerances(atol, part * options.rtol),
                 self._make_complex_step(len(atol)), system.parts_callback, pin(self._growth_data),
