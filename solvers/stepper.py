@@ -47,31 +47,42 @@ def find_unresolved(t: float, rate: float, q: Reals, size: Any, rtol: float) -> 
     return worst
 
 
+class ResolutionError(ValueError):
+    """Floating-point numbers do not resolve the start of a run: its time, or a position."""
+
+    def __init__(self, diagnostic: Diagnostic, of_time: bool) -> None:
+        super().__init__(diagnostic)
+        self.of_time = of_time
+
+
 def require_resolution(t0: float, rate: float, q: Array, size: Array, rtol: float, names: tuple[str, ...] = ()) -> None:
-    """Raise if floating-point numbers do not resolve the start time ``t0`` (s) and positions q (nq,), see
-    :func:`find_unresolved`; ``names`` are those of the coordinates.
+    """Raise ResolutionError if floating-point numbers do not resolve the start time ``t0`` (s) and positions q (nq,).
+
+    See :func:`find_unresolved`; ``names`` are those of the coordinates.
     """
     k = find_unresolved(t0, rate, q, size, rtol)
     if k == UNRESOLVED_TIME:
-        raise ValueError(
+        raise ResolutionError(
             Diagnostic.error(
                 "clock-resolution",
                 f"t0 is {t0:g} s, where the spacing of floating-point numbers is {spacing(t0):.1e} s; in that time the "
                 f"motion changes by more than the tolerance of {rtol:g}",
                 "Use a start time nearer to zero",
                 time=t0,
-            )
+            ),
+            of_time=True,
         )
     if k != RESOLVED:
         name = f"coordinate {names[k]!r}" if len(names) == len(q) else f"position {k}"
-        raise ValueError(
+        raise ResolutionError(
             Diagnostic.error(
                 "clock-resolution",
                 f"{name} starts at {q[k]:g}, where the spacing of floating-point numbers is "
                 f"{spacing(q[k]):.1e}; this is too coarse for a tolerance of {rtol:g}",
                 "Start nearer to zero (an angle minus a multiple of 2 pi is the same position)",
                 subject=names[k] if len(names) == len(q) else "",
-            )
+            ),
+            of_time=False,
         )
 
 

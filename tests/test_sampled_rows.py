@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,9 @@ from fmus.fourbar import FourBar
 from fmus.pendulum import SwingPendulum
 from mbfmu.mechanics import Mechanism, Spherical, box
 from mbfmu.modeling import Model
+from mbfmu.session.run import simulate
 from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
 from solvers.steppers import SOLVERS
 
 TIMES = np.linspace(0.0, 0.4, 41)[1:]
@@ -56,3 +60,16 @@ def test_rows_may_lie_anywhere_in_memory():
     for values in rows:
         assert Simulation(FourBar(), Settings(solver="adams")).record(TIMES, values) == len(TIMES)
     np.testing.assert_array_equal(*rows)
+
+
+@pytest.mark.parametrize("end", [1e-9, 1e-11, 1e-15])
+def test_a_short_run_ends_at_its_stop_time(end: float) -> None:
+    assert list(simulate(top(), end, solver="adams").t) == [0.0, end]
+
+
+@pytest.mark.parametrize("times", [[0.2, 0.1], [0.1, np.nan], [[0.1]], ["x"], [-1.0, 1.0], None])
+def test_times_that_do_not_increase_are_refused_and_change_nothing(times: Any) -> None:
+    simulation = Simulation(top(), Settings(solver="adams"))
+    with pytest.raises(UserError, match="times"):
+        simulation.record(times, np.zeros((2, len(simulation.variables))))
+    assert simulation.t == 0.0

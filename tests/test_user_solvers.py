@@ -452,6 +452,16 @@ def test_wrong_accelerations_end_the_run(returned: Any, part: str) -> None:
     assert f"evaluate() of Direct {part}" in result.failure
 
 
+@pytest.mark.parametrize("method", ["restart", "continue_after_event"])
+def test_an_exception_while_a_solver_is_made_is_that_of_the_solver(method: str) -> None:
+    def fails(_self: Any) -> None:
+        raise ValueError("no table for this size")
+
+    solver = type(f"Unmade_{method}", (RK4,), {method: fails})
+    with pytest.raises(mb.UserError, match=r"solver '.*' \(class .* with ValueError: no table .*\[broken-solver\]"):
+        mb.simulate(oscillator(), 1.0, solver=solver)
+
+
 def test_a_solver_that_never_advances_ends_where_a_signal_limits_the_steps() -> None:
     m = oscillator()
     m.force("push", JointForce(Step(begin=0.3, height=1.0)), m.bodies[1])

@@ -75,7 +75,6 @@ class Values(Fmi2Slave):  # type: ignore[misc]
         self._are_outputs = np.array([v.role is Role.OUTPUT for v in self.variables])
         self._outputs = np.flatnonzero(self._are_outputs)
         self._inputs = self._references(Role.INPUT)
-        self._moving = {r for k, r in enumerate(self._inputs) if not compiled.inputs.holds_value(k)}
         self._settings = {self.variables[r].name: r for r in self._references(Role.SETTING)}
         free = [r for r in self._references(Role.PARAMETER) if self.variables[r].settable]
         self._parameters = {r: self.variables[r].name for r in free}
@@ -192,8 +191,8 @@ class Values(Fmi2Slave):  # type: ignore[misc]
         return ""
 
     def _store_value(self, reference: int, value: float) -> None:
-        same = self._buffer[reference] == value and reference not in self._moving  # which may have changed since
-        if not same or self._phase is not Phase.RUNNING:
+        matters = self._buffer[reference] != value or self.variables[reference].role is Role.INPUT
+        if matters or self._phase is not Phase.RUNNING:
             self._buffer[reference] = value
             self._changed_references.add(reference)
             self._outputs_valid = False

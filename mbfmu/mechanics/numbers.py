@@ -21,6 +21,14 @@ def array_of(what: str, value: Any) -> NDArray[np.float64]:
     return array
 
 
+def ascending_times(value: Any) -> NDArray[np.float64]:
+    """Check times, s: a row of finite numbers, each greater than the one before; there may be none."""
+    times = array_of("times", value)
+    if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):
+        raise UserError(f"times are {value!r}; allowed: finite numbers, each greater than the one before")
+    return np.ascontiguousarray(times)
+
+
 def is_finite(value: Any) -> bool:
     """Whether there are numbers, and every one is finite."""
     array = _numbers(value)

@@ -249,14 +249,12 @@ class _File:
             low, high = 0.0, 1.0
         unknown = nan if v.type is Type.REAL else 0.0
         start = unknown if v.start is None else float(v.start)
-        moves = int(v.role is Role.INPUT and not self._simulation.compiled.inputs.holds_value(number))
-        if v.name in self._constant_inputs:
-            moves = layout.MOVES_WITHOUT_DERIVATIVES
+        is_fixed = int(v.name in self._constant_inputs)  # in model exchange
         rests = v.role is Role.INPUT and self._simulation.settings.start_at_equilibrium
         rest_scale = max(abs(start), v.nominal or 0.0) if rests else 0.0
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)
         texts = self._add_text(v.name), self._add_text(v.allowed)
-        return (*texts, kinds, roles, number, layout.SETTABLE.index(when), moves, start, low, high, rest_scale)
+        return (*texts, kinds, roles, number, layout.SETTABLE.index(when), is_fixed, start, low, high, rest_scale)
 
     def _array(self, array: ArrayVariable, members: list[tuple[Any, ...]]) -> tuple[int, int]:
         first = len(members)

@@ -51,7 +51,7 @@ VARIABLE = np.dtype(
         ("role", "i8"),  # place in interface.Role
         ("number", "i8"),  # among those of its role
         ("settable", "i8"),  # when: see SETTABLE
-        ("moves", "i8"),  # 1: it may have changed since it was set, as a support; MOVES_WITHOUT_DERIVATIVES: see there
+        ("fixed_in_exchange", "i8"),  # 1: a support whose acceleration is no input, constant in model exchange
         ("start", "f8"),
         ("low", "f8"),
         ("high", "f8"),
@@ -60,7 +60,6 @@ VARIABLE = np.dtype(
 )
 ARRAY = np.dtype([("members", "i8"), ("count", "i8")])  # of FMI 3: first of its members, and how many
 MEMBER = np.dtype([("variable", "i8")])
-MOVES_WITHOUT_DERIVATIVES = 2  # a support whose acceleration is no input: it is constant in model exchange
 SETTABLE = ("never", "before", "between")  # never; until the initialization ends; between steps too
 ENTRY = np.dtype(  # a number that follows parameters, see table.Entry
     [
@@ -183,7 +182,6 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     lines += [f"#define MAX_VALID_RATIO {MAX_VALID_RATIO!r}", f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}"]
     lines += [f"#define LEFT_BRANCH ({LEFT_BRANCH})", f"#define STATES_NOT_FINITE ({STATES_NOT_FINITE})"]
     lines.append(f"#define EXCHANGE_TIMES {TIMES}")
-    lines.append(f"#define MOVES_WITHOUT_DERIVATIVES {MOVES_WITHOUT_DERIVATIVES}")
     lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
     lines += [f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}", f"#define MIN_RTOL {MIN_RTOL!r}"]
     lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]

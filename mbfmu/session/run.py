@@ -11,7 +11,7 @@ import numpy as np
 
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.arrays.given_inputs import Given, GivenInputs
-from mbfmu.mechanics.numbers import array_of, positive
+from mbfmu.mechanics.numbers import ascending_times, positive
 from mbfmu.mechanics.signals import Signal
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.scene import MAX_OUTPUTS
@@ -37,7 +37,7 @@ def communication_points(stop_time: float, interval: float) -> Array:
             f"interval is {interval!r} s for {stop_time!r} s; allowed: at most {MAX_OUTPUTS:g} points. Use "
             "a larger interval"
         )
-    count = int(np.ceil(stop_time / interval - 1e-9))
+    count = int(np.ceil(stop_time / interval * (1.0 - 1e-9)))
     times: Array = np.minimum(interval * np.arange(count + 1), stop_time)
     return times
 
@@ -140,9 +140,9 @@ def run(
     UserError
         Times that do not ascend, and what :class:`Simulation` raises.
     """
-    times = array_of("times", times)
-    if times.ndim != 1 or not len(times) or not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):
-        raise UserError(f"times are {times!r}; allowed: finite numbers, each greater than the one before")
+    times = ascending_times(times)
+    if not len(times):
+        raise UserError("times are empty; allowed: at least one time")
     if watch is not None and not callable(watch):
         raise UserError(f"watch is {watch!r}; allowed: a function that is shown the simulation")
     if not isinstance(inputs or {}, Mapping):

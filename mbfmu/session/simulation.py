@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.arrays.given_inputs import GivenInputs
-from mbfmu.mechanics.numbers import finite
+from mbfmu.mechanics.numbers import ascending_times, finite
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
 from mbfmu.modeling.variables import ENERGY_OUTPUTS, require_unique
@@ -24,7 +24,7 @@ from solvers import Options, Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.compiled.tuple_pointer import pin
 from solvers.outcome import OK
-from solvers.stepper import Stepper, pack, unpack
+from solvers.stepper import ResolutionError, Stepper, pack, unpack
 from solvers.steppers import SOLVER_NAMES, fingerprint_of_solver
 from solvers.steppers.guard import GuardedStepper
 
@@ -216,7 +216,7 @@ class Simulation(Diagnosed):
             return created
         except ValueError as error:
             reason = str(error)
-            if t == 0.0 and reason.startswith("t0 is"):  # the clock resolves everything there but what is no number
+            if t == 0.0 and isinstance(error, ResolutionError) and error.of_time:  # only NaN is not resolved there
                 text = "rates or accelerations at the start are too large for floating-point numbers"
                 remedy = "Reduce gravity, forces, stiffness or velocities, or increase masses and lengths"
                 reason = str(Diagnostic.error("clock-resolution", text, remedy))
@@ -415,9 +415,14 @@ class Simulation(Diagnosed):
         Raises
         ------
         UserError
-            The shape of ``values`` is another one.
+            The times are not finite numbers that increase from the time reached, or the shape of ``values`` is another
+            one.
         """
-        times = np.ascontiguousarray(times)
+        times = ascending_times(times)
+        if len(times) and times[0] < self.t:
+            raise UserError(
+                f"times begin at {times[0]} s, but the simulation is at {self.t} s; restore a state to go back"
+            )
         if np.shape(values) != (len(times), len(self.variables)):
             wanted = (len(times), len(self.variables))
             raise UserError(f"values have the shape {np.shape(values)}; allowed: {wanted} (times, outputs)")

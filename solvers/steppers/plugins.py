@@ -16,7 +16,7 @@ from typing import Any
 
 from solvers.diagnostics import Diagnostic
 from solvers.outcome import UserSolverError
-from solvers.stepper import Stepper
+from solvers.stepper import ResolutionError, Stepper
 from solvers.system import AnySystem
 
 from .one_step import MAX_ORDER, OneStepSolver
@@ -143,11 +143,11 @@ def name_error(name: str, reached: float, error: Exception) -> UserSolverError:
 
 
 def create_plugin(name: str, system: AnySystem, t0: float, *arguments: Any) -> Stepper:
-    """Return a solver from outside at a state; ValueError if it cannot be loaded or created."""
+    """Return a solver from outside at a state; ValueError if it cannot be loaded or created, or its start resolved."""
     cls = load_plugin(name)
     try:
         return cls(system, t0, *arguments)
-    except ValueError:
+    except ResolutionError:
         raise
     except Exception as error:
         raise name_error(name, t0, error) from error

@@ -98,11 +98,19 @@ def begin_inputs(i: InputRecords) -> None:
 
 
 @kernel
-def hold_value(coefficient: int, value: float, t: float, polynomial: PolynomialRecord) -> None:
-    """Set a coefficient from t on; a polynomial with a rate continues from its present value."""
-    polynomial.c[0] += (t - polynomial.t0) * polynomial.c[1]
-    polynomial.t0 = t
-    polynomial.c[coefficient] = 0.5 * value if coefficient == 2 else value
+def hold_value(coefficient: int, value: float, t: float, polynomial: PolynomialRecord) -> bool:
+    """Set the value (coefficient 0) or the rate (1) of a load from t on.
+
+    A load with a rate continues from its present value.
+
+    Returns whether this changes the polynomial; if not, it is left as it is.
+    """
+    present = polynomial.c[0] + (t - polynomial.t0) * polynomial.c[1]
+    if value == (polynomial.c[1] if coefficient == 1 else present):
+        return False
+    polynomial.t0, polynomial.c[0] = t, present
+    polynomial.c[coefficient] = value
+    return True
 
 
 @kernel
@@ -131,22 +139,28 @@ def start_input(i: InputRecords, index: int, value: float, t: float) -> None:
 
 
 @kernel
-def set_input(i: InputRecords, index: int, value: float, t: float) -> None:
-    """Take the value of an input at time t.
+def set_input(i: InputRecords, index: int, value: float, t: float) -> bool:
+    """Take the value of an input at time t; return whether the equations of motion change at t.
 
     A load is held or extrapolated from t on; one with a rate continues from its present value. The target of a
-    support is recorded for :func:`begin_support_motions`.
+    support is recorded for :func:`begin_support_motions`, which changes the equations later.
     """
     own = i.inputs[index]
     if own.role == GRAVITY_LOAD:
+        if i.world[0].gravity[own.coefficient] == value:
+            return False
         i.world[0].gravity[own.coefficient] = value
-    elif own.role == SUPPORT_MOTION:
+        return True
+    if own.role == SUPPORT_MOTION:
         set_motion_input(own.coefficient, value, i.supports[own.number])
-    elif own.role == EXTRAPOLATED_LOAD:
+        return False
+    if own.role == EXTRAPOLATED_LOAD:
         load = i.loads[own.number]
-        set_load_input(t, value, load, i.polynomials[load.polynomial])
-    else:
-        hold_value(own.coefficient, value, t, i.polynomials[own.number])
+        polynomial = i.polynomials[load.polynomial]
+        changed = not load_finished(polynomial) or polynomial.c[0] != value
+        set_load_input(t, value, load, polynomial)
+        return bool(changed)
+    return hold_value(own.coefficient, value, t, i.polynomials[own.number])
 
 
 @kernel

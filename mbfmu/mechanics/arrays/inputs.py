@@ -195,10 +195,6 @@ class Inputs:
         """Whether an input is the position or the rate of a driven coordinate."""
         return self._roles[index] == SUPPORT_MOTION
 
-    def holds_value(self, index: int) -> bool:
-        """Whether an input stays as it was set: a support moves on, and a load may be extrapolated, or have a rate."""
-        return self._roles[index] in (HELD_LOAD, GRAVITY_LOAD) and self._slots[index].signal not in self._rated
-
     def positions(self) -> list[int]:
         """Return the numbers of the inputs that are the position of a driven coordinate."""
         return [k for k, slot in enumerate(self._slots) if self.moves_support(k) and not slot.coefficient]

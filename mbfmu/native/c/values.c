@@ -161,9 +161,9 @@ Outcome set(Instance *own, uint32_t reference, unsigned wanted, double value)
         return mistake(own, text);
     }
     own->flags[reference] &= (unsigned char)~REFUSED;
-    if (is_at_work(own) && own->values[reference] == value && (own->exchange || !v->moves))
-        return OK;
-    if (own->exchange && v->moves == MOVES_WITHOUT_DERIVATIVES && is_at_work(own)) {
+    if (is_at_work(own) && own->values[reference] == value && (own->exchange || v->role != ROLE_INPUT))
+        return OK; /* an input may have changed since; whether it has is decided where it is set */
+    if (own->exchange && v->fixed_in_exchange && is_at_work(own)) {
         SAY(text, "'", text_at(own, v->name), "' was set to ", in_digits(digits, value), ", but it is constant in model "
             "exchange: it moves a joint without an input for its acceleration; set it before the end of the initialization");
         return mistake(own, text);

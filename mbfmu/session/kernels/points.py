@@ -131,14 +131,14 @@ def account_discontinuity(session: Session, before: float, t: float, q: Reals, v
 
 
 @kernel
-def apply_input(session: Session, index: int, value: float, t: float, q: Reals, v: Reals) -> int:
-    """Set an input at the time reached; return its role."""
-    role: int = session.inputs.inputs[index].role
-    before = energy_at(session, t, q, v) if role == GRAVITY_LOAD else 0.0
-    set_input(session.inputs, index, value, t)
-    if role == GRAVITY_LOAD:
+def apply_input(session: Session, index: int, value: float, t: float, q: Reals, v: Reals) -> bool:
+    """Set an input at the time reached; return whether the equations of motion change there."""
+    is_gravity = session.inputs.inputs[index].role == GRAVITY_LOAD
+    before = energy_at(session, t, q, v) if is_gravity else 0.0
+    changed: bool = set_input(session.inputs, index, value, t)
+    if is_gravity and changed:
         account_discontinuity(session, before, t, q, v)
-    return role
+    return changed
 
 
 @kernel

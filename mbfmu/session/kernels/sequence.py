@@ -1,6 +1,7 @@
 """What happens at a communication point, in its order: the one description for Python and for native FMUs.
 
-    set input   set the value; count a jump of the potential energy as work; the solver continues at its state
+    set input   set the value; if it changes the equations of motion, count a jump of the potential energy as work, and
+                the solver continues at its state
     step        extrapolated loads change; support motions start, with the impulse of all velocity jumps;
                 the solver advances; check of the energy balance; limits of elements
     read        accelerations and multipliers; outputs; check of the energy balance
@@ -29,7 +30,6 @@ from mbfmu.mechanics.arrays.input_kernels import (
     LOADS_CHANGED,
     MOTION_STARTS,
     RATE_JUMPS,
-    SUPPORT_MOTION,
     all_finished,
     perturb_motions,
     restore_motions,
@@ -153,7 +153,7 @@ def sequence_of(solver: SolverActions, compiled: Callable[[F], F] = _unchanged) 
     def set_input(run: Any, index: int, value: float) -> int:
         if not abs(value) < np.inf:
             return NOT_FINITE
-        if apply_input(run.session, index, value, run.clock[0], run.q, run.v) != SUPPORT_MOTION:
+        if apply_input(run.session, index, value, run.clock[0], run.q, run.v):
             continue_at_state(run)
         return OK
 
