@@ -274,7 +274,7 @@ class TangentCallbacks(NamedTuple):
     factor_tangent: Callable[[float, float, Array, bool, Any], bool]
     solve_tangent: Callable[[Array, Any, Array], None]  # (r, data, dq): as Tangent.solve, all (n,)
     multiply_mass_matrix: Callable[[Array, Any, Array], None]  # (a, data, tau): as Tangent.inertia
-    tangent: Any  # their data, pinned
+    tangent: Any  # their data, pinned, with n_factored (1,): how often T has been factored
 
 
 class Tangent(Protocol):
@@ -346,6 +346,13 @@ class TreeSystem(AnySystem):
     # forward was called for last; it may overwrite their results
     moves: Callable[[], bool] = is_never_true  # (): whether drives move: then inertia forces change with the positions
 
+    @cached_property
+    def equations(self) -> Any:
+        """A :class:`TreeEquations`, pinned."""
+        callbacks = self.forward, self.inverse, self.retract, *energy_callbacks(self), self.parts_callback
+        constraints = self.mobility, self.constraints, self.position
+        return pin(TreeEquations(*callbacks, *constraints, self.pinned_data, *self.tangent.callbacks))
+
     @property
     def can_compute_rate_growth(self) -> bool:
         """Whether the rate growth can be computed, see :mod:`solvers.inertia`: not with loops, and not in meshes."""
@@ -371,3 +378,22 @@ class TreeSystem(AnySystem):
         loaded = np.zeros(self.m) if lam is None else lam
         _inverse(self.inverse, t, q, v, a, loaded, self.pinned_data, qdot, tau)
         return tau
+
+
+class TreeEquations(NamedTuple):
+    """Callbacks and data of a :class:`TreeSystem`, as kernels take them."""
+
+    forward: Any
+    inverse: Any
+    retract: Any
+    power: Any
+    evaluate_energy_bound: Any
+    inertia_parts: Any
+    mobility: Any
+    constraints: Any
+    position: Any
+    data: Any
+    factor_tangent: Any  # see TangentCallbacks
+    solve_tangent: Any
+    multiply_mass_matrix: Any
+    tangent: Any

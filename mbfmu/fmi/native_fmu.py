@@ -174,8 +174,9 @@ def _with_solver(
 
 def _supported(system: AnySystem) -> tuple[str, ...]:
     """Return the solvers of native FMUs for models of this size."""
-    without_matrices = tuple(name for name in NATIVE_SOLVERS if name not in (*SUNDIALS_SOLVERS, "radau"))
-    return NATIVE_SOLVERS if system.has_matrices else without_matrices
+    if system.has_matrices:
+        return tuple(name for name in NATIVE_SOLVERS if name != "esdirk")
+    return tuple(name for name in NATIVE_SOLVERS if name not in (*SUNDIALS_SOLVERS, "radau"))
 
 
 def _listed(solvers: tuple[str, ...]) -> str:

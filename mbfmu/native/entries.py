@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from mbfmu.mechanics import couplings, cuts, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.closing import CutFrames
 from mbfmu.mechanics.arrays.input_kernels import InputRecords, start_input
-from mbfmu.mechanics.arrays.tables import REAL, CalledKernel
-from mbfmu.mechanics.kind import ElementType, element_types_of, kernel_of, record_of
+from mbfmu.mechanics.arrays.tables import REAL, TANGENT_NUMBERS, CalledKernel, called_kernels, used_type
+from mbfmu.mechanics.kind import ElementType, element_types_of
 from mbfmu.mechanics.records import ItemRecord, empty_data
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
+from mbfmu.mechanics.tangent.factored import empty_tangent
 from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.kernels.points import Session, begin_session
 from mbfmu.session.kernels.sequence import SolverActions, sequence_of
@@ -44,7 +45,7 @@ from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
 
-from .families import FAMILIES, NATIVE_SOLVERS
+from .families import FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
 from .image import MemoryImage
 from .model_exchange import Exchange, exchange_entries
 from .start_checks import check_resolution, find_misplaced
@@ -111,7 +112,8 @@ def instance_of(simulation: Simulation) -> Instance:
     compiled, system, family = simulation.compiled, simulation.compiled.system, FAMILIES[family_of(simulation)]
     given, (q, v) = unpin(stepper.integration), (array.copy() for array in simulation.start)
     sizes = system.nq, system.n, system.m
-    eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, *sizes)
+    tangent = system.tangent.callbacks.tangent if family.uses_tangent else None
+    eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, tangent, *sizes)
     work = family.work(*sizes, system.placed)
     work.size[:] = system.size
     work.inertia["watched"] = unpin(given.work).inertia["watched"]
@@ -159,24 +161,21 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
             f"{', '.join(drop_unlisted(NATIVE_SOLVERS))}",
             "not-native",
         )
-    if family != "tree" and not system.has_matrices:
-        what = f"{simulation.solver_choice.solver!r}" if not system.m else f"{system.m} constraints"
+    if not system.has_matrices and (system.m or family not in TREE_FAMILIES):
+        what = f"{system.m} constraints" if system.m else f"the solver {simulation.solver_choice.solver!r}"
         raise UserError(
-            f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams' and without "
-            f"constraints; this one has {what}. Export it without --native",
+            f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams' and 'esdirk' "
+            f"and without constraints; this one has {what}. Export it without --native",
             "not-native",
         )
     called = simulation.compiled.called()
-    known, numbers = {own: k for k, own in enumerate((*shipped_kernels(), *user_kernels(called)))}, []
-    for own in called:
-        if own is not None and own not in known:
-            raise UserError(
-                f"kernel {own.function.__module__}.{own.function.__qualname__} is not in the runtime of native FMUs; "
-                "export the model without --native",
-                "not-native",
-            )
-        numbers.append(-1 if own is None else known[own])
+    known = {own: k for k, own in enumerate((*shipped_kernels(), *user_kernels(called)))}
     instance, arrays = instance_of(simulation), simulation.compiled.data.arrays
+    addresses = [(arrays.kernels, kernel_numbers(called, known))]
+    if FAMILIES[family].uses_tangent:
+        derivatives = simulation.compiled.tangent_called()
+        table = unpin(unpin(system.tangent.callbacks.tangent).arrays).kernels
+        addresses.append((table, kernel_numbers(derivatives, known)))
     own, start = instance.given, instance.start
     memory = own.memory
     state = [
@@ -193,7 +192,21 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     state += instance.session.memory()
     state += [array for array in arrays if array is not arrays.kernels]
     state += instance.exchange.memory()
-    return instance, MemoryImage(instance, state, arrays.kernels, numbers)
+    return instance, MemoryImage(instance, state, addresses)
+
+
+def kernel_numbers(called: Iterable[CalledKernel | None], known: dict[CalledKernel, int]) -> list[int]:
+    """Return the numbers of kernels in the runtime, -1 where there is none; UserError if one is not in it."""
+    numbers = []
+    for own in called:
+        if own is not None and own not in known:
+            raise UserError(
+                f"kernel {own.function.__module__}.{own.function.__qualname__} is not in the runtime of native FMUs; "
+                "export the model without --native",
+                "not-native",
+            )
+        numbers.append(-1 if own is None else known[own])
+    return numbers
 
 
 def example(name: str) -> Any:
@@ -202,7 +215,7 @@ def example(name: str) -> Any:
     callbacks = {own: _named(function) for own, function in family.callbacks.items()}
     positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64))
     data = pin(empty_data())
-    eqs = family.equations(callbacks, data, 1, 1, 1)
+    eqs = family.equations(callbacks, data, empty_tangent() if family.uses_tangent else None, 1, 1, 1)
     own = family.memory(1, 1, 1), family.work(1, 1, 1, positions), EnergyScales.of(1e-6, z(1), z(1))
     state = z(1), z(1), z(ACCOUNT_SIZE)
     given = Integration(eqs, records(1, family.loop.SETTINGS), *own, *state)
@@ -391,7 +404,5 @@ def shipped_kernels() -> tuple[CalledKernel, ...]:
 
 def _kernels(module: ModuleType, role: type[ElementType]) -> Iterator[CalledKernel]:
     for kind in element_types_of(module, role):
-        for name, signature in kind.kernels.items():
-            function = kernel_of(kind, name)
-            if function is not None and name not in REAL.left_out:
-                yield CalledKernel(function, record_of(kind), signature, tuple(kind.records.items()))
+        for numbers in (REAL, TANGENT_NUMBERS):
+            yield from filter(None, called_kernels(used_type(kind), numbers))

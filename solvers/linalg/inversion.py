@@ -64,8 +64,8 @@ def find_largest(row: Reals, first: int, left_out: int) -> int:
 
 
 @kernel
-def invert(A: Reals, order: Integers, X: Reals) -> bool:
-    """A (n, n) <- A^-1 by LU with row pivoting; X (n, n) and order (n,) are scratch. False: A is singular."""
+def invert(A: Reals, order: Integers, scratch: Reals) -> bool:
+    """A (n, n) <- A^-1 by LU with row pivoting; scratch (n, n) and order (n,) are scratch. False: A is singular."""
     n = A.shape[0]
     for k in range(n):
         order[k] = k
@@ -88,29 +88,29 @@ def invert(A: Reals, order: Integers, X: Reals) -> bool:
                 out, row = A[i, k + 1 :], A[k, k + 1 :]
                 for j in range(out.shape[0]):
                     out[j] -= factor * row[j]
-    for i in range(n):  # X <- L^-1, of which what is right of the diagonal is zero
+    for i in range(n):  # scratch <- L^-1, of which what is right of the diagonal is zero
         for j in range(n):
-            X[i, j] = 0.0
-        X[i, i] = 1.0
-        add_rows(-1.0, A[i], 0, i, X, X[i, :i])
-    for back in range(n):  # X <- U^-1 X
+            scratch[i, j] = 0.0
+        scratch[i, i] = 1.0
+        add_rows(-1.0, A[i], 0, i, scratch, scratch[i, :i])
+    for back in range(n):  # scratch <- U^-1 scratch
         i = n - 1 - back
-        add_rows(-1.0, A[i], i + 1, n, X, X[i])
+        add_rows(-1.0, A[i], i + 1, n, scratch, scratch[i])
         pivot = 1.0 / A[i, i]
         for j in range(n):
-            X[i, j] *= pivot
+            scratch[i, j] *= pivot
     for i in range(n):
         for j in range(n):
-            A[i, order[j]] = X[i, j]
+            A[i, order[j]] = scratch[i, j]
     return True
 
 
 @kernel
-def invert_symmetric(A: Reals, order: Integers, X: Reals, Y: Reals) -> int:
+def invert_symmetric(A: Reals, order: Integers, scratch: Reals, product: Reals) -> int:
     """A (n, n) <- A^-1 of a symmetric matrix; return the number of negative eigenvalues, or SINGULAR.
 
     P A P^T = L D L^T with blocks D of one or two rows by rook pivoting, which bounds L (Ashcraft, Grimes, Lewis, SIAM
-    J. Matrix Anal. Appl. 20, 1998). X and Y (n, n) and order (n,) are scratch.
+    J. Matrix Anal. Appl. 20, 1998). scratch and product (n, n) and order (n,) are scratch.
     """
     n, k, negative = A.shape[0], 0, 0
     for i in range(n):
@@ -123,35 +123,38 @@ def invert_symmetric(A: Reals, order: Integers, X: Reals, Y: Reals) -> int:
             negative += 1  # of a pair the eigenvalues have both signs
         eliminate_pivot(k, width, A)
         k += width
-    for i in range(n):  # X <- L^-1
+    for i in range(n):  # scratch <- L^-1
         for j in range(n):
-            X[i, j] = 0.0
-        X[i, i] = 1.0
+            scratch[i, j] = 0.0
+        scratch[i, i] = 1.0
         is_second = i > 0 and order[i - 1] < 0
-        add_rows(-1.0, A[i], 0, i - 1 if is_second else i, X, X[i, :i])
+        add_rows(-1.0, A[i], 0, i - 1 if is_second else i, scratch, scratch[i, :i])
     k = 0
     while k < n:  # A <- D^-1 L^-1
         if order[k] >= 0:
             a = 1.0 / A[k, k]
             for j in range(n):
-                A[k, j] = a * X[k, j]
+                A[k, j] = a * scratch[k, j]
             k += 1
             continue
         a, b, c = A[k, k], A[k, k + 1], A[k + 1, k + 1]
         low, high = a / b, c / b  # scaled by b, the largest of the block
         scale = 1.0 / (b * (low * high - 1.0))
         for j in range(n):
-            A[k, j], A[k + 1, j] = scale * (high * X[k, j] - X[k + 1, j]), scale * (low * X[k + 1, j] - X[k, j])
+            A[k, j], A[k + 1, j] = (
+                scale * (high * scratch[k, j] - scratch[k + 1, j]),
+                scale * (low * scratch[k + 1, j] - scratch[k, j]),
+            )
         order[k] = -1 - order[k]
         k += 2
-    for i in range(n):  # Y <- L^-T D^-1 L^-1, up to the diagonal
+    for i in range(n):  # product <- L^-T D^-1 L^-1, up to the diagonal
         for j in range(i + 1):
-            Y[i, j] = 0.0
-        add_rows(1.0, X[:, i], i, n, A, Y[i, : i + 1])
+            product[i, j] = 0.0
+        add_rows(1.0, scratch[:, i], i, n, A, product[i, : i + 1])
     for i in range(n):
         for j in range(i + 1):
-            A[order[i], order[j]] = Y[i, j]
-            A[order[j], order[i]] = Y[i, j]
+            A[order[i], order[j]] = product[i, j]
+            A[order[j], order[i]] = product[i, j]
     return negative
 
 

@@ -136,6 +136,10 @@ class CompiledElements:
         """Return what the addresses in ``Arrays.kernels`` are of."""
         return self._tables.called()
 
+    def tangent_called(self) -> list[CalledKernel | None]:
+        """Return the same of :meth:`tangent_arrays`."""
+        return self._tables.called(TANGENT_NUMBERS)
+
     def signals_in(self, data: Data) -> list[InUse]:
         """Return every signal with its record in the data, or in those of a :meth:`complex_data`."""
         kind = complex_dtype if data.state.q.dtype == complex else np.dtype

@@ -230,6 +230,10 @@ class CompiledMechanism:
         """Return the kernels of element types whose addresses are in the arrays of this compiled mechanism."""
         return self._elements.called()
 
+    def tangent_called(self) -> list[CalledKernel | None]:
+        """Return the kernels whose addresses are in the arrays of the structured tangent."""
+        return self._elements.tangent_called()
+
     def signals(self, data: Data) -> list[InUse]:
         """Return every signal as it is in data of this compiled mechanism: its own, or those of a complex system."""
         return self._elements.signals_in(data)

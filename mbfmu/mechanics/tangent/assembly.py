@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.matrix_view import matrix_at
-from solvers.linalg.blocks import block_matrices, eliminate, reset
+from solvers.linalg.blocks import block_matrices, eliminate, find_places, reset
 from solvers.linalg.inversion import invert, largest_column
 from solvers.system import Array
 
@@ -47,6 +48,36 @@ class TangentScratch(NamedTuple):
     panel: Array  # columns while they are condensed, and six rows for that
     received: Array  # what groups have added to the rows of their neighbors inward, see ``received_start``
     received_start: NDArray[np.int64]  # (groups,) where it is of each; -1: no group adds to its rows
+
+    @staticmethod
+    def allocate(
+        sizes: Sequence[int], kept: Sequence[int], inward: Sequence[int], nb: int, nv: int, m: int, load_rows: int,
+        columns: int,
+    ) -> TangentScratch:  # fmt: skip
+        """Return zeroed scratch for groups of ``sizes`` rows, of which so many are ``kept``, and their neighbors.
+
+        ``load_rows`` are those of the stiffness of a load, ``columns`` those of the border.
+        """
+        widest = max(size + (sizes[k] if k >= 0 else 0) for size, k in zip(sizes, inward, strict=True))
+        (places, _, count), square, z = find_places(inward), max(sizes, default=0) ** 2, np.zeros
+        return TangentScratch(
+            F=z((widest + 6, widest)),
+            S=z((6, 6)),
+            N=z((6, 6)),
+            C=z((3, 3)),
+            turn=z(3, complex),
+            G=z((6, 6)),
+            g=z((6, 3)),
+            row=z(12),
+            pair=z(24),
+            K=z((max(24, load_rows), max(24, load_rows))),
+            weight=z(m),
+            along=z(nv),
+            coupling_block=z((columns, 2, nb, 6)),
+            panel=z((max(sizes, default=0) + 6) * max(kept, default=0)),
+            received=z(count * square),
+            received_start=np.where(places >= 0, places * square, -1),
+        )
 
 
 @kernel

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbfmu.mechanics.records import Arrays, State, copy_state, to_complex_state
+from mbfmu.mechanics.records import Arrays, State, copy_state, empty_data, to_complex_state
 from solvers.compiled.kernel import COMPILED, callback, types
-from solvers.compiled.tuple_pointer import pin, pointer_type, unpin
-from solvers.linalg.blocks import Factors, find_places
+from solvers.compiled.tuple_pointer import pin, pointer_type
+from solvers.linalg.blocks import Factors
 from solvers.system import Array, TangentCallbacks
 
 from .assembly import TangentScratch, factor
 from .border import Border
 from .groups import Groups
 from .inertia import count_negative
-from .layout import lay_out
+from .layout import Layout, lay_out
 from .solving import TangentData, Unknowns, multiply_mass, solve
 
 if TYPE_CHECKING:
@@ -54,6 +54,21 @@ def tangent_callbacks(data: Any) -> tuple[Callable[..., Any], Callable[..., Any]
     return factored, take(solve_tangent), take(multiply_mass_matrix)
 
 
+def empty_tangent() -> Any:
+    """Return the data of a tangent of one body, pinned: an example of the types that every tangent has."""
+    (arrays, state), z, integers = empty_data(), np.zeros, np.int64
+    layout = Layout(**{name: z((1, 2) if name == "along" else 1, integers) for name in Layout._fields})
+    border = Border.of(layout._replace(columns=z(1, integers)), 1)
+    return pin(
+        TangentData(
+            pin(layout), pin(arrays), pin(state), pin(copy_state(state)), pin(to_complex_state(state)),
+            pin(TangentScratch.allocate([1], [1], [-1], 1, 1, 1, 6, 1)),
+            pin(Unknowns.allocate([1], [z(1, integers)], 1, 1)), pin(border), pin(Factors.allocate([1], [-1])),
+            z(1, integers),
+        )
+    )  # fmt: skip
+
+
 class Tangent:
     """T of one mechanism, factored and solved as often as wanted.
 
@@ -78,53 +93,23 @@ class Tangent:
         self.symmetric = all(a.load.symmetric for a in acting)
         self.layout, kept, sizes = lay_out(arrays, groups, acting)
         free = int(arrays.bodies["nv"][arrays.bodies["vf"] >= 0].sum())
-        unknowns = sum(len(own) for own in kept)
-        self.n_locked = (unknowns - free) // 2  # directions that joints lock
-        inward, nv, nb, z = self.layout.inward.tolist(), int(arrays.bodies["nv"].sum()), len(arrays.bodies), np.zeros
-        base = np.concatenate(([0], np.cumsum(sizes))).astype(np.int64)
-        rows = [np.zeros(0, np.int64), *(at + own for at, own in zip(base, kept, strict=False))]
-        whole = np.concatenate([np.zeros(0, np.int64), *kept])
-        self._border = Border.of(self.layout, free)
-        self._factors = Factors.allocate([len(own) for own in kept], inward)
-        self._scratch = self._allocate_scratch(arrays, state, kept, sizes, inward)
+        self.n_locked = (sum(len(own) for own in kept) - free) // 2  # directions that joints lock
+        inward, nv, nb = self.layout.inward.tolist(), int(arrays.bodies["nv"].sum()), len(arrays.bodies)
+        counts, m = [len(own) for own in kept], int(arrays.kept.max(initial=-1)) + 1
+        load_rows, columns = 6 * int(np.diff(self.layout.first_body).max(initial=0)), int(self.layout.columns.sum())
+        self._border, self._factors = Border.of(self.layout, free), Factors.allocate(counts, inward)
+        self._scratch = TangentScratch.allocate(sizes, counts, inward, nb, nv, m, load_rows, columns)
+        self._count = np.zeros(1, np.int64)
         own = state._replace(S=state.S[:0], U=state.U[:0], D=state.D[:0])
         self.data = pin(
             TangentData(
                 pin(self.layout), pin(arrays), pin(state), pin(copy_state(state)), pin(to_complex_state(own)),
-                pin(self._scratch),
-                pin(Unknowns(base, np.concatenate(rows), whole, z(unknowns), z(base[-1] + 6), z((nv, 6)), z((nb, 6)))),
-                pin(self._border), pin(self._factors), np.zeros(1, np.int64),
+                pin(self._scratch), pin(Unknowns.allocate(sizes, kept, nb, nv)), pin(self._border), pin(self._factors),
+                self._count,
             )
         )  # fmt: skip
-        self._count = unpin(self.data).n_factored
         factored, solved, multiplied = tangent_callbacks(pointer_type(self.data) if COMPILED else None)
         self.callbacks = TangentCallbacks(factored, solved, multiplied, self.data)
-
-    def _allocate_scratch(
-        self, arrays: Arrays, state: State, kept: Sequence[Any], sizes: Sequence[int], inward: Sequence[int]
-    ) -> TangentScratch:
-        widest = max(size + (sizes[k] if k >= 0 else 0) for size, k in zip(sizes, inward, strict=True))
-        most, z = 6 * max(4, int(np.diff(self.layout.first_body).max(initial=0))), np.zeros
-        places, _, count = find_places(inward)
-        square = max(sizes, default=0) ** 2
-        return TangentScratch(
-            F=z((widest + 6, widest)),
-            S=z((6, 6)),
-            N=z((6, 6)),
-            C=z((3, 3)),
-            turn=z(3, complex),
-            G=z((6, 6)),
-            g=z((6, 3)),
-            row=z(12),
-            pair=z(24),
-            K=z((most, most)),
-            weight=z(int(arrays.kept.max(initial=-1)) + 1),
-            along=z(len(state.v)),
-            coupling_block=z((int(self.layout.columns.sum()), 2, len(arrays.bodies), 6)),
-            panel=z((max(sizes, default=0) + 6) * max((len(own) for own in kept), default=0)),
-            received=z(count * square),
-            received_start=np.where(places >= 0, places * square, -1),
-        )
 
     @property
     def factored(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -28,6 +29,14 @@ class Unknowns(NamedTuple):
     b: Array  # (rows + 6,)
     dual: Array  # (nv, 6) dual bases of all joints
     motions: Array  # (nb, 6)
+
+    @staticmethod
+    def allocate(sizes: Sequence[int], kept: Sequence[NDArray[np.int64]], nb: int, nv: int) -> Unknowns:
+        """Return those of groups of ``sizes`` rows, of which the ``kept`` ones stay after condensation."""
+        base, z, none = np.concatenate(([0], np.cumsum(sizes))).astype(np.int64), np.zeros, np.zeros(0, np.int64)
+        rows = np.concatenate([none, *(at + own for at, own in zip(base, kept, strict=False))])
+        whole = np.concatenate([none, *kept])
+        return Unknowns(base, rows, whole, z(len(rows)), z(base[-1] + 6), z((nv, 6)), z((nb, 6)))
 
 
 class TangentData(NamedTuple):

@@ -52,7 +52,8 @@ from solvers.inertia import Growth, describe_large_growth
 from solvers.linalg.threads import one_thread
 from solvers.options import Options
 from solvers.outcome import Code
-from solvers.projection.saddle import Accelerations, count_freedom, inverse_squares, motion_rate, project
+from solvers.projection.saddle import Accelerations, count_freedom, motion_rate, project
+from solvers.projection.tree_constraints import set_scales
 from solvers.stepper import require_resolution
 from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array, TreeSystem, energy_callbacks
 
@@ -297,7 +298,8 @@ class TreeIDAStepper(IDADriver):
         if code is Code.OK:
             J, zeros = motion.terms.J, np.zeros(m)
             part, squares = TIKHONOV_FACTOR * self.options.rtol / self._rate, J * J @ self._reduced.metric
-            self._reduced.d[0], self._reduced.d[1] = part / motion.masses, part / inverse_squares(squares)
+            set_scales(squares, self._reduced.d[1])
+            self._reduced.d[0], self._reduced.d[1] = part / motion.masses, part / self._reduced.d[1]
             y = np.concatenate((self._q, self._v, motion.lam, zeros))
             yp = np.concatenate((motion.qdot, motion.a, zeros, zeros))
             self._begin_with(y, yp)
