@@ -176,7 +176,8 @@ def _supported(system: AnySystem) -> tuple[str, ...]:
     """Return the solvers of native FMUs for models of this size."""
     if system.has_matrices:
         return tuple(name for name in NATIVE_SOLVERS if name != "esdirk")
-    return tuple(name for name in NATIVE_SOLVERS if name not in (*SUNDIALS_SOLVERS, "radau"))
+    left_out = ("radau", *(SUNDIALS_SOLVERS if system.nonsmooth_reason else ()))
+    return tuple(name for name in NATIVE_SOLVERS if name not in left_out)
 
 
 def _listed(solvers: tuple[str, ...]) -> str:

@@ -41,6 +41,8 @@ from solvers.positions import Positions
 from solvers.stepper import advance_in_pieces_of
 from solvers.steppers import drop_unlisted
 from solvers.steppers.ida.dense_memory import IDAMemory
+from solvers.steppers.ida.tree_memory import TreeIDAMemory
+from solvers.steppers.ida.tree_memory import Work as TreeIDAWork
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
@@ -117,6 +119,8 @@ def instance_of(simulation: Simulation) -> Instance:
     work = family.work(*sizes, system.placed)
     work.size[:] = system.size
     work.inertia["watched"] = unpin(given.work).inertia["watched"]
+    for name in ("mesh_mask", "friction_velocity") if isinstance(own_work := unpin(given.work), TreeIDAWork) else ():
+        getattr(work, name)[:] = getattr(own_work, name)
     assembly = compiled.assembly
     scratch = ClosureScratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
     if simulation.settings.start_at_equilibrium:
@@ -137,7 +141,7 @@ def instance_of(simulation: Simulation) -> Instance:
 
 def uses_sundials(instance: Instance) -> bool:
     """Whether an instance calls SUNDIALS."""
-    return isinstance(instance.given.memory, IDAMemory)
+    return isinstance(instance.given.memory, IDAMemory | TreeIDAMemory)
 
 
 def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
@@ -149,10 +153,10 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
         Its solver, or a kernel of it, is not in the runtime.
     """
     family, system = family_of(simulation), simulation.compiled.system
-    if not family and simulation.solver_choice.solver in SUNDIALS_SOLVERS:
+    if not system.has_matrices and system.nonsmooth_reason and simulation.solver_choice.solver in SUNDIALS_SOLVERS:
         raise UserError(
-            f"native FMUs support solver {simulation.solver_choice.solver!r} only for small models, and this one has "
-            f"{system.n} joint coordinates; use 'adams', or export it without --native",
+            f"native FMUs do not support solver {simulation.solver_choice.solver!r} for this large model, since "
+            f"{system.nonsmooth_reason}; use 'esdirk', or export it without --native",
             "not-native",
         )
     if not family:
@@ -164,8 +168,8 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     if not system.has_matrices and (system.m or family not in TREE_FAMILIES):
         what = f"{system.m} constraints" if system.m else f"the solver {simulation.solver_choice.solver!r}"
         raise UserError(
-            f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams' and 'esdirk' "
-            f"and without constraints; this one has {what}. Export it without --native",
+            f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams', 'ida' and "
+            f"'esdirk' and without constraints; this one has {what}. Export it without --native",
             "not-native",
         )
     called = simulation.compiled.called()

@@ -40,6 +40,8 @@ from solvers.steppers.esdirk.formulas import Memory as ESDIRKMemory
 from solvers.steppers.esdirk.steps import Work
 from solvers.steppers.esdirk.tree import ESDIRK_KERNELS
 from solvers.steppers.ida import dense_loop as dense_ida
+from solvers.steppers.ida import tree_loop as tree_ida
+from solvers.steppers.ida import tree_memory
 from solvers.steppers.ida.dense_memory import IDAMemory, continue_history
 from solvers.steppers.ida.dense_memory import set_options as set_ida_options
 from solvers.steppers.ida.dense_memory import set_up as set_up_ida
@@ -209,6 +211,18 @@ def begin_ida(instance: Any, t: float) -> tuple[int, float]:
 
 
 @kernel
+def begin_tree_ida(instance: Any, t: float) -> tuple[int, float]:
+    """As ``TreeIDAStepper`` is made."""
+    problem, status = instance.given, instance.session.status[0]
+    tree_memory.set_options(instance.options, problem)
+    status.flaw, status.singular = ASSEMBLED, 0
+    for row in range(problem.work.constraints.row_size.shape[0]):
+        problem.work.constraints.row_size[row] = instance.start.scratch.row[row]
+    code = tree_memory.set_up(problem, t, instance.known[0], instance.options[0].duration)
+    return code, problem.settings[0].rate
+
+
+@kernel
 def evaluate_dense(instance: Any) -> int:
     """Fill ``instance.a`` and ``instance.lam``."""
     problem = instance.given
@@ -301,6 +315,11 @@ FAMILIES = {  # by the prefix of their entry points
         assemble_tree, begin_esdirk, evaluate_constrained_tree, checks_energy, ESDIRK_KERNELS,
         restore=esdirk.discard_factors, uses_tangent=True,
     ),
+    "tree_ida": Family(
+        tree_ida, TREE_KERNELS, _tree_equations, tree_memory.TreeIDAMemory.allocate, tree_memory.Work.allocate,
+        assemble_tree, begin_tree_ida, evaluate_constrained_tree, checks_energy, tree_ida.IDA_KERNELS,
+        restore=tree_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, uses_tangent=True,
+    ),
 }  # fmt: skip
-TREE_FAMILIES = ("tree", "esdirk")  # families of large models
+TREE_FAMILIES = ("tree", "esdirk", "tree_ida")  # families of large models
 NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau", "ida", "esdirk")  # that they serve

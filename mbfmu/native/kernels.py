@@ -17,7 +17,7 @@ from solvers.compiled.tuple_pointer import pointer_type
 
 from .entries import KERNEL_TABLE_SYMBOL, entries, example, shipped_kernels
 from .families import FAMILIES
-from .sundials import CALLBACK_ENTRIES, SUNDIALS_FAMILIES, callback_symbol
+from .sundials import CALLBACK_TYPES, SUNDIALS_FAMILIES, callback_symbol
 from .targets import TARGETS
 
 
@@ -31,7 +31,7 @@ def compiled() -> tuple[dict[str, tuple[Any, Any]], list[str]]:
             arguments = instance, *entry.more
             kernel.compile(types.int64(*arguments))
             found[f"mb_{family}_{name}"] = kernel, arguments
-        for name, (function, more) in CALLBACK_ENTRIES.items() if family in SUNDIALS_FAMILIES else ():
+        for function, (name, more) in zip(SUNDIALS_FAMILIES.get(family, ()), CALLBACK_TYPES.items(), strict=False):
             kernel, arguments = jit_uncached(function), (instance, *more)
             kernel.compile(types.int64(*arguments))
             found[callback_symbol(family, name)] = kernel, arguments

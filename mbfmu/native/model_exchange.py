@@ -445,7 +445,14 @@ TREE = Formulation(
     project_tree, evaluate_tree, is_on_branch_tree, unchanged_tree, unchanged_at_tree, unchanged_tree,
     unchanged_at_tree, unchanged_tree, unchanged_at_tree, unchanged_tree, unchanged_tree, unchanged_tree,
 )  # fmt: skip
-FORMULATIONS = {"adams": DENSE, "radau": DENSE, "ida": DENSE, "tree": TREE, "esdirk": TREE}  # by family of steppers
+FORMULATIONS = {
+    "adams": DENSE,
+    "radau": DENSE,
+    "ida": DENSE,
+    "tree": TREE,
+    "esdirk": TREE,
+    "tree_ida": TREE,
+}  # by family of steppers
 
 
 def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[Callable[..., int], tuple[Any, ...]]]:

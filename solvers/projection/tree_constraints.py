@@ -15,6 +15,7 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.svd import decompose
 from solvers.outcome import NO_MASS, NOT_CLOSED, NOT_FINITE, OK
+from solvers.stepper import start_rate
 from solvers.system import Array, Terms, TreeSystem
 
 from .projection import MAX_PROJECTION_CORRECTIONS
@@ -153,6 +154,21 @@ def solve_accelerations(
         if not np.isfinite(a[i]):
             return NOT_FINITE
     return OK
+
+
+@kernel
+def find_rate(
+    eqs: Any, t: float, q: Reals, v: Reals, size: Reals, known: float, duration: float, own: ConstraintScratch
+) -> float:
+    """Rate of the motion, 1/s, for a run of ``duration`` (s): by gravity and drives, which is ``known``, or if there
+    are none as it starts at (t, q, v).
+    """
+    if known > 0.0:
+        return start_rate(known, duration, size, v[:0], own.a[:0])
+    if solve_accelerations(eqs, t, q, v, own, own.qdot, own.a, own.lam) != OK:
+        for i in range(own.a.shape[0]):
+            own.a[i] = 0.0
+    return start_rate(known, duration, size, v, own.a)
 
 
 @kernel

@@ -234,7 +234,7 @@ def test_factors_outlast_loads_that_jump() -> None:
     simulation = of(swings(torque=True), tolerance=1e-6)
     angle, rate, inertia = -1.5 + 0.5 * (MANY - 1) / MANY, 0.0, 0.5 * 0.4**2 / 3.0
     for k in range(50):
-        torque = 2.0 * np.sin(40.0 * k * 1e-3)
+        torque = 2.0 * np.sin(40.0 * (k + 1) * 1e-3)
         simulation.set_input("torque", torque)
         assert simulation.advance((k + 1) * 1e-3).ok
 

@@ -12,7 +12,7 @@ from solvers.energy_account import fill_account_row, reset_check_schedule, set_m
 from solvers.inertia import clear_growth
 from solvers.outcome import OK
 from solvers.positions import position_sizes
-from solvers.projection.tree_constraints import project_state, solve_accelerations
+from solvers.projection.tree_constraints import find_rate, project_state, solve_accelerations
 from solvers.stepper import start_rate
 from solvers.steppers.step_control import FIRST_STEP_RATIO
 from solvers.steppers.step_loop import make_loop, set_step_options
@@ -104,12 +104,7 @@ def set_up(integration: Integration, t: float, known: float, duration: float) ->
     own, control = work.constraints, integration.memory.control[0]
     control.rank, control.keeps_factors = own.root.shape[0], settings.is_smooth
     position_sizes(work.positions, work.size, work.size_q)
-    settings.rate = start_rate(known, duration, work.size, integration.v[:0], own.a[:0])
-    if not known > 0.0:
-        code = solve_accelerations(eqs, t, integration.q, integration.v, own, own.qdot, own.a, own.lam)
-        for i in range(own.a.shape[0] if code != OK else 0):
-            own.a[i] = 0.0
-        settings.rate = start_rate(known, duration, work.size, integration.v, own.a)
+    settings.rate = find_rate(eqs, t, integration.q, integration.v, work.size, known, duration, own)
     rate = ESDIRK_RATE_TOLERANCE_RATIO * settings.rate
     set_mesh_scales(
         scales, settings.rtol, settings.atol, work.size, rate, work.size.shape[0], ESDIRK_RATE_TOLERANCE_RATIO
@@ -117,7 +112,7 @@ def set_up(integration: Integration, t: float, known: float, duration: float) ->
     for k in range(work.coordinate_rates.shape[0]):
         work.coordinate_rates[k] = settings.rate
     clear_growth(work)
-    code = project_state(eqs, t, integration.q, integration.v, work.size, own)
+    code: int = project_state(eqs, t, integration.q, integration.v, work.size, own)
     return code
 
 
