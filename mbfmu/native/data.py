@@ -26,7 +26,8 @@ from solvers.outcome import CODES, KEYS, MESSAGES, Status
 from solvers.steppers import ORDER_LIMITS
 
 from . import layout, start_checks
-from .entries import Instance, family_of, image_of, user_kernels, uses_sundials
+from .element_kernels import user_kernels
+from .entries import Instance, family_of, image_of, uses_sundials
 from .exchange_states import ExchangeState, exchange_states, explain_missing_exchange, list_constant_inputs
 from .families import FAMILIES
 from .image import MemoryImage

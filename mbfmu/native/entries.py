@@ -7,19 +7,15 @@ them on by their addresses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from functools import cache
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import couplings, cuts, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.closing import CutFrames
 from mbfmu.mechanics.arrays.input_kernels import InputRecords, start_input
-from mbfmu.mechanics.arrays.tables import REAL, TANGENT_NUMBERS, CalledKernel, called_kernels, used_type
-from mbfmu.mechanics.kind import ElementType, element_types_of
 from mbfmu.mechanics.records import ItemRecord, empty_data
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
 from mbfmu.mechanics.tangent.factored import empty_tangent
@@ -27,9 +23,6 @@ from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.kernels.points import Session, begin_session
 from mbfmu.session.kernels.sequence import SolverActions, sequence_of
 from mbfmu.session.simulation import Simulation
-from mbfmu.sheets import elements as sheet_elements
-from mbfmu.sheets import joints as sheet_joints
-from mbfmu.sheets import sensors as sheet_sensors
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import as_kernel, jit_uncached, records, types
 from solvers.compiled.tuple_pointer import pin, unpin
@@ -47,17 +40,13 @@ from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
 
+from .element_kernels import kernel_numbers, shipped_kernels, user_kernels
 from .families import FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
 from .image import MemoryImage
 from .model_exchange import Exchange, exchange_entries
 from .start_checks import check_resolution, find_misplaced
 from .sundials_files import SUNDIALS_SOLVERS
 
-COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
-    joints: joints.Joint, cuts: cuts.CutJoint, couplings: couplings.Coupling, loads: loads.Load,
-    signals: signals.Signal, sensors: sensors.Sensor,
-    sheet_joints: joints.Joint, sheet_elements: loads.Load, sheet_sensors: sensors.Sensor,
-}  # fmt: skip
 KERNEL_TABLE_SYMBOL = "mb_kinds"  # symbol of the addresses of all kernels of kinds
 USER_LIBRARY = "mbfmu_kernels"  # beginning of the name of the library of user-defined kernels in an FMU
 USER_TABLE_SYMBOL = "mb_user_kernels"  # symbol of the addresses of its kernels
@@ -197,20 +186,6 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     state += [array for array in arrays if array is not arrays.kernels]
     state += instance.exchange.memory()
     return instance, MemoryImage(instance, state, addresses)
-
-
-def kernel_numbers(called: Iterable[CalledKernel | None], known: dict[CalledKernel, int]) -> list[int]:
-    """Return the numbers of kernels in the runtime, -1 where there is none; UserError if one is not in it."""
-    numbers = []
-    for own in called:
-        if own is not None and own not in known:
-            raise UserError(
-                f"kernel {own.function.__module__}.{own.function.__qualname__} is not in the runtime of native FMUs; "
-                "export the model without --native",
-                "not-native",
-            )
-        numbers.append(-1 if own is None else known[own])
-    return numbers
 
 
 def example(name: str) -> Any:
@@ -383,30 +358,3 @@ def entries(name: str) -> dict[str, Entry]:
         "close": Entry(close, ()),
         **{own: Entry(*entry) for own, entry in exchange.items()},
     }
-
-
-def user_kernels(called: Iterable[CalledKernel | None]) -> tuple[CalledKernel, ...]:
-    """Return the kernels of user-defined elements and functions among those that a mechanism calls, in their order.
-
-    Such a type has a kernel of another package, or one that is made of a function of the model.
-    """
-    shipped = set(shipped_kernels())
-    others = dict.fromkeys(own for own in called if own is not None and own not in shipped)
-    types_of_users = [own.record for own in others if _is_user_defined(own)]
-    return tuple(own for own in others if own.record in types_of_users)
-
-
-def _is_user_defined(called: CalledKernel) -> bool:
-    function = called.function
-    return not function.__module__.startswith("mbfmu.") or "<locals>" in function.__qualname__
-
-
-def shipped_kernels() -> tuple[CalledKernel, ...]:
-    """Return the kernels of all kinds that ship, in the order of their addresses in the runtime."""
-    return tuple(dict.fromkeys(called for module, role in COMPONENT_ROLES.items() for called in _kernels(module, role)))
-
-
-def _kernels(module: ModuleType, role: type[ElementType]) -> Iterator[CalledKernel]:
-    for kind in element_types_of(module, role):
-        for numbers in (REAL, TANGENT_NUMBERS):
-            yield from filter(None, called_kernels(used_type(kind), numbers))

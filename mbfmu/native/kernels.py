@@ -15,7 +15,8 @@ from solvers.compiled.indirect_call import record_type
 from solvers.compiled.kernel import jit_uncached, types
 from solvers.compiled.tuple_pointer import pointer_type
 
-from .entries import KERNEL_TABLE_SYMBOL, entries, example, shipped_kernels
+from .element_kernels import shipped_kernels
+from .entries import KERNEL_TABLE_SYMBOL, entries, example
 from .families import FAMILIES
 from .sundials import CALLBACK_TYPES, SUNDIALS_FAMILIES, callback_symbol
 from .targets import TARGETS

@@ -30,7 +30,8 @@ from solvers.steppers.ida.dense_memory import LIMITED_RTOL, MIN_RTOL
 
 from . import sundials
 from .checksum import crc64
-from .entries import USER_LIBRARY, USER_TABLE_SYMBOL, Entry, shipped_kernels
+from .element_kernels import shipped_kernels
+from .entries import USER_LIBRARY, USER_TABLE_SYMBOL, Entry
 from .model_exchange import LEFT_BRANCH, NEXT_EVENT, RESTART, STATES_NOT_FINITE, TIMES
 from .start_checks import Flaw
 

@@ -14,7 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism
-from mbfmu.native.entries import family_of, image_of, shipped_kernels
+from mbfmu.native.element_kernels import shipped_kernels
+from mbfmu.native.entries import family_of, image_of
 from mbfmu.native.runtime import COMPILERS, objects
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Simulation

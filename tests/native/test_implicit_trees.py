@@ -13,15 +13,30 @@ from fmus.sheet import Sheet
 from mbfmu.mechanics import Mechanism, Revolute, SphericalCutJoint
 from mbfmu.native.entries import image_of
 from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.sheets import Wall, add_contact, add_sheet
 from mbfmu.util.errors import UserError
 from solvers.outcome import OK
 
 GRID = {"nx": 7, "nz": 5}
+
+
+def fallen_sheet() -> Mechanism:
+    """A free sheet that falls on a table and rubs on it."""
+    m = Mechanism(gravity=(1.0, -9.81, 0.0))
+    paper = {"thickness": 1e-3, "youngs_modulus": 1e7, "density": 800.0, "grid": (7, 5), "tree": "master"}
+    sheet = add_sheet(m, "sheet", length=0.3, width=0.2, **paper)
+    add_contact(m, "table", sheet, Wall(at=(0.0, -2e-3, 0.0)), friction=0.3)
+    m.output("corner", sheet.node(0, 0).position("y"))
+    m.output("slip", sheet.node(0, 0).position("x"))
+    return m
+
+
 MODELS = {
     "sheet": (lambda: Sheet(**GRID), 5e-3),
     "sheet in air": (lambda: Sheet(**GRID, damping=1e-5, drag=1.4, pressure=0.5), 5e-3),
     "sheet that flies": (lambda: Sheet(**GRID, support="free", start_spin=20.0, gravity_y=0.0), 2e-3),
-    "feeder": (lambda: Feeder(nx=7, nz=4), 1e-3),
+    "sheet on a table": (fallen_sheet, 4e-3),
+    "feeder": (Feeder, 1e-3),
 }
 
 
