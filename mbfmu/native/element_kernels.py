@@ -1,4 +1,4 @@
-"""The kernels of element types in the runtime, and those of a model that are in a library of its own.
+"""The kernels of element types in the runtime, and those of a model that are in a separate library.
 
 Those that ship are compiled for real numbers, and where the structured tangent (:mod:`mbfmu.mechanics.tangent`) calls
 them for a state of complex numbers.

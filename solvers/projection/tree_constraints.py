@@ -279,9 +279,9 @@ def reduce_saddle(eqs: Any, saddle: SaddleMemory, own: ConstraintScratch) -> boo
 
 
 @kernel
-def solve_saddle(eqs: Any, f: Reals, g: Reals, saddle: SaddleMemory, x: Reals, y: Reals) -> None:
-    """x (n,) and y (m,) of the saddle system with right-hand sides f (n,) and g (m,)."""
-    m, n = g.shape[0], f.shape[0]
+def solve_saddle(eqs: Any, f: Reals, gap: Reals, saddle: SaddleMemory, x: Reals, y: Reals) -> None:
+    """x (n,) and y (m,) of the saddle system with right-hand sides f (n,) and gap (m,)."""
+    m, n = gap.shape[0], f.shape[0]
     if m == 0:
         eqs.solve_tangent(f, eqs.tangent, x)
         return
@@ -289,10 +289,10 @@ def solve_saddle(eqs: Any, f: Reals, g: Reals, saddle: SaddleMemory, x: Reals, y
         saddle.load[i] = f[i]
     for row in range(m):
         for i in range(n):
-            saddle.load[i] += saddle.alpha[row] * g[row] * saddle.J[row, i]
+            saddle.load[i] += saddle.alpha[row] * gap[row] * saddle.J[row, i]
     eqs.solve_tangent(saddle.load, eqs.tangent, x)
     for row in range(m):
-        saddle.right[row] = -g[row]
+        saddle.right[row] = -gap[row]
         for i in range(n):
             saddle.right[row] += saddle.J[row, i] * x[i]
     for row in range(m):

@@ -54,7 +54,7 @@ class TangentScratch(NamedTuple):
         sizes: Sequence[int], kept: Sequence[int], inward: Sequence[int], nb: int, nv: int, m: int, load_rows: int,
         columns: int,
     ) -> TangentScratch:  # fmt: skip
-        """Return zeroed scratch for groups of ``sizes`` rows, of which so many are ``kept``, and their neighbors.
+        """Return zeroed scratch for groups with the given numbers of rows, and of rows that are ``kept``.
 
         ``load_rows`` are those of the stiffness of a load, ``columns`` those of the border.
         """

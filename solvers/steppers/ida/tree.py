@@ -63,7 +63,7 @@ from .calls import KRYLOV_DIMENSION
 from .driver import IDADriver
 from .loop import MAX_CONVERGENCE_FAILURES
 from .sundials import DirectIDA, is_library_supported
-from .tree_c import CALLBACKS, EXACT_CALLBACKS, WEIGHING_CALLBACKS, step_until
+from .tree_c import EXACT_TREE_CALLBACKS, TREE_CALLBACKS, WEIGHING_TREE_CALLBACKS, step_until
 from .tree_callbacks import (
     ComplexStep,
     ResidualData,
@@ -127,9 +127,9 @@ class TreeIDAStepper(IDADriver):
         system, options, memory, settings = self.system, self.options, self._memory, self._settings[0]
         rtol, order, problem = float(settings["rtol"]), int(settings["max_order"]), self.integration
         if is_library_supported():
-            weighing = WEIGHING_CALLBACKS if settings["weighs_errors"] else CALLBACKS
+            weighing = WEIGHING_TREE_CALLBACKS if settings["weighs_errors"] else TREE_CALLBACKS
             return DirectIDA(
-                EXACT_CALLBACKS if system.nonsmooth_reason else weighing, step_until, problem, memory.progress,
+                EXACT_TREE_CALLBACKS if system.nonsmooth_reason else weighing, step_until, problem, memory.progress,
                 memory.counts, unpin(unpin(problem).memory).ida, rtol=rtol, max_order=order, max_step=options.max_step,
             )  # fmt: skip
         if system.nonsmooth_reason:

@@ -71,6 +71,10 @@ def call_matvec(
     return 0
 
 
-CALLBACKS = Callbacks(call_residual, call_preconditioner_setup, call_preconditioner)
-WEIGHING_CALLBACKS = CALLBACKS._replace(error_weights=call_error_weights)  # if the weights are not those of IDA
-EXACT_CALLBACKS = WEIGHING_CALLBACKS._replace(matvec=call_matvec)  # if forces are not smooth
+TREE_CALLBACKS = Callbacks(call_residual, call_preconditioner_setup, call_preconditioner)
+# weights are not those of IDA
+WEIGHING_TREE_CALLBACKS = TREE_CALLBACKS._replace(error_weights=call_error_weights)
+    error_weights=call_error_weights
+)  # if the weights are not those of IDA
+# forces are not smooth
+EXACT_TREE_CALLBACKS = WEIGHING_TREE_CALLBACKS._replace(matvec=call_matvec)
