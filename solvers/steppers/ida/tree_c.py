@@ -72,9 +72,7 @@ def call_matvec(
 
 
 TREE_CALLBACKS = Callbacks(call_residual, call_preconditioner_setup, call_preconditioner)
-# weights are not those of IDA
+# weights that are not those of IDA
 WEIGHING_TREE_CALLBACKS = TREE_CALLBACKS._replace(error_weights=call_error_weights)
-    error_weights=call_error_weights
-)  # if the weights are not those of IDA
-# forces are not smooth
+# forces that are not smooth
 EXACT_TREE_CALLBACKS = WEIGHING_TREE_CALLBACKS._replace(matvec=call_matvec)
