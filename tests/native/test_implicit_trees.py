@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from running import Running, needs_linker
+from running import Running, adopt, needs_linker
 
 from fmus.feeder import Feeder
 from fmus.sheet import Sheet
@@ -15,6 +15,7 @@ from mbfmu.native.entries import image_of
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.sheets import Wall, add_contact, add_sheet
 from mbfmu.util.errors import UserError
+from solvers.loop_closure import ASSEMBLED
 from solvers.outcome import OK
 
 GRID = {"nx": 7, "nz": 5}
@@ -112,6 +113,22 @@ def test_a_state_goes_to_another_instance_bit_for_bit(name: str):
             assert other.call("step", (k + 1) * length) == OK
         assert other.call("read") == OK
         np.testing.assert_array_equal(other.out, out)
+
+
+@needs_linker
+def test_a_changed_sheet_runs_as_one_that_was_built():
+    """What the tangent is made of changes too."""
+    model, settings = Sheet(**GRID, thickness=0.5e-3, gravity_y=-3.0), settings_of("esdirk")
+    native, simulation = Running(Simulation(Sheet(**GRID), settings)), Simulation(model, settings)
+    adopt(native, simulation.compiled)
+    start = native.instance.start
+    native.view(start.q)[:], native.view(start.v)[:] = simulation.stepper.q, simulation.stepper.v
+    assert native.call("assemble", 0.0) == ASSEMBLED
+    assert native.call("begin", 0.0) == OK
+    for k in range(6):
+        assert native.call("step", 5e-3 * (k + 1)) == int(simulation.advance(5e-3 * (k + 1)).code) == OK
+        assert native.call("read") == OK
+        np.testing.assert_array_equal(native.out[:-2], simulation.outputs()[:-2])
 
 
 def test_large_models_that_machine_code_has_no_way_for_are_refused():
