@@ -75,7 +75,7 @@ def starts(fmu_file: Path) -> None:
 def main() -> None:
     """Print every figure."""
     with tempfile.TemporaryDirectory() as folder:
-        fmu_file = export(FourBar(), Path(folder) / "fourbar.fmu")
+        fmu_file = export(FourBar(), Path(folder) / "fourbar.fmu", native=False)
         fmu_against_direct(fmu_file)
         starts(fmu_file)
 

@@ -145,7 +145,7 @@ def main() -> None:
         for model, solver, changed in cases:
             settings = Settings(solver=solver)
             own = export(model, Path(folder, "native.fmu"), settings, native=True)
-            other = export(model, Path(folder, "python.fmu"), settings)
+            other = export(model, Path(folder, "python.fmu"), settings, native=False)
             repeats = 5
             runs = driven(own, changed), driven(other, changed), simulated(model, settings, changed)
             times = median_times(*runs, repeats=repeats)

@@ -140,7 +140,7 @@ def build(folder: Path, model: Feeder = MODEL) -> Fmus:
         "controller": build_slave(SkewController, folder / "controller.fmu"),
         "left_motor": motor,
         "right_motor": motor,
-        "feeder": export(model, folder / "feeder.fmu"),
+        "feeder": export(model, folder / "feeder.fmu", native=False),
     }
 
 

@@ -24,7 +24,7 @@ def fourbar_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from mbfmu.fmi import export
     from mbfmu.session.simulation import Settings
 
-    return export(FourBar(), tmp_path_factory.mktemp("fmu") / "fourbar.fmu", Settings(solver="adams"))
+    return export(FourBar(), tmp_path_factory.mktemp("fmu") / "fourbar.fmu", Settings(solver="adams"), native=False)
 
 
 @pytest.fixture(autouse=True)

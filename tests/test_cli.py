@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import shlex
@@ -17,11 +18,13 @@ from threading import Barrier
 from typing import Any
 
 import pytest
+from tqdm import tqdm
 
 import mbfmu as mb
 from mbfmu.__main__ import main as run_module
 from mbfmu.cli import main, models, parser
 from mbfmu.cli.common import scene_of
+from mbfmu.cli.compiling import report_compilation
 from mbfmu.cli.results import results
 from mbfmu.fmi.python_fmu import own_source
 from mbfmu.modeling import find
@@ -33,6 +36,7 @@ from mbfmu.plotting import time_series
 from mbfmu.session import run as session_run
 from mbfmu.session.result import Result
 from mbfmu.util.errors import UserError
+from mbfmu.util.progress import report_progress
 from solvers import SOLVERS
 from solvers.compiled import cache
 from solvers.compiled.kernel import kernel
@@ -354,11 +358,28 @@ def test_the_compiler_is_announced_and_timed(
     monkeypatch.setattr(models, "command_models", compiles)
     assert main(["models"]) == 0
     lines = capfd.readouterr().err.splitlines()
-    assert lines[0].startswith("compiling; this takes one to three minutes")
+    assert lines[0].startswith("compiling; this takes half a minute to three minutes")
     assert re.fullmatch(r"compiled in \d+\.\d s", lines[1])
     assert len(lines) == 2
     assert main(["models", "-q"]) == 0
     assert capfd.readouterr().err == ""
+
+
+def test_a_build_of_machine_code_shows_its_progress(monkeypatch: pytest.MonkeyPatch) -> None:
+    bars: list[tqdm] = []
+
+    def bar(*arguments: Any) -> tqdm:
+        bars.append(tqdm(total=arguments[0], file=io.StringIO()))
+        return bars[-1]
+
+    monkeypatch.setattr("mbfmu.cli.compiling.bar", bar)
+    with report_compilation(reported=True):
+        for _ in range(2):  # two builds, one after the other
+            for part in (0.2, 0.7, 1.0):
+                report_progress(part)
+        assert [shown.n for shown in bars] == [100.0, 100.0]
+        report_progress(0.5)
+    assert (len(bars), bars[-1].disable) == (3, True)  # closed if a build fails
 
 
 def test_the_cache_says_where_it_is(command: Command) -> None:

@@ -182,7 +182,7 @@ def test_compare_marks_the_row(monkeypatch: Any) -> None:
 
 def test_an_fmu_tells_in_its_message(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr(Systems, "_works", lambda self: False)
-    path = export(Governor(damping=5.0), tmp_path / "wrong.fmu")
+    path = export(Governor(damping=5.0), tmp_path / "wrong.fmu", native=False)
     with Fmu(path) as fmu:
         fmu.step(0.5)
         assert "the energy error is too large" in fmu.message()

@@ -270,7 +270,7 @@ def test_scenes_can_be_built() -> None:
 
 def test_the_fmu_runs_as_the_model_does(tmp_path: File) -> None:
     model = Feeder(path="straight", nips=1, **SMALL)
-    fmu = export(model, tmp_path / "feeder.fmu")
+    fmu = export(model, tmp_path / "feeder.fmu", native=False)
     rows = simulate_fmu(str(fmu), stop_time=0.02, output_interval=0.01)
     found = mb.simulate(model, 0.02, interval=0.01)
     assert rows["time"][-1] == pytest.approx(0.02)

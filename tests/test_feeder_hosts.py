@@ -35,7 +35,7 @@ def force(t: float) -> float:
 
 @pytest.fixture(scope="module")
 def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return export(MODEL, tmp_path_factory.mktemp("feeder") / "feeder.fmu")
+    return export(MODEL, tmp_path_factory.mktemp("feeder") / "feeder.fmu", native=False)
 
 
 @pytest.fixture(scope="module")

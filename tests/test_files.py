@@ -237,13 +237,13 @@ def test_a_name_of_the_largest_length_can_be_written(tmp_path: Path) -> None:
 
 TEMPORARY = {  # functions that write into a folder of their own, which is removed again
     "fmi/python_fmu.py:write_script",
-    "fmi/subprocess_export.py:export_uncompiled",
+    "fmi/subprocess_export.py:files_uncompiled",
     "native/runtime.py:compiler_arguments",
     "native/runtime.py:link_arguments",
     "native/user_kernels.py:main",
     "native/user_kernels.py:user_library",
     "native/runtime.py:build_lock",  # a file that is locked, and empty
-    "native/kernels.py:main",
+    "native/kernels.py:write",
     "ensemble/worker.py:unpacked",
     "ensemble/worker.py:__init__",
     "__main__.py:prepare_streams",  # the device, as below

@@ -193,7 +193,7 @@ def test_every_use_of_a_steady_state_finds_the_same(tmp_path: Path) -> None:
     assert abs(mb.equilibrium_path(model, "push", (0.6, 0.5)).branches[0].output("y")[0]) == expected
     assert settle(model, tolerances=[1e-6], solvers=["adams"], repeats=1)[1].status == "ok"
     told: list[str] = []
-    path = export(model, tmp_path / "compressed.fmu", settings, report=told.append)
+    path = export(model, tmp_path / "compressed.fmu", settings, report=told.append, native=False)
     assert (path.is_file(), told) == (True, [])
     found = native_model(model, Settings(solver="adams", start_at_equilibrium=True)).diagnostics
     assert [d.code for d in found] == ["constant-input"]
@@ -232,7 +232,7 @@ def remarks_of_run(model: mb.Model, settings: Settings, _: Path) -> list[str]:
 
 def remarks_of_export(model: mb.Model, settings: Settings, folder: Path) -> list[str]:
     told: list[str] = []
-    export(model, folder / "made.fmu", settings, report=told.append)
+    export(model, folder / "made.fmu", settings, report=told.append, native=False)
     return told
 
 

@@ -254,7 +254,7 @@ def test_picture(beads: Any) -> None:
 
 
 def test_fmu(beads: Any, tmp_path: Path) -> None:
-    path = export(beads(), tmp_path / "beads.fmu", Settings(solver="adams", tolerance=1e-8))
+    path = export(beads(), tmp_path / "beads.fmu", Settings(solver="adams", tolerance=1e-8), native=False)
     found = simulate_fmu(str(path), stop_time=0.5, output_interval=0.05, output=["x"])
     assert found["x"][-1] == pytest.approx(reference(0.5)[0], abs=2e-6)
 

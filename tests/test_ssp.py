@@ -21,7 +21,9 @@ from mbfmu.util.errors import UserError
 
 @pytest.fixture(scope="module")
 def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return mb.export(mb.find("pendulum")(), tmp_path_factory.mktemp("ssp") / "p.fmu", mb.Settings(solver="adams"))
+    return mb.export(
+        mb.find("pendulum")(), tmp_path_factory.mktemp("ssp") / "p.fmu", mb.Settings(solver="adams"), native=False
+    )
 
 
 @pytest.fixture(scope="module")

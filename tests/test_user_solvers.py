@@ -549,7 +549,7 @@ def test_the_last_good_state_remains_when_a_step_raises() -> None:
 
 def test_a_class_given_to_a_program_is_not_exported(tmp_path: Path) -> None:
     with pytest.raises(mb.UserError, match=r"solver 'rk4' is a class of this program.*entry point"):
-        mb.export(FourBar(), tmp_path / "out.fmu", mb.Settings(solver=RK4))
+        mb.export(FourBar(), tmp_path / "out.fmu", mb.Settings(solver=RK4), native=False)
 
 
 PACKAGE = {
@@ -600,7 +600,7 @@ def test_a_command_fails_with_the_message_of_a_solver(packages: Path, capsys: py
 
 
 def test_an_fmu_with_an_installed_solver_runs(packages: Path) -> None:
-    path = mb.export(FourBar(), packages / "crank.fmu", mb.Settings(solver="installed-rk4"))
+    path = mb.export(FourBar(), packages / "crank.fmu", mb.Settings(solver="installed-rk4"), native=False)
     with Fmu(path) as fmu:
         fmu.step(0.1)
         found = fmu["crank.angle"]
@@ -608,7 +608,7 @@ def test_an_fmu_with_an_installed_solver_runs(packages: Path) -> None:
 
 
 def test_an_fmu_whose_solver_is_not_installed_says_so_without_logging(packages: Path) -> None:
-    path = mb.export(FourBar(), packages / "crank.fmu", mb.Settings(solver="installed-rk4"))
+    path = mb.export(FourBar(), packages / "crank.fmu", mb.Settings(solver="installed-rk4"), native=False)
     script = "import fmpy, sys; fmpy.simulate_fmu(sys.argv[1], stop_time=0.1, debug_logging=False)"
     done = subprocess.run([sys.executable, "-c", script, str(path)], capture_output=True, text=True, check=False)
     assert done.returncode != 0
@@ -655,7 +655,7 @@ def test_a_state_belongs_to_the_class_that_saved_it(tmp_path: Path) -> None:
 
 
 def test_an_fmu_whose_solver_fails_reports_the_exception(packages: Path) -> None:
-    path = mb.export(FourBar(), packages / "crank.fmu", mb.Settings(solver="ending"))
+    path = mb.export(FourBar(), packages / "crank.fmu", mb.Settings(solver="ending"), native=False)
     with Fmu(path) as fmu:
         fmu.step(0.04)
         with pytest.raises(mb.UserError, match=r"LookupError: a table ends \(ending_plugin.py, line"):

@@ -64,7 +64,7 @@ COMMAND_EXAMPLES = f"""examples:
   mbfmu check fourbar                      numerical difficulties of a model, and a suitable solver
   mbfmu view governor/damped               3-D animation of a run as an HTML file
   mbfmu export fourbar --set crank_length=0.8 -o fourbar.fmu
-  mbfmu export fourbar --native            FMU with machine code, which needs no Python
+  mbfmu export fourbar --python            FMU that calls Python
   mbfmu export my_model.py:MyModel
   mbfmu ssp governor --with engine=engine.fmu --connect engine.shaft_torque=governor.spindle.torque
                                            the model and other FMUs as one connected system (SSP)

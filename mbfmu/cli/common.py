@@ -111,6 +111,14 @@ def add_output(parser: argparse.ArgumentParser, what: str) -> None:
     )
 
 
+def add_fmu_kind(parser: argparse.ArgumentParser) -> None:
+    """Add ``--python`` and ``--native``."""
+    either = parser.add_mutually_exclusive_group()
+    about = "export an FMU that calls Python, also if a native FMU is possible"
+    either.add_argument("--python", action="store_true", help=about)
+    either.add_argument("--native", action="store_true", help="report an error if a native FMU is not possible")
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Take a file for all that is found."""
     parser.add_argument(

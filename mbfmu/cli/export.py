@@ -10,6 +10,7 @@ from mbfmu.util.diagnostics import Diagnostic, render
 
 from .common import (
     Commands,
+    add_fmu_kind,
     add_scene,
     add_set,
     add_solver,
@@ -28,16 +29,18 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu export``."""
     p = commands.add_parser(
         "export",
-        help="export a model as an FMU for co-simulation",
-        description="Export a model or a scene as an FMU for co-simulation. Values given here are the start "
-        "values of its "
-        "variables, which the importing tool can change; `mbfmu models NAME` lists them. With --native the FMU "
-        "contains "
-        "machine code and needs nothing else; otherwise the importing tool needs Python with this version of mbfmu.",
-        epilog="examples:\n  mbfmu export fourbar\n  mbfmu export fourbar --native\n"
-        "  mbfmu export fourbar --native --fmi 3 --platforms x86_64-linux x86_64-windows\n"
+        help="export a model as an FMU",
+        description="Export a model or a scene as an FMU for co-simulation and model exchange. Values given here are "
+        "the start values of its variables, which the importing tool can change; `mbfmu models NAME` lists them. "
+        "The FMU is native if possible: it contains machine code and needs nothing else. The first native FMU with a "
+        "solver builds the machine code of this solver, which takes half a minute and requires a C compiler. "
+        "If the model, the solver or this machine does not permit a native FMU, the FMU calls Python, and the "
+        "importing tool needs Python with this version of mbfmu. The command prints the reason.",
+        epilog="examples:\n  mbfmu export fourbar\n"
+        "  mbfmu export fourbar --fmi 3 --platforms x86_64-linux x86_64-windows\n"
         "  mbfmu export fourbar --set crank_mass=2 -o heavy.fmu\n"
-        "  mbfmu export my_model.py:MyModel --solver adams\n",
+        "  mbfmu export my_model.py:MyModel --solver adams\n"
+        "  mbfmu export fourbar --python\n",
     )
     add_scene(p)
     add_set(p)
@@ -50,8 +53,8 @@ def add(commands: Commands) -> None:
         help="FMU file (default: MODEL.fmu or MODEL_SCENE.fmu); an existing file is overwritten",
     )
     add_solver(p)
-    p.add_argument("--native", action="store_true", help="export machine code, which needs no Python")
-    p.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of FMI (default 2); 3 requires --native")
+    add_fmu_kind(p)
+    p.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of FMI (default 2); 3 for native FMUs")
     add_platforms(p, "platforms of a native FMU (default: this machine)")
     p.set_defaults(command=command_export)
 
@@ -59,21 +62,19 @@ def add(commands: Commands) -> None:
 def command_export(options: argparse.Namespace) -> int:
     """Write an FMU."""
     from mbfmu.fmi.export import FmuKind, export_scene
-    from mbfmu.fmi.native_fmu import refuse_requested
 
     scene = scene_of(options)
     name, part = file_name(scene.model.name), scene_part(scene)
     path = options.output or Path(f"{name}.fmu" if part == DEFAULT_SCENE else f"{name}_{part}.fmu")
-    if options.native and options.solver is not None:
-        refuse_requested(scene.model, options.solver)
     found: list[Diagnostic] = []
     export_scene(
         scene,
         path,
-        FmuKind.NATIVE if options.native else FmuKind.PYTHON,
+        FmuKind.PYTHON if options.python else FmuKind.NATIVE,
         fmi=options.fmi,
         platforms=options.platforms,
         report=found.append,
+        falls_back=not options.native,
     )
     for line in render(found, details=options.verbose):
         print_unless_quiet(options, line)

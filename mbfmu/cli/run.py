@@ -21,7 +21,6 @@ from mbfmu.modeling.variables import ENERGY_OUTPUTS
 from mbfmu.plotting.time_series import errors_of, matching
 from mbfmu.session.run import Result, communication_points, run
 from mbfmu.util.diagnostics import INACCURATE_CODES, Diagnostic, render
-from mbfmu.util.errors import UserError
 from mbfmu.util.files import write_text
 from mbfmu.viewer import Recorder
 from solvers.compiled.cache import CompilationNeeded, forbid_compilation
@@ -78,8 +77,9 @@ def add(commands: Commands) -> None:
         help="run a scene or a model and write its outputs, pictures and motion",
         description=f"""Export a scene or a model as an FMU, simulate the FMU with FMPy, and write the results.
 
-A native FMU (machine code) is used if its runtime is installed (`mbfmu runtime`) and supports the model and the solver;
-otherwise the FMU calls Python. The summary names which of them was used.
+The FMU is native (machine code) if possible. The first native FMU with a solver builds the machine code of this solver,
+which takes half a minute and requires a C compiler. If the model, the solver or this machine does not permit a native
+FMU, the FMU calls Python, and the command prints the reason.
 
 The results are in a folder such as results/fourbar/paper-hybrid-1e-4:
   {CSV_FILE}    all outputs over time
@@ -169,12 +169,8 @@ def run_scene(
 
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
                 path = Path(place) / "model.fmu"
-                try:
-                    export_scene(scene, path, FmuKind.ONE_RUN, report=found.append)
-                    method = RunMethod.NATIVE
-                except UserError:  # of a wrong model the other export raises it again
-                    export_scene(scene, path, FmuKind.PYTHON)
-                    method = RunMethod.COUPLED
+                kind = export_scene(scene, path, FmuKind.ONE_RUN, report=found.append)
+                method = RunMethod.COUPLED if kind is FmuKind.PYTHON else RunMethod.NATIVE
                 result = run_fmu(path, scene.model, scene.settings, times, bar, warn)
     result.name = scene.name
     add_missing(result, found)

@@ -13,12 +13,11 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu runtime``."""
     p = commands.add_parser(
         "runtime",
-        help="build the runtime library of native FMUs",
-        description="A native FMU (`mbfmu export --native`) consists of the data of the model and of a runtime "
-        "library, "
-        "which is the same for all models. The library for this machine is built by the first native export. `mbfmu "
-        "runtime build` builds it now, also for other platforms, which requires `pip install mbfmu[native]`. Without "
-        "`build` the command lists the libraries that exist.",
+        help="build the runtime libraries of native FMUs",
+        description="A native FMU consists of the data of the model and of a runtime library, which is the same for "
+        "all models with a solver. The library for this machine is built by the first native export with the solver. "
+        "`mbfmu runtime build` builds those of all solvers now, also for other platforms, which requires `pip install "
+        "mbfmu[native]`. Without `build` the command lists the libraries that exist.",
         epilog="examples:\n  mbfmu runtime\n  mbfmu runtime build\n"
         "  mbfmu runtime build --platforms x86_64-linux x86_64-windows aarch64-linux\n",
     )
@@ -46,7 +45,8 @@ def add_platforms(parser: argparse.ArgumentParser, about: str) -> None:
 
 def command_runtime(options: argparse.Namespace) -> int:
     """Build runtimes, or list them."""
-    from mbfmu.native.runtime import cached_library, library, pack
+    from mbfmu.native.families import FAMILIES
+    from mbfmu.native.runtime import cached_library, compiler, library, objects, pack
     from mbfmu.native.sundials_files import libraries
     from mbfmu.native.targets import TARGETS, host
 
@@ -54,17 +54,24 @@ def command_runtime(options: argparse.Namespace) -> int:
         if options.platforms or options.pack:
             raise UserError("--platforms and --pack are options of `mbfmu runtime build` only; leave them out")
         for name in TARGETS:
-            path = cached_library(name)
-            print(f"{name}: {path if path else 'not built'}")
+            built = {family: path for family in FAMILIES if (path := cached_library(name, family))}
+            print(f"{name}: {', '.join(built) if built else 'not built'}")
+            for path in built.values():
+                print_if_verbose(options, f"  {path}")
         return 0
-    for name in options.platforms or [host()]:
-        if not name:
-            raise UserError(
-                f"no runtime can be built for this machine; use --platforms with one of {', '.join(TARGETS)}"
-            )
-        path = pack(name) if options.pack else library(name)
-        print_unless_quiet(options, f"{name}: {path}")
-        print_if_verbose(options, f"{path.stat().st_size / 1e3:.0f} kB")
+    names = options.platforms or [host()]
+    if not all(names):
+        raise UserError(f"no runtime can be built for this machine; use --platforms with one of {', '.join(TARGETS)}")
+    for name in names:
+        compiler(name)  # raises before minutes of compilation
+    missing = [family for family in FAMILIES if not all(cached_library(name, family) for name in names)]
+    if missing:
+        objects(names, missing)  # of all together, which share kernels
+    for name in names:
+        for family in FAMILIES:
+            path = pack(name, family) if options.pack else library(name, family)
+            print_unless_quiet(options, f"{name}, {family}: {path}")
+            print_if_verbose(options, f"{path.stat().st_size / 1e3:.0f} kB")
         try:
             libraries(name)  # downloaded now, so that a later export needs no network
         except UserError as error:

@@ -12,6 +12,7 @@ from mbfmu.util.errors import UserError
 
 from .common import (
     Commands,
+    add_fmu_kind,
     add_scene,
     add_set,
     add_solver,
@@ -63,14 +64,13 @@ def add(commands: Commands) -> None:
         help="SSP file (default: MODEL.ssp); an existing file is overwritten",
     )
     add_solver(p)
-    p.add_argument("--native", action="store_true", help="export the model as machine code, which needs no Python")
+    add_fmu_kind(p)
     p.set_defaults(command=command_ssp)
 
 
 def command_ssp(options: argparse.Namespace) -> int:
     """Write a system of FMUs."""
     from mbfmu.fmi.export import FmuKind, export_scene
-    from mbfmu.fmi.native_fmu import refuse_requested
     from mbfmu.fmi.ssp import connectors_of, write_ssp
 
     scene = scene_of(options)
@@ -84,12 +84,11 @@ def command_ssp(options: argparse.Namespace) -> int:
         if not equals:
             raise UserError(f"--connect {text!r}; allowed: OUTPUT=INPUT, both as COMPONENT.VARIABLE")
         connections.append((output.strip(), end.strip()))
-    if options.native and options.solver is not None:
-        refuse_requested(scene.model, options.solver)
     path, found = options.output or Path(f"{name}.ssp"), list[Diagnostic]()
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
         own = Path(folder) / f"{name}.fmu"
-        export_scene(scene, own, FmuKind.NATIVE if options.native else FmuKind.PYTHON, report=found.append)
+        kind = FmuKind.PYTHON if options.python else FmuKind.NATIVE
+        export_scene(scene, own, kind, report=found.append, falls_back=not options.native)
         known = connectors_of(name, own)
         values = {
             f"{name}.{parameter}": float(getattr(scene.model, parameter))

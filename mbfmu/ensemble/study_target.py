@@ -193,11 +193,12 @@ def make_target(given: Any, runs: str, stop_time: float | None, interval: float 
 
 
 def exported(scene: Scene, native: bool) -> FmuTarget:
-    """Return the FMU of a scene."""
+    """Return the FMU of a scene: machine code, or one that calls Python."""
     from mbfmu.fmi.export import FmuKind, export_scene
 
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
-        path = export_scene(scene, Path(place) / "model.fmu", FmuKind.NATIVE if native else FmuKind.PYTHON)
+        path = Path(place) / "model.fmu"
+        export_scene(scene, path, FmuKind.NATIVE if native else FmuKind.PYTHON, falls_back=False)
         found = read_fmu(path, scene.stop_time, scene.output_interval)
     return FmuTarget(**{**vars(found), "name": scene.name})
 

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import inspect
+import warnings
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.scene import Scene, default_scene
-from mbfmu.modeling.settings import Settings
+from mbfmu.modeling.settings import AUTO, Settings
 from mbfmu.modeling.variables import list_variables, require_xml_text
-from mbfmu.native.families import NATIVE_SOLVERS
-from mbfmu.native.runtime import cached_library
-from mbfmu.native.targets import TARGETS, host
+from mbfmu.native.targets import host
 from mbfmu.native.user_kernels import user_library
 from mbfmu.session.run import communication_points
 from mbfmu.session.simulation import UnstartedSimulation
@@ -31,7 +31,7 @@ from solvers.steppers.plugins import is_given
 
 from .description import Experiment
 from .documentation import dependencies, licenses, page
-from .native_fmu import build_native_fmu
+from .native_fmu import Libraries, build_native_fmu
 from .python_fmu import build_python_fmu
 from .terminals import terminal_files
 
@@ -44,6 +44,17 @@ class FmuKind(StrEnum):
     ONE_RUN = "one-run"  # machine code; all parameters are constants, which saves the search for what follows them
 
 
+NOT_NATIVE = ("not-native", "no-runtime")  # codes of errors that an FMU that calls Python does not have
+
+
+class Files(NamedTuple):
+    """What a native FMU is made of."""
+
+    content: dict[str, bytes]  # by names; without the runtimes
+    libraries: Libraries  # the runtimes
+    diagnostics: Sequence[Diagnostic]
+
+
 def export(
     model: Model,
     path: Path | str,
@@ -51,10 +62,10 @@ def export(
     *,
     stop_time: float | None = None,
     output_interval: float | None = None,
-    native: bool = False,
+    native: bool | None = None,
     fmi: int = 2,
     platforms: Sequence[str] = (),
-    report: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] | None = None,
 ) -> Path:
     """Write ``model`` as an FMU; its parameter values become the start values. Equal content gives equal bytes.
 
@@ -69,14 +80,16 @@ def export(
     stop_time, output_interval
         Stop time and output interval of the default experiment, s; None: those of the model.
     native
-        Whether the FMU is machine code that runs without Python; else it calls the installed mbfmu.
+        True: the FMU is machine code that runs without Python. False: it calls the installed mbfmu. None: it is machine
+        code if this is possible for the model, the solver and this machine, and calls mbfmu otherwise.
     fmi
         Version of FMI, 2 or 3; version 3 for native FMUs only.
     platforms
         Platforms of a native FMU, by the names in :data:`mbfmu.native.targets.TARGETS`. Empty: this machine.
     report
-        Function that receives a message on every decision of the export (another solver, parameters that become
-        constant), on redundant constraints, and on a start that is singular or unstable.
+        Function that receives a message on every decision of the export (a solver, parameters that become constant, an
+        FMU that calls mbfmu), on redundant constraints, and on a start that is singular or unstable. None: only a
+        warning is given if ``native`` is None and the FMU calls mbfmu.
 
     Returns
     -------
@@ -87,108 +100,151 @@ def export(
     ------
     UserError
         The model cannot be built with these parameters, started with these settings or described as an FMU, or the file
-        cannot be written.
+        cannot be written. With ``native=True``, FMI 3 or platforms: the model cannot be exported as a native FMU.
     """
     if isinstance(model, Mechanism):
         raise UserError("a mechanism cannot be exported as it is: write a Model whose build() returns it")
     scene = default_scene(as_model(model))
     scene = replace(scene, settings=settings or scene.settings)
     scene = scene.changed(stop_time=stop_time, output_interval=output_interval)
-    kind = FmuKind.NATIVE if native else FmuKind.PYTHON
-    found: list[Diagnostic] = []
-    export_scene(scene, Path(path), kind, fmi=fmi, platforms=platforms, report=found.append)
+    kind, found = FmuKind.PYTHON if native is False else FmuKind.NATIVE, list[Diagnostic]()
+    export_scene(scene, Path(path), kind, fmi=fmi, platforms=platforms, report=found.append, falls_back=native is None)
     for diagnostic in without_details(found):
-        report(str(diagnostic))
+        if report is not None:
+            report(str(diagnostic))
+        elif diagnostic.code == "python-fmu":
+            warnings.warn(str(diagnostic), stacklevel=2)
     return Path(path)
 
 
 def export_scene(
     scene: Scene,
     path: Path,
-    kind: FmuKind,
+    kind: FmuKind = FmuKind.NATIVE,
     *,
     fmi: int = 2,
     platforms: Sequence[str] = (),
     report: Callable[[Diagnostic], None] = lambda _: None,
-) -> Path:
-    """Write a scene as an FMU of a kind; arguments, result and errors are those of :func:`export`, but
-    ``report`` receives diagnostics.
+    falls_back: bool = True,
+) -> FmuKind:
+    """Write a scene as an FMU of a kind, and return the kind; other arguments and errors are those of :func:`export`,
+    but ``report`` receives diagnostics.
 
-    Native FMUs are made in another process if this saves compiling: all runtimes exist, nothing has to be found out
-    that takes long in plain Python (which solver to take, or a steady state), and a file contains the model. Of
-    ``FmuKind.ONE_RUN`` the diagnostics are those of the model and its start, and UserError is raised if compiling
-    would not be saved.
+    ``falls_back``: if a native FMU is not possible, the FMU calls Python, which is reported, unless FMI 3 or other
+    platforms are requested. Of ``FmuKind.ONE_RUN`` the diagnostics are those of the model and its start.
     """
-    needs_no_compiler = scene.settings.solver in NATIVE_SOLVERS and not scene.settings.start_at_equilibrium
-    needs_no_compiler &= all(name in TARGETS and cached_library(name) is not None for name in platforms or [host()])
-    if kind is FmuKind.ONE_RUN and not needs_no_compiler:
-        raise UserError(
-            f"no native FMU is made for one run: the runtime does not exist, solver {scene.settings.solver!r} is not "
-            "supported, or the run starts at an equilibrium",
-            "not-native",
-        )
-    if kind is FmuKind.PYTHON or not needs_no_compiler or not scene.reference or not COMPILED:
-        _write(scene, path, kind, fmi, platforms, report)
-        return path
-    found: list[Diagnostic] = []
-    try:
-        with forbid_compilation():
-            _write(scene, path, kind, fmi, platforms, found.append)
-    except CompilationNeeded:
-        from .subprocess_export import export_uncompiled  # not before: that process runs it as its main module
-
-        found = export_uncompiled(scene, path, kind, str(fmi), *platforms)
-    for diagnostic in found:
-        report(diagnostic)
-    return path
-
-
-def _write(
-    scene: Scene, path: Path, kind: FmuKind, fmi: int, platforms: Sequence[str], report: Callable[[Diagnostic], None]
-) -> None:
-    """Write the FMU of a scene in this process."""
-    model, settings = scene.model, scene.settings
-    require_xml_text(f"the first line of the docstring of model {model.name!r}", model.title())
-    experiment = Experiment(
-        stop_time=float(scene.stop_time), step_size=float(scene.output_interval), tolerance=settings.tolerance
-    )
-    communication_points(experiment.stop_time, experiment.step_size)  # refuses what is no time
     if path.suffix != ".fmu":
         raise UserError(f"FMU file is {str(path)!r}; its name must end in .fmu")
     if not path.parent.is_dir():
         raise UserError(f"folder {str(path.parent)!r} does not exist")
-    own = partial(user_library, scene)
-    if kind is FmuKind.ONE_RUN:
-        messages: list[Diagnostic] = []
-        content = build_native_fmu(
-            model, settings, experiment, report=messages.append, for_one_run=True, user_library=own
-        )
+    if kind is not FmuKind.PYTHON:
+        try:
+            _write_native(scene, path, kind, fmi, platforms, report)
+        except UserError as error:
+            if error.diagnostic.code not in NOT_NATIVE or not falls_back or fmi != 2 or {*platforms} - {host()}:
+                raise
+            text = f"this FMU calls Python, and needs mbfmu where it runs: {error.diagnostic.text}"
+            report(Diagnostic.note("python-fmu", text, subject=error.diagnostic.subject))
+        else:
+            return kind
+    elif fmi != 2 or platforms:
+        raise UserError("FMUs that call Python have FMI 2 and one platform; export a native FMU")
+    _write_python(scene, path, report)
+    return FmuKind.PYTHON
+
+
+def _write_native(
+    scene: Scene,
+    path: Path,
+    kind: FmuKind,
+    fmi: int,
+    platforms: Sequence[str],
+    report: Callable[[Diagnostic], None],
+) -> None:
+    """Write a native FMU.
+
+    Its files are made in another process if this saves compiling: nothing has to be found out that takes long in plain
+    Python (which solver to select, or a steady state), and a file contains the model.
+    """
+    needs_compiler = scene.settings.solver == AUTO or scene.settings.start_at_equilibrium
+    if needs_compiler or not scene.reference or not COMPILED:
+        files = native_files(scene, kind, fmi, platforms)
+    else:
+        try:
+            with forbid_compilation():
+                files = native_files(scene, kind, fmi, platforms)
+        except CompilationNeeded:
+            from .subprocess_export import files_uncompiled  # not before: that process runs it as its main module
+
+            files = files_uncompiled(scene, kind, fmi, platforms)
+    pack(path, files.content | files.libraries.read())
+    for diagnostic in files.diagnostics:
+        report(diagnostic)
+
+
+def native_files(scene: Scene, kind: FmuKind, fmi: int, platforms: Sequence[str]) -> Files:
+    """Return the files of a native FMU of a scene, made in this process."""
+    model, settings, experiment, messages = scene.model, scene.settings, _experiment(scene), list[Diagnostic]()
+    for_one_run = kind is FmuKind.ONE_RUN
+    if not for_one_run:  # of one run the simulation reports what is wrong
+        compiled = model.compile()
+        compiled.check_start(0.0, compiled.assemble()[0])
+    content, libraries = build_native_fmu(
+        model,
+        settings,
+        experiment,
+        fmi=fmi,
+        platforms=platforms,
+        report=messages.append,
+        for_one_run=for_one_run,
+        user_library=partial(user_library, scene),
+    )
+    if for_one_run:
         messages = [diagnostic for diagnostic in messages if diagnostic.code != "constant-parameter"]
     else:
-        compiled, native = model.compile(), kind is FmuKind.NATIVE
-        messages = [*check_start(model, settings, compiled, native)]
-        if native:
-            content = build_native_fmu(
-                model, settings, experiment, fmi=fmi, platforms=platforms, report=messages.append, user_library=own
-            )
-        elif fmi != 2 or platforms:
-            raise UserError("versions of FMI and platforms can be chosen for machine code alone: native=True")
-        else:
-            variables = list_variables(model, settings, compiled)
-            content = build_python_fmu(model, settings, experiment) | terminal_files(model, variables) | dependencies()
-            content["documentation/index.html"] = page(model, variables, needs_python=True).encode()
-        texts = licenses(native=native, sundials=any("sundials_core" in name for name in content))
-        content |= {f"documentation/licenses/{name}": text for name, text in texts.items()}
-        picture = Path(inspect.getsourcefile(type(model)) or ".").parent / "model.png"
-        if picture.is_file():
-            content["terminalsAndIcons/icon.png"] = picture.read_bytes()
-            content |= {"model.png": picture.read_bytes()} if fmi == 2 else {}
-    pack(path, content)
+        content |= _licenses(native=True, sundials=any("sundials_core" in name for name in content))
+        content |= _pictures(model, fmi)
+    return Files(content, libraries, messages)
+
+
+def _write_python(scene: Scene, path: Path, report: Callable[[Diagnostic], None]) -> None:
+    """Write an FMU that calls Python."""
+    model, settings, experiment = scene.model, scene.settings, _experiment(scene)
+    compiled = model.compile()
+    messages = check_start(model, settings, compiled)
+    variables = list_variables(model, settings, compiled)
+    content = build_python_fmu(model, settings, experiment) | terminal_files(model, variables) | dependencies()
+    content["documentation/index.html"] = page(model, variables, needs_python=True).encode()
+    pack(path, content | _licenses(native=False) | _pictures(model, 2))
     for diagnostic in messages:
         report(diagnostic)
 
 
-def check_start(model: Model, settings: Settings, compiled: CompiledMechanism, native: bool) -> Sequence[Diagnostic]:
+def _experiment(scene: Scene) -> Experiment:
+    """Return the default experiment of a scene; refuses a title and times that an FMU cannot have."""
+    require_xml_text(f"the first line of the docstring of model {scene.model.name!r}", scene.model.title())
+    experiment = Experiment(
+        stop_time=float(scene.stop_time), step_size=float(scene.output_interval), tolerance=scene.settings.tolerance
+    )
+    communication_points(experiment.stop_time, experiment.step_size)  # refuses what is no time
+    return experiment
+
+
+def _licenses(*, native: bool, sundials: bool = False) -> dict[str, bytes]:
+    texts = licenses(native=native, sundials=sundials)
+    return {f"documentation/licenses/{name}": text for name, text in texts.items()}
+
+
+def _pictures(model: Model, fmi: int) -> dict[str, bytes]:
+    """Return the picture of a model, where importing tools look for it."""
+    picture = Path(inspect.getsourcefile(type(model)) or ".").parent / "model.png"
+    if not picture.is_file():
+        return {}
+    names = ("terminalsAndIcons/icon.png", *(("model.png",) if fmi == 2 else ()))
+    return dict.fromkeys(names, picture.read_bytes())
+
+
+def check_start(model: Model, settings: Settings, compiled: CompiledMechanism) -> Sequence[Diagnostic]:
     """Return notes and warnings on the model and its start. Those of a native FMU are in :class:`.NativeModel`.
 
     Raises
@@ -197,9 +253,6 @@ def check_start(model: Model, settings: Settings, compiled: CompiledMechanism, n
         A run with these settings could not start: a solver that does not suit the model, loops that cannot be closed, a
         singular start, or no steady state.
     """
-    if native:  # which chooses its own solver, and builds the start
-        compiled.check_start(0.0, compiled.assemble()[0])
-        return ()
     if is_given(settings.solver):
         raise UserError(
             f"solver {settings.solver!r} is a class of this program, which an FMU cannot import; allowed: an installed "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
+from typing import NamedTuple
 
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import AUTO, Settings
@@ -31,6 +32,17 @@ from .terminals import terminal_files
 FMI_VERSIONS = (2, 3)
 
 
+class Libraries(NamedTuple):
+    """The runtimes that an FMU needs: all is known of them before they are built."""
+
+    family: str  # of mbfmu.native.families
+    places: dict[str, str]  # names in the FMU by targets
+
+    def read(self) -> dict[str, bytes]:
+        """Return the runtimes by their names in the FMU; those that do not exist are built."""
+        return {place: library(name, self.family).read_bytes() for name, place in self.places.items()}
+
+
 def build_native_fmu(
     model: Model,
     settings: Settings,
@@ -41,14 +53,14 @@ def build_native_fmu(
     report: Callable[[Diagnostic], None] = lambda _: None,
     for_one_run: bool = False,
     user_library: Callable[[str], bytes] = lambda _: b"",
-) -> dict[str, bytes]:
-    """Return the files of an FMU that runs by itself, by their names; see :func:`mbfmu.fmi.export`.
+) -> tuple[dict[str, bytes], Libraries]:
+    """Return the files of an FMU that runs by itself, by their names, and its libraries; see :func:`mbfmu.fmi.export`.
 
     ``for_one_run``: its parameters are constant, which saves the search for what follows them. ``user_library`` returns
     the library of the user-defined kernels for a target.
     """
     names = _targets(fmi, platforms)
-    settings = _with_solver(model, settings, report, replaces=not for_one_run)
+    settings = _with_solver(model, settings, report)
     made = native_model(model, settings, for_one_run)
     for found in (*made.diagnostics, *describe_constants(made.fixed)):
         report(found)
@@ -68,15 +80,16 @@ def build_native_fmu(
         "documentation/index.html": page(model, shown, needs_python=False).encode(),
     }
     content |= terminal_files(model, shown) | c_sources()
+    places = {}
     for name in names:
         target = TARGETS[name]
         folder = target.folder if fmi == 2 else name
-        content[f"binaries/{folder}/{owner.identifier}{target.suffix}"] = library(name).read_bytes()
+        places[name] = f"binaries/{folder}/{owner.identifier}{target.suffix}"
         if made.has_user_kernels:
             content[f"binaries/{folder}/{USER_LIBRARY}{target.suffix}"] = user_library(name)
         added = libraries(name) if settings.solver in SUNDIALS_SOLVERS else {}
         content |= {f"binaries/{folder}/{file}": data for file, data in added.items()}
-    return content
+    return content, Libraries(made.family, places)
 
 
 def describe_constants(frozen: Mapping[str, str]) -> list[Diagnostic]:
@@ -116,41 +129,27 @@ def refuse_solver(solver: str, supported: tuple[str, ...] = NATIVE_SOLVERS) -> N
     if solver not in (*supported, AUTO):
         raise UserError(
             f"solver is {solver!r}; allowed in a native FMU: {_listed(supported)}, or {AUTO}. Choose one of "
-            "these, or export without --native",
+            "these, or export with --python",
             "not-native",
         )
 
 
-def refuse_requested(model: Model, solver: str) -> None:
-    """Raise UserError if a solver that was requested is not in native FMUs of a model."""
-    refuse_solver(solver)
-    if solver in SUNDIALS_SOLVERS:
-        refuse_solver(solver, _supported(model.compile().system))
-
-
-def _with_solver(
-    model: Model, settings: Settings, report: Callable[[Diagnostic], None], *, replaces: bool = True
-) -> Settings:
-    """Return settings with a solver that native FMUs support: the cheapest in place of the model's default.
+def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic], None]) -> Settings:
+    """Return settings with a solver that native FMUs support: for ``auto`` the cheapest of these.
 
     Raises
     ------
     UserError
-        Another solver was requested that they do not support, or none of those that they support suits the model. Not
-        ``replaces``: the default is not supported either.
+        Another solver was requested that they do not support, or none of those that they support suits the model.
     """
     given = settings.solver
-    if given in NATIVE_SOLVERS and given not in SUNDIALS_SOLVERS:
-        return settings
-    if given not in (AUTO, model.default_solver):
+    if given != AUTO:
         refuse_solver(given)
+        if given in SUNDIALS_SOLVERS:
+            refuse_solver(given, _supported(model.compile().system))
         return settings
     compiled = model.compile()
     supported = _supported(compiled.system)
-    if given in supported:
-        return settings
-    if not replaces:
-        refuse_solver(given, supported)
     found = select_solver(compiled, [(0.0, *compiled.assemble())], settings.options(model.stop_time))
     implicit = "radau" if compiled.system.has_matrices else "adams"  # which is all that large trees have
     solver = found.solver if found.solver in supported else implicit
@@ -158,16 +157,11 @@ def _with_solver(
         why = f", since {compiled.system.stiffness_reason}" if compiled.system.stiffness_reason else f" ({refused})"
         raise UserError(
             f"model {model.name!r} needs the solver 'ida' or 'esdirk'{why}, but native FMUs support "
-            f"{_listed(supported)} only for models of this size; export it without --native",
+            f"{_listed(supported)} only for models of this size; export it with --python",
             "not-native",
         )
     why = found.reason if found.solver in supported else f"{found.solver!r} would be better, but is not supported"
-    text = (
-        f"solver {solver!r} selected: {why}"
-        if settings.solver == AUTO
-        else f"solver changed from {settings.solver!r} to {solver!r}: native FMUs support {_listed(supported)} only "
-        f"for models of this size; the model is {why}"
-    )
+    text = f"solver {solver!r} selected: {why}"
     report(Diagnostic.note("selected-solver", text, subject=solver))
     return replace(settings, solver=solver)
 

@@ -1,8 +1,9 @@
-"""``python -m mbfmu.fmi.subprocess_export SCENE FMU KIND FMI [PLATFORM ...]``: a scene as an FMU, without a compiler.
+"""``python -m mbfmu.fmi.subprocess_export SCENE ARCHIVE KIND FMI [PLATFORM ...]``: files of an FMU, without a compiler.
 
 Export in a separate process in which kernels are plain Python: assembling the model data calls each kernel a few times
-only, and all of these calls together take less time than compiling one kernel. The result has the same bytes. It is
-specified by a scene file. The process prints the diagnostics of the export as JSON, one per line.
+only, and all of these calls together take less time than compiling one kernel. The files have the same bytes. The scene
+is given by a scene file. The process writes an archive of all files but the runtimes. It prints the diagnostics of the
+export as JSON, one per line, and then the family and the places of the runtimes.
 """
 
 from __future__ import annotations
@@ -12,50 +13,47 @@ import os
 import subprocess
 import sys
 import tempfile
+import zipfile
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from mbfmu.modeling.scene import Scene, as_toml, read_scene
-from mbfmu.util.diagnostics import Diagnostic, from_saved
+from mbfmu.util.diagnostics import from_saved
 from mbfmu.util.errors import UserError
 
-from .export import FmuKind, export_scene
+from .export import Files, FmuKind, native_files, pack
+from .native_fmu import Libraries
 
 
-def export_uncompiled(scene: Scene, path: Path, kind: str, fmi: str, *platforms: str) -> list[Diagnostic]:
-    """Write the FMU of a scene in another process, and return its diagnostics; raises UserError as the export does."""
+def files_uncompiled(scene: Scene, kind: str, fmi: int, platforms: Sequence[str]) -> Files:
+    """Return the files of the FMU of a scene, made in another process; raises UserError as the export does."""
     own = {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
-        file = Path(folder) / "scene.toml"
+        file, archive = Path(folder) / "scene.toml", Path(folder) / "files.zip"
         file.write_text(as_toml(scene), encoding="utf-8")
-        command = [sys.executable, "-P", "-m", "mbfmu.fmi.subprocess_export", str(file), str(path), kind, fmi]
+        command = [sys.executable, "-P", "-m", "mbfmu.fmi.subprocess_export", str(file), str(archive), kind, str(fmi)]
         done = subprocess.run(
             [*command, *platforms], env={**os.environ, **own}, capture_output=True, text=True, check=False
         )
-    if done.returncode:
-        raise UserError(done.stderr.strip())
-    return list(from_saved(map(json.loads, done.stdout.splitlines())))
+        if done.returncode:
+            raise UserError(done.stderr.strip())
+        *messages, libraries = map(json.loads, done.stdout.splitlines())
+        with zipfile.ZipFile(archive) as opened:
+            content = {name: opened.read(name) for name in opened.namelist()}
+    return Files(content, Libraries(**libraries), from_saved(messages))
 
 
-def print_json(found: Diagnostic) -> None:
-    """Print a diagnostic as one line of JSON."""
-    print(json.dumps(asdict(found)))  # noqa: T201
-
-
-def main(scene_file: str, path: str, kind: str, fmi: str, *platforms: str) -> int:
-    """Write the FMU; return the exit code: 2 where the model is wrong, or does not go into machine code."""
+def main(scene_file: str, archive: str, kind: str, fmi: str, *platforms: str) -> int:
+    """Write the archive; return the exit code: 2 if the model is wrong, or cannot be exported as a native FMU."""
     try:
-        export_scene(
-            read_scene(Path(scene_file)),
-            Path(path),
-            FmuKind(kind),
-            fmi=int(fmi),
-            platforms=platforms,
-            report=print_json,
-        )
+        content, libraries, messages = native_files(read_scene(Path(scene_file)), FmuKind(kind), int(fmi), platforms)
     except UserError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
+    pack(Path(archive), content)
+    for line in (*map(asdict, messages), libraries._asdict()):
+        print(json.dumps(line))  # noqa: T201
     return 0
 
 

@@ -61,6 +61,8 @@ class NativeModel(NamedTuple):
         of their derivatives; None: the model is for co-simulation only.
     has_user_kernels
         Whether the FMU needs the library of :mod:`.user_kernels`.
+    family
+        Family of :mod:`.families` whose runtime the FMU needs.
     """
 
     variables: tuple[ScalarVariable, ...]
@@ -70,6 +72,7 @@ class NativeModel(NamedTuple):
     states: tuple[ExchangeState, ...] | None
     data: bytes
     has_user_kernels: bool
+    family: str
 
 
 def native_model(model: Model, settings: Settings, for_one_run: bool = False) -> NativeModel:
@@ -97,7 +100,9 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     states, notes = _states(simulation, variables) if not for_one_run else (None, [])
     file = _File(simulation, instance, image, settable, variables, several, states is not None)
     own = user_kernels(simulation.compiled.called())
-    return NativeModel(variables, several, frozen, [*simulation.diagnostics, *notes], states, file.write(), bool(own))
+    messages = [*simulation.diagnostics, *notes]
+    family = family_of(simulation)
+    return NativeModel(variables, several, frozen, messages, states, file.write(), bool(own), family)
 
 
 def _states(

@@ -35,7 +35,7 @@ def kernel_numbers(called: Iterable[CalledKernel | None], known: dict[CalledKern
         if own is not None and own not in known:
             raise UserError(
                 f"kernel {own.function.__module__}.{own.function.__qualname__} is not in the runtime of native FMUs; "
-                "export the model without --native",
+                "export the model with --python",
                 "not-native",
             )
         numbers.append(-1 if own is None else known[own])

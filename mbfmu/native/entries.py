@@ -145,7 +145,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     if not system.has_matrices and system.nonsmooth_reason and simulation.solver_choice.solver in SUNDIALS_SOLVERS:
         raise UserError(
             f"native FMUs do not support solver {simulation.solver_choice.solver!r} for this large model, since "
-            f"{system.nonsmooth_reason}; use 'esdirk', or export it without --native",
+            f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
             "not-native",
         )
     if not family:
@@ -158,7 +158,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
         what = f"{system.m} constraints" if system.m else f"the solver {simulation.solver_choice.solver!r}"
         raise UserError(
             f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams', 'ida' and "
-            f"'esdirk' and without constraints; this one has {what}. Export it without --native",
+            f"'esdirk' and without constraints; this one has {what}. Export it with --python",
             "not-native",
         )
     called = simulation.compiled.called()

@@ -32,6 +32,7 @@ from . import sundials
 from .checksum import crc64
 from .element_kernels import shipped_kernels
 from .entries import USER_LIBRARY, USER_TABLE_SYMBOL, Entry
+from .families import FAMILIES
 from .model_exchange import LEFT_BRANCH, NEXT_EVENT, RESTART, STATES_NOT_FINITE, TIMES
 from .start_checks import Flaw
 
@@ -127,7 +128,7 @@ HEADER = np.dtype(
         ("token", f"S{TOKEN_BYTES}"),
         ("table_sum", "i8"),  # CRC-64 of header and sections, with zero in its place
         ("block_sum", "i8"),  # CRC-64 of the block
-        ("family", "i8"),  # place in entries.FAMILIES
+        ("family", "i8"),  # place in families.FAMILIES
         ("block", "i8"),  # where it begins in the file, and its bytes
         ("size", "i8"),
         ("saved", "i8"),  # of it, what is saved and restored
@@ -173,8 +174,8 @@ def signed(data: bytes, token: str) -> bytes:
     return header.tobytes() + sections + data[block:]
 
 
-def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) -> str:
-    """Return the C header of these records, and of the entry points that all families have, by their names."""
+def declarations(family: str, entries: Iterable[tuple[str, Entry]]) -> str:
+    """Return the C header of these records, and of the entry points of a family by their names."""
     known = [(name, [ENTRY_C_TYPES[word] for word in entry.more]) for name, entry in entries]
     lines = ["/* Made of mbfmu/native/layout.py. */", "#include <stdint.h>", ""]
     lines += [f"#define MAGIC INT64_C({FILE_MAGIC})", f"#define LENGTH ({LENGTH_VARIABLE})"]
@@ -200,18 +201,14 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     ]
     for name, more in known:
         lines.append(f"typedef int32_t {_kind(name)}({', '.join(('int64_t *', 'void **', 'void *', *more))});")
-    lines += sundials.declarations(ENTRY_C_TYPES)
+    lines += sundials.declarations(ENTRY_C_TYPES, family)
     lines += ["typedef struct {", *(f"    {_kind(name)} *{name};" for name, _ in known)]
     lines += ["    const Callbacks *callbacks; /* of SUNDIALS; NULL: it is not used */", "} Family;"]
-    names = list(families)
-    for family in names:
-        lines += [f"{_kind(name)} mb_{family}_{name};" for name, _ in known]
-    called = {family: f"&{family}_callbacks" for family in sundials.SUNDIALS_FAMILIES}
-    rows = (
-        f"    {{{', '.join((*(f'mb_{family}_{name}' for name, _ in known), called.get(family, '0')))}}},"
-        for family in names
-    )
-    lines += ["static const Family families[] = {", *rows, "};", "extern void *const mb_kinds[];", ""]
+    lines += [f"{_kind(name)} mb_{family}_{name};" for name, _ in known]
+    called = "&callbacks" if family in sundials.SUNDIALS_FAMILIES else "0"
+    row = ", ".join((*(f"mb_{family}_{name}" for name, _ in known), called))
+    lines += [f"#define FAMILY {list(FAMILIES).index(family)}", f"static const Family family = {{{row}}};"]
+    lines += ["extern void *const mb_kinds[];", ""]
     return "\n".join(lines)
 
 

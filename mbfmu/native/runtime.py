@@ -1,6 +1,7 @@
 """The runtime: kernels as machine code and FMI around them, built once for these sources and a machine.
 
-Kernels are recompiled in a separate process, for the oldest processor of an architecture and without a cache. The
+There is one library for each family of solvers (:mod:`.families`), so that the first FMU has to wait for its family
+only. Kernels are recompiled in a separate process, for the oldest processor of an architecture and without a cache. The
 result is stored next to the code that Python compiles. Zig compiles C for every machine; for this one any C compiler
 does.
 """
@@ -13,7 +14,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import cache
 from hashlib import sha256
@@ -28,10 +29,11 @@ except ImportError:  # on Windows: two processes may build at once
 
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import write_bytes
+from mbfmu.util.progress import report_progress
 from solvers.compiled.cache import notify_listeners, shared_cache_dir
 
 from .entries import entries
-from .families import FAMILIES
+from .kernels import ELEMENTS, object_names
 from .layout import declarations
 from .targets import TARGETS, host
 
@@ -44,6 +46,8 @@ KERNEL_SOURCES = (
     "sundials.py", "targets.py",
 )  # fmt: skip
 COMPILER_FLAGS = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
+# approximate numbers of functions that are compiled, for the bar of progress
+FUNCTIONS_OF_ELEMENTS, FUNCTIONS_OF_FAMILY = 230, 480
 EXPORTED_SYMBOLS = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
 
 
@@ -62,8 +66,10 @@ def _runtime_sources() -> tuple[str, ...]:
     return tuple(path.relative_to(PACKAGE_DIR).as_posix() for path in found)
 
 
-def objects(names: Sequence[str]) -> dict[str, Path]:
-    """Return the kernels' object file for each target by its name; those that are not there are built, in minutes.
+def objects(names: Collection[str], families: Collection[str]) -> dict[str, list[Path]]:
+    """Return the object files of the kernels of families for each target by its name.
+
+    Those that are not there are built: in half a minute for one family.
 
     Raises
     ------
@@ -73,24 +79,32 @@ def objects(names: Sequence[str]) -> dict[str, Path]:
     for name in names:
         if name not in TARGETS:
             raise UserError(f"target {name!r} is not known; allowed: {', '.join(TARGETS)}")
-    found = {name: build_dir(*KERNEL_SOURCES) / f"{name}.o" for name in names}
-    if not all(path.is_file() for path in found.values()):
+    folder, parts = build_dir(*KERNEL_SOURCES), (ELEMENTS, *families)
+    found = {name: [folder / file for part in parts for file in object_names(part, name)] for name in names}
+    if not all(path.is_file() for paths in found.values() for path in paths):
         notify_listeners()
-        with build_lock(build_dir(*KERNEL_SOURCES)):
-            _build([path for path in found.values() if not path.is_file()])
+        with build_lock(folder):
+            _build(folder, names, parts)
     return found
 
 
-def _build(paths: Sequence[Path]) -> None:
-    """Compile the kernels for targets by the names of their object files."""
-    if not paths:
+def _build(folder: Path, names: Collection[str], parts: Collection[str]) -> None:
+    """Compile those parts of the kernels for targets that do not exist."""
+    missing = {
+        name: [part for part in parts if not all((folder / file).is_file() for file in object_names(part, name))]
+        for name in names
+    }
+    together = list(dict.fromkeys(part for own in missing.values() for part in own))
+    targets = [name for name, own in missing.items() if own]
+    if not together:
         return  # another process has
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
         # machine code is made by a compiler, also if this process has none
         own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": f"{work}/cache", "NUMBA_DISABLE_JIT": "0"}
-        _run([sys.executable, "-m", "mbfmu.native.kernels", work, *(path.stem for path in paths)], own)
-        for path in paths:
-            install_atomically(Path(work) / path.name, path)
+        command = [sys.executable, "-m", "mbfmu.native.kernels", work, ",".join(targets), *together]
+        _run(command, own, sum(FUNCTIONS_OF_ELEMENTS if part == ELEMENTS else FUNCTIONS_OF_FAMILY for part in together))
+        for path in sorted(Path(work).glob("*.o")):
+            install_atomically(path, folder / path.name)
 
 
 @contextmanager
@@ -103,47 +117,51 @@ def build_lock(folder: Path) -> Iterator[None]:
         yield
 
 
-def library(name: str) -> Path:
-    """Return the runtime of a target as a shared library; see :func:`objects`."""
-    return cached_library(name) or _linked(name)
+def library(name: str, family: str) -> Path:
+    """Return the runtime of a target and a family as a shared library; see :func:`objects`."""
+    return cached_library(name, family) or _linked(name, family)
 
 
-def cached_library(name: str) -> Path | None:
-    """Return the runtime of a target if it has been built for these sources."""
+def cached_library(name: str, family: str) -> Path | None:
+    """Return the runtime of a target and a family if it has been built for these sources."""
     built = build_dir(*_runtime_sources())
-    paths = (PACKED_RUNTIMES / f"{shared_cache_dir().name}-{built.name}" / _file(name), built / _file(name))
+    paths = (_packed_dir() / _file(name, family), built / _file(name, family))
     return next((path for path in paths if path.is_file()), None)
 
 
-def pack(name: str) -> Path:
-    """Put the runtime of a target into the package, and return its place there."""
-    path = PACKED_RUNTIMES / f"{shared_cache_dir().name}-{build_dir(*_runtime_sources()).name}" / _file(name)
+def pack(name: str, family: str) -> Path:
+    """Put the runtime of a target and a family into the package, and return its place there."""
+    path = _packed_dir() / _file(name, family)
     if not path.is_file():
-        install_atomically(library(name), path)
+        install_atomically(library(name, family), path)
     return path
 
 
-def _file(name: str) -> str:
-    return f"{name}{TARGETS[name].suffix}"
+def _packed_dir() -> Path:
+    return PACKED_RUNTIMES / f"{shared_cache_dir().name}-{build_dir(*_runtime_sources()).name}"
 
 
-def compiler_arguments(name: str, work: Path) -> list[str]:
+def _file(name: str, family: str) -> str:
+    return f"{name}-{family}{TARGETS[name].suffix}"
+
+
+def compiler_arguments(name: str, family: str, work: Path) -> list[str]:
     """Return the arguments of a C compiler for a runtime's sources; generated headers are written to ``work``."""
-    code = objects([name])[name]
-    (work / "layout.h").write_text(declarations(FAMILIES, entries(next(iter(FAMILIES))).items()))
+    code = objects([name], [family])[name]
+    (work / "layout.h").write_text(declarations(family, entries(family).items()))
     include_dirs = (work, PACKAGE_DIR / "c", Path(fmpy.__file__).parent / "c-code")
     sources = sorted(PACKAGE_DIR.glob("c/*.c"))
-    return [*COMPILER_FLAGS, *(f"-I{place}" for place in include_dirs), *map(str, (*sources, code))]
+    return [*COMPILER_FLAGS, *(f"-I{place}" for place in include_dirs), *map(str, (*sources, *code))]
 
 
-def _linked(name: str) -> Path:
-    command, path = compiler(name), build_dir(*_runtime_sources()) / _file(name)
+def _linked(name: str, family: str) -> Path:
+    command, path = compiler(name), build_dir(*_runtime_sources()) / _file(name, family)
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
         work = Path(folder)
         made = work / path.name
         linked = link_arguments(name, work, EXPORTED_SYMBOLS)
         libraries = ["-lm", *(["-ldl"] if path.suffix == ".so" else [])]  # libdl: up to glibc 2.33
-        _run([*command, *compiler_arguments(name, work), *linked, "-o", str(made), *libraries], {})
+        _run([*command, *compiler_arguments(name, family, work), *linked, "-o", str(made), *libraries], {})
         install_atomically(made, path)
     return path
 
@@ -156,21 +174,39 @@ def link_arguments(name: str, work: Path, exported: str) -> list[str]:
     return ["-shared", "-s", f"-Wl,--version-script={work}/exported", "-Wl,-z,defs"]
 
 
+def has_zig() -> bool:
+    """Whether zig is installed, which compiles C for all targets."""
+    return importlib.util.find_spec("ziglang") is not None
+
+
 def compiler(name: str) -> list[str]:
     """Return the command that compiles C for a target; UserError where there is none."""
-    if importlib.util.find_spec("ziglang") is not None:
+    if has_zig():
         return [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[name].zig]
     own = next(filter(None, map(shutil.which, COMPILERS)), None)
     if own is None or name != host():
-        raise UserError(f"nothing here compiles C for {name}: pip install ziglang")
+        raise UserError(
+            f"nothing here compiles C for {name}. Install a C compiler, or run: pip install ziglang", "no-runtime"
+        )
     return [own]
 
 
-def _run(command: list[str], more: dict[str, str]) -> None:
-    done = subprocess.run(command, env={**os.environ, **more}, capture_output=True, text=True, check=False)
-    if done.returncode:
-        errors = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
-        raise UserError(f"the runtime cannot be built: {Path(command[0]).name} reports {errors[0]!r}")
+def _run(command: list[str], more: dict[str, str], functions: int = 1) -> None:
+    """Run a command, which may print a character for each function that it compiles; ``functions``: their number."""
+    with tempfile.TemporaryFile("w+", errors="replace") as errors:
+        own = {**os.environ, **more}
+        # children of the process end when nothing reads what they print
+        with subprocess.Popen(command, env=own, stdout=subprocess.PIPE, stderr=errors) as process:
+            assert process.stdout is not None
+            done = 0
+            while progress := os.read(process.stdout.fileno(), 4096):
+                done += len(progress)
+                report_progress(min(done / functions, 1.0))
+        if process.returncode:
+            errors.seek(0)
+            last = errors.read().strip().splitlines()[-1:] or [f"exit code {process.returncode}"]
+            text = f"the runtime cannot be built: {Path(command[0]).name} reports {last[0]!r}"
+            raise UserError(text, "no-runtime")
 
 
 def install_atomically(made: Path, path: Path) -> None:

@@ -143,8 +143,8 @@ def callback_symbol(family: str, name: str) -> str:
     return f"mb_{family}_call_{name}"
 
 
-def declarations(c_types: dict[Any, str]) -> list[str]:
-    """Return the lines of the C header that SUNDIALS needs; ``c_types`` are those of arguments of kernels."""
+def declarations(c_types: dict[Any, str], family: str) -> list[str]:
+    """Return the lines of the C header that SUNDIALS and a family need; ``c_types``: those of arguments of kernels."""
     prefix = ["#ifdef _WIN32", '#define LIBRARY_NAME(name) "sundials_" name', "#else"]
     lines = [*prefix, '#define LIBRARY_NAME(name) "libsundials_" name', "#endif"]
     functions = (*FUNCTION_NAMES, *CONTEXT_FUNCTIONS)
@@ -158,10 +158,10 @@ def declarations(c_types: dict[Any, str]) -> list[str]:
         lines.append(f"typedef int32_t Callback_{name}({arguments});")
     fields = (f"    Callback_{name} *{name};" for name in CALLBACK_TYPES)
     lines += ["typedef struct {", *fields, "} Callbacks;"]
-    for family in SUNDIALS_FAMILIES:
+    if family in SUNDIALS_FAMILIES:
         symbols = {name: callback_symbol(family, name) for name in CALLBACK_TYPES}
         lines += [f"Callback_{name} {symbol};" for name, symbol in symbols.items()]
-        lines.append(f"static const Callbacks {family}_callbacks = {{{', '.join(symbols.values())}}};")
+        lines.append(f"static const Callbacks callbacks = {{{', '.join(symbols.values())}}};")
     return lines
 
 

@@ -53,7 +53,7 @@ def user_library(scene: Scene, target: str) -> bytes:
     if not reference:
         raise UserError(
             f"model {scene.model.name!r} has user-defined kernels, which a separate process compiles for a native FMU; "
-            "put its class at the top level of a file, or export it without --native",
+            "put its class at the top level of a file, or export it with --python",
             "not-native",
         )
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
@@ -84,7 +84,7 @@ def user_library(scene: Scene, target: str) -> bytes:
         if done.returncode:
             raise UserError(
                 f"the user-defined kernels of model {scene.model.name!r} cannot be linked without Python: "
-                f"{_last(done.stderr)}; export the model without --native",
+                f"{_last(done.stderr)}; export the model with --python",
                 "not-native",
             )
         return made.read_bytes()

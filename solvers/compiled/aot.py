@@ -9,11 +9,15 @@ a cache of its results (``NUMBA_CACHE_DIR`` at an empty folder): types of entry 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
 from llvmlite import binding as llvm
+from numba import _dynfunc  # type: ignore[attr-defined]
+from numba.core.codegen import CPUCodeLibrary
+from numba.core.registry import cpu_target
 
+from .cache import Cache
 from .symbols import SYMBOL_PREFIX, code_of, compiled_kernel_of
 
 OPTIMIZATION_LEVEL = 3  # level of optimization of what is emitted
@@ -21,7 +25,44 @@ OPTIMIZATION_LEVEL = 3  # level of optimization of what is emitted
 Module = Any  # of llvmlite
 
 
-def link_module(entries: Mapping[str, tuple[Any, Any]], tables: Mapping[str, Iterable[str]]) -> Module:
+class CodeLibrary(CPUCodeLibrary):
+    """LLVM code of a function that this process does not execute."""
+
+    def _finalize_specific(self) -> None:
+        """Make no machine code."""
+
+    def get_pointer_to_function(self, _: str) -> int:
+        """Return that there is no machine code."""
+        return 0
+
+
+def compile_only(report: Callable[[], None]) -> None:
+    """Let kernels be compiled to LLVM code from now on, which this process cannot execute; it has no way back.
+
+    Machine code for this process, what wraps functions for Python, and the cache take half of the time of numba.
+    ``report`` is called for every function that has been compiled.
+    """
+
+    def get_executable(library: Any, described: Any, environment: Any) -> Any:
+        library._ensure_finalized()  # optimizes the code
+        report()
+        return _dynfunc.make_function(described.lookup_module(), described.qualname, "", 1, environment, (library,))
+
+    context = cpu_target.target_context
+    context.codegen()._library_class = CodeLibrary
+    context.codegen()._add_module = lambda _: None
+    context.create_cpython_wrapper = lambda *_, **__: None
+    context.get_executable = get_executable
+    Cache.is_enabled = False
+
+
+def link_module(
+    entries: Mapping[str, tuple[Any, Any]],
+    tables: Mapping[str, Iterable[str]],
+    elsewhere: Collection[str] = (),
+    *,
+    exports_kernels: bool = False,
+) -> Module:
     """Return a module of kernels and all they call.
 
     Parameters
@@ -30,6 +71,10 @@ def link_module(entries: Mapping[str, tuple[Any, Any]], tables: Mapping[str, Ite
         Kernel and types of arguments of every entry point, by its symbol.
     tables
         Symbols of entry points by the symbol of an array of their addresses.
+    elsewhere
+        Symbols of kernels that another module exports, which are called there.
+    exports_kernels
+        Whether other modules of the same library call the kernels of this one, see :func:`kernel_symbols`.
     """
     whole = _tables(tables)
     wanted, done = {name: kernel.overloads[arguments] for name, (kernel, arguments) in entries.items()}, set()
@@ -41,17 +86,27 @@ def link_module(entries: Mapping[str, tuple[Any, Any]], tables: Mapping[str, Ite
         own.name, own.linkage = symbol, "external"  # what nothing calls yet would not be linked in
         for function in part.functions:
             name = function.name
-            if function.is_declaration and name.startswith(SYMBOL_PREFIX) and name not in done and name not in wanted:
+            is_known = any(name in symbols for symbols in (done, wanted, elsewhere))
+            if function.is_declaration and name.startswith(SYMBOL_PREFIX) and not is_known:
                 wanted[name] = compiled_kernel_of(name)
         whole.link_in(part)
     kept = {*entries, *tables}
     known = [s for symbols in (whole.functions, whole.global_variables) for s in symbols if not s.is_declaration]
     for number, symbol in enumerate(known):
-        symbol.linkage = "external" if symbol.name in kept else "internal"
-        if symbol.name not in kept:
+        if exports_kernels and symbol.name.startswith(SYMBOL_PREFIX):
+            symbol.linkage, symbol.visibility = "external", "hidden"
+        elif symbol.name in kept:
+            symbol.linkage = "external"
+        else:
+            symbol.linkage = "internal"
             symbol.name = f"inside_{number}"  # numba's names contain addresses of this process
     whole.verify()
     return whole
+
+
+def kernel_symbols(module: Module) -> set[str]:
+    """Return the symbols of the kernels that a module contains and exports."""
+    return {f.name for f in module.functions if not f.is_declaration and f.name.startswith(SYMBOL_PREFIX)}
 
 
 def _tables(tables: Mapping[str, Iterable[str]]) -> Module:

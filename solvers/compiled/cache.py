@@ -221,6 +221,8 @@ def _content(source: str, _changed: int, _size: int) -> str:
 class Cache(FunctionCache):
     """The machine code of one function, for every signature."""
 
+    is_enabled = True  # False: this process makes no machine code that could be stored
+
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return the stored code of a signature; None if there is none, or it is damaged or of another signature."""
         try:
@@ -234,7 +236,7 @@ class Cache(FunctionCache):
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Store compiled code if the folder can be written and the sources are those of the fingerprint."""
-        if not are_sources_unchanged():
+        if not (self.is_enabled and are_sources_unchanged()):
             return
         try:
             try:

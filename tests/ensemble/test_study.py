@@ -182,7 +182,7 @@ def test_an_fmu_is_run_as_the_model_is(cluster: Cluster, tmp_path: Path):
     fast = {"fastest": "largest crank.rate", "end": "end crank.angle"}
     told: dict[str, Any] = {"stop_time": 0.5, "scheduler": cluster.address}
     direct = mb.study("fourbar", vary, fast, folder=tmp_path / "a", **told)
-    path = mb.export(mb.find("fourbar")(), tmp_path / "fourbar.fmu", stop_time=0.5)
+    path = mb.export(mb.find("fourbar")(), tmp_path / "fourbar.fmu", stop_time=0.5, native=False)
     for name, given, how in (("b", "fourbar", {"runs": "fmu"}), ("c", path, {})):
         fmu = mb.study(given, vary, fast, folder=tmp_path / name, **told, **how)
         assert fmu.column("end").tolist() == pytest.approx(direct.column("end").tolist(), rel=1e-9)

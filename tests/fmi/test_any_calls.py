@@ -294,7 +294,7 @@ EXAMPLES = 80 if os.environ.get("CI") else 20
 def test_any_calls(name: str, tmp_path: Path) -> None:
     model = models()[name](**SMALL.get(name, {}))
     solver = "adams" if model.default_solver == "ida" else model.default_solver  # the other one is there for a reason
-    path = export(model, tmp_path / "model.fmu", Settings(solver=solver))
+    path = export(model, tmp_path / "model.fmu", Settings(solver=solver), native=False)
 
     class OfThis(Host):
         binary = Binary(path, tmp_path)

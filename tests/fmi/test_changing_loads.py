@@ -35,7 +35,7 @@ class Wheel(Model):
 @pytest.fixture(scope="module", params=["adams", "ida"])
 def path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = Settings(solver=request.param, tolerance=1e-8, input_interpolation="linear")
-    return export(Wheel(), tmp_path_factory.mktemp("fmu") / "wheel.fmu", settings)
+    return export(Wheel(), tmp_path_factory.mktemp("fmu") / "wheel.fmu", settings, native=False)
 
 
 @pytest.fixture

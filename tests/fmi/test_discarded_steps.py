@@ -48,7 +48,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     @cache
     def make(name: str) -> Path:
         model, solver, *_ = RUNS[name]
-        return export(model, tmp_path_factory.mktemp("fmu") / "model.fmu", Settings(solver=solver))
+        return export(model, tmp_path_factory.mktemp("fmu") / "model.fmu", Settings(solver=solver), native=False)
 
     return make
 
@@ -126,7 +126,7 @@ def test_it_leaves_supports_on_their_way() -> None:
 
 
 def test_ida_goes_on_within_its_tolerance_and_counts_no_discarded_work(tmp_path: Path) -> None:
-    path = export(FourBar(), tmp_path / "model.fmu", Settings(solver="ida", tolerance=1e-8))
+    path = export(FourBar(), tmp_path / "model.fmu", Settings(solver="ida", tolerance=1e-8), native=False)
     with Fmu(path, {"max_steps": 3000}) as tried, Fmu(path, {"max_steps": 3000}) as other:
         for fmu in (tried, other):
             for _ in range(10):

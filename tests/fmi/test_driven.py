@@ -26,7 +26,10 @@ MODELS = {"governor": Governor(), "free": Governor(driven=False), "pendulum": Sw
 def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """All three as FMUs."""
     folder = tmp_path_factory.mktemp("driven")
-    return {name: export(model, folder / f"{name}.fmu", Settings(solver="adams")) for name, model in MODELS.items()}
+    return {
+        name: export(model, folder / f"{name}.fmu", Settings(solver="adams"), native=False)
+        for name, model in MODELS.items()
+    }
 
 
 @pytest.mark.parametrize("name", MODELS)

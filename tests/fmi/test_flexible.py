@@ -20,7 +20,7 @@ MODEL = FourBar(coupler_modes=2, coupler_damping=5.8115e-4)
 @pytest.fixture(scope="module")
 def flexible_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two modes, damped."""
-    return export(MODEL, tmp_path_factory.mktemp("fmu") / "flexible.fmu", Settings(solver="adams"))
+    return export(MODEL, tmp_path_factory.mktemp("fmu") / "flexible.fmu", Settings(solver="adams"), native=False)
 
 
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])

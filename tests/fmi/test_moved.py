@@ -40,7 +40,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Model, Path]:
     folder = tmp_path_factory.mktemp("moved")
     (folder / "oscillator.py").write_text(SOURCE)
     model = find(str(folder / "oscillator.py"))()
-    return model, export(model, folder / "oscillator.fmu", Settings(solver="adams", tolerance=1e-9))
+    return model, export(model, folder / "oscillator.fmu", Settings(solver="adams", tolerance=1e-9), native=False)
 
 
 def test_a_shaken_base_is_that_of_the_closed_form(made: tuple[Model, Path]) -> None:

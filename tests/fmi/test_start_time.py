@@ -128,7 +128,7 @@ def test_a_steady_state_is_the_same_at_every_start_time() -> None:
 
 @pytest.fixture(scope="module")
 def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return export(Governor(), tmp_path_factory.mktemp("fmu") / "governor.fmu", ADAMS)
+    return export(Governor(), tmp_path_factory.mktemp("fmu") / "governor.fmu", ADAMS, native=False)
 
 
 @pytest.mark.parametrize("t0", TIMES)

@@ -46,7 +46,7 @@ def test_a_bad_state_changes_nothing_and_stops_the_run(fmu: Fmu, fourbar_fmu: Pa
     fmu.step(0.1)
     before = fmu.reals()
     if harm == "another's":
-        other = export(FourBar(crank_mass=2.0), tmp_path / "other.fmu", Settings(solver="adams"))
+        other = export(FourBar(crank_mass=2.0), tmp_path / "other.fmu", Settings(solver="adams"), native=False)
         with Fmu(other) as another:
             bad = another.save()
     else:
@@ -268,7 +268,7 @@ def test_nothing_moves_after_the_end(fourbar_fmu: Path) -> None:
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_discarded_step_can_be_tried_again_shorter(tmp_path: Path, solver: str) -> None:
     """A torque beyond all numbers is not survived, but left behind."""
-    path = export(FourBar(), tmp_path / "fourbar.fmu", Settings(solver=solver, tolerance=1e-6))
+    path = export(FourBar(), tmp_path / "fourbar.fmu", Settings(solver=solver, tolerance=1e-6), native=False)
     with Fmu(path) as fmu:
         fmu.step(0.2)
         before = fmu.reals()

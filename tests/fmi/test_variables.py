@@ -88,7 +88,7 @@ def test_dependencies_are_true(model: Model) -> None:
 def test_every_real_variable_has_a_magnitude_and_what_is_an_angle_reads_in_degrees(
     model: Model, tmp_path: Path
 ) -> None:
-    path = export(model, tmp_path / "m.fmu", Settings(solver="adams"))
+    path = export(model, tmp_path / "m.fmu", Settings(solver="adams"), native=False)
     assert validate_fmu(str(path)) == []
     described = {v.name: v for v in read_model_description(str(path)).modelVariables}
     for v in list_variables(model, Settings(solver="adams")):
@@ -128,7 +128,7 @@ def test_the_page_the_command_and_the_description_tell_the_same(
 ) -> None:
     from mbfmu.cli import main
 
-    path = export(FourBar(crank_mass=2.5), tmp_path / "m.fmu", Settings(solver="adams", tolerance=1e-7))
+    path = export(FourBar(crank_mass=2.5), tmp_path / "m.fmu", Settings(solver="adams", tolerance=1e-7), native=False)
     page = zipfile.ZipFile(path).read("documentation/index.html").decode()
     assert main(["models", "fourbar"]) == 0
     listed = capsys.readouterr().out
@@ -185,7 +185,7 @@ def made(build: Callable[[], Mechanism], **parameters: Any) -> Model:
 )
 def test_what_no_fmu_can_be_made_of_is_refused_at_export(model: Model, message: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=message):
-        export(model, tmp_path / "m.fmu")
+        export(model, tmp_path / "m.fmu", native=False)
     assert not list(tmp_path.iterdir())
 
 
@@ -205,7 +205,7 @@ def test_choices_are_read_and_set_in_words(fourbar_fmu: Path, tmp_path: Path) ->
         assert fmu["solver"] == "adams"
     with pytest.raises(UserError, match="solver is 'euler'; allowed: adams"):
         Fmu(fourbar_fmu, {"solver": "euler"})
-    path = export(Moved(color="green"), tmp_path / "m.fmu", Settings(solver="adams-lu"))
+    path = export(Moved(color="green"), tmp_path / "m.fmu", Settings(solver="adams-lu"), native=False)
     with Fmu(path) as fmu:
         assert fmu["color"] == "green"
         assert fmu["solver"] == "adams-lu"

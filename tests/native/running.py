@@ -27,14 +27,14 @@ needs_linker = pytest.mark.skipif(
 
 
 @cache
-def runtime() -> ctypes.CDLL:
-    """The kernels for this machine, with nothing around them; built where they are not there, in minutes."""
+def runtime(family: str) -> ctypes.CDLL:
+    """The kernels of a family for this machine, with nothing around them; built where they are not there."""
     compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
     assert compiler is not None
-    code = objects([host()])[host()]
+    code = map(str, objects([host()], [family])[host()])
     with tempfile.TemporaryDirectory() as folder:
         path = f"{folder}/kernels.so"
-        subprocess.run([compiler, "-shared", str(code), "-o", path, "-lm", "-Wl,-Bsymbolic"], check=True)
+        subprocess.run([compiler, "-shared", *code, "-o", path, "-lm", "-Wl,-Bsymbolic"], check=True)
         return ctypes.CDLL(path)
 
 
@@ -48,12 +48,12 @@ class Running:
         self.block = room[begin : begin + image.size]
         self.block[:] = np.frombuffer(image.block(), np.uint8)
         words, here = self.block.view(np.uint64), self.block.ctypes.data
-        table = (ctypes.c_void_p * len(shipped_kernels())).in_dll(runtime(), "mb_kinds")
+        self._root, self._family = here + image.root, family_of(simulation)
+        table = (ctypes.c_void_p * len(shipped_kernels())).in_dll(runtime(self._family), "mb_kinds")
         for at, target in image.relocations:
             words[at // 8] = here + target
         for at, number in image.kernels:
             words[at // 8] = table[number]
-        self._root, self._family = here + image.root, family_of(simulation)
         self.out, self.run_status = self.view(instance.out), self.view(instance.session.status)[0]
 
     def view(self, array: NDArray[Any]) -> NDArray[Any]:
@@ -64,7 +64,7 @@ class Running:
 
     def call(self, name: str, *more: float) -> int:
         """Call an entry point, with whole numbers as such; return its code."""
-        function = getattr(runtime(), f"mb_{self._family}_{name}")
+        function = getattr(runtime(self._family), f"mb_{self._family}_{name}")
         types = [ctypes.c_int64 if isinstance(x, int) else ctypes.c_double for x in more]
         function.argtypes = [ctypes.c_void_p] * 3 + types
         code, error = ctypes.c_int64(), ctypes.c_void_p()

@@ -19,11 +19,14 @@ from fmus.pendulum import SwingPendulum
 from mbfmu.fmi.native_fmu import _with_solver
 from mbfmu.native import runtime
 from mbfmu.native.entries import image_of
+from mbfmu.native.families import FAMILIES
 from mbfmu.native.image import MemoryImage
+from mbfmu.native.kernels import object_names
 from mbfmu.native.runtime import objects
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.errors import UserError
+from mbfmu.util.progress import when_progressing
 
 TIMES = 0.01 * np.arange(1, 201)
 LIBM = {"acos", "asin", "atan", "atan2", "cos", "exp", "floor", "hypot", "log", "pow", "sin", "sincos", "sqrt", "tan"}
@@ -102,33 +105,54 @@ def test_another_start_is_begun_as_a_simulation_begins(solver: str):
 
 
 @needs_linker
-def test_the_kernels_need_no_more_than_the_c_library():
-    told = subprocess.run(("nm", "-u", str(objects([host()])[host()])), capture_output=True, text=True, check=True)
-    needed = {line.split()[-1] for line in told.stdout.splitlines()}
-    assert needed <= LIBM | MEMORY
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_kernels_need_no_more_than_the_c_library(family: str):
+    found: dict[str, set[str]] = {}
+    for kind in ("--undefined-only", "--defined-only"):
+        files = map(str, objects([host()], [family])[host()])
+        told = subprocess.run(("nm", kind, "--extern-only", *files), capture_output=True, text=True, check=True)
+        found[kind] = {line.split()[-1] for line in told.stdout.splitlines() if line and not line.endswith(":")}
+    assert found["--undefined-only"] - found["--defined-only"] <= LIBM | MEMORY
 
 
 @needs_linker
 @pytest.mark.campaign
 def test_two_builds_of_the_kernels_give_equal_bytes(tmp_path: Path):
     own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    build = [sys.executable, "-m", "mbfmu.native.kernels", str(tmp_path), host()]
-    subprocess.run(build, env={**os.environ, **own}, check=True)
-    assert (tmp_path / f"{host()}.o").read_bytes() == objects([host()])[host()].read_bytes()
+    build = [sys.executable, "-m", "mbfmu.native.kernels", str(tmp_path), host(), "elements", "radau"]
+    subprocess.run(build, env={**os.environ, **own}, stdout=subprocess.DEVNULL, check=True)
+    for path in objects([host()], ["radau"])[host()]:
+        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
 
 
 def test_the_kernels_are_compiled_for_a_process_that_compiles_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     given: dict[str, str] = {}
 
-    def build(command: list[str], more: dict[str, str]) -> None:
+    def build(command: list[str], more: dict[str, str], _: int) -> None:
         given.update(more)
-        (Path(command[3]) / "x86_64-linux.o").write_bytes(b"code")
+        assert command[4:] == ["x86_64-linux", "elements", "adams"]
+        for name in names:
+            (Path(command[3]) / name).write_bytes(b"code")
 
+    names = [name for part in ("elements", "adams") for name in object_names(part, "x86_64-linux")]
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
     monkeypatch.setattr(runtime, "_run", build)
-    runtime._build([tmp_path / "x86_64-linux.o"])
+    runtime._build(tmp_path, ["x86_64-linux"], ["elements", "adams"])
     assert given["NUMBA_DISABLE_JIT"] == "0"
-    assert (tmp_path / "x86_64-linux.o").read_bytes() == b"code"
+    assert all((tmp_path / name).read_bytes() == b"code" for name in names)
+    monkeypatch.setattr(runtime, "_run", None)
+    runtime._build(tmp_path, ["x86_64-linux"], ["elements", "adams"])  # nothing is left to do
+
+
+def test_progress_of_a_build_is_reported_and_its_error_has_its_cause():
+    parts: list[float] = []
+    script = "import sys; [print('..', end='', flush=True) for _ in range(3)]; sys.exit('the disk is full')"
+    with when_progressing(parts.append), pytest.raises(UserError, match="reports 'the disk is full'") as error:
+        runtime._run([sys.executable, "-c", script], {}, 5)
+    assert error.value.diagnostic.code == "no-runtime"
+    assert parts
+    assert parts == sorted(parts)
+    assert parts[-1] == 1.0  # not more, if more is compiled than expected
 
 
 def test_a_solver_that_is_not_there_is_refused():

@@ -1,4 +1,4 @@
-"""``mbfmu run`` takes the native FMU where the runtime is there and the scene goes into it, and compiles nothing."""
+"""FMUs are native if possible, and call Python otherwise; a native run compiles nothing if the runtime exists."""
 
 from __future__ import annotations
 
@@ -10,19 +10,22 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
+from fmpy import read_model_description
 
 from fmus.fourbar import FourBar
-from mbfmu.fmi.export import FmuKind, export_scene
+from mbfmu.fmi.export import FmuKind, export, export_scene
 from mbfmu.modeling.scene import load_scene
+from mbfmu.modeling.settings import Settings
 from mbfmu.native.runtime import COMPILERS, library
 from mbfmu.native.targets import host
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from solvers.compiled.cache import CompilationNeeded, cache_root, forbid_compilation, notify_listeners, when_compiling
 
-EXPORT = sys.modules[export_scene.__module__]
+EXPORT, RUNTIME = sys.modules[export_scene.__module__], sys.modules[library.__module__]
 
 Command = Callable[..., tuple[int, str, str]]
 
@@ -65,7 +68,9 @@ def refused() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def runtime() -> Path:
-    return library(host())
+    for family in ("ida", "radau", "tree"):
+        library(host(), family)
+    return library(host(), "adams")
 
 
 @pytest.mark.parametrize("scene", ["fourbar/paper", "fourbar", "governor", "pendulum"])
@@ -110,16 +115,59 @@ def test_what_a_native_fmu_logs_is_a_note_and_not_among_the_paths(runtime: Path,
     assert quiet == f"{tmp_path / 'sheet' / 'default-adams-1e-5-nx=4,nz=3,support=free,start_spin=600-2'}\n"
 
 
-def test_without_a_runtime_the_fmu_calls_python(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(EXPORT, "cached_library", lambda _: None)
+@pytest.fixture
+def without_runtime(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine on which no runtime can be had."""
+    monkeypatch.setattr(RUNTIME, "cached_library", lambda *_: None)
+    monkeypatch.setattr(RUNTIME, "COMPILERS", ())
+    monkeypatch.setattr(RUNTIME, "has_zig", lambda: False)
+
+
+@pytest.mark.usefixtures("without_runtime")
+def test_without_a_runtime_the_fmu_calls_python_and_one_line_says_why(command: Command, tmp_path: Path):
+    why = f"nothing here compiles C for {host()} [python-fmu]"
     _, out, _ = command("run", "fourbar", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
     assert COUPLED in out
+    assert out.count("[python-fmu]") == out.count(why) == 1
+    path = tmp_path / "model.fmu"
+    code, out, _ = command("export", "fourbar", "-o", str(path))
+    assert (code, out.count("[python-fmu]"), out.count(why)) == (0, 1, 1)
+    assert not read_model_description(str(path)).modelExchange
+    code, out, _ = command("-q", "export", "fourbar", "-o", str(path))
+    assert (code, out) == (0, f"{path}\n")
+    with pytest.warns(UserWarning, match=r"this FMU calls Python, .* \[python-fmu\]$"):
+        export(FourBar(), path)
 
 
-def test_a_solver_that_machine_code_has_not_calls_python(runtime: Path, command: Command, tmp_path: Path):
-    large = ("--set=nx=9", "--set=nz=7", "--stop-time=1e-3", "--interval=1e-3")
-    _, out, _ = command("run", "sheet", "--solver=ida", *large, "-o", str(tmp_path))
+@pytest.mark.usefixtures("without_runtime")
+@pytest.mark.parametrize("requested", [("--native",), ("--fmi=3",), ("--platforms=x86_64-windows",)])
+def test_an_fmu_that_cannot_call_python_is_not_replaced(requested: tuple[str], command: Command, tmp_path: Path):
+    path = tmp_path / "model.fmu"
+    code, _, err = command("export", "fourbar", *requested, "-o", str(path))
+    assert (code, path.exists()) == (2, False)
+    assert "nothing here compiles C for" in err
+    assert err.rstrip().endswith("[no-runtime]")
+
+
+def test_a_solver_that_is_not_native_calls_python(runtime: Path, command: Command, tmp_path: Path):
+    solver = ("--solver=esdirk", "--set=nx=9", "--set=nz=7")
+    _, out, _ = command("run", "sheet", *solver, "--stop-time=1e-3", "--interval=1e-3", "-o", str(tmp_path))
     assert COUPLED in out
+    assert "solver is 'esdirk'; allowed in a native FMU: " in out
+
+
+def test_a_native_fmu_is_the_default_and_python_an_option(runtime: Path, command: Command, tmp_path: Path):
+    path = tmp_path / "model.fmu"
+    for options, native in (((), True), (("--native",), True), (("--python",), False)):
+        code, _, err = command("export", "fourbar", "--solver=adams", *options, "-o", str(path))
+        assert code == 0, err
+        with ZipFile(path) as archive:
+            assert ("resources/model.bin" in archive.namelist()) == native
+            assert any(name.endswith(".py") for name in archive.namelist()) != native
+    code, _, err = command("export", "fourbar", "--python", "--fmi=3", "-o", str(path))
+    assert (code, "FMUs that call Python have FMI 2 and one platform" in err) == (2, True)
+    assert export(FourBar(), path, Settings(solver="adams")) == path
+    assert read_model_description(str(path)).modelExchange
 
 
 def test_a_model_with_a_function_of_time_runs_as_machine_code(runtime: Path, command: Command, tmp_path: Path):

@@ -32,11 +32,11 @@ pytestmark = pytest.mark.skipif(
 
 
 def unpacked(solver: str, folder: Path) -> list[str]:
-    """Resources, token and number of variables of the four-bar's FMU."""
+    """Solver, resources, token and number of variables of the four-bar's FMU."""
     path = export(FourBar(), folder / "model.fmu", Settings(solver=solver), native=True)
     zipfile.ZipFile(path).extractall(folder)
     described = read_model_description(str(path))
-    return [str(folder / "resources"), described.guid, str(len(described.modelVariables))]
+    return [solver, str(folder / "resources"), described.guid, str(len(described.modelVariables))]
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +51,18 @@ def each_told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     return unpacked(request.param, tmp_path_factory.mktemp("fmu"))
 
 
-def build(folder: Path, *flags: str) -> Path:
+def build(folder: Path, family: str, *flags: str) -> Path:
     """The host that does anything, with the runtime in it."""
     program, source = folder / "fuzz", Path(__file__).with_name("fuzz.c")
-    made = [*compiler(host()), *compiler_arguments(host(), folder), *flags, str(source), "-o", str(program), "-lm"]
+    made = [
+        *compiler(host()),
+        *compiler_arguments(host(), family, folder),
+        *flags,
+        str(source),
+        "-o",
+        str(program),
+        "-lm",
+    ]
     done = subprocess.run(made, capture_output=True, text=True, check=False)
     if done.returncode and flags:
         pytest.skip(f"the compiler has no sanitizers: {done.stderr.splitlines()[-1]}")
@@ -65,8 +73,8 @@ def build(folder: Path, *flags: str) -> Path:
 
 
 def test_any_calls_leave_memory_and_numbers_whole(each_told: list[str], tmp_path: Path):
-    program = build(tmp_path, *SANITIZED)
-    resources, token, count = each_told
+    family, resources, token, count = each_told
+    program = build(tmp_path, family, *SANITIZED)
     steps = 0
     for seed in range(1, 5):
         call = [str(program), resources, token, str(seed), str(CALLS), count]
@@ -78,8 +86,8 @@ def test_any_calls_leave_memory_and_numbers_whole(each_told: list[str], tmp_path
 
 def test_a_damaged_file_is_refused_before_anything_beyond_it_is_read(told: list[str], tmp_path: Path):
     """Bits that flip, and indices of nothing under the right checksum, of every section and of the header."""
-    program = build(tmp_path, *SANITIZED)
-    resources, token, count = told
+    family, resources, token, count = told
+    program = build(tmp_path, family, *SANITIZED)
     whole, drawn, damaged = (Path(resources) / "model.bin").read_bytes(), random.Random(3), tmp_path / "resources"
     damaged.mkdir()
     header = np.frombuffer(whole, layout.HEADER, 1)[0]
@@ -105,8 +113,8 @@ def test_a_damaged_file_is_refused_before_anything_beyond_it_is_read(told: list[
 
 @pytest.mark.skipif(shutil.which("valgrind") is None, reason="needs valgrind")
 def test_valgrind_finds_nothing(each_told: list[str], tmp_path: Path):
-    program = build(tmp_path)
-    resources, token, count = each_told
+    family, resources, token, count = each_told
+    program = build(tmp_path, family)
     watched = ["valgrind", "-q", "--error-exitcode=9", "--leak-check=full", "--exit-on-first-error=yes"]
     call = [*watched, str(program), resources, token, "7", "500", count]
     done = subprocess.run(call, capture_output=True, text=True, check=False)

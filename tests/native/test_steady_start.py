@@ -113,7 +113,7 @@ def test_a_host_does_not_get_a_wrong_start_without_an_error(tmp_path: Path, open
     path = export(Governor(), tmp_path / "native.fmu", STEADY, native=True)
     with pytest.raises(FMICallException):
         simulate_fmu(str(path), stop_time=0.1, start_values={"spindle.drive": 10.0})
-    calls_python = export(Governor(), tmp_path / "python.fmu", STEADY)
+    calls_python = export(Governor(), tmp_path / "python.fmu", STEADY, native=False)
     with Fmu(calls_python, {"spindle.drive": 10.0}) as fmu:
         wanted = equilibrium(Governor(spindle_speed=10.0)).outputs["collar.height"]
         assert fmu["collar.height"] == pytest.approx(wanted, rel=1e-8)

@@ -78,13 +78,13 @@ static bool good_states(const Header *h)
 /* Whether the table of addresses for SUNDIALS is after what states hold, where the family calls it. */
 static bool good_table(const Header *h)
 {
-    bool is_called = families[h->family].callbacks;
+    bool is_called = family.callbacks;
     return is_called ? h->ida_at >= h->saved && in_block(h, h->ida_at, WORD_COUNT, sizeof(int64_t)) : h->ida_at == 0;
 }
 
 static bool good_header(const Header *h)
 {
-    return is_index(h->family, sizeof families / sizeof families[0]) && fits(h->size, 0, h->saved, 1) &&
+    return h->family == FAMILY && fits(h->size, 0, h->saved, 1) &&
            in_block(h, h->root, 1, sizeof(double)) && in_block(h, h->clock_at, 1, sizeof(double)) &&
            in_block(h, h->length_at, 1, sizeof(double)) && in_block(h, h->options_at, 1, sizeof(Options)) &&
            in_block(h, h->run_status_at, 1, sizeof(RunStatus)) && in_block(h, h->worst_at, 1, sizeof(Worst)) &&

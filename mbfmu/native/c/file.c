@@ -102,7 +102,7 @@ static bool read_tables(Instance *own, FILE *file, const char *token, char text[
         SAY(text, "file '", own->path, "' is damaged: it refers to data outside the file; export the FMU again [fmu-files]");
         return false;
     }
-    own->family = &families[own->header->family];
+    own->family = &family;
     return true;
 }
 
