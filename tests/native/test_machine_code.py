@@ -29,7 +29,10 @@ from mbfmu.util.errors import UserError
 from mbfmu.util.progress import when_progressing
 
 TIMES = 0.01 * np.arange(1, 201)
-LIBM = {"acos", "asin", "atan", "atan2", "cos", "exp", "floor", "hypot", "log", "pow", "sin", "sincos", "sqrt", "tan"}
+LIBM = {
+    "acos", "asin", "atan", "atan2", "cos", "cosh", "exp", "floor", "hypot", "log", "pow", "sin", "sincos", "sinh",
+    "sqrt", "tan",
+}  # fmt: skip
 MEMORY = {"memcpy", "memmove", "memset"}
 
 MODELS = {
