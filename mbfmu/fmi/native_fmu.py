@@ -151,7 +151,7 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic]
     compiled = model.compile()
     supported = _supported(compiled.system)
     found = select_solver(compiled, [(0.0, *compiled.assemble())], settings.options(model.stop_time))
-    implicit = "radau" if compiled.system.has_matrices else "adams"  # which is all that large trees have
+    implicit = "radau" if compiled.system.has_matrices else "esdirk"
     solver = found.solver if found.solver in supported else implicit
     if refused := describe_refusal(solver, compiled.system):
         why = f", since {compiled.system.stiffness_reason}" if compiled.system.stiffness_reason else f" ({refused})"
