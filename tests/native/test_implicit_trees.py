@@ -36,6 +36,7 @@ MODELS = {
     "sheet": (lambda: Sheet(**GRID), 5e-3),
     "sheet in air": (lambda: Sheet(**GRID, damping=1e-5, drag=1.4, pressure=0.5), 5e-3),
     "sheet that flies": (lambda: Sheet(**GRID, support="free", start_spin=20.0, gravity_y=0.0), 2e-3),
+    "stretched sheet": (lambda: Sheet(**GRID, stretch=True), 5e-3),
     "sheet on a table": (fallen_sheet, 4e-3),
     "feeder": (Feeder, 1e-3),
 }
