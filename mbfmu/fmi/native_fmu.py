@@ -152,7 +152,7 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic]
     compiled = model.compile()
     supported = _supported(compiled.system)
     found = select_solver(compiled, [(0.0, *compiled.assemble())], settings.options(model.stop_time))
-    implicit = "radau" if compiled.system.has_matrices else "adams"  # which is all that large trees have
+    implicit = "radau" if compiled.system.has_matrices else "esdirk"
     solver = found.solver if found.solver in supported else implicit
     if refused := describe_refusal(solver, compiled.system):
         why = f", since {compiled.system.stiffness_reason}" if compiled.system.stiffness_reason else f" ({refused})"
@@ -169,8 +169,10 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic]
 
 def _supported(system: AnySystem) -> tuple[str, ...]:
     """Return the solvers of native FMUs for models of this size."""
-    without_matrices = tuple(name for name in NATIVE_SOLVERS if name not in (*SUNDIALS_SOLVERS, "radau"))
-    return NATIVE_SOLVERS if system.has_matrices else without_matrices
+    if system.has_matrices:
+        return tuple(name for name in NATIVE_SOLVERS if name != "esdirk")
+    left_out = ("radau", *(SUNDIALS_SOLVERS if system.nonsmooth_reason else ()))
+    return tuple(name for name in NATIVE_SOLVERS if name not in left_out)
 
 
 def _listed(solvers: tuple[str, ...]) -> str:

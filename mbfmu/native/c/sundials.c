@@ -33,10 +33,10 @@ static int residual(double t, void *y, void *slopes, void *out, void *data)
     RETURN(residual, t, AT(y), AT(slopes), AT(out));
 }
 
-static int set_up_preconditioner(double t, void *y, void *slopes, void *, double, void *data)
+static int set_up_preconditioner(double t, void *y, void *slopes, void *, double c, void *data)
 {
     Instance *own = data;
-    RETURN(set_up_preconditioner, t, AT(y), AT(slopes));
+    RETURN(set_up_preconditioner, t, AT(y), AT(slopes), c);
 }
 
 static int apply_preconditioner(double t, void *y, void *slopes, void *, void *right, void *left, double c, double,
