@@ -55,7 +55,7 @@ class TreeScratch(NamedTuple):
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that are needed to continue a motion."""
-        return [self.inertia]
+        return [self.inertia, self.coordinate_rates]
 
 
 @kernel

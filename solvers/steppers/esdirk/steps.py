@@ -117,7 +117,7 @@ class Work(NamedTuple):
 
     def memory(self) -> list[Any]:
         """Return the arrays that are needed to continue a motion."""
-        return [self.inertia]
+        return [self.inertia, self.coordinate_rates]
 
 
 @kernel

@@ -123,7 +123,7 @@ class Work(NamedTuple):
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that are needed to continue a motion."""
-        return [self.inertia]
+        return [self.inertia, self.coordinate_rates]
 
 
 @kernel
@@ -152,15 +152,13 @@ def set_up(problem: Integration, t: float, known: float, duration: float) -> int
 
     ``known`` (1/s) is what is known of the rate beforehand, ``duration`` (s) that of the run.
     """
-    eqs, settings, work, reduced = problem.eqs, problem.settings[0], problem.work, problem.work.own.reduced
+    eqs, settings, work = problem.eqs, problem.settings[0], problem.work
     control, progress = problem.memory.control[0], problem.memory.progress[0]
     control.t, control.rank, progress.t_reached, progress.t_begun = t, work.constraints.root.shape[0], t, t
     position_sizes(work.positions, work.size, work.size_q)
     settings.rate = find_rate(eqs, t, problem.q, problem.v, work.size, known, duration, work.constraints)
-    for i in range(work.size.shape[0]):
-        reduced.metric[i], work.coordinate_rates[i] = work.size[i] ** 2, settings.rate
-    reduced.length_rate[0] = QUATERNION_LENGTH_RATE * settings.rate
-    progress.min_step = STANDSTILL_RATIO / settings.rate
+    for i in range(work.coordinate_rates.shape[0]):
+        work.coordinate_rates[i] = settings.rate
     set_tolerances(problem)
     clear_growth(work)
     code: int = project_state(eqs, t, problem.q, problem.v, work.size, work.constraints)
@@ -169,13 +167,17 @@ def set_up(problem: Integration, t: float, known: float, duration: float) -> int
 
 @kernel
 def set_tolerances(problem: Integration) -> None:
-    """Set the tolerances of IDA and of the energy account in the present units.
+    """Set the tolerances of IDA and of the energy account, and what else follows from the units and the rate.
 
     The scales of the energy error are those of the requested tolerances, independent of those of IDA: the stiff modes
     of a mesh are damped on purpose, as far as IDA's own tolerances let them be.
     """
     settings, work, atol = problem.settings[0], problem.work, problem.memory.ida.atol
     nq, n, part, N = problem.q.shape[0], problem.v.shape[0], unknown_part(problem), atol.shape[0]
+    for i in range(n):
+        work.own.reduced.metric[i] = work.size[i] ** 2
+    work.own.reduced.length_rate[0] = QUATERNION_LENGTH_RATE * settings.rate
+    problem.memory.progress[0].min_step = STANDSTILL_RATIO / settings.rate
     rate = (MESH_RATE_TOLERANCE_RATIO if settings.max_order <= MAX_MESH_ORDER else RATE_TOLERANCE_RATIO) * settings.rate
     for i in range(N):
         atol[i] = MULTIPLIER_TOLERANCE
