@@ -44,16 +44,10 @@ from .families import FAMILIES, NATIVE_SOLVERS
 from .image import MemoryImage
 from .kernel_table import TableEntry, kernel_numbers, reads_state
 from .model_exchange import exchange_entries
-from .start_checks import check_resolution, find_misplaced
+from .start_checks import Start, check_resolution, find_misplaced
+from .steady_export import steady_start
+from .steady_start import SteadyStart
 from .sundials_files import SUNDIALS_SOLVERS
-
-
-class Start(NamedTuple):
-    """What a mechanism is assembled from."""
-
-    q: Array  # (nq,) first positions, as given to the builder
-    v: Array  # (n,) first velocities, see q
-    scratch: Any  # solvers.loop_closure.ClosureScratch: units, what is held, and which rows or coordinates are wrong
 
 
 class Instance(NamedTuple):
@@ -70,7 +64,7 @@ class Instance(NamedTuple):
     dv: Array  # (n,) jump of the velocities
     out: Array  # outputs
     given: Any  # solvers.steppers.step_loop.Integration
-    start: Any  # Start
+    start: Any  # .start_checks.Start
     known: Array  # (3,) rates of the system and of its loops, 1/s; the characteristic length, m
     options: NDArray[Any]  # (1,) solvers.options.OPTIONS
     counts: NDArray[np.int64]  # of the solver, by COUNTERS
@@ -78,6 +72,7 @@ class Instance(NamedTuple):
     angles: Array  # (cuts,) rad, scratch
     positions: Any  # solvers.positions.Positions
     exchange: Any  # mbfmu.native.exchange_memory.Exchange
+    steady: Any  # mbfmu.native.steady_start.SteadyStart
     linearization: Any  # mbfmu.native.derivatives.Linearization
 
 
@@ -109,10 +104,7 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     work.inertia["watched"] = unpin(given.work).inertia["watched"]
     assembly = compiled.assembly
     scratch = ClosureScratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
-    if simulation.settings.start_at_equilibrium:
-        start = Start(q.copy(), v.copy(), scratch)
-    else:
-        start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
+    start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
     scales = EnergyScales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Integration(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ACCOUNT_SIZE))
     known = np.array([system.rate, system.loop_rate if system.has_matrices else 0.0, compiled.length])
@@ -121,9 +113,9 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     buffers = np.zeros(system.n), np.zeros(system.m), np.zeros(system.n), np.zeros(len(simulation.variables))
     settings = known, stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     places = assembly.frames, np.zeros(len(compiled.mechanism.cuts)), system.placed
-    exchange = Exchange.allocate(*sizes)
     linear = linearization_of(simulation) if differentiates else Linearization.example(pin(empty_linearized()))
-    return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places, exchange, linear)
+    more = Exchange.allocate(*sizes), steady_start(simulation), linear
+    return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places, *more)
 
 
 def linearization_of(simulation: Simulation) -> Linearization:
@@ -223,8 +215,9 @@ def example(name: str) -> Any:
     start, frames = Start(z(1), z(1), ClosureScratch.allocate(1, 1)), CutFrames.example()
     settings = z(3), records(1, OPTIONS), z(1, np.int64)
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
-    exchange, linear = Exchange.allocate(1, 1, 1), Linearization.example(pin(empty_linearized()))
-    return pin(Instance(*run, given, start, *settings, frames, z(1), positions, exchange, linear))
+    linear = Linearization.example(pin(empty_linearized()))
+    more = Exchange.allocate(1, 1, 1), SteadyStart.empty(), linear
+    return pin(Instance(*run, given, start, *settings, frames, z(1), positions, *more))
 
 
 _named = cache(as_kernel)  # what two families call is compiled once
@@ -293,7 +286,7 @@ def entries(name: str) -> dict[str, Entry]:
     """Return the entry points of a family by their names."""
     family, actions = FAMILIES[name], solver_actions(name)
     assembled, begun, counted = family.assemble, family.begin, family.method.count
-    restored, closed = family.restore, family.close
+    restored, closed, balanced = family.restore, family.close, family.balance
     sequence, advanced = sequence_of(actions, jit_uncached), actions.advance
     restarted, continued = actions.restart, actions.continue_at_state
 
@@ -312,6 +305,11 @@ def entries(name: str) -> dict[str, Entry]:
         """
         code: int = assembled(instance, t)
         return code if code != ASSEMBLED else int(find_misplaced(instance, t))
+
+    def balance(instance: Any) -> int:
+        """Let the reported state be the steady state near the start."""
+        code: int = balanced(instance)
+        return code
 
     def begin(instance: Any, t: float) -> int:
         """Begin at t (s) and the reported state, as a stepper that is constructed there."""
@@ -367,6 +365,7 @@ def entries(name: str) -> dict[str, Entry]:
     return {
         "start": Entry(start, given),
         "assemble": Entry(assemble, timed),
+        "balance": Entry(balance, ()),
         "begin": Entry(begin, timed),
         "set": Entry(sequence.set_input, given),
         "step": Entry(sequence.step, timed),

@@ -43,7 +43,8 @@ PACKED_RUNTIMES = PACKAGE_DIR / "runtimes"  # that a wheel brings along
 # sources of the machine code, in addition to the kernels of other packages
 KERNEL_SOURCES = (
     "derivatives.py", "entries.py", "exchange_dense.py", "exchange_memory.py", "exchange_times.py", "exchange_tree.py",
-    "families.py", "kernel_table.py", "kernels.py", "model_exchange.py", "start_checks.py", "sundials.py", "targets.py",
+    "families.py", "kernel_table.py", "kernels.py", "model_exchange.py", "start_checks.py", "steady_start.py",
+    "sundials.py", "targets.py",
 )  # fmt: skip
 COMPILER_FLAGS = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
 # approximate numbers of functions that are compiled, for the bar of progress
