@@ -189,9 +189,8 @@ class _File:
     ) -> None:
         self._simulation, self._instance, self._image, self._settable = simulation, instance, image, settable
         self._variables, self._arrays, self._text, self._exchanges = variables, several, bytearray(), exchanges
-        self._differentiates = differentiates
+        self._differentiates, self._restricted_inputs = differentiates, restricted_inputs(simulation)
         self._constant_inputs, self._motion_outputs = list_constant_inputs(simulation), list_motion_outputs(simulation)
-        self._restricted_inputs = restricted_inputs(simulation)
         self._block = image.block()
         self._references = {v.name: k for k, v in enumerate(variables)}
         self._places = {

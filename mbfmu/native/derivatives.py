@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.arrays.input_kernels import EXTRAPOLATED_LOAD, GRAVITY_LOAD, SUPPORT_MOTION
 from mbfmu.mechanics.dispatch import read_sensor
 from mbfmu.mechanics.records import empty_data, to_complex_state
 from mbfmu.mechanics.recursions.applied import apply_loads
@@ -33,7 +32,6 @@ from mbfmu.mechanics.recursions.constraints import evaluate_constraints
 from mbfmu.mechanics.recursions.dynamics import (
     evaluate_position_rate,
     gather_free,
-    observe,
     update_acceleration_level,
 )
 from mbfmu.mechanics.recursions.energy import kinetic_energy, potential_energy
@@ -306,71 +304,8 @@ def quaternion_norm(x: Reals, first: int) -> float:
 
 
 @kernel
-def differentiate_loads(inputs: InputRecords, data: Data, own: Linearization) -> None:
-    """Fill ``loads`` and ``outputs`` with what forces and gravity that are inputs contribute along the direction."""
-    step = np.inf
-    for i in range(own.loads.shape[0]):
-        own.loads[i] = 0.0
-    for i in range(own.outputs.shape[0]):
-        own.outputs[i] = 0.0
-    for k in range(own.signals.shape[0]):
-        own.before[k] = load_input(inputs, k)
-        if own.inputs[k] != 0.0 and is_load_value(inputs, k):
-            step = min(step, max(abs(own.before[k]), 1.0) / abs(own.inputs[k]))
-    if not step < np.inf:
-        return
-    for side in range(2):
-        signed = step if side == 0 else -step
-        for k in range(own.signals.shape[0]):
-            if is_load_value(inputs, k):
-                set_load_input(inputs, k, own.before[k] + signed * own.inputs[k])
-        observe(own.point[0].t, own.q, own.v, own.a, own.lam, data, own.observed)
-        gather_free(data.state.tau, data.arrays, own.accelerations)
-        for i in range(own.loads.shape[0]):
-            own.loads[i] += 0.5 * own.accelerations[i] / signed
-        for i in range(own.outputs.shape[0]):
-            own.outputs[i] += 0.5 * own.observed[i] / signed
-    for k in range(own.signals.shape[0]):
-        if is_load_value(inputs, k):
-            set_load_input(inputs, k, own.before[k])
-
-
-@inlined
-def is_load_value(inputs: InputRecords, k: int) -> bool:
-    """Whether an input is a force or a component of gravity, and not a rate."""
-    role = inputs.inputs[k].role
-    return bool(role == GRAVITY_LOAD or (role != SUPPORT_MOTION and inputs.inputs[k].coefficient == 0))
-
-
-@inlined
-def polynomial_of(inputs: InputRecords, k: int) -> int:
-    """Number of the polynomial of an input that is a force."""
-    number: int = inputs.inputs[k].number
-    return inputs.loads[number].polynomial if inputs.inputs[k].role == EXTRAPOLATED_LOAD else number
-
-
-@inlined
-def load_input(inputs: InputRecords, k: int) -> float:
-    """The value of an input that is a force or a component of gravity; zero: it is not."""
-    if not is_load_value(inputs, k):
-        return 0.0
-    if inputs.inputs[k].role == GRAVITY_LOAD:
-        return float(inputs.world[0].gravity[inputs.inputs[k].coefficient])
-    return float(inputs.polynomials[polynomial_of(inputs, k)].c[0])
-
-
-@inlined
-def set_load_input(inputs: InputRecords, k: int, value: float) -> None:
-    """Set it."""
-    if inputs.inputs[k].role == GRAVITY_LOAD:
-        inputs.world[0].gravity[inputs.inputs[k].coefficient] = value
-    else:
-        inputs.polynomials[polynomial_of(inputs, k)].c[0] = value
-
-
-@kernel
 def finish_direction(exchange: Exchange, positions: Positions, own: Linearization) -> None:
-    """Fill ``slopes``, and ``outputs`` but for the part of :func:`differentiate_loads`, from the complex evaluation."""
+    """Fill ``slopes``, and ``outputs`` but for the part of :mod:`.load_derivatives`, from the complex evaluation."""
     nq, x, here = own.q.shape[0], exchange.x, own.point[0]
     kappa, change = here.attraction, 0.0
     if here.fastest >= 0:

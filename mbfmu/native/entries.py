@@ -75,8 +75,8 @@ class Instance(NamedTuple):
     angles: Array  # (cuts,) rad, scratch
     positions: Any  # solvers.positions.Positions
     exchange: Any  # mbfmu.native.exchange_memory.Exchange
-    linearization: Any  # mbfmu.native.derivatives.Linearization
     steady: Any  # mbfmu.native.steady_start.SteadyStart
+    linearization: Any  # mbfmu.native.derivatives.Linearization
 
 
 class Entry(NamedTuple):
@@ -119,9 +119,8 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     buffers = np.zeros(system.n), np.zeros(system.m), np.zeros(system.n), np.zeros(len(simulation.variables))
     settings = known, stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     places = assembly.frames, np.zeros(len(compiled.mechanism.cuts)), system.placed
-    exchange = Exchange.allocate(*sizes)
     linear = linearization_of(simulation) if differentiates else Linearization.example(pin(empty_linearized()))
-    more = exchange, linear, steady_start(simulation)
+    more = Exchange.allocate(*sizes), steady_start(simulation), linear
     return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places, *more)
 
 
@@ -212,7 +211,8 @@ def example(name: str) -> Any:
     start, frames = Start(z(1), z(1), ClosureScratch.allocate(1, 1)), CutFrames.example()
     settings = z(3), records(1, OPTIONS), z(1, np.int64)
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
-    more = Exchange.allocate(1, 1, 1), Linearization.example(pin(empty_linearized())), SteadyStart.empty()
+    linear = Linearization.example(pin(empty_linearized()))
+    more = Exchange.allocate(1, 1, 1), SteadyStart.empty(), linear
     return pin(Instance(*run, given, start, *settings, frames, z(1), positions, *more))
 
 

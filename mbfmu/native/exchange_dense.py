@@ -26,7 +26,6 @@ from .derivatives import (
     MOTION,
     OUTPUTS,
     begin_direction,
-    differentiate_loads,
     evaluate_complex,
     finish_direction,
     imaginary,
@@ -43,6 +42,7 @@ from .exchange_memory import (
     fill_derivatives,
     unpack_states,
 )
+from .load_derivatives import differentiate_loads
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.arrays.input_kernels import InputRecords

@@ -13,7 +13,6 @@ from .derivatives import (
     MOTION,
     OUTPUTS,
     begin_direction,
-    differentiate_loads,
     evaluate_complex,
     finish_direction,
     imaginary,
@@ -22,6 +21,7 @@ from .derivatives import (
     step_state,
 )
 from .exchange_memory import STATES_NOT_FINITE, fill_derivatives, unpack_states
+from .load_derivatives import differentiate_loads
 
 
 @kernel
