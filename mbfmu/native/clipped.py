@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from contextlib import suppress
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.util.errors import UserError
 from solvers.system import Array
 
 from .monomials import FIT_TOLERANCE, Fit, products
+
+if TYPE_CHECKING:
+    from .parameter_dependence import ParameterDependence
 
 POWER_ROOT = 4  # powers are multiples of a quarter
 POWER_STEP_RATIO = 0.99  # of the value of a parameter, for its power about a point
@@ -79,3 +84,27 @@ def _products(
         return None
     scale = np.array([products(np.array([list(point.values())]), e[np.newaxis])[0, 0] for e in exponents.T])
     return exponents.T, y**POWER_ROOT / scale
+
+
+def fit_all_clipped(search: ParameterDependence, points: list[dict[str, float]]) -> bool:
+    """Fit what follows parameters up to a bound; false where that froze them."""
+    columns = np.array(sorted(search.bounded), np.int64)
+    started = set(search.reader.columns("q", "v", "world").tolist())
+    names = [n for n in search.settable if search.powers[n].keys() - started]  # a start has no say in a unit
+    search.clipped, found = [], None
+    moving = [n for n in names if search.powers[n].keys() & search.bounded]
+    if not moving:
+        return True
+    with suppress(UserError):
+        found = fit_clipped(search.reader.read, search.at_center(), points, names, columns)
+    if found is None:
+        search.fix(blame_for_units(search) or moving, search.describe_no_sum(columns))
+        return False
+    search.clipped = found
+    return True
+
+
+def blame_for_units(search: ParameterDependence) -> list[str]:
+    """Return the parameters that change both lengths that stay as they are and units with a bound."""
+    moved = ((n, search.powers[n].keys()) for n in search.settable)
+    return [n for n, columns in moved if columns & search.bounded and columns & search.constant_scales]

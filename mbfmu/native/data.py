@@ -26,6 +26,7 @@ from solvers.outcome import CODES, KEYS, MESSAGES, Status
 from solvers.steppers import ORDER_LIMITS
 
 from . import layout, start_checks
+from .curves import Shifted
 from .entries import Instance, family_of, image_of, user_kernels, uses_sundials
 from .exchange_states import ExchangeState, exchange_states, explain_missing_exchange, list_constant_inputs
 from .families import FAMILIES
@@ -33,11 +34,12 @@ from .image import MemoryImage
 from .model_numbers import Place
 from .parameter_map import LENGTH_NAME, Entry, Term
 from .parameters import SettableParameters, find_settable
+from .steady_export import explain_missing_search, restricted_inputs
 
 FIXED_AT_EXPORT = {  # settings that are decided by the export, and why
     "solver": "it selects the machine code",
     "input_interpolation": "it changes the structure of the model",
-    "start_at_equilibrium": "the steady state is computed at export",
+    "start_at_equilibrium": "it decides how a run starts",
 }
 
 
@@ -86,9 +88,7 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     """
     simulation = UnstartedSimulation(model, settings)
     instance, image = image_of(simulation)
-    why = "the FMU is made for one run" if for_one_run else ""
-    if settings.start_at_equilibrium:
-        why = "the initial steady state, which is computed at export, depends on it"
+    why = "the FMU is made for one run" if for_one_run else explain_missing_search(simulation)
     settable = _nothing_settable(model, why) if why else find_settable(model)
     frozen = {name: why for name, why in settable.fixed.items() if not _structural(model, name)}
     variables = tuple(
@@ -132,20 +132,24 @@ def _structural(model: Model, name: str) -> bool:
 
 
 def _native_variable(v: ScalarVariable, model: Model, settable: SettableParameters, solver: str) -> ScalarVariable:
-    """Return a variable as it is without Python: what is baked is a constant, and ranges may be narrower."""
-    constant = (
-        v.name in FIXED_AT_EXPORT if v.role is Role.SETTING else v.role is Role.PARAMETER and v.name in settable.fixed
-    )
+    """Return a variable as it is without Python: some are constants, with the reason in the description, and ranges may
+    be narrower.
+    """
+    why = {Role.SETTING: FIXED_AT_EXPORT, Role.PARAMETER: settable.fixed}.get(v.role, {}).get(v.name, "")
     if v.role is Role.SETTING and v.name == "max_order":
         lowest, highest = ORDER_LIMITS[solver]
         if lowest < highest:
             return replace(v, max=highest, allowed=f"0, or {lowest} to {highest} with solver {solver!r}")
-        constant = True  # the method has one order
-    if constant:
-        return replace(v, causality="local", variability="constant", allowed="")
-    if v.role is not Role.PARAMETER or v.name not in settable.ranges:
+        why = "the solver has one order"
+    if why:
+        text = f"{v.description}; " if v.description else ""
+        text += f"constant in this FMU: {why}"
+        return replace(v, causality="local", variability="constant", allowed="", description=text)
+    if v.role is not Role.PARAMETER or v.name not in settable.ranges or v.type is Type.BOOLEAN:
         return v
     low, high = settable.ranges[v.name]
+    if v.type is Type.INTEGER:
+        low, high = int(low), int(high)
     own = next(p for p in model.parameters() if p.name == v.name)
     return replace(v, min=low, max=high, allowed=span(replace(own, min=low, max=high)))
 
@@ -166,6 +170,7 @@ class _File:
         self._simulation, self._instance, self._image, self._settable = simulation, instance, image, settable
         self._variables, self._arrays, self._text, self._exchanges = variables, several, bytearray(), exchanges
         self._constant_inputs = list_constant_inputs(simulation)
+        self._restricted_inputs = restricted_inputs(simulation)
         self._block = image.block()
         self._references = {v.name: k for k, v in enumerate(variables)}
         self._places = {
@@ -232,6 +237,7 @@ class _File:
         header["exchange"], header["positions"], header["velocities"] = self._exchanges, system.nq, system.n
         header["reports_coarse"] = bool(describe_coarse(compiled, COARSE_TOLERANCE, freedom))
         header["reports_undetermined"] = compiled.has_force_outputs
+        header["steady"] = self._simulation.steady_state is not None
         for name, place in self._places.items():
             header[f"{name}_at"] = place
         return b"".join((header.tobytes(), *parts, self._block))
@@ -255,7 +261,7 @@ class _File:
         unknown = nan if v.type is Type.REAL else 0.0
         start = unknown if v.start is None else float(v.start)
         is_fixed = int(v.name in self._constant_inputs)  # in model exchange
-        rests = v.role is Role.INPUT and self._simulation.settings.start_at_equilibrium
+        rests = v.role is Role.INPUT and number in self._restricted_inputs
         rest_scale = max(abs(start), v.nominal or 0.0) if rests else 0.0
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)
         texts = self._add_text(v.name), self._add_text(v.allowed)
@@ -281,9 +287,11 @@ class _File:
         once = entry.place.array == "size"  # as CompiledMechanism.adopt has it: solvers keep their units
         return at, owner, once, entry.root, first, len(entry.sums), base
 
-    def _factors(self, term: Term) -> list[tuple[int, float]]:
+    def _factors(self, term: Term) -> list[tuple[int, float, float]]:
+        shifted = [(n if isinstance(n, Shifted) else Shifted(n, 0.0), power) for n, power in term.powers]
         return [
-            (layout.LENGTH_VARIABLE if n == LENGTH_NAME else self._references[n], power) for n, power in term.powers
+            (layout.LENGTH_VARIABLE if own.name == LENGTH_NAME else self._references[own.name], power, own.offset)
+            for own, power in shifted
         ]
 
     def _place(self, place: Place) -> int:

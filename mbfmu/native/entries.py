@@ -47,7 +47,9 @@ from solvers.system import Array
 from .families import FAMILIES, NATIVE_SOLVERS
 from .image import MemoryImage
 from .model_exchange import Exchange, exchange_entries
-from .start_checks import check_resolution, find_misplaced
+from .start_checks import Start, check_resolution, find_misplaced
+from .steady_export import steady_start
+from .steady_start import SteadyStart
 from .sundials_files import SUNDIALS_SOLVERS
 
 COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
@@ -58,14 +60,6 @@ COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
 KERNEL_TABLE_SYMBOL = "mb_kinds"  # symbol of the addresses of all kernels of kinds
 USER_LIBRARY = "mbfmu_kernels"  # beginning of the name of the library of user-defined kernels in an FMU
 USER_TABLE_SYMBOL = "mb_user_kernels"  # symbol of the addresses of its kernels
-
-
-class Start(NamedTuple):
-    """What a mechanism is assembled from."""
-
-    q: Array  # (nq,) first positions, as given to the builder
-    v: Array  # (n,) first velocities, see q
-    scratch: Any  # solvers.loop_closure.ClosureScratch: units, what is held, and which rows or coordinates are wrong
 
 
 class Instance(NamedTuple):
@@ -82,7 +76,7 @@ class Instance(NamedTuple):
     dv: Array  # (n,) jump of the velocities
     out: Array  # outputs
     given: Any  # solvers.steppers.step_loop.Integration
-    start: Any  # Start
+    start: Any  # .start_checks.Start
     known: Array  # (3,) rates of the system and of its loops, 1/s; the characteristic length, m
     options: NDArray[Any]  # (1,) solvers.options.OPTIONS
     counts: NDArray[np.int64]  # of the solver, by COUNTERS
@@ -90,6 +84,7 @@ class Instance(NamedTuple):
     angles: Array  # (cuts,) rad, scratch
     positions: Any  # solvers.positions.Positions
     exchange: Any  # mbfmu.native.model_exchange.Exchange
+    steady: Any  # mbfmu.native.steady_start.SteadyStart
 
 
 class Entry(NamedTuple):
@@ -117,10 +112,7 @@ def instance_of(simulation: Simulation) -> Instance:
     work.inertia["watched"] = unpin(given.work).inertia["watched"]
     assembly = compiled.assembly
     scratch = ClosureScratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
-    if simulation.settings.start_at_equilibrium:
-        start = Start(q.copy(), v.copy(), scratch)
-    else:
-        start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
+    start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
     scales = EnergyScales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Integration(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ACCOUNT_SIZE))
     known = np.array([system.rate, system.loop_rate if system.has_matrices else 0.0, compiled.length])
@@ -129,8 +121,8 @@ def instance_of(simulation: Simulation) -> Instance:
     buffers = np.zeros(system.n), np.zeros(system.m), np.zeros(system.n), np.zeros(len(simulation.variables))
     settings = known, stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     places = assembly.frames, np.zeros(len(compiled.mechanism.cuts)), system.placed
-    exchange = Exchange.allocate(*sizes)
-    return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places, exchange)
+    more = Exchange.allocate(*sizes), steady_start(simulation)
+    return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places, *more)
 
 
 def uses_sundials(instance: Instance) -> bool:
@@ -210,7 +202,8 @@ def example(name: str) -> Any:
     start, frames = Start(z(1), z(1), ClosureScratch.allocate(1, 1)), CutFrames.example()
     settings = z(3), records(1, OPTIONS), z(1, np.int64)
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
-    return pin(Instance(*run, given, start, *settings, frames, z(1), positions, Exchange.allocate(1, 1, 1)))
+    more = Exchange.allocate(1, 1, 1), SteadyStart.empty()
+    return pin(Instance(*run, given, start, *settings, frames, z(1), positions, *more))
 
 
 _named = cache(as_kernel)  # what two families call is compiled once
@@ -279,7 +272,7 @@ def entries(name: str) -> dict[str, Entry]:
     """Return the entry points of a family by their names."""
     family, actions = FAMILIES[name], solver_actions(name)
     assembled, begun, counted = family.assemble, family.begin, family.method.count
-    restored, closed = family.restore, family.close
+    restored, closed, balanced = family.restore, family.close, family.balance
     sequence, advanced = sequence_of(actions, jit_uncached), actions.advance
     restarted, continued = actions.restart, actions.continue_at_state
 
@@ -298,6 +291,11 @@ def entries(name: str) -> dict[str, Entry]:
         """
         code: int = assembled(instance, t)
         return code if code != ASSEMBLED else int(find_misplaced(instance, t))
+
+    def balance(instance: Any) -> int:
+        """Let the reported state be the steady state near the start."""
+        code: int = balanced(instance)
+        return code
 
     def begin(instance: Any, t: float) -> int:
         """Begin at t (s) and the reported state, as a stepper that is constructed there."""
@@ -353,6 +351,7 @@ def entries(name: str) -> dict[str, Entry]:
     return {
         "start": Entry(start, given),
         "assemble": Entry(assemble, timed),
+        "balance": Entry(balance, ()),
         "begin": Entry(begin, timed),
         "set": Entry(sequence.set_input, given),
         "step": Entry(sequence.step, timed),

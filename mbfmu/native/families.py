@@ -44,6 +44,7 @@ from solvers.steppers.tree import TreeEquations, TreeScratch
 from solvers.system import Equations, Terms
 
 from .start_checks import NO_BRANCH, find_turned, mark_free_rates
+from .steady_start import find_start_in_steady_state, no_search
 
 DENSE_KERNELS = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
 TREE_KERNELS = {name: getattr(recursions, name) for name in TreeEquations._fields[:-1]}
@@ -78,6 +79,7 @@ class Family(NamedTuple):
     restore: Any = leave  # (problem, options): continue from arrays that were saved
     close: Any = leave_open  # (problem): free what was allocated outside of the block
     keeps_history_at_jumps: bool = True  # whether it continues where velocities jump
+    balance: Any = find_start_in_steady_state  # (instance) -> code: lets the reported state be a steady state
 
 
 @kernel
@@ -244,7 +246,7 @@ FAMILIES = {  # by the prefix of their entry points
     "tree": Family(
         tree_loop, TREE_KERNELS, _tree_equations, History.allocate,
         lambda nq, n, m, p: TreeScratch.allocate(nq, n, p),
-        assemble_tree, begin_tree, evaluate_tree, checks_energy, ADAMS_KERNELS,
+        assemble_tree, begin_tree, evaluate_tree, checks_energy, ADAMS_KERNELS, balance=no_search,
     ),
 }  # fmt: skip
 NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau", "ida")  # that they serve

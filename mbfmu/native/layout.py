@@ -56,7 +56,7 @@ VARIABLE = np.dtype(
         ("start", "f8"),
         ("low", "f8"),
         ("high", "f8"),
-        ("rest_scale", "f8"),  # magnitude of an input that the steady state of the start is of; zero: there is none
+        ("rest_scale", "f8"),  # magnitude of an input that must not change before a start in a steady state; else zero
     ]
 )
 ARRAY = np.dtype([("members", "i8"), ("count", "i8")])  # of FMI 3: first of its members, and how many
@@ -75,7 +75,8 @@ ENTRY = np.dtype(  # a number that follows parameters, see table.Entry
 )
 SUM = np.dtype([("terms", "i8"), ("count", "i8")])
 TERM = np.dtype([("factors", "i8"), ("count", "i8"), ("coefficient", "f8")])
-FACTOR = np.dtype([("variable", "i8"), ("power", "f8")])  # of variable LENGTH the characteristic length
+# power of a variable minus an offset; variable LENGTH is the characteristic length
+FACTOR = np.dtype([("variable", "i8"), ("power", "f8"), ("offset", "f8")])
 LENGTH_VARIABLE = -1
 SENTENCE = np.dtype([("what", "i8"), ("remedy", "i8")])  # places in the text, by solvers.outcome.Code
 FAILURE = np.dtype([("before", "i8"), ("between", "i8"), ("after", "i8")])  # by Outcome, then start_checks.Flaw
@@ -136,6 +137,7 @@ HEADER = np.dtype(
         ("reports_coarse", "i8"),  # 1: a coarse tolerance is reported at the start
         ("user_kernels", "i8"),  # number of kernels in the library of user-defined ones
         ("reports_undetermined", "i8"),  # 1: some output is a force, and it is reported that forces are not determined
+        ("steady", "i8"),  # 1: the start is a steady state
         ("exchange", "i8"),  # 1: model exchange is supported
         ("positions", "i8"),  # number of free positions, and of velocities
         ("velocities", "i8"),

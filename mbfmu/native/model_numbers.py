@@ -19,6 +19,23 @@ from .user_kernels import fingerprints
 STRUCTURE_REASON = "it changes the structure of the mechanism"
 KERNEL_REASON = "it changes a user-defined function, which is compiled into the FMU"
 
+ARRAY_DESCRIPTIONS = {
+    "world": "gravity",
+    "bodies": "a body",
+    "memory": "a joint, a force, a signal or a sensor",
+    "numbers": "a table",
+    "flexibles": "an elastic body",
+    "nodes": "the shape of an elastic body",
+    "q": "a start position",
+    "v": "a start velocity",
+    "size": "the unit of a coordinate",
+    "row_size": "the unit of a constraint",
+    "residual_scale": "the unit of a constraint",
+    "span": "the length of the mechanism",
+    "drive size": "the rate of the mechanism",
+    "drive rate": "the rate of the mechanism",
+}
+
 
 class Place(NamedTuple):
     """Where a number is.
@@ -81,6 +98,10 @@ class Reader:
         """Return the columns of these arrays."""
         return np.concatenate([self._columns.get(name, np.zeros(0, np.int64)) for name in names])
 
+    def describe(self, column: int) -> str:
+        """Return what a number belongs to, as text."""
+        return ARRAY_DESCRIPTIONS.get(self.places[column].array, "the rate of the mechanism")
+
     def read(self, values: Mapping[str, float]) -> Array:
         """Return the numbers with other values of some parameters; UserError where there are none.
 
@@ -99,13 +120,17 @@ class Reader:
 
     def _read(self, values: Mapping[str, float]) -> Array:
         with np.errstate(all="ignore"):
-            compiled = self._model.with_values(values).compile()
+            compiled = self._model.with_values(self._typed(values)).compile()
             if fingerprints(compiled.called()) != self._kernels:
                 raise UserError(KERNEL_REASON)
             words = _words(compiled)
             if len(words) != len(self._real) or np.any(words[~self._real] != self._whole):
                 raise UserError(STRUCTURE_REASON)
             return self._numbers(compiled)
+
+    def _typed(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return values of parameters with the types of the parameters."""
+        return {name: type(getattr(self._model, name))(value) for name, value in values.items()}
 
     def _numbers(self, compiled: CompiledMechanism) -> Array:
         told = _solver_data(compiled)

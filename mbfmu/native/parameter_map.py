@@ -13,6 +13,7 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
+from .curves import Curve, Shifted, value_of
 from .model_numbers import Place
 from .monomials import Fit
 from .parameter_dependence import ParameterDependence
@@ -27,7 +28,7 @@ class Term:
     """A product: a coefficient times powers of parameters."""
 
     coefficient: float
-    powers: tuple[tuple[str, float], ...]
+    powers: tuple[tuple[str | Shifted, float], ...]
 
     def __mul__(self, other: Term) -> Term:
         """Return the product of both."""
@@ -37,7 +38,7 @@ class Term:
 
     def value(self, values: Mapping[str, float]) -> float:
         """Return it for these values of the parameters, and of the characteristic length where that is a factor."""
-        return self.coefficient * float(prod(values[name] ** power for name, power in self.powers))
+        return self.coefficient * float(prod(value_of(name, values) ** power for name, power in self.powers))
 
 
 Sum = tuple[Term, ...]
@@ -91,6 +92,9 @@ class _Found:
         for i, own in sorted(self._moved.items()):
             if i not in self._scales:
                 found.append(self._entry(i, (own,)))
+        for curve in self._search.curves:
+            for k, i in enumerate(curve.columns.tolist()):
+                found.append(self._entry(i, (_curve_sum(curve, k),)))
         for bound in self._search.clipped:
             for k, i in enumerate(bound.fits[0].columns.tolist()):
                 found.append(self._entry(i, tuple(_sum(self._search, fit, k) for fit in bound.fits), bound.root))
@@ -145,4 +149,13 @@ def _sum(dependence: ParameterDependence, fit: Fit, k: int) -> Sum:
     return tuple(
         Term(float(c), tuple((n, float(e)) for n, e in zip(dependence.settable, exponents, strict=True) if e))
         for c, exponents in zip(fit.coefficients[:, k], fit.exponents, strict=True)
+    )
+
+
+def _curve_sum(curve: Curve, k: int) -> Sum:
+    """Return one of the numbers of a curve as a sum."""
+    return tuple(
+        Term(float(c), tuple((n, float(e)) for n, e in zip(curve.variables, exponents, strict=True) if e))
+        for c, exponents in zip(curve.coefficients[:, k], curve.exponents, strict=True)
+        if c
     )

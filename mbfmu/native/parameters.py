@@ -81,13 +81,11 @@ def _range(dependence: ParameterDependence, name: str, value: float) -> tuple[fl
     Of one that is a factor of whatever it moves it is all that the model allows, but for a side on which that failed.
     Lengths and rates are sums by their nature, and no reason to narrow it.
     """
-    column, declared = dependence.settable.index(name), dependence.declared[name]
+    column = dependence.settable.index(name)
     parts = dependence.reader.columns("span", "drive rate")
     own = [fit.exponents[:, column] for fit in dependence.fits if not np.isin(fit.columns, parts).all()]
-    single = not any(np.ptp(powers) for powers in own if len(powers))
-    limits = (declared.min, declared.max)
-    low, high = (
-        limit if single and free else end
-        for limit, free, end in zip(limits, dependence.may_extend[name], dependence.ends[name], strict=True)
-    )
-    return min(low, value), max(high, value)
+    single = not dependence.curved.get(name) and not any(np.ptp(powers) for powers in own if len(powers))
+    if not single or name in dependence.discrete:
+        low, high = dependence.ends[name]
+        return min(low, value), max(high, value)
+    return dependence.limits(name)

@@ -44,7 +44,8 @@ PACKAGE_DIR = Path(__file__).parent
 PACKED_RUNTIMES = PACKAGE_DIR / "runtimes"  # that a wheel brings along
 # sources of the machine code, in addition to the kernels of other packages
 KERNEL_SOURCES = (
-    "entries.py", "families.py", "kernels.py", "model_exchange.py", "start_checks.py", "sundials.py", "targets.py",
+    "entries.py", "families.py", "kernels.py", "model_exchange.py", "start_checks.py", "steady_start.py", "sundials.py",
+    "targets.py",
 )  # fmt: skip
 COMPILER_FLAGS = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
 # approximate numbers of functions that are compiled, for the bar of progress

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from solvers.compiled.kernel import kernel
 from solvers.linalg.dense import apply_Q
 from solvers.loop_closure import ASSEMBLED, Outcome, factor_scaled_jacobian
 from solvers.stepper import RESOLVED, UNRESOLVED_TIME, find_unresolved
+from solvers.system import Array
 
 
 class Flaw(IntEnum):
@@ -27,9 +28,17 @@ class Flaw(IntEnum):
     UNPLACED = len(Outcome) + 2  # numbers about a position are: the position
     MISPLACED = len(Outcome) + 3  # bodies are not where a load requires them: load, and its ``misplacement``
     NO_BRANCH = len(Outcome) + 4  # the rates belong to no branch of the motion in a singular configuration
+    NO_STEADY_STATE = len(Outcome) + 5  # no steady state was found: a coordinate and the residual there
+    NOT_UNIQUE = len(Outcome) + 6  # a steady state has others next to it, or forces in loops are not determined
+    NOT_STEADY = len(Outcome) + 7  # forces do not balance after the drives have moved: see NO_STEADY_STATE
 
 
-TURNED, UNRESOLVED, UNPLACED, MISPLACED, NO_BRANCH = map(int, Flaw)  # for kernels
+TURNED, UNRESOLVED, UNPLACED, MISPLACED, NO_BRANCH, NO_STEADY_STATE, NOT_UNIQUE, NOT_STEADY = map(int, Flaw)
+
+STEADY_ADVICE = (
+    "Set parameters, inputs and start values nearer to those of the export, or export the FMU again with the values "
+    "that are set"
+)
 
 START_MESSAGES = {
     Flaw.TURNED: Diagnostic.error(
@@ -57,7 +66,33 @@ START_MESSAGES = {
         "not those of any branch",
         "Give other rates",
     ),
+    Flaw.NO_STEADY_STATE: Diagnostic.error(
+        "no-steady-state",
+        "no steady state was found for the values that are set: at the end of the search {name!r} has an unbalanced "
+        "force or moment of {gap:.3g} N or N m",
+        STEADY_ADVICE,
+    ),
+    Flaw.NOT_UNIQUE: Diagnostic.error(
+        "no-steady-state",
+        "the steady state for the values that are set is not unique, or forces of loop-closing joints are not "
+        "determined in it; {name!r} has the largest residual, {gap:.3g} N or N m",
+        STEADY_ADVICE,
+    ),
+    Flaw.NOT_STEADY: Diagnostic.error(
+        "no-steady-state",
+        "there is no steady state for the values that are set: after the drives have moved, {name!r} has an unbalanced "
+        "force or moment of {gap:.3g} N or N m",
+        STEADY_ADVICE,
+    ),
 }
+
+
+class Start(NamedTuple):
+    """What a mechanism is assembled from."""
+
+    q: Array  # (nq,) first positions, as given to the builder
+    v: Array  # (n,) first velocities, see q
+    scratch: Any  # solvers.loop_closure.ClosureScratch: units, what is held, and which rows or coordinates are wrong
 
 
 @kernel

@@ -96,5 +96,4 @@ def _check_corners(dependence: ParameterDependence) -> None:
                 corner, reason, dependence.influencing_parameters(columns), dependence.describe_difference
             )
             for n in names:
-                dependence.ends[n][sides[n]] = 0.5 * (dependence.ends[n][sides[n]] + dependence.center[n])
-                dependence.may_extend[n][sides[n]] = False
+                dependence.move_inward(n, sides[n])

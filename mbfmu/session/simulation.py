@@ -18,6 +18,7 @@ from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
 from mbfmu.modeling.variables import ENERGY_OUTPUTS, require_unique
 from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
+from mbfmu.steady.state import Equilibrium
 from mbfmu.util.diagnostics import Diagnosed, Diagnostic, from_saved, without_repeats
 from mbfmu.util.errors import UserError, short
 from solvers import Options, Statistics, Status, stepper
@@ -88,6 +89,8 @@ class Simulation(Diagnosed):
         Solver in use and the reason: that of the settings, or the one that ``auto`` has chosen.
     start
         Positions (nq,) and velocities (n,) at the start, with closed loops.
+    steady_state
+        The steady state in which the simulation starts; None: it does not start in one.
     session
         State of the run besides its solver: energy balance and what was detected at communication points.
     step_count_check
@@ -125,11 +128,12 @@ class Simulation(Diagnosed):
         if not isinstance(inputs or {}, Mapping):
             raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
         given, unstable = self._starts(inputs or {}, t0), list[Diagnostic]()
+        self.steady_state: Equilibrium | None = None
         if settings.start_at_equilibrium:  # whose time is zero; the drives are where they are at the start time
-            found = find_state(build_problem(model_given, self._compile_held(inputs or {}, given)))
+            self.steady_state = found = find_state(build_problem(model_given, self._compile_held(inputs or {}, given)))
             unstable = report_unstable(found)
         self.compiled.inputs.begin(t0, given)
-        q, v = (found.q, found.v) if settings.start_at_equilibrium else self.compiled.assemble(t0)
+        q, v = (found.q, found.v) if self.steady_state else self.compiled.assemble(t0)
         start_warnings = self.compiled.check_start(t0, q) if begins else []
         self.start, is_auto = (q, v), settings.solver == AUTO
         if duration is not None and finite("duration", duration) < 0.0:

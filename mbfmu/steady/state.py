@@ -24,6 +24,7 @@ from mbfmu.util.text_table import format_table
 from solvers.statics.spectrum import Spectrum, Stability
 from solvers.system import Array
 
+FROM_REST_TEXT = "rest, by continuation in the drive speed"  # start of a search, see Equilibrium.found_from
 MAX_PRINTED_MODES = 60  # modes that are printed
 
 
@@ -54,6 +55,8 @@ class Equilibrium(Diagnosed):
         direction and about a mesh that is too coarse for the state.
     periodic
         Whether the linearized motion changes with the positions of the drives.
+    cyclic
+        Which coordinates (n,) the equations of motion do not depend on; they keep their rates.
     """
 
     model: Model
@@ -69,6 +72,7 @@ class Equilibrium(Diagnosed):
     continued: bool = False
     diagnostics: tuple[Diagnostic, ...] = ()
     periodic: bool = False
+    cyclic: NDArray[np.bool_]
 
     @cached_property
     def outputs(self) -> dict[str, float]:

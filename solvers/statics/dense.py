@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import kernel
+from solvers.compiled.template import specialize
 from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.dense import factor_full_pivot, solve_full_pivot
 from solvers.linalg.svd import decompose, pseudo_inverse_transposed
@@ -80,6 +81,8 @@ class NewtonScratch(NamedTuple):
     U: Array  # (n, n)
     sigma: Array  # (rank,)
     W: Array  # (rank, rank)
+    ahead: Array  # (N,) f at a neighbor, for differences; else empty
+    cyclic: NDArray[np.int64]  # (n,) 1: all differences along the coordinate are zero; else empty
 
     @staticmethod
     def allocate(nq: int, size: Array, row: Array) -> NewtonScratch:
@@ -89,7 +92,7 @@ class NewtonScratch(NamedTuple):
         return NewtonScratch(
             size, row, np.ones(1), z(nq, complex), z(n, complex), z(n, complex), z(nq), z(rank), z(n), z(n), z(N),
             z((N, N)), z(N), z(N), z((N, N)), z(N, np.int64), z(N, np.int64), z(1, np.int64), z((rank, n)),
-            z((n, rank)), z(rank, np.int64), z((n, n)), z(rank), z((rank, rank)),
+            z((n, rank)), z(rank, np.int64), z((n, n)), z(rank), z((rank, rank)), z(0), z(0, np.int64),
         )  # fmt: skip
 
 
@@ -245,8 +248,7 @@ def find_constraint_forces(rows: Integers, terms: Terms, scratch: NewtonScratch,
     return count == rank
 
 
-@kernel
-def newton(
+def newton_template(
     eqs: Equations,
     t: float,
     q: Reals,
@@ -257,7 +259,10 @@ def newton(
     scratch: NewtonScratch,
     report: Any,
 ) -> int:
-    """Solve f = 0 from (q, lam), in place, or a pseudo-transient step; report: Jacobians factored."""
+    """Solve f = 0 from (q, lam), in place, or a pseudo-transient step; report: Jacobians factored.
+
+    A template whose hook is ``linearize``.
+    """
     n = scratch.v.shape[0]
     for i in range(n):
         scratch.moved[i] = 0.0
@@ -294,6 +299,9 @@ def newton(
         accept_trial(q, lam, scratch)
         damping = min(1.0, 2.0 * damping)
     return NO_PROGRESS
+
+
+newton = specialize(newton_template, __name__, {"linearize": linearize})
 
 
 class DenseEquilibriumSolver(EquilibriumSolver):

@@ -20,7 +20,7 @@ static double product(const Instance *own, const Term *term)
     const Factor *factors = section(own, own->header->factors);
     double value = 1.0;
     for (int64_t k = term->factors; k < term->factors + term->count; k++)
-        value *= pow(value_of(own, factors[k].variable), factors[k].power);
+        value *= pow(value_of(own, factors[k].variable) - factors[k].offset, factors[k].power);
     return term->coefficient * value;
 }
 

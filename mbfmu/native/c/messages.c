@@ -82,7 +82,8 @@ void describe_stop(Instance *own, int64_t code, char text[SAYS])
 }
 
 /* Say what is wrong with a start: which row does not close and by what, which coordinates move no mass, which loop is
- * closed the wrong way round, which load is misplaced, or what numbers are too coarse for. */
+ * closed the wrong way round, which load is misplaced, where forces are not balanced, or what numbers are too coarse
+ * for. */
 void describe_assembly(Instance *own, int64_t code, char text[SAYS])
 {
     const Header *h = own->header;
@@ -91,8 +92,9 @@ void describe_assembly(Instance *own, int64_t code, char text[SAYS])
     const double *massless = (const double *)(own->block + h->massless_at);
     const Name *coordinates = section(own, h->coordinates);
     const bool turned = code == ASSEMBLY_TURNED, misplaced = code == ASSEMBLY_MISPLACED;
-    const Name *names = section(own, turned ? h->cuts : misplaced ? h->loads : h->rows);
-    const int64_t named = turned ? h->cuts_count : misplaced ? h->loads_count : h->rows_count;
+    const bool unsteady = code == ASSEMBLY_NO_STEADY_STATE || code == ASSEMBLY_NOT_UNIQUE || code == ASSEMBLY_NOT_STEADY;
+    const Name *names = section(own, turned ? h->cuts : misplaced ? h->loads : unsteady ? h->coordinates : h->rows);
+    const int64_t named = turned ? h->cuts_count : misplaced ? h->loads_count : unsteady ? h->coordinates_count : h->rows_count;
     char digits[32];
     SAY(text, text_at(own, f->before));
     if (code == ASSEMBLY_NO_BRANCH)

@@ -99,6 +99,22 @@ static Outcome fail_moved(Instance *own, const Variable *v)
     return fail(own, ERROR, text);
 }
 
+/* Give the model its values, and return whether it has to be assembled, or balanced, again: a start in a steady state is
+ * that of the file unless a value differs from that of the export. */
+static bool give_values(Instance *own)
+{
+    bool late = own->start != 0.0, other = put_parameters(own, false) || (late && !own->header->steady);
+    *numbers_at(own, own->header->clock_at) = own->start;
+    for (size_t k = 0; k < count_of(own); k++) {
+        const Variable *v = &own->variables[k];
+        if (v->role != ROLE_INPUT || !(late || own->flags[k] & GIVEN))
+            continue;
+        give(own, own->family->start, k); /* what it moves begins at the start time */
+        other = other || !own->header->steady || own->values[k] != v->start;
+    }
+    return other;
+}
+
 /* Start the model from the values as they are. */
 Outcome start_anew(Instance *own)
 {
@@ -117,14 +133,10 @@ Outcome start_anew(Instance *own)
     put_options(own);
     if ((wrong = moved_from_rest(own)))
         return fail_moved(own, wrong);
-    bool late = own->start != 0.0, other = put_parameters(own, false) || late;
-    *numbers_at(own, own->header->clock_at) = own->start;
-    for (size_t k = 0; k < count_of(own); k++)
-        if (own->variables[k].role == ROLE_INPUT && (late || own->flags[k] & GIVEN)) {
-            give(own, own->family->start, k); /* what it moves begins at the start time */
-            other = true;
-        }
-    int64_t code = other ? call_entry_at(own, own->family->assemble, own->start) : ASSEMBLY_ASSEMBLED;
+    int64_t code = ASSEMBLY_ASSEMBLED;
+    if (give_values(own))
+        code = own->header->steady ? call_entry(own, own->family->balance)
+                                   : call_entry_at(own, own->family->assemble, own->start);
     if (code != ASSEMBLY_ASSEMBLED) {
         describe_assembly(own, code, text);
         return fail(own, ERROR, text);
