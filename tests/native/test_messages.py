@@ -64,6 +64,17 @@ def test_a_host_gets_the_messages_that_it_asks_for(lossy: Binary) -> None:
     assert run(lossy, (b"logStatusError",)) == {ERROR}
 
 
+def test_a_failed_step_is_logged_as_discarded(lossy: Binary) -> None:
+    for category, wanted in ((b"logStatusDiscard", [DISCARD]), (b"logStatusError", []), (b"logAll", [DISCARD])):
+        fmu = lossy.instantiate(logging=False)
+        lossy.logged.clear()
+        assert fmu.call("SetDebugLogging", c_int(1), c_size_t(1), (c_char_p * 1)(category)) == OK
+        assert fmu.set_up() == fmu.call("EnterInitializationMode") == fmu.call("ExitInitializationMode") == OK
+        assert fmu.step(1.0, 0.1) == DISCARD  # the FMU is at t = 0
+        assert [status for status, _ in lossy.logged if status != WARNING] == wanted
+        fmu.free()
+
+
 def test_messages_can_be_turned_off_again(lossy: Binary) -> None:
     fmu = lossy.instantiate()
     lossy.logged.clear()
