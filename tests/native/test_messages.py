@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from binding import ERROR, OK, WARNING, Binary
+from binding import DISCARD, ERROR, OK, WARNING, Binary
 from fmpy import read_model_description
 from running import needs_linker
 
