@@ -75,21 +75,21 @@ def build_native_fmu(
     else:
         root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays, interface)
         shown = [v for _, v in description3.listed(made.variables, made.arrays)]
-    content = {
-        "modelDescription.xml": xml_bytes(root),
-        "resources/model.bin": signed(made.data, owner.guid),
-        "documentation/index.html": page(model, shown, needs_python=False).encode(),
-    }
-    content |= terminal_files(model, shown) | c_sources()
-    places = {}
+    places, loaded = {}, {}
     for name in names:
         target = TARGETS[name]
         folder = target.folder if fmi == 2 else name
         places[name] = f"binaries/{folder}/{owner.identifier}{target.suffix}"
         if made.has_user_kernels:
-            content[f"binaries/{folder}/{USER_LIBRARY}{target.suffix}"] = user_library(name)
+            loaded[f"binaries/{folder}/{USER_LIBRARY}{target.suffix}"] = user_library(name)
         added = libraries(name) if settings.solver in SUNDIALS_SOLVERS else {}
-        content |= {f"binaries/{folder}/{file}": data for file, data in added.items()}
+        loaded |= {f"binaries/{folder}/{file}": data for file, data in added.items()}
+    content = {
+        "modelDescription.xml": xml_bytes(root),
+        "resources/model.bin": signed(made.data, owner.guid, loaded.values()),
+        "documentation/index.html": page(model, shown, needs_python=False).encode(),
+    }
+    content |= terminal_files(model, shown) | c_sources() | loaded
     return content, Libraries(made.family, places)
 
 
