@@ -21,7 +21,10 @@ def report_compilation(*, reported: bool) -> Iterator[None]:
     """Report on standard error, if requested, that this block waits for the compiler, and how long it took."""
     with measure_compilation_time() as taken, Build(reported) as build:
         try:
-            with when_compiling(lambda: print_if(COMPILING_TEXT, reported)), when_progressing(build.show):
+            with (
+                when_compiling(lambda: print_if(COMPILING_TEXT, reported)),
+                when_progressing(build.show, lambda text: print_if(text, reported)),
+            ):
                 yield
         finally:
             if taken():

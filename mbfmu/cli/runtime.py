@@ -46,7 +46,7 @@ def add_platforms(parser: argparse.ArgumentParser, about: str) -> None:
 def command_runtime(options: argparse.Namespace) -> int:
     """Build runtimes, or list them."""
     from mbfmu.native.families import FAMILIES
-    from mbfmu.native.runtime import cached_library, compiler, library, objects, pack
+    from mbfmu.native.runtime import build, cached_library, library, pack
     from mbfmu.native.sundials_files import libraries
     from mbfmu.native.targets import TARGETS, host
 
@@ -54,19 +54,15 @@ def command_runtime(options: argparse.Namespace) -> int:
         if options.platforms or options.pack:
             raise UserError("--platforms and --pack are options of `mbfmu runtime build` only; leave them out")
         for name in TARGETS:
-            built = {family: path for family in FAMILIES if (path := cached_library(name, family))}
-            print(f"{name}: {', '.join(built) if built else 'not built'}")
-            for path in built.values():
+            found = {family: path for family in FAMILIES if (path := cached_library(name, family))}
+            print(f"{name}: {', '.join(found) if found else 'not built'}")
+            for path in found.values():
                 print_if_verbose(options, f"  {path}")
         return 0
     names = options.platforms or [host()]
     if not all(names):
         raise UserError(f"no runtime can be built for this machine; use --platforms with one of {', '.join(TARGETS)}")
-    for name in names:
-        compiler(name)  # raises before minutes of compilation
-    missing = [family for family in FAMILIES if not all(cached_library(name, family) for name in names)]
-    if missing:
-        objects(names, missing)  # of all together, which share kernels
+    build(names, FAMILIES)
     for name in names:
         for family in FAMILIES:
             path = pack(name, family) if options.pack else library(name, family)

@@ -3,7 +3,7 @@
 There is one library for each family of solvers (:mod:`.families`), so that the first FMU has to wait for its family
 only. Kernels are recompiled in a separate process, for the oldest processor of an architecture and without a cache. The
 result is stored next to the code that Python compiles. Zig compiles C for every machine; for this one any C compiler
-does.
+does. Where there is none, zig is downloaded for the time of the build.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -29,7 +29,7 @@ except ImportError:  # on Windows: two processes may build at once
 
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import write_bytes
-from mbfmu.util.progress import report_progress
+from mbfmu.util.progress import announce, report_progress
 from solvers.compiled.cache import notify_listeners, shared_cache_dir
 
 from .entries import entries
@@ -38,6 +38,8 @@ from .layout import declarations
 from .targets import TARGETS, host
 
 COMPILERS = ("cc", "gcc", "clang")
+ZIG = "ziglang>=0.13"  # as in pyproject.toml
+COMPILER_ADVICE = "Install a C compiler, or run: pip install ziglang"
 PACKAGE_DIR = Path(__file__).parent
 PACKED_RUNTIMES = PACKAGE_DIR / "runtimes"  # that a wheel brings along
 # sources of the machine code, in addition to the kernels of other packages
@@ -119,8 +121,28 @@ def build_lock(folder: Path) -> Iterator[None]:
 
 
 def library(name: str, family: str) -> Path:
-    """Return the runtime of a target and a family as a shared library; see :func:`objects`."""
-    return cached_library(name, family) or _linked(name, family)
+    """Return the runtime of a target and a family as a shared library; see :func:`build`."""
+    found = cached_library(name, family)
+    if found is None:
+        build([name], [family])
+        found = build_dir(*_runtime_sources()) / _file(name, family)
+    return found
+
+
+def build(names: Collection[str], families: Collection[str]) -> None:
+    """Build the runtimes of targets and families that do not exist.
+
+    Raises
+    ------
+    UserError
+        There is no such target, or it cannot be built.
+    """
+    missing = {name: [own for own in families if cached_library(name, own) is None] for name in names}
+    with c_compilers([name for name, own in missing.items() if own]) as commands:
+        objects(list(commands), [own for own in families if any(own in needed for needed in missing.values())])
+        for name, command in commands.items():
+            for family in missing[name]:
+                _link(name, family, command)
 
 
 def cached_library(name: str, family: str) -> Path | None:
@@ -155,8 +177,8 @@ def compiler_arguments(name: str, family: str, work: Path) -> list[str]:
     return [*COMPILER_FLAGS, *(f"-I{place}" for place in include_dirs), *map(str, (*sources, *code))]
 
 
-def _linked(name: str, family: str) -> Path:
-    command, path = compiler(name), build_dir(*_runtime_sources()) / _file(name, family)
+def _link(name: str, family: str, command: list[str]) -> None:
+    path = build_dir(*_runtime_sources()) / _file(name, family)
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
         work = Path(folder)
         made = work / path.name
@@ -164,7 +186,6 @@ def _linked(name: str, family: str) -> Path:
         libraries = ["-lm", *(["-ldl"] if path.suffix == ".so" else [])]  # libdl: up to glibc 2.33
         _run([*command, *compiler_arguments(name, family, work), *linked, "-o", str(made), *libraries], {})
         install_atomically(made, path)
-    return path
 
 
 def link_arguments(name: str, work: Path, exported: str) -> list[str]:
@@ -186,13 +207,44 @@ def compiler(name: str) -> list[str]:
         return [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[name].zig]
     own = next(filter(None, map(shutil.which, COMPILERS)), None)
     if own is None or name != host():
-        raise UserError(
-            f"nothing here compiles C for {name}. Install a C compiler, or run: pip install ziglang", "no-runtime"
-        )
+        raise UserError(f"nothing here compiles C for {name}. {COMPILER_ADVICE}", "no-runtime")
     return [own]
 
 
-def _run(command: list[str], more: dict[str, str], functions: int = 1) -> None:
+@contextmanager
+def c_compilers(names: Collection[str]) -> Iterator[dict[str, list[str]]]:
+    """Yield the command that compiles C for each target; if there is none, zig is downloaded for this block."""
+    with ExitStack() as stack:
+        try:
+            found = {name: compiler(name) for name in names}
+        except UserError as error:
+            zig = download_zig(Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mbfmu_"))), error)
+            found = {name: [str(zig), "cc", "-target", TARGETS[name].zig] for name in names}
+        yield found
+
+
+def download_zig(folder: Path, why: UserError) -> Path:
+    """Install zig into a folder with pip, and return its program; ``why`` is the reason."""
+    announce(f"{why.diagnostic.text}: zig is downloaded (100 MB) and removed after the build")
+    options = (
+        "--disable-pip-version-check",
+        "--no-deps",
+        "--no-compile",
+        "--only-binary=:all:",
+        "--retries=1",
+        "--timeout=15",
+    )
+    command = [sys.executable, "-m", "pip", "install", "--quiet", *options, "--target", str(folder), ZIG]
+    try:
+        _run(command, {})
+    except UserError as error:
+        reason = error.diagnostic.text.partition(" reports ")[2]
+        text = f"{why.diagnostic.text}, and zig cannot be downloaded: pip reports {reason}. {COMPILER_ADVICE}"
+        raise UserError(text, "no-runtime") from error
+    return folder / "ziglang" / "zig"
+
+
+def _run(command: list[str], more: dict[str, str], functions: int = 0) -> None:
     """Run a command, which may print a character for each function that it compiles; ``functions``: their number."""
     with tempfile.TemporaryFile("w+", errors="replace") as errors:
         own = {**os.environ, **more}
@@ -202,7 +254,8 @@ def _run(command: list[str], more: dict[str, str], functions: int = 1) -> None:
             done = 0
             while progress := os.read(process.stdout.fileno(), 4096):
                 done += len(progress)
-                report_progress(min(done / functions, 1.0))
+                if functions:
+                    report_progress(min(done / functions, 1.0))
         if process.returncode:
             errors.seek(0)
             last = errors.read().strip().splitlines()[-1:] or [f"exit code {process.returncode}"]

@@ -5,20 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-_listeners: list[Callable[[float], None]] = []
+_listeners: list[tuple[Callable[[float], None], Callable[[str], None]]] = []
 
 
 @contextmanager
-def when_progressing(show: Callable[[float], None]) -> Iterator[None]:
-    """Call ``show`` with the part (0 to 1) that is done of long work in this block."""
-    _listeners.append(show)
+def when_progressing(show: Callable[[float], None], tell: Callable[[str], None]) -> Iterator[None]:
+    """Call ``show`` with the part (0 to 1) that is done of long work in this block, and ``tell`` with announcements."""
+    listener = show, tell
+    _listeners.append(listener)
     try:
         yield
     finally:
-        _listeners.remove(show)
+        _listeners.remove(listener)
 
 
 def report_progress(part: float) -> None:
     """Report the part (0 to 1) that is done of long work."""
-    for show in _listeners:
+    for show, _ in _listeners:
         show(part)
+
+
+def announce(text: str) -> None:
+    """Report what is done in addition, and why."""
+    for _, tell in _listeners:
+        tell(text)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from typing import Any
+from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 import pytest
@@ -15,18 +19,15 @@ from fmus.feeder import Feeder
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from fmus.sheet import Sheet
-from mbfmu.fmi import export
-from mbfmu.mechanics import Mechanism
+from mbfmu.fmi.native_fmu import _with_solver
 from mbfmu.native import runtime
 from mbfmu.native.entries import image_of
 from mbfmu.native.families import FAMILIES
 from mbfmu.native.image import MemoryImage
 from mbfmu.native.kernels import object_names
 from mbfmu.native.runtime import objects
-from mbfmu.native.targets import host
+from mbfmu.native.targets import TARGETS, host
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.sheets import Wall, add_contact, add_sheet
 from mbfmu.util.errors import UserError
 from mbfmu.util.progress import when_progressing
 
@@ -148,10 +149,42 @@ def test_the_kernels_are_compiled_for_a_process_that_compiles_nothing(tmp_path: 
     runtime._build(tmp_path, ["x86_64-linux"], ["elements", "adams"])  # nothing is left to do
 
 
+@needs_linker
+def test_zig_is_downloaded_for_a_build_where_there_is_no_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A wheel of the name, whose program hands on to the compiler of this machine."""
+    cc = next(filter(None, map(shutil.which, runtime.COMPILERS)))
+    wheel, source, told = tmp_path / "ziglang-1.0-py3-none-any.whl", tmp_path / "one.c", list[str]()
+    with ZipFile(wheel, "w") as archive:
+        program = ZipInfo("ziglang/zig")
+        program.external_attr = 0o100755 << 16
+        archive.writestr(program, f'#!/bin/sh\nshift 3\nexec {cc} "$@"\n')
+        archive.writestr("ziglang-1.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: ziglang\nVersion: 1.0\n")
+        archive.writestr(
+            "ziglang-1.0.dist-info/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+        )
+        archive.writestr("ziglang-1.0.dist-info/RECORD", "")
+    source.write_text("int one(void) { return 1; }\n")
+    monkeypatch.setattr(runtime, "has_zig", lambda: False)
+    monkeypatch.setattr(runtime, "COMPILERS", ())
+    monkeypatch.setattr(runtime, "ZIG", str(wheel))
+    with when_progressing(lambda _: None, told.append), runtime.c_compilers([host()]) as commands:
+        command = commands[host()]
+        assert command[1:] == ["cc", "-target", TARGETS[host()].zig]
+        subprocess.run([*command, "-c", str(source), "-o", str(tmp_path / "one.o")], check=True)
+    assert (tmp_path / "one.o").is_file()
+    assert not Path(command[0]).parent.exists()
+    assert told == [f"nothing here compiles C for {host()}: zig is downloaded (100 MB) and removed after the build"]
+
+
+def test_the_requirement_of_zig_is_that_of_the_package():
+    described = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())
+    assert described["project"]["optional-dependencies"]["native"] == [runtime.ZIG]
+
+
 def test_progress_of_a_build_is_reported_and_its_error_has_its_cause():
     parts: list[float] = []
     script = "import sys; [print('..', end='', flush=True) for _ in range(3)]; sys.exit('the disk is full')"
-    with when_progressing(parts.append), pytest.raises(UserError, match="reports 'the disk is full'") as error:
+    with when_progressing(parts.append, print), pytest.raises(UserError, match="reports 'the disk is full'") as error:
         runtime._run([sys.executable, "-c", script], {}, 5)
     assert error.value.diagnostic.code == "no-runtime"
     assert parts
@@ -160,29 +193,15 @@ def test_progress_of_a_build_is_reported_and_its_error_has_its_cause():
 
 
 def test_a_solver_that_is_not_there_is_refused():
-    with pytest.raises(UserError, match="support solver 'ida' only for small models, and this one has 168 joint"):
-        image_of(Simulation(Sheet(nx=9, nz=7), Settings(solver="ida")))
-    with pytest.raises(UserError, match="do not support the solver 'esdirk'; allowed: adams, hybrid, radau, ida"):
-        image_of(Simulation(Sheet(nx=9, nz=7), Settings(solver="esdirk")))
-
-
-def test_contact_is_refused_as_what_is_not_there():
-    m = Mechanism()
-    paper = {"thickness": 1e-3, "youngs_modulus": 1e6, "density": 800.0, "grid": (4, 3), "tree": "master"}
-    add_contact(m, "table", add_sheet(m, "s", length=0.3, width=0.2, **paper), Wall(at=(0.0, -0.1, 0.0)))
-    with pytest.raises(
-        UserError, match=r"kernel mbfmu.sheets.contact.surface_force.apply is not in the runtime of native FMUs"
-    ):
-        image_of(Simulation(m, Settings(solver="adams")))
-
-
-def test_a_model_whose_solvers_are_not_in_machine_code_is_told_so(tmp_path: Path):
     model = Feeder(path="straight", nips=1, nx=5, nz=4)
-    with pytest.raises(
-        UserError,
-        match=r"^model 'feeder' needs the solver 'ida' or 'esdirk', since .* of nips .* native FMUs support adams",
-    ):
-        export(model, tmp_path / "feeder.fmu", Settings(solver="auto"), native=True)
+    with pytest.raises(UserError, match=r"do not support solver 'ida' for this large model, since .* use 'esdirk'"):
+        image_of(Simulation(model, Settings(solver="ida")))
+
+
+def test_a_model_gets_a_solver_that_suits_it_and_is_in_machine_code():
+    model, told = Feeder(path="straight", nips=1, nx=5, nz=4), list[Any]()
+    assert _with_solver(model, Settings(solver=model.default_solver), told.append).solver == "esdirk"
+    assert not told
 
 
 def test_tuples_are_laid_once_and_arrays_must_not_have_gaps():

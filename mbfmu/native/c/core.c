@@ -70,6 +70,7 @@ void destroy(Instance *own)
         unload(own->user_library);
     free(own->path);
     free(own->tables);
+    free(own->libraries);
     free(own->room);
     free(own->kept);
     free(own->values);

@@ -66,6 +66,16 @@ static bool are_whole(const char *tables, const Header *h)
     return crc64(sum, tables + after, (size_t)h->block - after) == (uint64_t)h->table_sum;
 }
 
+/* Read the lengths and checksums of the libraries, which follow the block. */
+static bool read_libraries(Instance *own, FILE *file)
+{
+    const Header *h = own->header;
+    size_t size = (size_t)h->libraries_count * sizeof(Library);
+    own->libraries = malloc(size ? size : 1);
+    return own->libraries && !fseek(file, (long)(h->block + h->size), SEEK_SET) && fread(own->libraries, 1, size, file) == size &&
+           crc64(0, own->libraries, size) == (uint64_t)h->libraries_sum;
+}
+
 /* Read the header and the tables, and check them; say what is wrong with the file. */
 static bool read_tables(Instance *own, FILE *file, const char *token, char text[SAYS])
 {
@@ -99,6 +109,10 @@ static bool read_tables(Instance *own, FILE *file, const char *token, char text[
         SAY(text, "file '", own->path, "' is damaged: it refers to data outside the file; export the FMU again [fmu-files]");
         return false;
     }
+    if (!read_libraries(own, file)) {
+        SAY(text, "file '", own->path, "' is damaged: the checksum of its libraries differs; unzip the FMU again [fmu-files]");
+        return false;
+    }
     own->family = &family;
     return true;
 }
@@ -114,7 +128,7 @@ static bool open_user_library(Instance *own, char text[SAYS])
     char why[SAYS];
     if (!own->header->user_kernels)
         return true;
-    own->user_library = load_beside(USER_LIBRARY, why);
+    own->user_library = load_beside(own, USER_LIBRARY, why);
     if (own->user_library && function_of(own->user_library, USER_TABLE))
         return true;
     SAY(text, "library '" USER_LIBRARY "' of the user-defined kernels, which must be in the folder of the FMU's own library, cannot "

@@ -14,6 +14,7 @@ struct Instance {
     char *path;   /* of the file of the model */
     char *tables; /* that file up to the block */
     const Header *header;
+    Library *libraries; /* that the FMU may load */
     const Variable *variables;
     const Family *family;
     unsigned char *room;  /* what the block lies in */
