@@ -12,7 +12,7 @@ from mbfmu.modeling.variables import ScalarVariable, Type
 from mbfmu.util.units import read_unit
 
 from . import exchange_description as exchange
-from .exchange_description import ExchangeVariable
+from .exchange_description import ExchangeInterface, ExchangeVariable
 
 BUILD_DATE = "2000-01-01T00:00:00+00:00"  # the date of every build: equal content gives equal bytes
 
@@ -66,11 +66,11 @@ def model_description(
     experiment: Experiment,
     variables: Sequence[ScalarVariable],
     log_categories: Mapping[str, str],
-    exchanged: Sequence[ExchangeVariable] | None = None,
+    interface: ExchangeInterface | None = None,
 ) -> Element:
     """Return the root of modelDescription.xml; elements keep the order of the FMI schema.
 
-    ``exchanged``: states and derivatives of model exchange; None: the FMU is for co-simulation only.
+    ``interface``: that of model exchange; None: the FMU is for co-simulation only.
     """
     root = Element(
         "fmiModelDescription",
@@ -87,22 +87,21 @@ def model_description(
     )
     needs = "true" if identity.tool else "false"
     told = {"modelIdentifier": identity.identifier, "needsExecutionTool": needs, **FMI2_CAPABILITIES}
-    if exchanged is not None:
+    exchanged, moving = (interface.variables, interface.moving_inputs) if interface else ((), ())
+    if interface is not None:
         root.set("numberOfEventIndicators", "0")
-        SubElement(
-            root, "ModelExchange", {"modelIdentifier": identity.identifier, **exchange.FMI2_EXCHANGE_CAPABILITIES}
-        )
+        own = {"modelIdentifier": identity.identifier, **exchange.FMI2_EXCHANGE_CAPABILITIES}
+        SubElement(root, "ModelExchange", own | interface.derivative_capabilities(2))
+        told |= interface.derivative_capabilities(2) | interface.output_capabilities()
     SubElement(root, "CoSimulation", told)
-    root.extend(
-        [*units([*variables, *(exchanged or ())]), *_enumerations(variables), *default_run(experiment, log_categories)]
-    )
+    root.extend([*units([*variables, *exchanged]), *_enumerations(variables), *default_run(experiment, log_categories)])
     described = SubElement(root, "ModelVariables")
     for reference, v in enumerate(variables):
         _variable(described, reference, v)
-    states = [len(variables) + 1 + k for k, v in enumerate(exchanged or ()) if v.of is None]
-    structure = _structure(variables, states)
-    exchange.add_fmi2_variables(described, exchanged or (), len(variables))
-    exchange.add_fmi2_structure(structure, exchanged or (), len(variables))
+    states = [len(variables) + 1 + k for k, v in enumerate(exchanged) if v.of is None]
+    structure = _structure(variables, moving, states)
+    exchange.add_fmi2_variables(described, exchanged, len(variables))
+    exchange.add_fmi2_structure(structure, exchanged, len(variables))
     root.append(structure)
     return root
 
@@ -198,16 +197,16 @@ def _variable(parent: Element, reference: int, v: ScalarVariable) -> None:
         kind.set("start", str(v.start).lower() if isinstance(v.start, bool) else as_text(v.start))
 
 
-def _structure(variables: Sequence[ScalarVariable], states: Sequence[int]) -> Element:
-    """Return what depends on what: outputs on the inputs that change them at once and on all ``states`` (indices of
-    variables, from 1), at the start on everything.
+def _structure(variables: Sequence[ScalarVariable], moving: Sequence[str], states: Sequence[int]) -> Element:
+    """Return what depends on what: outputs on the inputs that change them at once, on the inputs ``moving`` and on all
+    ``states`` (indices of variables, from 1), at the start on everything.
     """
     structure = Element("ModelStructure")
     index = {v.name: str(i) for i, v in enumerate(variables, 1)}
     made = [v for v in variables if v.causality == "output"]
     outputs = SubElement(structure, "Outputs")
     for v in made:
-        needs = " ".join([*(index[n] for n in v.depends_on), *map(str, states)])
+        needs = " ".join([*(index[n] for n in dict.fromkeys((*v.depends_on, *moving))), *map(str, states)])
         SubElement(outputs, "Unknown", index=index[v.name], dependencies=needs)
     unknowns = SubElement(structure, "InitialUnknowns")
     for v in made:

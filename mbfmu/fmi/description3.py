@@ -11,7 +11,7 @@ from mbfmu.modeling.variables import ArrayVariable, ScalarVariable, Type
 
 from . import exchange_description as exchange
 from .description import BUILD_DATE, Experiment, Identity, default_run, number, type_name, units
-from .exchange_description import ExchangeVariable
+from .exchange_description import ExchangeInterface
 
 FMI3_TYPES = {
     Type.REAL: "Float64",
@@ -50,12 +50,12 @@ def model_description(
     variables: Sequence[ScalarVariable],
     log_categories: Mapping[str, str],
     arrays: Sequence[ArrayVariable],
-    exchanged: Sequence[ExchangeVariable] | None = None,
+    interface: ExchangeInterface | None = None,
 ) -> Element:
     """Return the root of modelDescription.xml; elements keep the order of the FMI schema.
 
-    ``arrays`` are declared in place of those of the variables that are in them. ``exchanged``: states and derivatives
-    of model exchange; None: the FMU is for co-simulation only.
+    ``arrays`` are declared in place of those of the variables that are in them. ``interface``: that of model exchange;
+    None: the FMU is for co-simulation only.
     """
     root = Element(
         "fmiModelDescription",
@@ -70,14 +70,14 @@ def model_description(
         generationDateAndTime=BUILD_DATE,
         variableNamingConvention="structured",
     )
-    if exchanged is not None:
-        SubElement(
-            root, "ModelExchange", {"modelIdentifier": identity.identifier, **exchange.FMI3_EXCHANGE_CAPABILITIES}
-        )
-    SubElement(root, "CoSimulation", {"modelIdentifier": identity.identifier, **FMI3_CAPABILITIES})
-    root.extend(
-        [*units([*variables, *(exchanged or ())]), *_enumerations(variables), *default_run(experiment, log_categories)]
-    )
+    capabilities = {"modelIdentifier": identity.identifier, **FMI3_CAPABILITIES}
+    if interface is not None:
+        own = {"modelIdentifier": identity.identifier, **exchange.FMI3_EXCHANGE_CAPABILITIES}
+        SubElement(root, "ModelExchange", own | interface.derivative_capabilities(3))
+        capabilities |= interface.derivative_capabilities(3) | interface.output_capabilities()
+    SubElement(root, "CoSimulation", capabilities)
+    exchanged = interface.variables if interface else ()
+    root.extend([*units([*variables, *exchanged]), *_enumerations(variables), *default_run(experiment, log_categories)])
     described = SubElement(root, "ModelVariables")
     told = list(listed(variables, arrays))
     for reference, v in told:
@@ -92,8 +92,8 @@ def model_description(
         description="time",
         unit="s",
     )
-    exchange.add_fmi3_variables(described, exchanged or ())
-    root.append(_structure(told, exchanged or ()))
+    exchange.add_fmi3_variables(described, exchanged)
+    root.append(_structure(told, interface))
     return root
 
 
@@ -133,16 +133,17 @@ def _variable(parent: Element, reference: int, v: ScalarVariable) -> None:
         SubElement(element, "Dimension", start=str(count))
 
 
-def _structure(variables: Sequence[tuple[int, ScalarVariable]], exchanged: Sequence[ExchangeVariable]) -> Element:
-    """Return what depends on what: outputs on the inputs that change them at once and on all states, at the start on
-    everything.
+def _structure(variables: Sequence[tuple[int, ScalarVariable]], interface: ExchangeInterface | None) -> Element:
+    """Return what depends on what: outputs on the inputs that change them at once, in model exchange also on those that
+    move joints and on all states, at the start on everything.
     """
+    exchanged, moving = (interface.variables, interface.moving_inputs) if interface else ((), ())
     structure = Element("ModelStructure")
     reference = {v.name: str(k) for k, v in variables}
     made = [v for _, v in variables if v.causality == "output"]
     states = [str(v.reference) for v in exchanged if v.of is None]
     for v in made:
-        needs = " ".join([*(reference[name] for name in v.depends_on), *states])
+        needs = " ".join([*(reference[name] for name in dict.fromkeys((*v.depends_on, *moving))), *states])
         SubElement(structure, "Output", valueReference=reference[v.name], dependencies=needs)
     for own in exchanged:
         if own.of is not None:

@@ -25,6 +25,12 @@ FMI3_EXCHANGE_CAPABILITIES = {
 }
 
 
+DERIVATIVE_CAPABILITIES = {  # by the version of FMI
+    2: {"providesDirectionalDerivative": "true"},
+    3: {"providesDirectionalDerivatives": "true", "providesAdjointDerivatives": "true"},
+}
+
+
 class ExchangeVariable(NamedTuple):
     """A continuous state or a derivative.
 
@@ -59,6 +65,32 @@ class ExchangeVariable(NamedTuple):
         told = {} if self.unit == "1" else {"unit": self.unit}
         told |= {"displayUnit": self.display_unit} if self.display_unit else {}
         return told | ({} if self.nominal is None else {"nominal": repr(self.nominal)})
+
+
+class ExchangeInterface(NamedTuple):
+    """What an FMU with model exchange declares.
+
+    Attributes
+    ----------
+    variables
+        States, then their derivatives.
+    moving_inputs
+        Names of the inputs that move joints: outputs depend on them at once in model exchange, not in co-simulation.
+    has_derivatives
+        Whether directional derivatives are provided.
+    """
+
+    variables: Sequence[ExchangeVariable]
+    moving_inputs: Sequence[str]
+    has_derivatives: bool
+
+    def derivative_capabilities(self, fmi: int) -> dict[str, str]:
+        """Return the attributes of directional derivatives, for both types of FMU."""
+        return DERIVATIVE_CAPABILITIES[fmi] if self.has_derivatives else {}
+
+    def output_capabilities(self) -> dict[str, str]:
+        """Return the attributes of derivatives of outputs by time, for co-simulation."""
+        return {"maxOutputDerivativeOrder": "1"} if self.has_derivatives else {}
 
 
 def exchange_variables(states: Sequence[ExchangeState], first: int) -> list[ExchangeVariable]:

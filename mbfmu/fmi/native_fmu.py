@@ -10,8 +10,8 @@ from typing import NamedTuple
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import AUTO, Settings
 from mbfmu.native.data import native_model
-from mbfmu.native.entries import USER_LIBRARY
 from mbfmu.native.families import NATIVE_SOLVERS
+from mbfmu.native.kernel_table import USER_LIBRARY
 from mbfmu.native.layout import signed
 from mbfmu.native.runtime import library
 from mbfmu.native.sundials_files import SUNDIALS_SOLVERS, libraries
@@ -25,7 +25,7 @@ from solvers.system import AnySystem
 from . import description, description3
 from .description import LOG_CATEGORIES, Experiment, Identity, xml_bytes
 from .documentation import c_sources, page
-from .exchange_description import exchange_variables
+from .exchange_description import ExchangeInterface, exchange_variables
 from .identity import identify
 from .terminals import terminal_files
 
@@ -66,13 +66,14 @@ def build_native_fmu(
         report(found)
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
     identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
-    shown, exchanged = list(made.variables), None
+    shown, interface = list(made.variables), None
     if made.states is not None:
         exchanged = exchange_variables(made.states, len(shown) + 1 + len(made.arrays))
+        interface = ExchangeInterface(exchanged, made.moving_inputs, made.has_derivatives)
     if fmi == 2:
-        root = description.model_description(identity, experiment, shown, LOG_CATEGORIES, exchanged)
+        root = description.model_description(identity, experiment, shown, LOG_CATEGORIES, interface)
     else:
-        root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays, exchanged)
+        root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays, interface)
         shown = [v for _, v in description3.listed(made.variables, made.arrays)]
     content = {
         "modelDescription.xml": xml_bytes(root),

@@ -27,10 +27,18 @@ from solvers.steppers import ORDER_LIMITS
 
 from . import layout, start_checks
 from .curves import Shifted
-from .entries import Instance, family_of, image_of, user_kernels, uses_sundials
-from .exchange_states import ExchangeState, exchange_states, explain_missing_exchange, list_constant_inputs
+from .entries import Instance, family_of, image_of, uses_sundials
+from .exchange_states import (
+    ExchangeState,
+    exchange_states,
+    explain_missing_derivatives,
+    explain_missing_exchange,
+    list_constant_inputs,
+    list_motion_outputs,
+)
 from .families import FAMILIES
 from .image import MemoryImage
+from .kernel_table import user_kernels
 from .model_numbers import Place
 from .parameter_map import LENGTH_NAME, Entry, Term
 from .parameters import SettableParameters, find_settable
@@ -60,6 +68,10 @@ class NativeModel(NamedTuple):
     states
         Continuous states of model exchange, whose value references come after those of the arrays, followed by those
         of their derivatives; None: the model is for co-simulation only.
+    moving_inputs
+        Names of the inputs that move joints.
+    has_derivatives
+        Whether directional derivatives are provided.
     has_user_kernels
         Whether the FMU needs the library of :mod:`.user_kernels`.
     family
@@ -71,6 +83,8 @@ class NativeModel(NamedTuple):
     fixed: dict[str, str]
     diagnostics: Sequence[Diagnostic]
     states: tuple[ExchangeState, ...] | None
+    moving_inputs: tuple[str, ...]
+    has_derivatives: bool
     data: bytes
     has_user_kernels: bool
     family: str
@@ -87,7 +101,9 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
         The model cannot be built, or the runtime cannot run it.
     """
     simulation = UnstartedSimulation(model, settings)
-    instance, image = image_of(simulation)
+    exchanges = not for_one_run and not explain_missing_exchange(simulation)
+    differentiates = exchanges and not explain_missing_derivatives(simulation)
+    instance, image = image_of(simulation, differentiates)
     why = "the FMU is made for one run" if for_one_run else explain_missing_search(simulation)
     settable = _nothing_settable(model, why) if why else find_settable(model)
     frozen = {name: why for name, why in settable.fixed.items() if not _structural(model, name)}
@@ -97,11 +113,12 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     )
     several = arrays(model, variables)
     states, notes = _states(simulation, variables) if not for_one_run else (None, [])
-    file = _File(simulation, instance, image, settable, variables, several, states is not None)
-    own = user_kernels(simulation.compiled.called())
-    messages = [*simulation.diagnostics, *notes]
-    family = family_of(simulation)
-    return NativeModel(variables, several, frozen, messages, states, file.write(), bool(own), family)
+    file = _File(simulation, instance, image, settable, variables, several, states is not None, differentiates)
+    messages, own = [*simulation.diagnostics, *notes], user_kernels(simulation.compiled.called())
+    inputs, family = simulation.compiled.inputs, family_of(simulation)
+    moving = tuple(v.name for k, v in enumerate(inputs.variables) if inputs.moves_support(k))
+    provided = states, moving, differentiates
+    return NativeModel(variables, several, frozen, messages, *provided, file.write(), bool(own), family)
 
 
 def _states(
@@ -119,6 +136,8 @@ def _states(
         )
         remedy = "Declare such an input with rate_name and acceleration_name, or use co-simulation"
         notes.append(Diagnostic.note("constant-input", text, remedy, subject=names[0]))
+    if why := explain_missing_derivatives(simulation):
+        notes.append(Diagnostic.note("no-derivatives", f"this FMU has no directional derivatives: {why}"))
     return exchange_states(simulation, [v.name for v in variables]), notes
 
 
@@ -166,11 +185,12 @@ class _File:
         variables: Sequence[ScalarVariable],
         several: Sequence[ArrayVariable],
         exchanges: bool,
+        differentiates: bool,
     ) -> None:
         self._simulation, self._instance, self._image, self._settable = simulation, instance, image, settable
         self._variables, self._arrays, self._text, self._exchanges = variables, several, bytearray(), exchanges
-        self._constant_inputs = list_constant_inputs(simulation)
-        self._restricted_inputs = restricted_inputs(simulation)
+        self._differentiates, self._restricted_inputs = differentiates, restricted_inputs(simulation)
+        self._constant_inputs, self._motion_outputs = list_constant_inputs(simulation), list_motion_outputs(simulation)
         self._block = image.block()
         self._references = {v.name: k for k, v in enumerate(variables)}
         self._places = {
@@ -183,6 +203,10 @@ class _File:
             "exchange_derivatives": image.at(instance.exchange.derivatives),
             "exchange_nominal": image.at(instance.exchange.nominal),
             "exchange_times": image.at(instance.exchange.times),
+            "direction_states": image.at(instance.linearization.states),
+            "direction_inputs": image.at(instance.linearization.inputs),
+            "derivative_slopes": image.at(instance.linearization.slopes),
+            "derivative_outputs": image.at(instance.linearization.outputs),
         }  # fmt: skip
         control = instance.given.memory.control
         self._places |= {
@@ -235,6 +259,7 @@ class _File:
         header["user_kernels"] = len(user_kernels(compiled.called()))
         header["saved_alone"] = self._image.at(self._instance.exchange.times)  # the first of model exchange
         header["exchange"], header["positions"], header["velocities"] = self._exchanges, system.nq, system.n
+        header["derivatives"] = self._differentiates
         header["reports_coarse"] = bool(describe_coarse(compiled, COARSE_TOLERANCE, freedom))
         header["reports_undetermined"] = compiled.has_force_outputs
         header["steady"] = self._simulation.steady_state is not None
@@ -265,7 +290,8 @@ class _File:
         rest_scale = max(abs(start), v.nominal or 0.0) if rests else 0.0
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)
         texts = self._add_text(v.name), self._add_text(v.allowed)
-        return (*texts, kinds, roles, number, layout.SETTABLE.index(when), is_fixed, start, low, high, rest_scale)
+        motion, when_set = int(v.name in self._motion_outputs), layout.SETTABLE.index(when)
+        return (*texts, kinds, roles, number, when_set, is_fixed, motion, start, low, high, rest_scale)
 
     def _array(self, array: ArrayVariable, members: list[tuple[Any, ...]]) -> tuple[int, int]:
         first = len(members)

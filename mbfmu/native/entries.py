@@ -7,28 +7,22 @@ them on by their addresses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import couplings, cuts, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.closing import CutFrames
 from mbfmu.mechanics.arrays.input_kernels import InputRecords, start_input
-from mbfmu.mechanics.arrays.tables import REAL, CalledKernel
-from mbfmu.mechanics.kind import ElementType, element_types_of, kernel_of, record_of
+from mbfmu.mechanics.arrays.tables import CalledKernel
 from mbfmu.mechanics.records import ItemRecord, empty_data
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
 from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.kernels.points import Session, begin_session
 from mbfmu.session.kernels.sequence import SolverActions, sequence_of
 from mbfmu.session.simulation import Simulation
-from mbfmu.sheets import elements as sheet_elements
-from mbfmu.sheets import joints as sheet_joints
-from mbfmu.sheets import sensors as sheet_sensors
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import as_kernel, jit_uncached, records, types
 from solvers.compiled.tuple_pointer import pin, unpin
@@ -44,22 +38,16 @@ from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
 
+from .derivatives import Linearization, empty_linearized, to_linearized
+from .exchange_memory import Exchange
 from .families import FAMILIES, NATIVE_SOLVERS
 from .image import MemoryImage
-from .model_exchange import Exchange, exchange_entries
+from .kernel_table import TableEntry, kernel_numbers, reads_state
+from .model_exchange import exchange_entries
 from .start_checks import Start, check_resolution, find_misplaced
 from .steady_export import steady_start
 from .steady_start import SteadyStart
 from .sundials_files import SUNDIALS_SOLVERS
-
-COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
-    joints: joints.Joint, cuts: cuts.CutJoint, couplings: couplings.Coupling, loads: loads.Load,
-    signals: signals.Signal, sensors: sensors.Sensor,
-    sheet_joints: joints.Joint, sheet_elements: loads.Load, sheet_sensors: sensors.Sensor,
-}  # fmt: skip
-KERNEL_TABLE_SYMBOL = "mb_kinds"  # symbol of the addresses of all kernels of kinds
-USER_LIBRARY = "mbfmu_kernels"  # beginning of the name of the library of user-defined kernels in an FMU
-USER_TABLE_SYMBOL = "mb_user_kernels"  # symbol of the addresses of its kernels
 
 
 class Instance(NamedTuple):
@@ -83,8 +71,9 @@ class Instance(NamedTuple):
     frames: Any  # mbfmu.mechanics.arrays.closing.CutFrames
     angles: Array  # (cuts,) rad, scratch
     positions: Any  # solvers.positions.Positions
-    exchange: Any  # mbfmu.native.model_exchange.Exchange
+    exchange: Any  # mbfmu.native.exchange_memory.Exchange
     steady: Any  # mbfmu.native.steady_start.SteadyStart
+    linearization: Any  # mbfmu.native.derivatives.Linearization
 
 
 class Entry(NamedTuple):
@@ -100,8 +89,11 @@ def family_of(simulation: Simulation) -> str:
     return next((name for name, own in FAMILIES.items() if own.loop is loop), "")
 
 
-def instance_of(simulation: Simulation) -> Instance:
-    """Return an instance that is assembled and yet to begin, where a simulation began; with zeros for the functions."""
+def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
+    """Return an instance that is assembled and yet to begin, where a simulation began; with zeros for the functions.
+
+    ``differentiates``: it has the memory for derivatives.
+    """
     stepper: Any = simulation.stepper
     compiled, system, family = simulation.compiled, simulation.compiled.system, FAMILIES[family_of(simulation)]
     given, (q, v) = unpin(stepper.integration), (array.copy() for array in simulation.start)
@@ -121,8 +113,20 @@ def instance_of(simulation: Simulation) -> Instance:
     buffers = np.zeros(system.n), np.zeros(system.m), np.zeros(system.n), np.zeros(len(simulation.variables))
     settings = known, stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     places = assembly.frames, np.zeros(len(compiled.mechanism.cuts)), system.placed
-    more = Exchange.allocate(*sizes), steady_start(simulation)
+    linear = linearization_of(simulation) if differentiates else Linearization.example(pin(empty_linearized()))
+    more = Exchange.allocate(*sizes), steady_start(simulation), linear
     return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places, *more)
+
+
+def linearization_of(simulation: Simulation) -> Linearization:
+    """Return the memory for derivatives of a simulation, with zeros for the addresses of kernels."""
+    compiled, system = simulation.compiled, simulation.compiled.system
+    data = pin(to_linearized(compiled.data, np.zeros_like(compiled.data.arrays.kernels)))
+    inputs = compiled.inputs
+    signals = np.full(len(inputs), -1)
+    for signal, (_, coefficients, _) in inputs.supports().items():
+        signals[[inputs.number(signal, k) for k in coefficients]] = signal
+    return Linearization.allocate(data, signals, system.nq, system.n, system.m, len(simulation.variables))
 
 
 def uses_sundials(instance: Instance) -> bool:
@@ -130,8 +134,8 @@ def uses_sundials(instance: Instance) -> bool:
     return isinstance(instance.given.memory, IDAMemory)
 
 
-def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
-    """Return the instance of a simulation that has just been made, and its block.
+def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Instance, MemoryImage]:
+    """Return the instance of a simulation that has just been made, and its block; see :func:`instance_of`.
 
     Raises
     ------
@@ -159,16 +163,19 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
             "not-native",
         )
     called = simulation.compiled.called()
-    known, numbers = {own: k for k, own in enumerate((*shipped_kernels(), *user_kernels(called)))}, []
+    known = kernel_numbers(called)
     for own in called:
-        if own is not None and own not in known:
+        if own is not None and TableEntry(own, float) not in known:
             raise UserError(
                 f"kernel {own.function.__module__}.{own.function.__qualname__} is not in the runtime of native FMUs; "
                 "export the model with --python",
                 "not-native",
             )
-        numbers.append(-1 if own is None else known[own])
-    instance, arrays = instance_of(simulation), simulation.compiled.data.arrays
+    instance, arrays = instance_of(simulation, differentiates), simulation.compiled.data.arrays
+    tables = [(arrays.kernels, _numbers(called, known, float))]
+    if differentiates:
+        linear = unpin(unpin(instance.linearization.data).arrays)
+        tables.append((linear.kernels, _numbers(called, known, complex)))
     own, start = instance.given, instance.start
     memory = own.memory
     state = [
@@ -185,7 +192,13 @@ def image_of(simulation: Simulation) -> tuple[Instance, MemoryImage]:
     state += instance.session.memory()
     state += [array for array in arrays if array is not arrays.kernels]
     state += instance.exchange.memory()
-    return instance, MemoryImage(instance, state, arrays.kernels, numbers)
+    return instance, MemoryImage(instance, state, tables)
+
+
+def _numbers(called: Sequence[CalledKernel | None], known: Mapping[TableEntry, int], state: type) -> list[int]:
+    """Return the numbers of what a mechanism calls for such a state; -1: it does not."""
+    found = [own and TableEntry(own, state if reads_state(own) else float) for own in called]
+    return [-1 if entry is None else known.get(entry, -1) for entry in found]
 
 
 def example(name: str) -> Any:
@@ -202,7 +215,8 @@ def example(name: str) -> Any:
     start, frames = Start(z(1), z(1), ClosureScratch.allocate(1, 1)), CutFrames.example()
     settings = z(3), records(1, OPTIONS), z(1, np.int64)
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
-    more = Exchange.allocate(1, 1, 1), SteadyStart.empty()
+    linear = Linearization.example(pin(empty_linearized()))
+    more = Exchange.allocate(1, 1, 1), SteadyStart.empty(), linear
     return pin(Instance(*run, given, start, *settings, frames, z(1), positions, *more))
 
 
@@ -365,32 +379,3 @@ def entries(name: str) -> dict[str, Entry]:
         "close": Entry(close, ()),
         **{own: Entry(*entry) for own, entry in exchange.items()},
     }
-
-
-def user_kernels(called: Iterable[CalledKernel | None]) -> tuple[CalledKernel, ...]:
-    """Return the kernels of user-defined elements and functions among those that a mechanism calls, in their order.
-
-    Such a type has a kernel of another package, or one that is made of a function of the model.
-    """
-    shipped = set(shipped_kernels())
-    others = dict.fromkeys(own for own in called if own is not None and own not in shipped)
-    types_of_users = [own.record for own in others if _is_user_defined(own)]
-    return tuple(own for own in others if own.record in types_of_users)
-
-
-def _is_user_defined(called: CalledKernel) -> bool:
-    function = called.function
-    return not function.__module__.startswith("mbfmu.") or "<locals>" in function.__qualname__
-
-
-def shipped_kernels() -> tuple[CalledKernel, ...]:
-    """Return the kernels of all kinds that ship, in the order of their addresses in the runtime."""
-    return tuple(dict.fromkeys(called for module, role in COMPONENT_ROLES.items() for called in _kernels(module, role)))
-
-
-def _kernels(module: ModuleType, role: type[ElementType]) -> Iterator[CalledKernel]:
-    for kind in element_types_of(module, role):
-        for name, signature in kind.kernels.items():
-            function = kernel_of(kind, name)
-            if function is not None and name not in REAL.left_out:
-                yield CalledKernel(function, record_of(kind), signature, tuple(kind.records.items()))

@@ -9,10 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from mbfmu.mechanics.arrays.assembly import free_bodies
+from mbfmu.mechanics.sensors import Follows
 from mbfmu.modeling.variables import VARIABLE_NAME_PATTERN
 from mbfmu.session.simulation import Simulation
 from solvers.compiled.tuple_pointer import unpin
 from solvers.system import Array
+
+from .kernel_table import reads_state, user_kernels
 
 MAX_STATES = 1000  # continuous states: each is two variables of the model description
 MAX_DEPENDENCIES = 200_000  # of outputs on states that a model description lists
@@ -52,6 +55,18 @@ def explain_missing_exchange(simulation: Simulation) -> str:
     return ""
 
 
+def explain_missing_derivatives(simulation: Simulation) -> str:
+    """Return why an FMU with model exchange has no directional derivatives; empty: it has."""
+    compiled = simulation.compiled
+    if any(reads_state(own) for own in user_kernels(compiled.called())):
+        return "user-defined elements have no kernels for complex numbers"
+    moving = compiled.inputs.supports()
+    for what, load in compiled.magnitudes().items():
+        if any(member.number in moving for member in load.members()):
+            return f"{what} is given by an input that moves a joint, too"
+    return ""
+
+
 def list_constant_inputs(simulation: Simulation) -> list[str]:
     """Return the names of inputs that move joints without an input for the acceleration: a motion that changes needs
     all derivatives.
@@ -62,6 +77,16 @@ def list_constant_inputs(simulation: Simulation) -> list[str]:
     for k in moving:
         given.setdefault(int(inputs.own.inputs["number"][k]), set()).add(int(inputs.own.inputs["coefficient"][k]))
     return [inputs.variables[k].name for k in moving if given[int(inputs.own.inputs["number"][k])] != ALL_DERIVATIVES]
+
+
+def list_motion_outputs(simulation: Simulation) -> list[str]:
+    """Return the names of outputs that depend on positions and velocities alone."""
+    outputs = simulation.compiled.mechanism.outputs
+    return [
+        name
+        for name, sensor, *_ in outputs
+        if sensor.follows is Follows.MOTION and type(sensor).__module__.startswith("mbfmu.")
+    ]
 
 
 def exchange_states(simulation: Simulation, taken: Iterable[str]) -> tuple[ExchangeState, ...]:
@@ -87,7 +112,7 @@ def exchange_states(simulation: Simulation, taken: Iterable[str]) -> tuple[Excha
 
 
 def find_nominals(simulation: Simulation) -> Array:
-    """Return the nominal values of the states, as :func:`mbfmu.native.model_exchange.fill_nominals`."""
+    """Return the nominal values of the states, as :func:`mbfmu.native.exchange_memory.fill_nominals`."""
     stepper, system = simulation.stepper, simulation.compiled.system
     work = unpin(unpin(stepper.integration).work)  # type: ignore[attr-defined]
     return np.concatenate((system.position_sizes(system.size), work.coordinate_rates * system.size))

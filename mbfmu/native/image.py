@@ -42,10 +42,9 @@ class MemoryImage:
         Holds everything.
     state
         Arrays that are saved and restored.
-    addresses
-        An array of addresses of kernels, which are other ones in the runtime.
-    numbers
-        Of those kernels in the runtime; -1: there is none.
+    tables
+        Arrays of addresses of kernels, which are other ones in the runtime, each with the numbers of those kernels in
+        the runtime; -1: there is none.
 
     Attributes
     ----------
@@ -61,8 +60,7 @@ class MemoryImage:
         self,
         root: tuple[Any, ...],
         state: Sequence[NDArray[Any]],
-        addresses: NDArray[np.int64],
-        numbers: Sequence[int],
+        tables: Sequence[tuple[NDArray[np.int64], Sequence[int]]],
     ) -> None:
         self.size = 0
         self._arrays: dict[int, tuple[int, NDArray[Any]]] = {}  # place and array, by address in this process
@@ -73,8 +71,12 @@ class MemoryImage:
             self._emit_array(array)
         self.saved = self.size
         self.root = self._emit_tuple(root)
-        begin = self.at(addresses)
-        self.kernels = [Relocation(begin + 8 * k, number) for k, number in enumerate(numbers) if number >= 0]
+        self.kernels = [
+            Relocation(self.at(addresses) + 8 * k, number)
+            for addresses, numbers in tables
+            for k, number in enumerate(numbers)
+            if number >= 0
+        ]
 
     def at(self, array: NDArray[Any], field: str | None = None) -> int:
         """Return where an array is, or a field of its first record; 0 for an empty array, which has no place."""

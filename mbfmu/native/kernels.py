@@ -22,12 +22,15 @@ from solvers.compiled.indirect_call import record_type
 from solvers.compiled.kernel import jit_uncached, types
 from solvers.compiled.tuple_pointer import pointer_type
 
-from .entries import KERNEL_TABLE_SYMBOL, entries, example, shipped_kernels
+from .entries import entries, example
 from .families import FAMILIES
+from .kernel_table import DERIVATIVE_TABLE_SYMBOL, KERNEL_TABLE_SYMBOL, shipped_kernels
 from .sundials import CALLBACK_ENTRIES, SUNDIALS_FAMILIES, callback_symbol
 from .targets import TARGETS
 
 ELEMENTS = "elements"  # the part that all families call by addresses
+# Its files: tables of kernels for a real state, and for a complex one, by which derivatives are taken
+TABLES = {"elements": (KERNEL_TABLE_SYMBOL, float), "derivatives": (DERIVATIVE_TABLE_SYMBOL, complex)}
 # Entry points of a family by the object file that they are in. Those of the first file contain most of what the others
 # call, which is not compiled twice then; the last file has the entry points that are not listed.
 FILES = {"equations": ("assemble", "exchange_evaluate"), "begin": ("begin",), "steps": ()}
@@ -38,7 +41,8 @@ Compiled = dict[str, tuple[Any, Any]]  # kernel and types of arguments, by symbo
 
 def object_names(part: str, target: str) -> list[str]:
     """Return the names of the object files of a part for a target."""
-    return [f"{target}-{part}.o"] if part == ELEMENTS else [f"{target}-{part}-{file}.o" for file in FILES]
+    files = TABLES if part == ELEMENTS else (f"{part}-{file}" for file in FILES)
+    return [f"{target}-{file}.o" for file in files]
 
 
 class Workers:
@@ -92,15 +96,15 @@ class Builder:
             own = TARGETS[target]
             (self._folder / f"{target}-{name}.o").write_bytes(emit_object(module, own.triple, own.processor))
 
-    def write_elements(self) -> None:
-        """Write the kernels of all element types, with a table of their addresses."""
-        found: Compiled = {}
-        for i, kind in enumerate(shipped_kernels()):
-            words, returned = types_of(kind)
+    def write_elements(self, name: str) -> None:
+        """Write the kernels of all element types for a real or a complex state, with a table of their addresses."""
+        (table, state), found = TABLES[name], Compiled()
+        for i, kind in enumerate(shipped_kernels(state)):
+            words, returned = types_of(kind, state=state)
             arguments = record_type(kind.record), *words
             kind.function.compile(returned(*arguments))
-            found[f"mb_kind_{i}"] = kind.function, arguments
-        self.write(link_module(found, {KERNEL_TABLE_SYMBOL: list(found)}), ELEMENTS)
+            found[f"{table}_{i}"] = kind.function, arguments
+        self.write(link_module(found, {table: list(found)}), name)
 
     def write_family(self, family: str, instance: Any, workers: Workers) -> None:
         """Write the files of a family; ``instance`` is the type of its instances."""
@@ -145,8 +149,8 @@ def main(folder: Path, targets: Collection[str], parts: Collection[str]) -> None
     gc.set_threshold(200_000, 20, 20)  # a tenth of the time
     compile_only(report_function)
     workers, builder = Workers(), Builder(folder, targets)
-    if ELEMENTS in parts:
-        workers.run(builder.write_elements)
+    for name in TABLES if ELEMENTS in parts else ():
+        workers.run(partial(builder.write_elements, name))
     for family, instance in instances.items():
         builder.write_family(family, instance, workers)
     workers.finish()

@@ -30,9 +30,10 @@ from solvers.steppers.ida.dense_memory import LIMITED_RTOL, MIN_RTOL
 
 from . import sundials
 from .checksum import crc64
-from .entries import USER_LIBRARY, USER_TABLE_SYMBOL, Entry, shipped_kernels
+from .entries import Entry
+from .exchange_memory import LEFT_BRANCH, NEXT_EVENT, NOT_DIFFERENTIABLE, RESTART, STATES_NOT_FINITE, TIMES
 from .families import FAMILIES
-from .model_exchange import LEFT_BRANCH, NEXT_EVENT, RESTART, STATES_NOT_FINITE, TIMES
+from .kernel_table import DERIVATIVE_TABLE_SYMBOL, USER_LIBRARY, USER_TABLE_SYMBOL, shipped_kernels
 from .start_checks import Flaw
 
 ENTRY_C_TYPES = {
@@ -53,6 +54,7 @@ VARIABLE = np.dtype(
         ("number", "i8"),  # among those of its role
         ("settable", "i8"),  # when: see SETTABLE
         ("fixed_in_exchange", "i8"),  # 1: a support whose acceleration is no input, constant in model exchange
+        ("is_motion", "i8"),  # 1: an output that depends on positions and velocities alone
         ("start", "f8"),
         ("low", "f8"),
         ("high", "f8"),
@@ -117,6 +119,10 @@ HEADER_OFFSETS = (
     "exchange_derivatives",
     "exchange_nominal",
     "exchange_times",
+    "direction_states",
+    "direction_inputs",
+    "derivative_slopes",
+    "derivative_outputs",
     "undetermined",
     "undetermined_time",
     "near_miss_factor",
@@ -139,6 +145,7 @@ HEADER = np.dtype(
         ("reports_undetermined", "i8"),  # 1: some output is a force, and it is reported that forces are not determined
         ("steady", "i8"),  # 1: the start is a steady state
         ("exchange", "i8"),  # 1: model exchange is supported
+        ("derivatives", "i8"),  # 1: directional derivatives are supported
         ("positions", "i8"),  # number of free positions, and of velocities
         ("velocities", "i8"),
         *((f"{name}_at", "i8") for name in HEADER_OFFSETS),
@@ -184,11 +191,12 @@ def declarations(family: str, entries: Iterable[tuple[str, Entry]]) -> str:
     lines += [f"#define {name} {float(np.degrees(angle))!r} /* degrees */" for name, angle in limits.items()]
     lines += [f"#define MAX_VALID_RATIO {MAX_VALID_RATIO!r}", f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}"]
     lines += [f"#define LEFT_BRANCH ({LEFT_BRANCH})", f"#define STATES_NOT_FINITE ({STATES_NOT_FINITE})"]
-    lines.append(f"#define EXCHANGE_TIMES {TIMES}")
+    lines += [f"#define NOT_DIFFERENTIABLE ({NOT_DIFFERENTIABLE})", f"#define EXCHANGE_TIMES {TIMES}"]
     lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
     lines += [f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}", f"#define MIN_RTOL {MIN_RTOL!r}"]
     lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]
     lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(shipped_kernels())}"]
+    lines.append(f"#define DERIVATIVE_KINDS {len(shipped_kernels(complex))}")
     words = {"USER_LIBRARY": USER_LIBRARY, "USER_TABLE": USER_TABLE_SYMBOL}
     lines += [*(f"#define {name} {json.dumps(word)}" for name, word in words.items()), ""]
     lines += [_struct(name, record) for name, record in STRUCTS.items()]
@@ -209,7 +217,7 @@ def declarations(family: str, entries: Iterable[tuple[str, Entry]]) -> str:
     called = "&callbacks" if family in sundials.SUNDIALS_FAMILIES else "0"
     row = ", ".join((*(f"mb_{family}_{name}" for name, _ in known), called))
     lines += [f"#define FAMILY {list(FAMILIES).index(family)}", f"static const Family family = {{{row}}};"]
-    lines += ["extern void *const mb_kinds[];", ""]
+    lines += [f"extern void *const mb_kinds[], *const {DERIVATIVE_TABLE_SYMBOL}[];", ""]
     return "\n".join(lines)
 
 

@@ -44,12 +44,13 @@ PACKAGE_DIR = Path(__file__).parent
 PACKED_RUNTIMES = PACKAGE_DIR / "runtimes"  # that a wheel brings along
 # sources of the machine code, in addition to the kernels of other packages
 KERNEL_SOURCES = (
-    "entries.py", "families.py", "kernels.py", "model_exchange.py", "start_checks.py", "steady_start.py", "sundials.py",
-    "targets.py",
+    "derivatives.py", "entries.py", "exchange_dense.py", "exchange_memory.py", "exchange_times.py", "exchange_tree.py",
+    "families.py", "kernel_table.py", "kernels.py", "load_derivatives.py", "model_exchange.py", "start_checks.py",
+    "steady_start.py", "sundials.py", "targets.py",
 )  # fmt: skip
 COMPILER_FLAGS = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
 # approximate numbers of functions that are compiled, for the bar of progress
-FUNCTIONS_OF_ELEMENTS, FUNCTIONS_OF_FAMILY = 230, 480
+FUNCTIONS_OF_ELEMENTS, FUNCTIONS_OF_FAMILY = 530, 500
 EXPORTED_SYMBOLS = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
 
 

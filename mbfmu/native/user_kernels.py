@@ -27,7 +27,7 @@ from solvers.compiled.aot import emit_object, link_module
 from solvers.compiled.fingerprint import fingerprint_of_function
 from solvers.compiled.indirect_call import record_type
 
-from .entries import USER_LIBRARY, USER_TABLE_SYMBOL, user_kernels
+from .kernel_table import USER_LIBRARY, USER_TABLE_SYMBOL, user_kernels
 from .runtime import compiler, link_arguments
 from .targets import TARGETS
 

@@ -67,6 +67,7 @@ MESSAGE_TITLES = OF_SOLVERS | {
     "constant-parameter": "A parameter is a constant in a native FMU",
     "no-model-exchange": "An FMU supports co-simulation only",
     "constant-input": "An input is constant in model exchange",
+    "no-derivatives": "An FMU has no directional derivatives",
     "discarded-evaluation": "An FMU for model exchange discards an evaluation of its derivatives",
     "left-branch": "A step of model exchange ended on another branch of the motion",
     "fmi-call": "The importing tool calls an FMI function in a wrong state or with a wrong argument",

@@ -64,7 +64,7 @@ static void call2(fmi2Component c, double *t, fmi2FMUstate states[STATES])
     }
     fmi2FMUstate *state = &states[next(STATES)];
     double length = next(4) ? 1e-3 : number();
-    switch (next(18)) {
+    switch (next(19)) {
     case 0:
         check(fmi2SetupExperiment(c, (int)next(2), number(), next(2) ? 0.0 : number(), (int)next(2), number()));
         break;
@@ -120,7 +120,11 @@ static void call2(fmi2Component c, double *t, fmi2FMUstate states[STATES])
         break;
     case 13:
         check(fmi2SetRealInputDerivatives(c, which, n, whole, reals));
+        check(fmi2GetRealOutputDerivatives(c, which, n, whole, reals));
         check(fmi2GetRealStatus(c, fmi2LastSuccessfulTime, t));
+        break;
+    case 14:
+        check(fmi2GetDirectionalDerivative(c, which, n / 2, which + MOST / 2, n / 2, reals, reals + MOST / 2));
         break;
     default:
         if (fmi2DoStep(c, *t, length, fmi2True) == fmi2OK) {
@@ -144,7 +148,7 @@ static void call3(fmi3Instance c, double *t)
         whole[k] = (int64_t)next(7) - 1;
         truths[k] = next(2);
     }
-    switch (next(9)) {
+    switch (next(10)) {
     case 0:
         check(fmi3EnterInitializationMode(c, next(2), number(), next(2) ? 0.0 : number(), next(2), number()));
         break;
@@ -168,6 +172,11 @@ static void call3(fmi3Instance c, double *t)
         break;
     case 6:
         check(fmi3EnterEventMode(c));
+        break;
+    case 7:
+        n /= 2, m /= 2;
+        check(fmi3GetDirectionalDerivative(c, which, n, which + MOST / 2, n, reals, m, reals + MOST / 2, n));
+        check(fmi3GetAdjointDerivative(c, which, n, which + MOST / 2, n, reals, m, reals + MOST / 2, n));
         break;
     default:
         n = (size_t)fmi3DoStep(c, *t, 1e-3, true, &one, &two, &three, t);

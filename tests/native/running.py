@@ -14,8 +14,9 @@ import pytest
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism
-from mbfmu.native.entries import family_of, image_of, shipped_kernels
-from mbfmu.native.runtime import COMPILERS, objects
+from mbfmu.native.entries import family_of, image_of
+from mbfmu.native.kernel_table import shipped_kernels
+from mbfmu.native.runtime import COMPILERS, PACKAGE_DIR, objects
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Simulation
 from solvers.compiled.tuple_pointer import unpin
@@ -32,8 +33,9 @@ def runtime(family: str) -> ctypes.CDLL:
     assert compiler is not None
     code = map(str, objects([host()], [family])[host()])
     with tempfile.TemporaryDirectory() as folder:
-        path = f"{folder}/kernels.so"
-        subprocess.run([compiler, "-shared", *code, "-o", path, "-lm", "-Wl,-Bsymbolic"], check=True)
+        path, power = f"{folder}/kernels.so", str(PACKAGE_DIR / "c" / "complex_power.c")
+        sources = [*code, "-fPIC", power]
+        subprocess.run([compiler, "-shared", *sources, "-o", path, "-lm", "-Wl,-Bsymbolic"], check=True)
         return ctypes.CDLL(path)
 
 

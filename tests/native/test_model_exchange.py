@@ -19,6 +19,7 @@ import mechanisms as loops
 import numpy as np
 import pytest
 from binding import DISCARD, ERROR, OK, WARNING, Binary
+from exchange_models import REGULAR, ExportedModels, cart, spatial_four_bar, spinning_top, switched
 from fmpy import simulate_fmu
 from importer import EventInfo, Importer, importing
 from reference import distance, reference
@@ -30,15 +31,9 @@ from fmus.sheet import Sheet
 from mbfmu.fmi import export
 from mbfmu.mechanics import (
     CompiledMechanism,
-    DistanceCutJoint,
-    Floating,
     Input,
-    JointForce,
     Mechanism,
     Revolute,
-    Spherical,
-    SphericalCutJoint,
-    Step,
     Translational,
     rod,
 )
@@ -56,103 +51,25 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def spatial_four_bar() -> Mechanism:
-    """Crank about z and rocker about x, connected by a coupler between two ball joints: a quaternion in a loop."""
-    m = Mechanism(gravity=(0.0, -G, 0.0))
-    first = Revolute(axis="z", start=0.6, rate=1.0, fixed=True)
-    crank = m.body("crank", m.ground, first, **rod(mass=1.0, length=0.5))
-    hinge = Revolute(axis="x", at=(1.2, 0.0, 0.6), start=0.3)
-    rocker = m.body("rocker", m.ground, hinge, mass=1.2, com=(0.0, 0.4, 0.0), inertia=(0.08, 0.01, 0.08))
-    ball, com = Spherical(at=(0.5, 0.0, 0.0)), (0.725, 0.05, 0.02)
-    coupler = m.body("coupler", crank, ball, mass=1.5, com=com, inertia=(0.02, 0.26, 0.27))
-    m.cut("ball", SphericalCutJoint(at_a=(1.45, 0.0, 0.0), at_b=(0.0, 0.8, 0.0)), coupler, rocker)
-    return m
-
-
-def hanging_plate() -> Mechanism:
-    """A floating plate, connected to the ground by three rods."""
-    m = Mechanism(gravity=(0.0, -G, 0.0))
-    start = (0.15, -1.0, 0.1, 1.0, 0.0, 0.0, 0.0)
-    com = (0.05, -0.05, 0.02)
-    plate = m.body("plate", m.ground, Floating(start=start), mass=2.0, com=com, inertia=(0.1, 0.2, 0.15))
-    for i in range(3):
-        c, s = cos(2.0 * np.pi * i / 3.0), sin(2.0 * np.pi * i / 3.0)
-        rod_ = DistanceCutJoint(at_a=(0.6 * c, 0.0, 0.6 * s), at_b=(0.3 * c, 0.0, 0.3 * s), length=1.05)
-        m.cut(f"rod{i}", rod_, m.ground, plate)
-    return m
-
-
-def spinning_top() -> Mechanism:
-    """A body of equal inertia about y and z, free of forces."""
-    m = Mechanism()
-    m.body("top", m.ground, Floating(rate=(0.1, 0.2, 0.3, 3.0, 0.2, 4.0)), mass=1.0, inertia=(0.1, 0.2, 0.2))
-    return m
-
-
-def cart() -> Mechanism:
-    """A pendulum under a cart whose motion is an input, with a torque as another one."""
-    m = Mechanism(gravity=(0.0, -G, 0.0))
-    along = Input(name="x", unit="m", rate_name="x.rate", acceleration_name="x.acceleration")
-    base = m.body("cart", m.ground, Translational(axis="x", drive=along), mass=1.0)
-    swing = m.body("pendulum", base, Revolute(start=-1.2), **rod(mass=2.0, length=0.8))
-    m.force("motor", JointForce(magnitude=Input(name="torque", unit="N.m")), swing)
-    m.output("angle", swing.angle())
-    m.output("force", base.effort())
-    return m
-
-
-def switched() -> Mechanism:
-    """A flywheel that a torque turns from 0.3 s on, and more from 0.7 s to 0.9 s."""
-    m = Mechanism()
-    wheel = m.body("wheel", m.ground, Revolute(), mass=1.0, inertia=(0.5, 0.5, 0.5))
-    m.force("on", JointForce(magnitude=Step(height=2.0, begin=0.3)), wheel)
-    m.force("more", JointForce(magnitude=Step(height=1.0, begin=0.7, duration=0.2)), wheel)
-    m.output("rate", wheel.rate())
-    return m
+@pytest.fixture(scope="module")
+def models(tmp_path_factory: pytest.TempPathFactory) -> ExportedModels:
+    """FMUs of the models."""
+    return ExportedModels(tmp_path_factory)
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def exported(models: ExportedModels) -> Callable[..., Path]:
     """What exports a model once for a version of FMI."""
-    known: dict[tuple[str, int], Path] = {}
-
-    def fmu(name: str, model: Any, fmi: int = 2, solver: str = "adams") -> Path:
-        if (name, fmi) not in known:
-            folder = tmp_path_factory.mktemp("exchange")
-            known[name, fmi] = export(
-                as_model(model), folder / "model.fmu", Settings(solver=solver), native=True, fmi=fmi
-            )
-        return known[name, fmi]
-
-    return fmu
+    return models.export
 
 
 @pytest.fixture(scope="module")
-def binary(exported: Callable[..., Path]) -> Callable[[str, Any], Binary]:
+def binary(models: ExportedModels) -> Callable[[str, Any], Binary]:
     """What loads the FMU of a model once."""
-    known: dict[str, Binary] = {}
-
-    def load(name: str, model: Any) -> Binary:
-        if name not in known:
-            path = exported(name, model)
-            known[name] = Binary(path, path.parent / "unpacked")
-        return known[name]
-
-    return load
+    return models.load
 
 
 # ---- motions -----------------------------------------------------------------------------------------------------
-
-REGULAR: dict[str, tuple[Callable[[], Mechanism], float]] = {  # and how long they are followed, s
-    "four-bar": (lambda: loops.grashof(0.2).mechanism, 2.0),
-    "spatial four-bar": (spatial_four_bar, 2.0),
-    "hanging plate": (hanging_plate, 2.0),
-    "redundant": (lambda: loops.bricard().mechanism, 2.0),
-    "slewed crane": (lambda: loops.crane().mechanism, 2.0),
-    "governor": (lambda: Governor().build(), 0.25),
-    "free governor": (lambda: Governor(driven=False).build(), 0.25),
-    "pendulum": (lambda: SwingPendulum().build(), 1.0),
-}
 
 
 @pytest.mark.parametrize("name", REGULAR)
@@ -466,9 +383,12 @@ def test_calls_in_a_wrong_mode_are_errors_that_change_nothing(binary: Any) -> No
     assert fmu.call("GetEventIndicators", x, c_size_t(1)) == ERROR
     assert fmu.call("SetTime", c_double(inf)) == ERROR
     state = own.references["state.position.pendulum"]
-    assert fmu.set("Real", [state], [0.0]) == ERROR
-    assert fmu.get("Real", [state])[1] == [pytest.approx(-1.2)]
+    assert fmu.set("Real", [own.references["der(state.position.pendulum)"]], [0.0]) == ERROR
+    assert fmu.set("Real", [state], [0.3]) == OK  # as CasADi does
+    assert own.states()[0] == 0.3
     assert fmu.call("Terminate") == OK
+    assert fmu.set("Real", [state], [0.0]) == ERROR
+    assert fmu.get("Real", [state])[1] == [0.3]
     allowed()
     assert fmu.call("Reset") == OK
     allowed()

@@ -72,7 +72,9 @@ static bool good_states(const Header *h)
            in_block(h, h->exchange_x_at, h->positions + h->velocities, one) &&
            in_block(h, h->exchange_derivatives_at, h->positions + h->velocities, one) &&
            in_block(h, h->exchange_nominal_at, h->positions + h->velocities, one) &&
-           in_block(h, h->exchange_times_at, EXCHANGE_TIMES, one) && h->saved >= (h->positions + h->velocities) * (int64_t)one;
+           in_block(h, h->exchange_times_at, EXCHANGE_TIMES, one) && is_index(h->derivatives, h->exchange + 1) &&
+           (!h->derivatives || (in_block(h, h->direction_states_at, h->positions + h->velocities, one) &&
+                                in_block(h, h->derivative_slopes_at, h->positions + h->velocities, one))) && h->saved >= (h->positions + h->velocities) * (int64_t)one;
 }
 
 /* Whether the table of addresses for SUNDIALS is after what states hold, where the family calls it. */
@@ -130,6 +132,8 @@ static bool good_variables(const Instance *own)
         if ((v->role == ROLE_INPUT && v->number != inputs++) ||
             (v->role == ROLE_SETTING && v->number >= SETTING_COUNT) ||
             (v->role == ROLE_OUTPUT && !in_block(h, h->out_at, v->number + 1, sizeof(double))) ||
+            (h->derivatives && v->role == ROLE_OUTPUT && !in_block(h, h->derivative_outputs_at, v->number + 1, sizeof(double))) ||
+            (h->derivatives && v->role == ROLE_INPUT && !in_block(h, h->direction_inputs_at, v->number + 1, sizeof(double))) ||
             (v->role == ROLE_COUNTER && !in_block(h, h->counts_at, v->number + 1, sizeof(int64_t))))
             return false;
     }
@@ -194,7 +198,7 @@ static bool good_addresses(const Instance *own)
             return false;
     for (int64_t k = 0; k < h->kernels_count; k++)
         if (kernels[k].at < h->saved || !in_block(h, kernels[k].at, 1, sizeof(void *)) ||
-            !is_index(kernels[k].target, KINDS + h->user_kernels))
+            !is_index(kernels[k].target, KINDS + DERIVATIVE_KINDS + h->user_kernels))
             return false;
     return true;
 }

@@ -74,6 +74,18 @@ Outcome enter_continuous_mode(Instance *own, const char *call);
 Outcome complete_step(Instance *own, const char *call, bool *event, bool *ends);
 Outcome count_exchanged(Instance *own, const char *call, bool indicators, size_t *n);
 
+/* Directional derivatives: value references of the unknowns and of the known variables. */
+typedef struct {
+    const uint32_t *references[2];
+    size_t count[2];
+    bool has_arrays; /* whether a value reference may stand for several numbers: in FMI 3 */
+    bool fits;       /* whether all arrays are there, and as long as they must be */
+} Derivatives;
+Outcome directional_derivative(Instance *own, const char *call, const Derivatives *d, const double *seed, double *found);
+Outcome adjoint_derivative(Instance *own, const char *call, const Derivatives *d, const double *seed, double *found);
+Outcome output_derivatives(Instance *own, const char *call, const uint32_t outputs[], size_t n, const int32_t orders[],
+                           double *found);
+
 /* States of the FMU. */
 Outcome save(Instance *own, State **state);
 Outcome restore(Instance *own, const State *state);

@@ -102,33 +102,48 @@ static int64_t call_now(Instance *own, int32_t (*entry)(int64_t *, void **, void
 }
 
 /* Report, once for each reason, that an evaluation is discarded. */
-static Outcome discard(Instance *own, int64_t code)
+Outcome discard(Instance *own, int64_t code)
 {
     unsigned bit = 1u << (unsigned)(code < 0 ? 32 + code : code);
     const Sentence *sentences = section(own, own->header->sentences);
     char digits[32];
     const char *what = code == LEFT_BRANCH ? "the state is on another branch of the motion than the last completed step"
                        : code == STATES_NOT_FINITE ? "a continuous state that the importing tool has set is not finite"
-                                                   : text_at(own, sentences[code].what);
+                       : code >= 0                 ? text_at(own, sentences[code].what)
+                                                   : "";
     if (own->reported & bit || (code == STATES_NOT_FINITE && own->reported)) /* a result of a discarded evaluation */
         return DISCARD;
     own->reported |= bit;
-    SAY(own->message, "the evaluation at t = ", in_digits(digits, clock_of(own)), " s is discarded: ", what,
-        ". The importing tool is expected to repeat the step with a smaller step size; if it cannot, reduce its "
-        "tolerance or its step size [discarded-evaluation]");
+    if (code == NOT_DIFFERENTIABLE)
+        SAY(own->message, "derivatives by states and inputs are not determined at t = ", in_digits(digits, clock_of(own)),
+            " s: two branches of the motion cross there. Request them at another state [discarded-evaluation]");
+    else
+        SAY(own->message, "the evaluation at t = ", in_digits(digits, clock_of(own)), " s is discarded: ", what,
+            ". The importing tool is expected to repeat the step with a smaller step size; if it cannot, reduce its "
+            "tolerance or its step size [discarded-evaluation]");
     own->log(own->host, DISCARD, "logStatusWarning", own->message);
     return DISCARD;
+}
+
+/* Return the number of the state that a value reference stands for, or of which it is the derivative; negative: none. */
+int64_t exchanged_index(Instance *own, uint32_t reference, bool *is_derivative)
+{
+    size_t first = (size_t)time_reference(own) + 1 + (size_t)own->header->arrays_count, n = state_count(own);
+    if (reference < first || reference - first >= 2 * n)
+        return -1;
+    size_t k = reference - first;
+    *is_derivative = k >= n;
+    return (int64_t)(*is_derivative ? k - n : k);
 }
 
 /* Return where a value reference is in the block: a state, or a derivative. */
 static double *place_of(Instance *own, uint32_t reference)
 {
-    size_t first = (size_t)time_reference(own) + 1 + (size_t)own->header->arrays_count, n = state_count(own);
-    if (reference < first || reference - first >= 2 * n)
+    bool is_derivative;
+    int64_t k = exchanged_index(own, reference, &is_derivative);
+    if (k < 0)
         return NULL;
-    size_t k = reference - first;
-    return k < n ? numbers_at(own, own->header->exchange_x_at) + k
-                 : numbers_at(own, own->header->exchange_derivatives_at) + (k - n);
+    return numbers_at(own, is_derivative ? own->header->exchange_derivatives_at : own->header->exchange_x_at) + k;
 }
 
 bool is_state(Instance *own, uint32_t reference)
@@ -137,7 +152,7 @@ bool is_state(Instance *own, uint32_t reference)
 }
 
 /* Evaluate the derivatives, if they are not known yet. */
-static Outcome derive(Instance *own)
+Outcome derive(Instance *own)
 {
     if (own->phase == INITIALIZING && !own->fresh) {
         Outcome outcome = start_anew(own);
@@ -167,6 +182,23 @@ Outcome get_exchanged(Instance *own, uint32_t reference, unsigned wanted, double
         outcome = derive(own);
     *value = outcome == OK || !derivative ? *place_of(own, reference) : NAN;
     return outcome;
+}
+
+/* Set one state; the standard has a function for all of them, but some tools set them as variables. */
+Outcome set_exchanged(Instance *own, uint32_t reference, unsigned wanted, double value)
+{
+    bool is_derivative;
+    exchanged_index(own, reference, &is_derivative);
+    if (!(wanted & 1u << TYPE_REAL))
+        return mistake(own, "a continuous state is of type Real, but it was set as another type");
+    if (is_derivative || !own->exchange || !(AT_WORK & 1u << own->phase))
+        return mistake(own, "a continuous state or its derivative was set as a variable; allowed: to set states in model exchange, "
+                            "after the initialization");
+    double *place = place_of(own, reference);
+    if (*place != value)
+        own->fresh = own->derived = false;
+    *place = value;
+    return OK;
 }
 
 /* Evaluate the outputs at the time and the states. */

@@ -137,9 +137,13 @@ static bool read_block(Instance *own, FILE *file)
     const Relocation *relocations = section(own, h->relocations), *kernels = section(own, h->kernels);
     for (int64_t k = 0; k < h->relocations_count; k++)
         put_address(own, relocations[k].at, own->block + relocations[k].target);
-    for (int64_t k = 0; k < h->kernels_count; k++)
+    for (int64_t k = 0; k < h->kernels_count; k++) {
+        int64_t first = KINDS, second = KINDS + DERIVATIVE_KINDS, number = kernels[k].target;
         put_address(own, kernels[k].at,
-                    kernels[k].target < KINDS ? mb_kinds[kernels[k].target] : own_kernels[kernels[k].target - KINDS]);
+                    number < first    ? mb_kinds[number]
+                    : number < second ? mb_derivative_kinds[number - first]
+                                      : own_kernels[number - second]);
+    }
     if (own->sundials)
         fill_table(own);
     own->untouched = true;

@@ -141,21 +141,6 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
     return c ? (fmi2Status)enter_initialization(instance(c)) : fmi2Error;
 }
 
-fmi2Status fmi2ExitInitializationMode(fmi2Component c)
-{
-    return c ? (fmi2Status)exit_initialization(instance(c)) : fmi2Error;
-}
-
-fmi2Status fmi2Terminate(fmi2Component c)
-{
-    return c ? (fmi2Status)terminate(instance(c)) : fmi2Error;
-}
-
-fmi2Status fmi2Reset(fmi2Component c)
-{
-    return c ? (fmi2Status)reset(instance(c)) : fmi2Error;
-}
-
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real length, fmi2Boolean)
 {
     double reached;
@@ -245,18 +230,21 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     return n ? (fmi2Status)not_offered(instance(c), "fmi2SetRealInputDerivatives") : fmi2OK;
 }
 
-fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference[], size_t n, const fmi2Integer[],
-                                        fmi2Real[])
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference outputs[], size_t n,
+                                        const fmi2Integer orders[], fmi2Real found[])
 {
-    if (!c)
+    if (!c || (n && (!outputs || !orders || !found)))
         return fmi2Error;
-    return n ? (fmi2Status)not_offered(instance(c), "fmi2GetRealOutputDerivatives") : fmi2OK;
+    return (fmi2Status)output_derivatives(instance(c), "fmi2GetRealOutputDerivatives", outputs, n, orders, found);
 }
 
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference[], size_t,
-                                        const fmi2ValueReference[], size_t, const fmi2Real[], fmi2Real[])
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknowns[], size_t unknown_count,
+                                        const fmi2ValueReference knowns[], size_t known_count, const fmi2Real seed[],
+                                        fmi2Real found[])
 {
-    return c ? (fmi2Status)not_offered(instance(c), "fmi2GetDirectionalDerivative") : fmi2Error;
+    const Derivatives d = {{unknowns, knowns}, {unknown_count, known_count}, false,
+                           (!unknown_count || (unknowns && found)) && (!known_count || (knowns && seed))};
+    return c ? (fmi2Status)directional_derivative(instance(c), "fmi2GetDirectionalDerivative", &d, seed, found) : fmi2Error;
 }
 
 /* ---- states and status ------------------------------------------------------------------------------------------- */
@@ -335,11 +323,6 @@ fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind, fmi2String
 
 /* ---- model exchange ---------------------------------------------------------------------------------------------- */
 
-fmi2Status fmi2EnterEventMode(fmi2Component c)
-{
-    return c ? (fmi2Status)enter_event_mode(instance(c), "fmi2EnterEventMode") : fmi2Error;
-}
-
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info)
 {
     Events events;
@@ -352,11 +335,6 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info)
     info->nextEventTimeDefined = events.has_next;
     info->nextEventTime = events.has_next ? events.next : 0.0;
     return fmi2OK;
-}
-
-fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
-{
-    return c ? (fmi2Status)enter_continuous_mode(instance(c), "fmi2EnterContinuousTimeMode") : fmi2Error;
 }
 
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean, fmi2Boolean *event, fmi2Boolean *ends)
@@ -377,27 +355,15 @@ fmi2Status fmi2SetTime(fmi2Component c, fmi2Real t)
     return c ? (fmi2Status)set_time(instance(c), "fmi2SetTime", true, t) : fmi2Error;
 }
 
-fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n)
-{
-    return c ? (fmi2Status)set_states(instance(c), "fmi2SetContinuousStates", x, n) : fmi2Error;
-}
-
 fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real dx[], size_t n)
 {
     return c ? (fmi2Status)get_derivatives(instance(c), "fmi2GetDerivatives", dx, n) : fmi2Error;
 }
 
-fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real[], size_t n)
-{
-    return c ? (fmi2Status)get_indicators(instance(c), "fmi2GetEventIndicators", n) : fmi2Error;
-}
+/* ---- what both versions have ------------------------------------------------------------------------------------- */
 
-fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n)
-{
-    return c ? (fmi2Status)get_states(instance(c), "fmi2GetContinuousStates", x, n) : fmi2Error;
-}
-
-fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real nominal[], size_t n)
-{
-    return c ? (fmi2Status)get_nominals(instance(c), "fmi2GetNominalsOfContinuousStates", nominal, n) : fmi2Error;
-}
+typedef fmi2Status Status;
+typedef fmi2Component Component;
+typedef fmi2Real Real;
+#define FMI(name) fmi2##name
+#include "same_calls.h"

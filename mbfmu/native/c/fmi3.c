@@ -92,21 +92,6 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean tolerant, fmi
     return (fmi3Status)(outcome == OK ? enter_initialization(instance(c)) : outcome);
 }
 
-fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
-{
-    return c ? (fmi3Status)exit_initialization(instance(c)) : fmi3Error;
-}
-
-fmi3Status fmi3Terminate(fmi3Instance c)
-{
-    return c ? (fmi3Status)terminate(instance(c)) : fmi3Error;
-}
-
-fmi3Status fmi3Reset(fmi3Instance c)
-{
-    return c ? (fmi3Status)reset(instance(c)) : fmi3Error;
-}
-
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 length, fmi3Boolean, fmi3Boolean *event,
                       fmi3Boolean *ends, fmi3Boolean *early, fmi3Float64 *reached)
 {
@@ -243,6 +228,47 @@ fmi3Status fmi3SetBoolean(fmi3Instance c, const fmi3ValueReference references[],
     SET(values, 1u << TYPE_BOOLEAN);
 }
 
+/* ---- derivatives ------------------------------------------------------------------------------------------------- */
+
+static Derivatives derivatives_of(fmi3Instance c, const fmi3ValueReference unknowns[], size_t unknown_count,
+                                  const fmi3ValueReference knowns[], size_t known_count, const void *of_unknowns,
+                                  size_t n, const void *of_knowns, size_t m)
+{
+    bool fits = fit(c, unknowns, unknown_count, of_unknowns, n) && fit(c, knowns, known_count, of_knowns, m);
+    return (Derivatives){{unknowns, knowns}, {unknown_count, known_count}, true, fits};
+}
+
+fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t unknown_count,
+                                        const fmi3ValueReference knowns[], size_t known_count, const fmi3Float64 seed[],
+                                        size_t seeds, fmi3Float64 found[], size_t count)
+{
+    Derivatives d = derivatives_of(c, unknowns, unknown_count, knowns, known_count, found, count, seed, seeds);
+    return c ? (fmi3Status)directional_derivative(instance(c), "fmi3GetDirectionalDerivative", &d, seed, found) : fmi3Error;
+}
+
+fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t unknown_count,
+                                    const fmi3ValueReference knowns[], size_t known_count, const fmi3Float64 seed[],
+                                    size_t seeds, fmi3Float64 found[], size_t count)
+{
+    Derivatives d = derivatives_of(c, unknowns, unknown_count, knowns, known_count, seed, seeds, found, count);
+    return c ? (fmi3Status)adjoint_derivative(instance(c), "fmi3GetAdjointDerivative", &d, seed, found) : fmi3Error;
+}
+
+fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference outputs[], size_t n,
+                                    const fmi3Int32 orders[], fmi3Float64 found[], size_t count)
+{
+    if (!c || (n && !orders) || !fit(c, outputs, n, found, count))
+        return wrong_count(c);
+    Outcome worst = OK;
+    for (size_t k = 0; worst != ERROR && k < n; k++)
+        for (size_t i = 0; worst != ERROR && i < width(instance(c), outputs[k]); i++) {
+            uint32_t own = element(instance(c), outputs[k], i);
+            Outcome outcome = output_derivatives(instance(c), "fmi3GetOutputDerivatives", &own, 1, &orders[k], found++);
+            worst = outcome > worst ? outcome : worst;
+        }
+    return (fmi3Status)worst;
+}
+
 /* ---- states ------------------------------------------------------------------------------------------------------ */
 
 fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
@@ -284,11 +310,6 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_
 
 /* ---- model exchange ---------------------------------------------------------------------------------------------- */
 
-fmi3Status fmi3EnterEventMode(fmi3Instance c)
-{
-    return c ? (fmi3Status)enter_event_mode(instance(c), "fmi3EnterEventMode") : fmi3Error;
-}
-
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *more, fmi3Boolean *ends, fmi3Boolean *nominals,
                                     fmi3Boolean *values, fmi3Boolean *has_next, fmi3Float64 *next)
 {
@@ -305,11 +326,6 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *more, fmi3Boole
     return fmi3OK;
 }
 
-fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c)
-{
-    return c ? (fmi3Status)enter_continuous_mode(instance(c), "fmi3EnterContinuousTimeMode") : fmi3Error;
-}
-
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean, fmi3Boolean *event, fmi3Boolean *ends)
 {
     return c ? (fmi3Status)complete_step(instance(c), "fmi3CompletedIntegratorStep", event, ends) : fmi3Error;
@@ -320,29 +336,9 @@ fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 t)
     return c ? (fmi3Status)set_time(instance(c), "fmi3SetTime", false, t) : fmi3Error;
 }
 
-fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 x[], size_t n)
-{
-    return c ? (fmi3Status)set_states(instance(c), "fmi3SetContinuousStates", x, n) : fmi3Error;
-}
-
 fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance c, fmi3Float64 dx[], size_t n)
 {
     return c ? (fmi3Status)get_derivatives(instance(c), "fmi3GetContinuousStateDerivatives", dx, n) : fmi3Error;
-}
-
-fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64[], size_t n)
-{
-    return c ? (fmi3Status)get_indicators(instance(c), "fmi3GetEventIndicators", n) : fmi3Error;
-}
-
-fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n)
-{
-    return c ? (fmi3Status)get_states(instance(c), "fmi3GetContinuousStates", x, n) : fmi3Error;
-}
-
-fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 nominal[], size_t n)
-{
-    return c ? (fmi3Status)get_nominals(instance(c), "fmi3GetNominalsOfContinuousStates", nominal, n) : fmi3Error;
 }
 
 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance c, size_t *n)
@@ -354,3 +350,11 @@ fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance c, size_t *n)
 {
     return c ? (fmi3Status)count_exchanged(instance(c), "fmi3GetNumberOfContinuousStates", false, n) : fmi3Error;
 }
+
+/* ---- what both versions have ------------------------------------------------------------------------------------- */
+
+typedef fmi3Status Status;
+typedef fmi3Instance Component;
+typedef fmi3Float64 Real;
+#define FMI(name) fmi3##name
+#include "same_calls.h"

@@ -29,6 +29,7 @@ struct Instance {
     bool untouched; /* the block is that of the file */
     bool fresh;     /* outputs are those of the present state */
     bool derived;   /* so are derivatives */
+    bool linearized; /* so is the point of directional derivatives: no entry point was called since */
     bool warned_balance, warned_coarse, warned_near_miss, warned_undetermined, warned_branch;
     unsigned reported; /* reasons of discarded evaluations, bits by their codes */
     struct Sundials *sundials; /* NULL: it is not used */
@@ -75,7 +76,11 @@ void apply_changes(Instance *own);
 void apply_exchange_changes(Instance *own);
 void start_exchange(Instance *own);
 bool is_state(Instance *own, uint32_t reference);
+int64_t exchanged_index(Instance *own, uint32_t reference, bool *is_derivative);
+Outcome derive(Instance *own);
+Outcome discard(Instance *own, int64_t code);
 Outcome get_exchanged(Instance *own, uint32_t reference, unsigned wanted, double *value);
+Outcome set_exchanged(Instance *own, uint32_t reference, unsigned wanted, double value);
 int64_t read_exchanged(Instance *own);
 
 /* messages.c */

@@ -11,6 +11,7 @@ int64_t call_entry(Instance *own, int32_t (*entry)(int64_t *, void **, void *))
 {
     int64_t code;
     void *error;
+    own->linearized = false;
     entry(&code, &error, root_of(own));
     return code;
 }
@@ -19,6 +20,7 @@ int64_t call_entry_at(Instance *own, int32_t (*entry)(int64_t *, void **, void *
 {
     int64_t code;
     void *error;
+    own->linearized = false;
     entry(&code, &error, root_of(own), t);
     return code;
 }
@@ -75,6 +77,7 @@ void give(Instance *own, int32_t (*entry)(int64_t *, void **, void *, int64_t, d
 {
     int64_t code;
     void *error;
+    own->linearized = false;
     entry(&code, &error, root_of(own), own->variables[k].number, own->values[k]);
 }
 

@@ -144,8 +144,7 @@ Outcome set(Instance *own, uint32_t reference, unsigned wanted, double value)
 {
     char text[SAYS], digits[32];
     if (is_state(own, reference))
-        return mistake(own, "a continuous state or its derivative was set as a variable; allowed: to set all states by "
-                            "fmi2SetContinuousStates or fmi3SetContinuousStates");
+        return set_exchanged(own, reference, wanted, value);
     const Variable *v = known(own, reference, wanted);
     if (!v)
         return ERROR;
