@@ -1,14 +1,18 @@
-"""What an FMU costs its host, as machine code and by way of Python: ``python benchmarks/native.py``.
+"""Computing time of FMUs, native and with Python: ``python benchmarks/native.py [steps]``.
 
-Every model runs 10 s in steps of 1 ms, and all its real outputs are read at every point, by the functions of FMI as a C
-host calls them: the native FMU, the FMU that calls Python, and a :class:`Simulation` without an FMU, in turn. Then what
-a call costs, a state, an instance, and its memory.
+1. CPU time of a communication step of 1 ms with all real outputs read, in runs of 10 s: of the native FMU and of the
+   FMU that calls Python, called from Python, and of a :class:`Simulation` without an FMU, in turn.
+2. The same of the native FMU called from C, without the overhead of Python, and the distribution of the times of
+   1 000 000 steps (or as many as given), see step_times.c. Real-time applications need the largest.
+3. Time of single calls, of saving a state and of an instance, and memory of an instance.
 """
 
 from __future__ import annotations
 
 import ctypes
+import os
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -32,6 +36,9 @@ from mbfmu.util.text_table import format_table
 STEPS, LENGTH = 10_000, 1e-3  # the second in s
 INSTANCES = 1000
 CALLS = 1_000_000
+MANY_STEPS = 1_000_000
+RUNS = 3  # of the same steps in C; the shortest time of each step counts
+COLUMNS = "mean", "median", "99.9 %", "largest", "first", "first in the process", "largest with interruptions"
 
 
 class Raw:
@@ -91,17 +98,25 @@ def simulated(model: Model, settings: Settings, changed: str = "") -> Callable[[
     return run
 
 
-def in_c(fmu: Fmu) -> list[float]:
-    """Return what calls cost a host in C, ns; see native.c."""
-    source, headers = Path(__file__).with_suffix(".c"), Path(fmpy.__file__).parent / "c-code"
+def in_c(source: str, fmu: Fmu, *arguments: str) -> list[float]:
+    """Return the numbers that a host in C prints, which is compiled like runtimes and gets all real outputs."""
+    headers = Path(fmpy.__file__).parent / "c-code"
     with tempfile.TemporaryDirectory() as folder:
-        program = Path(folder, "native")
-        subprocess.run([*compiler(host()), "-O2", f"-I{headers}", source, "-o", program, "-ldl"], check=True)
-        (library,) = (fmu._folder / "binaries").glob("*/*.so")
-        told = [library, (fmu._folder / "resources").as_uri(), fmu.description.guid, str(CALLS)]
+        program, code = Path(folder, "host"), Path(__file__).with_name(source)
+        subprocess.run([*compiler(host()), "-O2", f"-I{headers}", code, "-o", program, "-ldl", "-lm"], check=True)
+        (library,) = (fmu._folder / "binaries").glob("*/mbfmu*.so")
+        own = [library, (fmu._folder / "resources").as_uri(), fmu.description.guid]
         references = [str(fmu.variables[name].valueReference) for name in fmu.real_outputs]
-        said = subprocess.run([program, *told, *references], check=True, capture_output=True, text=True)
-    return [float(line) for line in said.stdout.splitlines()]
+        done = subprocess.run([program, *own, *arguments, *references], check=True, capture_output=True, text=True)
+    return [float(line) for line in done.stdout.splitlines()]
+
+
+def step_times(path: Path, changed: str, steps: int) -> list[str]:
+    """Return the times that step_times.c prints, us; see COLUMNS."""
+    with Fmu(path) as fmu:
+        reference = fmu.variables[changed].valueReference if changed else -1
+        found = in_c("step_times.c", fmu, str(steps), str(LENGTH), str(RUNS), str(reference))
+    return [f"{1e-3 * time:.{1 if time >= 1e4 else 2}f}" for time in found[: len(COLUMNS)]]
 
 
 def memory() -> int:
@@ -113,7 +128,7 @@ def memory() -> int:
 def calls(path: Path) -> None:
     """Print what calls, states and instances cost."""
     with Fmu(path) as fmu:
-        steps, reads, taken, given = in_c(fmu)
+        steps, reads, taken, given = in_c("native.c", fmu, str(CALLS))
         print(f"called from C: a step of no length {steps:.0f} ns, {len(fmu.real_outputs)} outputs read {reads:.0f} ns")
         print(f"a state taken {taken:.0f} ns, given back {given:.0f} ns")
         slave, components = fmu.slave, []
@@ -135,9 +150,11 @@ def calls(path: Path) -> None:
             slave.fmi2FreeInstance(component)
 
 
-def main() -> None:
+def main(steps: int) -> None:
     """Run everything."""
-    rows = []
+    rows, distributions = [], []
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})  # the times are those of one processor
     with tempfile.TemporaryDirectory() as folder:
         models = FourBar(), Governor(), SwingPendulum()
         cases = [(model, solver, "") for solver in ("adams", "radau", "ida") for model in models]
@@ -152,14 +169,18 @@ def main() -> None:
             each = [f"{1e6 * t / STEPS:.2f}" for t in times]
             name = f"{model.name}, changing {changed}" if changed else model.name
             rows.append([name, solver, *each, f"{times[1] / times[0]:.1f}"])
+            distributions.append([name, solver, *step_times(own, changed, steps)])
             if changed and solver == "adams":
                 kept = Path(folder, "kept.fmu")
                 own.rename(kept)
         print(f"us of CPU a step of {1e3 * LENGTH:g} ms with all outputs read, at 1e-6, medians of {repeats}")
         print(format_table(["model", "solver", "native FMU", "Python FMU", "Simulation", "Python / native"], rows))
+        print(f"the native FMU called from C, us a step: {steps} steps, of each the shortest of {RUNS} times;")
+        print("the first step apart")
+        print(format_table(["model", "solver", *COLUMNS], distributions))
         calls(kept)
 
 
 if __name__ == "__main__":
     np.seterr(all="raise")
-    main()
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else MANY_STEPS)

@@ -156,6 +156,30 @@ def set_energy_scales(scales: EnergyScales, absolute: float, size: Reals, rates:
 
 
 @kernel
+def set_uniform_scales(
+    scales: EnergyScales, rtol: float, absolute: float, size: Reals, rate: float, mean_count: int
+) -> None:
+    """As :meth:`EnergyScales.of`; absolute tolerances of rates are those of coordinates times ``rate``, 1/s."""
+    scales.rtol[0], scales.mean_count[0] = rtol, mean_count
+    scales.extent_factors[0], scales.extent_factors[1] = 1.0, 1.0
+    n = size.shape[0]
+    for k in range(n):
+        scales.position_tolerance[k] = absolute * size[k]
+        scales.rate_tolerance[k] = rate * scales.position_tolerance[k]
+        scales.bound_results[SCALAR_RESULTS + k], scales.bound_results[SCALAR_RESULTS + n + k] = np.nan, np.nan
+
+
+@kernel
+def set_mesh_scales(
+    scales: EnergyScales, rtol: float, absolute: float, size: Reals, rate: float, mean_count: int, rate_factor: float
+) -> None:
+    """As :meth:`EnergyScales.of_mesh`; absolute tolerances of rates are those of coordinates times ``rate``, 1/s."""
+    set_uniform_scales(scales, rtol, absolute, size, rate, mean_count)
+    error = max(1.0, min(MAX_MESH_ERROR_IN_TOLERANCES, MAX_MESH_ERROR_IN_SIZES / rtol))
+    scales.extent_factors[0], scales.extent_factors[1] = 1.0 / error, rate_factor / error
+
+
+@kernel
 def update_energy_bound(evaluate_energy_bound: Any, data: Any, account: Any, scales: EnergyScales) -> None:
     """Evaluate the step bound and the kinetic energy with ``evaluate_energy_bound`` of a system."""
     evaluate_energy_bound(scales.rtol[0], scales.position_tolerance, scales.rate_tolerance, data, scales.bound_results)

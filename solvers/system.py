@@ -267,17 +267,28 @@ class Equations(NamedTuple):
         return pin(Equations(*callbacks, s.pinned_data, pin(terms)))
 
 
+class TangentCallbacks(NamedTuple):
+    """What kernels call of a :class:`Tangent`."""
+
+    # (c1, c2, weight, symmetric, data) -> whether T is regular; weight (m,), zero: T itself
+    factor_tangent: Callable[[float, float, Array, bool, Any], bool]
+    solve_tangent: Callable[[Array, Any, Array], None]  # (r, data, dq): as Tangent.solve, all (n,)
+    multiply_mass_matrix: Callable[[Array, Any, Array], None]  # (a, data, tau): as Tangent.inertia
+    tangent: Any  # their data, pinned, with n_factored (1,): how often T has been factored
+
+
 class Tangent(Protocol):
     """The linearized equations of motion of a tree, T = c2 M + c1 D + K, in a form that is solved in O(n).
 
     K is the derivative of h + J^T lambda.
     """
 
-    factored: int  # number of factorizations, by which a user of the factors detects that they have changed
     symmetric: bool  # whether T is symmetric up to terms that an outer iteration corrects
-    solve_one: Callable[[Array, Any, Array], None]  # compiled, (r, data, dq): as solve, all (n,)
-    inertia_one: Callable[[Array, Any, Array], None]  # (a, data, tau): as inertia
-    data: Any  # pinned
+    callbacks: TangentCallbacks
+
+    @property
+    def factored(self) -> int:
+        """Number of factorizations, by which a user of the factors detects that they have changed."""
 
     @property
     def negative(self) -> int:
@@ -335,6 +346,13 @@ class TreeSystem(AnySystem):
     # forward was called for last; it may overwrite their results
     moves: Callable[[], bool] = is_never_true  # (): whether drives move: then inertia forces change with the positions
 
+    @cached_property
+    def equations(self) -> Any:
+        """A :class:`TreeEquations`, pinned."""
+        callbacks = self.forward, self.inverse, self.retract, *energy_callbacks(self), self.parts_callback
+        constraints = self.mobility, self.constraints, self.position
+        return pin(TreeEquations(*callbacks, *constraints, self.pinned_data, *self.tangent.callbacks))
+
     @property
     def can_compute_rate_growth(self) -> bool:
         """Whether the rate growth can be computed, see :mod:`solvers.inertia`: not with loops, and not in meshes."""
@@ -360,3 +378,22 @@ class TreeSystem(AnySystem):
         loaded = np.zeros(self.m) if lam is None else lam
         _inverse(self.inverse, t, q, v, a, loaded, self.pinned_data, qdot, tau)
         return tau
+
+
+class TreeEquations(NamedTuple):
+    """Callbacks and data of a :class:`TreeSystem`, as kernels take them."""
+
+    forward: Any
+    inverse: Any
+    retract: Any
+    power: Any
+    evaluate_energy_bound: Any
+    inertia_parts: Any
+    mobility: Any
+    constraints: Any
+    position: Any
+    data: Any
+    factor_tangent: Any  # see TangentCallbacks
+    solve_tangent: Any
+    multiply_mass_matrix: Any
+    tangent: Any

@@ -28,6 +28,7 @@ FMI2_CAPABILITIES = {
 
 LOG_CATEGORIES = {
     "logStatusWarning": "something unusual that does not stop the run",
+    "logStatusDiscard": "a step or an evaluation that failed and may be repeated: what happened and what to try",
     "logStatusError": "a failure: what happened, where, and what to try",
     "logAll": "everything",
 }

@@ -75,21 +75,21 @@ def build_native_fmu(
     else:
         root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays, interface)
         shown = [v for _, v in description3.listed(made.variables, made.arrays)]
-    content = {
-        "modelDescription.xml": xml_bytes(root),
-        "resources/model.bin": signed(made.data, owner.guid),
-        "documentation/index.html": page(model, shown, needs_python=False).encode(),
-    }
-    content |= terminal_files(model, shown) | c_sources()
-    places = {}
+    places, loaded = {}, {}
     for name in names:
         target = TARGETS[name]
         folder = target.folder if fmi == 2 else name
         places[name] = f"binaries/{folder}/{owner.identifier}{target.suffix}"
         if made.has_user_kernels:
-            content[f"binaries/{folder}/{USER_LIBRARY}{target.suffix}"] = user_library(name)
+            loaded[f"binaries/{folder}/{USER_LIBRARY}{target.suffix}"] = user_library(name)
         added = libraries(name) if settings.solver in SUNDIALS_SOLVERS else {}
-        content |= {f"binaries/{folder}/{file}": data for file, data in added.items()}
+        loaded |= {f"binaries/{folder}/{file}": data for file, data in added.items()}
+    content = {
+        "modelDescription.xml": xml_bytes(root),
+        "resources/model.bin": signed(made.data, owner.guid, loaded.values()),
+        "documentation/index.html": page(model, shown, needs_python=False).encode(),
+    }
+    content |= terminal_files(model, shown) | c_sources() | loaded
     return content, Libraries(made.family, places)
 
 
@@ -152,7 +152,7 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic]
     compiled = model.compile()
     supported = _supported(compiled.system)
     found = select_solver(compiled, [(0.0, *compiled.assemble())], settings.options(model.stop_time))
-    implicit = "radau" if compiled.system.has_matrices else "adams"  # which is all that large trees have
+    implicit = "radau" if compiled.system.has_matrices else "esdirk"
     solver = found.solver if found.solver in supported else implicit
     if refused := describe_refusal(solver, compiled.system):
         why = f", since {compiled.system.stiffness_reason}" if compiled.system.stiffness_reason else f" ({refused})"
@@ -169,8 +169,10 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[Diagnostic]
 
 def _supported(system: AnySystem) -> tuple[str, ...]:
     """Return the solvers of native FMUs for models of this size."""
-    without_matrices = tuple(name for name in NATIVE_SOLVERS if name not in (*SUNDIALS_SOLVERS, "radau"))
-    return NATIVE_SOLVERS if system.has_matrices else without_matrices
+    if system.has_matrices:
+        return tuple(name for name in NATIVE_SOLVERS if name != "esdirk")
+    left_out = ("radau", *(SUNDIALS_SOLVERS if system.nonsmooth_reason else ()))
+    return tuple(name for name in NATIVE_SOLVERS if name not in left_out)
 
 
 def _listed(solvers: tuple[str, ...]) -> str:

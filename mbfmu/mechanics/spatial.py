@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from solvers.compiled.kernel import kernel
 
 if TYPE_CHECKING:
@@ -220,5 +222,5 @@ def quaternion_of(X: Any, Y: Any, Z: Any) -> Any:
     else:
         e = (Y[0] - X[1], X[2] + Z[0], Y[2] + Z[1], 1.0 + 2.0 * z - trace)
         square = e[3]
-    size = 2.0 * square**0.5
+    size = 2.0 * np.sqrt(square)
     return e[0] / size, e[1] / size, e[2] / size, e[3] / size

@@ -7,7 +7,7 @@ them on by their addresses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.arrays.closing import CutFrames
 from mbfmu.mechanics.arrays.input_kernels import InputRecords, start_input
-from mbfmu.mechanics.arrays.tables import CalledKernel
+from mbfmu.mechanics.arrays.tables import LINEARIZED, TANGENT_NUMBERS
 from mbfmu.mechanics.records import ItemRecord, empty_data
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
+from mbfmu.mechanics.tangent.factored import empty_tangent
 from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.kernels.points import Session, begin_session
 from mbfmu.session.kernels.sequence import SolverActions, sequence_of
@@ -34,15 +35,17 @@ from solvers.positions import Positions
 from solvers.stepper import advance_in_pieces_of
 from solvers.steppers import drop_unlisted
 from solvers.steppers.ida.dense_memory import IDAMemory
+from solvers.steppers.ida.tree_memory import TreeIDAMemory
+from solvers.steppers.ida.tree_memory import Work as TreeIDAWork
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
 
 from .derivatives import Linearization, empty_linearized, to_linearized
 from .exchange_memory import Exchange
-from .families import FAMILIES, NATIVE_SOLVERS
+from .families import FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
 from .image import MemoryImage
-from .kernel_table import TableEntry, kernel_numbers, reads_state
+from .kernel_table import kernel_numbers, numbers_in_fmu
 from .model_exchange import exchange_entries
 from .start_checks import Start, check_resolution, find_misplaced
 from .steady_export import steady_start
@@ -98,10 +101,13 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     compiled, system, family = simulation.compiled, simulation.compiled.system, FAMILIES[family_of(simulation)]
     given, (q, v) = unpin(stepper.integration), (array.copy() for array in simulation.start)
     sizes = system.nq, system.n, system.m
-    eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, *sizes)
+    tangent = system.tangent.callbacks.tangent if family.uses_tangent else None
+    eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, tangent, *sizes)
     work = family.work(*sizes, system.placed)
     work.size[:] = system.size
     work.inertia["watched"] = unpin(given.work).inertia["watched"]
+    for name in ("mesh_mask", "friction_velocity") if isinstance(own_work := unpin(given.work), TreeIDAWork) else ():
+        getattr(work, name)[:] = getattr(own_work, name)
     assembly = compiled.assembly
     scratch = ClosureScratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
     start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
@@ -131,7 +137,7 @@ def linearization_of(simulation: Simulation) -> Linearization:
 
 def uses_sundials(instance: Instance) -> bool:
     """Whether an instance calls SUNDIALS."""
-    return isinstance(instance.given.memory, IDAMemory)
+    return isinstance(instance.given.memory, IDAMemory | TreeIDAMemory)
 
 
 def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Instance, MemoryImage]:
@@ -143,10 +149,10 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
         Its solver, or a kernel of it, is not in the runtime.
     """
     family, system = family_of(simulation), simulation.compiled.system
-    if not family and simulation.solver_choice.solver in SUNDIALS_SOLVERS:
+    if not system.has_matrices and system.nonsmooth_reason and simulation.solver_choice.solver in SUNDIALS_SOLVERS:
         raise UserError(
-            f"native FMUs support solver {simulation.solver_choice.solver!r} only for small models, and this one has "
-            f"{system.n} joint coordinates; use 'adams', or export it with --python",
+            f"native FMUs do not support solver {simulation.solver_choice.solver!r} for this large model, since "
+            f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
             "not-native",
         )
     if not family:
@@ -155,27 +161,23 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{', '.join(drop_unlisted(NATIVE_SOLVERS))}",
             "not-native",
         )
-    if family != "tree" and not system.has_matrices:
-        what = f"{simulation.solver_choice.solver!r}" if not system.m else f"{system.m} constraints"
+    if not system.has_matrices and (system.m or family not in TREE_FAMILIES):
+        what = f"{system.m} constraints" if system.m else f"the solver {simulation.solver_choice.solver!r}"
         raise UserError(
-            f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams' and without "
-            f"constraints; this one has {what}. Export it with --python",
+            f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams', 'ida' and "
+            f"'esdirk' and without constraints; this one has {what}. Export it with --python",
             "not-native",
         )
     called = simulation.compiled.called()
-    known = kernel_numbers(called)
-    for own in called:
-        if own is not None and TableEntry(own, float) not in known:
-            raise UserError(
-                f"kernel {own.function.__module__}.{own.function.__qualname__} is not in the runtime of native FMUs; "
-                "export the model with --python",
-                "not-native",
-            )
     instance, arrays = instance_of(simulation, differentiates), simulation.compiled.data.arrays
-    tables = [(arrays.kernels, _numbers(called, known, float))]
+    compiled, known = simulation.compiled, numbers_in_fmu(called)
+    tables = [(arrays.kernels, kernel_numbers(called, known))]
+    if FAMILIES[family].uses_tangent:
+        table = unpin(unpin(system.tangent.callbacks.tangent).arrays).kernels
+        tables.append((table, kernel_numbers(compiled.called(TANGENT_NUMBERS), known)))
     if differentiates:
         linear = unpin(unpin(instance.linearization.data).arrays)
-        tables.append((linear.kernels, _numbers(called, known, complex)))
+        tables.append((linear.kernels, kernel_numbers(compiled.called(LINEARIZED), known)))
     own, start = instance.given, instance.start
     memory = own.memory
     state = [
@@ -195,19 +197,13 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
     return instance, MemoryImage(instance, state, tables)
 
 
-def _numbers(called: Sequence[CalledKernel | None], known: Mapping[TableEntry, int], state: type) -> list[int]:
-    """Return the numbers of what a mechanism calls for such a state; -1: it does not."""
-    found = [own and TableEntry(own, state if reads_state(own) else float) for own in called]
-    return [-1 if entry is None else known.get(entry, -1) for entry in found]
-
-
 def example(name: str) -> Any:
     """Return an instance of the types that all of a family have, held."""
     family, z = FAMILIES[name], np.zeros
     callbacks = {own: _named(function) for own, function in family.callbacks.items()}
     positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64))
     data = pin(empty_data())
-    eqs = family.equations(callbacks, data, 1, 1, 1)
+    eqs = family.equations(callbacks, data, empty_tangent() if family.uses_tangent else None, 1, 1, 1)
     own = family.memory(1, 1, 1), family.work(1, 1, 1, positions), EnergyScales.of(1e-6, z(1), z(1))
     state = z(1), z(1), z(ACCOUNT_SIZE)
     given = Integration(eqs, records(1, family.loop.SETTINGS), *own, *state)
@@ -279,7 +275,7 @@ def solver_actions(name: str) -> SolverActions:
             instance.v[i] += instance.dv[i]
         continue_after_jump(instance)
 
-    return SolverActions(advance, family.evaluate, continue_at_state, restart, jump)
+    return SolverActions(advance, family.evaluate, continue_at_state, restart, jump, family.leaves_placed, True)
 
 
 def entries(name: str) -> dict[str, Entry]:
@@ -288,6 +284,7 @@ def entries(name: str) -> dict[str, Entry]:
     assembled, begun, counted = family.assemble, family.begin, family.method.count
     restored, closed, balanced = family.restore, family.close, family.balance
     sequence, advanced = sequence_of(actions, jit_uncached), actions.advance
+    read_advanced = sequence_of(actions._replace(evaluate=family.evaluate_advanced), jit_uncached).read
     restarted, continued = actions.restart, actions.continue_at_state
 
     def start(instance: Any, index: int, value: float) -> int:
@@ -374,6 +371,7 @@ def entries(name: str) -> dict[str, Entry]:
         "note_energy": Entry(sequence.note_energy, ()),
         "retune": Entry(sequence.retune, ()),
         "read": Entry(sequence.read, ()),
+        "read_advanced": Entry(read_advanced, ()),  # directly after a step
         "count": Entry(count, ()),
         "restore": Entry(restore, ()),
         "close": Entry(close, ()),

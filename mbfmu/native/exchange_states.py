@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from mbfmu.mechanics.arrays.assembly import free_bodies
+from mbfmu.mechanics.arrays.tables import has_state
 from mbfmu.mechanics.sensors import Follows
 from mbfmu.modeling.variables import VARIABLE_NAME_PATTERN
 from mbfmu.session.simulation import Simulation
 from solvers.compiled.tuple_pointer import unpin
 from solvers.system import Array
 
-from .kernel_table import reads_state, user_kernels
+from .kernel_table import user_kernels
 
 MAX_STATES = 1000  # continuous states: each is two variables of the model description
 MAX_DEPENDENCIES = 200_000  # of outputs on states that a model description lists
@@ -58,7 +59,7 @@ def explain_missing_exchange(simulation: Simulation) -> str:
 def explain_missing_derivatives(simulation: Simulation) -> str:
     """Return why an FMU with model exchange has no directional derivatives; empty: it has."""
     compiled = simulation.compiled
-    if any(reads_state(own) for own in user_kernels(compiled.called())):
+    if any(has_state(own.signature, own.words) for own in user_kernels(compiled.called())):
         return "user-defined elements have no kernels for complex numbers"
     moving = compiled.inputs.supports()
     for what, load in compiled.magnitudes().items():

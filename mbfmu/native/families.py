@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from mbfmu.mechanics.recursions import dynamics as recursions
+from mbfmu.mechanics.tangent import factored
 from solvers.compiled.kernel import kernel
 from solvers.energy_account import WORK
 from solvers.loop_closure import (
@@ -23,8 +24,9 @@ from solvers.outcome import OK
 from solvers.positions import position_sizes
 from solvers.projection.projection import project
 from solvers.projection.rank import find_normal_rank
-from solvers.projection.reported import evaluate_state, has_unresolved_forces
-from solvers.projection.workspace import Workspace
+from solvers.projection.reported import has_unresolved_forces, solve_state
+from solvers.projection.tree_constraints import solve_accelerations
+from solvers.projection.workspace import Workspace, evaluate_and_factor
 from solvers.steppers.adams import loop as adams
 from solvers.steppers.adams import tree_loop
 from solvers.steppers.adams.formulas import History
@@ -33,22 +35,44 @@ from solvers.steppers.adams.method import ADAMS_KERNELS
 from solvers.steppers.adams.pece import set_options
 from solvers.steppers.compiled_loop import MethodKernels
 from solvers.steppers.dense import estimate_rates
+from solvers.steppers.esdirk import loop as esdirk
+from solvers.steppers.esdirk.formulas import Memory as ESDIRKMemory
+from solvers.steppers.esdirk.steps import Work
+from solvers.steppers.esdirk.tree import ESDIRK_KERNELS
 from solvers.steppers.ida import dense_loop as dense_ida
+from solvers.steppers.ida import tree_loop as tree_ida
+from solvers.steppers.ida import tree_memory
 from solvers.steppers.ida.dense_memory import IDAMemory, continue_history
 from solvers.steppers.ida.dense_memory import set_options as set_ida_options
 from solvers.steppers.ida.dense_memory import set_up as set_up_ida
 from solvers.steppers.radau import loop as radau
 from solvers.steppers.radau.dense import RadauMethod
 from solvers.steppers.radau.formulas import Memory
-from solvers.steppers.tree import TreeEquations, TreeScratch
-from solvers.system import Equations, Terms
+from solvers.steppers.tree import TreeScratch
+from solvers.system import Equations, TangentCallbacks, Terms, TreeEquations
 
 from .start_checks import NO_BRANCH, find_turned, mark_free_rates
 from .steady_start import find_start_in_steady_state, no_search
 
 DENSE_KERNELS = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
-TREE_KERNELS = {name: getattr(recursions, name) for name in TreeEquations._fields[:-1]}
-TREE_KERNELS["power"] = recursions.solved_power
+
+
+class ExplicitTreeEquations(NamedTuple):
+    """Those of :class:`solvers.system.TreeEquations` that explicit solvers of trees without constraints call."""
+
+    forward: Any
+    inverse: Any
+    retract: Any
+    power: Any
+    evaluate_energy_bound: Any
+    inertia_parts: Any
+    data: Any
+
+
+EXPLICIT_KERNELS = {name: getattr(recursions, name) for name in ExplicitTreeEquations._fields[:-1]}
+EXPLICIT_KERNELS["power"] = recursions.solved_power
+TREE_KERNELS = EXPLICIT_KERNELS | {name: getattr(recursions, name) for name in ("mobility", "constraints", "position")}
+TREE_KERNELS |= {name: getattr(factored, name) for name in TangentCallbacks._fields[:-1]}
 
 
 @kernel
@@ -66,13 +90,15 @@ class Family(NamedTuple):
 
     loop: ModuleType  # with its kernels ``advance_reported``, and SETTINGS
     callbacks: dict[str, Callable[..., Any]]  # of its equations
-    equations: Callable[..., Any]  # (callbacks, data, nq, n, m)
+    equations: Callable[..., Any]  # (callbacks, data, data of the structured tangent or None, nq, n, m)
     memory: Callable[..., Any]  # (nq, n, m): what is remembered from step to step
     work: Callable[..., Any]  # (nq, n, m, positions): scratch, with units ``size``
     assemble: Any  # (instance, t) -> code of solvers.loop_closure: lets the reported state be the start, loops closed
     begin: Any  # (instance, t) -> code and rate (1/s): options, units and paces as a stepper's constructor takes
     # them, and a flaw of the start into the status of the run
-    evaluate: Any  # (instance) -> code: accelerations and multipliers at the reported state
+    evaluate: Any  # (instance) -> code: accelerations and multipliers at the reported state; leaves the bodies there
+    evaluate_advanced: Any  # the same, directly after an advance
+    leaves_placed: bool  # whether an advance leaves the bodies at the reported state
     needs_work: Any  # (settings) -> whether the work of forces without a potential is to be integrated
     method: MethodKernels
     start: Any = None  # (instance, truncated_steps, keeps_position): instead of that of the method
@@ -80,6 +106,7 @@ class Family(NamedTuple):
     close: Any = leave_open  # (problem): free what was allocated outside of the block
     keeps_history_at_jumps: bool = True  # whether it continues where velocities jump
     balance: Any = find_start_in_steady_state  # (instance) -> code: lets the reported state be a steady state
+    uses_tangent: bool = False  # whether it factors the structured tangent
 
 
 @kernel
@@ -167,21 +194,56 @@ def begin_tree(instance: Any, t: float) -> tuple[int, float]:
 
 
 @kernel
+def begin_esdirk(instance: Any, t: float) -> tuple[int, float]:
+    """As ``TreeESDIRKStepper`` is made."""
+    problem, status = instance.given, instance.session.status[0]
+    esdirk.set_options(instance.options, problem.settings)
+    status.flaw, status.singular = ASSEMBLED, 0
+    for row in range(problem.work.constraints.row_size.shape[0]):
+        problem.work.constraints.row_size[row] = instance.start.scratch.row[row]
+    code = esdirk.set_up(problem, t, instance.known[0], instance.options[0].duration)
+    return code, problem.settings[0].rate
+
+
+@kernel
 def begin_ida(instance: Any, t: float) -> tuple[int, float]:
     """As ``IDAStepper`` is made."""
     set_ida_options(instance.options, instance.given)
     code, rank = project_and_scale(instance, t)
     set_up_ida(instance.given, t, rank)
-    return code, instance.given.work.rate[0]
+    allocated = dense_ida.allocate(instance.given, t)
+    return code if code != OK else allocated, instance.given.work.rate[0]
+
+
+@kernel
+def begin_tree_ida(instance: Any, t: float) -> tuple[int, float]:
+    """As ``TreeIDAStepper`` is made."""
+    problem, status = instance.given, instance.session.status[0]
+    tree_memory.set_options(instance.options, problem)
+    status.flaw, status.singular = ASSEMBLED, 0
+    for row in range(problem.work.constraints.row_size.shape[0]):
+        problem.work.constraints.row_size[row] = instance.start.scratch.row[row]
+    code = tree_memory.set_up(problem, t, instance.known[0], instance.options[0].duration)
+    return code, problem.settings[0].rate
 
 
 @kernel
 def evaluate_dense(instance: Any) -> int:
     """Fill ``instance.a`` and ``instance.lam``."""
     problem = instance.given
+    evaluate_and_factor(problem.eqs, instance.clock[0], problem.q, problem.v, problem.work)
+    return solve_dense(instance)
+
+
+@kernel
+def solve_dense(instance: Any) -> int:
+    """As :func:`evaluate_dense`, directly after an advance: it ends with the projection of the reported state, which
+    leaves bodies, terms and factors there.
+    """
+    problem = instance.given
     control, t = problem.memory.control[0], instance.clock[0]
     state = t, problem.q, problem.v, control.rank, problem.work
-    code: int = evaluate_state(problem.eqs, *state, instance.a, instance.lam)
+    code: int = solve_state(problem.eqs, *state, instance.a, instance.lam)
     if code == OK and has_unresolved_forces(instance.options[0].rtol, control.rank, problem.work):
         control.undetermined, control.undetermined_at = 1, t
     return code
@@ -191,6 +253,15 @@ def evaluate_dense(instance: Any) -> int:
 def evaluate_tree(instance: Any) -> int:
     """Fill ``instance.a``."""
     code: int = tree_loop.evaluate(instance.given, instance.clock[0], instance.a)
+    return code
+
+
+@kernel
+def evaluate_constrained_tree(instance: Any) -> int:
+    """Fill ``instance.a`` and ``instance.lam``."""
+    problem, own = instance.given, instance.given.work.constraints
+    state = instance.clock[0], problem.q, problem.v, own, own.qdot
+    code: int = solve_accelerations(problem.eqs, *state, instance.a, instance.lam)
     return code
 
 
@@ -217,12 +288,18 @@ def start_ida(instance: Any, truncated_steps: int, keeps_history: bool) -> None:
         dense_ida.start(own.memory, t, own.q, own.v, own.energy_account[WORK], truncated_steps, keeps_history)
 
 
-def _dense_equations(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> Equations:
+def _dense_equations(callbacks: dict[str, Any], data: Any, tangent: None, nq: int, n: int, m: int) -> Equations:
     return Equations(**callbacks, data=data, terms=Terms.allocate(nq, n, m))
 
 
-def _tree_equations(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> TreeEquations:
-    return TreeEquations(**callbacks, data=data)
+def _explicit_equations(
+    callbacks: dict[str, Any], data: Any, tangent: None, nq: int, n: int, m: int
+) -> ExplicitTreeEquations:
+    return ExplicitTreeEquations(**callbacks, data=data)
+
+
+def _tree_equations(callbacks: dict[str, Any], data: Any, tangent: Any, nq: int, n: int, m: int) -> TreeEquations:
+    return TreeEquations(**callbacks, data=data, tangent=tangent)
 
 
 def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
@@ -232,21 +309,35 @@ def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
 FAMILIES = {  # by the prefix of their entry points
     "adams": Family(
         adams, DENSE_KERNELS, _dense_equations, History.allocate, _workspace,
-        assemble_dense, begin_adams, evaluate_dense, checks_or_watches_energy, ADAMS_KERNELS,
+        assemble_dense, begin_adams, evaluate_dense, solve_dense, True, checks_or_watches_energy, ADAMS_KERNELS,
     ),
     "radau": Family(
         radau, DENSE_KERNELS, _dense_equations, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
-        assemble_dense, begin_radau, evaluate_dense, checks_energy, RadauMethod.kernels,
+        assemble_dense, begin_radau, evaluate_dense, solve_dense, True, checks_energy, RadauMethod.kernels,
     ),
     "ida": Family(
         dense_ida, DENSE_KERNELS, _dense_equations, IDAMemory.allocate, _workspace,
-        assemble_dense, begin_ida, evaluate_dense, checks_energy, dense_ida.IDA_KERNELS,
+        assemble_dense, begin_ida, evaluate_dense, solve_dense, True, checks_energy, dense_ida.IDA_KERNELS,
         start_ida, dense_ida.restore, dense_ida.close, keeps_history_at_jumps=False,
     ),
     "tree": Family(
-        tree_loop, TREE_KERNELS, _tree_equations, History.allocate,
+        tree_loop, EXPLICIT_KERNELS, _explicit_equations, History.allocate,
         lambda nq, n, m, p: TreeScratch.allocate(nq, n, p),
-        assemble_tree, begin_tree, evaluate_tree, checks_energy, ADAMS_KERNELS, balance=no_search,
+        assemble_tree, begin_tree, evaluate_tree, evaluate_tree, False, checks_energy, ADAMS_KERNELS, balance=no_search,
+    ),
+    "esdirk": Family(
+        esdirk, TREE_KERNELS, _tree_equations, ESDIRKMemory.allocate, Work.allocate,
+        assemble_tree, begin_esdirk, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
+        ESDIRK_KERNELS,
+        restore=esdirk.discard_factors, balance=no_search, uses_tangent=True,
+    ),
+    "tree_ida": Family(
+        tree_ida, TREE_KERNELS, _tree_equations, tree_memory.TreeIDAMemory.allocate, tree_memory.Work.allocate,
+        assemble_tree, begin_tree_ida, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
+        tree_ida.IDA_KERNELS,
+        restore=tree_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, balance=no_search,
+        uses_tangent=True,
     ),
 }  # fmt: skip
-NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau", "ida")  # that they serve
+TREE_FAMILIES = ("tree", "esdirk", "tree_ida")  # families of large models
+NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau", "ida", "esdirk")  # that they serve

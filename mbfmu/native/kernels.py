@@ -25,7 +25,7 @@ from solvers.compiled.tuple_pointer import pointer_type
 from .entries import entries, example
 from .families import FAMILIES
 from .kernel_table import DERIVATIVE_TABLE_SYMBOL, KERNEL_TABLE_SYMBOL, shipped_kernels
-from .sundials import CALLBACK_ENTRIES, SUNDIALS_FAMILIES, callback_symbol
+from .sundials import CALLBACK_TYPES, SUNDIALS_FAMILIES, callback_symbol
 from .targets import TARGETS
 
 ELEMENTS = "elements"  # the part that all families call by addresses
@@ -100,7 +100,7 @@ class Builder:
         """Write the kernels of all element types for a real or a complex state, with a table of their addresses."""
         (table, state), found = TABLES[name], Compiled()
         for i, kind in enumerate(shipped_kernels(state)):
-            words, returned = types_of(kind, state=state)
+            words, returned = types_of(kind)
             arguments = record_type(kind.record), *words
             kind.function.compile(returned(*arguments))
             found[f"{table}_{i}"] = kind.function, arguments
@@ -110,7 +110,8 @@ class Builder:
         """Write the files of a family; ``instance`` is the type of its instances."""
         known = {f"mb_{family}_{name}": (entry.function, entry.more) for name, entry in entries(family).items()}
         if family in SUNDIALS_FAMILIES:
-            known |= {callback_symbol(family, name): called for name, called in CALLBACK_ENTRIES.items()}
+            callbacks = zip(SUNDIALS_FAMILIES[family], CALLBACK_TYPES.items(), strict=True)
+            known |= {callback_symbol(family, name): (function, more) for function, (name, more) in callbacks}
         first, begin, _ = ([f"mb_{family}_{name}" for name in names] for names in FILES.values())
         shared = link_module(_compile(known, first, instance), {}, exports_kernels=True)
         rest = [symbol for symbol in known if symbol not in (*first, *begin)]

@@ -1,7 +1,8 @@
 """How a model is written for the runtime: records that Python fills and C reads.
 
 The C declarations are made of these types, so that both have one list. A file has the header first, then a section of
-each kind of record, then the block of :mod:`.image`. All numbers take eight bytes, the low one first.
+each kind of record, then the block of :mod:`.image`, then records of the libraries of the FMU. All numbers take eight
+bytes, the low one first.
 """
 
 from __future__ import annotations
@@ -82,6 +83,7 @@ FACTOR = np.dtype([("variable", "i8"), ("power", "f8"), ("offset", "f8")])
 LENGTH_VARIABLE = -1
 SENTENCE = np.dtype([("what", "i8"), ("remedy", "i8")])  # places in the text, by solvers.outcome.Code
 FAILURE = np.dtype([("before", "i8"), ("between", "i8"), ("after", "i8")])  # by Outcome, then start_checks.Flaw
+LIBRARY = np.dtype([("length", "i8"), ("sum", "i8")])  # bytes of a library that the runtime loads, and their CRC-64
 NAME_RECORD = np.dtype([("name", "i8")])  # place in the text
 SUPPORT_RECORD = np.dtype([("variable", "i8"), ("unit", "i8")])  # first input of a support; its unit in the text
 
@@ -134,6 +136,8 @@ HEADER = np.dtype(
         ("token", f"S{TOKEN_BYTES}"),
         ("table_sum", "i8"),  # CRC-64 of header and sections, with zero in its place
         ("block_sum", "i8"),  # CRC-64 of the block
+        ("libraries_sum", "i8"),  # CRC-64 of the records of libraries after the block, and how many there are
+        ("libraries_count", "i8"),
         ("family", "i8"),  # place in families.FAMILIES
         ("block", "i8"),  # where it begins in the file, and its bytes
         ("size", "i8"),
@@ -155,7 +159,8 @@ HEADER = np.dtype(
 STRUCTS = {
     "Header": HEADER, "Variable": VARIABLE, "Array": ARRAY, "Member": MEMBER, "Entry": ENTRY, "Sum": SUM, "Term": TERM,
     "Factor": FACTOR, "Relocation": RELOCATION, "Sentence": SENTENCE, "Failure": FAILURE, "Name": NAME_RECORD,
-    "Support": SUPPORT_RECORD, "Options": OPTIONS, "RunStatus": RUN_STATUS, "Worst": WorstRecord.dtype,
+    "Support": SUPPORT_RECORD, "Library": LIBRARY, "Options": OPTIONS, "RunStatus": RUN_STATUS,
+    "Worst": WorstRecord.dtype,
 }  # fmt: skip
 
 
@@ -172,14 +177,23 @@ TEXTS: dict[str, Diagnostic | str] = {  # of diagnostics, with fields that C fil
 }
 
 
-def signed(data: bytes, token: str) -> bytes:
-    """Return a file with the identity of the FMU that it is of, and with the checksums of its parts."""
+def signed(data: bytes, token: str, libraries: Iterable[bytes] = ()) -> bytes:
+    """Return a file with the identity of the FMU that it is of, and with the checksums of its parts.
+
+    ``libraries`` are those that the runtime may load; none are added if the file has some.
+    """
     header = np.frombuffer(data, HEADER, 1).copy()
     block = int(header["block"][0])
-    header["token"], header["table_sum"], header["block_sum"] = token.encode(), 0, crc64(data[block:])
+    end = block + int(header["size"][0])
+    found = [(len(library), crc64(library)) for library in libraries]
+    records = np.array(found, np.int64).tobytes() if found else data[end:]
+    header["token"], header["table_sum"], header["block_sum"] = token.encode(), 0, crc64(data[block:end])
+    header["libraries_sum"] = crc64(records)
+    if found:
+        header["libraries_count"] = len(found)
     sections = data[HEADER.itemsize : block]
     header["table_sum"] = crc64(header.tobytes() + sections)
-    return header.tobytes() + sections + data[block:]
+    return header.tobytes() + sections + data[block:end] + records
 
 
 def declarations(family: str, entries: Iterable[tuple[str, Entry]]) -> str:

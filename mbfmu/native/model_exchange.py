@@ -100,7 +100,7 @@ TREE = Formulation(
     linearize=tree.linearize_tree,
     differentiate=tree.differentiate_tree,
 )
-FORMULATIONS = {"adams": DENSE, "radau": DENSE, "ida": DENSE, "tree": TREE}  # by family of steppers
+FORMULATIONS = {"adams": DENSE, "radau": DENSE, "ida": DENSE, "tree": TREE, "esdirk": TREE, "tree_ida": TREE}
 
 
 @kernel

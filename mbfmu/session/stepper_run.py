@@ -89,5 +89,6 @@ def _sample(run: StepperRun, times: Array, out: Array) -> Samples:
     return found
 
 
-SEQUENCE = sequence_of(SolverActions(_advance, _evaluate, _continue_at_state, _restart, _jump))
+# where any stepper leaves the bodies is not known
+SEQUENCE = sequence_of(SolverActions(_advance, _evaluate, _continue_at_state, _restart, _jump, False, False))
 SAMPLE = sampling_of(SEQUENCE, _sample)

@@ -24,7 +24,7 @@ from scipy import linalg
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import pin
-from solvers.linalg.blocks import one_thread
+from solvers.linalg.threads import one_thread
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations
 from solvers.system import Array

@@ -88,7 +88,7 @@ def _warm_up_points(trial: Stepper, compiled: CompiledMechanism, outputs: int) -
     account_discontinuity(session, energy_at(session, *state), *state)
     note_energy(session, *state)
     account_parameters(session, *state)
-    check_point(session, *state, trial.energy_account)
+    check_point(session, *state, trial.energy_account, False)
     SEQUENCE.read(run)
     rows = np.atleast_2d(trial.q), np.atleast_2d(trial.v), np.atleast_2d(trial.energy_account)
     check_samples(session, np.zeros(1), *rows, np.zeros(1), np.zeros((1, outputs)))

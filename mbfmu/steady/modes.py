@@ -11,7 +11,7 @@ from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays.closing import check_inertia
 from mbfmu.steady.linear import Mode, modes_as_text
 from mbfmu.util.errors import EquilibriumError
-from solvers.linalg.blocks import one_thread
+from solvers.linalg.threads import one_thread
 from solvers.statics.matrices import MAX_ASSEMBLED_COORDINATES, linearized_matrices
 from solvers.statics.modes import lowest_modes
 from solvers.statics.spectrum import Spectrum, spectrum_of

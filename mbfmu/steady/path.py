@@ -19,7 +19,7 @@ from mbfmu.modeling.model import Model
 from mbfmu.steady.equilibrium import build_problem, find_state
 from mbfmu.util.errors import EquilibriumError, UserError, suggest
 from mbfmu.util.files import replacing
-from solvers.linalg.blocks import one_thread
+from solvers.linalg.threads import one_thread
 from solvers.statics.matrices import MAX_ASSEMBLED_COORDINATES
 from solvers.statics.path import Follower, Load, State
 from solvers.statics.spectrum import Stability

@@ -18,7 +18,7 @@ from mbfmu.steady.linear import StateSpace, linearize
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import EquilibriumError
 from solvers.diagnostics import without_code
-from solvers.linalg.blocks import one_thread
+from solvers.linalg.threads import one_thread
 from solvers.projection.products import Products
 from solvers.statics.floquet import characteristic_exponents
 from solvers.statics.matrices import MAX_ASSEMBLED_COORDINATES, Matrices, linearized_matrices

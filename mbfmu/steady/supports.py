@@ -24,7 +24,7 @@ from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.signals import InUse
 from mbfmu.steady.state import Equilibrium
 from mbfmu.util.errors import EquilibriumError
-from solvers.linalg.blocks import one_thread
+from solvers.linalg.threads import one_thread
 from solvers.statics.path import Follower, Load, State
 from solvers.system import Array
 

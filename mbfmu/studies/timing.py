@@ -24,7 +24,7 @@ from mbfmu.session.result import Result
 from mbfmu.session.run import run
 from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import UserError
-from solvers.linalg.blocks import one_thread
+from solvers.linalg.threads import one_thread
 
 
 @dataclass(frozen=True)

@@ -55,11 +55,6 @@ def inlined(function: F) -> F:
     return _dispatcher(Inlined, function, forceinline=True) if COMPILED else function
 
 
-def reordered(function: F) -> F:
-    """As :func:`inlined`, with sums taken in any order, and so of several terms at once."""
-    return _dispatcher(Inlined, function, forceinline=True, fastmath={"reassoc"}) if COMPILED else function
-
-
 def _dispatcher(kind: type[Inlined], function: F, **options: Any) -> F:
     dispatcher = kind(function, targetoptions={"nopython": True, "no_cfunc_wrapper": True, **_OPTIONS, **options})
     dispatcher.enable_caching()

@@ -1,4 +1,4 @@
-"""Systems whose blocks form a tree, by block elimination from its leaves with LAPACK.
+"""Systems whose blocks form a tree, by block elimination from its leaves.
 
 With i the neighbor inward of block k, and c its neighbors outward, whose matrices L_c are in the rows of k::
 
@@ -20,25 +20,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import blas, lapack
-from threadpoolctl import ThreadpoolController
 
-from solvers.compiled.kernel import inlined, kernel, reordered
-from solvers.compiled.tuple_pointer import pin
+from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.lanes import dot_column, dot_four_columns
+from solvers.compiled.matrix_view import matrix_at
 from solvers.system import Array
+
+from .inversion import SINGULAR, add_rows, invert, invert_symmetric
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
 
 PANEL_WIDTH = 4  # columns that are multiplied at once: what they are added to is read and written once
 PANEL_ROW_STEP = 8  # rows of a panel come in such pieces
-
-_threads = ThreadpoolController()
-
-
-def one_thread() -> Any:
-    """Return a context in which BLAS keeps to one thread: blocks of some hundred rows only lose by more."""
-    return _threads.limit(limits=1, user_api="blas")
 
 
 class Factors(NamedTuple):
@@ -54,11 +48,69 @@ class Factors(NamedTuple):
     first_panel: NDArray[np.int64]  # (blocks + 1,)
     end_panel: NDArray[np.int64]  # (blocks,)
     panels: NDArray[np.int64]  # (.., 5) first column, columns, first row, rows, where they begin
+    # (blocks,) where the sum of L_k D_k^-1 U_k over the neighbors outward is kept until the block is eliminated;
+    # -1: there are none
+    update_start: NDArray[np.int64]
+    is_first: NDArray[np.int64]  # (blocks,) 1: the first block with this neighbor inward
     symmetric: NDArray[np.int64]  # (1,) 1: of inverses what is below the diagonal, and WIDTH columns begin in one row
+    averaged: NDArray[np.int64]  # (1,) 1: the mean of the matrix and its transpose is factored
+    negative: NDArray[np.int64]  # (1,) number of negative eigenvalues of the blocks D_k of a symmetric matrix
     inverse: Array  # D_k^-1, n_k^2 entries
     right: Array  # panels of U_k (n_k, n_i)
     left: Array  # the same of L_k^T; not used where it is symmetric
+    updates: Array  # by update_start, by columns
+    D: Array  # (largest n_k^2,) the block that is eliminated next, by columns: see block_matrices
+    U: Array
+    L: Array
+    order: NDArray[np.int64]  # (largest n_k,) scratch
+    X: Array  # (largest n_k^2,) scratch, and Y
+    Y: Array
     y: Array  # (largest n_k,) scratch
+
+    @staticmethod
+    def allocate(sizes: Sequence[int], inward: Sequence[int]) -> Factors:
+        """Return the memory of the factors of a matrix.
+
+        Parameters
+        ----------
+        sizes
+            Rows of every block.
+        inward
+            Of every block its neighbor inward, by number, a later one; -1: there is none.
+        """
+        n = np.array([*sizes, 0], np.int64)  # the last one stands for no neighbor
+        inner, z, integers = np.array(inward, np.int64), np.zeros, np.int64
+        own, other, largest = n[:-1], n[inner], int(n.max())
+        most = -(-other // PANEL_WIDTH) * ((own // PANEL_ROW_STEP + 2) // 2)  # panels
+        starts = [np.concatenate(([0], np.cumsum(counts))) for counts in (own, own**2, own * other, most)]
+        first_unknown, inverse_start, entry_start, panel = (start.astype(np.int64) for start in starts)
+        places, is_first, count = find_places(inward)
+        square = largest**2
+        return Factors(
+            inner, first_unknown, inverse_start, entry_start, panel, z(len(own), integers), z((panel[-1], 5), integers),
+            np.where(places >= 0, places * square, -1), is_first, z(1, integers), z(1, integers), z(1, integers),
+            z(inverse_start[-1]), z(entry_start[-1]), z(entry_start[-1]), z(count * square), z(square), z(square),
+            z(square), z(largest, integers), z(square), z(square), z(largest),
+        )  # fmt: skip
+
+
+def find_places(inward: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Return places for what blocks add to their neighbors inward, which are free again once those are eliminated.
+
+    Of every block its place (blocks,), -1: it has no neighbor outward; 1 if it is the first with its neighbor inward
+    (blocks,); and the number of places.
+    """
+    places, is_first = np.full(len(inward), -1), np.zeros(len(inward), np.int64)
+    free, count = list[int](), 0
+    for k, inner in enumerate(inward):
+        if inner >= 0 and places[inner] < 0:
+            if not free:
+                free.append(count)
+                count += 1
+            places[inner], is_first[k] = free.pop(), 1
+        if places[k] >= 0:
+            free.append(int(places[k]))
+    return places, is_first, count
 
 
 @inlined
@@ -81,41 +133,15 @@ def add_four_columns(
         out[i] += a * A[i] + b * B[i] + c * C[i] + d * D[i]
 
 
-@reordered
-def dot_column(columns: Any, at: int, count: int, x: Reals, first: int) -> float:
-    """The column that begins at ``at`` . x[first:]."""
-    column, other = columns[at : at + count], x[first : first + count]
-    total = 0.0
-    for i in range(count):
-        total += column[i] * other[i]
-    return total
-
-
-@reordered
-def dot_four_columns(columns: Any, at: int, stride: int, count: int, x: Reals, first: int) -> Any:
-    """The same for four columns, ``stride`` entries from one beginning to the next."""
-    other = x[first : first + count]
-    A, B = columns[at : at + count], columns[at + stride : at + stride + count]
-    C, D = columns[at + 2 * stride : at + 2 * stride + count], columns[at + 3 * stride : at + 3 * stride + count]
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    for i in range(count):
-        a += A[i] * other[i]
-        b += B[i] * other[i]
-        c += C[i] * other[i]
-        d += D[i] * other[i]
-    return a, b, c, d
-
-
 @kernel
-def store_inverse(k: int, block: Blocks, factors: Factors) -> None:
-    """Store D_k^-1, by columns; of a symmetric one, the part below the diagonal is given."""
-    D, at = block.D, factors.inverse_start[k]
-    n = D.shape[0]
+def store_inverse(k: int, D: Reals, factors: Factors) -> None:
+    """Store D_k^-1, by columns; of a symmetric one, the part below the diagonal."""
+    at, n = factors.inverse_start[k], D.shape[0]
     whole = n - n % PANEL_WIDTH
     for j in range(n):
         first = 0 if factors.symmetric[0] == 0 else j - j % PANEL_WIDTH if j < whole else j
         for i in range(first, j):
-            factors.inverse[at] = D[j, i] if factors.symmetric[0] == 0 else D[i, j]
+            factors.inverse[at] = D[j, i]
             at += 1
         for i in range(j, n):
             factors.inverse[at] = D[j, i]
@@ -123,10 +149,9 @@ def store_inverse(k: int, block: Blocks, factors: Factors) -> None:
 
 
 @kernel
-def store_panels(k: int, block: Blocks, factors: Factors) -> None:
+def store_panels(k: int, U: Reals, L: Reals, factors: Factors) -> None:
     """Store the panels of U_k, given by columns, and of L_k."""
-    U, L, panel, at = block.U, block.L, factors.first_panel[k], factors.panel_entry_start[k]
-    n = U.shape[1]
+    panel, at, n = factors.first_panel[k], factors.panel_entry_start[k], U.shape[1]
     for column in range(0, U.shape[0], PANEL_WIDTH):
         end_column, row = min(column + PANEL_WIDTH, U.shape[0]), 0
         while row < n:
@@ -231,102 +256,91 @@ def solve_blocks(factors: Factors, x: Reals) -> None:
             x[factors.first_unknown[k] + i] = factors.y[i]
 
 
-class Blocks(NamedTuple):
-    """What is to be filled for one block before it is eliminated, by columns, in space that all blocks share."""
+@inlined
+def block_matrices(k: int, factors: Factors) -> tuple[Reals, Reals, Reals]:
+    """The matrices that are to be filled for block k before it is eliminated, by columns; all blocks share the memory.
 
-    D: Array  # (n, n) transposed
-    U: Array  # (n', n) transposed: in its rows what the neighbor inward does
-    L: Array  # (n, n') transposed: in the neighbor's rows what it does; not where the matrix is symmetric
-
-
-class BlockTree:
-    """A matrix whose blocks are eliminated outer ones first.
-
-    Parameters
-    ----------
-    sizes
-        Rows of every block.
-    inward
-        Of every block its neighbor inward, by number, a later one; -1: there is none.
-
-    Attributes
-    ----------
-    blocks
-        Of every block the arrays to be filled, pinned.
-    factors
-        What :func:`solve_blocks` takes, pinned.
-    negative
-        Number of negative eigenvalues, where the matrix is taken as symmetric (inertia of the factors).
+    D (n, n) transposed; U (n', n) transposed: in its rows what the neighbor inward does; L (n, n') transposed: in the
+    neighbor's rows what it does, not read where the matrix is symmetric.
     """
+    n, inner = factors.first_unknown[k + 1] - factors.first_unknown[k], factors.inward[k]
+    m = factors.first_unknown[inner + 1] - factors.first_unknown[inner] if inner >= 0 else 0
+    return matrix_at(factors.D, 0, n, n), matrix_at(factors.U, 0, m, n), matrix_at(factors.L, 0, n, m)
 
-    negative = 0
 
-    def __init__(self, sizes: Sequence[int], inward: Sequence[int]) -> None:
-        n = np.array([*sizes, 0], np.int64)  # the last one stands for no neighbor
-        inner = np.array(inward, np.int64)
-        own, other, largest = n[:-1], n[inner], int(n.max())
-        most = -(-other // PANEL_WIDTH) * ((own // PANEL_ROW_STEP + 2) // 2)  # panels
-        starts = [np.concatenate(([0], np.cumsum(counts))) for counts in (own, own**2, own * other, most)]
-        first_unknown, inverse_start, entry_start, panel = (start.astype(np.int64) for start in starts)
-        z, integers = np.zeros, np.int64
-        built = self._factors = Factors(
-            inner, first_unknown, inverse_start, entry_start, panel,
-            z(len(own), integers), z((panel[-1], 5), integers), z(1, integers),
-            z(inverse_start[-1]), z(entry_start[-1]), z(entry_start[-1]), z(largest),
-        )  # fmt: skip
-        self.factors = pin(built)
-        space = z((3, largest**2))
-        self._blocks = [
-            Blocks(
-                space[0, : a * a].reshape(a, a), space[1, : a * b].reshape(b, a), space[2, : a * b].reshape(a, b)
-            )
-            for a, b in zip(own, other, strict=True)
-        ]  # fmt: skip
-        self.blocks = [pin(block) for block in self._blocks]
-        self.reset(symmetric=False)
+@kernel
+def reset(symmetric: bool, averaged: bool, factors: Factors) -> None:
+    """Discard the factors. Of a symmetric matrix D below its diagonal and U are read alone.
 
-    def reset(self, symmetric: bool, averaged: bool = False) -> None:
-        """Discard the factors. Of a symmetric matrix D below its diagonal and U are read alone.
+    ``averaged``: the mean of the matrix and its transpose is factored instead.
+    """
+    factors.symmetric[0] = 1 if symmetric or averaged else 0
+    factors.averaged[0] = 1 if averaged else 0
+    factors.negative[0] = 0
 
-        ``averaged``: the mean of the matrix and its transpose is factored instead.
-        """
-        self._factors.symmetric[0] = symmetric or averaged
-        self._averaged = averaged
-        self.negative = 0
-        self._schur_updates: dict[int, Array] = {}  # sum of L_k D_k^-1 U_k, transposed, by the neighbor inward
 
-    def eliminate(self, k: int) -> bool:
-        """Eliminate the next block, whose arrays have been filled; False where it is singular."""
-        (D, U, L), inner = self._blocks[k], int(self._factors.inward[k])
-        if self._averaged:
-            D[:], U[:] = 0.5 * (D + D.T), 0.5 * (U + L.T)
-        if k in self._schur_updates:
-            D -= self._schur_updates.pop(k)
-        if D.size and not self._invert(D):
+@kernel
+def eliminate(k: int, factors: Factors) -> bool:
+    """Eliminate the next block, whose matrices have been filled; False where it is singular."""
+    D, U, L = block_matrices(k, factors)
+    n, m = U.shape[1], U.shape[0]
+    symmetric = factors.symmetric[0] == 1
+    if symmetric:
+        make_symmetric(factors.averaged[0] == 1, D, U, L)
+    at = factors.update_start[k]
+    if at >= 0:
+        for i in range(n):
+            for j in range(n):
+                D[i, j] -= factors.updates[at + i * n + j]
+    X = matrix_at(factors.X, 0, n, n)
+    if symmetric:
+        negative = invert_symmetric(D, factors.order, X, matrix_at(factors.Y, 0, n, n))
+        if negative == SINGULAR:
             return False
-        store_inverse(k, self.blocks[k], self.factors)
-        store_panels(k, self.blocks[k], self.factors)
-        if U.size:
-            if self._factors.symmetric[0]:
-                schur_update = U @ blas.dsymm(1.0, D.T, U.T, lower=1)
-            else:
-                schur_update = U @ D @ L
-            self._schur_updates[inner] = (
-                self._schur_updates[inner] + schur_update if inner in self._schur_updates else schur_update
-            )
-        return True
+        factors.negative[0] += negative
+    elif not invert(D, factors.order, X):
+        return False
+    store_inverse(k, D, factors)
+    store_panels(k, U, L, factors)
+    if m > 0:
+        add_update(k, D, U, L, factors)
+    return True
 
-    def _invert(self, D: Array) -> bool:
-        """D <- D^-1, of a symmetric one below the diagonal, of the transpose above it; False where it is singular."""
-        A, work_size = D.T, 64 * len(D)
-        if self._factors.symmetric[0]:
-            factors, pivots, info = lapack.dsytrf(A, lower=1, lwork=work_size, overwrite_a=1)  # in place
-            if info == 0:
-                single = pivots > 0  # the others are pairs, of which one is negative
-                self.negative += int(np.sum(np.diag(factors)[single] < 0.0)) + int(np.sum(~single)) // 2
-                _, info = lapack.dsytri(factors, pivots, lower=1, overwrite_a=1)
-        else:
-            factors, pivots, info = lapack.dgetrf(A, overwrite_a=1)
-            if info == 0:
-                _, info = lapack.dgetri(factors, pivots, lwork=work_size, overwrite_lu=1)
-        return bool(info == 0)
+
+@inlined
+def make_symmetric(averaged: bool, D: Reals, U: Reals, L: Reals) -> None:
+    """Fill what is left of D and L, or take the mean of the matrix and its transpose."""
+    for i in range(D.shape[0]):
+        for j in range(i):
+            if averaged:
+                D[j, i] = 0.5 * (D[i, j] + D[j, i])
+            D[i, j] = D[j, i]
+        for j in range(U.shape[0]):
+            if averaged:
+                U[j, i] = 0.5 * (U[j, i] + L[i, j])
+            L[i, j] = U[j, i]
+
+
+@kernel
+def add_update(k: int, D: Reals, U: Reals, L: Reals, factors: Factors) -> None:
+    """Add L_k D_k^-1 U_k to what is subtracted from the neighbor inward, by columns; D is D_k^-1 now."""
+    m, n = U.shape
+    X, Y = matrix_at(factors.X, 0, n, m), matrix_at(factors.Y, 0, m, n)
+    at = factors.update_start[factors.inward[k]]
+    for j in range(m):  # row j of U D as a column of X
+        out = factors.y
+        for i in range(n):
+            out[i] = 0.0
+        add_rows(1.0, U[j], 0, n, D, out[:n])
+        for i in range(n):
+            X[i, j], Y[j, i] = out[i], L[i, j]
+    for j in range(m):  # column j of the update
+        out = factors.y
+        for i in range(m):
+            out[i] = 0.0
+        add_rows(1.0, Y[j], 0, n, X, out[:m])
+        for i in range(m):
+            if factors.is_first[k] == 1:
+                factors.updates[at + i * m + j] = out[i]
+            else:
+                factors.updates[at + i * m + j] += out[i]

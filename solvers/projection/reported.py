@@ -50,6 +50,7 @@ def project_reported_state(eqs: Equations, t: float, q: Reals, v: Reals, rank: i
     if code == OK:
         for i in range(v.shape[0]):
             v[i] = work.a[i]
+        evaluate_and_factor(eqs, t, q, v, work)
     return code
 
 
@@ -65,6 +66,12 @@ def evaluate_state(
 ) -> int:
     """Accelerations and shortest multipliers at a closed state; leaves ``terms`` there."""
     evaluate_and_factor(eqs, t, q, v, work)
+    return solve_state(eqs, t, q, v, rank, work, a, lam)
+
+
+@kernel
+def solve_state(eqs: Equations, t: float, q: Reals, v: Reals, rank: int, work: Workspace, a: Reals, lam: Reals) -> int:
+    """As :func:`evaluate_state`; ``terms`` and the factors of J belong to the state."""
     code = evaluate_acceleration(eqs, t, q, v, rank, work, a)
     if code == OK:
         evaluate_multipliers(eqs.terms, rank, work, a, lam)

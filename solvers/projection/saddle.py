@@ -14,55 +14,31 @@ effective mass of each row, (J M^-1 J^T)_ii^-1, times SPRING.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from solvers.compiled.kernel import kernel
-from solvers.linalg.blocks import one_thread
-from solvers.outcome import Code
+from solvers.compiled.tuple_pointer import pin, unpin
+from solvers.outcome import CODES, Code
 from solvers.stepper import start_rate
 from solvers.system import Array, TreeSystem
 
 from .products import Products
-from .projection import MAX_PROJECTION_CORRECTIONS
 from .rank import REDUNDANT_PIVOT_RATIO
+from .tree_constraints import (
+    PENALTY_STIFFNESS,
+    SaddleMemory,
+    constraint_scratch,
+    project_state,
+    reduce_saddle,
+    solve_accelerations,
+    solve_saddle,
+)
 
-PENALTY_STIFFNESS = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
-# eigenvalues of a scaled Schur complement below this part of the largest count as zero
-REDUNDANT_EIGENVALUE_RATIO = 1e-10
 # eigenvalues of its inverse below this part of the largest are those of redundant constraints
 ZERO_SCHUR_EIGENVALUE_RATIO = 1e-13
-# Square of a row to that of the largest below which nothing works against it here: rounding is 1e-32, units make 1e-6.
-ZERO_ROW_SQUARE_RATIO = 1e-20
 # products with the exact tangent in one solution, and the residual at which there are enough
 MAX_KRYLOV_DIMENSION, GMRES_TOLERANCE = 120, 1e-13
-CONSTRAINT_TOLERANCE = 1e-11  # of a projection, in units of the rows
-
-
-@kernel
-def _forward(forward: Any, t: float, q: Array, v: Array, data: Any, qdot: Array, a: Array) -> int:
-    return int(forward(t, q, v, data, qdot, a))
-
-
-@kernel
-def _mobilities(mobility: Any, J: Array, data: Any, X: Array) -> None:
-    """X (m, n): row i is M^-1 J[i]^T."""
-    for i in range(J.shape[0]):
-        mobility(J[i], data, X[i])
-
-
-def pseudo_inverse(S: Array) -> Array:
-    """Return the pseudo-inverse (m, m) of a Schur complement whose rows are scaled to size one."""
-    inverse: Any = np.linalg.pinv(S, rcond=REDUNDANT_EIGENVALUE_RATIO) if len(S) else S
-    return np.asarray(inverse)
-
-
-def inverse_squares(squares: Array) -> Array:
-    """Return the factors that scale rows of these squares (m,) to one; a row that is zero here remains small."""
-    largest = squares.max(initial=0.0) or 1.0
-    return np.asarray(1.0 / np.where(squares > ZERO_ROW_SQUARE_RATIO * largest, squares, largest))
 
 
 class Accelerations:
@@ -79,29 +55,15 @@ class Accelerations:
     """
 
     def __init__(self, system: TreeSystem) -> None:
-        self.system, self.terms = system, system.allocate_terms()
+        self.system, self._scratch = system, constraint_scratch(system)
         self.qdot, self.a, self.lam = np.zeros(system.nq), np.zeros(system.n), np.zeros(system.m)
-        self.masses = np.ones(system.m)
+        own = unpin(self._scratch)
+        self.terms, self.masses = unpin(own.terms), own.masses
 
     def solve(self, t: float, q: Array, v: Array) -> Code:
         """Fill everything at (t, q, v)."""
-        s, terms = self.system, self.terms
-        if s.m:
-            s.fill(t, q, v, terms)
-        if _forward(s.forward, t, q, v, s.pinned_data, self.qdot, self.a) != 0:
-            return Code.NO_MASS
-        if s.m:
-            X = np.zeros((s.m, s.n))
-            _mobilities(s.mobility, terms.J, s.pinned_data, X)
-            with one_thread():
-                S = terms.J @ X.T
-                if not np.isfinite(S).all():
-                    return Code.NOT_FINITE
-                self.masses = inverse_squares(np.diag(S))
-                root = np.sqrt(self.masses)
-                self.lam = root * (pseudo_inverse(root[:, None] * S * root) @ (root * (terms.J @ self.a - terms.gamma)))
-                self.a -= self.lam @ X
-        return Code.OK if np.isfinite(self.a).all() else Code.NOT_FINITE
+        s = self.system
+        return CODES[solve_accelerations(s.equations, t, q, v, self._scratch, self.qdot, self.a, self.lam)]
 
 
 def count_freedom(system: TreeSystem, t: float, q: Array) -> int:
@@ -144,8 +106,9 @@ class Saddle:
     """
 
     def __init__(self, system: TreeSystem, exact: bool = False) -> None:
-        self.system, self.terms = system, system.allocate_terms()
-        self._alpha = np.zeros(0)
+        self.system, self._scratch = system, constraint_scratch(system)
+        self._pinned = pin(SaddleMemory.allocate(system.n, system.m))
+        self.terms, self._memory = unpin(unpin(self._scratch).terms), unpin(self._pinned)
         self._exact = exact and system.complex_step is not None
         self._products: Products | None = None
         self.is_incomplete = False
@@ -162,26 +125,16 @@ class Saddle:
 
         ``symmetric``: as if T were. ``averaged``: (T + T^T) / 2 instead, whose negative eigenvalues are counted.
         """
-        tangent, J = self.system.tangent, self.terms.J
+        tangent, alpha = self.system.tangent, self._memory.alpha
         self.is_incomplete = self._exact and (self.system.moves() or bool(self.state[2].any()))
         if self.is_incomplete:
             self._c1, self._c2 = c1, c2
             self.products.set_state(*self.state)
-        if self.system.m == 0:
-            return tangent.factor(c1, c2, symmetric=symmetric, averaged=averaged)
-        if not self._alpha.size:
-            raise RuntimeError("Saddle.weigh comes first")
-        if not tangent.factor(c1, c2, self._alpha, symmetric, averaged):
+        if len(alpha) and not alpha.any():
+            raise RuntimeError("Saddle.set_penalties comes first")
+        if not tangent.factor(c1, c2, alpha, symmetric, averaged):
             return False
-        root = np.sqrt(self._alpha)
-        self._J = J.copy()
-        self._A = tangent.solve(J.T)  # (n, m)
-        with one_thread():
-            S = root[:, None] * (J @ self._A) * root
-            if not np.isfinite(S).all():
-                return False
-            self._inverse = root[:, None] * pseudo_inverse(S) * root
-        return True
+        return bool(reduce_saddle(self.system.equations, self._pinned, self._scratch))
 
     @property
     def products(self) -> Products:
@@ -198,8 +151,8 @@ class Saddle:
         """
         if self.system.m == 0:
             return self.system.tangent.negative
-        root = np.sqrt(self._alpha)
-        values = np.linalg.eigvals(self._inverse / np.outer(root, root))
+        root = np.sqrt(self._memory.alpha)
+        values = np.linalg.eigvals(self._memory.inverse / np.outer(root, root))
         floor = ZERO_SCHUR_EIGENVALUE_RATIO * np.abs(values).max()
         return self.system.tangent.negative - int(np.sum((values.imag == 0.0) & (values.real < -floor)))
 
@@ -208,14 +161,14 @@ class Saddle:
         if self.system.m:
             motion = Accelerations(self.system)
             motion.solve(t, q, np.zeros(self.system.n))
-            self._alpha = PENALTY_STIFFNESS * motion.masses
+            self._memory.alpha[:] = PENALTY_STIFFNESS * motion.masses
 
     def solve(self, f: Array, g: Array) -> tuple[Array, Array]:
         """Return x (n,) and y (m,)."""
         if not self.is_incomplete:
             return self._solve_structured(f, g)
         s, n = self.system, self.system.n
-        forces = self._alpha / PENALTY_STIFFNESS * (s.rate or 1.0) ** 2 * s.row_size
+        forces = self._memory.alpha / PENALTY_STIFFNESS * (s.rate or 1.0) ** 2 * s.row_size
         units = np.concatenate((s.size, forces))
 
         def structured(r: Array) -> Array:
@@ -225,20 +178,19 @@ class Saddle:
         def operator(z: Array) -> Array:
             """Return the same of the exact system's product with z."""
             x, y = np.split(units * z, [n])
+            J = self._memory.J
             force = self.products.apply(x, 1.0, self._c1, self._c2) + y @ J
             return structured(np.concatenate((force, J @ x)))
 
-        J = self._J if self.system.m else np.zeros((0, n))
         z = units * solve_gmres(operator, structured(np.concatenate((f, g))))
         return z[:n], z[n:]
 
     def _solve_structured(self, f: Array, g: Array) -> tuple[Array, Array]:
         """Return x (n,) and y (m,) by the structured tangent."""
-        if self.system.m == 0:
-            return self.system.tangent.solve(f), g
-        x = self.system.tangent.solve(f + (self._alpha * g) @ self._J)
-        y = self._inverse @ (self._J @ x - g)
-        return x - self._A @ y, y
+        x, y = np.empty(self.system.n), np.empty(self.system.m)
+        right = np.ascontiguousarray(f), np.ascontiguousarray(g)
+        solve_saddle(self.system.equations, *right, self._pinned, x, y)
+        return x, y
 
 
 def solve_gmres(operator: Callable[[Array], Array], b: Array) -> Array:
@@ -259,18 +211,5 @@ def project(system: TreeSystem, t: float, q: Array, v: Array) -> Code:
     """
     if system.m == 0:
         return Code.OK
-    terms, size = system.allocate_terms(), system.size
-    for _ in range(MAX_PROJECTION_CORRECTIONS):
-        system.fill_position(t, q, terms)
-        off = float(np.abs(terms.Phi / system.row_size).max())
-        if not np.isfinite(off):
-            return Code.NOT_FINITE
-        with one_thread():
-            J = terms.J * size
-            scale = np.sqrt(inverse_squares(np.einsum("ij,ij->i", J, J)))
-            inverse = scale[:, None] * pseudo_inverse(scale[:, None] * (J @ J.T) * scale) * scale
-            if off < CONSTRAINT_TOLERANCE:
-                v -= size * ((inverse @ (terms.J @ v - terms.nu)) @ J)
-                return Code.OK
-            system.apply(q, -size * ((inverse @ terms.Phi) @ J))
-    return Code.NOT_CLOSED
+    scratch = constraint_scratch(system)
+    return CODES[project_state(system.equations, t, q, v, system.size, scratch)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Any
 
-from solvers.linalg.blocks import one_thread
+from solvers.linalg.threads import one_thread
 from solvers.outcome import Code
 from solvers.stepper import Stepper, validated_vector
 from solvers.system import Array

@@ -16,7 +16,7 @@ from solvers.outcome import Code
 from solvers.positions import Positions
 from solvers.projection.saddle import Accelerations, count_freedom, motion_rate, project
 from solvers.stepper import require_resolution
-from solvers.system import Array, TreeSystem, energy_callbacks
+from solvers.system import Array, TreeEquations, TreeSystem
 
 from .formulation import Formulation
 
@@ -26,24 +26,6 @@ if TYPE_CHECKING:
 # Absolute tolerance of a rate to that of its coordinate, in units of the motion's rate. A tighter one than IDA's costs
 # nothing if stability limits the step, and a looser one lets the fastest modes grow.
 RATE_TOLERANCE_RATIO = 1.5
-
-
-class TreeEquations(NamedTuple):
-    """What kernels call."""
-
-    forward: Any
-    inverse: Any
-    retract: Any
-    power: Any
-    evaluate_energy_bound: Any
-    inertia_parts: Any
-    data: Any
-
-    @staticmethod
-    def of(system: TreeSystem) -> Any:
-        """Return the callbacks of a system, pinned."""
-        callbacks = system.forward, system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
-        return pin(TreeEquations(*callbacks, system.pinned_data))
 
 
 class TreeScratch(NamedTuple):
@@ -73,7 +55,7 @@ class TreeScratch(NamedTuple):
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that are needed to continue a motion."""
-        return [self.inertia]
+        return [self.inertia, self.coordinate_rates]
 
 
 @kernel
@@ -120,7 +102,7 @@ class TreeFormulation(Formulation):
 
     def __init__(self, system: TreeSystem, t: float, q: Array, v: Array, options: Options) -> None:
         super().__init__(system)
-        self._motion, self.equations = Accelerations(system), TreeEquations.of(system)
+        self._motion, self.equations = Accelerations(system), system.equations
         self.rate = motion_rate(self._motion, t, q, v, options.duration)
         self.position_units = system.position_sizes(system.size)
         require_resolution(t, self.rate, q, self.position_units, options.rtol, system.coordinate_names)

@@ -23,7 +23,7 @@ from mbfmu.mechanics import (
 from mbfmu.sheets import Support, Wall, add_contact, add_nip, add_sheet
 from solvers.compiled.kernel import COMPILED
 from solvers.steppers.ida import tree
-from solvers.steppers.ida.tree_callbacks import multiply_matrix, residual
+from solvers.steppers.ida.tree_callbacks import evaluate_residual, multiply_matrix
 
 from .strips import CLAMP, DENSITY, LENGTH, RADIUS, THICKNESS, WIDTH, add_channel, add_driven, add_strip, run, sliding
 
@@ -56,15 +56,16 @@ def test_products_are_derivatives_of_the_residual() -> None:
     q, v = compiled.assemble()
     assert system.m == 4
     stepper = tree.TreeIDAStepper(system, 0.0, q, v)
-    user_data, N, c = stepper._user_data, len(stepper._ida.y), 3e3
+    problem, N, c = stepper.integration, len(stepper._ida.y), 3e3
+    rates = slice(system.nq, system.nq + system.n)
     y, slopes, product = (random.normal(size=N) for _ in range(3))
-    y[: system.nq], y[stepper._velocity_slice] = q, 1e-3 * y[stepper._velocity_slice]
+    y[: system.nq], y[rates] = q, 1e-3 * y[rates]
     above, below = np.zeros(N), np.zeros(N)
     x = 1e-10 * random.normal(size=N)  # at 1e-9 points of the sheet begin to touch
-    multiply_matrix(0.0, y, slopes, x, c, product, user_data)
-    residual(0.0, y + x, slopes + c * x, above, user_data)
-    residual(0.0, y - x, slopes - c * x, below, user_data)
-    for rows in (slice(0, system.nq), stepper._velocity_slice, slice(-2 * system.m, None)):
+    multiply_matrix(0.0, y, slopes, x, c, product, problem)
+    evaluate_residual(0.0, y + x, slopes + c * x, above, problem)
+    evaluate_residual(0.0, y - x, slopes - c * x, below, problem)
+    for rows in (slice(0, system.nq), rates, slice(-2 * system.m, None)):
         found, known = product[rows], 0.5 * (above - below)[rows]
         assert np.abs(found - known).max() < 1e-5 * np.abs(known).max() > 0.0
 

@@ -25,9 +25,9 @@ from mbfmu.session.simulation import Settings, Simulation
 UNABLE = 77
 WAYS = {  # of odd_hosts.c, and how many FMUs each needs
     "two models": 2, "another's state": 2, "loaded again": 1, "forked": 1, "threads": 1, "many": 1, "flushed": 1,
-    "counted": 1, "counted later": 1, "comma": 1, "restored": 1, "nothing": 1,
+    "counted": 1, "comma": 1, "restored": 1, "nothing": 1,
 }  # fmt: skip
-NOT_WITH_IDA = ("counted", "restored")  # memory of the first step; the history is not in a state
+NOT_WITH_IDA = ("restored",)  # the history is not in a state
 ODD_FOLDER = "a b#c%41%zz ü+é&=?"
 
 pytestmark = pytest.mark.skipif(
@@ -97,6 +97,10 @@ def test_hosts_do_what_hosts_may_do(way: str, fmus: list[Told], odd_hosts: Path,
 @pytest.mark.parametrize("way", [way for way in WAYS if way not in NOT_WITH_IDA])
 def test_hosts_do_what_they_may_do_with_ida(way: str, fmus_with_ida: list[Told], odd_hosts: Path, german: Path):
     do(way, fmus_with_ida, odd_hosts, german)
+
+
+def test_steps_of_radau_allocate_nothing(odd_hosts: Path, german: Path, tmp_path: Path):
+    do("counted", [unpacked(FourBar(), tmp_path, solver="radau")], odd_hosts, german)
 
 
 def do(way: str, fmus: list[Told], odd_hosts: Path, german: Path) -> None:

@@ -170,7 +170,7 @@ def test_large_trees_that_machine_code_has_no_way_for_are_refused():
         r"one has",
     ):
         image_of(Simulation(looped, ADAMS))
-    with pytest.raises(UserError, match="only with 'adams' and without constraints; this one has 'radau'"):
+    with pytest.raises(UserError, match=r"only with .* this one has the solver .radau."):
         image_of(Simulation(chain(70), Settings(solver="radau")))
 
 

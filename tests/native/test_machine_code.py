@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 from zipfile import ZipFile, ZipInfo
 
 import numpy as np
@@ -18,9 +19,7 @@ from fmus.feeder import Feeder
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from fmus.sheet import Sheet
-from mbfmu.fmi import export
-from mbfmu.mechanics import Mechanism
+from mbfmu.fmi.native_fmu import _with_solver
 from mbfmu.native import runtime
 from mbfmu.native.entries import image_of
 from mbfmu.native.families import FAMILIES
@@ -29,7 +28,6 @@ from mbfmu.native.kernels import object_names
 from mbfmu.native.runtime import objects
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.session.simulation import Settings, Simulation
-from mbfmu.sheets import Wall, add_contact, add_sheet
 from mbfmu.util.errors import UserError
 from mbfmu.util.progress import when_progressing
 
@@ -195,29 +193,15 @@ def test_progress_of_a_build_is_reported_and_its_error_has_its_cause():
 
 
 def test_a_solver_that_is_not_there_is_refused():
-    with pytest.raises(UserError, match="support solver 'ida' only for small models, and this one has 168 joint"):
-        image_of(Simulation(Sheet(nx=9, nz=7), Settings(solver="ida")))
-    with pytest.raises(UserError, match="do not support the solver 'esdirk'; allowed: adams, hybrid, radau, ida"):
-        image_of(Simulation(Sheet(nx=9, nz=7), Settings(solver="esdirk")))
-
-
-def test_contact_is_refused_as_what_is_not_there():
-    m = Mechanism()
-    paper = {"thickness": 1e-3, "youngs_modulus": 1e6, "density": 800.0, "grid": (4, 3), "tree": "master"}
-    add_contact(m, "table", add_sheet(m, "s", length=0.3, width=0.2, **paper), Wall(at=(0.0, -0.1, 0.0)))
-    with pytest.raises(
-        UserError, match=r"kernel mbfmu.sheets.contact.surface_force.apply is not in the runtime of native FMUs"
-    ):
-        image_of(Simulation(m, Settings(solver="adams")))
-
-
-def test_a_model_whose_solvers_are_not_in_machine_code_is_told_so(tmp_path: Path):
     model = Feeder(path="straight", nips=1, nx=5, nz=4)
-    with pytest.raises(
-        UserError,
-        match=r"^model 'feeder' needs the solver 'ida' or 'esdirk', since .* of nips .* native FMUs support adams",
-    ):
-        export(model, tmp_path / "feeder.fmu", Settings(solver="auto"), native=True)
+    with pytest.raises(UserError, match=r"do not support solver 'ida' for this large model, since .* use 'esdirk'"):
+        image_of(Simulation(model, Settings(solver="ida")))
+
+
+def test_a_model_gets_a_solver_that_suits_it_and_is_in_machine_code():
+    model, told = Feeder(path="straight", nips=1, nx=5, nz=4), list[Any]()
+    assert _with_solver(model, Settings(solver=model.default_solver), told.append).solver == "esdirk"
+    assert not told
 
 
 def test_tuples_are_laid_once_and_arrays_must_not_have_gaps():

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from binding import ERROR, OK, WARNING, Binary
+from binding import DISCARD, ERROR, OK, WARNING, Binary
 from fmpy import read_model_description
 from running import needs_linker
 
@@ -62,6 +62,17 @@ def test_a_host_gets_the_messages_that_it_asks_for(lossy: Binary) -> None:
     assert run(lossy, (b"logAll",), logging=False) == {WARNING, ERROR}
     assert run(lossy, (b"logStatusWarning",), logging=False) == {WARNING}
     assert run(lossy, (b"logStatusError",)) == {ERROR}
+
+
+def test_a_failed_step_is_logged_as_discarded(lossy: Binary) -> None:
+    for category, wanted in ((b"logStatusDiscard", [DISCARD]), (b"logStatusError", []), (b"logAll", [DISCARD])):
+        fmu = lossy.instantiate(logging=False)
+        lossy.logged.clear()
+        assert fmu.call("SetDebugLogging", c_int(1), c_size_t(1), (c_char_p * 1)(category)) == OK
+        assert fmu.set_up() == fmu.call("EnterInitializationMode") == fmu.call("ExitInitializationMode") == OK
+        assert fmu.step(1.0, 0.1) == DISCARD  # the FMU is at t = 0
+        assert [status for status, _ in lossy.logged if status != WARNING] == wanted
+        fmu.free()
 
 
 def test_messages_can_be_turned_off_again(lossy: Binary) -> None:

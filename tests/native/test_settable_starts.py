@@ -11,6 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 from binding import ERROR, OK, Binary, Instance
+from fmpy import extract, read_model_description
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
 from running import needs_linker
 from scipy.optimize import brentq
 
@@ -170,3 +173,39 @@ def test_a_reset_takes_back_parameters(opened: Opened, tmp_path: Path) -> None:
         assert outputs(fmu, names).tolist() == outputs(fresh, names).tolist()
     fmu.free()
     fresh.free()
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_fmpy_resets_all_values(fmi: int, tmp_path: Path) -> None:
+    path = export(Governor(), tmp_path / "model.fmu", settings_of(True), native=True, fmi=fmi)
+    description, folder = read_model_description(str(path)), extract(str(path), str(tmp_path / "fmu"))
+    known = {v.name: v for v in description.modelVariables}
+    kind = FMU2Slave if fmi == 2 else FMU3Slave
+    place = {"unzipDirectory": folder, "modelIdentifier": description.coSimulation.modelIdentifier}
+    fmu = kind(guid=description.guid, instanceName="one", **place)
+    get, set_to = (fmu.getReal, fmu.setReal) if fmi == 2 else (fmu.getFloat64, fmu.setFloat64)
+
+    def begin(values: dict[str, float]) -> list[float]:
+        if fmi == 2:
+            fmu.setupExperiment(startTime=0.0)
+        fmu.enterInitializationMode()
+        for name, value in values.items():
+            set_to([known[name].valueReference], [value])
+        fmu.exitInitializationMode()
+        found = [get([known["collar.height"].valueReference])[0]]
+        for k in range(3):
+            fmu.doStep(0.1 * k, 0.1)
+            found.append(get([known["collar.height"].valueReference])[0])
+        return found
+
+    fmu.instantiate()
+    first = begin({})
+    fmu.reset()
+    changed = begin({"stiffness": 900.0, "tolerance": 1e-5, "spindle.drive": 11.2})
+    assert changed[0] != first[0]
+    fmu.reset()
+    for name in ("stiffness", "tolerance", "spindle.drive"):
+        assert get([known[name].valueReference])[0] == float(known[name].start)
+    assert begin({}) == first
+    fmu.terminate()
+    fmu.freeInstance()

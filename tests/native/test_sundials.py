@@ -147,9 +147,11 @@ def test_a_library_that_is_missing_or_none_is_named(name: str, tmp_path: Path):
     assert binary.component() is None
     assert f"libsundials_{name}" in binary.logged[-1][1]
     assert binary.logged[-1][1].endswith("[fmu-files]")
-    path.write_bytes(b"no library")
-    assert binary.component() is None
-    assert f"libsundials_{name}" in binary.logged[-1][1]
+    for wrong in (b"no library", data[:1000], data[: len(data) // 2], data[:-1], data + b"\0", bytes(len(data))):
+        path.write_bytes(wrong)  # the loader of the system would end the process for some of these
+        assert binary.component() is None
+        assert f"libsundials_{name}" in binary.logged[-1][1]
+        assert "the file is damaged, or belongs to another FMU; unzip the FMU again" in binary.logged[-1][1]
     path.write_bytes(data)
     assert begun(binary).step(0.0, STEP) == OK
 

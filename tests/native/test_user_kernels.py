@@ -171,6 +171,20 @@ def test_a_missing_library_is_an_error_that_names_it(slider: Path, tmp_path: Pat
 
 
 @needs_compiler
+def test_a_library_of_another_fmu_is_refused(tmp_path: Path, slider: Path) -> None:
+    subprocess.run(("unzip", "-q", str(slider), "-d", str(tmp_path / "own")), check=True)
+    other = export(GearedSlider(), tmp_path / "g.fmu", ADAMS, native=True)
+    subprocess.run(("unzip", "-q", str(other), "-d", str(tmp_path / "other")), check=True)
+    (mine,), (theirs,) = ((tmp_path / n).glob("binaries/*/mbfmu_kernels.so") for n in ("own", "other"))
+    whole, told = mine.read_bytes(), list[str]()
+    for wrong in (theirs.read_bytes(), whole[: len(whole) // 2]):
+        mine.write_bytes(wrong)
+        with pytest.raises(Exception, match="instantiate"):
+            simulate_fmu(str(tmp_path / "own"), stop_time=0.1, logger=lambda *a: told.append(str(a[-1])))
+        assert "the file is damaged, or belongs to another FMU; unzip the FMU again" in told[-1]
+
+
+@needs_compiler
 def test_two_fmus_with_other_kernels_in_one_process(tmp_path: Path, slider: Path) -> None:
     other = export(GearedSlider(), tmp_path / "g.fmu", ADAMS, native=True)
     for _ in range(2):

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solvers.linalg.blocks import BlockTree, one_thread, solve_blocks
+from solvers.compiled.kernel import kernel
+from solvers.compiled.tuple_pointer import pin
+from solvers.linalg.blocks import Factors, block_matrices, eliminate, reset, solve_blocks
 
 TREES: list[tuple[list[int], list[int]]] = [
     ([5], [-1]),
@@ -36,33 +38,45 @@ def matrix(sizes: list[int], inward: list[int], symmetric: bool) -> Any:
     return 0.5 * (A + A.T) if symmetric else A
 
 
-def eliminated(sizes: list[int], inward: list[int], A: Any, symmetric: bool) -> tuple[BlockTree, bool]:
-    """The tree filled with A, of a symmetric one with what is said to be read alone, and whether it is regular."""
-    tree, at = BlockTree(sizes, inward), np.concatenate(([0], np.cumsum(sizes)))
-    tree.reset(symmetric)
-    with one_thread():
-        for k, inner in enumerate(inward):
-            own, (D, U, L) = slice(at[k], at[k + 1]), tree._blocks[k]
-            D[:] = A[own, own].T
-            if symmetric:
-                D[np.tril_indices(sizes[k], -1)] = np.nan
-            if inner >= 0:
-                other = slice(at[inner], at[inner + 1])
-                U[:], L[:] = A[own, other].T, np.nan if symmetric else A[other, own].T
-            if not tree.eliminate(k):
-                return tree, False
-    return tree, True
+@kernel
+def fill_and_eliminate(k: int, D: Any, U: Any, L: Any, factors: Any) -> bool:
+    """Fill the matrices of block k with D, U and L, by columns, and eliminate it."""
+    for given, matrix in zip((D, U, L), block_matrices(k, factors)):  # noqa: B905  # kernels have no strict
+        for i in range(given.shape[0]):
+            for j in range(given.shape[1]):
+                matrix[i, j] = given[i, j]
+    done: bool = eliminate(k, factors)
+    return done
+
+
+def eliminated(sizes: list[int], inward: list[int], A: Any, symmetric: bool) -> tuple[Any, bool]:
+    """The factors of A, of a symmetric one by what is said to be read alone, and whether it is regular."""
+    factors, at = pin(Factors.allocate(sizes, inward)), np.concatenate(([0], np.cumsum(sizes)))
+    reset(symmetric, False, factors)
+    for k, inner in enumerate(inward):
+        own = slice(at[k], at[k + 1])
+        D = np.ascontiguousarray(A[own, own].T)
+        U, L = np.zeros((0, sizes[k])), np.zeros((sizes[k], 0))
+        if symmetric:
+            D[np.tril_indices(sizes[k], -1)] = np.nan
+        if inner >= 0:
+            other = slice(at[inner], at[inner + 1])
+            U = np.ascontiguousarray(A[own, other].T)
+            L = np.full(U.T.shape, np.nan) if symmetric else np.ascontiguousarray(A[other, own].T)
+        if not fill_and_eliminate(k, D, U, L, factors):
+            return factors, False
+    return factors, True
 
 
 @pytest.mark.parametrize("symmetric", [True, False])
 @pytest.mark.parametrize(("sizes", "inward"), TREES)
 def test_solutions_are_those_of_the_whole_matrix(sizes: list[int], inward: list[int], symmetric: bool) -> None:
     A = matrix(sizes, inward, symmetric)
-    tree, regular = eliminated(sizes, inward, A, symmetric)
+    factors, regular = eliminated(sizes, inward, A, symmetric)
     assert regular
     for b in np.random.default_rng(7).normal(size=(2, len(A))):
         x = b.copy()
-        solve_blocks(tree.factors, x)
+        solve_blocks(factors, x)
         np.testing.assert_allclose(A @ x, b, atol=1e-9)
 
 

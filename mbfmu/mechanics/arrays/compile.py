@@ -38,7 +38,7 @@ from solvers.compiled.record import R, Table
 from solvers.compiled.record_view import complex_dtype
 
 from .numbering import CompiledAttachment, Numbering, shares_coordinates
-from .tables import COMPLEX, COMPLEX_STEP_NUMBERS, TANGENT_NUMBERS, CalledKernel, Tables
+from .tables import COMPLEX, COMPLEX_STEP_NUMBERS, REAL, TANGENT_NUMBERS, CalledKernel, NumberTypes, Tables
 
 
 class CompiledElements:
@@ -132,9 +132,9 @@ class CompiledElements:
         """Return the same arrays with the kernels that give derivatives by the state."""
         return self.data.arrays._replace(kernels=self._tables.kernels(TANGENT_NUMBERS))
 
-    def called(self) -> list[CalledKernel | None]:
-        """Return what the addresses in ``Arrays.kernels`` are of."""
-        return self._tables.called()
+    def called(self, numbers: NumberTypes = REAL) -> list[CalledKernel | None]:
+        """Return what addresses of kernels for these numbers are of, in the order of ``Arrays.kernels``."""
+        return self._tables.called(numbers)
 
     def signals_in(self, data: Data) -> list[InUse]:
         """Return every signal with its record in the data, or in those of a :meth:`complex_data`."""

@@ -39,7 +39,7 @@ from .rows import VANISHING_TOLERANCE, find_vanishing_rows, first_of, row_names
 from .scale import characteristic_length, describe_assumed_length
 from .signal_dependence import SignalDependence
 from .systems import Systems
-from .tables import CalledKernel
+from .tables import REAL, CalledKernel, NumberTypes
 
 
 class CompiledMechanism:
@@ -226,9 +226,9 @@ class CompiledMechanism:
         """Arrays and state for kernels; see :mod:`solvers.compiled.tuple_pointer`."""
         return unpin(self.system.pinned_data)
 
-    def called(self) -> list[CalledKernel | None]:
-        """Return the kernels of element types whose addresses are in the arrays of this compiled mechanism."""
-        return self._elements.called()
+    def called(self, numbers: NumberTypes = REAL) -> list[CalledKernel | None]:
+        """Return the kernels of element types for these numbers, in the order of their addresses in the arrays."""
+        return self._elements.called(numbers)
 
     def signals(self, data: Data) -> list[InUse]:
         """Return every signal as it is in data of this compiled mechanism: its own, or those of a complex system."""

@@ -37,6 +37,7 @@ UNMOVED = frozenset(("longest_step", "power", "monitor", "misplacement"))  # not
 REAL = NumberTypes(float, float, frozenset(("tangent",)))
 COMPLEX = NumberTypes(complex, complex, UNMOVED | {"tangent"})  # derivatives by all that is in both
 TANGENT_NUMBERS = NumberTypes(float, complex, UNMOVED | {"bias", "potential", "read"})  # ... by the state alone
+LINEARIZED = NumberTypes(float, complex, UNMOVED | {"tangent"})  # ... and of all that is computed from it
 COMPLEX_STEP_NUMBERS = NumberTypes(
     float, complex, UNMOVED | {"potential", "read", "tangent"}
 )  # ... along one direction
@@ -60,6 +61,7 @@ class CalledKernel(NamedTuple):
     record: np.dtype[Any]
     signature: str  # the words of what it is called with after the record, and what it returns
     words: Words = ()
+    state: type = float  # numbers of the state that it is called with
 
 
 class Tables:
@@ -109,20 +111,17 @@ class Tables:
         """Return the addresses of all kernels, MAX_KERNELS for each kind, compiled for these numbers."""
         table = np.zeros((max(1, len(self._used)), MAX_KERNELS), np.int64)
         for own, kind in zip(table, self._used, strict=False):
-            analytic = any(name == "tangent" and function is not None for name, _, function in kind.kernels)
-            left_out = numbers.left_out | ({"apply"} if analytic and numbers is TANGENT_NUMBERS else set())
-            for k, (name, signature, function) in enumerate(kind.kernels):
-                if function is not None and name not in left_out:
-                    own[k] = compiled(CalledKernel(function, kind.record, signature, kind.words), name, numbers)
+            for k, called in enumerate(called_kernels(kind, numbers)):
+                if called is not None:
+                    own[k] = compiled(called, kind.kernels[k][0], numbers)
         return table.ravel()
 
-    def called(self) -> list[CalledKernel | None]:
-        """Return what the addresses of :meth:`kernels` are of, in real numbers; None where there is none."""
+    def called(self, numbers: NumberTypes = REAL) -> list[CalledKernel | None]:
+        """Return what the addresses of :meth:`kernels` are of; None where there is none."""
         found: list[CalledKernel | None] = [None] * (max(1, len(self._used)) * MAX_KERNELS)
         for i, kind in enumerate(self._used):
-            for k, own in enumerate(kind.kernels):
-                if own[2] is not None and own[0] not in REAL.left_out:
-                    found[MAX_KERNELS * i + k] = CalledKernel(own[2], kind.record, own[1], kind.words)
+            for k, called in enumerate(called_kernels(kind, numbers)):
+                found[MAX_KERNELS * i + k] = called
         return found
 
     def complex_memory(self) -> tuple[NDArray[np.uint8], list[int]]:
@@ -137,13 +136,33 @@ def used_type(item: ElementType | type[ElementType]) -> UsedType:
     return UsedType(record_of(item), kernels, tuple(item.records.items()))
 
 
+def called_kernels(kind: UsedType, numbers: NumberTypes) -> list[CalledKernel | None]:
+    """Return the kernels of a kind that are called with these numbers; None where there is none."""
+    analytic = any(name == "tangent" and function is not None for name, _, function in kind.kernels)
+    left_out = numbers.left_out | ({"apply"} if analytic and numbers is TANGENT_NUMBERS else set())
+    return [
+        None
+        if function is None or name in left_out
+        else CalledKernel(function, kind.record, signature, kind.words, _state_numbers(name, signature, kind, numbers))
+        for name, signature, function in kind.kernels
+    ]
+
+
+def _state_numbers(name: str, signature: str, kind: UsedType, numbers: NumberTypes) -> type:
+    return numbers.state if name != "tangent" and has_state(signature, kind.words) else float
+
+
+def has_state(signature: str, words: Words) -> bool:
+    """Whether a kernel is called with something that moves."""
+    return not {"state", "coordinate", *dict(words)}.isdisjoint(signature.partition(" -> ")[0].split(", "))
+
+
 @cache
 def compiled(called: CalledKernel, name: str, numbers: NumberTypes) -> int:
     """Return the address of a kernel, compiled for the words of its signature."""
-    function, record, signature, _ = called
-    state = float if name == "tangent" else numbers.state
+    function, record, signature, *_ = called
     own = record if numbers.arrays is float else complex_dtype(record)
-    arguments, returned = types_of(called, numbers.arrays, state)
+    arguments, returned = types_of(called, numbers.arrays)
     try:
         return address_of(function, own, arguments, returned)
     except Exception as error:  # of numba's many, whatever a user's kernel meets
@@ -155,13 +174,13 @@ def compiled(called: CalledKernel, name: str, numbers: NumberTypes) -> int:
         raise UserError(f"kernel {name!r} ({where}) cannot be compiled: {reason}; {wanted}") from error
 
 
-def types_of(called: CalledKernel, arrays: type = float, state: type = float) -> tuple[list[Any], Any]:
+def types_of(called: CalledKernel, arrays: type = float) -> tuple[list[Any], Any]:
     """Return numba's types of what a signature's words stand for: arguments after the record, and what is returned."""
-    words, _, result = called.signature.partition(" -> ")
+    (words, _, result), state = called.signature.partition(" -> "), called.state
     known = word_types(arrays, state) if COMPILED else {}
     for word, dtype in called.words if COMPILED else ():
         known = {**known, word: record_type(complex_dtype(dtype) if state is complex else dtype)}
-    moving = not {"state", "coordinate", *dict(called.words)}.isdisjoint(words.split(", "))
+    moving = has_state(called.signature, called.words)
     number = types.complex128 if (state if moving else arrays) is complex else types.float64
     pair, triple = (types.UniTuple(number, count) for count in (2, 3))  # type: ignore[no-untyped-call]
     returned = {"": types.void, "number": number, "two": pair, "three": triple}

@@ -173,6 +173,13 @@ def energy(t: float, q: Reals, v: Reals, data: Data) -> float:
     update_positions(arrays, state)
     rotate_inertia(arrays, state)
     update_velocities(arrays, state)
+    return placed_energy(data)
+
+
+@kernel
+def placed_energy(data: Data) -> float:
+    """Kinetic and potential energy of the bodies as they are placed and move, J."""
+    arrays, state = data.arrays, data.state
     return kinetic_energy(arrays, state) + potential_energy(arrays, state)
 
 
@@ -282,7 +289,7 @@ def rotate_quaternion(q: Reals, i: int, dq: Reals, j: int) -> None:
     q[i + 1] = x + w * a + y * c - z * b
     q[i + 2] = y + w * b + z * a - x * c
     q[i + 3] = z + w * c + x * b - y * a
-    norm = (q[i] * q[i] + q[i + 1] * q[i + 1] + q[i + 2] * q[i + 2] + q[i + 3] * q[i + 3]) ** 0.5
+    norm = np.sqrt(q[i] * q[i] + q[i + 1] * q[i + 1] + q[i + 2] * q[i + 2] + q[i + 3] * q[i + 3])
     for k in range(4):
         q[i + k] /= norm
 

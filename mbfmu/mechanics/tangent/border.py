@@ -25,7 +25,7 @@ from .layout import FIXED, Layout
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
-    from mbfmu.mechanics.tangent.factored import TangentScratch
+    from mbfmu.mechanics.tangent.assembly import TangentScratch
     from solvers.compiled.record import Reals
 
 
@@ -35,9 +35,15 @@ class Border(NamedTuple):
     bodies: NDArray[np.int64]  # (r,) whose they are
     motions: NDArray[np.int64]  # (r,) which of six; -1: its coordinate
     lines: Array  # (2 r, n) e, then w
+    loads: Array  # (r, n) u
     columns: Array  # (2 r, n) T^-1 u, then T^-1 e
+    equations: Array  # (2 r, 2 r)
+    units: Array  # (2 r,) which balance them
     inverse: Array  # (2 r, 2 r) of the equations
+    scratch: Array  # (2 r, 2 r)
+    order: NDArray[np.int64]  # (2 r,) scratch
     right: Array  # (2 r,)
+    wrenches: Array  # (nb, 6) scratch
 
     @staticmethod
     def of(layout: Layout, n: int) -> Border:
@@ -49,7 +55,11 @@ class Border(NamedTuple):
             bodies[own] = i
             if layout.columns[i] == 6:
                 motions[own] = range(6)
-        return Border(bodies, motions, z((2 * r, n)), z((2 * r, n)), z((2 * r, 2 * r)), z(2 * r))
+        square, nb = (2 * r, 2 * r), len(layout.columns) if r else 0
+        return Border(
+            bodies, motions, z((2 * r, n)), z((r, n)), z((2 * r, n)), z(square), z(2 * r), z(square), z(square),
+            z(2 * r, np.int64), z(2 * r), z((nb, 6)),
+        )  # fmt: skip
 
 
 @kernel
@@ -87,6 +97,45 @@ def project_wrenches(W: Reals, arrays: Arrays, state: State, out: Reals) -> None
         if body.parent > 0:
             parent = state.bodies[body.parent]
             add_wrench(W[body.parent], here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2], W[i])
+
+
+@kernel
+def project_border(coupling_block: Reals, arrays: Arrays, state: State, border: Border) -> None:
+    """Fill the lines and loads of the border from the wrenches of the couplings, which are spent."""
+    r, n, wrenches = border.bodies.shape[0], border.lines.shape[1], border.wrenches
+    for k in range(r):
+        i, moves = border.bodies[k], False
+        for column in range(n):
+            border.lines[k, column] = 0.0
+        if border.motions[k] < 0:
+            border.lines[k, arrays.bodies[i].vf] = 1.0
+        else:
+            for body in range(wrenches.shape[0]):
+                for a in range(6):
+                    wrenches[body, a] = 1.0 if body == i and a == border.motions[k] else 0.0
+            project_wrenches(wrenches, arrays, state, border.lines[k])
+        project_wrenches(coupling_block[k, 0], arrays, state, border.loads[k])
+        project_wrenches(coupling_block[k, 1], arrays, state, border.lines[r + k])
+        for column in range(n):
+            moves = moves or border.lines[k, column] != 0.0
+        for column in range(n if not moves else 0):  # a motion that the body does not have
+            border.loads[k, column], border.lines[r + k, column] = 0.0, 0.0
+
+
+@kernel
+def set_equations(border: Border) -> None:
+    """Fill the equations and their units, from the solutions for the loads and for the lines e."""
+    count, n = border.right.shape[0], border.lines.shape[1]
+    r = count // 2
+    for a in range(count):
+        for b in range(count):
+            total = 1.0 if a == b else 0.0
+            for i in range(n):
+                total += border.lines[a, i] * border.columns[b, i]
+            border.equations[a, b] = total
+    for k in range(r):
+        own = abs(border.equations[k, r + k])  # of a coordinate alone, one over its stiffness
+        border.units[k], border.units[r + k] = 1.0, own if own > 0.0 else 1.0
 
 
 @kernel

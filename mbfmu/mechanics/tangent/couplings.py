@@ -10,7 +10,7 @@ from .joints import dual_basis
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
-    from mbfmu.mechanics.tangent.factored import TangentScratch
+    from mbfmu.mechanics.tangent.assembly import TangentScratch
     from solvers.compiled.record import Reals
 
 

@@ -16,7 +16,7 @@ from .layout import FIXED, INNER
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
-    from mbfmu.mechanics.tangent.factored import TangentScratch
+    from mbfmu.mechanics.tangent.assembly import TangentScratch
     from mbfmu.mechanics.tangent.layout import Layout
     from solvers.compiled.record import Reals
 

@@ -62,7 +62,8 @@ static bool is_index(int64_t index, int64_t count)
 bool has_length(const Header *h, int64_t length)
 {
     return h->block >= (int64_t)sizeof(Header) && h->block % 8 == 0 && h->size > 0 && h->block <= length &&
-           h->size == length - h->block;
+           h->size <= length - h->block && is_index(h->libraries_count, INT32_MAX) &&
+           h->libraries_count * (int64_t)sizeof(Library) == length - h->block - h->size;
 }
 
 static bool good_states(const Header *h)

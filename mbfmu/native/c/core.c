@@ -70,6 +70,7 @@ void destroy(Instance *own)
         unload(own->user_library);
     free(own->path);
     free(own->tables);
+    free(own->libraries);
     free(own->room);
     free(own->kept);
     free(own->values);
@@ -247,6 +248,7 @@ static Outcome go(Instance *own, double t, double length)
     own->message[0] = '\0';
     own->reached = end;
     log_new(own, status, here);
+    own->advanced = end > here;
     return OK;
 }
 

@@ -41,7 +41,7 @@ Outcome not_offered(Instance *own, const char *call);
 Outcome mistake(Instance *own, const char *text);
 
 /* Messages. */
-enum { LOG_WARNINGS = 1, LOG_ERRORS = 2, LOG_ALL = 3 }; /* categories, bits of what a host has asked for */
+enum { LOG_WARNINGS = 1, LOG_ERRORS = 2, LOG_DISCARDS = 4, LOG_ALL = 7 }; /* categories, bits of what a host has asked for */
 bool is_logged(unsigned logged, const char *category);
 Outcome choose_logging(Instance *own, unsigned *logged, bool on, size_t count, const char *const names[]);
 

@@ -121,7 +121,7 @@ Outcome discard(Instance *own, int64_t code)
         SAY(own->message, "the evaluation at t = ", in_digits(digits, clock_of(own)), " s is discarded: ", what,
             ". The importing tool is expected to repeat the step with a smaller step size; if it cannot, reduce its "
             "tolerance or its step size [discarded-evaluation]");
-    own->log(own->host, DISCARD, "logStatusWarning", own->message);
+    own->log(own->host, DISCARD, "logStatusDiscard", own->message);
     return DISCARD;
 }
 

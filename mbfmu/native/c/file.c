@@ -37,19 +37,16 @@ const char *text_at(const Instance *own, int64_t at)
     return own->tables + own->header->text + at;
 }
 
-size_t count_of(const Instance *own)
-{
-    return (size_t)own->header->variables_count;
-}
-
 /* Return how many bytes of the block a state consists of; co-simulation needs none of those of model exchange. */
 size_t saved_bytes(const Instance *own)
 {
     return (size_t)(own->exchange ? own->header->saved : own->header->saved_alone);
 }
 
-unsigned char *root_of(const Instance *own)
+/* Return what every entry point is called with. */
+unsigned char *root_of(Instance *own)
 {
+    own->advanced = false;
     return own->block + own->header->root;
 }
 
@@ -67,6 +64,16 @@ static bool are_whole(const char *tables, const Header *h)
     size_t before = offsetof(Header, table_sum), after = before + sizeof none;
     uint64_t sum = crc64(crc64(0, tables, before), &none, sizeof none);
     return crc64(sum, tables + after, (size_t)h->block - after) == (uint64_t)h->table_sum;
+}
+
+/* Read the lengths and checksums of the libraries, which follow the block. */
+static bool read_libraries(Instance *own, FILE *file)
+{
+    const Header *h = own->header;
+    size_t size = (size_t)h->libraries_count * sizeof(Library);
+    own->libraries = malloc(size ? size : 1);
+    return own->libraries && !fseek(file, (long)(h->block + h->size), SEEK_SET) && fread(own->libraries, 1, size, file) == size &&
+           crc64(0, own->libraries, size) == (uint64_t)h->libraries_sum;
 }
 
 /* Read the header and the tables, and check them; say what is wrong with the file. */
@@ -102,6 +109,10 @@ static bool read_tables(Instance *own, FILE *file, const char *token, char text[
         SAY(text, "file '", own->path, "' is damaged: it refers to data outside the file; export the FMU again [fmu-files]");
         return false;
     }
+    if (!read_libraries(own, file)) {
+        SAY(text, "file '", own->path, "' is damaged: the checksum of its libraries differs; unzip the FMU again [fmu-files]");
+        return false;
+    }
     own->family = &family;
     return true;
 }
@@ -117,7 +128,7 @@ static bool open_user_library(Instance *own, char text[SAYS])
     char why[SAYS];
     if (!own->header->user_kernels)
         return true;
-    own->user_library = load_beside(USER_LIBRARY, why);
+    own->user_library = load_beside(own, USER_LIBRARY, why);
     if (own->user_library && function_of(own->user_library, USER_TABLE))
         return true;
     SAY(text, "library '" USER_LIBRARY "' of the user-defined kernels, which must be in the folder of the FMU's own library, cannot "
@@ -182,9 +193,9 @@ bool open_model(Instance *own, const char *folder, const char *token, char text[
     if (well) {
         size_t size = (size_t)own->header->size;
         own->room = malloc(size + ALIGNED);
-        own->kept = malloc((size_t)own->header->saved);
+        own->kept = calloc((size_t)own->header->saved, 1);
         own->values = malloc(count_of(own) * sizeof *own->values);
-        own->flags = malloc(count_of(own));
+        own->flags = calloc(flag_words(own), sizeof(uint64_t));
         well = own->room && own->kept && own->values && own->flags;
         if (well)
             own->block = own->room + (ALIGNED - (uintptr_t)own->room % ALIGNED) % ALIGNED;

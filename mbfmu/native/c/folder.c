@@ -6,10 +6,31 @@
 
 #include "folder.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "instance.h"
+
+#define READ_AT_ONCE 4096 /* bytes */
+
+/* Whether a file is a library that the export has put into the FMU: a file that is cut off would end the process when it
+ * is loaded, and that of another FMU has other kernels. */
+static bool is_known_library(const Instance *own, FILE *file, char why[SAYS])
+{
+    unsigned char bytes[READ_AT_ONCE];
+    int64_t length = 0;
+    uint64_t sum = 0;
+    for (size_t count; file && (count = fread(bytes, 1, sizeof bytes, file)) > 0; length += (int64_t)count)
+        sum = crc64(sum, bytes, count);
+    if (file)
+        fclose(file);
+    for (int64_t k = 0; k < own->header->libraries_count; k++)
+        if (own->libraries[k].length == length && (uint64_t)own->libraries[k].sum == sum)
+            return true;
+    SAY(why, "the file is damaged, or belongs to another FMU");
+    return false;
+}
 
 #ifdef _WIN32
 
@@ -18,16 +39,16 @@
 
 #define MAX_PATH_LENGTH 4096
 
-void *load_beside(const char *beginning, char why[SAYS])
+void *load_beside(const Instance *own, const char *beginning, char why[SAYS])
 {
     wchar_t path[MAX_PATH_LENGTH], wide[MAX_PATH_LENGTH / 4];
-    HMODULE own, found = NULL;
+    HMODULE self, found = NULL;
     WIN32_FIND_DATAW file;
     SAY(why, "the folder of the library is not known");
     if (!GetModuleHandleExW(GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS | GET_MODULE_HANDLE_EX_FLAG_UNCHANGED_REFCOUNT,
-                            (const wchar_t *)load_beside, &own))
+                            (const wchar_t *)load_beside, &self))
         return NULL;
-    DWORD length = GetModuleFileNameW(own, path, MAX_PATH_LENGTH);
+    DWORD length = GetModuleFileNameW(self, path, MAX_PATH_LENGTH);
     wchar_t *name = length && length < MAX_PATH_LENGTH ? wcsrchr(path, L'\\') : NULL;
     size_t room = name ? (size_t)(path + MAX_PATH_LENGTH - ++name) : 0;
     if (!MultiByteToWideChar(CP_UTF8, 0, beginning, -1, wide, MAX_PATH_LENGTH / 4) || room < wcslen(wide) + 2)
@@ -41,6 +62,8 @@ void *load_beside(const char *beginning, char why[SAYS])
     FindClose(search);
     if (room > wcslen(file.cFileName)) {
         wcscpy(name, file.cFileName);
+        if (!is_known_library(own, _wfopen(path, L"rb"), why))
+            return NULL;
         found = LoadLibraryExW(path, NULL, LOAD_WITH_ALTERED_SEARCH_PATH);
         SAY(why, "it is not a library for this machine");
     }
@@ -86,16 +109,17 @@ static char *path_beside(const char *folder, size_t length, const char *beginnin
     return path;
 }
 
-void *load_beside(const char *beginning, char why[SAYS])
+void *load_beside(const Instance *own, const char *beginning, char why[SAYS])
 {
-    Dl_info own;
-    const char *end = dladdr((const void *)load_beside, &own) && own.dli_fname ? strrchr(own.dli_fname, '/') : NULL;
-    char *path = end ? path_beside(own.dli_fname, (size_t)(end + 1 - own.dli_fname), beginning)
+    Dl_info self;
+    const char *end = dladdr((const void *)load_beside, &self) && self.dli_fname ? strrchr(self.dli_fname, '/') : NULL;
+    char *path = end ? path_beside(self.dli_fname, (size_t)(end + 1 - self.dli_fname), beginning)
                      : path_beside("./", 2, beginning);
-    void *found = path ? dlopen(path, RTLD_NOW | RTLD_LOCAL) : NULL;
+    bool known = path && is_known_library(own, fopen(path, "rb"), why);
+    void *found = known ? dlopen(path, RTLD_NOW | RTLD_LOCAL) : NULL;
     if (!path)
         SAY(why, "there is no such file");
-    else if (!found) {
+    else if (known && !found) {
         const char *error = dlerror();
         SAY(why, error ? error : "it is not a library for this machine");
     }

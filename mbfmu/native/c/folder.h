@@ -5,8 +5,9 @@
 
 #include "core.h"
 
-/* Load the library whose file name begins with these characters; NULL: the text says why not. */
-void *load_beside(const char *beginning, char why[SAYS]);
+/* Load the library whose file name begins with these characters; NULL: the text says why not. It must be one of those
+ * of the FMU. */
+void *load_beside(const Instance *own, const char *beginning, char why[SAYS]);
 void *function_of(void *library, const char *name);
 void unload(void *library);
 

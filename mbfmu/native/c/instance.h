@@ -14,13 +14,14 @@ struct Instance {
     char *path;   /* of the file of the model */
     char *tables; /* that file up to the block */
     const Header *header;
+    Library *libraries; /* that the FMU may load */
     const Variable *variables;
     const Family *family;
     unsigned char *room;  /* what the block lies in */
     unsigned char *block; /* the model at work */
     unsigned char *kept;  /* its state as the step found it */
     double *values;
-    unsigned char *flags;
+    unsigned char *flags; /* of the variables, and zeros up to a multiple of 8 */
     double start;   /* s */
     double reached; /* s */
     Phase phase;
@@ -29,6 +30,7 @@ struct Instance {
     bool untouched; /* the block is that of the file */
     bool fresh;     /* outputs are those of the present state */
     bool derived;   /* so are derivatives */
+    bool advanced;  /* no entry point was called since a step, which leaves the equations evaluated at its end */
     bool linearized; /* so is the point of directional derivatives: no entry point was called since */
     bool warned_balance, warned_coarse, warned_near_miss, warned_undetermined, warned_branch;
     unsigned reported; /* reasons of discarded evaluations, bits by their codes */
@@ -38,13 +40,23 @@ struct Instance {
     char message[SAYS];
 };
 
+static inline size_t count_of(const Instance *own)
+{
+    return (size_t)own->header->variables_count;
+}
+
+/* Return how many words of 8 bytes the flags of all variables take. */
+static inline size_t flag_words(const Instance *own)
+{
+    return (count_of(own) + sizeof(uint64_t) - 1) / sizeof(uint64_t);
+}
+
 /* file.c */
 bool open_model(Instance *own, const char *folder, const char *token, char text[SAYS]);
 bool load_block(Instance *own);
 const void *section(const Instance *own, int64_t at);
 const char *text_at(const Instance *own, int64_t at);
-size_t count_of(const Instance *own);
-unsigned char *root_of(const Instance *own);
+unsigned char *root_of(Instance *own);
 size_t saved_bytes(const Instance *own);
 
 /* checks.c */

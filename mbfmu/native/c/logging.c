@@ -10,6 +10,8 @@ static unsigned category_of(const char *name)
         return LOG_ALL;
     if (name && strcmp(name, "logStatusWarning") == 0)
         return LOG_WARNINGS;
+    if (name && strcmp(name, "logStatusDiscard") == 0)
+        return LOG_DISCARDS;
     return name && strcmp(name, "logStatusError") == 0 ? LOG_ERRORS : 0;
 }
 
@@ -30,7 +32,7 @@ Outcome choose_logging(Instance *own, unsigned *logged, bool on, size_t count, c
         if (!bits) {
             char text[SAYS];
             SAY(text, "there is no log category '", names[k] ? names[k] : "NULL",
-                "'; allowed: logStatusWarning, logStatusError, logAll");
+                "'; allowed: logStatusWarning, logStatusDiscard, logStatusError, logAll");
             return mistake(own, text);
         }
         named |= bits;

@@ -67,7 +67,7 @@ Outcome fail(Instance *own, Outcome outcome, const char *text)
     char coded[SAYS];
     copy_coded(coded, text);
     keep(own, coded);
-    own->log(own->host, outcome, "logStatusError", coded);
+    own->log(own->host, outcome, outcome == DISCARD ? "logStatusDiscard" : "logStatusError", coded);
     return outcome;
 }
 

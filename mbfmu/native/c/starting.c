@@ -61,7 +61,8 @@ static void read_outputs(Instance *own)
 Outcome evaluate(Instance *own)
 {
     char text[SAYS];
-    int64_t code = own->exchange ? read_exchanged(own) : call_entry(own, own->family->read);
+    int64_t code = own->exchange ? read_exchanged(own)
+                                 : call_entry(own, own->advanced ? own->family->read_advanced : own->family->read);
     if (code != CODE_OK) {
         describe_stop(own, code, text);
         return fail(own, DISCARD, text);

@@ -33,10 +33,10 @@ static int residual(double t, void *y, void *slopes, void *out, void *data)
     RETURN(residual, t, AT(y), AT(slopes), AT(out));
 }
 
-static int set_up_preconditioner(double t, void *y, void *slopes, void *, double, void *data)
+static int set_up_preconditioner(double t, void *y, void *slopes, void *, double c, void *data)
 {
     Instance *own = data;
-    RETURN(set_up_preconditioner, t, AT(y), AT(slopes));
+    RETURN(set_up_preconditioner, t, AT(y), AT(slopes), c);
 }
 
 static int apply_preconditioner(double t, void *y, void *slopes, void *, void *right, void *left, double c, double,
@@ -111,11 +111,12 @@ void fill_table(Instance *own)
     own->is_table_filled = true;
 }
 
-static bool load_libraries(Sundials *s, char text[SAYS])
+static bool load_libraries(const Instance *own, char text[SAYS])
 {
+    Sundials *s = own->sundials;
     for (size_t k = 0; k < LIBRARY_COUNT; k++) {
         char why[SAYS];
-        s->libraries[k] = load_beside(library_names[k], why);
+        s->libraries[k] = load_beside(own, library_names[k], why);
         if (!s->libraries[k]) {
             SAY(text, "library '", library_names[k], "' of SUNDIALS, which must be in the folder of the FMU's own library, cannot "
                 "be loaded: ", why, "; unzip the FMU again, or export it for this machine [fmu-files]");
@@ -156,7 +157,7 @@ bool open_sundials(Instance *own, char text[SAYS])
         SAY(text, "the memory for the instance cannot be allocated [out-of-memory]");
         return false;
     }
-    return load_libraries(s, text) && create_context(own, s, text);
+    return load_libraries(own, text) && create_context(own, s, text);
 }
 
 /* Free what IDA has allocated for the block. */

@@ -3,6 +3,7 @@
    A value that is not allowed is not taken, and no step is made until an allowed one is given. */
 
 #include <math.h>
+#include <string.h>
 
 #include "instance.h"
 
@@ -12,10 +13,12 @@ static const char *const types[] = {"Real", "Integer", "Boolean", "String", "Enu
 bool is_marked(const Instance *own, unsigned flag)
 {
     const unsigned char *flags = own->flags;
-    unsigned all = 0;
-    for (size_t k = 0, count = count_of(own); k < count; k++)
-        all |= flags[k];
-    return all & flag;
+    uint64_t all = 0, word;
+    for (size_t k = 0, count = flag_words(own); k < count; k++) {
+        memcpy(&word, flags + k * sizeof word, sizeof word);
+        all |= word;
+    }
+    return all & flag * UINT64_C(0x0101010101010101);
 }
 
 /* Return what was refused and not given right since; NULL: nothing. */
@@ -102,7 +105,7 @@ static Outcome refresh(Instance *own)
 
 Outcome get(Instance *own, uint32_t reference, unsigned wanted, double *value)
 {
-    if (is_state(own, reference))
+    if (reference >= count_of(own) && is_state(own, reference))
         return get_exchanged(own, reference, wanted, value);
     const Variable *v = known(own, reference, wanted);
     if (!v)

@@ -21,7 +21,7 @@ from mbfmu.mechanics.arrays.input_kernels import (
 )
 from mbfmu.mechanics.arrays.load_groups import largest_ratio
 from mbfmu.mechanics.loads.base import MAX_VALID_RATIO
-from mbfmu.mechanics.recursions.dynamics import energy, observe
+from mbfmu.mechanics.recursions.dynamics import energy, evaluate_outputs, observe, placed_energy
 from solvers.balance import BALANCE_OK, BalanceRecord, check_energy_balance, energy_floor
 from solvers.compiled.kernel import inlined, kernel, records
 from solvers.compiled.record import Record, f8, i8
@@ -207,13 +207,17 @@ def check_energy(session: Session, t: float, now: float, account: Reals) -> floa
 
 
 @kernel
-def check_point(session: Session, t: float, q: Reals, v: Reals, account: Reals) -> None:
-    """Check the energy balance of the state reached, and note how far elements are from their limits there."""
+def check_point(session: Session, t: float, q: Reals, v: Reals, account: Reals, is_placed: bool) -> None:
+    """Check the energy balance of the state reached, and note how far elements are from their limits there.
+
+    ``is_placed``: the bodies are placed and move as at this state.
+    """
+    if session.balance[0].is_checked == 0 and session.monitored.shape[0] == 0:
+        return
+    now = placed_energy(session.data) if is_placed else energy_at(session, t, q, v)  # which places the bodies
     if session.balance[0].is_checked == 1:
-        check_energy(session, t, energy_at(session, t, q, v), account)
-    if session.monitored.shape[0] > 0:
-        energy_at(session, t, q, v)  # places the bodies
-        note_limits(session)
+        check_energy(session, t, now, account)
+    note_limits(session)
 
 
 @inlined
@@ -251,10 +255,15 @@ def check_samples(
 
 @kernel
 def read_outputs(
-    session: Session, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, account: Reals, out: Reals
+    session: Session, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, account: Reals, is_placed: bool, out: Reals
 ) -> None:
     """Put the outputs at the solution (q, v, a, lam) into ``out``, and in place of the energies that they end in the
     energy error and the exchanged energy, J; nan if the energy balance is not checked.
+
+    ``is_placed``: the bodies are placed, move and are loaded as at this state, multipliers excluded.
     """
-    observe(t, q, v, a, lam, session.data, out)
+    if is_placed:
+        evaluate_outputs(a, lam, session.data, out)
+    else:
+        observe(t, q, v, a, lam, session.data, out)
     fill_energies(session, t, account, out)

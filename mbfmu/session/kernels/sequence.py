@@ -87,6 +87,8 @@ class SolverActions(NamedTuple):
     continue_at_state: Callable[..., Any]  # (run): continue after a small change of the equations
     restart: Callable[..., Any]  # (run): discard the history
     jump: Callable[..., Any]  # (run): add ``run.dv`` to the velocities, and continue
+    leaves_placed: bool  # whether ``advance`` leaves the bodies placed and moving as at the state reached
+    evaluates_placed: bool  # whether ``evaluate`` leaves them so, and loaded as there
 
 
 class Sequence(NamedTuple):
@@ -106,7 +108,7 @@ def _unchanged(function: F) -> F:
 
 def sequence_of(solver: SolverActions, compiled: Callable[[F], F] = _unchanged) -> Sequence:
     """Return what runs of a solver do; ``compiled`` compiles a function that others call."""
-    advance, evaluate, continue_at_state, restart, jump = solver
+    advance, evaluate, continue_at_state, restart, jump, leaves_placed, evaluates_placed = solver
 
     def evaluate_impulse(run: Any) -> int:
         """Put the jump of the velocities into ``run.dv``, see :mod:`mbfmu.mechanics.arrays.input_kernels`."""
@@ -146,8 +148,10 @@ def sequence_of(solver: SolverActions, compiled: Callable[[F], F] = _unchanged) 
         code: int = begin(run, end)
         if code != OK:
             return code
+        t = run.clock[0]
         code = advance(run, end)
-        check_point(run.session, run.clock[0], run.q, run.v, run.energy_account)
+        placed = leaves_placed and code == OK and run.clock[0] > t
+        check_point(run.session, run.clock[0], run.q, run.v, run.energy_account, placed)
         return code
 
     def set_input(run: Any, index: int, value: float) -> int:
@@ -160,7 +164,8 @@ def sequence_of(solver: SolverActions, compiled: Callable[[F], F] = _unchanged) 
     def read(run: Any) -> int:
         code: int = evaluate(run)
         if code == OK:
-            read_outputs(run.session, run.clock[0], run.q, run.v, run.a, run.lam, run.energy_account, run.out)
+            solution = run.q, run.v, run.a, run.lam
+            read_outputs(run.session, run.clock[0], *solution, run.energy_account, evaluates_placed, run.out)
         return code
 
     def note(run: Any) -> int:

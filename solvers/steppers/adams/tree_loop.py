@@ -30,7 +30,7 @@ from .pece import make_pece_loop
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
     from solvers.steppers.step_loop import Integration
-    from solvers.steppers.tree import TreeEquations
+    from solvers.system import TreeEquations
 
 
 class SettingsRecord(StepSettingsRecord):

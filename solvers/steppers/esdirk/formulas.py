@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from solvers.compiled.kernel import inlined, kernel, records
 from solvers.energy_account import ACCOUNT_FIELDS, add_energy_error_bound, energy_check_scheduled, update_energy_bound
 from solvers.inertia import update_tree_growth
-from solvers.positions import angular_velocity, as_motion, as_slope
-from solvers.system import Array, TreeSystem
+from solvers.positions import Positions, angular_velocity, as_motion, as_slope
+from solvers.system import Array
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
@@ -71,8 +71,13 @@ CONTROL = np.dtype(
         ("start", "i8"),  # 1: the slopes are to be evaluated again
         ("truncated_steps", "i8"),  # number of steps that are yet to end at the requested time
         ("factored_c", "f8"), ("factored_at", "f8"),  # c, 1/s, and t, s, of the factors of T; c = 0: there are none
+        ("n_factored", "i8"),  # how often T had been factored when they were made; -1: they must be made again
+        ("keeps_factors", "i8"),  # 1: they are kept where loads jump
         ("work", "f8"),  # J
         ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"),
+        ("rank", "i8"),  # of the constraints; names from here on are those of other methods
+        # always zero: a tree has no near misses, and its forces are determined
+        ("undetermined", "i8"), ("undetermined_at", "f8"), ("max_near_miss_factor", "f8"), ("min_gap", "f8"),
     ],
     align=True,
 )  # fmt: skip
@@ -122,6 +127,11 @@ class Stage(NamedTuple):
     df: Array  # (MAX_STAGE_CORRECTIONS, n) changes of corrections, in tolerances, orthonormal
     along: Array  # (MAX_STAGE_CORRECTIONS, n + m) what goes with them
     n_secants: NDArray[np.int64]  # (1,) how many there are
+    newton_x: Array  # (n,) solution of Newton's equations
+    newton_y: Array  # (m,) its multipliers
+    gap: Array  # (m,) how far accelerations are off those of the constraints, as a change of the positions
+    guess: Array  # (nq,) first guess of the stage, and its multipliers
+    guessed_lam: Array  # (m,)
     zero: Array  # (n,)
     no_multipliers: Array  # (m,) zero
     in_q: NDArray[np.int64]  # these as in solvers.positions.Positions
@@ -129,13 +139,13 @@ class Stage(NamedTuple):
     turning: NDArray[np.int64]
 
     @staticmethod
-    def of(system: TreeSystem) -> Stage:
-        """Return zeroed scratch for a system."""
-        nq, n, m, z = system.nq, system.n, system.m, np.zeros
+    def allocate(nq: int, n: int, m: int, positions: Positions) -> Stage:
+        """Return zeroed scratch."""
+        z = np.zeros
         return Stage(
             z(nq), z(n), z(n), z(m), z(nq), z(nq), z(n), z(n), z(nq), z(n), z(nq), z(n), z(n),
             z(n + m), z(n + m), z((MAX_STAGE_CORRECTIONS, n)), z((MAX_STAGE_CORRECTIONS, n + m)), np.zeros(1, np.int64),
-            z(n), z(m), *system.positions,
+            z(n), z(m), z(m), z(nq), z(m), z(n), z(m), *positions,
         )  # fmt: skip
 
 

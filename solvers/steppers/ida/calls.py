@@ -30,6 +30,7 @@ SIGNATURES = {  # of the functions that kernels call, in the letters of solvers.
     "SUNMatDestroy": "i p",
     "SUNLinSol_Dense": "p ppp",
     "SUNLinSol_SPGMR": "p piip",
+    "SUNLinSolInitialize": "i p",
     "SUNLinSolFree": "i p",
     "IDACreate": "p p",
     "IDAInit": "i ppdpp",
@@ -55,10 +56,10 @@ SIGNATURES = {  # of the functions that kernels call, in the letters of solvers.
 FUNCTION_NAMES = tuple(SIGNATURES)
 (
     N_V_MAKE_SERIAL, N_V_DESTROY, SUN_DENSE_MATRIX, SUN_MAT_DESTROY, SUN_LIN_SOL_DENSE, SUN_LIN_SOL_SPGMR,
-    SUN_LIN_SOL_FREE, IDA_CREATE, IDA_INIT, IDA_RE_INIT, IDA_SET_USER_DATA, IDA_SV_TOLERANCES, IDA_WF_TOLERANCES,
-    IDA_SET_LINEAR_SOLVER, IDA_SET_JAC_FN, IDA_SET_PRECONDITIONER, IDA_SET_JAC_TIMES, IDA_SET_DELTA_CJ_L_SETUP,
-    IDA_SET_MAX_CONV_FAILS, IDA_SET_MAX_STEP, IDA_SET_MAX_ORD, IDA_SET_STOP_TIME, IDA_CLEAR_STOP_TIME, IDA_SOLVE,
-    IDA_GET_DKY, IDA_GET_INTEGRATOR_STATS, IDA_FREE,
+    SUN_LIN_SOL_INITIALIZE, SUN_LIN_SOL_FREE, IDA_CREATE, IDA_INIT, IDA_RE_INIT, IDA_SET_USER_DATA, IDA_SV_TOLERANCES,
+    IDA_WF_TOLERANCES, IDA_SET_LINEAR_SOLVER, IDA_SET_JAC_FN, IDA_SET_PRECONDITIONER, IDA_SET_JAC_TIMES,
+    IDA_SET_DELTA_CJ_L_SETUP, IDA_SET_MAX_CONV_FAILS, IDA_SET_MAX_STEP, IDA_SET_MAX_ORD, IDA_SET_STOP_TIME,
+    IDA_CLEAR_STOP_TIME, IDA_SOLVE, IDA_GET_DKY, IDA_GET_INTEGRATOR_STATS, IDA_FREE,
 ) = range(len(FUNCTION_NAMES))  # fmt: skip
 # What IDA calls back, see solvers.steppers.ida.sundials.Callbacks; then what it is given for them
 CALLBACKS = ("residual", "set_up_preconditioner", "apply_preconditioner", "matvec", "jacobian", "error_weights")
@@ -166,6 +167,12 @@ def begin_history(ida: IDAHandle, t: float, rtol: float, max_order: int, max_ste
         failed |= call_int(o[IDA_SET_MAX_STEP], (memory, max_step)) != 0
     o[IS_BEGUN] = 1
     return not failed
+
+
+@kernel
+def allocate_solver(ida: IDAHandle) -> bool:
+    """Let the linear solver allocate its memory, which it does in the first step otherwise; False: there is none."""
+    return call_int(ida.words[SUN_LIN_SOL_INITIALIZE], (ida.words[SOLVER],)) == 0
 
 
 @inlined

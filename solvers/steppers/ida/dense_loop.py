@@ -15,14 +15,15 @@ from solvers.steppers.compiled_loop import MethodKernels
 
 from . import loop
 from .calls import (
+    IS_BEGUN,
     JACOBIAN,
     KRYLOV_DIMENSION,
     MATVEC,
     MAX_CJ_CHANGE,
-    MEMORY,
     PRECONDITION,
     REJECTED,
     SET_UP,
+    allocate_solver,
     begin_history,
     clear_stop,
     count,
@@ -71,15 +72,13 @@ def count_ida_failures(memory: Any) -> None:
 def begin(problem: Integration) -> int:
     """Begin a history at the reported state; return a code."""
     memory, settings = problem.memory, problem.settings[0]
-    ida, t = memory.ida, memory.control[0].t
+    t = memory.control[0].t
     code = fill_start(problem, t)
     if code != OK:
         return code
-    if ida.words[MEMORY] == 0 and not create_dense(problem):
-        return COLLAPSED
     count_ida_failures(memory)
     memory.progress[0].works = settings.works
-    if not begin_history(ida, t, settings.rtol, settings.max_order, settings.max_step, MAX_CJ_CHANGE):
+    if not begin_history_at(problem, t):
         return COLLAPSED
     record_start(memory.progress, memory.counts, memory.energy_record, t, problem.energy_account[WORK])
     end_start(problem, t)
@@ -87,15 +86,30 @@ def begin(problem: Integration) -> int:
 
 
 @kernel
-def create_dense(problem: Any) -> bool:
-    """Create IDA's objects: GMRES with a preconditioner if there are constraints, else the dense linear solver."""
+def allocate(problem: Any, t: float) -> int:
+    """Create IDA's objects, and let SUNDIALS allocate all memory before the first step; return a code.
+
+    The linear solver is GMRES with a preconditioner if there are constraints, else the dense one. The history that
+    begins at t (s) here has no contents: the one of the run begins with the first step.
+    """
     words = problem.memory.ida.words
+    release(problem.memory.ida)  # what an allocation that failed has left
     if problem.memory.unknowns.lam.shape[0] > 0:
         words[JACOBIAN] = 0
     else:
         words[SET_UP], words[PRECONDITION], words[MATVEC] = 0, 0, 0
-    done: bool = create(problem.memory.ida, KRYLOV_DIMENSION)
-    return done
+    done = create(problem.memory.ida, KRYLOV_DIMENSION)
+    return OK if done and begin_history_at(problem, t) and allocate_solver(problem.memory.ida) else COLLAPSED
+
+
+@inlined
+def begin_history_at(problem: Any, t: float) -> bool:
+    """Begin a history of IDA at t (s) with its present unknowns; False: SUNDIALS refuses it."""
+    settings = problem.settings[0]
+    begun: bool = begin_history(
+        problem.memory.ida, t, settings.rtol, settings.max_order, settings.max_step, MAX_CJ_CHANGE
+    )
+    return begun
 
 
 @inlined
@@ -192,6 +206,8 @@ def start(memory: Any, t: float, q: Any, v: Any, work: float, truncated_steps: i
 def restore(problem: Any, options: Any) -> None:
     """Continue from arrays that were saved: IDA's history is not among them, and begins again."""
     memory = problem.memory
+    if memory.ida.words[IS_BEGUN] == 0:
+        allocate(problem, memory.control[0].t)
     restart(memory)
     memory.counts[EARLIER_FAILURES], memory.progress[0].truncated_steps = memory.counts[ERROR_TEST_FAILURES], 0
     set_options(options, problem)

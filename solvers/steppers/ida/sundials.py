@@ -80,38 +80,6 @@ vector_data: Any = external_function("N_VGetArrayPointer")
 matrix_data: Any = external_function("SUNDenseMatrix_Data")
 
 
-SETUP_FUNCTION = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.c_double, *(ctypes.c_void_p,) * 3, ctypes.c_double, ctypes.c_void_p
-)
-
-
-class PythonSetup:
-    """A set-up of the preconditioner in Python, as IDA calls it; an exception is stored and raised later."""
-
-    raised: BaseException | None = None
-
-    def __init__(self, function: Callable[..., int], count: int) -> None:
-        def set_up(t: float, y: int, slopes: int, res: int, cj: float, _data: int) -> int:
-            arrays = (
-                np.ctypeslib.as_array((ctypes.c_double * count).from_address(call_sundials("N_VGetArrayPointer", v)))
-                for v in (y, slopes, res)
-            )
-            try:
-                return function(t, *arrays, cj)
-            except BaseException as error:  # nothing goes through C
-                self.raised = error
-                return -1
-
-        self._function = SETUP_FUNCTION(set_up)
-        self.address = ctypes.cast(self._function, ctypes.c_void_p).value
-
-    def raise_again(self) -> None:
-        """Raise what the function has raised."""
-        if self.raised is not None:
-            error, self.raised = self.raised, None
-            raise error
-
-
 class Callbacks(NamedTuple):
     """What IDA calls back; each returns 0.
 
@@ -119,7 +87,7 @@ class Callbacks(NamedTuple):
     """
 
     residual: Callable[..., int]  # (t, y, y', out, data)
-    set_up_preconditioner: Callable[..., int] | PythonSetup | None = None  # (t, y, y', residual, c_j, data)
+    set_up_preconditioner: Callable[..., int] | None = None  # (t, y, y', residual, c_j, data)
     apply_preconditioner: Callable[..., int] | None = None  # (t, y, y', residual, right, left, c_j, delta, data)
     matvec: Callable[..., int] | None = None  # (t, y, y', residual, vector, product, c_j, data, scratch, scratch)
     jacobian: Callable[..., int] | None = None  # (t, c_j, y, y', residual, out, data, scratch, scratch, scratch)
@@ -164,9 +132,7 @@ class DirectIDA:
         call_sundials("SUNContext_ClearErrHandlers", context.value)
         kind, made = data._numba_type_, list[Any]()
         for given, letters in zip(callbacks, CALLBACK_SIGNATURES, strict=True):
-            compiled = given is None or isinstance(given, PythonSetup)
-            made.append(given if compiled else compile_c_callback(given, letters, kind))
-        self._callbacks = Callbacks._make(made)
+            made.append(None if given is None else compile_c_callback(given, letters, kind))
         self._loop, self._data, self._progress, self._counts, self._handle = loop, data, progress, counts, handle
         self._options = rtol, max_order, max_step
         own = handle.value
@@ -185,10 +151,7 @@ class DirectIDA:
 
     def step_until(self, t: float) -> int:
         """Step until t (s) is passed; see :func:`.loop.step_until`."""
-        code = self._loop(self._handle, self._progress, self._counts, self._data, t)
-        if isinstance(self._callbacks.set_up_preconditioner, PythonSetup):
-            self._callbacks.set_up_preconditioner.raise_again()
-        return int(code)
+        return int(self._loop(self._handle, self._progress, self._counts, self._data, t))
 
     def interpolate(self, t: float) -> Array:
         """Return the unknowns (N,) at t in the last step; they are not numbers if IDA has no step that contains t."""

@@ -34,63 +34,65 @@ motion. Multipliers carry no error control. Reported states are closed onto the 
 **Where forces are not smooth**, pressures turn within micrometers and friction within millimeters per second. IDA's own
 products of Newton's matrix and a vector are differences over what tolerances allow, which is more: they are taken
 exactly, by an imaginary step of the whole residual. And its weights are our own, see
-:meth:`TreeIDAStepper._tolerances`.
+:func:`.tree_memory.refine_tolerances`.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from sksundae.ida import IDAPrecond
 
-from solvers.compiled.tuple_pointer import pin
+from solvers.compiled.kernel import records
+from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.diagnostics import Diagnostic
 from solvers.energy_account import EnergyScales
-from solvers.inertia import Growth, describe_large_growth
-from solvers.linalg.blocks import one_thread
+from solvers.inertia import describe_large_growth
 from solvers.options import Options
-from solvers.outcome import Code
-from solvers.projection.saddle import Accelerations, count_freedom, inverse_squares, motion_rate, project
+from solvers.outcome import CODES, Code
+from solvers.projection.saddle import Accelerations, count_freedom
 from solvers.stepper import require_resolution
-from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array, TreeSystem, energy_callbacks
+from solvers.steppers.step_loop import Integration
+from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array, TreeSystem
 
+from . import tree_loop
 from .binding import BoundIDA
-from .calls import KRYLOV_DIMENSION, IDAHandle
+from .calls import KRYLOV_DIMENSION
 from .driver import IDADriver
-from .ggl import QUATERNION_LENGTH_RATE
-from .loop import JACOBIANS, MAX_CONVERGENCE_FAILURES, MAX_ORDER, N_COUNTERS, STANDSTILL_RATIO
-from .sundials import Callbacks, DirectIDA, PythonSetup, is_library_supported
+from .loop import MAX_CONVERGENCE_FAILURES
+from .sundials import DirectIDA, is_library_supported
+from .tree_c import EXACT_TREE_CALLBACKS, TREE_CALLBACKS, WEIGHING_TREE_CALLBACKS, step_until
 from .tree_callbacks import (
     ComplexStep,
-    Reduced,
+    ResidualData,
     Scratch,
-    UserData,
     accept_step,
     apply_preconditioner,
-    call_error_weights,
-    call_matvec,
-    call_preconditioner,
-    call_residual,
-    record_energy,
-    step_until,
+    evaluate_residual,
+    set_up_preconditioner,
 )
-from .tree_callbacks import residual as residual_of_tree
+from .tree_memory import (
+    MAX_MESH_ORDER,
+    TreeIDAMemory,
+    Work,
+    end_start,
+    fill_start,
+    report_unknowns,
+    set_options,
+    set_up,
+)
 
-MULTIPLIER_TOLERANCE = 1e100  # absolute tolerance of the multipliers, above any force in any unit
-RATE_TOLERANCE_RATIO = 1.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
-MESH_RATE_TOLERANCE_RATIO = 150.0  # the same where the order is low, and fast motions are damped and not followed
-MAX_MESH_ORDER = 2  # of BDF on meshes
 # Factor of the error of a mesh; error in tolerances from which on it is reported.
 MESH_ERROR_FACTOR, MIN_REPORTED_ERROR = 0.18, 30.0
 MIN_RTOL = 1e-12
-SLIP_TOLERANCE_RATIO = 0.3  # part of the slip at which friction turns over, to which a mesh's speed is known
-TIKHONOV_FACTOR = 1e-6
 
 
 class TreeIDAStepper(IDADriver):
     """IDA on a large tree."""
+
+    loop: ClassVar = tree_loop
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         dense = ("adams", "hybrid") if system.n <= MAX_SOLVER_DENSE_COORDINATES else ()
@@ -98,44 +100,39 @@ class TreeIDAStepper(IDADriver):
         super().__init__(system, t0, q0, v0, options)
         self.system = system
         nq, n, m = system.nq, system.n, system.m
-        self._velocity_slice = slice(nq, nq + n)
-        self._scratch, self._terms = Scratch.allocate(nq, n, m), system.allocate_terms()
-        z = np.zeros
-        self._reduced = Reduced(
-            np.ones(1), z((2, m)), system.size**2, z((m, n)), z((n, m)), z((n, m)), z((2 * m, 2 * m))
-        )
+        memory, settings = TreeIDAMemory.allocate(nq, n, m), records(1, tree_loop.SETTINGS)
+        self._set_records(memory.counts, memory.energy_record, memory.progress)
+        settings["has_mesh"], settings["is_smooth"] = self._has_mesh, not system.nonsmooth_reason
+        settings["weighs_errors"] = bool(system.nonsmooth_reason) or system.can_compute_rate_growth
+        work = Work.allocate(nq, n, m, system.placed)
+        work = work._replace(complex_step=self._make_complex_step(unpin(unpin(work.own).reduced)))
+        work.size[:], work.inertia["watched"] = system.size, system.can_compute_rate_growth
+        unpin(work.constraints).row_size[:] = system.row_size
+        work.mesh_mask[:] = 1.0 if system.mesh_mask is None else system.mesh_mask
+        if system.friction_velocity is not None:
+            work.friction_velocity[:] = system.friction_velocity
+        self._memory, self._settings, self._inertia = memory, settings, work.inertia
         self._motion = Accelerations(system)
-        self._rate = motion_rate(self._motion, self._t, self._q, self._v, self.options.duration)
-        sizes, rtol = system.position_sizes(system.size), self.options.rtol
-        require_resolution(self._t, self._rate, self._q, sizes, rtol, system.coordinate_names)
-        self._progress["min_step"] = STANDSTILL_RATIO / self._rate
-        self._growth_data = Growth.of(system, self._rate)
+        self._scales = pin(EnergyScales.of(self.options.rtol, np.zeros(n), np.zeros(n)))
+        own = system.equations, settings, pin(memory), pin(work), self._scales
+        self.integration = pin(Integration(*own, self._q, self._v, self._energy_account))
+        set_options(self.options.record(), self.integration)
+        code = set_up(self.integration, self._t, system.rate, self.options.duration)
+        rtol, rate = self.options.rtol, float(settings["rate"][0])
+        require_resolution(self._t, rate, self._q, work.size_q, rtol, system.coordinate_names)
         self._ida = self._make_ida()
-        self.status = self._status(project(system, self._t, self._q, self._v))
+        self.status = self._status(CODES[code])
 
     def _make_ida(self) -> DirectIDA | BoundIDA:
-        system, options = self.system, self.options
-        mesh = self._has_mesh
-        order = self._order = options.max_order or (MAX_MESH_ORDER if mesh else MAX_ORDER)
-        part = 1.0 if mesh else (system.nq + system.n + 2 * system.m) ** -0.5
-        sizes = options.absolute * system.size
-        rates = (RATE_TOLERANCE_RATIO if order > MAX_MESH_ORDER else MESH_RATE_TOLERANCE_RATIO) * self._rate * sizes
-        atol = np.concatenate(
-            (part * system.position_sizes(sizes), part * rates, np.full(2 * system.m, MULTIPLIER_TOLERANCE))
-        )
-        self._scales = pin(self._find_scales(sizes, rates, len(atol)))
-        user_data = self._user_data = pin(
-            UserData(
-                system.inverse, system.retract, system.position, *energy_callbacks(system), system.pinned_data,
-                self._terms, system.positions, system.tangent.solve_one, system.tangent.inertia_one,
-                system.tangent.data, self._scratch, self._reduced, QUATERNION_LENGTH_RATE * self._rate, len(atol),
-                self._energy_record, self._scales, self._counts, self._progress_array,
-                self._tolerances(atol, part * options.rtol),
-                self._make_complex_step(len(atol)), system.parts_callback, pin(self._growth_data),
-            )
-        )  # fmt: skip
-        ida_options: dict[str, Any] = {"rtol": part * options.rtol, "atol": atol, "max_order": order}
-        if system.nonsmooth_reason and not is_library_supported():
+        system, options, memory, settings = self.system, self.options, self._memory, self._settings[0]
+        rtol, order, problem = float(settings["rtol"]), int(settings["max_order"]), self.integration
+        if is_library_supported():
+            weighing = WEIGHING_TREE_CALLBACKS if settings["weighs_errors"] else TREE_CALLBACKS
+            return DirectIDA(
+                EXACT_TREE_CALLBACKS if system.nonsmooth_reason else weighing, step_until, problem, memory.progress,
+                memory.counts, unpin(unpin(problem).memory).ida, rtol=rtol, max_order=order, max_step=options.max_step,
+            )  # fmt: skip
+        if system.nonsmooth_reason:
             raise ValueError(
                 Diagnostic.error(
                     "unsuitable-solver",
@@ -144,33 +141,21 @@ class TreeIDAStepper(IDADriver):
                     subject="ida",
                 )
             )
-        if is_library_supported():
-            exact: dict[str, Any] = (
-                {"error_weights": call_error_weights}
-                if system.nonsmooth_reason or system.can_compute_rate_growth
-                else {}
-            )
-            if system.nonsmooth_reason:
-                exact["matvec"] = call_matvec
-            callbacks = Callbacks(call_residual, PythonSetup(self._set_up, len(atol)), call_preconditioner, **exact)
-            handle = IDAHandle.allocate(len(atol))
-            handle.atol[:] = atol
-            return DirectIDA(
-                callbacks, step_until, user_data, self._progress_array, self._counts, pin(handle),
-                rtol=part * options.rtol, max_order=order, max_step=options.max_step,
-            )  # fmt: skip
 
         def residual(t: float, y: Array, yp: Array, res: Array) -> None:
-            residual_of_tree(t, y, yp, res, user_data)
+            evaluate_residual(t, y, yp, res, problem)
+
+        def set_up(t: float, y: Array, yp: Array, res: Array, cj: float) -> int:
+            return int(set_up_preconditioner(t, y, yp, cj, problem))
 
         def solve(t: float, y: Array, yp: Array, res: Array, r: Array, z: Array, cj: float, delta: float) -> None:
-            apply_preconditioner(y, r, z, user_data)
+            apply_preconditioner(y, r, z, problem)
 
         return BoundIDA(
-            residual, lambda t, y, slopes, _: accept_step(t, y, slopes, user_data), self._counts, self._progress_array,
-            linsolver="gmres", krylov_dim=KRYLOV_DIMENSION, precond=IDAPrecond(self._set_up, solve),
+            residual, lambda t, y, slopes, _: accept_step(t, y, slopes, problem), self._counts, self._progress_array,
+            linsolver="gmres", krylov_dim=KRYLOV_DIMENSION, precond=IDAPrecond(set_up, solve),
             max_step=0.0 if np.isinf(options.max_step) else options.max_step,
-            max_conv_fails=MAX_CONVERGENCE_FAILURES, **ida_options,
+            max_conv_fails=MAX_CONVERGENCE_FAILURES, rtol=rtol, atol=memory.ida.atol, max_order=order,
         )  # fmt: skip
 
     def _describe_mesh_error(self) -> tuple[Diagnostic, ...]:
@@ -180,7 +165,7 @@ class TreeIDAStepper(IDADriver):
         2/3; the factor was measured on meshes of 35 to 165 nodes, damped and undamped.
         """
         meshed = self.system.mesh_mask
-        if meshed is None or not meshed.any() or self._order > MAX_MESH_ORDER:
+        if meshed is None or not meshed.any() or int(self._settings["max_order"][0]) > MAX_MESH_ORDER:
             return ()
         rtol, factor = self.options.rtol, MESH_ERROR_FACTOR * float(np.sum(meshed)) ** 0.5
         error, needed = factor * rtol ** (-1.0 / 3.0), (rtol / factor) ** 1.5
@@ -202,74 +187,23 @@ class TreeIDAStepper(IDADriver):
     def _has_mesh(self) -> bool:
         return self.system.mesh_mask is not None and bool(self.system.mesh_mask.any())
 
-    def _find_scales(self, sizes: Array, rates: Array, count: int) -> EnergyScales:
-        """Return the scales of the energy error: those of the requested tolerances, independent of those of IDA.
-
-        The stiff modes of a mesh are damped on purpose, as far as IDA's own tolerances let them be.
-        """
-        if self._has_mesh:
-            return EnergyScales.of_mesh(self.options.rtol, sizes, rates, count, MESH_RATE_TOLERANCE_RATIO)
-        return EnergyScales.of(self.options.rtol, sizes, self._rate * sizes)
-
-    def _make_complex_step(self, count: int) -> Any:
+    def _make_complex_step(self, reduced: Any) -> Any:
         """Return what products of Newton's matrix are made with, where forces turn sharply."""
         system = self.system
         if not system.nonsmooth_reason or system.complex_step is None:
             return None
-        (inverse, position, retract, data), z = system.complex_step(), np.zeros((3, count), complex)
-        return ComplexStep(
-            inverse, position, retract, data, system.allocate_terms(complex), system.positions,
-            Scratch.allocate(system.nq, system.n, system.m, complex), self._reduced,
-            QUATERNION_LENGTH_RATE * self._rate, np.zeros(N_COUNTERS), *z,
-        )  # fmt: skip
-
-    def _tolerances(self, atol: Array, rtol: float) -> Array:
-        """Return tolerances where they are weighed (3, N): relative, absolute, the largest.
-
-        IDA's norm is the root of a mean square, in which one of N unknowns may be off by sqrt(N) tolerances. A mesh has
-        many similar ones, but few determine the position of a mesh as a whole. Their rates are accurate to a part of
-        the slip at which friction turns over too: where it reverses within a step, that is what is left of it.
-        """
-        system, N = self.system, len(atol)
-        relative = self.options.rtol if system.nonsmooth_reason else rtol
-        found = np.vstack((np.full(N, relative), atol, np.full(N, np.inf)))
-        if system.nonsmooth_reason and system.mesh_mask is not None and system.friction_velocity is not None:
-            parts = np.where(system.mesh_mask, 1.0, N**-0.5)
-            found[:2, : system.nq] *= system.position_sizes(parts) / system.position_sizes(np.ones(system.n))
-            found[:2, self._velocity_slice] *= parts
-            found[2, self._velocity_slice] = SLIP_TOLERANCE_RATIO * parts * system.friction_velocity
-        return found
-
-    def _set_up(self, t: float, y: Array, yp: Array, res: Array, cj: float) -> int:
-        """Factor the tangent and the equations of the constraints; 1: it is singular there."""
-        self._counts[JACOBIANS] += 1.0
-        residual_of_tree(t, y, yp, np.empty(len(y)), self._user_data)
-        self._reduced.c[0] = cj
-        if not self.system.tangent.factor(cj, cj * cj):
-            return 1
-        self._reduce_constraints(cj)
-        return 0
-
-    def _reduce_constraints(self, cj: float) -> None:
-        system, m, (d0, d1) = self.system, self.system.m, map(np.diag, self._reduced.d)
-        if not m:
-            return
-        J = self._reduced.J
-        J[:] = self._terms.J
-        moved = self._reduced.metric * J
-        inertia = np.array([system.tangent.inertia(row) for row in moved])
-        both = system.tangent.solve(np.vstack((J, cj * inertia)).T)  # (n, 2 m)
-        A, X = self._reduced.A, self._reduced.X
-        A[:], X[:] = both[:, :m], both[:, m:]
-        self._reduced.inverse[:] = np.linalg.inv(np.block([[J @ moved.T + cj * d1, -d0], [-J @ X - d1, -J @ A]]))
+        nq, n, m = system.nq, system.n, system.m
+        scratch, terms = Scratch.allocate(nq, n, m, complex), system.allocate_terms(complex)
+        own = ResidualData(scratch, terms, reduced, system.placed)
+        return ComplexStep(system.complex_step(), own, *np.zeros((3, nq + n + 2 * m), complex))
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
         """Whether the mass matrix requires a finer tolerance, and how large the errors of a mesh may be."""
-        large = describe_large_growth(self._growth_data.inertia) if isinstance(self._ida, BoundIDA) else ""
+        large = describe_large_growth(self._inertia) if isinstance(self._ida, BoundIDA) else ""
         if large:
             text = f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot compensate that"
-            since = float(self._growth_data.inertia[0]["large_since"])
+            since = float(self._inertia[0]["large_since"])
             mass = Diagnostic.warning("ill-conditioned-mass", text, "Use 'adams'", subject="ida", time=since)
             return (*self._describe_mesh_error(), mass)
         return self._describe_mesh_error()
@@ -278,30 +212,18 @@ class TreeIDAStepper(IDADriver):
         return self.system.works()
 
     def _growth(self) -> tuple[float, float]:
-        record = self._growth_data.inertia[0]
-        return float(record["largest"]), float(record["at"])
+        return float(self._inertia[0]["largest"]), float(self._inertia[0]["at"])
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        return [*super().arrays(), self._growth_data.inertia]
-
-    def advance_to(self, t: float) -> Code:
-        """As :meth:`solvers.stepper.Stepper.advance_to`."""
-        with one_thread():
-            return super().advance_to(t)
+        return [*super().arrays(), self._inertia]
 
     def _begin(self) -> Code:
-        motion, m = self._motion, self.system.m
-        code = motion.solve(self._t, self._q, self._v)
+        self._settings["works"] = self._has_work()
+        code = CODES[fill_start(self.integration, self._t)]
         if code is Code.OK:
-            J, zeros = motion.terms.J, np.zeros(m)
-            part, squares = TIKHONOV_FACTOR * self.options.rtol / self._rate, J * J @ self._reduced.metric
-            self._reduced.d[0], self._reduced.d[1] = part / motion.masses, part / inverse_squares(squares)
-            y = np.concatenate((self._q, self._v, motion.lam, zeros))
-            yp = np.concatenate((motion.qdot, motion.a, zeros, zeros))
-            self._begin_with(y, yp)
-            if self.options.energy_check:
-                record_energy(self._t, y, yp, self._user_data)
+            self._begin_with(self._memory.ida.y, self._memory.ida.slopes)
+            end_start(self.integration, self._t)
         return code
 
     @property
@@ -310,16 +232,13 @@ class TreeIDAStepper(IDADriver):
 
         They are valid between two steps.
         """
-        y = self._ida.y
-        return float(self._progress["t_reached"]), y[: self.system.nq].copy(), y[self._velocity_slice].copy()
+        y, nq, n = self._ida.y, self.system.nq, self.system.n
+        return float(self._progress["t_reached"]), y[:nq].copy(), y[nq : nq + n].copy()
 
     def _report_unknowns(self, t: float, y: Array) -> Code:
-        if not np.isfinite(y).all():
-            return Code.NOT_FINITE
-        q, v = y[: self.system.nq].copy(), y[self._velocity_slice].copy()
-        code = project(self.system, t, q, v)
+        code = CODES[report_unknowns(self.integration, t, y)]
         if code is Code.OK:
-            self._t, self._q, self._v = t, q, v
+            self._t = t
         return code
 
     @property

@@ -1,4 +1,8 @@
-"""What IDA is given in tree form: residual and preconditioner; the equations are in :mod:`.tree`."""
+"""What IDA is given in tree form: callbacks, and the function that accepts its steps. The equations: :mod:`.tree`.
+
+All but :func:`residual` get the integration: :class:`solvers.steppers.step_loop.Integration` with the memory and the
+work of :mod:`.tree_memory`.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +11,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.ffi import array_at
 from solvers.compiled.kernel import inlined, kernel
-from solvers.compiled.template import specialize
 from solvers.energy_account import energy_check_scheduled, record_step, update_energy_bound
 from solvers.inertia import tolerance_factor, update_tree_growth
+from solvers.linalg.inversion import invert
 from solvers.outcome import OK
-from solvers.positions import Positions, as_motion, as_slope
+from solvers.positions import as_motion, as_slope
 from solvers.system import Array
 
-from . import loop
 from .dense_callbacks import RTOL_EXPONENT
-from .loop import NONFINITE_RESIDUALS, RESIDUALS, STEPS
-from .sundials import LOOP_CALLS, vector_data
+from .loop import JACOBIANS, NONFINITE_RESIDUALS, RESIDUALS, STEPS
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
+    from solvers.steppers.step_loop import Integration
 
 KRYLOV_STEP_SIZE = 1e-20  # of an imaginary step
 
@@ -56,64 +58,47 @@ class Reduced(NamedTuple):
     """The equations that are left for the constraints, taken with the tangent; see :mod:`.tree`."""
 
     c: Array  # (1,) 1/s
+    length_rate: Array  # (1,) k, 1/s
     d: Array  # (2, m) d0 and d1
     metric: Array  # (n,) S^2
     J: Array  # (m, n)
-    A: Array  # (n, m)
-    X: Array  # (n, m)
+    A: Array  # (m, n) rows T^-1 J^T
+    X: Array  # (m, n) rows T^-1 c M S^2 J^T
     inverse: Array  # (2 m, 2 m) of their matrix
+    scratch: Array  # (2 m, 2 m)
+    order: NDArray[np.int64]  # (2 m,) scratch
+    weight: Array  # (m,) zero: springs of the tangent, see solvers.system.TangentCallbacks
+
+    @staticmethod
+    def allocate(n: int, m: int) -> Reduced:
+        """Return zeroed arrays."""
+        z, square = np.zeros, (2 * m, 2 * m)
+        rows = z((m, n)), z((m, n)), z((m, n))
+        return Reduced(z(1), z(1), z((2, m)), z(n), *rows, z(square), z(square), np.zeros(2 * m, np.int64), z(m))
 
 
-class UserData(NamedTuple):
-    """What IDA's callbacks and its loop are given."""
+class ResidualData(NamedTuple):
+    """What :func:`residual` works on, in real numbers or with an imaginary step."""
 
-    inverse: Any
-    retract: Any
-    position: Any
-    power: Any
-    evaluate_energy_bound: Any
-    data: Any
-    terms: Any
-    positions: Positions
-    solve_one: Any
-    inertia_one: Any
-    tangent: Any
-    scratch: Any
-    reduced: Any
-    length_rate: float  # k
-    n_unknowns: int  # N
-    energy_record: NDArray[Any]
-    scales: Any
-    counts: Array
-    progress: NDArray[Any]
-    tolerances: Array  # (3, N) relative, absolute, the largest; where they are weighed
-    complex_step: Any  # where products are requested
-    inertia_parts: Any
-    growth: Any  # solvers.inertia.Growth
+    scratch: Any  # Scratch
+    terms: Any  # of the constraints
+    reduced: Any  # Reduced
+    positions: Any  # solvers.positions.Positions
 
 
 class ComplexStep(NamedTuple):
-    """Arguments of :func:`residual` with an imaginary step of the unknowns, and these."""
+    """Arguments of :func:`residual` with an imaginary step of the unknowns."""
 
-    inverse: Any
-    position: Any
-    retract: Any
-    data: Any
-    terms: Any
-    positions: Positions
-    scratch: Any
-    reduced: Any
-    length_rate: float
-    counts: Array
-    y: Array  # (N,) complex, these three
+    eqs: Any  # solvers.system.ComplexStepSystem
+    own: Any  # ResidualData
+    y: Array  # (N,) complex, as the two that follow
     slopes: Array
     res: Array
 
 
 @inlined
-def copy_unknowns(y: Reals, slopes: Reals, user_data: Any) -> None:
+def copy_unknowns(y: Reals, slopes: Reals, scratch: Any) -> None:
     """Copy IDA's arrays."""
-    scratch = user_data.scratch
     nq, n = scratch.q.shape[0], scratch.v.shape[0]
     for i in range(nq):
         scratch.q[i] = y[i]
@@ -124,33 +109,36 @@ def copy_unknowns(y: Reals, slopes: Reals, user_data: Any) -> None:
 
 
 @kernel
-def residual(t: float, y: Reals, slopes: Reals, res: Reals, user_data: Any) -> None:
+def residual(t: float, y: Reals, slopes: Reals, res: Reals, eqs: Any, own: ResidualData) -> bool:
     """IDA's residual function; what is not finite IDA takes as a sign to cut the step."""
-    scratch, d, metric, terms = user_data.scratch, user_data.reduced.d, user_data.reduced.metric, user_data.terms
+    scratch, d, metric, terms, rate = (
+        own.scratch,
+        own.reduced.d,
+        own.reduced.metric,
+        own.terms,
+        own.reduced.length_rate[0],
+    )
     nq, n, m = scratch.q.shape[0], scratch.v.shape[0], scratch.lam.shape[0]
-    user_data.counts[RESIDUALS] += 1.0
-    copy_unknowns(y, slopes, user_data)
+    copy_unknowns(y, slopes, scratch)
     if m > 0:
-        user_data.position(t, scratch.q, user_data.data, terms)
-    user_data.inverse(t, scratch.q, scratch.v, scratch.a, scratch.lam, user_data.data, scratch.qdot, scratch.tau)
+        eqs.position(t, scratch.q, eqs.data, terms)
+    eqs.inverse(t, scratch.q, scratch.v, scratch.a, scratch.lam, eqs.data, scratch.qdot, scratch.tau)
     for i in range(nq):
         scratch.unit[i] = scratch.q[i]
-    user_data.retract(scratch.unit, scratch.zero, user_data.data)
+    eqs.retract(scratch.unit, scratch.zero, eqs.data)
     for i in range(nq):
-        res[i] = slopes[i] - scratch.qdot[i] + user_data.length_rate * (scratch.q[i] - scratch.unit[i])
+        res[i] = slopes[i] - scratch.qdot[i] + rate * (scratch.q[i] - scratch.unit[i])
     finite = True
     for i in range(n):
         res[nq + i] = scratch.tau[i]
         finite = finite and np.isfinite(scratch.tau[i])
-    if not finite:
-        user_data.counts[NONFINITE_RESIDUALS] += 1.0
     if m == 0:
-        return
+        return finite
     for i in range(n):
         scratch.load[i] = 0.0
         for row in range(m):
             scratch.load[i] += metric[i] * terms.J[row, i] * y[nq + n + m + row]
-    as_slope(scratch.q, scratch.load, user_data.positions, scratch.slope)
+    as_slope(scratch.q, scratch.load, own.positions, scratch.slope)
     for i in range(nq):
         res[i] += scratch.slope[i]
     for row in range(m):
@@ -159,39 +147,87 @@ def residual(t: float, y: Reals, slopes: Reals, res: Reals, user_data: Any) -> N
             speed += terms.J[row, i] * scratch.v[i]
         res[nq + n + row] = speed - d[0, row] * scratch.lam[row]
         res[nq + n + m + row] = terms.Phi[row] - d[1, row] * y[nq + n + m + row]
+    return finite
 
 
 @kernel
-def multiply_matrix(t: float, y: Reals, slopes: Reals, x: Reals, c: float, out: Reals, user_data: UserData) -> None:
+def evaluate_residual(t: float, y: Reals, slopes: Reals, out: Reals, problem: Integration) -> None:
+    """out (N,) <- residual of IDA."""
+    counts = problem.memory.counts
+    counts[RESIDUALS] += 1.0
+    if not residual(t, y, slopes, out, problem.eqs, problem.work.own):
+        counts[NONFINITE_RESIDUALS] += 1.0
+
+
+@kernel
+def multiply_matrix(t: float, y: Reals, slopes: Reals, x: Reals, c: float, out: Reals, problem: Integration) -> None:
     """out (N,) <- (dF/dy + c dF/dy') x of the residual F, exactly."""
-    e = user_data.complex_step
+    e = problem.work.complex_step
     for i in range(out.shape[0]):
         e.y[i], e.slopes[i] = y[i] + KRYLOV_STEP_SIZE * x[i] * 1j, slopes[i] + KRYLOV_STEP_SIZE * c * x[i] * 1j
-    residual(t, e.y, e.slopes, e.res, e)
+    residual(t, e.y, e.slopes, e.res, e.eqs, e.own)
     for i in range(out.shape[0]):
         out[i] = e.res[i].imag / KRYLOV_STEP_SIZE
 
 
 @kernel
-def set_error_weights(y: Reals, out: Reals, user_data: UserData) -> None:
+def set_error_weights(y: Reals, out: Reals, problem: Integration) -> None:
     """out (N,) <- one over the tolerances of the unknowns."""
-    finer = tolerance_factor(user_data.tolerances[0, 0], RTOL_EXPONENT, user_data.growth)
+    tolerances = problem.work.tolerances
+    finer = tolerance_factor(tolerances[0, 0], RTOL_EXPONENT, problem.work)
     for i in range(out.shape[0]):
-        out[i] = 1.0 / (
-            finer * min(user_data.tolerances[0, i] * abs(y[i]) + user_data.tolerances[1, i], user_data.tolerances[2, i])
-        )
+        out[i] = 1.0 / (finer * min(tolerances[0, i] * abs(y[i]) + tolerances[1, i], tolerances[2, i]))
 
 
 @kernel
-def apply_preconditioner(y: Reals, r: Reals, z: Reals, user_data: UserData) -> None:
+def set_up_preconditioner(t: float, y: Reals, slopes: Reals, cj: float, problem: Integration) -> int:
+    """Factor the tangent and the equations of the constraints; 1: it is singular there."""
+    eqs, own = problem.eqs, problem.work.own
+    problem.memory.counts[JACOBIANS] += 1.0
+    evaluate_residual(t, y, slopes, problem.work.residual, problem)
+    own.reduced.c[0] = cj
+    if not eqs.factor_tangent(cj, cj * cj, own.reduced.weight, False, eqs.tangent):
+        return 1
+    return 0 if reduce_constraints(cj, eqs, own) else 1
+
+
+@kernel
+def reduce_constraints(cj: float, eqs: Any, own: ResidualData) -> bool:
+    """Solve for the equations of the constraints; False: they are singular."""
+    reduced, J, m, n = own.reduced, own.reduced.J, own.reduced.weight.shape[0], own.reduced.metric.shape[0]
+    for row in range(m):
+        for i in range(n):
+            J[row, i] = own.terms.J[row, i]
+            own.scratch.dtheta[i] = cj * (reduced.metric[i] * J[row, i])
+        eqs.multiply_mass_matrix(own.scratch.dtheta, eqs.tangent, own.scratch.load)
+        eqs.solve_tangent(own.scratch.load, eqs.tangent, reduced.X[row])
+        eqs.solve_tangent(J[row], eqs.tangent, reduced.A[row])
+    for row in range(m):
+        for other in range(m):
+            moved, mobile, compliance = 0.0, 0.0, 0.0
+            for i in range(n):
+                moved += J[row, i] * reduced.metric[i] * J[other, i]
+                mobile += J[row, i] * reduced.X[other, i]
+                compliance += J[row, i] * reduced.A[other, i]
+            diagonal = 1.0 if row == other else 0.0
+            reduced.inverse[row, other] = moved + diagonal * cj * reduced.d[1, row]
+            reduced.inverse[row, m + other] = -diagonal * reduced.d[0, row]
+            reduced.inverse[m + row, other] = -mobile - diagonal * reduced.d[1, row]
+            reduced.inverse[m + row, m + other] = -compliance
+    return invert(reduced.inverse, reduced.order, reduced.scratch)
+
+
+@kernel
+def apply_preconditioner(y: Reals, r: Reals, z: Reals, problem: Integration) -> None:
     """z (N,) <- the solution for the residual r, by the tangent as it was factored last."""
-    scratch, reduced, c, positions = user_data.scratch, user_data.reduced, user_data.reduced.c[0], user_data.positions
+    eqs, own = problem.eqs, problem.work.own
+    scratch, reduced, c, positions = own.scratch, own.reduced, own.reduced.c[0], own.positions
     nq, n, m = scratch.q.shape[0], scratch.v.shape[0], scratch.lam.shape[0]
     as_motion(y, r, positions, scratch.res_motion)
-    user_data.inertia_one(scratch.res_motion, user_data.tangent, scratch.load)
+    eqs.multiply_mass_matrix(scratch.res_motion, eqs.tangent, scratch.load)
     for i in range(n):
         scratch.load[i] = r[nq + i] + c * scratch.load[i]
-    user_data.solve_one(scratch.load, user_data.tangent, scratch.dtheta)
+    eqs.solve_tangent(scratch.load, eqs.tangent, scratch.dtheta)
     for row in range(m):
         scratch.right[row], scratch.right[m + row] = r[nq + n + row] - c * r[nq + n + m + row], r[nq + n + m + row]
         for i in range(n):
@@ -205,14 +241,14 @@ def apply_preconditioner(y: Reals, r: Reals, z: Reals, user_data: UserData) -> N
         z[nq + n + m + row], z[nq + n + row] = scratch.multipliers[row], scratch.multipliers[m + row]
         for i in range(n):
             scratch.dtheta[i] -= (
-                reduced.X[i, row] * scratch.multipliers[row] + reduced.A[i, row] * scratch.multipliers[m + row]
+                reduced.X[row, i] * scratch.multipliers[row] + reduced.A[row, i] * scratch.multipliers[m + row]
             )
             scratch.res_motion[i] -= reduced.metric[i] * reduced.J[row, i] * scratch.multipliers[row]
     as_slope(y, scratch.dtheta, positions, z)
     for k in range(positions.turning.shape[0]):  # and the quaternions' length
         first, along = positions.turning[k, 0], 0.0
         for i in range(first, first + 4):
-            along += y[i] * r[i] / (c + user_data.length_rate)
+            along += y[i] * r[i] / (c + reduced.length_rate[0])
         for i in range(first, first + 4):
             z[i] += along * y[i]
     for i in range(n):
@@ -220,69 +256,31 @@ def apply_preconditioner(y: Reals, r: Reals, z: Reals, user_data: UserData) -> N
 
 
 @kernel
-def record_energy(t: float, y: Reals, slopes: Any, user_data: UserData) -> None:
+def record_energy(t: float, y: Reals, slopes: Reals, problem: Integration) -> None:
     """Record the energy after a step of IDA to (t, y, y'); see :mod:`solvers.energy_account`."""
-    record, scratch, done = user_data.energy_record[0], user_data.scratch, 0.0
-    copy_unknowns(y, slopes, user_data)
+    eqs, memory, scratch, done = problem.eqs, problem.memory, problem.work.own.scratch, 0.0
+    record = memory.energy_record[0]
+    copy_unknowns(y, slopes, scratch)
     if energy_check_scheduled(record):
         for row in range(scratch.lam.shape[0]):
             scratch.right[row] = 0.0
-        user_data.inverse(
-            t, scratch.q, scratch.v, scratch.zero, scratch.right, user_data.data, scratch.qdot, scratch.tau
-        )
-        update_energy_bound(user_data.evaluate_energy_bound, user_data.data, record, user_data.scales)
-    if user_data.progress[0].works == 1:
-        user_data.inverse(t, scratch.q, scratch.v, scratch.a, scratch.lam, user_data.data, scratch.qdot, scratch.tau)
-        done = user_data.power(t, scratch.q, scratch.v, scratch.a, scratch.lam, user_data.data)
-    record_step(user_data.energy_record, t, done)
+        eqs.inverse(t, scratch.q, scratch.v, scratch.zero, scratch.right, eqs.data, scratch.qdot, scratch.tau)
+        update_energy_bound(eqs.evaluate_energy_bound, eqs.data, record, problem.scales)
+    if memory.progress[0].works == 1:
+        eqs.inverse(t, scratch.q, scratch.v, scratch.a, scratch.lam, eqs.data, scratch.qdot, scratch.tau)
+        done = eqs.power(t, scratch.q, scratch.v, scratch.a, scratch.lam, eqs.data)
+    record_step(memory.energy_record, t, done)
 
 
 @kernel
-def accept_step(t: float, y: Reals, slopes: Any, user_data: UserData) -> int:
+def accept_step(t: float, y: Reals, slopes: Reals, problem: Integration) -> int:
     """Accept IDA's step to (t, y)."""
-    user_data.counts[STEPS] += 1.0
-    user_data.progress[0].t_reached = t
-    if user_data.growth.inertia[0].watched == 1:  # where Newton's last correction began
-        user_data.inertia_parts(user_data.data, user_data.growth.parts)
-        update_tree_growth(t, user_data.growth.parts, user_data.scratch.v, user_data.growth)
-    if user_data.progress[0].energy_check == 1:
-        record_energy(t, y, slopes, user_data)
+    memory, work = problem.memory, problem.work
+    memory.counts[STEPS] += 1.0
+    memory.progress[0].t_reached = t
+    if work.inertia[0].watched == 1:  # where Newton's last correction began
+        problem.eqs.inertia_parts(problem.eqs.data, work.parts)
+        update_tree_growth(t, work.parts, work.own.scratch.v, work)
+    if memory.progress[0].energy_check == 1:
+        record_energy(t, y, slopes, problem)
     return OK
-
-
-step_until = specialize(loop.step_until, __name__, {**LOOP_CALLS, "accept": accept_step})
-
-
-def call_residual(t: float, y: Any, slopes: Any, out: Any, user_data: Any) -> int:
-    """As IDA calls it."""
-    n = user_data.n_unknowns
-    residual(t, array_at(vector_data(y), n), array_at(vector_data(slopes), n), array_at(vector_data(out), n), user_data)
-    return 0
-
-
-def call_matvec(
-    t: float, y: Any, slopes: Any, _res: Any, x: Any, product: Any, cj: float, user_data: Any, _one: Any, _two: Any
-) -> int:
-    """As IDA calls it."""
-    n = user_data.n_unknowns
-    vectors = array_at(vector_data(y), n), array_at(vector_data(slopes), n), array_at(vector_data(x), n)
-    multiply_matrix(t, vectors[0], vectors[1], vectors[2], cj, array_at(vector_data(product), n), user_data)
-    return 0
-
-
-def call_error_weights(y: Any, out: Any, user_data: Any) -> int:
-    """As IDA calls it."""
-    n = user_data.n_unknowns
-    set_error_weights(array_at(vector_data(y), n), array_at(vector_data(out), n), user_data)
-    return 0
-
-
-def call_preconditioner(
-    _t: float, y: Any, _slopes: Any, _res: Any, right: Any, left: Any, _cj: float, _delta: float, user_data: Any
-) -> int:
-    """As IDA calls it."""
-    n = user_data.n_unknowns
-    apply_preconditioner(
-        array_at(vector_data(y), n), array_at(vector_data(right), n), array_at(vector_data(left), n), user_data
-    )
-    return 0

@@ -1,0 +1,113 @@
+"""FMUs of sheets and of the feeder with implicit solvers: bits of a simulation, rollback, and an importing tool."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from binding import OK, Binary, Instance
+
+from fmus.feeder import Feeder
+from fmus.sheet import Sheet
+from mbfmu.fmi import export
+from mbfmu.modeling import Model
+from mbfmu.native.runtime import COMPILERS
+from mbfmu.native.targets import host
+from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.util.errors import UserError
+
+STEP = 2e-3  # s
+CASES: dict[str, tuple[Model, str]] = {
+    "sheet, ida": (Sheet(nx=7, nz=5), "ida"),
+    "sheet in air, ida": (Sheet(nx=7, nz=5, damping=1e-5, drag=1.4, pressure=0.5), "ida"),
+    "free sheet, ida": (Sheet(nx=7, nz=5, support="free", start_spin=20.0, gravity_y=0.0), "ida"),
+    "sheet, esdirk": (Sheet(nx=7, nz=5), "esdirk"),
+    "feeder, esdirk": (Feeder(), "esdirk"),
+}
+
+pytestmark = pytest.mark.skipif(
+    not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
+)
+
+
+def settings_of(solver: str) -> Settings:
+    """Settings of all runs here."""
+    return Settings(solver=solver, tolerance=1e-4)
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """What exports a case, once, and loads it."""
+    known: dict[str, Binary] = {}
+
+    def open_(name: str) -> Binary:
+        if name not in known:
+            folder, (model, solver) = tmp_path_factory.mktemp("trees"), CASES[name]
+            known[name] = Binary(export(model, folder / "model.fmu", settings_of(solver), native=True), folder)
+        return known[name]
+
+    return open_
+
+
+def begun(binary: Binary) -> Instance:
+    """Return an instance that has been initialized."""
+    fmu = binary.instantiate()
+    assert fmu.set_up() == fmu.call("EnterInitializationMode") == fmu.call("ExitInitializationMode") == OK
+    return fmu
+
+
+def follow(fmu: Instance, simulation: Simulation, first: int, last: int) -> None:
+    """Take steps whose outputs must be equal."""
+    known = {v.name: v.valueReference for v in fmu.binary.description.modelVariables}
+    wanted = [known[v.name] for v in simulation.variables]
+    for k in range(first, last):
+        assert fmu.step(k * STEP, STEP) == OK
+        assert simulation.advance(k * STEP + STEP).ok
+        np.testing.assert_array_equal(fmu.get("Real", wanted)[1], simulation.outputs())
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_outputs_are_those_of_a_simulation(name: str, opened: Any) -> None:
+    model, solver = CASES[name]
+    follow(begun(opened(name)), Simulation(model, settings_of(solver)), 0, 12)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_state_goes_on_in_another_instance(name: str, opened: Any) -> None:
+    """With esdirk bit for bit, with ida as a restored simulation does, whose history begins again."""
+    (model, solver), binary = CASES[name], opened(name)
+    simulation, fmu, other = Simulation(model, settings_of(solver)), begun(binary), binary.instantiate()
+    follow(fmu, simulation, 0, 6)
+    status, state = fmu.save()
+    saved = simulation.stepper.save()
+    assert status == OK
+    follow(fmu, simulation, 6, 9)
+    assert fmu.restore(state) == other.restore(state) == OK
+    for instance in (fmu, other):  # the second was never begun
+        restored = Simulation(model, settings_of(solver))
+        restored.advance(6 * STEP)
+        restored.stepper.restore(saved)
+        follow(instance, restored, 6, 10)
+
+
+def test_an_importing_tool_runs_the_feeder(tmp_path: Path) -> None:
+    model = Feeder()
+    path = export(model, tmp_path / "feeder.fmu", settings_of("esdirk"), native=True)
+    result = fmpy.simulate_fmu(
+        str(path), stop_time=0.02, output_interval=2e-3, fmi_call_logger=None, fmi_type="CoSimulation"
+    )
+    simulation = Simulation(model, settings_of("esdirk"))
+    for row in result[1:]:
+        assert simulation.advance(row["time"]).ok
+        told = dict(zip((v.name for v in simulation.variables), simulation.outputs(), strict=True))
+        for name in set(result.dtype.names or ()) & set(told):
+            assert row[name] == told[name], name
+
+
+def test_ida_and_contact_are_refused_with_the_solver_to_use(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"solver is 'ida'; allowed in a native FMU: adams, hybrid, esdirk, or auto"):
+        export(Feeder(), tmp_path / "feeder.fmu", settings_of("ida"), native=True)
