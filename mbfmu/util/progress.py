@@ -10,7 +10,7 @@ _listeners: list[tuple[Callable[[float], None], Callable[[str], None]]] = []
 
 @contextmanager
 def when_progressing(show: Callable[[float], None], write: Callable[[str], None]) -> Iterator[None]:
-    """Call ``show`` in this block with the part (0 to 1) of long work that is done, and ``write`` with announcements."""
+    """Call ``show`` in this block with the part (0 to 1) of long work that is done, ``write`` with announcements."""
     listener = show, write
     _listeners.append(listener)
     try:
