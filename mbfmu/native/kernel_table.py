@@ -57,7 +57,7 @@ def _is_user_defined(called: CalledKernel) -> bool:
 
 
 def numbers_in_fmu(called: Iterable[CalledKernel | None]) -> dict[CalledKernel, int]:
-    """Return the numbers of kernels in the FMU of a mechanism: of both tables of the runtime, then of its own ones."""
+    """Return the numbers of kernels in an FMU: those of both tables of the runtime, then the user-defined ones."""
     known = *shipped_kernels(), *shipped_kernels(complex), *user_kernels(called)
     return {own: k for k, own in enumerate(known)}
 

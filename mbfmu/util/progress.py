@@ -9,9 +9,9 @@ _listeners: list[tuple[Callable[[float], None], Callable[[str], None]]] = []
 
 
 @contextmanager
-def when_progressing(show: Callable[[float], None], tell: Callable[[str], None]) -> Iterator[None]:
-    """Call ``show`` with the part (0 to 1) that is done of long work in this block, and ``tell`` with announcements."""
-    listener = show, tell
+def when_progressing(show: Callable[[float], None], write: Callable[[str], None]) -> Iterator[None]:
+    """Call ``show`` in this block with the part (0 to 1) of long work that is done, ``write`` with announcements."""
+    listener = show, write
     _listeners.append(listener)
     try:
         yield
@@ -27,5 +27,5 @@ def report_progress(part: float) -> None:
 
 def announce(text: str) -> None:
     """Report what is done in addition, and why."""
-    for _, tell in _listeners:
-        tell(text)
+    for _, write in _listeners:
+        write(text)
