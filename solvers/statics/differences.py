@@ -152,13 +152,16 @@ def find_steady_state(eqs: Equations, t: float, q: Reals, work: SteadyScratch) -
     """Move closed positions q (nq,) to a steady state with the velocities work.newton.v; return an Outcome.
 
     As :meth:`solvers.statics.newton.EquilibriumSolver.solve`, by Newton's method alone. There is no continuation: where
-    a mechanism has several steady states, rounding decides which one a continuation reaches. UNDETERMINED, too: the
-    search begins in a singular configuration, or the state found has others next to it. On failure q is where the
+    a mechanism has several steady states, rounding decides which one a continuation reaches. For the same reason a
+    search that begins where K is singular, as that of a body that nothing holds yet, is NO_PROGRESS. UNDETERMINED, too:
+    the search begins in a singular configuration, or the state found has others next to it. On failure q is where the
     search ended.
     """
     scratch = work.newton
     if not find_start_multipliers(eqs, t, q, work):
         return UNDETERMINED
+    if not is_isolated(eqs, t, q, work):
+        return NO_PROGRESS
     code = newton(eqs, t, q, work.lam, work.rows, 0.0, 0.0, scratch, work.report)
     if code == FOUND and find_farthest(scratch.moved, scratch.size) > MAX_STATE_DISTANCE:
         code = NO_PROGRESS
@@ -167,7 +170,7 @@ def find_steady_state(eqs: Equations, t: float, q: Reals, work: SteadyScratch) -
 
 @kernel
 def is_isolated(eqs: Equations, t: float, q: Reals, work: SteadyScratch) -> bool:
-    """Whether K determines all unknowns of a steady state but the cyclic coordinates."""
+    """Whether K determines all unknowns but the cyclic coordinates, at q and the multipliers of the search."""
     scratch, free = work.newton, 0
     for i in range(scratch.moved.shape[0]):
         scratch.moved[i] = 0.0
