@@ -6,7 +6,7 @@ import numpy as np
 
 from mbfmu.session.simulation import Simulation
 from mbfmu.steady.checks import CHECKED_DRIVE_POSITIONS, STEADY_TOLERANCE, stiffness
-from mbfmu.steady.state import FROM_REST_TEXT, Equilibrium
+from mbfmu.steady.state import Equilibrium
 from mbfmu.steady.supports import Supports
 from solvers.statics.dense import DenseEquilibriumSolver
 from solvers.statics.differences import MIN_PIVOT_RATIO, SteadyScratch
@@ -51,8 +51,8 @@ def explain_missing_search(simulation: Simulation) -> str:
     text = "the initial steady state depends on it, and the FMU does not compute this state: "
     if not compiled.system.has_matrices:
         return f"{text}the model is large"
-    if found.found_from == FROM_REST_TEXT:
-        return f"{text}it was found by increasing the speed of the drives from rest"
+    if found.continued:
+        return f"{text}it was found by a continuation only"
     if found.cyclic.any() and compiled.mechanism.couplings:
         return f"{text}couplings determine rates of the steady state"
     if Supports(compiled, finishes=False).beginnings():

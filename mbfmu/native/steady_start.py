@@ -75,7 +75,7 @@ def find_start_in_steady_state(instance: Any) -> int:
     code = find_misplaced(instance, 0.0)
     if code != ASSEMBLED:
         return code
-    outcome = find_steady_state(eqs, 0.0, problem.q, instance.known[0], search)
+    outcome = find_steady_state(eqs, 0.0, problem.q, search)
     fill_balance(eqs, 0.0, problem.q, steady, steady.forces, steady.gaps)
     if outcome != FOUND:
         note_largest(steady.forces, steady, work)

@@ -29,7 +29,7 @@ from mbfmu.steady.checks import STEADY_TOLERANCE, check
 from mbfmu.steady.cyclic import CYCLIC_TOLERANCE, find_cyclic
 from mbfmu.steady.periodic import PeriodicLinearization, describe_period
 from mbfmu.steady.rigid_body_modes import describe_pushed
-from mbfmu.steady.state import FROM_REST_TEXT, Equilibrium, position_names
+from mbfmu.steady.state import Equilibrium, position_names
 from mbfmu.steady.supports import Supports
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import AssemblyError, EquilibriumError, UserError, suggest
@@ -221,7 +221,7 @@ class EquilibriumProblem:
             solution = replace(solution, iterations=tried + solution.iterations)
             found_from += ", by pseudo-transient continuation"
         if solution.outcome is not Outcome.FOUND:
-            solution, found_from = self._continue_from_rest(q, solution), FROM_REST_TEXT
+            solution, found_from = self._continue_from_rest(q, solution), "rest, by continuation in the drive speed"
         elapsed = time.perf_counter() - begin
         return self._checked(solution, found_from, elapsed, continued=not alone)
 

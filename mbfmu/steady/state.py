@@ -24,7 +24,6 @@ from mbfmu.util.text_table import format_table
 from solvers.statics.spectrum import Spectrum, Stability
 from solvers.system import Array
 
-FROM_REST_TEXT = "rest, by continuation in the drive speed"  # start of a search, see Equilibrium.found_from
 MAX_PRINTED_MODES = 60  # modes that are printed
 
 

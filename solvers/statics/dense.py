@@ -208,9 +208,8 @@ def accept_trial(q: Reals, lam: Reals, scratch: NewtonScratch) -> None:
         scratch.moved[i] = scratch.moved_try[i]
 
 
-@kernel
-def factor_jacobian(scratch: NewtonScratch) -> bool:
-    """Eliminate K; False where it or f is not finite."""
+def factor_jacobian_template(scratch: NewtonScratch) -> bool:
+    """Eliminate K; False where it or f is not finite. A template whose hook is ``UNDETERMINED_PIVOT_RATIO``."""
     N = scratch.z.shape[0]
     for i in range(N):
         if not np.isfinite(scratch.f[i]):
@@ -221,6 +220,9 @@ def factor_jacobian(scratch: NewtonScratch) -> bool:
             scratch.LU[i, j] = scratch.K[i, j]
     scratch.rank[0] = factor_full_pivot(scratch.LU, N, N, UNDETERMINED_PIVOT_RATIO, scratch.order, scratch.columns)
     return True
+
+
+factor_jacobian = specialize(factor_jacobian_template, __name__, {})
 
 
 @kernel
@@ -261,7 +263,7 @@ def newton_template(
 ) -> int:
     """Solve f = 0 from (q, lam), in place, or a pseudo-transient step; report: Jacobians factored.
 
-    A template whose hook is ``linearize``.
+    A template whose hooks are ``linearize`` and ``factor_jacobian``.
     """
     n = scratch.v.shape[0]
     for i in range(n):

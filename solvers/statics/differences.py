@@ -1,10 +1,10 @@
 """Steady states of a mechanism with dense matrices without complex numbers: as kernels, for native FMUs.
 
-Residuals, damping, continuation and limits are those of :mod:`.dense` and :mod:`.newton`. The Jacobian consists of
-central differences. Its error, about 1e-10 of the largest entry, makes Newton's method converge linearly with a small
-factor instead of quadratically; the state that it converges to is the same. A pivot of the order of this error does
-not determine an unknown, so that the search ends without a result. Coordinates that are known to be cyclic are left
-out, and stay where they are.
+Residuals, damping and limits are those of :mod:`.dense` and :mod:`.newton`. The Jacobian consists of
+central differences. Its error, about 1e-11 of the largest entry, makes Newton's method converge linearly with a small
+factor instead of quadratically; the state that it converges to is the same. A pivot that this error may cause does not
+determine an unknown: such unknowns stay as they are, as those of zero pivots do in :mod:`.dense`. Coordinates that are
+known to be cyclic are left out, and stay where they are.
 """
 
 from __future__ import annotations
@@ -16,42 +16,17 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import kernel
 from solvers.compiled.template import specialize
-from solvers.linalg.dense import factor_full_pivot, solve_full_pivot
 from solvers.system import Array, Equations
 
-from .dense import (
-    UNDETERMINED_PIVOT_RATIO,
-    NewtonScratch,
-    factor_jacobian,
-    find_constraint_forces,
-    max_stiffness,
-    newton_template,
-)
-from .newton import (
-    DIFFICULT_STEP_FACTOR,
-    EASY_STEP_FACTOR,
-    EASY_STEP_FACTORIZATIONS,
-    FAILED_STEP_FACTOR,
-    FIRST_DURATION,
-    FOUND,
-    MAX_DURATION,
-    MAX_FACTORIZATIONS,
-    MAX_STATE_DISTANCE,
-    MAX_STEP_DISTANCE,
-    MIN_DURATION,
-    NO_PROGRESS,
-    REGULARIZATION_MASS,
-    RESTING_DISTANCE,
-    RESTING_DURATION,
-    SINGULAR,
-    UNDETERMINED,
-)
+from .dense import NewtonScratch, factor_jacobian_template, find_constraint_forces, max_stiffness, newton_template
+from .newton import FOUND, MAX_STATE_DISTANCE, NO_PROGRESS, UNDETERMINED
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Integers, Reals
 
-DIFFERENCE_STEP = 1e-6  # of a coordinate to either side, in its unit
-MIN_PIVOT_RATIO = 1e-9  # pivot of K relative to the first, below which a steady state has others next to it
+DIFFERENCE_STEP = 1e-5  # of a coordinate to either side, in its unit
+# pivot of K relative to the first, below which it may be an error of the differences, amplified by the elimination
+MIN_PIVOT_RATIO = 1e-7
 
 
 class SteadyScratch(NamedTuple):
@@ -59,12 +34,7 @@ class SteadyScratch(NamedTuple):
 
     newton: Any  # NewtonScratch of real numbers
     rows: NDArray[np.int64]  # (rank,) independent constraints
-    q: Array  # (nq,) where the search began
     lam: Array  # (rank,) multipliers
-    q_at: Array  # (nq,) the state that the continuation has reached
-    lam_at: Array  # (rank,)
-    applied: Array  # (n,) forces without those of cut joints, there
-    applied_next: Array  # (n,) ... and after a step
     report: Array  # (1,) factorized Jacobians
 
     @staticmethod
@@ -73,7 +43,7 @@ class SteadyScratch(NamedTuple):
         n, rank, z = len(size), len(row), np.zeros
         newton = NewtonScratch.allocate(nq, size.copy(), row.copy())
         newton = newton._replace(q=z(nq), v=z(n), dq=z(n), ahead=z(n + rank), cyclic=cyclic.astype(np.int64))
-        return SteadyScratch(newton, rows.astype(np.int64), z(nq), z(rank), z(nq), z(rank), z(n), z(n), z(1))
+        return SteadyScratch(newton, rows.astype(np.int64), z(rank), z(1))
 
 
 @kernel
@@ -155,40 +125,9 @@ def linearize_by_differences(
             scratch.K[n + other, n + r] = 0.0
 
 
-newton = specialize(newton_template, __name__, {"linearize": linearize_by_differences})
-
-
-@kernel
-def copy_state(q: Reals, lam: Reals, q_to: Reals, lam_to: Reals) -> None:
-    """(q_to, lam_to) = (q, lam)."""
-    for i in range(q.shape[0]):
-        q_to[i] = q[i]
-    for r in range(lam.shape[0]):
-        lam_to[r] = lam[r]
-
-
-@kernel
-def fill_applied_forces(eqs: Equations, t: float, q: Reals, v: Reals, out: Reals) -> None:
-    """out (n,) = h at (t, q, v)."""
-    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-    for i in range(out.shape[0]):
-        out[i] = eqs.terms.h[i]
-
-
-@kernel
-def measure_rate(eqs: Equations, t: float, q: Reals, scratch: Any) -> float:
-    """Rate (1/s) at which the forces at q move the mechanism from rest; 1 without forces."""
-    n, terms, largest = scratch.v.shape[0], eqs.terms, 0.0
-    eqs.dynamics(t, q, scratch.v, eqs.data, terms)
-    for i in range(n):
-        scratch.f[i] = terms.h[i]
-        for j in range(n):
-            scratch.LU[i, j] = terms.M[i, j]
-    rank = factor_full_pivot(scratch.LU, n, n, UNDETERMINED_PIVOT_RATIO, scratch.order, scratch.columns)
-    solve_full_pivot(scratch.LU, n, rank, scratch.order, scratch.columns, scratch.f, scratch.z)
-    for i in range(n):
-        largest = max(largest, abs(scratch.z[i]) / scratch.size[i])
-    return np.sqrt(largest) if largest > 0.0 else 1.0
+factor_jacobian = specialize(factor_jacobian_template, __name__, {"UNDETERMINED_PIVOT_RATIO": MIN_PIVOT_RATIO})
+hooks = {"linearize": linearize_by_differences, "factor_jacobian": factor_jacobian}
+newton = specialize(newton_template, __name__, hooks)
 
 
 @kernel
@@ -209,85 +148,36 @@ def find_farthest(moved: Reals, size: Reals) -> float:
 
 
 @kernel
-def continue_to_rest(eqs: Equations, t: float, q: Reals, rate: float, work: SteadyScratch) -> None:
-    """(work.q_at, work.lam_at) = a state near rest: :meth:`solvers.statics.newton.EquilibriumSolver._continue`."""
-    scratch, duration, growth, factored = work.newton, FIRST_DURATION, EASY_STEP_FACTOR, 0.0
-    copy_state(q, work.lam, work.q_at, work.lam_at)
-    fill_applied_forces(eqs, t, q, scratch.v, work.applied)
-    while factored < MAX_FACTORIZATIONS and MIN_DURATION < duration < MAX_DURATION:
-        c2 = (rate / duration) ** 2
-        copy_state(work.q_at, work.lam_at, q, work.lam)
-        work.report[0] = 0.0
-        code = newton(eqs, t, q, work.lam, work.rows, c2, c2, scratch, work.report)
-        count = work.report[0]
-        factored += count
-        fill_applied_forces(eqs, t, q, scratch.v, work.applied_next)
-        uphill = 0.0
-        for i in range(scratch.moved.shape[0]):
-            uphill += (work.applied[i] + work.applied_next[i]) * scratch.moved[i]
-        if code not in (FOUND, UNDETERMINED) or uphill > 0.0:
-            duration, growth = FAILED_STEP_FACTOR * duration, DIFFICULT_STEP_FACTOR
-            continue
-        farthest = find_farthest(scratch.moved, scratch.size)
-        copy_state(q, work.lam, work.q_at, work.lam_at)
-        for i in range(work.applied.shape[0]):
-            work.applied[i] = work.applied_next[i]
-        if farthest > MAX_STEP_DISTANCE or (duration >= RESTING_DURATION and farthest < RESTING_DISTANCE):
-            break
-        longer = EASY_STEP_FACTOR if count < EASY_STEP_FACTORIZATIONS else DIFFICULT_STEP_FACTOR
-        duration *= min(growth, longer)
-        growth = min(EASY_STEP_FACTOR, DIFFICULT_STEP_FACTOR * growth)
-
-
-@kernel
-def find_steady_state(eqs: Equations, t: float, q: Reals, rate: float, work: SteadyScratch) -> int:
+def find_steady_state(eqs: Equations, t: float, q: Reals, work: SteadyScratch) -> int:
     """Move closed positions q (nq,) to a steady state with the velocities work.newton.v; return an Outcome.
 
-    As :meth:`solvers.statics.newton.EquilibriumSolver.solve`, by Newton's method alone and then after a continuation.
-    UNDETERMINED, too: the search begins in a singular configuration, or the state found has others next to it. On
-    failure q is where the search ended. ``rate`` (1/s) is that of the system.
+    As :meth:`solvers.statics.newton.EquilibriumSolver.solve`, by Newton's method alone. There is no continuation: where
+    a mechanism has several steady states, rounding decides which one a continuation reaches. For the same reason a
+    search that begins where K is singular, as that of a body that nothing holds yet, is NO_PROGRESS. UNDETERMINED, too:
+    the search begins in a singular configuration, or the state found has others next to it. On failure q is where the
+    search ended.
     """
     scratch = work.newton
-    copy_state(q, work.lam, work.q, work.lam)
     if not find_start_multipliers(eqs, t, q, work):
         return UNDETERMINED
+    if not is_isolated(eqs, t, q, work):
+        return NO_PROGRESS
     code = newton(eqs, t, q, work.lam, work.rows, 0.0, 0.0, scratch, work.report)
     if code == FOUND and find_farthest(scratch.moved, scratch.size) > MAX_STATE_DISTANCE:
         code = NO_PROGRESS
-    if code != FOUND:
-        copy_state(work.q, work.lam, q, work.lam)
-        find_start_multipliers(eqs, t, q, work)
-        if not rate > 0.0:
-            rate = measure_rate(eqs, t, q, scratch)
-        continue_to_rest(eqs, t, q, rate, work)
-        copy_state(work.q_at, work.lam_at, q, work.lam)
-        code = newton(eqs, t, q, work.lam, work.rows, 0.0, 0.0, scratch, work.report)
-        if code in (NO_PROGRESS, SINGULAR):
-            copy_state(work.q_at, work.lam_at, q, work.lam)
-            again = newton(eqs, t, q, work.lam, work.rows, 0.0, REGULARIZATION_MASS * rate**2, scratch, work.report)
-            code = again if again == FOUND else code
     return UNDETERMINED if code == FOUND and not is_isolated(eqs, t, q, work) else code
 
 
 @kernel
-def pivot_of(k: int, scratch: Any) -> float:
-    """Return pivot k of the factors."""
-    pivot: float = scratch.LU[scratch.order[k], scratch.columns[k]]
-    return pivot
-
-
-@kernel
 def is_isolated(eqs: Equations, t: float, q: Reals, work: SteadyScratch) -> bool:
-    """Whether K determines all unknowns of a steady state but the cyclic coordinates."""
+    """Whether K determines all unknowns but the cyclic coordinates, at q and the multipliers of the search."""
     scratch, free = work.newton, 0
     for i in range(scratch.moved.shape[0]):
         scratch.moved[i] = 0.0
         free += scratch.cyclic[i]
     linearize_by_differences(eqs, t, q, work.lam, scratch.moved, work.rows, 0.0, 0.0, 1.0, scratch)
-    scale, n, last = max_stiffness(scratch), scratch.v.shape[0], scratch.z.shape[0] - free - 1
+    scale, n, N = max_stiffness(scratch), scratch.v.shape[0], scratch.z.shape[0]
     for i in range(n):
         for k in range(n):
             scratch.K[i, k] /= scale
-    if not factor_jacobian(scratch) or scratch.rank[0] != last + 1:
-        return False
-    return last < 0 or abs(pivot_of(last, scratch)) > MIN_PIVOT_RATIO * abs(pivot_of(0, scratch))
+    return bool(factor_jacobian(scratch)) and scratch.rank[0] == N - free

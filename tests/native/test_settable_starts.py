@@ -14,6 +14,7 @@ from binding import ERROR, OK, Binary, Instance
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
+from quarter_car import QuarterCar
 from running import needs_linker
 from scipy.optimize import brentq
 
@@ -131,6 +132,26 @@ def test_random_parameters_give_the_motion_of_a_model_built_with_them(
             assert fmu.step(0.02 * k, 0.02) == OK
             simulation.advance(0.02 * (k + 1))
         fmu.free()
+
+
+@pytest.mark.parametrize(
+    "factors",
+    [
+        (1.04, 1.223, 1.371, 1.123, 1.154, 1.355, 0.893, 0.456, 0.868),
+        (0.993, 0.924, 0.632, 0.995, 0.996, 0.484, 0.901, 1.118, 1.048),
+    ],
+)
+def test_a_search_from_a_start_without_contact_is_refused_and_does_not_end_in_one_of_many_states(
+    factors: tuple[float, ...], opened: Opened
+) -> None:
+    """The tire of the quarter car does not touch the road at the start: Newton's method alone finds nothing."""
+    model, binary = QuarterCar(), opened(QuarterCar(), True)
+    names = [p.name for p in model.parameters()]
+    values = {n: float(getattr(model, n) * factor) for n, factor in zip(names, factors, strict=True)}
+    status, fmu = started(binary, values)
+    assert status == ERROR
+    assert binary.logged[-1][1].startswith("no steady state was found for the values that are set: at the end of")
+    fmu.free()
 
 
 def test_without_changes_the_start_is_that_of_the_export_to_the_last_bit(opened: Opened) -> None:
