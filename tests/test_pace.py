@@ -95,15 +95,14 @@ def test_a_run_that_ends_soon_is_not_remarked() -> None:
     assert not loose.diagnostics
 
 
-@pytest.mark.parametrize("way", ["--direct", ""])
 def test_the_command_line_prints_the_remark(
-    way: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(step_count, "MIN_EXPECTED_STEPS", 3000)
     monkeypatch.setattr(step_count, "MIN_STEPS_UNKNOWN_END", EARLY)
     sets = [f"--set={name}={value}" for name, value in (STRIP | {"curl_x": 5.0}).items()]
     times, wanted = ["--stop-time=0.004", "--interval=0.001"], ["--tolerance=1e-6", f"--output={tmp_path / 'out'}"]
-    code = main(["run", "sheet", *filter(None, [way]), *sets, *times, "--solver=ida", *wanted])
+    code = main(["run", "sheet", "--direct", *sets, *times, "--solver=ida", *wanted])
     written = capsys.readouterr()
     assert code == 0, written.err
     assert f"mbfmu: note: 'ida' has taken {EARLY} steps" in written.err

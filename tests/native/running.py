@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.native.entries import family_of, image_of
-from mbfmu.native.kernel_table import shipped_kernels
+from mbfmu.native.kernel_table import DERIVATIVE_TABLE_SYMBOL, KERNEL_TABLE_SYMBOL, shipped_kernels
 from mbfmu.native.runtime import COMPILERS, PACKAGE_DIR, objects
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Simulation
@@ -50,7 +50,9 @@ class Running:
         self.block[:] = np.frombuffer(image.block(), np.uint8)
         words, here = self.block.view(np.uint64), self.block.ctypes.data
         self._root, self._family = here + image.root, family_of(simulation)
-        table = (ctypes.c_void_p * len(shipped_kernels())).in_dll(runtime(self._family), "mb_kinds")
+        table: list[Any] = []
+        for state, symbol in ((float, KERNEL_TABLE_SYMBOL), (complex, DERIVATIVE_TABLE_SYMBOL)):
+            table += (ctypes.c_void_p * len(shipped_kernels(state))).in_dll(runtime(self._family), symbol)
         for at, target in image.relocations:
             words[at // 8] = here + target
         for at, number in image.kernels:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -16,6 +17,7 @@ import pytest
 from fmpy import read_model_description
 
 from fmus.fourbar import FourBar
+from mbfmu.fmi import native_fmu
 from mbfmu.fmi.export import FmuKind, export, export_scene
 from mbfmu.modeling.scene import load_scene
 from mbfmu.modeling.settings import Settings
@@ -150,11 +152,14 @@ def test_an_fmu_that_cannot_call_python_is_not_replaced(requested: tuple[str], c
     assert err.rstrip().endswith("[no-runtime]")
 
 
-def test_a_solver_that_is_not_native_calls_python(runtime: Path, command: Command, tmp_path: Path):
-    solver = ("--solver=esdirk", "--set=nx=9", "--set=nz=7")
-    _, out, _ = command("run", "sheet", *solver, "--stop-time=1e-3", "--interval=1e-3", "-o", str(tmp_path))
+def test_a_solver_that_is_not_native_calls_python(
+    runtime: Path, command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(native_fmu, "refuse_solver", partial(native_fmu.refuse_solver, supported=("adams",)))
+    times = ("--stop-time=1e-3", "--interval=1e-3")
+    _, out, _ = command("run", "fourbar", "--solver=radau", *times, "-o", str(tmp_path))
     assert COUPLED in out
-    assert "solver is 'esdirk'; allowed in a native FMU: " in out
+    assert "solver is 'radau'; allowed in a native FMU: " in out
 
 
 def test_a_native_fmu_is_the_default_and_python_an_option(runtime: Path, command: Command, tmp_path: Path):

@@ -91,18 +91,6 @@ def test_order_and_length_of_the_last_step_are_told() -> None:
     assert simulation.statistics.rejected == counted
 
 
-def test_what_a_preconditioner_raises_comes_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    simulation = Simulation(Sheet(nx=9, nz=6), Settings(solver="ida", tolerance=1e-4))
-
-    def interrupt(*_: Any) -> bool:
-        raise KeyboardInterrupt
-
-    tangent = simulation.stepper.system.tangent  # type: ignore[attr-defined]
-    monkeypatch.setattr(type(tangent), "factor", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        simulation.stepper.advance(0.1)
-
-
 def test_a_thousand_of_them_leave_nothing_behind() -> None:
     gc.collect()
     sizes = []
