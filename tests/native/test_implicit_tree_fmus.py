@@ -29,6 +29,8 @@ CASES: dict[str, tuple[Model, str]] = {
     "feeder, esdirk": (Feeder(), "esdirk"),
 }
 
+# the export of the feeder builds it many times
+MARKED = [pytest.param(name, marks=pytest.mark.campaign if "feeder" in name else ()) for name in CASES]
 pytestmark = pytest.mark.skipif(
     not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
 )
@@ -70,13 +72,13 @@ def follow(fmu: Instance, simulation: Simulation, first: int, last: int) -> None
         np.testing.assert_array_equal(fmu.get("Real", wanted)[1], simulation.outputs())
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", MARKED)
 def test_outputs_are_those_of_a_simulation(name: str, opened: Any) -> None:
     model, solver = CASES[name]
     follow(begun(opened(name)), Simulation(model, settings_of(solver)), 0, 12)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", MARKED)
 def test_a_state_goes_on_in_another_instance(name: str, opened: Any) -> None:
     """With esdirk bit for bit, with ida as a restored simulation does, whose history begins again."""
     (model, solver), binary = CASES[name], opened(name)
@@ -94,6 +96,7 @@ def test_a_state_goes_on_in_another_instance(name: str, opened: Any) -> None:
         follow(instance, restored, 6, 10)
 
 
+@pytest.mark.campaign
 def test_an_importing_tool_runs_the_feeder(tmp_path: Path) -> None:
     model = Feeder()
     path = export(model, tmp_path / "feeder.fmu", settings_of("esdirk"), native=True)

@@ -97,7 +97,7 @@ def test_gravity_and_an_edge_that_a_host_moves(inputs: str):
 
 
 @needs_linker
-@pytest.mark.parametrize("name", ["sheet", "feeder"])
+@pytest.mark.parametrize("name", ["sheet", pytest.param("feeder", marks=pytest.mark.campaign)])
 def test_a_state_goes_to_another_instance_bit_for_bit(name: str):
     """Factors are not in the state: they are made again from the state that they were made at."""
     make, length = MODELS[name]

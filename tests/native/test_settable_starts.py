@@ -103,7 +103,12 @@ def test_the_steady_state_for_other_parameters_is_that_of_the_potential(opened: 
 
 @pytest.mark.parametrize(
     ("model", "steady"),
-    [(Governor(), True), (Governor(driven=False), True), (Governor(), False), (SwingPendulum(), False)],
+    [
+        (Governor(), True),
+        (SwingPendulum(), False),
+        pytest.param(Governor(driven=False), True, marks=pytest.mark.campaign),
+        pytest.param(Governor(), False, marks=pytest.mark.campaign),
+    ],
 )
 def test_random_parameters_give_the_motion_of_a_model_built_with_them(
     model: Model, steady: bool, opened: Opened
