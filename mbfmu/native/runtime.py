@@ -72,7 +72,7 @@ def _runtime_sources() -> tuple[str, ...]:
 def objects(names: Collection[str], families: Collection[str]) -> dict[str, list[Path]]:
     """Return the object files of the kernels of families for each target by its name.
 
-    Those that are not there are built: in half a minute for one family.
+    Those that are not there are built: in one to two minutes for one family.
 
     Raises
     ------
