@@ -18,8 +18,9 @@ from mbfmu.native.entries import family_of, image_of
 from mbfmu.native.kernel_table import DERIVATIVE_TABLE_SYMBOL, KERNEL_TABLE_SYMBOL, shipped_kernels
 from mbfmu.native.runtime import COMPILERS, PACKAGE_DIR, objects
 from mbfmu.native.targets import host
-from mbfmu.session.simulation import Simulation
+from mbfmu.session.simulation import Settings, Simulation
 from solvers.compiled.tuple_pointer import unpin
+from solvers.outcome import OK
 
 needs_linker = pytest.mark.skipif(
     not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
@@ -86,3 +87,20 @@ def adopt(native: Running, compiled: CompiledMechanism, at_work: bool = False) -
     for array, numbers in pairs:
         if array.nbytes:
             native.view(array).view(np.uint8)[:] = np.frombuffer(numbers.tobytes(), np.uint8)
+
+
+def pair(make: Any, settings: Settings) -> tuple[Simulation, Running]:
+    """A simulation and machine code of one like it, both begun."""
+    native = Running(Simulation(make(), settings))
+    assert native.call("begin", 0.0) == OK
+    return Simulation(make(), settings), native
+
+
+def follow(simulation: Simulation, native: Running, length: float, first: int = 0, last: int = 10) -> None:
+    """Steps with equal rows of outputs."""
+    for k in range(first, last):
+        status = simulation.advance((k + 1) * length)
+        assert native.call("step", (k + 1) * length) == int(status.code) == OK
+        assert native.call("read") == OK
+        np.testing.assert_array_equal(native.out, simulation.outputs())
+    assert native.run_status["lost"] == bool(simulation.warning)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from running import Running, adopt, needs_linker
+from running import Running, adopt, follow, needs_linker, pair
 
 from fmus.feeder import Feeder
 from fmus.sheet import Sheet
@@ -45,22 +45,6 @@ MODELS = {
 def settings_of(solver: str, **more: Any) -> Settings:
     """Settings of all runs here."""
     return Settings(solver=solver, tolerance=1e-4, **more)
-
-
-def pair(make: Any, settings: Settings) -> tuple[Simulation, Running]:
-    """A simulation and machine code of one like it, both begun."""
-    native = Running(Simulation(make(), settings))
-    assert native.call("begin", 0.0) == OK
-    return Simulation(make(), settings), native
-
-
-def follow(simulation: Simulation, native: Running, length: float, first: int = 0, last: int = 10) -> None:
-    """Steps with equal rows of outputs."""
-    for k in range(first, last):
-        status = simulation.advance((k + 1) * length)
-        assert native.call("step", (k + 1) * length) == int(status.code) == OK
-        assert native.call("read") == OK
-        np.testing.assert_array_equal(native.out, simulation.outputs())
 
 
 @needs_linker

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from running import Running, adopt, needs_linker
+from running import Running, adopt, follow, needs_linker, pair
 
 from fmus.sheet import Sheet
 from mbfmu.mechanics import CompiledMechanism, Mechanism, Revolute, SphericalCutJoint
@@ -49,28 +49,11 @@ MODELS = {
 }
 
 
-def pair(make: Any, settings: Settings = ADAMS) -> tuple[Simulation, Running]:
-    """A simulation and machine code of one like it, both begun."""
-    native = Running(Simulation(make(), settings))
-    assert native.call("begin", 0.0) == OK
-    return Simulation(make(), settings), native
-
-
-def follow(simulation: Simulation, native: Running, length: float, first: int = 0, last: int = 10) -> None:
-    """Steps with equal rows of outputs."""
-    for k in range(first, last):
-        status = simulation.advance((k + 1) * length)
-        assert native.call("step", (k + 1) * length) == int(status.code) == OK
-        assert native.call("read") == OK
-        np.testing.assert_array_equal(native.out, simulation.outputs())
-    assert native.run_status["lost"] == bool(simulation.warning)
-
-
 @needs_linker
 @pytest.mark.parametrize("name", MODELS)
 def test_outputs_are_those_of_a_simulation(name: str):
     make, length = MODELS[name]
-    simulation, native = pair(make)
+    simulation, native = pair(make, ADAMS)
     assert not simulation.compiled.system.has_matrices
     start = simulation.outputs().copy()
     assert native.call("read") == OK
@@ -119,7 +102,7 @@ def test_a_changed_sheet_runs_as_one_that_was_built(model: Sheet):
 
 @needs_linker
 def test_a_pressure_that_is_tuned():
-    simulation, native = pair(lambda: Sheet(**GRID, pressure=0.5))
+    simulation, native = pair(lambda: Sheet(**GRID, pressure=0.5), ADAMS)
     follow(simulation, native, 1e-3, last=4)
     other = Sheet(**GRID, pressure=2.0)
     assert native.call("note_energy") == OK
@@ -131,7 +114,7 @@ def test_a_pressure_that_is_tuned():
 
 @needs_linker
 def test_a_state_goes_to_another_instance():
-    simulation, first = pair(lambda: Sheet(**GRID))
+    simulation, first = pair(lambda: Sheet(**GRID), ADAMS)
     second = Running(Simulation(Sheet(**GRID), ADAMS))
     follow(simulation, first, 1e-3, last=4)
     second.block[: second.image.saved] = first.block[: first.image.saved]
@@ -142,7 +125,7 @@ def test_a_state_goes_to_another_instance():
 @pytest.mark.parametrize("grid", [(4, 3), (9, 7)])  # a small mechanism, and a large tree
 def test_how_sharply_plates_bend_is_told(grid: tuple[int, int]):
     make = lambda: Sheet(nx=grid[0], nz=grid[1], support="free", start_spin=300.0)  # noqa: E731
-    simulation, native = pair(make)
+    simulation, native = pair(make, ADAMS)
     for k in range(6):
         t = 2e-3 * (k + 1)
         assert native.call("step", t) == int(simulation.advance(t).code) == OK
@@ -157,7 +140,7 @@ def test_an_inertia_that_is_missing_ends_a_step():
         m.body("nothing", m.bodies[-1], Revolute(at=(0.1, 0.0, 0.0)))
         return m
 
-    simulation, native = pair(make)
+    simulation, native = pair(make, ADAMS)
     code = int(simulation.advance(1e-3).code)
     assert code != OK
     assert native.call("step", 1e-3) == code
