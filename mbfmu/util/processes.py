@@ -1,4 +1,4 @@
-"""Programs that run beside this process, such as compilers, and end with it."""
+"""Programs that this process starts, such as compilers, and that end with it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def run_program(
     command : sequence of str
         Program and arguments.
     variables : mapping, optional
-        Environment variables beside those of this process.
+        Environment variables in addition to those of this process.
     printed : callable, optional
         Called with what the program has printed since the last call.
     """
