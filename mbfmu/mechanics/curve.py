@@ -59,6 +59,25 @@ def curve(numbers: Reals, first: int, count: int, x: float) -> Any:
     )
 
 
+@kernel
+def next_point(numbers: Reals, first: int, count: int, x: float) -> float:
+    """The first point of a curve after x, in which its polynomial changes; infinite after the last one."""
+    turned, end = 0.0, np.inf
+    if count < 0:
+        count = -count
+        begin, period = numbers[first].real, numbers[first + INTERVAL_SIZE * (count - 1)].real - numbers[first].real
+        turned = period * np.floor((x - begin) / period)
+        end = turned + period + numbers[first + INTERVAL_SIZE].real  # if rounding puts x at the end of its period
+    low, high = -1, count
+    while high - low > 1:
+        middle = (low + high) // 2
+        if x < turned + numbers[first + INTERVAL_SIZE * middle].real:
+            high = middle
+        else:
+            low = middle
+    return turned + numbers[first + INTERVAL_SIZE * high].real if high < count else end
+
+
 def rows(what: str, x: Any, y: Any, kind: str, beyond: str = "linear") -> NDArray[np.float64]:
     """Return the rows (intervals + 1, 6) of a curve through points; UserError for what is none."""
     xs, ys = array_of(f"x of {what}", x), array_of(f"y of {what}", y)

@@ -29,15 +29,16 @@ def find_next_event(t: float, data: Any) -> float:
 
     A signal that is about to change gives half the way to this time as the next time, and again half of the rest.
     """
-    _, until = input_step_limit(t, data)
+    longest, until = input_step_limit(t, data)
     for _ in range(MAX_APPROACHES):
         if not until < np.inf:
             break
-        _, after = input_step_limit(until, data)
+        step, after = input_step_limit(until, data)
         half = 0.5 * (until - t)
-        if not abs(after - until - half) <= HALF_TOLERANCE * half:
+        is_approach = abs(longest - 2.0 * half) <= HALF_TOLERANCE * half
+        if not (is_approach and abs(after - until - half) <= HALF_TOLERANCE * half):
             break
-        t, until = until, after
+        t, longest, until = until, step, after
     return float(until)
 
 

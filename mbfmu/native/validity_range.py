@@ -1,13 +1,18 @@
 """How far fits hold outside of where they were made: up to the limits of parameters, or a decade away.
 
-A build may branch farther out, such as on a stiffness that it limits: each parameter is tried alone up to six decades
-away.
+A build may branch farther out, such as on a stiffness that it limits, and where one parameter is larger than another.
+So the fits are compared where each parameter is at an end alone, and where every two of them are at each pair of their
+ends. Each one is tried alone up to six decades away, too.
 """
 
 from __future__ import annotations
 
-from math import isfinite
+from itertools import combinations, islice
+from math import comb, isfinite
 from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mbfmu.modeling.parameters import Parameter
 
@@ -32,7 +37,7 @@ def extend_range(dependence: ParameterDependence) -> None:
             for side, own in enumerate(both)
             if dependence.may_extend[n][side] and level < len(own)
         }
-        for sides in _mixtures(dependence):
+        for sides in _comparisons(dependence):
             _extend_ends(dependence, sides, goals)
         for (n, side), goal in goals.items():
             dependence.ends[n][side] = goal
@@ -52,17 +57,36 @@ def outward(p: Parameter, center: float, ends: list[float]) -> tuple[list[float]
     return below, above
 
 
-def _mixtures(dependence: ParameterDependence) -> list[dict[str, int]]:
-    """Return a side for every parameter at random, and the other sides."""
-    drawn = dependence.random.integers(2, size=len(dependence.settable))
-    return [dict(zip(dependence.settable, sides.tolist(), strict=True)) for sides in (drawn, 1 - drawn)]
+def _comparisons(dependence: ParameterDependence) -> list[dict[str, int]]:
+    """Return the sides at which parameters are compared, others at the center: each one alone, then all together."""
+    names = dependence.settable
+    alone = [{name: side} for name in names for side in (0, 1)]
+    drawn = dependence.random.integers(2, size=len(names))
+    together = [dict(zip(names, row.tolist(), strict=True)) for row in pairs_of_sides(len(names)) ^ drawn]
+    return alone + together if len(names) > 1 else alone
+
+
+def pairs_of_sides(count: int) -> NDArray[np.int64]:
+    """Return rows (rows, count) of zeros and ones, in which every two columns have all four pairs.
+
+    The ones of the columns are different sets of more than half of the rows after the first, which is zero
+    (Kleitman, Spencer, Discrete Mathematics 6, 1973).
+    """
+    rows = 4
+    while comb(rows - 1, (rows + 1) // 2) < count:
+        rows += 1
+    found = np.zeros((rows, count), np.int64)
+    for column, ones in enumerate(islice(combinations(range(1, rows), (rows + 1) // 2), count)):
+        found[[*ones], column] = 1
+    return found
 
 
 def _extend_ends(dependence: ParameterDependence, sides: dict[str, int], goals: Goals) -> None:
     """Compare the fits with a compiled mechanism at the goals on these sides; drop the goals of parameters to blame."""
     while True:
         there = {n: goals[n, side] for n, side in sides.items() if (n, side) in goals}
-        point = {n: there.get(n, dependence.ends[n][side]) for n, side in sides.items()}
+        ends = {n: there.get(n, dependence.ends[n][side]) for n, side in sides.items()}
+        point = dependence.at_center() | ends
         reason, columns = dependence.compare_at(point)
         if not reason or not there:
             return
@@ -86,9 +110,9 @@ def _check_corners(dependence: ParameterDependence) -> None:
     """Compare the fits with compiled mechanisms where all parameters are at an end; move ends inward where they do not
     agree.
     """
-    for sides in _mixtures(dependence):
+    for sides in _comparisons(dependence):
         for _ in range(MAX_CORNER_HALVINGS):
-            corner = {n: dependence.ends[n][side] for n, side in sides.items()}
+            corner = dependence.at_center() | {n: dependence.ends[n][side] for n, side in sides.items()}
             reason, columns = dependence.compare_at(corner)
             if not reason:
                 break
@@ -96,4 +120,5 @@ def _check_corners(dependence: ParameterDependence) -> None:
                 corner, reason, dependence.influencing_parameters(columns), dependence.describe_difference
             )
             for n in names:
-                dependence.move_inward(n, sides[n])
+                if n in sides:
+                    dependence.move_inward(n, sides[n])

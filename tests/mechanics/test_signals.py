@@ -33,6 +33,7 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
+from mbfmu.mechanics.curve import next_point, rows
 from mbfmu.mechanics.dispatch import signal as signal_at
 
 
@@ -377,3 +378,15 @@ def test_an_input_may_be_part_of_a_sum() -> None:
 def test_what_is_no_signal_is_refused(make: Any, message: str) -> None:
     with pytest.raises(UserError, match=message):
         make()
+
+
+@pytest.mark.parametrize("beyond", ["hold", "periodic"])
+def test_the_next_point_of_a_curve_is_the_first_after_a_time(beyond: str) -> None:
+    x = np.array([0.25, 1.0, 1.125, 2.25])
+    numbers = rows("a curve", x, [0.0, 1.0, 2.0, 0.0], "linear", beyond)
+    count = -len(numbers) if beyond == "periodic" else len(numbers)
+    points = (x[:-1] + 2.0 * np.arange(-9, 9)[:, np.newaxis]).ravel() if beyond == "periodic" else numbers[:, 0]
+    near = *x, *(x - 2.0), *np.nextafter(x, -9.0)
+    for t in (*np.random.default_rng(1).uniform(-9.0, 9.0, 50), *near):
+        later = points[points > t]
+        assert next_point(numbers.ravel(), 0, count, t) == (later.min() if later.size else np.inf), t

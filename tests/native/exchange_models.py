@@ -25,6 +25,7 @@ from mbfmu.mechanics import (
     Spherical,
     SphericalCutJoint,
     Step,
+    Table,
     Translational,
     rod,
 )
@@ -85,6 +86,16 @@ def switched() -> Mechanism:
     wheel = m.body("wheel", m.ground, Revolute(), mass=1.0, inertia=(0.5, 0.5, 0.5))
     m.force("on", JointForce(magnitude=Step(height=2.0, begin=0.3)), wheel)
     m.force("more", JointForce(magnitude=Step(height=1.0, begin=0.7, duration=0.2)), wheel)
+    m.output("rate", wheel.rate())
+    return m
+
+
+def pulsed(beyond: str) -> Mechanism:
+    """A flywheel at rest, with a pulse of the torque of 4 ms at 7.33 s, by a table."""
+    times, values = (0.0, 7.328, 7.33, 7.332, 7.4), (0.0, 0.0, 2.0, 0.0, 0.0)
+    m = Mechanism()
+    wheel = m.body("wheel", m.ground, Revolute(), mass=1.0, inertia=(0.5, 0.5, 0.5))
+    m.force("pulse", JointForce(magnitude=Table(times, values, kind="linear", beyond=beyond)), wheel)
     m.output("rate", wheel.rate())
     return m
 

@@ -19,7 +19,7 @@ import mechanisms as loops
 import numpy as np
 import pytest
 from binding import DISCARD, ERROR, OK, WARNING, Binary
-from exchange_models import REGULAR, ExportedModels, cart, spatial_four_bar, spinning_top, switched
+from exchange_models import REGULAR, ExportedModels, cart, pulsed, spatial_four_bar, spinning_top, switched
 from fmpy import simulate_fmu
 from importer import EventInfo, Importer, importing
 from reference import distance, reference
@@ -197,6 +197,14 @@ def test_signals_that_change_are_time_events(binary: Any) -> None:
         expected = np.array([0.0, 0.0, 0.01 * 2.0, 0.3 * 2.0, 0.9 * 2.0 + more]) / 0.5
         np.testing.assert_allclose(run.out[:, 0], expected, atol=1e-7)
         assert run.evaluations < 600
+
+
+@pytest.mark.parametrize(("beyond", "pulses"), [("hold", 1), ("periodic", 2)])
+def test_no_importer_passes_a_pulse_of_a_table(binary: Any, beyond: str, pulses: int) -> None:
+    """The points of a table are time events: the area of a pulse is 4 N m ms."""
+    with importing(binary(f"pulsed {beyond}", pulsed(beyond)), ["rate"]) as own:
+        run = own.integrate(np.array([0.0, 15.0]), 1e-4, info=own.start())
+    assert run.out[-1, 0] == pytest.approx(pulses * 4e-3 / 0.5, rel=1e-6)
 
 
 def test_a_sheet_keeps_its_energy(binary: Any) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbfmu.mechanics.curve import INTERVAL_SIZE, curve, rows
+from mbfmu.mechanics.curve import INTERVAL_SIZE, curve, next_point, rows
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import Record, f8, i8
@@ -40,13 +40,13 @@ def evaluate(signal: TableRecord, t: float, arrays: Arrays) -> tuple[float, floa
 
 @kernel
 def longest_step(signal: TableRecord, t: float, arrays: Arrays) -> tuple[float, float]:
-    """See :mod:`.base`. The shortest interval between points until the last; before the first half the way there."""
+    """See :mod:`.base`. The shortest interval between points, until the next point; before the first half the way."""
     if signal.slope == 0.0 or (signal.count > 0 and t >= signal.end):
         return np.inf, np.inf
-    if signal.count < 0:
-        return signal.interval, np.inf
     half = 0.5 * (signal.begin - t)
-    return (half, t + half) if half > signal.interval else (signal.interval, signal.end)
+    if signal.count > 0 and half > signal.interval:
+        return half, t + half
+    return signal.interval, next_point(arrays.numbers, signal.first, signal.count, t)
 
 
 @dataclass(frozen=True)

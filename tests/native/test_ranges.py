@@ -1,0 +1,71 @@
+"""Ranges of settable parameters of models that branch at a distance from the values of the export."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+
+from mbfmu.mechanics import JointForce, Mechanism, Translational
+from mbfmu.modeling import Model, parameter
+from mbfmu.native.parameters import find_settable
+from mbfmu.native.validity_range import pairs_of_sides
+
+Law = Callable[[float, float, float], float]
+
+
+def laws() -> dict[str, Law]:
+    """Return forces of (a, b, kink): they branch where a, or what a and b give, is so many times its value for 1, 1."""
+    return {
+        "limited product": lambda a, b, limit: min(a * b, limit),
+        "larger of two": lambda a, b, limit: max(a, limit * b),
+        "added beyond": lambda a, b, limit: a * b + max(0.0, a - limit * b),
+        "sum decides": lambda a, b, limit: a * b if a + b < 2.0 * limit else 2.0 * a * b,
+        "one decides": lambda a, b, limit: a + b if a < limit else 2.0 * (a + b),
+    }
+
+
+def pushed_by(law: Callable[[float, float], float]) -> Model:
+    """Return the model of a body on a rail that is pushed by a force of two parameters."""
+
+    @dataclass(frozen=True, kw_only=True)
+    class Pushed(Model):
+        a: float = parameter(1.0)
+        b: float = parameter(1.0)
+
+        def build(self) -> Mechanism:
+            m = Mechanism(gravity=(0.0, 0.0, 0.0))
+            body = m.body("body", m.ground, Translational(axis="x"), mass=1.0)
+            m.force("push", JointForce(law(self.a, self.b)), body)
+            return m
+
+    return Pushed()
+
+
+@pytest.mark.parametrize("kink", [1.3, 2.6, 5.0, 8.0])
+@pytest.mark.parametrize("law", laws())
+def test_numbers_within_the_ranges_are_those_of_models_built_with_them(law: str, kink: float) -> None:
+    def force(a: float, b: float) -> float:
+        return laws()[law](a, b, kink)
+
+    live, random = find_settable(pushed_by(force)), np.random.default_rng(5)
+    (entry,) = live.entries
+    factors = np.geomspace(1.0 / 12.0, 12.0, 41)
+    inside = {n: [x for x in factors if low <= x <= high] for n, (low, high) in live.ranges.items()}
+    points = [{n: x} for n in inside for x in inside[n]]
+    points += [{n: float(random.choice(inside[n])) for n in inside} for _ in range(200)]
+    for point in points:
+        values = {"a": 1.0, "b": 1.0} | point
+        assert live.apply(values)[entry.place] == pytest.approx(force(**values), rel=1e-9), values
+    assert set(inside) == {"a", "b"}
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 10, 11, 16, 40])
+def test_every_two_columns_have_all_pairs(count: int) -> None:
+    rows = pairs_of_sides(count)
+    assert rows.shape[0] <= 10
+    for i, j in combinations(range(count), 2):
+        assert set(zip(rows[:, i].tolist(), rows[:, j].tolist(), strict=True)) == set(product((0, 1), (0, 1)))
