@@ -15,9 +15,10 @@ def add(commands: Commands) -> None:
         "runtime",
         help="build the runtime libraries of native FMUs",
         description="A native FMU consists of the data of the model and of a runtime library, which is the same for "
-        "all models with a solver. The library for this machine is built by the first native export with the solver. "
-        "`mbfmu runtime build` builds those of all solvers now, also for other platforms, which requires `pip install "
-        "mbfmu[native]`. Without `build` the command lists the libraries that exist.",
+        "all models that call the same code. The library for this machine is built by the first native export that "
+        "needs it. `mbfmu runtime build` builds those of all solvers now, which serve all models, also for other "
+        "platforms, which requires `pip install mbfmu[native]`. Without `build` the command lists the families of "
+        "solvers for which libraries exist.",
         epilog="examples:\n  mbfmu runtime\n  mbfmu runtime build\n"
         "  mbfmu runtime build --platforms x86_64-linux x86_64-windows aarch64-linux\n",
     )

@@ -2,8 +2,8 @@
 
 A part is one object file: a table of kernels of element types, or entry points of a family. A library has the parts
 that its model can call, which are in the data of the model. A model that is made for one run needs neither model
-exchange nor derivatives, and a mechanism without sheets none of their kernels. This saves more than half of the time
-of the first build. Entry points and numbers of kernels that a library does not have are refused when a model is loaded.
+exchange nor derivatives, and a mechanism without sheets none of their kernels. This saves half of the time of the
+first build. Entry points and numbers of kernels that a library does not have are refused when a model is loaded.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The runtime: kernels as machine code and FMI around them, built once for these sources and a machine.
 
 A library has one family of solvers (:mod:`.families`) and what its model can call (:mod:`.contents`), so that the first
-FMU has to wait for this only. Kernels are recompiled in a separate process, for the oldest processor of an architecture and without a cache. The
-result is stored next to the code that Python compiles. Zig compiles C for every machine; for this one any C compiler
-does. Where there is none, zig is downloaded for the time of the build.
+FMU has to wait for this only. Kernels are recompiled in a separate process, for the oldest processor of an architecture
+and without a cache. The result is stored next to the code that Python compiles. Zig compiles C for every machine; for
+this one any C compiler does. Where there is none, zig is downloaded for the time of the build.
 """
 
 from __future__ import annotations

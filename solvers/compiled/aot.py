@@ -14,12 +14,9 @@ from typing import Any
 
 from llvmlite import binding as llvm
 from numba import _dynfunc  # type: ignore[attr-defined]
-from numba.core import types
+from numba.core import postproc, targetconfig, transforms, types
 from numba.core.codegen import CPUCodeLibrary
-from numba.core.postproc import PostProcessor, VariableLifetime
 from numba.core.registry import cpu_target
-from numba.core.targetconfig import TargetConfig
-from numba.core.transforms import canonicalize_cfg
 
 from .cache import Cache
 from .symbols import SYMBOL_PREFIX, code_of, compiled_kernel_of
@@ -27,6 +24,13 @@ from .symbols import SYMBOL_PREFIX, code_of, compiled_kernel_of
 OPTIMIZATION_LEVEL = 3  # level of optimization of what is emitted
 
 Module = Any  # of llvmlite
+
+# parts of numba without types, see compile_only
+_Flags: Any = targetconfig.TargetConfig
+_Function: Any = types.BaseFunction
+_PostProcessor: Any = postproc.PostProcessor
+_find_lifetimes: Any = postproc.VariableLifetime
+_canonicalize: Any = transforms.canonicalize_cfg
 
 
 class CodeLibrary(CPUCodeLibrary):
@@ -69,19 +73,19 @@ def compile_only(report: Callable[[], None]) -> None:
 def _compare_flags_quickly() -> None:
     """Compare flags of a compilation by those that are set; numba's comparison and hash go through all of them."""
 
-    def is_equal(own: TargetConfig, other: object) -> bool:
-        if not isinstance(other, TargetConfig):
+    def is_equal(own: Any, other: Any) -> Any:
+        if not isinstance(other, _Flags):
             return NotImplemented
         return own._values == other._values or own.values() == other.values()
 
-    TargetConfig.__eq__ = is_equal
-    TargetConfig.__hash__ = lambda own: hash(type(own))
+    _Flags.__eq__ = is_equal
+    _Flags.__hash__ = lambda own: hash(type(own))
 
 
 def _keep_types_of_operators() -> None:
     """Find the type of an operator or function of numbers once; numba tries dozens of implementations at every call."""
     found: dict[tuple[Any, ...], Any] = {}
-    numbers, find = (types.Float, types.Integer, types.Boolean, types.Complex), types.BaseFunction.get_call_type
+    numbers, find = (types.Float, types.Integer, types.Boolean, types.Complex), _Function.get_call_type
 
     def get_call_type(function: Any, context: Any, arguments: Any, named: Any) -> Any:
         if named or not all(type(argument) in numbers for argument in arguments):
@@ -91,22 +95,22 @@ def _keep_types_of_operators() -> None:
             found[key] = find(function, context, arguments, named)
         return found[key]
 
-    types.BaseFunction.get_call_type = get_call_type
+    _Function.get_call_type = get_call_type
 
 
 def _skip_lifetimes() -> None:
     """Do not find the lifetimes of variables after every pass; only generators and deletions of variables need them."""
-    complete = PostProcessor.run
+    complete = _PostProcessor.run
 
     def run(own: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
         if emit_dels or own.func_ir.is_generator:
             complete(own, emit_dels, extend_lifetimes)
             return
-        own.func_ir.blocks = canonicalize_cfg(own.func_ir.blocks)
-        own.func_ir.variable_lifetime = VariableLifetime(own.func_ir.blocks)
+        own.func_ir.blocks = _canonicalize(own.func_ir.blocks)
+        own.func_ir.variable_lifetime = _find_lifetimes(own.func_ir.blocks)
         own.func_ir.generator_info = None
 
-    PostProcessor.run = run
+    _PostProcessor.run = run
 
 
 def link_module(
