@@ -98,6 +98,22 @@ def test_every_kernel_has_one_number_in_all_libraries():
         first = last + 1
 
 
+def test_types_in_symbols_have_the_same_names_in_every_process():
+    """Parts that two processes compile fit together."""
+    script = (
+        "import sys; from mbfmu.native.entries import example; from solvers.compiled.tuple_pointer import pointer_type\n"
+        "print(*(pointer_type(example(name)) for name in sys.argv[1:]))"
+    )
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", script, *names], capture_output=True, text=True, check=True
+        ).stdout.split()
+        for names in (("ida", "tree"), ("tree", "ida"))
+    ]
+    assert found[0] == found[1][::-1]
+    assert len(set(found[0])) == 2
+
+
 @needs_linker
 @pytest.mark.parametrize("family", ["adams", "ida"])
 def test_the_parts_of_a_run_call_no_others(family: str):
