@@ -100,10 +100,12 @@ def test_every_kernel_has_one_number_in_all_libraries():
 
 def test_types_in_symbols_have_the_same_names_in_every_process():
     """Parts that two processes compile fit together."""
-    script = (
-        "import sys; from mbfmu.native.entries import example; from solvers.compiled.tuple_pointer import pointer_type\n"
-        "print(*(pointer_type(example(name)) for name in sys.argv[1:]))"
-    )
+    script = """
+import sys
+from mbfmu.native.entries import example
+from solvers.compiled.tuple_pointer import pointer_type
+print(*(pointer_type(example(name)) for name in sys.argv[1:]))
+"""
     found = [
         subprocess.run(
             [sys.executable, "-c", script, *names], capture_output=True, text=True, check=True
