@@ -26,6 +26,7 @@ FMI3_CAPABILITIES = {
     "canGetAndSetFMUState": "true",
     "canSerializeFMUState": "true",
     "canHandleVariableCommunicationStepSize": "true",
+    "mightReturnEarlyFromDoStep": "true",
 }
 TIME_NAME = "time"  # the independent variable, whose value reference comes after all others
 

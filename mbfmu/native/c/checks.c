@@ -138,7 +138,7 @@ static bool good_variables(const Instance *own)
             (v->role == ROLE_COUNTER && !in_block(h, h->counts_at, v->number + 1, sizeof(int64_t))))
             return false;
     }
-    return true;
+    return h->inputs == inputs;
 }
 
 static bool good_arrays(const Instance *own)

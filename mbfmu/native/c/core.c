@@ -74,6 +74,7 @@ void destroy(Instance *own)
     free(own->room);
     free(own->kept);
     free(own->values);
+    free(own->rates);
     free(own->flags);
     free(own);
 }
@@ -158,7 +159,8 @@ Outcome exit_initialization(Instance *own)
         return ERROR;
     }
     own->phase = own->exchange ? EVENT_MODE : RUNNING;
-    memset(own->flags, 0, count_of(own));
+    for (size_t k = 0; k < count_of(own); k++)
+        own->flags[k] = own->flags[k] & RATED ? GIVEN | RATED : 0; /* the first step begins with the rates */
     warn_coarse_tolerance(own);
     warn_limited_rtol(own);
     return OK;
@@ -210,7 +212,15 @@ static void log_new(Instance *own, const RunStatus *status, double t)
     warn_coarse(own, status);
 }
 
-static Outcome go(Instance *own, double t, double length)
+/* Return where a step from one time to another ends: at an event between them. */
+static double early_end(Instance *own, double here, double end)
+{
+    call_entry_at(own, own->family->next_event, here);
+    double event = numbers_at(own, own->header->exchange_times_at)[NEXT_EVENT];
+    return event > here && event < end - AGREED * fmax(1.0, fabs(end)) ? event : end;
+}
+
+static Outcome go(Instance *own, double t, double length, bool may_end_early, bool *early)
 {
     char text[SAYS];
     if (!may_step(own, t, length))
@@ -225,7 +235,8 @@ static Outcome go(Instance *own, double t, double length)
     }
     size_t saved = saved_bytes(own);
     memcpy(own->kept, own->block, saved);
-    double here = clock_of(own), end = fmax(here, t + length); /* the host's clock may be a little slow */
+    double here = clock_of(own), whole = fmax(here, t + length); /* the host's clock may be a little slow */
+    double end = may_end_early ? early_end(own, here, whole) : whole;
     clear_report(own);
     int64_t code = call_entry_at(own, own->family->step, end);
     if (code != CODE_OK) {
@@ -244,18 +255,22 @@ static Outcome go(Instance *own, double t, double length)
         put_back(own, own->kept);
         return fail(own, DISCARD, text);
     }
+    unmark(own, RATED);
     own->fresh = own->derived = false;
     own->message[0] = '\0';
     own->reached = end;
+    *early = end < whole;
     log_new(own, status, here);
     own->advanced = end > here;
     return OK;
 }
 
-/* Go from t by a length, both s; ``reached`` is where the FMU stands afterwards. */
-Outcome step(Instance *own, double t, double length, double *reached)
+/* Go from t by a length, both s; ``reached`` is where the FMU stands afterwards. A step that may end early ends at the
+ * first event. */
+Outcome step(Instance *own, double t, double length, bool may_end_early, double *reached, bool *early)
 {
-    Outcome outcome = go(own, t, length);
+    *early = false;
+    Outcome outcome = go(own, t, length, may_end_early, early);
     own->stopped = outcome != OK;
     *reached = own->reached;
     return outcome;

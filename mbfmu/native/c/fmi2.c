@@ -117,7 +117,8 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real length, fmi2Boolean)
 {
     double reached;
-    return c ? (fmi2Status)step(instance(c), t, length, &reached) : fmi2Error;
+    bool early;
+    return c ? (fmi2Status)step(instance(c), t, length, false, &reached, &early) : fmi2Error;
 }
 
 fmi2Status fmi2CancelStep(fmi2Component c)
@@ -195,12 +196,12 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference[], size_t n, 
     return n ? (fmi2Status)mistake(instance(c), text) : fmi2OK;
 }
 
-fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference[], size_t n, const fmi2Integer[],
-                                       const fmi2Real[])
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference inputs[], size_t n,
+                                       const fmi2Integer orders[], const fmi2Real rates[])
 {
-    if (!c)
+    if (!c || (n && (!inputs || !orders || !rates)))
         return fmi2Error;
-    return n ? (fmi2Status)not_offered(instance(c), "fmi2SetRealInputDerivatives") : fmi2OK;
+    return n ? (fmi2Status)set_rates(instance(c), "fmi2SetRealInputDerivatives", inputs, n, orders, rates) : fmi2OK;
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference outputs[], size_t n,
