@@ -26,7 +26,6 @@ FMI3_CAPABILITIES = {
     "canGetAndSetFMUState": "true",
     "canSerializeFMUState": "true",
     "canHandleVariableCommunicationStepSize": "true",
-    "mightReturnEarlyFromDoStep": "true",
 }
 TIME_NAME = "time"  # the independent variable, whose value reference comes after all others
 

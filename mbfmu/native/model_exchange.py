@@ -225,12 +225,6 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
         complete(instance)
         return OK
 
-    def next_event(instance: Any, t: float) -> int:
-        """Find the next event after t (s) in co-simulation; an event at t is over."""
-        data = instance.given.eqs.data
-        instance.exchange.times[NEXT_EVENT] = find_next_event(find_end_of_jump(t, data), data)
-        return OK
-
     def exchange_linearize(instance: Any, t: float) -> int:
         """Let derivatives be those at (t, P(x))."""
         evaluated = begin_evaluation(instance, t)
@@ -258,6 +252,6 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
         return OK
 
     functions = exchange_start, exchange_evaluate, exchange_report, exchange_read, exchange_accept, exchange_update
-    timed = (*functions, next_event, exchange_linearize, exchange_linearize_reported)
+    timed = (*functions, exchange_linearize, exchange_linearize_reported)
     found: dict[str, tuple[Callable[..., int], tuple[Any, ...]]] = {f.__name__: (f, (types.float64,)) for f in timed}
     return found | {f.__name__: (f, ()) for f in (exchange_differentiate, exchange_differentiate_motion)}

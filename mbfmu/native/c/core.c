@@ -212,15 +212,7 @@ static void log_new(Instance *own, const RunStatus *status, double t)
     warn_coarse(own, status);
 }
 
-/* Return where a step from one time to another ends: at an event between them. */
-static double early_end(Instance *own, double here, double end)
-{
-    call_entry_at(own, own->family->next_event, here);
-    double event = numbers_at(own, own->header->exchange_times_at)[NEXT_EVENT];
-    return event > here && event < end - AGREED * fmax(1.0, fabs(end)) ? event : end;
-}
-
-static Outcome go(Instance *own, double t, double length, bool may_end_early, bool *early)
+static Outcome go(Instance *own, double t, double length)
 {
     char text[SAYS];
     if (!may_step(own, t, length))
@@ -235,8 +227,7 @@ static Outcome go(Instance *own, double t, double length, bool may_end_early, bo
     }
     size_t saved = saved_bytes(own);
     memcpy(own->kept, own->block, saved);
-    double here = clock_of(own), whole = fmax(here, t + length); /* the host's clock may be a little slow */
-    double end = may_end_early ? early_end(own, here, whole) : whole;
+    double here = clock_of(own), end = fmax(here, t + length); /* the host's clock may be a little slow */
     clear_report(own);
     int64_t code = call_entry_at(own, own->family->step, end);
     if (code != CODE_OK) {
@@ -259,18 +250,15 @@ static Outcome go(Instance *own, double t, double length, bool may_end_early, bo
     own->fresh = own->derived = false;
     own->message[0] = '\0';
     own->reached = end;
-    *early = end < whole;
     log_new(own, status, here);
     own->advanced = end > here;
     return OK;
 }
 
-/* Go from t by a length, both s; ``reached`` is where the FMU stands afterwards. A step that may end early ends at the
- * first event. */
-Outcome step(Instance *own, double t, double length, bool may_end_early, double *reached, bool *early)
+/* Go from t by a length, both s; ``reached`` is where the FMU stands afterwards. */
+Outcome step(Instance *own, double t, double length, double *reached)
 {
-    *early = false;
-    Outcome outcome = go(own, t, length, may_end_early, early);
+    Outcome outcome = go(own, t, length);
     own->stopped = outcome != OK;
     *reached = own->reached;
     return outcome;

@@ -32,7 +32,7 @@ void *host_of(Instance *own);
 Outcome set_up(Instance *own, double start, bool ends, double stop, bool tolerant, double tolerance);
 Outcome enter_initialization(Instance *own);
 Outcome exit_initialization(Instance *own);
-Outcome step(Instance *own, double t, double length, bool may_end_early, double *reached, bool *early);
+Outcome step(Instance *own, double t, double length, double *reached);
 bool stopped(const Instance *own);
 Outcome terminate(Instance *own);
 Outcome reset(Instance *own);

@@ -117,8 +117,7 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real length, fmi2Boolean)
 {
     double reached;
-    bool early;
-    return c ? (fmi2Status)step(instance(c), t, length, false, &reached, &early) : fmi2Error;
+    return c ? (fmi2Status)step(instance(c), t, length, &reached) : fmi2Error;
 }
 
 fmi2Status fmi2CancelStep(fmi2Component c)

@@ -34,7 +34,7 @@ static fmi3Instance no_instance(fmi3LogMessageCallback log, fmi3InstanceEnvironm
 }
 
 /* Return a new instance; NULL if there is none, with the reason in the log. */
-static fmi3Instance instantiate(fmi3String token, fmi3String folder, bool exchange, bool logging, bool may_end_early,
+static fmi3Instance instantiate(fmi3String token, fmi3String folder, bool exchange, bool logging,
                                 fmi3InstanceEnvironment environment, fmi3LogMessageCallback log)
 {
     char text[SAYS] = "the memory for the instance cannot be allocated [out-of-memory]";
@@ -44,7 +44,6 @@ static fmi3Instance instantiate(fmi3String token, fmi3String folder, bool exchan
     host->log = log;
     host->environment = environment;
     host->logged = logging ? LOG_ALL : 0;
-    host->may_end_early = may_end_early;
     host->own = create(token ? token : "", folder ? folder : "", exchange, tell, host, text);
     if (host->own)
         return host;
@@ -53,19 +52,18 @@ static fmi3Instance instantiate(fmi3String token, fmi3String folder, bool exchan
 }
 
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
-                                         fmi3Boolean logging, fmi3Boolean, fmi3Boolean may_end_early,
-                                         const fmi3ValueReference[], size_t,
-                                         fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
+                                         fmi3Boolean logging, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
+                                         size_t, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                          fmi3IntermediateUpdateCallback)
 {
-    return instantiate(token, folder, false, logging, may_end_early, environment, log);
+    return instantiate(token, folder, false, logging, environment, log);
 }
 
 fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
                                           fmi3Boolean logging, fmi3InstanceEnvironment environment,
                                           fmi3LogMessageCallback log)
 {
-    return instantiate(token, folder, true, logging, false, environment, log);
+    return instantiate(token, folder, true, logging, environment, log);
 }
 
 fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
@@ -100,14 +98,13 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 length, fmi3Boo
     if (!c)
         return fmi3Error;
     double last;
-    bool ends_early;
-    Outcome outcome = step(instance(c), t, length, ((const Host *)c)->may_end_early, &last, &ends_early);
+    Outcome outcome = step(instance(c), t, length, &last);
     if (event)
         *event = false;
     if (ends)
         *ends = stopped(instance(c));
     if (early)
-        *early = ends_early;
+        *early = false;
     if (reached)
         *reached = last;
     return (fmi3Status)outcome;

@@ -11,7 +11,6 @@ typedef struct {
     fmi3LogMessageCallback log;
     fmi3InstanceEnvironment environment;
     unsigned logged; /* categories */
-    bool may_end_early; /* a step may end before its end */
 } Host;
 
 static inline Instance *instance(fmi3Instance c)
