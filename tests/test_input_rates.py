@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from input_ramps import KINDS, Ramps, exact
+from input_ramps import KINDS, MASS, Ramps, exact
 
 import mbfmu as mb
 from mbfmu.session.simulation import Settings, Simulation
@@ -51,6 +51,19 @@ def test_it_continues_until_it_is_set_again(kind: str) -> None:
     np.testing.assert_allclose(found[:, 2:], wanted[:, 2:], rtol=0.0, atol=1e-9)
     if kind != "position":
         np.testing.assert_allclose(found[:, :2], wanted[:, :2], rtol=0.0, atol=3e-7)
+
+
+@pytest.mark.parametrize(("kind", "output"), [("force", 1), ("speed", 2)])
+def test_the_error_of_a_smooth_input_is_of_second_order(kind: str, output: int) -> None:
+    """The force, or the speed, is sin(5 t); v = (1 - cos(5 t)) / 5 m and x = (1 - cos(5 t)) / 5 are its integrals."""
+    errors = []
+    for steps in (20, 40, 80):
+        times = np.linspace(0.0, 1.0, steps + 1)
+        settings = Settings(solver="adams", tolerance=1e-10)
+        found, _ = run(kind, times, settings, np.sin(5.0 * times[:-1]), 5.0 * np.cos(5.0 * times[:-1]))
+        exactly = (1.0 - np.cos(5.0 * times[1:])) / 5.0 / (MASS if kind == "force" else 1.0)
+        errors.append(np.abs(found[:, output] - exactly).max())
+    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx([2.0, 2.0], abs=0.15)
 
 
 def test_a_value_alone_is_held() -> None:
