@@ -18,7 +18,6 @@ BUILD_DATE = "2000-01-01T00:00:00+00:00"  # the date of every build: equal conte
 
 FMI2_CAPABILITIES = {
     "canHandleVariableCommunicationStepSize": "true",
-    "canInterpolateInputs": "false",
     "canBeInstantiatedOnlyOncePerProcess": "false",
     "canNotUseMemoryManagementFunctions": "true",
     "canGetAndSetFMUstate": "true",
@@ -68,10 +67,12 @@ def model_description(
     variables: Sequence[ScalarVariable],
     log_categories: Mapping[str, str],
     interface: ExchangeInterface | None = None,
+    takes_rates: bool = False,
 ) -> Element:
     """Return the root of modelDescription.xml; elements keep the order of the FMI schema.
 
-    ``interface``: that of model exchange; None: the FMU is for co-simulation only.
+    ``interface``: that of model exchange; None: the FMU is for co-simulation only. ``takes_rates``: the importing tool
+    may give the first derivatives of inputs by time.
     """
     root = Element(
         "fmiModelDescription",
@@ -88,6 +89,7 @@ def model_description(
     )
     needs = "true" if identity.tool else "false"
     told = {"modelIdentifier": identity.identifier, "needsExecutionTool": needs, **FMI2_CAPABILITIES}
+    told["canInterpolateInputs"] = "true" if takes_rates else "false"
     exchanged, moving = (interface.variables, interface.moving_inputs) if interface else ((), ())
     if interface is not None:
         root.set("numberOfEventIndicators", "0")

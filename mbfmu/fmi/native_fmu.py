@@ -72,7 +72,7 @@ def build_native_fmu(
         exchanged = exchange_variables(made.states, len(shown) + 1 + len(made.arrays))
         interface = ExchangeInterface(exchanged, made.moving_inputs, made.has_derivatives)
     if fmi == 2:
-        root = description.model_description(identity, experiment, shown, LOG_CATEGORIES, interface)
+        root = description.model_description(identity, experiment, shown, LOG_CATEGORIES, interface, made.takes_rates)
     else:
         root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays, interface)
         shown = [v for _, v in description3.listed(made.variables, made.arrays)]

@@ -73,6 +73,8 @@ class NativeModel(NamedTuple):
         Names of the inputs that move joints.
     has_derivatives
         Whether directional derivatives are provided.
+    takes_rates
+        Whether the derivatives of all inputs by time can be given in co-simulation.
     has_user_kernels
         Whether the FMU needs the library of :mod:`.user_kernels`.
     contents
@@ -86,6 +88,7 @@ class NativeModel(NamedTuple):
     states: tuple[ExchangeState, ...] | None
     moving_inputs: tuple[str, ...]
     has_derivatives: bool
+    takes_rates: bool
     data: bytes
     has_user_kernels: bool
     contents: Contents
@@ -120,8 +123,14 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     numbers = (relocation.target for relocation in image.kernels)
     contents = contents_for(family_of(simulation), numbers, exchanges=states is not None, is_steady=is_steady)
     moving = tuple(v.name for k, v in enumerate(inputs.variables) if inputs.moves_support(k))
-    provided = states, moving, differentiates
+    provided = states, moving, differentiates, _takes_rates(simulation)
     return NativeModel(variables, several, frozen, messages, *provided, file.write(), bool(own), contents)
+
+
+def _takes_rates(simulation: Simulation) -> bool:
+    """Whether a host may give the derivatives of all inputs by time; false if there are none."""
+    inputs = simulation.compiled.inputs
+    return len(inputs) > 0 and all(inputs.takes_rate(k) for k in range(len(inputs)))
 
 
 def _states(
@@ -262,7 +271,8 @@ class _File:
         header["user_kernels"] = len(user_kernels(compiled.called()))
         header["saved_alone"] = self._image.at(self._instance.exchange.times)  # the first of model exchange
         header["exchange"], header["positions"], header["velocities"] = self._exchanges, system.nq, system.n
-        header["derivatives"] = self._differentiates
+        header["derivatives"], header["inputs"] = self._differentiates, len(compiled.inputs)
+        header["takes_rates"] = _takes_rates(self._simulation)
         header["reports_coarse"] = bool(describe_coarse(compiled, COARSE_TOLERANCE, freedom))
         header["reports_undetermined"] = compiled.has_force_outputs
         header["steady"] = self._simulation.steady_state is not None

@@ -363,7 +363,7 @@ def entries(name: str) -> dict[str, Entry]:
         "assemble": Entry(assemble, timed),
         "balance": Entry(balance, ()),
         "begin": Entry(begin, timed),
-        "set": Entry(sequence.set_input, given),
+        "set": Entry(sequence.set_input, (*given, types.float64)),
         "step": Entry(sequence.step, timed),
         "advance": Entry(advance, timed),
         "continue_at_state": Entry(continue_at_state, ()),

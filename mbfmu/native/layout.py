@@ -151,6 +151,8 @@ HEADER = np.dtype(
         ("steady", "i8"),  # 1: the start is a steady state
         ("exchange", "i8"),  # 1: model exchange is supported
         ("derivatives", "i8"),  # 1: directional derivatives are supported
+        ("inputs", "i8"),  # number of inputs
+        ("takes_rates", "i8"),  # 1: all inputs take a derivative by time in co-simulation
         ("positions", "i8"),  # number of free positions, and of velocities
         ("velocities", "i8"),
         *((f"{name}_at", "i8") for name in HEADER_OFFSETS),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import asdict, replace
-from math import isnan
+from math import isnan, nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -469,7 +469,7 @@ class Simulation(Diagnosed):
             raise UserError(f"there is no input {key!r}; this model has {names or 'none'}")
         return index
 
-    def set_input(self, key: int | str, value: float) -> None:
+    def set_input(self, key: int | str, value: float, rate: float | None = None) -> None:
         """Set an input at the time reached.
 
         The input of a load is held or extrapolated from this time on, according to the settings. The input of a driven
@@ -482,14 +482,24 @@ class Simulation(Diagnosed):
             Name or number of the input.
         value
             Value in the unit of the input.
+        rate
+            Time derivative of the input, in its unit per second, with which it continues until it is set again. None:
+            it is held or extrapolated.
 
         Raises
         ------
         UserError
-            There is no such input, it is given for the whole run, or the value is not finite.
+            There is no such input, it is given for the whole run, or a number is not finite. A rate is given for a
+            component of gravity, or for an input that has another input as its rate or is that one.
         """
-        index = self._input(key)
-        SEQUENCE.set_input(self._run, index, self.compiled.inputs.checked(index, value))
+        index, inputs = self._input(key), self.compiled.inputs
+        if rate is not None and not inputs.takes_rate(index):
+            raise UserError(
+                f"a rate was given for input {key!r}, which is a component of gravity, or has an input for its rate or "
+                "is that input; set the input of the rate instead, or only the value"
+            )
+        given = nan if rate is None else finite(f"rate of input {key!r}", rate)
+        SEQUENCE.set_input(self._run, index, inputs.checked(index, value), given)
 
     def retune(self, model: Model) -> None:
         """Change tunable parameters at the time reached.

@@ -76,7 +76,7 @@ def _warm_up_points(trial: Stepper, compiled: CompiledMechanism, outputs: int) -
     run = StepperRun(session, pinned, trial, outputs)
     state = trial.t, trial.q, trial.v
     begin_session(session, *state, 0, True, 1, 1e-6, 0.0, 1.0)
-    SEQUENCE.set_input(run, 0, 0.0)
+    SEQUENCE.set_input(run, 0, 0.0, np.nan)
     SEQUENCE.begin_step(run, trial.t + 1.0)
     input_kernels.perturb_motions(pinned, 0.0, 0.0)
     input_kernels.restore_motions(pinned)

@@ -76,7 +76,7 @@ def test_gravity_and_an_edge_that_a_host_moves(inputs: str):
             given["gravity.x"] = 3.0
         for name, value in given.items():
             simulation.set_input(name, value)
-            assert native.call("set", numbers[name], float(value)) == OK
+            assert native.call("set", numbers[name], float(value), np.nan) == OK
         follow(simulation, native, 1e-3, k, k + 1)
 
 

@@ -99,11 +99,10 @@ def test_why_there_is_no_instance_is_logged_in_any_case(lossy: Binary) -> None:
 def test_what_is_never_offered_is_called_so(lossy: Binary) -> None:
     fmu = lossy.instantiate()
     assert fmu.set_up() == fmu.call("EnterInitializationMode") == fmu.call("ExitInitializationMode") == OK
-    one, value, known = c_uint(0), c_double(0.0), c_size_t(1)
+    value, known = c_double(0.0), c_size_t(1)
     calls: dict[str, tuple[Any, ...]] = {
         "CancelStep": (), "EnterEventMode": (), "EnterContinuousTimeMode": (), "NewDiscreteStates": (None,),
         "SetTime": (value,), "GetDerivatives": (byref(value), known), "GetContinuousStates": (byref(value), known),
-        "SetRealInputDerivatives": (byref(one), known, byref(c_int(1)), byref(value)),
     }  # fmt: skip
     for name, arguments in calls.items():
         assert fmu.call(name, *arguments) == ERROR

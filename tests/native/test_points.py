@@ -56,7 +56,7 @@ def follow(
     for k in range(first, last):
         for index, value in given(k):
             simulation.set_input(index, value)
-            assert native.call("set", index, float(value)) == OK
+            assert native.call("set", index, float(value), np.nan) == OK
         codes.append(int(simulation.advance((k + 1) * H).code))
         assert native.call("step", (k + 1) * H) == codes[-1]
         assert native.call("read") == OK
@@ -228,7 +228,7 @@ def test_a_state_has_what_inputs_remember():
     follow(simulation, first, smooth, last=20)
     for index, value in smooth(20):
         simulation.set_input(index, value)
-        assert first.call("set", index, float(value)) == OK
+        assert first.call("set", index, float(value), np.nan) == OK
     second.block[: second.image.saved] = first.block[: first.image.saved]
     follow(simulation, second, lambda k: smooth(k) if k > 20 else [], 20, 40)
 
@@ -249,7 +249,7 @@ def parallelogram() -> Mechanism:
 def test_an_impulse_that_is_not_known_is_told():
     simulation, native = pair(parallelogram, Settings(solver="adams"))
     simulation.set_input(1, 1.0)
-    assert native.call("set", 1, 1.0) == OK
+    assert native.call("set", 1, 1.0, np.nan) == OK
     before = native.block.copy()
     with pytest.raises(UserError, match="where the impulse is not determined"):
         simulation.advance(0.1)
@@ -294,6 +294,6 @@ def test_a_value_that_is_no_number_is_refused():
     _, native = pair(FourBar, Settings(solver="adams"))
     before = native.block.copy()
     for value in (np.nan, np.inf):
-        assert native.call("set", 0, value) == NOT_FINITE
+        assert native.call("set", 0, value, np.nan) == NOT_FINITE
         assert native.call("start", 0, value) == NOT_FINITE
     np.testing.assert_array_equal(native.block, before)

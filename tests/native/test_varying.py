@@ -152,7 +152,7 @@ def test_inputs_come_on_top(solver: str, inputs: str):
     simulation, native = begun(shaken_and_pulled, Settings(solver=solver, input_interpolation=inputs))
     for k in range(60):
         simulation.set_input(0, float(np.sin(0.3 * k)))
-        assert native.call("set", 0, float(np.sin(0.3 * k))) == OK
+        assert native.call("set", 0, float(np.sin(0.3 * k)), np.nan) == OK
         follow(simulation, native, [0.02 * (k + 1)])
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.kind import record_of
@@ -32,12 +33,14 @@ from .support_motion import (
     perturb_motion,
     plan_motion,
     set_motion_input,
+    set_motion_rate,
     start_motion,
 )
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.signals.polynomial import PolynomialRecord
 
+RAMP_ROUNDING = 1e-15  # relative rounding error of a load that continues with its rate
 # Roles of inputs
 HELD_LOAD, GRAVITY_LOAD, EXTRAPOLATED_LOAD, SUPPORT_MOTION = 0, 1, 2, 3
 # At a point: extrapolated loads change; a support motion starts; a rate of one jumps
@@ -50,6 +53,7 @@ class InputRecord(Record):
     role: i8
     number: i8  # of its polynomial, its load or its support
     coefficient: i8  # of the polynomial, or component of gravity
+    takes_rate: i8  # 1: the host may give its time derivative with the value
 
 
 class InputRecords(NamedTuple):
@@ -114,6 +118,17 @@ def hold_value(coefficient: int, value: float, t: float, polynomial: PolynomialR
 
 
 @kernel
+def hold_ramp(value: float, rate: float, t: float, polynomial: PolynomialRecord) -> bool:
+    """Set the value and the rate of a load from t on; return whether this changes the polynomial."""
+    present = polynomial.c[0] + (t - polynomial.t0) * polynomial.c[1]
+    rounding = RAMP_ROUNDING * (abs(value) + abs((t - polynomial.t0) * rate))
+    if rate == polynomial.c[1] and (value == present or (rate != 0.0 and abs(value - present) <= rounding)):
+        return False
+    polynomial.t0, polynomial.c[0], polynomial.c[1] = t, value, rate
+    return True
+
+
+@kernel
 def begin_polynomial(coefficient: int, value: float, t: float, polynomial: PolynomialRecord) -> None:
     """Let a polynomial begin at t with another value of a coefficient; it has not moved before."""
     polynomial.t0 = t
@@ -139,11 +154,14 @@ def start_input(i: InputRecords, index: int, value: float, t: float) -> None:
 
 
 @kernel
-def set_input(i: InputRecords, index: int, value: float, t: float) -> bool:
+def set_input(i: InputRecords, index: int, value: float, rate: float, t: float) -> bool:
     """Take the value of an input at time t; return whether the equations of motion change at t.
 
     A load is held or extrapolated from t on; one with a rate continues from its present value. The target of a
     support is recorded for :func:`begin_support_motions`, which changes the equations later.
+
+    ``rate`` is the time derivative at t, with which an input that takes a rate continues until it is set again; not a
+    number: none is given.
     """
     own = i.inputs[index]
     if own.role == GRAVITY_LOAD:
@@ -153,13 +171,17 @@ def set_input(i: InputRecords, index: int, value: float, t: float) -> bool:
         return True
     if own.role == SUPPORT_MOTION:
         set_motion_input(own.coefficient, value, i.supports[own.number])
+        if own.takes_rate == 1:
+            set_motion_rate(rate, i.supports[own.number])
         return False
     if own.role == EXTRAPOLATED_LOAD:
         load = i.loads[own.number]
         polynomial = i.polynomials[load.polynomial]
         changed = not load_finished(polynomial) or polynomial.c[0] != value
-        set_load_input(t, value, load, polynomial)
-        return bool(changed)
+        set_load_input(t, value, rate, load, polynomial)
+        return bool(changed or not load_finished(polynomial))
+    if own.takes_rate == 1:
+        return hold_ramp(value, 0.0 if np.isnan(rate) else rate, t, i.polynomials[own.number])
     return hold_value(own.coefficient, value, t, i.polynomials[own.number])
 
 

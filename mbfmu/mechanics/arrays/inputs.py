@@ -143,6 +143,7 @@ class Inputs:
         loads = 0
         for record, slot, role, polynomial in zip(own.inputs, self._slots, self._roles, self._polynomials, strict=True):
             record["role"], record["number"], record["coefficient"] = role, polynomial, slot.coefficient
+            record["takes_rate"] = self._takes_rate(slot.signal)
             if role == SUPPORT_MOTION:
                 record["number"] = list(self._supports).index(slot.signal)
             elif role == EXTRAPOLATED_LOAD:
@@ -210,6 +211,16 @@ class Inputs:
         if slot.signal == GRAVITY_SIGNAL:
             return follows >= Follows.GRAVITY
         return not slot.coefficient and not self.moves_support(index) and follows >= Follows.LOADS
+
+    def _takes_rate(self, signal: int) -> bool:
+        """Whether the host may give the time derivative of an input of a signal: it is its only one."""
+        return signal != GRAVITY_SIGNAL and sum(slot.signal == signal for slot in self._slots) == 1
+
+    def takes_rate(self, index: int) -> bool:
+        """Whether the host may give the time derivative of an input with its value: not of gravity, nor of one that has
+        an input for its rate, or is that.
+        """
+        return self._takes_rate(self._slots[index].signal)
 
     def start(self, index: int, value: float, t: float = 0.0) -> None:
         """Set the value of an input at the start, t; raises UserError if it is not finite."""

@@ -25,6 +25,8 @@ Without a rate that of the step is what two differences of u agree in, and what 
 
     x = x_n + (r + (u_n - x_n) / h) s,     r = minmod((u_n - u_(n-1)) / H, the same a step before)
 
+A speed that is given alone is v, and a is the acceleration that the host gives with it, or zero.
+
 Kernels take a support, the segment it is on, and the polynomial of its drive, which is where the support is and how
 fast it goes. Where the rate jumps between two segments the mechanism gets an impulse, see :mod:`.input_kernels`.
 """
@@ -41,6 +43,7 @@ from solvers.compiled.record import Reals, Record, f8, i8
 if TYPE_CHECKING:
     from mbfmu.mechanics.signals.polynomial import PolynomialRecord
 
+SPEED_ROUNDING = 1e-15  # relative rounding error of a speed that continues with its acceleration
 MAX_EXTRAPOLATION_ERROR_RATIO = 1.5  # error of an extrapolated position to the changes of the rate times the step
 
 
@@ -53,7 +56,7 @@ class SupportRecord(Record):
     rate: f8  # v, its coefficients
     acceleration: f8  # its coefficients, m/s^2 or rad/s^2
     accelerated: i8  # 1: the host gives accelerations
-    given: i8  # 1: a position was given since the last point
+    given: i8  # 1: a position, or a speed that accelerates, was given since the last point
     rated: i8  # 1: the host gives rates
     departs: i8  # 1: another segment is about to begin,
     jump: f8  # ... where the rate jumps by so much, m/s or rad/s
@@ -109,6 +112,19 @@ def set_motion_input(coefficient: int, value: float, support: SupportRecord) -> 
             support.rated = 1
 
 
+@kernel
+def set_motion_rate(rate: float, support: SupportRecord) -> None:
+    """Take the time derivative of the position, or of the speed, that was set, if it is no input itself; not a number:
+    it is not given.
+    """
+    is_given = not np.isnan(rate)
+    value = rate if is_given else 0.0
+    if support.speed == 0:
+        support.rate, support.rated = value, 1 if is_given else 0
+    elif value != 0.0 or support.acceleration != 0.0:
+        support.acceleration, support.given = value, 1
+
+
 @inlined
 def position_and_rate(t: float, segment: SegmentRecord, polynomial: PolynomialRecord) -> tuple[float, float]:
     """Return both at t, before any jump."""
@@ -131,14 +147,18 @@ def plan_motion(
     It does not in the middle of a segment, nor if it continues unchanged, which is recorded.
     """
     support.departs, support.jump = 0, 0.0
-    same = support.rate == segment.rate and support.acceleration == segment.acceleration
-    if support.given == 0 and same and t < segment.end and end <= segment.end:
+    unchanged = support.rate == segment.rate and support.acceleration == segment.acceleration
+    if support.given == 0 and unchanged and t < segment.end and end <= segment.end:
         return
     x, v = position_and_rate(t, segment, polynomial)
+    if support.speed == 1 and support.acceleration != 0.0:
+        rounding = SPEED_ROUNDING * (abs(v) + abs(support.acceleration) * (end - t))
+        if support.given == 0 or abs(support.rate - v) <= rounding:
+            support.rate = v  # it continues without a jump
     continue_motion(t, end, x, support, segment, ahead)
     path, c = ahead.path, polynomial.c
-    straight = path[0] == x and path[2] == 0.0 and path[3] == 0.0 and c[2] == 0.0 and c[3] == 0.0
-    if straight and path[1] == v:
+    same = path[0] == x and path[1] == v and path[2] == c[2] and path[3] == 0.0 and c[3] == 0.0
+    if same and (path[2] == 0.0 or support.speed == 1):
         adopt_segment(ahead, support, segment)
     else:
         support.departs, support.jump = 1, path[1] - v
@@ -156,7 +176,8 @@ def continue_motion(
     ahead.begin, ahead.end, ahead.rate, ahead.jumps = t, end, v, 0
     ahead.acceleration, ahead.change = support.acceleration, abs(v - last.rate)
     if support.speed == 1:
-        ahead.goal, ahead.position, ahead.average = x + v * h, x, 0.0
+        path[2] = 0.5 * support.acceleration
+        ahead.goal, ahead.position, ahead.average = x + h * (v + h * path[2]), x, 0.0
         return
     average = (u - last.position) / before if before > 0.0 else last.average
     ahead.position, ahead.average = u, average

@@ -98,7 +98,7 @@ static bool good_header(const Header *h)
            in_block(h, h->length_at, 1, sizeof(double)) && in_block(h, h->options_at, 1, sizeof(Options)) &&
            in_block(h, h->run_status_at, 1, sizeof(RunStatus)) && in_block(h, h->worst_at, 1, sizeof(Worst)) &&
            in_block(h, h->massless_at, h->coordinates_count, sizeof(double)) && in_block(h, h->out_at, 0, 1) &&
-           in_block(h, h->counts_at, 0, 1) && is_index(h->reports_coarse, 2) && is_index(h->steady, 2) &&
+           in_block(h, h->counts_at, 0, 1) && is_index(h->reports_coarse, 2) && is_index(h->steady, 2) && is_index(h->takes_rates, 2) &&
            is_index(h->user_kernels, INT32_MAX) && is_index(h->reports_undetermined, 2) &&
            in_block(h, h->undetermined_at, 1, sizeof(int64_t)) &&
            in_block(h, h->undetermined_time_at, 1, sizeof(double)) &&
@@ -144,7 +144,7 @@ static bool good_variables(const Instance *own)
             (v->role == ROLE_COUNTER && !in_block(h, h->counts_at, v->number + 1, sizeof(int64_t))))
             return false;
     }
-    return true;
+    return h->inputs == inputs;
 }
 
 static bool good_arrays(const Instance *own)

@@ -74,6 +74,7 @@ void destroy(Instance *own)
     free(own->room);
     free(own->kept);
     free(own->values);
+    free(own->rates);
     free(own->flags);
     free(own);
 }
@@ -158,7 +159,8 @@ Outcome exit_initialization(Instance *own)
         return ERROR;
     }
     own->phase = own->exchange ? EVENT_MODE : RUNNING;
-    memset(own->flags, 0, count_of(own));
+    for (size_t k = 0; k < count_of(own); k++)
+        own->flags[k] = own->flags[k] & RATED ? GIVEN | RATED : 0; /* the first step begins with the rates */
     warn_coarse_tolerance(own);
     warn_limited_rtol(own);
     return OK;
@@ -244,6 +246,7 @@ static Outcome go(Instance *own, double t, double length)
         put_back(own, own->kept);
         return fail(own, DISCARD, text);
     }
+    unmark(own, RATED);
     own->fresh = own->derived = false;
     own->message[0] = '\0';
     own->reached = end;

@@ -49,6 +49,8 @@ Outcome choose_logging(Instance *own, unsigned *logged, bool on, size_t count, c
 Outcome get(Instance *own, uint32_t reference, unsigned types, double *value);
 Outcome set(Instance *own, uint32_t reference, unsigned types, double value);
 Outcome get_text(Instance *own, uint32_t reference, const char **text);
+Outcome set_rates(Instance *own, const char *call, const uint32_t inputs[], size_t n, const int32_t orders[],
+                  const double rates[]);
 double last_successful_time(const Instance *own);
 
 /* Value references of FMI 3: of variables, then of the time, then of arrays. */

@@ -193,8 +193,9 @@ bool open_model(Instance *own, const char *folder, const char *token, char text[
         own->room = malloc(size + ALIGNED);
         own->kept = calloc((size_t)own->header->saved, 1);
         own->values = malloc(count_of(own) * sizeof *own->values);
+        own->rates = calloc((size_t)own->header->inputs + 1, sizeof *own->rates);
         own->flags = calloc(flag_words(own), sizeof(uint64_t));
-        well = own->room && own->kept && own->values && own->flags;
+        well = own->room && own->kept && own->values && own->rates && own->flags;
         if (well)
             own->block = own->room + (ALIGNED - (uintptr_t)own->room % ALIGNED) % ALIGNED;
         if (!well)

@@ -195,12 +195,12 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference[], size_t n, 
     return n ? (fmi2Status)mistake(instance(c), text) : fmi2OK;
 }
 
-fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference[], size_t n, const fmi2Integer[],
-                                       const fmi2Real[])
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference inputs[], size_t n,
+                                       const fmi2Integer orders[], const fmi2Real rates[])
 {
-    if (!c)
+    if (!c || (n && (!inputs || !orders || !rates)))
         return fmi2Error;
-    return n ? (fmi2Status)not_offered(instance(c), "fmi2SetRealInputDerivatives") : fmi2OK;
+    return n ? (fmi2Status)set_rates(instance(c), "fmi2SetRealInputDerivatives", inputs, n, orders, rates) : fmi2OK;
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference outputs[], size_t n,

@@ -5,8 +5,9 @@
 
 #include "core.h"
 
-/* Flags of a variable: set since the last step; set to what is not allowed; its jump has been reported. */
-enum { GIVEN = 1, REFUSED = 2, JUMP_REPORTED = 4 };
+/* Flags of a variable: set since the last step; set to what is not allowed; its jump has been reported; its rate has been
+ * set for the next step. */
+enum { GIVEN = 1, REFUSED = 2, JUMP_REPORTED = 4, RATED = 8 };
 
 struct Instance {
     Log *log;
@@ -21,6 +22,7 @@ struct Instance {
     unsigned char *block; /* the model at work */
     unsigned char *kept;  /* its state as the step found it */
     double *values;
+    double *rates; /* derivatives of the inputs by time, of those that are RATED */
     unsigned char *flags; /* of the variables, and zeros up to a multiple of 8 */
     double start;   /* s */
     double reached; /* s */
@@ -81,6 +83,7 @@ void put_back(Instance *own, const unsigned char *saved);
 
 /* values.c */
 bool is_marked(const Instance *own, unsigned flag);
+void unmark(Instance *own, unsigned flag);
 const Variable *refused_value(const Instance *own);
 Outcome fail_refused(Instance *own, Outcome outcome, const Variable *v);
 void apply_changes(Instance *own);

@@ -15,14 +15,19 @@ struct State {
     double start;
     double reached;
     char message[SAYS];
-    double values[]; /* then the block's state, then the flags */
+    double values[]; /* then the rates of inputs, the block's state, and the flags */
 };
 
 #define BEFORE offsetof(State, token)
 
+static size_t inputs_of(const Instance *own)
+{
+    return (size_t)own->header->inputs;
+}
+
 size_t bytes_of(const Instance *own)
 {
-    return sizeof(State) + count_of(own) * (sizeof(double) + 1) + saved_bytes(own);
+    return sizeof(State) + (count_of(own) + inputs_of(own)) * sizeof(double) + saved_bytes(own) + count_of(own);
 }
 
 /* FNV-1a. */
@@ -37,7 +42,7 @@ static uint64_t checksum(const void *bytes, size_t count)
 
 static unsigned char *block_of(const Instance *own, const State *state)
 {
-    return (unsigned char *)(state->values + count_of(own));
+    return (unsigned char *)(state->values + count_of(own) + inputs_of(own));
 }
 
 static bool ours(const Instance *own, const State *state)
@@ -72,6 +77,7 @@ Outcome save(Instance *own, State **state)
     memset(s->message, 0, sizeof s->message);
     add(s->message, own->message);
     memcpy(s->values, own->values, count * sizeof *s->values);
+    memcpy(s->values + count, own->rates, inputs_of(own) * sizeof *s->values);
     memcpy(block_of(own, s), own->block, saved);
     memcpy(block_of(own, s) + saved, own->flags, count);
     return OK;
@@ -88,6 +94,7 @@ Outcome restore(Instance *own, const State *state)
     own->stopped = false;
     memcpy(own->message, state->message, sizeof own->message);
     memcpy(own->values, state->values, count * sizeof *state->values);
+    memcpy(own->rates, state->values + count, inputs_of(own) * sizeof *state->values);
     put_back(own, block_of(own, state));
     memcpy(own->flags, block_of(own, state) + saved, count);
     own->untouched = own->fresh = own->derived = false;

@@ -21,6 +21,14 @@ bool is_marked(const Instance *own, unsigned flag)
     return all & flag * UINT64_C(0x0101010101010101);
 }
 
+/* Clear a flag of all variables. */
+void unmark(Instance *own, unsigned flag)
+{
+    if (is_marked(own, flag))
+        for (size_t k = 0; k < count_of(own); k++)
+            own->flags[k] &= (unsigned char)~flag;
+}
+
 /* Return what was refused and not given right since; NULL: nothing. */
 const Variable *refused_value(const Instance *own)
 {
@@ -46,6 +54,15 @@ static bool is_at_work(const Instance *own)
     return own->phase >= RUNNING && own->phase < FAILED;
 }
 
+/* Give the model an input, with its rate if that was set too. */
+static void give_now(Instance *own, size_t k)
+{
+    int64_t code, number = own->variables[k].number;
+    void *error;
+    own->linearized = false;
+    own->family->set(&code, &error, root_of(own), number, own->values[k], own->flags[k] & RATED ? own->rates[number] : NAN);
+}
+
 /* Let what was set since the last step reach the model, in the order of mbfmu/session/kernels/sequence.py. */
 void apply_changes(Instance *own)
 {
@@ -67,7 +84,7 @@ void apply_changes(Instance *own)
         if (!(own->flags[k] & GIVEN))
             continue;
         if (own->variables[k].role == ROLE_INPUT)
-            give(own, own->family->set, k);
+            give_now(own, k);
         own->flags[k] &= (unsigned char)~GIVEN;
         own->fresh = own->derived = false;
     }
@@ -174,4 +191,41 @@ Outcome set(Instance *own, uint32_t reference, unsigned wanted, double value)
     own->flags[reference] |= GIVEN;
     own->fresh = own->derived = false;
     return OK;
+}
+
+/* Set the first derivatives of inputs by time, with which they continue from the point that the FMU has reached. */
+Outcome set_rates(Instance *own, const char *call, const uint32_t inputs[], size_t n, const int32_t orders[],
+                  const double rates[])
+{
+    char text[SAYS], digits[32];
+    Outcome worst = OK;
+    if (own->exchange || !own->header->takes_rates)
+        return not_offered(own, call);
+    for (size_t k = 0; k < n; k++) {
+        const Variable *v = known(own, inputs[k], 1u << TYPE_REAL);
+        const char *why = v ? locked(own, v) : NULL;
+        if (v && v->role == ROLE_INPUT && !why && orders[k] == 1 && isfinite(rates[k])) {
+            own->rates[v->number] = rates[k];
+            own->flags[inputs[k]] |= GIVEN | RATED;
+            own->fresh = own->derived = false;
+            continue;
+        }
+        worst = ERROR;
+        if (!v)
+            continue;
+        if (v->role != ROLE_INPUT)
+            SAY(text, call, " was called for '", text_at(own, v->name), "'; allowed: inputs");
+        else if (why)
+            SAY(text, call, " was called for '", text_at(own, v->name), "', but ", why);
+        else if (orders[k] != 1)
+            SAY(text, call, " was called for derivative ", in_digits(digits, orders[k]), " of '", text_at(own, v->name),
+                "'; allowed: derivative 1");
+        else {
+            own->flags[inputs[k]] |= REFUSED;
+            SAY(text, "the derivative of '", text_at(own, v->name), "' was set to ", in_digits(digits, rates[k]),
+                "; allowed: a finite number");
+        }
+        mistake(own, text);
+    }
+    return worst;
 }

@@ -131,11 +131,13 @@ def account_discontinuity(session: Session, before: float, t: float, q: Reals, v
 
 
 @kernel
-def apply_input(session: Session, index: int, value: float, t: float, q: Reals, v: Reals) -> bool:
-    """Set an input at the time reached; return whether the equations of motion change there."""
+def apply_input(session: Session, index: int, value: float, rate: float, t: float, q: Reals, v: Reals) -> bool:
+    """Set an input at the time reached, with its rate if it is a number; return whether the equations of motion change
+    there.
+    """
     is_gravity = session.inputs.inputs[index].role == GRAVITY_LOAD
     before = energy_at(session, t, q, v) if is_gravity else 0.0
-    changed: bool = set_input(session.inputs, index, value, t)
+    changed: bool = set_input(session.inputs, index, value, rate, t)
     if is_gravity and changed:
         account_discontinuity(session, before, t, q, v)
     return changed

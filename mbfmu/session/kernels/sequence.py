@@ -94,7 +94,7 @@ class SolverActions(NamedTuple):
 class Sequence(NamedTuple):
     """What a run does. All functions take a run first and return a code."""
 
-    set_input: Callable[..., int]  # (run, index, value): at the time reached
+    set_input: Callable[..., int]  # (run, index, value, rate): at the time reached; rate: not a number if not given
     begin_step: Callable[..., int]  # (run, end): the part of ``step`` before the solver advances
     step: Callable[..., int]  # (run, end): advance to the communication point at ``end``, s
     read: Callable[..., int]  # (run): fill ``run.out``
@@ -154,10 +154,10 @@ def sequence_of(solver: SolverActions, compiled: Callable[[F], F] = _unchanged) 
         check_point(run.session, run.clock[0], run.q, run.v, run.energy_account, placed)
         return code
 
-    def set_input(run: Any, index: int, value: float) -> int:
-        if not abs(value) < np.inf:
+    def set_input(run: Any, index: int, value: float, rate: float) -> int:
+        if not abs(value) < np.inf or abs(rate) == np.inf:
             return NOT_FINITE
-        if apply_input(run.session, index, value, run.clock[0], run.q, run.v):
+        if apply_input(run.session, index, value, rate, run.clock[0], run.q, run.v):
             continue_at_state(run)
         return OK
 
