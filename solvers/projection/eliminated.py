@@ -75,6 +75,7 @@ class EliminationScratch(NamedTuple):
     q_near: Array  # (nq,)  state of a neighbor
     v_near: Array  # (n,)
     a_near: Array  # (n,)
+    a_before: Array  # (n,)
     qdot_near: Array  # (nq,)
     lam_near: Array  # (m,)
     tau: Array  # (n,)
@@ -89,7 +90,7 @@ class EliminationScratch(NamedTuple):
         records = InertiaRecord.zeros(1), NearSingularRecord.zeros(1)
         return EliminationScratch(
             positions, z(n), z(nq), z(n), *records, z(nq), z(ELIMINATION_REPORT_SIZE), z(nq), z(n), z(n), z(nq), z(m),
-            z(n), z(n), z(nq), z(n), z(n), z(nq), z(m), z(n), z(n), z(m), z((4, nq)),
+            z(n), z(n), z(nq), z(n), z(n), z(n), z(nq), z(m), z(n), z(n), z(m), z((4, nq)),
         )  # fmt: skip
 
     def memory(self) -> list[NDArray[Any]]:

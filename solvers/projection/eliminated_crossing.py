@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.outcome import OK, UNDECIDABLE
+from solvers.outcome import BRANCHES, OK, UNDECIDABLE
 from solvers.system import DROPPED_LENGTH, DROPPED_RESIDUAL, RANK
 
 from .eliminated import (
@@ -49,7 +49,9 @@ if TYPE_CHECKING:
     from solvers.system import EliminationEquations
 
 UNRESOLVED_LENGTH = UNRESOLVED_PIVOT_RATIO  # an equation that is shorter has no accurate digits
-MAX_CROSSING_GAP = 1e-10  # largest gap of a crossing: the square of the errors of the interpolated point
+MAX_CROSSING_GAP = 1e-12  # largest gap of a crossing; the errors of the interpolated point enter with their squares
+MIN_RESOLVED_GAP = 3e-11  # of a near miss: rounding errors of the positions divided by the gap decide the branch
+LIMIT_HALVINGS, LIMIT_TOLERANCE = 2, 1e-6  # of the distance of neighbors; relative change of the accelerations then
 MAX_CROSSING_LENGTH = 1e-5  # shortest equation in the interpolated point of a crossing
 MAX_CENTER_OFFSET = 0.5  # of the point from the middle of its neighbors, in their distance
 MAX_SEARCHES, MAX_SEARCH_DISTANCE = 4, 0.5  # of the point; farthest, in units of the coordinates
@@ -200,6 +202,8 @@ def evaluate_closed(
             work.a_near[i] = 0.0
         find_critical_point(eqs, t, q, v, work.a_near, 0.0, work)
     near, speed = work.near[0], loop_speed(v, eqs.in_loops, work.size)
+    if near.kind == IMPERFECT and near.gap < MIN_RESOLVED_GAP:
+        return BRANCHES
     if near.kind == BIFURCATION and speed > MIN_TANGENT_SPEED:
         code = take_limit(eqs, t, q, v, loaded, speed, work, a, lam)
     elif not shortest > UNRESOLVED_LENGTH:
@@ -213,28 +217,56 @@ def take_limit(
     eqs: EliminationEquations, t: float, q: Reals, v: Reals, loaded: bool, speed: float, work: EliminationScratch,
     a: Reals, lam: Reals,
 ) -> int:  # fmt: skip
-    """Accelerations and multipliers near a crossing, from closed neighbors on the branch on both sides of it: the cubic
-    through them, in its middle.
+    """Accelerations and multipliers near a crossing, from closed neighbors on the branch on both sides of it. Half the
+    distance of the neighbors must give the same accelerations; UNDECIDABLE if it does not, as next to another singular
+    configuration.
+    """
+    code = interpolate_neighbors(eqs, t, q, v, loaded, LIMIT_NODE_DISTANCE / speed, work, a, lam)
+    apart, size = 0.5 * LIMIT_NODE_DISTANCE / speed, work.size
+    for _ in range(LIMIT_HALVINGS):
+        for i in range(a.shape[0]):
+            work.a_before[i] = a[i]
+        if code == OK:
+            code = interpolate_neighbors(eqs, t, q, v, loaded, apart, work, a, lam)
+        if code != OK:
+            return code
+        changed, largest = 0.0, speed * speed
+        for i in range(a.shape[0]):
+            changed = max(changed, eqs.in_loops[i] * abs(a[i] - work.a_before[i]) / size[i])
+            largest = max(largest, eqs.in_loops[i] * abs(a[i]) / size[i])
+        if changed <= LIMIT_TOLERANCE * largest:
+            return OK
+        apart *= 0.5
+    return UNDECIDABLE
+
+
+@kernel
+def interpolate_neighbors(
+    eqs: EliminationEquations, t: float, q: Reals, v: Reals, loaded: bool, apart: float, work: EliminationScratch,
+    a: Reals, lam: Reals,
+) -> int:  # fmt: skip
+    """The cubic through the accelerations and multipliers of four closed neighbors, in its middle; they are ``apart``
+    (s).
     """
     for i in range(a.shape[0]):
-        a[i], work.a_near[i] = 0.0, 0.0
+        a[i] = 0.0
     for k in range(lam.shape[0]):
         lam[k] = 0.0
     for node in (-2, -1, 1, 2):
-        time, weight = node * LIMIT_NODE_DISTANCE / speed, lagrange_polynomial(node, 0.0)
         for i in range(a.shape[0]):
             work.a_near[i] = 0.0
-        if not close_neighbor(eqs, t, q, v, work.a_near, time, work) > SINGULAR_LENGTH:
+        if not close_neighbor(eqs, t, q, v, work.a_near, node * apart, work) > SINGULAR_LENGTH:
             return UNDECIDABLE
         for i in range(v.shape[0]):
             work.v_near[i] = v[i]
-        code = project(eqs, t + time, work.q_near, work.v_near, CLOSED_RESIDUAL, work)
+        code = project(eqs, t + node * apart, work.q_near, work.v_near, CLOSED_RESIDUAL, work)
         if code == OK:
             code = accelerate(
-                eqs, t + time, work.q_near, work.v_near, loaded, work, work.qdot_near, work.a_near, work.lam_near
+                eqs, t + node * apart, work.q_near, work.v_near, loaded, work, work.qdot_near, work.a_near, work.lam_near
             )
         if code != OK:
             return code
+        weight = lagrange_polynomial(node, 0.0)
         for i in range(a.shape[0]):
             a[i] += weight * work.a_near[i]
         for k in range(lam.shape[0]):
