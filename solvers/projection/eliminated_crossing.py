@@ -54,7 +54,8 @@ MIN_RESOLVED_GAP = 3e-11  # of a near miss: rounding errors of the positions div
 LIMIT_HALVINGS, LIMIT_TOLERANCE = 2, 1e-6  # of the distance of neighbors; relative change of the accelerations then
 MAX_CROSSING_LENGTH = 1e-5  # shortest equation in the interpolated point of a crossing
 MAX_CENTER_OFFSET = 0.5  # of the point from the middle of its neighbors, in their distance
-MAX_SEARCHES, MAX_SEARCH_DISTANCE = 4, 0.5  # of the point; farthest, in units of the coordinates
+NODE_REFINEMENTS, NODE_REFINEMENT_FACTOR = 2, 0.25  # of the distance of the neighbors, to confirm a near miss
+MAX_SEARCHES, MAX_SEARCH_DISTANCE = 7, 0.5  # of the point; farthest, in units of the coordinates
 CRITICAL_POINT_CORRECTIONS = 3  # of the interpolated point
 LOOKAHEAD_LENGTH = 0.3  # shortest equation below which a critical point ahead is searched
 MAX_TURN = 0.1  # change of the velocity by a projection, relative to the largest velocity, on the same branch
@@ -93,33 +94,39 @@ def find_critical_point(
     eqs: EliminationEquations, t: float, q: Reals, v: Reals, a: Reals, time: float, work: EliminationScratch
 ) -> int:
     """Search the critical point near where the motion from (t, q, v) with accelerations a is after a ``time`` (s).
-    Return its kind, and put it into work.q_c.
+    Return its kind, and put it into work.q_c. A near miss is confirmed with nearer neighbors: next to another singular
+    configuration the interpolation is not accurate.
     """
     near, speed = work.near[0], loop_speed(v, eqs.in_loops, work.size)
     near.kind, near.gap = NO_CRITICAL_POINT, 0.0
     if not speed > 0.0:
         return near.kind
-    apart = LIMIT_NODE_DISTANCE / speed
+    apart, refined, gap = LIMIT_NODE_DISTANCE / speed, 0, 0.0
     for _ in range(MAX_SEARCHES):
         if not abs(time) * speed <= MAX_SEARCH_DISTANCE:
-            return near.kind
+            break
         outer_before = store_node(eqs, t, q, v, a, time - 2.0 * apart, 0, work)
         before = store_node(eqs, t, q, v, a, time - apart, 1, work)
         after = store_node(eqs, t, q, v, a, time + apart, 2, work)
         outer_after = store_node(eqs, t, q, v, a, time + 2.0 * apart, 3, work)
         if not min(min(outer_before, before), min(after, outer_after)) > 0.0:
-            return near.kind
+            break
         offset = (before - after) / (before + after)
         if abs(offset) <= MAX_CENTER_OFFSET and outer_before > before and outer_after > after:
             x = zero_of_cubic(outer_before, before, -after, -outer_after, offset)
             near.kind = classify_node(eqs, t + time + x * apart, x, work)
-            return near.kind
-        if outer_before > before > after > outer_after:
+            gap = max(gap, near.gap)
+            if near.kind != IMPERFECT or refined == NODE_REFINEMENTS:
+                break
+            time, apart, refined = time + x * apart, NODE_REFINEMENT_FACTOR * apart, refined + 1
+        elif outer_before > before > after > outer_after:
             time += apart * (2.0 + 4.0 * outer_after / (outer_before - outer_after))
         elif outer_before < before < after < outer_after:
             time -= apart * (2.0 + 4.0 * outer_before / (outer_after - outer_before))
         else:
-            return near.kind
+            break
+    if near.kind == IMPERFECT:
+        near.gap = gap  # neighbors that are nearer than the branches would show none
     return near.kind
 
 
