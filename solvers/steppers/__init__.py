@@ -155,7 +155,7 @@ def describe_large_size(name: str, system: TreeSystem) -> str:
     return _refusal(
         name,
         f"is given {system.n} joint coordinates and {system.m} constraints; allowed: at most {size_limit(name)} "
-        "coordinates; use 'ida'",
+        "coordinates; use 'ida', or 'adams', which eliminates the constraints of large models",
     )
 
 
@@ -189,11 +189,21 @@ def describe_order_refusal(name: str, order: int | None) -> str:
     )
 
 
-def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
+def stepper(
+    name: str,
+    system: AnySystem,
+    t0: float,
+    q0: Array,
+    v0: Array,
+    options: Options | None = None,
+    *,
+    by_matrices: bool = False,
+) -> Stepper:
     """Return a stepper by its name.
 
-    A large model is advanced by its recursions if the solver supports this, else by its matrices. Raises ValueError
-    if these would be too large, for an order that the solver does not have, and for an unknown name.
+    A large model is advanced by its recursions if the solver supports this, else by its matrices. ``by_matrices``: a
+    system that has matrices is advanced by them, whatever its size. Raises ValueError if these would be too large, for
+    an order that the solver does not have, and for an unknown name.
     """
     if not is_solver(name):
         raise ValueError(
@@ -204,7 +214,7 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     ):
         raise ValueError(refused)
     arguments: tuple[Any, ...] = t0, q0, v0, options
-    if eliminates_constraints(name, system):
+    if eliminates_constraints(name, system) and not (by_matrices and system.has_matrices):
         return ELIMINATION_SOLVERS[name](system, *arguments)
     if not isinstance(system, TreeSystem):
         if not system.n:

@@ -15,7 +15,13 @@ from solvers.compiled.record import f8, i8
 from solvers.energy_account import energy_check_scheduled, update_energy_bound
 from solvers.inertia import clear_growth
 from solvers.outcome import OK
-from solvers.projection.eliminated import CLOSED_RESIDUAL, FROZEN_RESIDUAL_RATIO, SINGULAR_LENGTH, project
+from solvers.projection.eliminated import (
+    CLOSED_RESIDUAL,
+    FROZEN_RESIDUAL_RATIO,
+    SINGULAR_LENGTH,
+    largest_distance,
+    project,
+)
 from solvers.projection.eliminated_crossing import (
     evaluate_closed,
     evaluate_prediction,
@@ -23,6 +29,7 @@ from solvers.projection.eliminated_crossing import (
     stays_on_branch,
 )
 from solvers.projection.singular import IMPERFECT
+from solvers.steppers.step_control import set_near_miss_factor
 from solvers.steppers.step_loop import StepSettingsRecord
 
 from .formulas import pack_state, set_tolerance_units, unpack_state
@@ -41,6 +48,7 @@ class SettingsRecord(StepSettingsRecord):
 
 
 SETTINGS = SettingsRecord.dtype
+NEAR_MISS_ERROR_RATIO = 0.01  # largest error of a step near a near miss, in distances from it
 CLEARANCE_FACTOR = 2.0  # of nearly singular configurations, and of the time to them: Runge-Kutta steps are possible
 
 
@@ -67,10 +75,18 @@ def motion_rate(integration: Integration) -> float:
 
 @inlined
 def set_error_weights(integration: Integration) -> None:
-    """Error weights 1 / (rtol |y| + atol unit) at y."""
-    history, settings = integration.memory, integration.settings[0]
+    """Error weights 1 / (rtol |y| + atol unit) at y; near a near miss errors must be smaller than the distance of the
+    branches, as far as rounding allows.
+    """
+    history, work, settings = integration.memory, integration.work, integration.settings[0]
+    control, near, scale = history.control[0], work.near[0], 1.0
+    set_near_miss_factor(control, settings.rtol, near.kind, near.gap)
+    if near.kind == IMPERFECT:
+        far = max(near.accepted, largest_distance(work.q_c, history.y[: work.q_c.shape[0]], work.size_q))
+        scale = min(1.0, NEAR_MISS_ERROR_RATIO * far / max(settings.rtol, settings.atol))
+    scale = max(scale, control.near_miss_factor)
     for i in range(history.y.shape[0] - 1):
-        history.weight[i] = 1.0 / (settings.rtol * abs(history.y[i]) + settings.atol * history.unit[i])
+        history.weight[i] = 1.0 / (scale * (settings.rtol * abs(history.y[i]) + settings.atol * history.unit[i]))
 
 
 @kernel
