@@ -57,7 +57,7 @@ MAX_CENTER_OFFSET = 0.5  # of the point from the middle of its neighbors, in the
 NODE_REFINEMENTS, NODE_REFINEMENT_FACTOR = 2, 0.25  # of the distance of the neighbors, to confirm a near miss
 MAX_SEARCHES, MAX_SEARCH_DISTANCE = 7, 0.5  # of the point; farthest, in units of the coordinates
 CRITICAL_POINT_CORRECTIONS = 3  # of the interpolated point
-LOOKAHEAD_LENGTH = 0.3  # shortest equation below which a critical point ahead is searched
+LOOKAHEAD_LENGTH = 0.5  # shortest equation below which a critical point ahead is searched
 MAX_TURN = 0.1  # change of the velocity by a projection, relative to the largest velocity, on the same branch
 MAX_NEAR_MISS_DISTANCE = 1.0  # from which a near miss does not limit steps
 
@@ -313,9 +313,9 @@ def record_accepted(
     near.accepted = here
     ahead = near.time_to_singular
     if here < LOOKAHEAD_LENGTH and (here < SINGULAR_LENGTH or ahead < LOOKAHEAD_STEPS * following):
+        time = ahead if ahead < np.inf else 0.0
         if not explains(q, here, work):
-            find_critical_point(eqs, t, q, v, a, ahead if ahead < np.inf else 0.0, work)
-            near.shortest = here
+            find_critical_point(eqs, t, q, v, a, time, work)
     if near.kind == BIFURCATION and ahead > JUMP_STEP_RATIO * taken and here > MIN_END_PIVOT_RATIO:
         return APPROACH_FRACTION * ahead
     if near.kind != IMPERFECT:

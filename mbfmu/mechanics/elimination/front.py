@@ -97,8 +97,8 @@ def scale_rows(
 
 
 @inlined
-def find_pivot(rank: int, end: int, ny: int, n: int, R: Reals) -> int:
-    """Return the equation with the largest part in y; -1: all parts are below MIN_PIVOT."""
+def find_pivot(rank: int, end: int, ny: int, n: int, R: Reals, report: Reals) -> int:
+    """Return the equation with the largest part in y, which is reported; -1: all parts are below MIN_PIVOT."""
     best, found = MIN_PIVOT * MIN_PIVOT, -1
     for i in range(rank, end if rank < ny else rank):
         inside, outside = 0.0, 0.0
@@ -108,6 +108,8 @@ def find_pivot(rank: int, end: int, ny: int, n: int, R: Reals) -> int:
             outside += R[i, c] * R[i, c]
         if inside > best * (inside + outside):
             best, found = inside / (inside + outside), i
+    if found >= 0:
+        report[SHORTEST] = min(report[SHORTEST], np.sqrt(best))
     return found
 
 
@@ -192,7 +194,7 @@ def solve_equations(
         memory.taken[c] = False
     while True:
         end = scale_rows(rank, taken, end, n, rows, drop, memory, report)
-        row = find_pivot(rank, end, ny, n, R)
+        row = find_pivot(rank, end, ny, n, R, report)
         if row >= 0:
             if row >= end - taken:  # all others may use the interface again
                 taken = 0

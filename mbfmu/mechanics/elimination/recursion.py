@@ -37,7 +37,7 @@ def eliminate(
     """Eliminate all fronts; False: a free direction moves no mass.
 
     Equations that become shorter than ``drop`` are left out. ``report`` (ELIMINATION_REPORT_SIZE,): the rank, the number of
-    equations left out, the shortest equation that is solved, the longest one left out and the largest residual of these.
+    equations left out, the shortest equation or pivot, the longest equation left out and the largest residual of these.
     """
     report[RANK], report[DROPPED], report[SHORTEST] = 0.0, 0.0, np.inf
     report[DROPPED_LENGTH], report[DROPPED_RESIDUAL] = 0.0, 0.0

@@ -48,7 +48,7 @@ class SettingsRecord(StepSettingsRecord):
 
 
 SETTINGS = SettingsRecord.dtype
-NEAR_MISS_ERROR_RATIO = 0.01  # largest error of a step near a near miss, in distances from it
+NEAR_MISS_ERROR_RATIO = 3e-3  # largest error of a step near a near miss, in distances from it
 CLEARANCE_FACTOR = 2.0  # of nearly singular configurations, and of the time to them: Runge-Kutta steps are possible
 
 
