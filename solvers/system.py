@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 MAX_SOLVER_DENSE_COORDINATES = 1000  # coordinates of a large tree with constraints whose matrices the partitions factor
 # Entries of the report of an elimination of constraints: number of independent equations, number of those left out,
-# shortest independent part of an equation relative to its original length, or smallest pivot, which is at least 0.1,
+# shortest independent part of an equation relative to its original length, or smallest pivot, which is at least 0.5,
 # so that it decreases without a jump, longest part left out, largest residual left
 # out in the same units, and largest residual in units of the constraint equations
 RANK, DROPPED, SHORTEST, DROPPED_LENGTH, DROPPED_RESIDUAL, RESIDUAL = range(6)

@@ -164,9 +164,7 @@ def close_position(eqs: EliminationEquations, t: float, q: Reals, closed: float,
 
 
 @kernel
-def project(
-    eqs: EliminationEquations, t: float, q: Reals, v: Reals, closed: float, work: EliminationScratch
-) -> int:
+def project(eqs: EliminationEquations, t: float, q: Reals, v: Reals, closed: float, work: EliminationScratch) -> int:
     """Project (q, v) onto the constraints, in place; return a code. Record how much the velocity changes."""
     code = close_position(eqs, t, q, closed, work)
     if code != OK:

@@ -109,7 +109,7 @@ def find_critical_point(
         before = store_node(eqs, t, q, v, a, time - apart, 1, work)
         after = store_node(eqs, t, q, v, a, time + apart, 2, work)
         outer_after = store_node(eqs, t, q, v, a, time + 2.0 * apart, 3, work)
-        if not min(min(outer_before, before), min(after, outer_after)) > 0.0:
+        if not min(outer_before, before, after, outer_after) > 0.0:
             break
         offset = (before - after) / (before + after)
         if abs(offset) <= MAX_CENTER_OFFSET and outer_before > before and outer_after > after:
@@ -186,10 +186,9 @@ def classify_node(eqs: EliminationEquations, t: float, x: float, work: Eliminati
 @inlined
 def explains(q: Reals, shortest: float, work: EliminationScratch) -> bool:
     """Whether the known critical point is the one that makes an equation so short at q."""
-    return (
-        work.near[0].kind != NO_CRITICAL_POINT
-        and largest_distance(q, work.q_c, work.size_q) <= MAX_DISTANCE_RATIO * max(shortest, UNRESOLVED_LENGTH)
-    )
+    return work.near[0].kind != NO_CRITICAL_POINT and largest_distance(
+        q, work.q_c, work.size_q
+    ) <= MAX_DISTANCE_RATIO * max(shortest, UNRESOLVED_LENGTH)
 
 
 @kernel
@@ -269,7 +268,15 @@ def interpolate_neighbors(
         code = project(eqs, t + node * apart, work.q_near, work.v_near, CLOSED_RESIDUAL, work)
         if code == OK:
             code = accelerate(
-                eqs, t + node * apart, work.q_near, work.v_near, loaded, work, work.qdot_near, work.a_near, work.lam_near
+                eqs,
+                t + node * apart,
+                work.q_near,
+                work.v_near,
+                loaded,
+                work,
+                work.qdot_near,
+                work.a_near,
+                work.lam_near,
             )
         if code != OK:
             return code

@@ -22,7 +22,7 @@ from solvers.projection.eliminated import (
 )
 from solvers.projection.eliminated_crossing import UNRESOLVED_LENGTH, evaluate_closed
 from solvers.stepper import require_resolution, start_rate
-from solvers.system import Array, AnySystem, EliminationEquations
+from solvers.system import AnySystem, Array, EliminationEquations
 
 from .formulation import Formulation
 from .tree import RATE_TOLERANCE_RATIO
@@ -93,9 +93,7 @@ class EliminatedFormulation(Formulation):
 
     def evaluate(self, t: float, q: Array, v: Array) -> Code:
         """As :meth:`solvers.steppers.formulation.Formulation.evaluate`."""
-        return CODES[
-            evaluate_closed(self.equations, t, q, v, True, self.work, self.qdot, self.a, self.lam)
-        ]
+        return CODES[evaluate_closed(self.equations, t, q, v, True, self.work, self.qdot, self.a, self.lam)]
 
     def power(self, t: float, q: Array, v: Array) -> float:
         """As :meth:`solvers.steppers.formulation.Formulation.power`."""

@@ -1,8 +1,8 @@
 """Closed loops in relative coordinates in O(n): constraints eliminated along the tree, front by front.
 
-The articulated-body recursion hands on the inertia and the bias of a subtree as its parent feels them. Here it also hands
-on the constraint equations that the coordinates of the subtree cannot satisfy, and the few directions of coordinates
-that no equation determines well enough yet::
+The articulated-body recursion passes the inertia and the bias of a subtree to its parent. Here it also passes on the
+constraint equations that the coordinates of the subtree cannot satisfy, and the few directions of coordinates that no
+equation determines well enough yet::
 
     min 1/2 Y'^T M Y' + h^T v'    subject to    J v' = gamma                     accelerations
     min sum (dq / size)^2         subject to    J dq = -Phi,  or  nu - J v       corrections
@@ -14,6 +14,7 @@ second line is the least-norm solution, that is the pseudo-inverse of J in units
 * :mod:`.records` -- fronts and memory as kernels take them.
 * :mod:`.assembly` -- what a front is made of: inertia, equations, and the motion of its body in terms of the parent's.
 * :mod:`.front` -- the elimination of its coordinates.
+* :mod:`.message` -- what remains of it, restricted to where its equations hold.
 * :mod:`.recursion` -- the two passes over all fronts, and the multipliers.
 * :mod:`.eliminated` -- the callbacks of a solver.
 

@@ -82,7 +82,9 @@ def add_messages(front: FrontRecord, own: EliminationArrays, memory: Elimination
 
 
 @kernel
-def add_body(front: FrontRecord, here: MotionRecord, state: State, own: EliminationArrays, memory: EliminationMemory) -> None:
+def add_body(
+    front: FrontRecord, here: MotionRecord, state: State, own: EliminationArrays, memory: EliminationMemory
+) -> None:
     """Add inertia and bias of the body, columns from ``n`` on, and the forces along the coordinates of its joint."""
     H, g, length, begin = memory.H, memory.g, own.length[0], front.ny - front.nv
     n = front.ny + front.np
@@ -212,7 +214,12 @@ def express_motion(
 ) -> None:
     """Express the motion of the body, the last six columns, by its coordinates and the motion of its parent."""
     H, g, R, S, bias, n = memory.H, memory.g, memory.R, memory.S, memory.bias, front.ny + front.np
-    here, parent, length, begin = state.bodies[front.body], state.bodies[front.parent], own.length[0], front.ny - front.nv
+    here, parent, length, begin = (
+        state.bodies[front.body],
+        state.bodies[front.parent],
+        own.length[0],
+        front.ny - front.nv,
+    )
     x, y, z = (here.r[0] - parent.r[0]) / length, (here.r[1] - parent.r[1]) / length, (here.r[2] - parent.r[2]) / length
     for i in range(n + 6):
         for k in range(6):

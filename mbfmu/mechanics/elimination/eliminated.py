@@ -11,7 +11,12 @@ import numpy as np
 from mbfmu.mechanics.records import Arrays, Data, State, empty_data
 from mbfmu.mechanics.recursions.aba import initialize_articulated_inertia
 from mbfmu.mechanics.recursions.constraints import evaluate_constraints
-from mbfmu.mechanics.recursions.dynamics import evaluate_position_rate, tree_callbacks, update_kinematics, work_callbacks
+from mbfmu.mechanics.recursions.dynamics import (
+    evaluate_position_rate,
+    tree_callbacks,
+    update_kinematics,
+    work_callbacks,
+)
 from mbfmu.mechanics.recursions.kinematics import scatter_coordinates, update_positions, update_velocities
 from solvers.compiled.kernel import COMPILED, callback, inlined, kernel, types
 from solvers.compiled.tuple_pointer import pin, pointer_type
@@ -22,7 +27,7 @@ from .records import EliminationArrays, EliminationMemory, example, lay_out
 from .recursion import eliminate, multipliers, recover
 
 if TYPE_CHECKING:
-    from solvers.compiled.record import Reals
+    pass
 
 # Equations shorter than this multiple of the residual are not used: redundant ones are as long as the residual.
 REDUNDANT_LENGTH_PER_RESIDUAL, MAX_REDUNDANT_LENGTH = 30.0, 1e-3
@@ -97,7 +102,7 @@ def correct_position(t: float, q: Any, elimination: Any, drop: float, closed: fl
 
 
 def correct_velocity(t: float, q: Any, v: Any, elimination: Any, drop: float, dv: Any, report: Any) -> None:
-    """dv (n,): the shortest change of the velocities, in units of the sizes of the coordinates, with J (v + dv) = nu."""
+    """dv (n,): the shortest change of velocities, in units of the sizes of the coordinates, with J (v + dv) = nu."""
     arrays, state, own, memory = elimination.arrays, elimination.state, elimination.own, elimination.memory
     scatter_coordinates(t, q, v, arrays, state)
     update_positions(arrays, state)
@@ -157,7 +162,5 @@ def eliminate_constraints(
     elimination = _pinned(arrays, state, *lay_out(arrays, size, row_size, length))
     mask = find_loop_mask(arrays)
     callbacks = accelerations, positions, velocities, inverse, retract, power, bound
-    equations: EliminationEquations = pin(
-        EliminationEquations(*callbacks, pin(Data(arrays, state)), elimination, mask)
-    )
+    equations: EliminationEquations = pin(EliminationEquations(*callbacks, pin(Data(arrays, state)), elimination, mask))
     return equations

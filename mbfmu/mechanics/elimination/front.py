@@ -6,10 +6,10 @@ y (ny) are the coordinates to eliminate, p the interface. Equations are solved f
 
 1. Every equation that is not solved yet is scaled to length one. One that has become shorter than a limit, relative to
    its original length, is redundant or singular: it is left out.
-2. The equation with the largest part in y is solved if that part is at least MIN_PIVOT: one Householder reflection in y,
-   and the pivot is eliminated from the other equations.
-3. If there is none, an entry of p is eliminated from the other equations, the largest first. An equation without p has a
-   large part in y, or none.
+2. The equation with the largest part in y is solved if that part is at least MIN_PIVOT: one Householder reflection in
+   y, and the pivot is eliminated from the other equations.
+3. If there is none, an entry of p is eliminated from the other equations, the largest first. An equation without p has
+   a large part in y, or none.
 4. What remains are at most as many equations as p has components. The directions of y that they contain are *delayed*:
    they are eliminated by the target. A small pivot is never used: errors would grow with the power of its inverse along
    a chain of loops.
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.elimination.records import EliminationMemory
     from solvers.compiled.record import Reals
 
-MIN_PIVOT = 0.1  # part of a unit equation in the coordinates to eliminate
+MIN_PIVOT = 0.5  # part of a unit equation in y: of the two parts the larger one is solved for, so that no error grows
 MIN_DELAYED_LENGTH = 1e-14  # part of a unit equation that is rounding
 
 
@@ -229,7 +229,7 @@ def solve_equations(
 @kernel
 def substitute_pivots(rank: int, ny: int, n: int, memory: EliminationMemory) -> None:
     """Pivots = u - U p, by their equations, which are triangular; put into H and g of the other columns."""
-    R, r, H, g, u, U, W, w = memory.R, memory.r, memory.H, memory.g, memory.u, memory.U, memory.W, memory.w
+    R, r, H, g, u, U, W = memory.R, memory.r, memory.H, memory.g, memory.u, memory.U, memory.W
     for a in range(rank):
         u[a] = r[a]
         for c in range(ny, n):

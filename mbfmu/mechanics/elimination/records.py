@@ -7,7 +7,6 @@ compared, whatever the units.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +54,8 @@ class FrontRecord(Record):
     r: i8  # (left,) ... their right-hand sides
     unit: i8  # (left,) ... their lengths before scaling, as parts of the original ones
     lam: i8  # (left,) multipliers of the equations that remain
+    lost: i8  # (left, nz) what these lose by the restriction: per component of z, see message.py
+    known: i8  # (left,) ... and where z is zero
     y: i8  # (ny,) solution
     E: i8  # (rows, rows) operations on the equations that arrive, for the multipliers
     L: i8  # (rank, rank) pivots
@@ -125,6 +126,17 @@ class EliminationMemory(NamedTuple):
     bias: NDArray[np.float64]  # (6,) scaled acceleration of the body at zero unknowns
     taken: NDArray[np.bool_]  # (columns,)
     z: NDArray[np.float64]  # (columns,)
+
+    @staticmethod
+    def allocate(size: int, bodies: int, n: int, columns: int, rows: int, ny: int) -> EliminationMemory:
+        """Return zeroed memory: ``size`` numbers for the results of all fronts, and room for the largest front."""
+        z = np.zeros
+        return EliminationMemory(
+            values=z(size), motions=z((bodies, BODY_WIDTH)), x=z(n), H=z((columns, columns)), g=z(columns),
+            R=z((rows, columns)), r=z(rows), unit=z(rows), mu=z(rows), arrived=z(rows), E=z((rows, rows)),
+            Q=z((ny, ny)), U=z((ny, columns)), u=z(ny), W=z((columns, columns)), w=z(columns), S=z((6, 6)), bias=z(6),
+            taken=z(columns, np.bool_), z=z(columns),
+        )  # fmt: skip
 
 
 class Source(NamedTuple):
@@ -233,23 +245,18 @@ def lay_out(
             mapped += range(at, at + width(variable))
     total = _assign_blocks(out, capacity)
     table = EquationRecord.zeros(len(equations))
-    for record, values in zip(table, equations, strict=True):
+    for equation, values in zip(table, equations, strict=True):
         for name, value in zip(Source._fields, values, strict=True):
-            record[name] = value
+            equation[name] = value
     listed = VariableRecord.zeros(len(variables))
-    for record, (number, coordinate) in zip(listed, variables, strict=True):
-        record["body"], record["coordinate"] = number, coordinate
+    for listing, (number, coordinate) in zip(listed, variables, strict=True):
+        listing["body"], listing["coordinate"] = number, coordinate
     own = EliminationArrays(
         out, table, listed, np.array(messages, np.int64), np.array(mapped, np.int64), size, row_size, np.array([length])
     )
     ny, rows = int(capacity.coordinates.max()), int(capacity.rows.max())
     columns = int((capacity.coordinates + out["np"]).max()) + BODY_WIDTH
-    z = np.zeros
-    memory = EliminationMemory(
-        values=z(total), motions=z((len(bodies), BODY_WIDTH)), x=z(len(size)), H=z((columns, columns)), g=z(columns),
-        R=z((rows, columns)), r=z(rows), unit=z(rows), mu=z(rows), arrived=z(rows), E=z((rows, rows)), Q=z((ny, ny)), U=z((ny, columns)), u=z(ny),
-        W=z((columns, columns)), w=z(columns), S=z((6, 6)), bias=z(6), taken=z(columns, np.bool_), z=z(columns),
-    )  # fmt: skip
+    memory = EliminationMemory.allocate(total, len(bodies), len(size), columns, rows, ny)
     return own, memory
 
 
@@ -261,7 +268,8 @@ def _assign_blocks(fronts: Table[FrontRecord], capacity: Capacity) -> int:
         left, rank = min(int(front["np"]), rows), min(ny, rows)
         sizes = {
             "Q": ny * ny, "shift": ny, "gain": ny * nz, "H": nz * nz, "g": nz, "R": left * nz, "r": left, "unit": left,
-            "lam": left, "y": ny, "E": rows * rows, "L": rank * rank, "F": rank * (ny + int(front["np"])), "f": rank,
+            "lam": left, "lost": left * nz, "known": left, "y": ny, "E": rows * rows, "L": rank * rank,
+            "F": rank * (ny + int(front["np"])), "f": rank,
         }  # fmt: skip
         for name, size in sizes.items():
             front[name] = at
@@ -269,14 +277,10 @@ def _assign_blocks(fronts: Table[FrontRecord], capacity: Capacity) -> int:
     return at
 
 
-def example(sequence: Sequence[int] = (0,)) -> tuple[EliminationArrays, EliminationMemory]:
+def example() -> tuple[EliminationArrays, EliminationMemory]:
     """Return fronts and memory of a mechanism of one body: an example of the types that all have."""
-    whole, z = np.array(sequence, np.int64), np.zeros
+    whole, z = np.zeros(1, np.int64), np.zeros
     own = EliminationArrays(
         FrontRecord.zeros(1), EquationRecord.zeros(1), VariableRecord.zeros(1), whole, whole, z(1), z(1), z(1)
     )
-    memory = EliminationMemory(
-        z(1), z((1, 6)), z(1), z((1, 1)), z(1), z((1, 1)), z(1), z(1), z(1), z(1), z((1, 1)), z((1, 1)), z((1, 1)), z(1),
-        z((1, 1)), z(1), z((6, 6)), z(6), z(1, np.bool_), z(1),
-    )  # fmt: skip
-    return own, memory
+    return own, EliminationMemory.allocate(1, 1, 1, 1, 1, 1)

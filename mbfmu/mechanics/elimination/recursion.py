@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbfmu.mechanics.spatial import shift_motion
 from solvers.compiled.kernel import kernel
 from solvers.compiled.matrix_view import matrix_at
 from solvers.system import DROPPED, DROPPED_LENGTH, DROPPED_RESIDUAL, RANK, SHORTEST
@@ -22,6 +21,7 @@ from .assembly import (
     place_joint,
 )
 from .front import eliminate_free, solve_equations, store_solution, substitute_pivots
+from .message import store_message
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.elimination.records import EliminationArrays, EliminationMemory, FrontRecord
@@ -36,8 +36,9 @@ def eliminate(
 ) -> bool:  # fmt: skip
     """Eliminate all fronts; False: a free direction moves no mass.
 
-    Equations that become shorter than ``drop`` are left out. ``report`` (ELIMINATION_REPORT_SIZE,): the rank, the number of
-    equations left out, the shortest equation or pivot, the longest equation left out and the largest residual of these.
+    Equations that become shorter than ``drop`` are left out. ``report`` (ELIMINATION_REPORT_SIZE,): the rank, the
+    number of equations left out, the shortest equation or pivot, the longest equation left out and the largest residual
+    of these.
     """
     report[RANK], report[DROPPED], report[SHORTEST] = 0.0, 0.0, np.inf
     report[DROPPED_LENGTH], report[DROPPED_RESIDUAL] = 0.0, 0.0
@@ -52,6 +53,7 @@ def eliminate(
         if not eliminate_free(front.rank, front.delayed, front.ny, n, memory):
             return False
         store_front(front, n, memory)
+        store_message(front, memory, drop, report)
     return True
 
 
@@ -92,7 +94,11 @@ def assemble_front(
 def store_pivots(front: FrontRecord, n: int, memory: EliminationMemory) -> None:
     """Keep what the multipliers are made of: operations on the equations, pivots, and their rows of H and g."""
     values, rank, rows = memory.values, front.rank, front.rows
-    E, L, F = matrix_at(values, front.E, rows, rows), matrix_at(values, front.L, rank, rank), matrix_at(values, front.F, rank, n)
+    E, L, F = (
+        matrix_at(values, front.E, rows, rows),
+        matrix_at(values, front.L, rank, rank),
+        matrix_at(values, front.F, rank, n),
+    )
     for i in range(rank + front.left):
         for c in range(rows):
             E[i, c] = memory.E[i, c]
@@ -106,23 +112,13 @@ def store_pivots(front: FrontRecord, n: int, memory: EliminationMemory) -> None:
 
 @kernel
 def store_front(front: FrontRecord, n: int, memory: EliminationMemory) -> None:
-    """Keep the solution in terms of what remains, and the message."""
+    """Keep the solution in terms of what remains."""
     values, ny, rank, delayed, nz = memory.values, front.ny, front.rank, front.delayed, front.delayed + front.np
     gain, Q = matrix_at(values, front.gain, ny, nz), matrix_at(values, front.Q, ny, ny)
     store_solution(rank, delayed, ny, n, memory, values[front.shift : front.shift + ny], gain)
     for i in range(ny):
         for j in range(ny):
             Q[i, j] = memory.Q[i, j]
-    H, R = matrix_at(values, front.H, nz, nz), matrix_at(values, front.R, front.left, nz)
-    for i in range(nz):
-        at = rank + i if i < delayed else ny + i - delayed
-        values[front.g + i] = memory.g[at]
-        for j in range(nz):
-            H[i, j] = memory.H[at, rank + j if j < delayed else ny + j - delayed]
-    for i in range(front.left):
-        values[front.r + i], values[front.unit + i] = memory.r[rank + i], memory.unit[rank + i]
-        for j in range(nz):
-            R[i, j] = memory.R[rank + i, rank + j if j < delayed else ny + j - delayed]
 
 
 @kernel
@@ -201,7 +197,11 @@ def multipliers(own: EliminationArrays, memory: EliminationMemory, lam: Reals) -
     for k in range(own.fronts.shape[0] - 1, -1, -1):
         front = own.fronts[k]
         ny, rank, rows, n = front.ny, front.rank, front.rows, front.ny + front.np
-        E, L, F = matrix_at(values, front.E, rows, rows), matrix_at(values, front.L, rank, rank), matrix_at(values, front.F, rank, n)
+        E, L, F = (
+            matrix_at(values, front.E, rows, rows),
+            matrix_at(values, front.L, rank, rank),
+            matrix_at(values, front.F, rank, n),
+        )
         gather_interface(front, own, memory)
         rotate_back(front, memory)
         for a in range(rank - 1, -1, -1):
@@ -238,8 +238,13 @@ def hand_on(front: FrontRecord, own: EliminationArrays, memory: EliminationMemor
     at = 0
     for m in range(front.first_message, front.end_message):
         sender = own.fronts[own.messages[m]]
+        gather_interface(sender, own, memory)
+        nz = sender.delayed + sender.np
+        lost = matrix_at(memory.values, sender.lost, sender.left, nz)
         for i in range(sender.left):
-            memory.values[sender.lam + i] = memory.arrived[at + i]
+            memory.values[sender.lam + i] = memory.arrived[at + i] - memory.values[sender.known + i]
+            for c in range(nz):
+                memory.values[sender.lam + i] -= lost[i, c] * memory.z[c]
         at += sender.left
     for e in range(front.first_row, front.end_row):
         equation = own.equations[e]

@@ -1,7 +1,8 @@
 """Adams PECE on mechanisms whose constraints are eliminated along their structure, as the formulation of :mod:`.pece`.
 
-State y = (q, v), all of it under error control. Closing is the least change of positions and velocities. Predictions are
-evaluated off the constraints except near singular configurations, see :mod:`solvers.projection.eliminated_crossing`.
+State y = (q, v), all of it under error control. Closing is the least change of positions and velocities. Predictions
+are evaluated off the constraints except near singular configurations, see
+:mod:`solvers.projection.eliminated_crossing`.
 """
 
 from __future__ import annotations
@@ -156,9 +157,7 @@ def may_end_at(integration: Integration, target: float) -> bool:
 def end_step(integration: Integration) -> None:
     """Record an accepted step, and limit the next one near singular configurations."""
     work, control = integration.work, integration.memory.control[0]
-    longest = record_accepted(
-        integration.eqs, control.t, work.q, work.v, work.a, control.hold, control.h, work
-    )
+    longest = record_accepted(integration.eqs, control.t, work.q, work.v, work.a, control.hold, control.h, work)
     control.h = min(control.h, longest)
 
 
