@@ -26,13 +26,13 @@ from solvers.positions import Positions
 from solvers.system import ELIMINATION_REPORT_SIZE, RANK, RESIDUAL, SHORTEST, Array
 
 from .projection import MAX_PROJECTION_CORRECTIONS, RESIDUAL_TOLERANCE
-from .singular import BIFURCATION, MAX_DISTANCE_RATIO, NO_CRITICAL_POINT, SINGULAR_PIVOT_RATIO
+from .singular import BIFURCATION, MAX_DISTANCE_RATIO, NO_CRITICAL_POINT
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
     from solvers.system import EliminationEquations
 
-SINGULAR_LENGTH = SINGULAR_PIVOT_RATIO  # shortest equation below which a configuration is nearly singular
+SINGULAR_LENGTH = 2e-4  # shortest equation below which accelerations at a crossing are its limit along the motion
 PROJECTED_LENGTH = 5e-2  # ... below which states are projected before they are evaluated
 LEFT_OUT_LENGTH = 10.0 * SINGULAR_LENGTH  # at a crossing: equations that are shorter lose their rank there
 REDUNDANT_LENGTH = 1e-10  # of an equation that depends on others

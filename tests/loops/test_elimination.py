@@ -129,7 +129,7 @@ def turned(rng: np.random.Generator) -> Any:
 
 
 def random_mechanism(seed: int) -> Mechanism:
-    """A tree of all kinds of joints, one of them driven, with loops between any bodies, one of them twice, and a gear."""
+    """A tree of all kinds of joints, one of them driven; loops between any bodies, one of them twice; and a gear."""
     rng = np.random.default_rng(seed)
     m = Mechanism(gravity=rng.normal(size=3))
     kinds = [Floating, *rng.choice(np.array([Revolute, Cylindrical, Planar, Spherical, Universal, Floating]), 7)]
