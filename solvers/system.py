@@ -110,6 +110,18 @@ def _no_parts(data: Any) -> Callable[..., Any]:
     return callback(types.void(data, types.float64[::1]))(no_parts) if COMPILED else no_parts
 
 
+def no_mesh_motion(dq: Any, mask: Any, data: Any, out: Any) -> None:
+    """Default of a system without meshes."""
+
+
+@cache
+def _no_mesh_motion(data: Any) -> Callable[..., Any]:
+    if not COMPILED:
+        return no_mesh_motion
+    vector = types.float64[::1]
+    return callback(types.void(vector, vector, data, vector))(no_mesh_motion)
+
+
 def is_never_true() -> bool:
     """Default of a system without work of forces."""
     return False
@@ -372,6 +384,9 @@ class TreeSystem(AnySystem):
     dense: Callable[[], System] | None = None  # (): the same mechanism with its matrices
     complex_step: Callable[[], ComplexStepSystem] | None = None  # (): the same on complex numbers
     mesh_mask: NDArray[np.bool_] | None = None  # (n,) coordinates of which a mesh has many like them; None: all
+    mesh_motion: Callable[..., None] | None = None  # (dq, mask, data, out): largest displacement (m) and rotation (rad)
+    # of nodes of meshes by dq (n,), at the last position; a mask (n,) is 1 at the coordinates of nodes
+    mesh_length: float = 0.0  # m, of the largest mesh, by which these displacements are measured; 0: there is none
     friction_velocity: Array | None = None  # (n,) rates at which friction turns over; infinite: at none
     inertia_parts: Callable[..., None] | None = None  # (data, out): v . M v and the diagonal of M where inverse or
     # forward was called for last; it may overwrite their results
@@ -381,7 +396,8 @@ class TreeSystem(AnySystem):
     def equations(self) -> Any:
         """A :class:`TreeEquations`, pinned."""
         callbacks = self.forward, self.inverse, self.retract, *energy_callbacks(self), self.parts_callback
-        constraints = self.mobility, self.constraints, self.position
+        mesh_motion = self.mesh_motion if self.mesh_motion is not None else _no_mesh_motion(pointer_type(self.data))
+        constraints = mesh_motion, self.mobility, self.constraints, self.position
         return pin(TreeEquations(*callbacks, *constraints, self.pinned_data, *self.tangent.callbacks))
 
     @property
@@ -420,6 +436,7 @@ class TreeEquations(NamedTuple):
     power: Any
     evaluate_energy_bound: Any
     inertia_parts: Any
+    mesh_motion: Any
     mobility: Any
     constraints: Any
     position: Any

@@ -175,6 +175,11 @@ def test_the_former_word_for_direct_is_taken_with_a_notice(command: Command, tmp
     assert "FMU" not in out
 
 
+def test_commands_without_pictures_do_not_import_what_draws_them() -> None:
+    code = "import sys, mbfmu.cli; print('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+
+
 @pytest.mark.parametrize("extra", [(), ("--direct",)])
 def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path, extra: tuple[str, ...]) -> None:
     """Ctrl-C after a second of a run that would take long."""

@@ -18,7 +18,7 @@ from solvers.outcome import KEYS, Code, Status
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "messages.md").read_text()
-C_SOURCES = sorted((ROOT / "mbfmu" / "native" / "c").glob("*.c"))
+C_SOURCES = sorted((ROOT / "mbfmu").glob("*/c/*.c"))
 ERRORS = {"UserError", "AssemblyError", "EquilibriumError"}
 
 

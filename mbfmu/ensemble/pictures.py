@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from mbfmu.util.files import replacing
+from mbfmu.plotting.figures import finish, new_figure
 
 from .definition import Definition
 from .sensitivity import sobol_indices, tornado
@@ -29,12 +28,11 @@ def draw(study: Study, definition: Definition, folder: Path) -> list[Path]:
     for measure in study.measures:
         for kind, figure in _figures(study, definition, measure):
             found.append(folder / f"{measure}-{kind}.png")
-            with replacing(found[-1]) as unfinished:
-                figure.savefig(unfinished, dpi=120, format="png")
+            finish(figure, found[-1])
     return found
 
 
-def _figures(study: Study, definition: Definition, measure: str) -> Iterator[tuple[str, Figure]]:
+def _figures(study: Study, definition: Definition, measure: str) -> Iterator[tuple[str, Any]]:
     method = definition.sampling.method
     finite = np.isfinite(_numbers(study, measure))
     if not finite.any():
@@ -67,11 +65,11 @@ def _label(study: Study, name: str) -> str:
     return f"{name} [{unit}]" if unit not in ("", "1") else name
 
 
-def _scatter(study: Study, measure: str, names: list[str]) -> Figure:
+def _scatter(study: Study, measure: str, names: list[str]) -> Any:
     """Draw a measure over everything that varies, a panel each; failed runs are ticks at the bottom."""
     columns = min(len(names), 3)
     rows = -(-len(names) // columns)
-    figure = Figure(figsize=(1.2 + 3.6 * columns, 0.6 + 3.0 * rows), layout="constrained")
+    figure = new_figure((1.2 + 3.6 * columns, 0.6 + 3.0 * rows))
     panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
     y, status = _numbers(study, measure), np.array([row["status"] for row in study.rows])
     size = 14.0 if len(y) < MANY_DOTS_RUNS else 3.0
@@ -96,13 +94,13 @@ def _scatter(study: Study, measure: str, names: list[str]) -> Figure:
     return figure
 
 
-def _contour(study: Study, measure: str, names: list[str]) -> Figure:
+def _contour(study: Study, measure: str, names: list[str]) -> Any:
     """Draw a measure over a grid of two lists."""
     x, y = (np.unique(_numbers(study, name)) for name in names)
     z = np.full((len(y), len(x)), np.nan)
     i, j = (np.searchsorted(axis, _numbers(study, name)) for axis, name in zip((x, y), names, strict=True))
     z[j, i] = _numbers(study, measure)
-    figure = Figure(figsize=(6.4, 4.8), layout="constrained")
+    figure = new_figure((6.4, 4.8))
     ax = figure.subplots()
     if min(z.shape) > 1 and np.nanmax(z) > np.nanmin(z):
         filled: Any = ax.contourf(x, y, z, levels=14, cmap="viridis")
@@ -120,11 +118,11 @@ def _contour(study: Study, measure: str, names: list[str]) -> Figure:
     return figure
 
 
-def _histogram(study: Study, measure: str) -> Figure:
+def _histogram(study: Study, measure: str) -> Any:
     """Draw how a measure is distributed, with quantiles."""
     y = _numbers(study, measure)
     y = y[np.isfinite(y)]
-    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    figure = new_figure((6.4, 4.0))
     ax = figure.subplots()
     ax.hist(y, bins=min(60, max(8, round(len(y) ** 0.5))), color=BLUE, alpha=0.7)
     for part, at in zip(QUANTILES, np.quantile(y, QUANTILES), strict=True):
@@ -136,11 +134,11 @@ def _histogram(study: Study, measure: str) -> Figure:
     return figure
 
 
-def _indices(study: Study, measure: str, count: int) -> Figure:
+def _indices(study: Study, measure: str, count: int) -> Any:
     """Draw Sobol's indices as bars with their confidence intervals."""
     own = sobol_indices(study, measure, count)
     order, at = np.argsort(own.total), np.arange(len(own.names))
-    figure = Figure(figsize=(6.4, 1.4 + 0.45 * len(at)), layout="constrained")
+    figure = new_figure((6.4, 1.4 + 0.45 * len(at)))
     ax = figure.subplots()
     ax.barh(at + 0.2, own.total[order], 0.36, xerr=own.total_error[order], color=BLUE, label="in all", capsize=2)
     ax.barh(at - 0.2, own.first[order], 0.36, xerr=own.first_error[order], color=ORANGE, label="alone", capsize=2)
@@ -151,10 +149,10 @@ def _indices(study: Study, measure: str, count: int) -> Figure:
     return figure
 
 
-def _tornado(study: Study, measure: str) -> Figure:
+def _tornado(study: Study, measure: str) -> Any:
     """Draw a measure at the ends of each number."""
     own = tornado(study, measure)
-    figure = Figure(figsize=(6.4, 1.4 + 0.45 * len(own.names)), layout="constrained")
+    figure = new_figure((6.4, 1.4 + 0.45 * len(own.names)))
     ax = figure.subplots()
     for k, (low, high) in enumerate(own.ends[::-1]):
         ax.barh(k, low - own.middle, left=own.middle, color=ORANGE, label="low end" if k == 0 else None)

@@ -55,7 +55,7 @@ def licenses(*, native: bool, sundials: bool = False) -> dict[str, bytes]:
     ``sundials``: it contains the libraries of SUNDIALS.
     """
     texts = {"mbfmu": _license("mbfmu")}
-    texts |= {"fmi-headers": _header_license()} if native else {"pythonfmu": _license("pythonfmu")}
+    texts |= {"fmi-headers": _header_license()} | ({} if native else {"pythonfmu": _license("pythonfmu")})
     texts |= {"sundials": license_text()} if sundials else {}
     texts["license"] = "".join(
         ["This FMU contains software under the licenses in these files:\n", *(f"- {name}.txt\n" for name in texts)]
@@ -72,13 +72,15 @@ def dependencies() -> dict[str, bytes]:
     """Return the file that states what an FMU that calls Python requires, by its name in the FMU."""
     text = (
         "This FMU calls Python. The importing tool must run in, or find, a Python in which version "
-        f"{mbfmu.__version__} of the package mbfmu is installed:\n\n    pip install mbfmu=={mbfmu.__version__}\n"
+        f"{mbfmu.__version__} of the package mbfmu is installed:\n\n    pip install mbfmu=={mbfmu.__version__}\n\n"
+        "If the importing tool is not a Python program, the environment variable MBFMU_PYTHON is the program of this "
+        "Python, such as /home/me/venv/bin/python3. Without it the first python3 in the folders of PATH is used.\n"
     )
     return {"documentation/externalDependencies.txt": text.encode()}
 
 
 def _header_license() -> str:
-    """Return the license in the headers of FMI, which a runtime is compiled with."""
+    """Return the license in the headers of FMI, which the C code of an FMU is compiled with."""
     path = Path(fmpy.__file__).parent / "c-code" / "fmi2Functions.h"
     found = re.search(r"Copyright.*?(?=\*/)", path.read_text("utf-8"), re.DOTALL)
     if found is None:

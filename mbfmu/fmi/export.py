@@ -213,7 +213,7 @@ def _write_python(scene: Scene, path: Path, report: Callable[[Diagnostic], None]
     compiled = model.compile()
     messages = check_start(model, settings, compiled)
     variables = list_variables(model, settings, compiled)
-    content = build_python_fmu(model, settings, experiment) | terminal_files(model, variables) | dependencies()
+    content = build_python_fmu(model, settings, experiment, report) | terminal_files(model, variables) | dependencies()
     content["documentation/index.html"] = page(model, variables, needs_python=True).encode()
     pack(path, content | _licenses(native=False) | _pictures(model, 2))
     for diagnostic in messages:

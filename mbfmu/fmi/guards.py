@@ -6,6 +6,8 @@ import ctypes
 import sys
 from pathlib import Path
 
+WRAPPER = "pythonfmu-export.so"  # PythonFMU's library if it is behind the front of an FMU, in the same folder
+
 _guarded: set[str] = set()  # libraries
 _folders: set[str] = set()  # resources
 
@@ -17,12 +19,12 @@ def finalize_at_exit(resources: str | None, identifier: str) -> None:
     then the library's destructor resets it once more: it writes into memory that has been freed, and the host aborts
     with its results complete. What is registered last at exit comes first: the pointer is reset while all libraries
     are loaded, and nothing is left to do for the others. An importing tool without Python and one that is written in
-    Python need the same.
+    Python need the same. The front of an FMU does this itself.
     """
     if resources is None:
         return
     library = Path(resources).parent / "binaries" / "linux64" / f"{identifier}.so"
-    if str(library) in _guarded or not library.is_file():
+    if str(library) in _guarded or not library.is_file() or (library.parent / WRAPPER).is_file():
         return
     _guarded.add(str(library))
     wrapper = ctypes.CDLL(str(library))  # loaded by the host: a second reference, which keeps it beyond its unloading

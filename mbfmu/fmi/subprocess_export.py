@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import zipfile
@@ -21,6 +20,7 @@ from pathlib import Path
 from mbfmu.modeling.scene import Scene, as_toml, read_scene
 from mbfmu.util.diagnostics import from_saved
 from mbfmu.util.errors import UserError
+from mbfmu.util.processes import run_program
 
 from .export import Files, FmuKind, native_files, pack
 from .native_fmu import Libraries
@@ -33,12 +33,11 @@ def files_uncompiled(scene: Scene, kind: str, fmi: int, platforms: Sequence[str]
         file, archive = Path(folder) / "scene.toml", Path(folder) / "files.zip"
         file.write_text(as_toml(scene), encoding="utf-8")
         command = [sys.executable, "-P", "-m", "mbfmu.fmi.subprocess_export", str(file), str(archive), kind, str(fmi)]
-        done = subprocess.run(
-            [*command, *platforms], env={**os.environ, **own}, capture_output=True, text=True, check=False
-        )
-        if done.returncode:
-            raise UserError(done.stderr.strip())
-        *messages, libraries = map(json.loads, done.stdout.splitlines())
+        printed = bytearray()
+        code, errors = run_program([*command, *platforms], own, printed=printed.extend)
+        if code:
+            raise UserError("\n".join(errors))
+        *messages, libraries = map(json.loads, printed.splitlines())
         with zipfile.ZipFile(archive) as opened:
             content = {name: opened.read(name) for name in opened.namelist()}
     return Files(content, Libraries(**libraries), from_saved(messages))

@@ -36,7 +36,6 @@ from solvers.stepper import advance_in_pieces_of
 from solvers.steppers import drop_unlisted
 from solvers.steppers.ida.dense_memory import IDAMemory
 from solvers.steppers.ida.tree_memory import TreeIDAMemory
-from solvers.steppers.ida.tree_memory import Work as TreeIDAWork
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
@@ -106,8 +105,8 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     work = family.work(*sizes, system.placed)
     work.size[:] = system.size
     work.inertia["watched"] = unpin(given.work).inertia["watched"]
-    for name in ("mesh_mask", "friction_velocity") if isinstance(own_work := unpin(given.work), TreeIDAWork) else ():
-        getattr(work, name)[:] = getattr(own_work, name)
+    for name in {"mesh_mask", "friction_velocity"} & {*work._fields}:
+        getattr(work, name)[:] = getattr(unpin(given.work), name)
     assembly = compiled.assembly
     scratch = ClosureScratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
     start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)

@@ -71,7 +71,8 @@ class ExplicitTreeEquations(NamedTuple):
 
 EXPLICIT_KERNELS = {name: getattr(recursions, name) for name in ExplicitTreeEquations._fields[:-1]}
 EXPLICIT_KERNELS["power"] = recursions.solved_power
-TREE_KERNELS = EXPLICIT_KERNELS | {name: getattr(recursions, name) for name in ("mobility", "constraints", "position")}
+MORE_OF_TREES = "mesh_motion", "mobility", "constraints", "position"
+TREE_KERNELS = EXPLICIT_KERNELS | {name: getattr(recursions, name) for name in MORE_OF_TREES}
 TREE_KERNELS |= {name: getattr(factored, name) for name in TangentCallbacks._fields[:-1]}
 
 

@@ -9,9 +9,7 @@ does. Where there is none, zig is downloaded for the time of the build.
 from __future__ import annotations
 
 import importlib.util
-import os
 import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Collection, Iterator
@@ -29,6 +27,7 @@ except ImportError:  # on Windows: two processes may build at once
 
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import write_bytes
+from mbfmu.util.processes import run_program
 from mbfmu.util.progress import announce, report_progress
 from solvers.compiled.cache import notify_listeners, shared_cache_dir
 
@@ -246,21 +245,20 @@ def download_zig(folder: Path, why: UserError) -> Path:
 
 def _run(command: list[str], more: dict[str, str], functions: int = 0) -> None:
     """Run a command, which may print a character for each function that it compiles; ``functions``: their number."""
-    with tempfile.TemporaryFile("w+", errors="replace") as errors:
-        own = {**os.environ, **more}
-        # children of the process end when nothing reads what they print
-        with subprocess.Popen(command, env=own, stdout=subprocess.PIPE, stderr=errors) as process:
-            assert process.stdout is not None
-            done = 0
-            while progress := os.read(process.stdout.fileno(), 4096):
-                done += len(progress)
-                if functions:
-                    report_progress(min(done / functions, 1.0))
-        if process.returncode:
-            errors.seek(0)
-            last = errors.read().strip().splitlines()[-1:] or [f"exit code {process.returncode}"]
-            text = f"the runtime cannot be built: {Path(command[0]).name} reports {last[0]!r}"
-            raise UserError(text, "no-runtime")
+    done = 0
+
+    def printed(new: bytes) -> None:
+        nonlocal done
+        done += len(new)
+        if functions:
+            report_progress(min(done / functions, 1.0))
+
+    # children of the process end when nothing reads what they print
+    code, errors = run_program(command, more, printed=printed)
+    if code:
+        last = errors[-1] if errors else f"exit code {code}"
+        text = f"the runtime cannot be built: {Path(command[0]).name} reports {last!r}"
+        raise UserError(text, "no-runtime")
 
 
 def install_atomically(made: Path, path: Path) -> None:

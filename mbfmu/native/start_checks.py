@@ -16,6 +16,7 @@ from mbfmu.util.diagnostics import Diagnostic
 from solvers.compiled.kernel import kernel
 from solvers.linalg.dense import apply_Q
 from solvers.loop_closure import ASSEMBLED, Outcome, factor_scaled_jacobian
+from solvers.statics.newton import MAX_STATE_DISTANCE
 from solvers.stepper import RESOLVED, UNRESOLVED_TIME, find_unresolved
 from solvers.system import Array
 
@@ -31,9 +32,10 @@ class Flaw(IntEnum):
     NO_STEADY_STATE = len(Outcome) + 5  # no steady state was found: a coordinate and the residual there
     NOT_UNIQUE = len(Outcome) + 6  # a steady state has others next to it, or forces in loops are not determined
     NOT_STEADY = len(Outcome) + 7  # forces do not balance after the drives have moved: see NO_STEADY_STATE
+    FAR_STATE = len(Outcome) + 8  # the steady state is not the one next to the start: a coordinate and its change
 
 
-TURNED, UNRESOLVED, UNPLACED, MISPLACED, NO_BRANCH, NO_STEADY_STATE, NOT_UNIQUE, NOT_STEADY = map(int, Flaw)
+TURNED, UNRESOLVED, UNPLACED, MISPLACED, NO_BRANCH, NO_STEADY_STATE, NOT_UNIQUE, NOT_STEADY, FAR_STATE = map(int, Flaw)
 
 STEADY_ADVICE = (
     "Set parameters, inputs and start values nearer to those of the export, or export the FMU again with the values "
@@ -82,6 +84,12 @@ START_MESSAGES = {
         "no-steady-state",
         "there is no steady state for the values that are set: after the drives have moved, {name!r} has an unbalanced "
         "force or moment of {gap:.3g} N or N m",
+        STEADY_ADVICE,
+    ),
+    Flaw.FAR_STATE: Diagnostic.error(
+        "no-steady-state",
+        "no steady state was found near the start: in the one that the search reaches, {name!r} is {gap:.3g} rad or m "
+        f"from its start position; allowed: {MAX_STATE_DISTANCE:g} rad, or this number of lengths of the mechanism",
         STEADY_ADVICE,
     ),
 }

@@ -14,11 +14,11 @@ from mbfmu.mechanics.dispatch import signal
 from mbfmu.steady.checks import CHECKED_DRIVE_POSITIONS, CLOSED_TOLERANCE, STEADY_TOLERANCE, STIFFNESS_STEP
 from solvers.compiled.kernel import kernel
 from solvers.loop_closure import ASSEMBLED, OPEN, OPENS, find_closed_positions
-from solvers.statics.differences import SteadyScratch, find_steady_state
+from solvers.statics.differences import TOO_FAR, SteadyScratch, find_farthest, find_steady_state
 from solvers.statics.newton import FOUND, UNDETERMINED
 from solvers.system import Array
 
-from .start_checks import NO_STEADY_STATE, NOT_STEADY, NOT_UNIQUE, find_misplaced, find_turned
+from .start_checks import FAR_STATE, NO_STEADY_STATE, NOT_STEADY, NOT_UNIQUE, find_misplaced, find_turned
 
 
 class SteadyStart(NamedTuple):
@@ -77,6 +77,10 @@ def find_start_in_steady_state(instance: Any) -> int:
         return code
     outcome = find_steady_state(eqs, 0.0, problem.q, search)
     fill_balance(eqs, 0.0, problem.q, steady, steady.forces, steady.gaps)
+    if outcome == TOO_FAR:
+        farthest = find_farthest(search.newton.moved, work.size)
+        work.worst[0].row, work.worst[0].gap = farthest, abs(search.newton.moved[farthest])
+        return FAR_STATE
     if outcome != FOUND:
         note_largest(steady.forces, steady, work)
         return NOT_UNIQUE if outcome == UNDETERMINED else NO_STEADY_STATE

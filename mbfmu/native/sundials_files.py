@@ -7,7 +7,6 @@ machine code of IDA.
 from __future__ import annotations
 
 import shutil
-import subprocess
 import sys
 import tempfile
 from importlib.metadata import PackageNotFoundError, distribution
@@ -16,6 +15,7 @@ from zipfile import ZipFile
 
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import write_bytes
+from mbfmu.util.processes import run_program
 from solvers.compiled.cache import shared_cache_dir
 
 from .targets import TARGETS, host
@@ -80,15 +80,15 @@ def _download(target: str, folder: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
         command = [sys.executable, "-m", "pip", "download", "--only-binary=:all:", "--no-deps", "--dest", work]
         wanted = f"{PACKAGE}=={_version()}"
-        done = subprocess.run([*command, *platforms, wanted], capture_output=True, text=True, check=False)
+        _, errors = run_program([*command, *platforms, wanted])
         wheels, found = list(Path(work).glob("*.whl")), dict[str, bytes]()
         for wheel in wheels:
             with ZipFile(wheel) as archive:
                 for name in archive.namelist():
                     if _library_of(Path(name).name, "") in LIBRARIES:
                         found[Path(name).name] = archive.read(name)
-        errors = done.stderr.strip().splitlines()[-1:] or ["nothing was downloaded"]
-        why = f"the wheel of {wanted} has other files" if wheels else f"pip reports {errors[0]!r}"
+        last = errors[-1] if errors else "nothing was downloaded"
+        why = f"the wheel of {wanted} has other files" if wheels else f"pip reports {last!r}"
         _complete(target, found, why)
     folder.parent.mkdir(parents=True, exist_ok=True)
     made = Path(tempfile.mkdtemp(dir=folder.parent))

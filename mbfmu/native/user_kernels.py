@@ -9,7 +9,6 @@ from the folder in which it lies. As the kernels of the runtime they are compile
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable, Sequence
@@ -23,6 +22,7 @@ from mbfmu.mechanics.arrays.tables import CalledKernel, types_of
 from mbfmu.modeling.registry import reference_of
 from mbfmu.modeling.scene import Scene, as_toml, read_scene
 from mbfmu.util.errors import UserError
+from mbfmu.util.processes import run_program
 from solvers.compiled.aot import emit_object, link_module
 from solvers.compiled.fingerprint import fingerprint_of_function
 from solvers.compiled.indirect_call import record_type
@@ -65,11 +65,9 @@ def user_library(scene: Scene, target: str) -> bytes:
             "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
         }
         command = [sys.executable, "-P", "-m", "mbfmu.native.user_kernels", str(file), work, target]
-        done = subprocess.run(command, env={**os.environ, **own}, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise UserError(
-                f"the user-defined kernels of model {scene.model.name!r}: {_last(done.stderr)}", "not-native"
-            )
+        code, errors = run_program(command, own)
+        if code:
+            raise UserError(f"the user-defined kernels of model {scene.model.name!r}: {_last(errors)}", "not-native")
         made = Path(work) / f"{USER_LIBRARY}{TARGETS[target].suffix}"
         command = [
             *compiler(target),
@@ -79,18 +77,18 @@ def user_library(scene: Scene, target: str) -> bytes:
             str(made),
             "-lm",
         ]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
+        code, errors = run_program(command)
+        if code:
             raise UserError(
                 f"the user-defined kernels of model {scene.model.name!r} cannot be linked without Python: "
-                f"{_last(done.stderr)}; export the model with --python",
+                f"{_last(errors)}; export the model with --python",
                 "not-native",
             )
         return made.read_bytes()
 
 
-def _last(text: str) -> str:
-    return "; ".join(text.strip().splitlines()[-MAX_ERROR_LINES:])
+def _last(lines: list[str]) -> str:
+    return "; ".join(lines[-MAX_ERROR_LINES:])
 
 
 def kernels_of(scene: Scene) -> tuple[CalledKernel, ...]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from itertools import cycle
 from pathlib import Path
-from typing import Any
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.util.files import replacing
 from solvers.steppers import SOLVER_NAMES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLOR_CYCLE = ("#4269d0", "#3ca951", "#efb118", "#ff725c", "#a463f2", "#38b2c4", "#ff8ab7", "#9c6b4e")
 SOLVER_COLORS = dict(zip(SOLVER_NAMES, cycle(COLOR_CYCLE), strict=False))  # by solver
@@ -17,6 +18,8 @@ SOLVER_COLORS = dict(zip(SOLVER_NAMES, cycle(COLOR_CYCLE), strict=False))  # by 
 
 def new_figure(size: tuple[float, float]) -> Figure:
     """Return an empty figure of this size (inches)."""
+    from matplotlib.figure import Figure  # takes as long to import as the rest: where there are pictures only
+
     return Figure(figsize=size, layout="constrained")
 
 
@@ -37,6 +40,8 @@ def panels(count: int) -> tuple[Any, Any]:
 
 
 def finish(figure: Any, path: Path) -> None:
-    """Write the picture."""
+    """Arrange the parts of the figure, and write the picture."""
+    figure.get_layout_engine().execute(figure)
+    figure.set_layout_engine("none")  # arranged, which writing would do twice
     with replacing(path) as unfinished:
         figure.savefig(unfinished, dpi=130, format=path.suffix[1:] or "png")

@@ -63,6 +63,8 @@ MESSAGE_TITLES = OF_SOLVERS | {
     "omitted-run": "A run of a comparison was omitted",
     "not-native": "A model or solver cannot be exported as a native FMU",
     "python-fmu": "An FMU calls Python because a native FMU is not possible",
+    "no-front": "An FMU that calls Python is written without its front",
+    "no-python": "An FMU that calls Python finds no suitable Python",
     "no-runtime": "The machine code of native FMUs cannot be built",
     "constant-parameter": "A parameter is a constant in a native FMU",
     "no-model-exchange": "An FMU supports co-simulation only",

@@ -15,7 +15,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, cached_property
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -258,7 +258,22 @@ class UncachedFunction(NullCache):
         notify_listeners()
 
 
-def cache_of(function: Any, kind: type[Cache]) -> Any:
+class CacheOnDemand:
+    """The cache of a function, which is opened when it is used: most processes call few of all functions."""
+
+    def __init__(self, function: Any, kind: type[Cache]) -> None:
+        kernel_sources()  # as they are while modules are imported
+        self._function, self._kind = function, kind
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._opened, name)
+
+    @cached_property
+    def _opened(self) -> Any:
+        return _open(self._function, self._kind)
+
+
+def _open(function: Any, kind: type[Cache]) -> Any:
     """Return the cache of a function; one that stores nothing if no folder can be written."""
     try:
         return kind(function)

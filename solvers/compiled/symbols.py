@@ -24,7 +24,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps, loads
 
-from .cache import Cache, Locator, cache_of, source_hash
+from .cache import Cache, CacheOnDemand, Locator, source_hash
 
 code_of = attrgetter("library")  # of what numba has compiled
 SYMBOL_PREFIX = "mbfmu_"
@@ -78,7 +78,7 @@ class Inlined(CPUDispatcher):
 
     def enable_caching(self) -> None:
         """Store machine code on disk."""
-        self._cache = cache_of(self.py_func, LinkedCache)
+        self._cache = CacheOnDemand(self.py_func, LinkedCache)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Type a call; constants have no literal types, for which all would be compiled once more."""
@@ -127,4 +127,4 @@ class Callback(CFunc):
 
     def enable_caching(self) -> None:
         """Store machine code on disk."""
-        self._cache = cache_of(self.__wrapped__, LinkedCache)
+        self._cache = CacheOnDemand(self.__wrapped__, LinkedCache)

@@ -19,11 +19,12 @@ from solvers.compiled.template import specialize
 from solvers.system import Array, Equations
 
 from .dense import NewtonScratch, factor_jacobian_template, find_constraint_forces, max_stiffness, newton_template
-from .newton import FOUND, MAX_STATE_DISTANCE, NO_PROGRESS, UNDETERMINED
+from .newton import FOUND, MAX_STATE_DISTANCE, NO_PROGRESS, UNDETERMINED, Outcome
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Integers, Reals
 
+TOO_FAR = len(Outcome)  # another result of a search
 DIFFERENCE_STEP = 1e-5  # of a coordinate to either side, in its unit
 # pivot of K relative to the first, below which it may be an error of the differences, amplified by the elimination
 MIN_PIVOT_RATIO = 1e-7
@@ -139,11 +140,12 @@ def find_start_multipliers(eqs: Equations, t: float, q: Reals, work: SteadyScrat
 
 
 @kernel
-def find_farthest(moved: Reals, size: Reals) -> float:
-    """Return the largest change of a coordinate, in its unit."""
-    farthest = 0.0
+def find_farthest(moved: Reals, size: Reals) -> int:
+    """Return which coordinate has changed most, in its unit."""
+    farthest, largest = 0, 0.0
     for i in range(size.shape[0]):
-        farthest = max(farthest, abs(moved[i] / size[i]))
+        if abs(moved[i] / size[i]) > largest:
+            farthest, largest = i, abs(moved[i] / size[i])
     return farthest
 
 
@@ -153,9 +155,10 @@ def find_steady_state(eqs: Equations, t: float, q: Reals, work: SteadyScratch) -
 
     As :meth:`solvers.statics.newton.EquilibriumSolver.solve`, by Newton's method alone. There is no continuation: where
     a mechanism has several steady states, rounding decides which one a continuation reaches. For the same reason a
-    search that begins where K is singular, as that of a body that nothing holds yet, is NO_PROGRESS. UNDETERMINED, too:
-    the search begins in a singular configuration, or the state found has others next to it. On failure q is where the
-    search ended.
+    search that begins where K is singular, as that of a body that nothing holds yet, is NO_PROGRESS, and a state that
+    is not the one next to the start is TOO_FAR: then work.newton.moved are the changes. UNDETERMINED, too: the search
+    begins in a singular configuration, or the state found has others next to it. On failure q is where the search
+    ended.
     """
     scratch = work.newton
     if not find_start_multipliers(eqs, t, q, work):
@@ -163,8 +166,9 @@ def find_steady_state(eqs: Equations, t: float, q: Reals, work: SteadyScratch) -
     if not is_isolated(eqs, t, q, work):
         return NO_PROGRESS
     code = newton(eqs, t, q, work.lam, work.rows, 0.0, 0.0, scratch, work.report)
-    if code == FOUND and find_farthest(scratch.moved, scratch.size) > MAX_STATE_DISTANCE:
-        code = NO_PROGRESS
+    farthest = find_farthest(scratch.moved, scratch.size)
+    if code == FOUND and abs(scratch.moved[farthest]) > MAX_STATE_DISTANCE * scratch.size[farthest]:
+        return TOO_FAR
     return UNDETERMINED if code == FOUND and not is_isolated(eqs, t, q, work) else code
 
 

@@ -40,9 +40,9 @@ class Binary:
     def __init__(self, path: Path, folder: Path) -> None:
         zipfile.ZipFile(path).extractall(folder)
         self.description = read_model_description(str(path))
-        (binary,) = (folder / "binaries" / "linux64").glob("*.so")
+        identifier = self.description.coSimulation.modelIdentifier
         self.resources = (folder / "resources").as_uri()
-        self.functions = ctypes.CDLL(str(binary))
+        self.functions = ctypes.CDLL(str(folder / "binaries" / "linux64" / f"{identifier}.so"))
         self.functions.fmi2Instantiate.restype = c_void_p
         self.logged: list[tuple[int, str]] = []
         libc = ctypes.CDLL(None)

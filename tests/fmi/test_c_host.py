@@ -46,8 +46,9 @@ def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], list[s
         solver = "adams" if model.default_solver == "ida" else model.default_solver  # explicit ones refuse nips
         path = export(model, folder / "model.fmu", Settings(solver=solver), native=False)
         zipfile.ZipFile(path).extractall(folder)
-        (library,) = (folder / "binaries" / "linux64").glob("*.so")
-        return [str(library), (folder / "resources").as_uri(), read_model_description(str(path)).guid]
+        described = read_model_description(str(path))
+        library = folder / "binaries" / "linux64" / f"{described.coSimulation.modelIdentifier}.so"
+        return [str(library), (folder / "resources").as_uri(), described.guid]
 
     return unpack
 

@@ -14,7 +14,7 @@ from running import needs_linker
 
 from fmus.governor import Governor
 from mbfmu.fmi import Fmu, export
-from mbfmu.mechanics import Input, JointSpring, Mechanism, Translational
+from mbfmu.mechanics import Input, JointForce, JointSpring, Mechanism, Revolute, Translational
 from mbfmu.modeling import Model, parameter
 from mbfmu.session.simulation import Settings
 from mbfmu.steady.equilibrium import equilibrium
@@ -119,6 +119,36 @@ def test_a_mass_on_a_spring_is_pressed_by_its_weight(opened: Opened) -> None:
     known = {v.name: v.valueReference for v in fmu.binary.description.modelVariables}
     assert status == OK
     assert fmu.get("Real", [known["travel"]])[1][0] == pytest.approx(-3.1 * 9.81 / 500.0, rel=1e-12)
+    fmu.free()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Winder(Model):
+    """A disk on a torsion spring, turned by a moment."""
+
+    name = "winder"
+
+    def build(self) -> Mechanism:
+        m = Mechanism(gravity=(0.0, 0.0, 0.0))
+        disk = m.body("disk", m.ground, Revolute(axis=(0.0, 0.0, 1.0)), mass=1.0, inertia=(0.1, 0.1, 0.1))
+        m.force("spring", JointSpring(stiffness=10.0, damping=0.1), disk)
+        m.force("moment", JointForce(Input(name="moment", unit="N.m")), disk)
+        m.output("angle", disk.angle())
+        return m
+
+
+def test_a_steady_state_far_from_the_start_is_refused_with_the_distance(opened: Opened) -> None:
+    """The angle is moment / 10 N m; nothing tells the search that this is the state that is meant."""
+    status, fmu = started(opened(Winder()), {"moment": 30.0})
+    known = {v.name: v.valueReference for v in fmu.binary.description.modelVariables}
+    assert status == OK
+    assert fmu.get("Real", [known["angle"]])[1][0] == pytest.approx(3.0, rel=1e-12)
+    fmu.free()
+    status, fmu = started(opened(Winder()), {"moment": 40.0})
+    assert status == ERROR
+    said = fmu.binary.logged[-1][1]
+    assert said.startswith("no steady state was found near the start: in the one that the search reaches, 'disk")
+    assert "is 4 rad or m from its start position; allowed: 3.2 rad, or this number of lengths of the" in said
     fmu.free()
 
 

@@ -18,6 +18,7 @@ from mbfmu.mechanics.recursions.dynamics import (
     complex_step_callbacks,
     inertia_callback,
     input_step_limit,
+    mesh_callback,
     observe_all,
     outputs_callback,
     tree_callbacks,
@@ -103,6 +104,8 @@ class Systems:
             dense=lambda: self.dense(constraint_names, data),
             complex_step=self._complex_step,
             mesh_mask=self._find_mesh_mask(),
+            mesh_motion=mesh_callback(),
+            mesh_length=self._mesh_length(),
             friction_velocity=self._slip(),
             moves=self._moves,
             inertia_parts=inertia_callback(),
@@ -133,6 +136,14 @@ class Systems:
         """Return which coordinates are of joints between nodes of a mesh."""
         found = [np.full(body.joint.nv, self._in_mesh(body)) for body in free_bodies(self._mechanism)]
         return np.concatenate([np.zeros(0, bool), *found])
+
+    def _mesh_length(self) -> float:
+        """Return the length of the longest path over nodes of a mesh, each joined to the one before, m; 0 without."""
+        paths = dict.fromkeys(self._nodes, 0.0)
+        for i in sorted(self._nodes):
+            body = self._arrays.bodies[i]
+            paths[i] = paths.get(int(body["parent"]), 0.0) + float(np.linalg.norm(body["s"]))
+        return max(paths.values(), default=0.0)
 
     def _in_mesh(self, body: Body) -> bool:
         return {body.index, body.parent} <= self._nodes

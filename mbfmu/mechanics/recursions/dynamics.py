@@ -26,6 +26,7 @@ from .energy import evaluate_energy_bound as energy_bound_of
 from .energy import inertia_parts as inertia_parts_of
 from .energy import kinetic_energy, potential_energy
 from .energy import power as power_of
+from .kinematics import mesh_motion as mesh_motion_of
 from .kinematics import rotate_inertia, scatter_coordinates, update_accelerations, update_positions, update_velocities
 from .rnea import inverse_dynamics
 
@@ -211,6 +212,11 @@ def inertia_parts(data: Any, out: Any) -> None:
     inertia_parts_of(data.arrays, data.state, out)
 
 
+def mesh_motion(dq: Any, mask: Any, data: Any, out: Any) -> None:
+    """See :func:`.kinematics.mesh_motion`, at the last position."""
+    mesh_motion_of(dq, mask, data.arrays, data.state, out)
+
+
 @inlined
 def scatter_free(a: Reals, arrays: Arrays, state: State) -> None:
     """Combine the free accelerations a (n,) with those of the drives."""
@@ -371,6 +377,15 @@ def work_callbacks(tree: bool) -> tuple[Callable[..., Any], ...]:
     return work(solved_power if tree else power), callback(types.void(real, vector, vector, data, vector))(
         evaluate_energy_bound
     )
+
+
+@cache
+def mesh_callback() -> Callable[..., Any]:
+    """Return :func:`mesh_motion` as a solver takes it; compiled on first use."""
+    if not COMPILED:
+        return mesh_motion
+    vector = types.float64[::1]
+    return callback(types.void(vector, vector, pointer_type(empty_data()), vector))(mesh_motion)
 
 
 @cache

@@ -12,6 +12,7 @@ has one, and C the axes of the joint frame. (w_j x (w_j x rho) + 2 w_j x u is B1
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.dispatch import has_bias, joint_bias, place_child, signal
@@ -123,6 +124,34 @@ def update_velocities(arrays: Arrays, state: State) -> None:
         Y[3] += wx
         Y[4] += wy
         Y[5] += wz
+
+
+@inlined
+def mesh_motion(dq: Reals, mask: Reals, arrays: Arrays, state: State, out: Reals) -> None:
+    """out (2,) = largest displacement (m) and rotation (rad) of nodes of meshes by a small motion dq (n,).
+
+    The coordinates of a node, relative to the node before it, have a ``mask`` (n,) of 1. Accelerations of the state are
+    lost.
+    """
+    out[0], out[1] = 0.0, 0.0
+    for k in range(6):
+        state.bodies[0].dY[k] = 0.0
+    for i in range(1, arrays.bodies.shape[0]):
+        body, here = arrays.bodies[i], state.bodies[i]
+        parent, D = state.bodies[body.parent], here.dY
+        for k in range(6):
+            D[k] = parent.dY[k]
+        shift_motion(here, parent, parent.dY, D)
+        if body.vf < 0:
+            continue
+        for j in range(body.nv):
+            for k in range(6):
+                D[k] += state.S[body.si + j, k] * dq[body.vf + j]
+        if body.nv > 0 and mask[body.vf] == 1.0:
+            for half in range(2):
+                size = sqrt(D[3 * half] ** 2 + D[3 * half + 1] ** 2 + D[3 * half + 2] ** 2)
+                if not size <= out[half]:  # also one that is not finite
+                    out[half] = size
 
 
 @inlined

@@ -6,6 +6,7 @@
 
 #include "core.h"
 #include "fmi2Functions.h"
+#include "location.h"
 
 typedef struct {
     Instance *own;
@@ -70,34 +71,6 @@ fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const 
 }
 
 /* ---- life -------------------------------------------------------------------------------------------------------- */
-
-static int hexadecimal(char c)
-{
-    if (c >= '0' && c <= '9')
-        return c - '0';
-    c = (char)(c | 0x20);
-    return c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
-}
-
-/* Turn the location of a folder, file:/ or file:/// and percent signs, into its path; a path that a host gives is one. */
-static void read_location(const char *location, char *path)
-{
-    const char *at = location;
-    bool coded = strncmp(at, "file:", 5) == 0;
-    if (coded) {
-        at += 5;
-        if (at[0] == '/' && at[1] == '/')
-            at = strchr(at + 2, '/') ? strchr(at + 2, '/') : at + 2; /* leave out the machine */
-        if (at[0] == '/' && at[1] && at[2] == ':')
-            at++; /* the drive of a Windows path */
-    }
-    while (*at) {
-        int high = coded && at[0] == '%' ? hexadecimal(at[1]) : -1, low = high >= 0 ? hexadecimal(at[2]) : -1;
-        *path++ = low >= 0 ? (char)(16 * high + low) : *at;
-        at += low >= 0 ? 3 : 1;
-    }
-    *path = '\0';
-}
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String location,
                               const fmi2CallbackFunctions *callbacks, fmi2Boolean, fmi2Boolean logging)

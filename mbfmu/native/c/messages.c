@@ -92,7 +92,8 @@ void describe_assembly(Instance *own, int64_t code, char text[SAYS])
     const double *massless = (const double *)(own->block + h->massless_at);
     const Name *coordinates = section(own, h->coordinates);
     const bool turned = code == ASSEMBLY_TURNED, misplaced = code == ASSEMBLY_MISPLACED;
-    const bool unsteady = code == ASSEMBLY_NO_STEADY_STATE || code == ASSEMBLY_NOT_UNIQUE || code == ASSEMBLY_NOT_STEADY;
+    const bool unsteady = code == ASSEMBLY_NO_STEADY_STATE || code == ASSEMBLY_NOT_UNIQUE || code == ASSEMBLY_NOT_STEADY
+        || code == ASSEMBLY_FAR_STATE;
     const Name *names = section(own, turned ? h->cuts : misplaced ? h->loads : unsteady ? h->coordinates : h->rows);
     const int64_t named = turned ? h->cuts_count : misplaced ? h->loads_count : unsteady ? h->coordinates_count : h->rows_count;
     char digits[32];

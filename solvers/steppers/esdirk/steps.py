@@ -43,7 +43,6 @@ from .formulas import (
     accept_step,
     correct_stage,
     estimate_error,
-    measure_correction,
     predict_residual,
     predict_stage,
     record_energy,
@@ -71,6 +70,8 @@ RETRY_STEPS, RETRY_STEP_RATIO = 8, 0.6
 FIRST_CONTRACTION, MIN_CONTRACTION = 0.5, 0.1  # rate of convergence before the second correction; the least assumed
 NEGLIGIBLE_CORRECTION = 0.02  # of the tolerance of a stage: a correction that need not decrease
 FACTOR_REUSE_TOLERANCE = 1e-3  # part by which 1 / (h gamma) may be off that of the factors
+# Of the tolerance of a coordinate that of a node, whose error is the sum of those of all joints before it.
+NODE_TOLERANCE_FACTOR = 0.4
 RTOL_EXPONENT = 1.3  # of the tolerance of a step, as that of the motion
 ESDIRK_EXPONENT = 1.0 / 3.0  # of the estimate, of order 2
 MIN_STEP_INCREASE, MAX_STEP_CHANGE = 2.0, 4.0  # next step in units of this one, if it is longer
@@ -83,6 +84,8 @@ class SettingsRecord(StepSettingsRecord):
     stage_tolerance: f8  # see STAGE_TOLERANCE
     is_symmetric: i8  # 1: T may be taken as symmetric
     is_smooth: i8  # 0: forces change sharply within the tolerance
+    mesh_length: f8  # m, see solvers.system.TreeSystem
+    node_tolerance: f8  # of displacements of nodes in mesh_length, and of their rotations, rad, in this step
 
 
 SETTINGS = SettingsRecord.dtype
@@ -94,6 +97,8 @@ class Work(NamedTuple):
     positions: Any  # solvers.positions.Positions
     size: Array  # (n,) units of the coordinates
     size_q: Array  # (nq,) units of the positions
+    mesh_mask: Array  # (n,) 1: a coordinate of a mesh's node, whose error is that of the node
+    node_motion: Array  # (2,) see solvers.system.TreeSystem.mesh_motion
     coordinate_rates: Array  # (n,) 1/s, as solvers.inertia.Growth has them
     parts: Array  # (1 + n,)
     inertia: Table[InertiaRecord]  # (1,)
@@ -111,7 +116,7 @@ class Work(NamedTuple):
         """Return zeroed arrays; the units are to be filled."""
         z, own = np.zeros, ConstraintScratch.allocate(nq, n, m)
         return Work(
-            positions, z(n), z(nq), z(n), z(1 + n), InertiaRecord.zeros(1), z(nq), z(n), z(n), z(nq), z(n),
+            positions, z(n), z(nq), z(n), z(2), z(n), z(1 + n), InertiaRecord.zeros(1), z(nq), z(n), z(n), z(nq), z(n),
             pin(Stage.allocate(nq, n, m, positions)), pin(own), pin(SaddleMemory.allocate(n, m)),
         )  # fmt: skip
 
@@ -171,8 +176,12 @@ def set_tolerances(integration: Integration) -> None:
     for k in range(stage.in_q.shape[0]):
         stage.tol[stage.in_v[k]] += ERROR_TOLERANCE_RATIO * settings.rtol * abs(memory.q[stage.in_q[k]])
     finer = tolerance_factor(settings.rtol, RTOL_EXPONENT, work)
+    bend = 0.0
     for k in range(stage.tol.shape[0]):
         stage.tol[k] *= finer
+        if work.mesh_mask[k] == 1.0:
+            bend = max(bend, stage.tol[k] / work.size[k])
+    settings.node_tolerance = NODE_TOLERANCE_FACTOR * bend
 
 
 @inlined
@@ -221,7 +230,31 @@ def try_step(h: float, after: float, integration: Integration) -> tuple[int, flo
     for k in range(stage.tau.shape[0]):
         stage.tau[k] *= c**2
     solve_saddle(eqs, stage.tau, stage.no_multipliers, work.saddle, stage.newton_x, stage.newton_y)
-    return code, measure_correction(stage.newton_x, stage)
+    return code, measure_error(stage.newton_x, integration)
+
+
+@inlined
+def larger_or_nan(a: float, b: float) -> float:
+    """The larger of a and b; b, where it is not a number."""
+    return a if b <= a else b
+
+
+@kernel
+def measure_error(dq: Reals, integration: Integration) -> float:
+    """The largest error in tolerances by a motion dq (n,): of a coordinate, or in meshes of a node.
+
+    The error of a node adds up along its path, and that of a joint between two nodes depends on how far apart they are.
+    """
+    eqs, settings, work = integration.eqs, integration.settings[0], integration.work
+    tol, largest = work.stage.tol, 0.0
+    for k in range(dq.shape[0]):
+        if work.mesh_mask[k] == 0.0:
+            largest = larger_or_nan(largest, abs(dq[k]) / tol[k])
+    if settings.mesh_length == 0.0:
+        return largest
+    eqs.mesh_motion(dq, work.mesh_mask, eqs.data, work.node_motion)
+    size = larger_or_nan(work.node_motion[0] / settings.mesh_length, work.node_motion[1])
+    return larger_or_nan(largest, size / settings.node_tolerance)
 
 
 @inlined

@@ -8,8 +8,10 @@ makes up for most of what has changed since: a factorization costs as much as tw
 accelerations of every stage, with the tree's saddle system; where a step ends it is brought onto them.
 
 Positions alone are controlled: their error is filtered by (c^2 M + c D + K)^-1 c^2 M, which leaves out of it what the
-method damps. A step is kept as long as the last one unless it must be shorter or may be twice as long, since another
-length needs other factors.
+method damps. In meshes it is measured at the nodes, as displacement and rotation: the error of a node is the sum of
+those of all joints before it, and that of one joint depends on the distance of its nodes. So the steps do not depend
+on how fine a mesh is. A step is kept as long as the last one unless it must be shorter or may be twice as long, since
+another length needs other factors.
 
 A step may pass the requested time, and is interpolated. After a jump of the loads the next ones end there: what a step
 needs of the one before it are its accelerations alone.
@@ -66,6 +68,8 @@ class TreeESDIRKStepper(Stepper):
         self._settings["is_symmetric"] = system.tangent.symmetric
         self._settings["is_smooth"] = not system.nonsmooth_reason
         work = Work.allocate(system.nq, n, system.m, system.placed)
+        if system.mesh_motion is not None and system.mesh_mask is not None and system.mesh_mask.any():
+            work.mesh_mask[:], self._settings["mesh_length"] = system.mesh_mask, system.mesh_length
         work.size[:], work.inertia["watched"] = system.size, system.can_compute_rate_growth
         unpin(work.constraints).row_size[:] = system.row_size
         self._motion, self._inertia = Accelerations(system), work.inertia
