@@ -1,6 +1,6 @@
 """Critical points of mechanisms whose constraints are eliminated along their structure: crossings and near misses.
 
-:mod:`.singular` says what they are. The point is searched along the motion: the shortest equation of four closed
+They are defined in :mod:`.singular`. The point is searched along the motion: the shortest equation of four closed
 neighbors, two on either side, with its sign changed beyond the point, is interpolated by a cubic, whose zero is the
 critical point. There all equations are closed but those that lose their rank. What remains of these is the *gap*: it
 is stationary there, so that the errors of the point enter with their squares. It is zero at a crossing. At a near miss

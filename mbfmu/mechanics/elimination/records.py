@@ -129,7 +129,7 @@ class EliminationMemory(NamedTuple):
 
     @staticmethod
     def allocate(size: int, bodies: int, n: int, columns: int, rows: int, ny: int) -> EliminationMemory:
-        """Return zeroed memory: ``size`` numbers for the results of all fronts, and room for the largest front."""
+        """Return zeroed memory: ``size`` numbers for the results of all fronts, and scratch for the largest front."""
         z = np.zeros
         return EliminationMemory(
             values=z(size), motions=z((bodies, BODY_WIDTH)), x=z(n), H=z((columns, columns)), g=z(columns),
