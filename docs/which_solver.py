@@ -16,7 +16,10 @@ QUESTIONS = (  # lines of a question, and of the answer if it is yes
         ),
         ("radau; if large: esdirk or ida", "tolerance: 1/100 (ida: 1/1000)"),
     ),
-    (("Does the model have 10 or more constraint", "equations, and at most 60 coordinates?"), ("hybrid", "tolerance: 1/100 of the error")),
+    (
+        ("Does the model have 10 or more constraint", "equations, and at most 60 coordinates?"),
+        ("hybrid", "tolerance: 1/100 of the error"),
+    ),
 )
 LAST = ("adams", "tolerance: 1/100 of the error")
 WIDTH, ROW, LINE = 720, 108, 19  # pixels

@@ -55,7 +55,7 @@ LIMIT_HALVINGS, LIMIT_TOLERANCE = 2, 1e-6  # of the distance of neighbors; relat
 MAX_CROSSING_LENGTH = 1e-5  # shortest equation in the interpolated point of a crossing
 MAX_CENTER_OFFSET = 0.5  # of the point from the middle of its neighbors, in their distance
 NODE_REFINEMENTS, NODE_REFINEMENT_FACTOR = 2, 0.25  # of the distance of the neighbors, to confirm a near miss
-MAX_SEARCHES, MAX_SEARCH_DISTANCE = 7, 0.5  # of the point; farthest, in units of the coordinates
+MAX_SEARCHES, MAX_EXPECTED_DISTANCE = 7, 0.5  # of the point; farthest, in units of the coordinates
 CRITICAL_POINT_CORRECTIONS = 3  # of the interpolated point
 LOOKAHEAD_LENGTH = 0.5  # shortest equation below which a critical point ahead is searched
 MAX_TURN = 0.1  # change of the velocity by a projection, relative to the largest velocity, on the same branch
@@ -101,28 +101,28 @@ def find_critical_point(
     near.kind, near.gap = NO_CRITICAL_POINT, 0.0
     if not speed > 0.0:
         return near.kind
-    apart, refined, gap = LIMIT_NODE_DISTANCE / speed, 0, 0.0
+    interval, refined, gap = LIMIT_NODE_DISTANCE / speed, 0, 0.0
     for _ in range(MAX_SEARCHES):
-        if not abs(time) * speed <= MAX_SEARCH_DISTANCE:
+        if not abs(time) * speed <= MAX_EXPECTED_DISTANCE:
             break
-        outer_before = store_node(eqs, t, q, v, a, time - 2.0 * apart, 0, work)
-        before = store_node(eqs, t, q, v, a, time - apart, 1, work)
-        after = store_node(eqs, t, q, v, a, time + apart, 2, work)
-        outer_after = store_node(eqs, t, q, v, a, time + 2.0 * apart, 3, work)
+        outer_before = store_node(eqs, t, q, v, a, time - 2.0 * interval, 0, work)
+        before = store_node(eqs, t, q, v, a, time - interval, 1, work)
+        after = store_node(eqs, t, q, v, a, time + interval, 2, work)
+        outer_after = store_node(eqs, t, q, v, a, time + 2.0 * interval, 3, work)
         if not min(outer_before, before, after, outer_after) > 0.0:
             break
         offset = (before - after) / (before + after)
         if abs(offset) <= MAX_CENTER_OFFSET and outer_before > before and outer_after > after:
             x = zero_of_cubic(outer_before, before, -after, -outer_after, offset)
-            near.kind = classify_node(eqs, t + time + x * apart, x, work)
+            near.kind = classify_node(eqs, t + time + x * interval, x, work)
             gap = max(gap, near.gap)
             if near.kind != IMPERFECT or refined == NODE_REFINEMENTS:
                 break
-            time, apart, refined = time + x * apart, NODE_REFINEMENT_FACTOR * apart, refined + 1
+            time, interval, refined = time + x * interval, NODE_REFINEMENT_FACTOR * interval, refined + 1
         elif outer_before > before > after > outer_after:
-            time += apart * (2.0 + 4.0 * outer_after / (outer_before - outer_after))
+            time += interval * (2.0 + 4.0 * outer_after / (outer_before - outer_after))
         elif outer_before < before < after < outer_after:
-            time -= apart * (2.0 + 4.0 * outer_before / (outer_after - outer_before))
+            time -= interval * (2.0 + 4.0 * outer_before / (outer_after - outer_before))
         else:
             break
     if near.kind == IMPERFECT:
@@ -228,12 +228,12 @@ def take_limit(
     configuration.
     """
     code = interpolate_neighbors(eqs, t, q, v, loaded, LIMIT_NODE_DISTANCE / speed, work, a, lam)
-    apart, size = 0.5 * LIMIT_NODE_DISTANCE / speed, work.size
+    interval, size = 0.5 * LIMIT_NODE_DISTANCE / speed, work.size
     for _ in range(LIMIT_HALVINGS):
         for i in range(a.shape[0]):
             work.a_before[i] = a[i]
         if code == OK:
-            code = interpolate_neighbors(eqs, t, q, v, loaded, apart, work, a, lam)
+            code = interpolate_neighbors(eqs, t, q, v, loaded, interval, work, a, lam)
         if code != OK:
             return code
         changed, largest = 0.0, speed * speed
@@ -242,16 +242,16 @@ def take_limit(
             largest = max(largest, eqs.in_loops[i] * abs(a[i]) / size[i])
         if changed <= LIMIT_TOLERANCE * largest:
             return OK
-        apart *= 0.5
+        interval *= 0.5
     return UNDECIDABLE
 
 
 @kernel
 def interpolate_neighbors(
-    eqs: EliminationEquations, t: float, q: Reals, v: Reals, loaded: bool, apart: float, work: EliminationScratch,
+    eqs: EliminationEquations, t: float, q: Reals, v: Reals, loaded: bool, interval: float, work: EliminationScratch,
     a: Reals, lam: Reals,
 ) -> int:  # fmt: skip
-    """The cubic through the accelerations and multipliers of four closed neighbors, in its middle; they are ``apart``
+    """The cubic through the accelerations and multipliers of four closed neighbors, in its middle; they are an ``interval``
     (s).
     """
     for i in range(a.shape[0]):
@@ -261,15 +261,15 @@ def interpolate_neighbors(
     for node in (-2, -1, 1, 2):
         for i in range(a.shape[0]):
             work.a_near[i] = 0.0
-        if not close_neighbor(eqs, t, q, v, work.a_near, node * apart, work) > SINGULAR_LENGTH:
+        if not close_neighbor(eqs, t, q, v, work.a_near, node * interval, work) > SINGULAR_LENGTH:
             return UNDECIDABLE
         for i in range(v.shape[0]):
             work.v_near[i] = v[i]
-        code = project(eqs, t + node * apart, work.q_near, work.v_near, CLOSED_RESIDUAL, work)
+        code = project(eqs, t + node * interval, work.q_near, work.v_near, CLOSED_RESIDUAL, work)
         if code == OK:
             code = accelerate(
                 eqs,
-                t + node * apart,
+                t + node * interval,
                 work.q_near,
                 work.v_near,
                 loaded,

@@ -131,22 +131,22 @@ def restrict(front: FrontRecord, nz: int, memory: EliminationMemory) -> None:
 
 
 @inlined
-def project_columns(H: Reals, R: Reals, i: int, n: int) -> None:
-    """H <- H (I - R_i^T R_i)."""
+def project_columns(form: Reals, R: Reals, i: int, n: int) -> None:
+    """form <- form (I - R_i^T R_i)."""
     for k in range(n):
         total = 0.0
         for c in range(n):
-            total += H[k, c] * R[i, c]
+            total += form[k, c] * R[i, c]
         for c in range(n):
-            H[k, c] -= total * R[i, c]
+            form[k, c] -= total * R[i, c]
 
 
 @inlined
-def project_rows(H: Reals, R: Reals, i: int, n: int) -> None:
-    """H <- (I - R_i^T R_i) H."""
+def project_rows(form: Reals, R: Reals, i: int, n: int) -> None:
+    """form <- (I - R_i^T R_i) form."""
     for c in range(n):
         total = 0.0
         for k in range(n):
-            total += R[i, k] * H[k, c]
+            total += R[i, k] * form[k, c]
         for k in range(n):
-            H[k, c] -= R[i, k] * total
+            form[k, c] -= R[i, k] * total
