@@ -13,7 +13,7 @@ from solvers.compiled.cache import measure_compilation_time, when_compiling
 
 from .common import bar
 
-COMPILING_TEXT = "compiling; this takes one to three minutes, once per machine"
+COMPILING_TEXT = "compiling; this takes up to three minutes, once per machine"
 
 
 @contextmanager

@@ -33,7 +33,7 @@ def add(commands: Commands) -> None:
         description="Export a model or a scene as an FMU for co-simulation and model exchange. Values given here are "
         "the start values of its variables, which the importing tool can change; `mbfmu models NAME` lists them. "
         "The FMU is native if possible: it contains machine code and needs nothing else. The first native FMU with a "
-        "solver builds the machine code of this solver, which takes one to two minutes. "
+        "solver builds the machine code of this solver, which takes about a minute. "
         "If the model, the solver or this machine does not permit a native FMU, the FMU calls Python, and the "
         "importing tool needs Python with this version of mbfmu. The command prints the reason.",
         epilog="examples:\n  mbfmu export fourbar\n"

@@ -15,9 +15,10 @@ def add(commands: Commands) -> None:
         "runtime",
         help="build the runtime libraries of native FMUs",
         description="A native FMU consists of the data of the model and of a runtime library, which is the same for "
-        "all models with a solver. The library for this machine is built by the first native export with the solver. "
-        "`mbfmu runtime build` builds those of all solvers now, also for other platforms, which requires `pip install "
-        "mbfmu[native]`. Without `build` the command lists the libraries that exist.",
+        "all models that call the same code. The library for this machine is built by the first native export that "
+        "needs it. `mbfmu runtime build` builds those of all solvers now, which serve all models, also for other "
+        "platforms, which requires `pip install mbfmu[native]`. Without `build` the command lists the families of "
+        "solvers for which libraries exist.",
         epilog="examples:\n  mbfmu runtime\n  mbfmu runtime build\n"
         "  mbfmu runtime build --platforms x86_64-linux x86_64-windows aarch64-linux\n",
     )
@@ -45,8 +46,9 @@ def add_platforms(parser: argparse.ArgumentParser, about: str) -> None:
 
 def command_runtime(options: argparse.Namespace) -> int:
     """Build runtimes, or list them."""
+    from mbfmu.native.contents import complete
     from mbfmu.native.families import FAMILIES
-    from mbfmu.native.runtime import build, cached_library, library, pack
+    from mbfmu.native.runtime import build, cached_libraries, family_of_library, library, pack
     from mbfmu.native.sundials_files import libraries
     from mbfmu.native.targets import TARGETS, host
 
@@ -54,18 +56,19 @@ def command_runtime(options: argparse.Namespace) -> int:
         if options.platforms or options.pack:
             raise UserError("--platforms and --pack are options of `mbfmu runtime build` only; leave them out")
         for name in TARGETS:
-            found = {family: path for family in FAMILIES if (path := cached_library(name, family))}
-            print(f"{name}: {', '.join(found) if found else 'not built'}")
-            for path in found.values():
+            found = sorted(cached_libraries(name))
+            families = dict.fromkeys(family_of_library(name, path) for path in found)
+            print(f"{name}: {', '.join(families) if found else 'not built'}")
+            for path in found:
                 print_if_verbose(options, f"  {path}")
         return 0
     names = options.platforms or [host()]
     if not all(names):
         raise UserError(f"no runtime can be built for this machine; use --platforms with one of {', '.join(TARGETS)}")
-    build(names, FAMILIES)
+    build(names, [complete(family) for family in FAMILIES])
     for name in names:
         for family in FAMILIES:
-            path = pack(name, family) if options.pack else library(name, family)
+            path = pack(name, family) if options.pack else library(name, complete(family))
             print_unless_quiet(options, f"{name}, {family}: {path}")
             print_if_verbose(options, f"{path.stat().st_size / 1e3:.0f} kB")
         try:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.settings import AUTO, Settings
+from mbfmu.native.contents import Contents
 from mbfmu.native.data import native_model
 from mbfmu.native.families import NATIVE_SOLVERS
 from mbfmu.native.kernel_table import USER_LIBRARY
@@ -35,12 +36,12 @@ FMI_VERSIONS = (2, 3)
 class Libraries(NamedTuple):
     """The runtimes that an FMU needs: all is known of them before they are built."""
 
-    family: str  # of mbfmu.native.families
+    contents: Contents
     places: dict[str, str]  # names in the FMU by targets
 
     def read(self) -> dict[str, bytes]:
         """Return the runtimes by their names in the FMU; those that do not exist are built."""
-        return {place: library(name, self.family).read_bytes() for name, place in self.places.items()}
+        return {place: library(name, self.contents).read_bytes() for name, place in self.places.items()}
 
 
 def build_native_fmu(
@@ -90,7 +91,7 @@ def build_native_fmu(
         "documentation/index.html": page(model, shown, needs_python=False).encode(),
     }
     content |= terminal_files(model, shown) | c_sources() | loaded
-    return content, Libraries(made.family, places)
+    return content, Libraries(made.contents, places)
 
 
 def describe_constants(frozen: Mapping[str, str]) -> list[Diagnostic]:

@@ -66,7 +66,7 @@ class ModelSlave(Values):
         import_once(self.resources)
 
     def _log_compiling(self) -> None:
-        text = "compiling; this takes one to three minutes, once per machine"
+        text = "compiling; this takes up to three minutes, once per machine"
         self._print(text)
         self.log(text, Fmi2Status.ok, "logAll")
 

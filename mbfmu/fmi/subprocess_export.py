@@ -3,7 +3,7 @@
 Export in a separate process in which kernels are plain Python: assembling the model data calls each kernel a few times
 only, and all of these calls together take less time than compiling one kernel. The files have the same bytes. The scene
 is given by a scene file. The process writes an archive of all files but the runtimes. It prints the diagnostics of the
-export as JSON, one per line, and then the family and the places of the runtimes.
+export as JSON, one per line, and then the contents and the places of the runtimes.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from mbfmu.modeling.scene import Scene, as_toml, read_scene
+from mbfmu.native.contents import Contents
 from mbfmu.util.diagnostics import from_saved
 from mbfmu.util.errors import UserError
 from mbfmu.util.processes import run_program
@@ -37,10 +38,10 @@ def files_uncompiled(scene: Scene, kind: str, fmi: int, platforms: Sequence[str]
         code, errors = run_program([*command, *platforms], own, printed=printed.extend)
         if code:
             raise UserError("\n".join(errors))
-        *messages, libraries = map(json.loads, printed.splitlines())
+        *messages, (family, parts, places) = map(json.loads, printed.splitlines())
         with zipfile.ZipFile(archive) as opened:
             content = {name: opened.read(name) for name in opened.namelist()}
-    return Files(content, Libraries(**libraries), from_saved(messages))
+    return Files(content, Libraries(Contents(family, tuple(parts)), places), from_saved(messages))
 
 
 def main(scene_file: str, archive: str, kind: str, fmi: str, *platforms: str) -> int:
@@ -51,7 +52,7 @@ def main(scene_file: str, archive: str, kind: str, fmi: str, *platforms: str) ->
         print(error, file=sys.stderr)  # noqa: T201
         return 2
     pack(Path(archive), content)
-    for line in (*map(asdict, messages), libraries._asdict()):
+    for line in (*map(asdict, messages), (*libraries.contents, libraries.places)):
         print(json.dumps(line))  # noqa: T201
     return 0
 

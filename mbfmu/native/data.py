@@ -26,6 +26,7 @@ from solvers.outcome import CODES, KEYS, MESSAGES, Status
 from solvers.steppers import ORDER_LIMITS
 
 from . import layout, start_checks
+from .contents import Contents, contents_for
 from .curves import Shifted
 from .entries import Instance, family_of, image_of, uses_sundials
 from .exchange_states import (
@@ -74,8 +75,8 @@ class NativeModel(NamedTuple):
         Whether directional derivatives are provided.
     has_user_kernels
         Whether the FMU needs the library of :mod:`.user_kernels`.
-    family
-        Family of :mod:`.families` whose runtime the FMU needs.
+    contents
+        What the runtime of the FMU contains.
     """
 
     variables: tuple[ScalarVariable, ...]
@@ -87,7 +88,7 @@ class NativeModel(NamedTuple):
     has_derivatives: bool
     data: bytes
     has_user_kernels: bool
-    family: str
+    contents: Contents
 
 
 def native_model(model: Model, settings: Settings, for_one_run: bool = False) -> NativeModel:
@@ -115,10 +116,12 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     states, notes = _states(simulation, variables) if not for_one_run else (None, [])
     file = _File(simulation, instance, image, settable, variables, several, states is not None, differentiates)
     messages, own = [*simulation.diagnostics, *notes], user_kernels(simulation.compiled.called())
-    inputs, family = simulation.compiled.inputs, family_of(simulation)
+    inputs, is_steady = simulation.compiled.inputs, simulation.steady_state is not None
+    numbers = (relocation.target for relocation in image.kernels)
+    contents = contents_for(family_of(simulation), numbers, exchanges=states is not None, is_steady=is_steady)
     moving = tuple(v.name for k, v in enumerate(inputs.variables) if inputs.moves_support(k))
     provided = states, moving, differentiates
-    return NativeModel(variables, several, frozen, messages, *provided, file.write(), bool(own), family)
+    return NativeModel(variables, several, frozen, messages, *provided, file.write(), bool(own), contents)
 
 
 def _states(

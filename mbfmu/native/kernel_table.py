@@ -1,13 +1,16 @@
 """Kernels of element types in the runtime, by their numbers in its tables of addresses.
 
-One table has those for real numbers, another one those for a state of complex numbers, by which the structured tangent
-(:mod:`mbfmu.mechanics.tangent`) and directional derivatives (:mod:`.derivatives`) are taken.
+There are tables for real numbers, and others for a state of complex numbers, by which the structured tangent
+(:mod:`mbfmu.mechanics.tangent`) and directional derivatives (:mod:`.derivatives`) are taken. A library has only those
+tables that its models call, see :mod:`.contents`; numbers are the same in all libraries.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from types import ModuleType
+from typing import NamedTuple
 
 from mbfmu.mechanics import couplings, cuts, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.tables import LINEARIZED, REAL, TANGENT_NUMBERS, CalledKernel, called_kernels, used_type
@@ -20,24 +23,54 @@ from mbfmu.sheets.contact.nip import RollerNip
 from mbfmu.sheets.contact.surface_contact import SurfaceContact
 from mbfmu.util.errors import UserError
 
-COMPONENT_ROLES: dict[ModuleType, type[ElementType]] = {
-    joints: joints.Joint, cuts: cuts.CutJoint, couplings: couplings.Coupling, loads: loads.Load,
-    signals: signals.Signal, sensors: sensors.Sensor,
-    sheet_joints: joints.Joint, sheet_elements: loads.Load, sheet_sensors: sensors.Sensor, surfaces: surfaces.Surface,
+# Modules of the element types that ship, with their roles, by the part of the runtime that has their kernels: the
+# kernels of a sheet take as long to compile as those of all other types together.
+COMPONENT_ROLES: dict[str, dict[ModuleType, type[ElementType]]] = {
+    "mechanisms": {
+        joints: joints.Joint, cuts: cuts.CutJoint, couplings: couplings.Coupling, loads: loads.Load,
+        signals: signals.Signal, sensors: sensors.Sensor,
+    },
+    "sheets": {
+        sheet_joints: joints.Joint, sheet_elements: loads.Load, sheet_sensors: sensors.Sensor,
+        surfaces: surfaces.Surface,
+    },
 }  # fmt: skip
-CONTACT_TYPES: tuple[type[ElementType], ...] = SurfaceContact, RollerNip  # in addition
-KERNEL_TABLE_SYMBOL = "mb_kinds"  # symbol of the addresses of all kernels for real numbers
-DERIVATIVE_TABLE_SYMBOL = "mb_derivative_kinds"  # ... and of those for a complex state
+CONTACT_TYPES: tuple[type[ElementType], ...] = SurfaceContact, RollerNip  # of sheets, in addition
 USER_LIBRARY = "mbfmu_kernels"  # beginning of the name of the library of user-defined kernels in an FMU
 USER_TABLE_SYMBOL = "mb_user_kernels"  # symbol of the addresses of its kernels
 
 
-def shipped_kernels(state: type = float) -> tuple[CalledKernel, ...]:
-    """Return the kernels of all types that ship, in the order of their addresses in the table for these numbers."""
-    kinds = [kind for module, role in COMPONENT_ROLES.items() for kind in element_types_of(module, role)]
-    used, numbers = [used_type(kind) for kind in (*kinds, *CONTACT_TYPES)], (REAL, TANGENT_NUMBERS, LINEARIZED)
-    found = (called for kind in used for own in numbers for called in called_kernels(kind, own))
-    return tuple(dict.fromkeys(called for called in found if called is not None and called.state is state))
+class KernelTable(NamedTuple):
+    """Kernels that are compiled together, in the order of their addresses."""
+
+    symbol: str  # of their addresses
+    kernels: tuple[CalledKernel, ...]
+
+
+@cache
+def kernel_tables() -> dict[str, KernelTable]:
+    """Return the tables of all kernels that ship by the names of their parts of the runtime, in the order of numbers.
+
+    Those of a part are for real numbers, those of "PART-derivatives" for a state of complex numbers.
+    """
+    tables, known = {}, set[CalledKernel]()
+    for suffix, state in (("", float), ("-derivatives", complex)):
+        for part, roles in COMPONENT_ROLES.items():
+            kinds = [kind for module, role in roles.items() for kind in element_types_of(module, role)]
+            used = [used_type(kind) for kind in (*kinds, *(CONTACT_TYPES if part == "sheets" else ()))]
+            found = [
+                own for kind in used for n in (REAL, TANGENT_NUMBERS, LINEARIZED) for own in called_kernels(kind, n)
+            ]
+            new = dict.fromkeys(own for own in found if own is not None and own.state is state and own not in known)
+            known.update(new)
+            name = f"{part}{suffix}"
+            tables[name] = KernelTable(f"mb_{name.replace('-', '_')}", tuple(new))
+    return tables
+
+
+def shipped_kernels() -> tuple[CalledKernel, ...]:
+    """Return the kernels of all types that ship, in the order of their numbers."""
+    return tuple(own for table in kernel_tables().values() for own in table.kernels)
 
 
 def user_kernels(called: Iterable[CalledKernel | None]) -> tuple[CalledKernel, ...]:
@@ -57,8 +90,8 @@ def _is_user_defined(called: CalledKernel) -> bool:
 
 
 def numbers_in_fmu(called: Iterable[CalledKernel | None]) -> dict[CalledKernel, int]:
-    """Return the numbers of kernels in an FMU: those of both tables of the runtime, then the user-defined ones."""
-    known = *shipped_kernels(), *shipped_kernels(complex), *user_kernels(called)
+    """Return the numbers of kernels in an FMU: those of all tables of the runtime, then the user-defined ones."""
+    known = *shipped_kernels(), *user_kernels(called)
     return {own: k for k, own in enumerate(known)}
 
 

@@ -1,8 +1,8 @@
-"""``python -m mbfmu.native.kernels FOLDER TARGETS PART ...``: kernels of the runtime as object files.
+"""``python -m mbfmu.native.kernels FOLDER TARGETS OBJECT ...``: kernels of the runtime as object files.
 
-A part is a family, or the kernels of all element types. Each part has one or several object files for each target. The
-module runs in a separate process, see :mod:`.runtime`: everything is recompiled for another processor, and this process
-cannot execute it. Child processes share the work if there is more than one processor. The files do not depend on it.
+The object files are those of :mod:`.contents`. The module runs in a separate process, see :mod:`.runtime`: everything
+is recompiled for another processor, and this process cannot execute it. Child processes share the work if there is more
+than one processor. The files do not depend on it.
 """
 
 from __future__ import annotations
@@ -22,40 +22,29 @@ from solvers.compiled.indirect_call import record_type
 from solvers.compiled.kernel import jit_uncached, types
 from solvers.compiled.tuple_pointer import pointer_type
 
+from .contents import ENTRY_PARTS, EQUATIONS, STEPS, entry_part
 from .entries import entries, example
 from .families import FAMILIES
-from .kernel_table import DERIVATIVE_TABLE_SYMBOL, KERNEL_TABLE_SYMBOL, shipped_kernels
+from .kernel_table import KernelTable, kernel_tables
 from .sundials import CALLBACK_TYPES, SUNDIALS_FAMILIES, callback_symbol
 from .targets import TARGETS
 
-ELEMENTS = "elements"  # the part that all families call by addresses
-# Its files: tables of kernels for a real state, and for a complex one, by which derivatives are taken
-TABLES = {"elements": (KERNEL_TABLE_SYMBOL, float), "derivatives": (DERIVATIVE_TABLE_SYMBOL, complex)}
-# Entry points of a family by the object file that they are in. Those of the first file contain most of what the others
-# call, which is not compiled twice then; the last file has the entry points that are not listed.
-FILES = {"equations": ("assemble", "exchange_evaluate"), "begin": ("begin",), "steps": ()}
 PROGRESS = b"."  # on standard output, for every function that has been compiled
 
 Compiled = dict[str, tuple[Any, Any]]  # kernel and types of arguments, by symbol
 
 
-def object_names(part: str, target: str) -> list[str]:
-    """Return the names of the object files of a part for a target."""
-    files = TABLES if part == ELEMENTS else (f"{part}-{file}" for file in FILES)
-    return [f"{target}-{file}.o" for file in files]
-
-
 class Workers:
-    """Child processes that compile, one for each processor but that of this process."""
+    """Child processes that compile, one for each processor: this process has less to do than they have."""
 
     def __init__(self) -> None:
         self._children: set[int] = set()
 
     def run(self, work: Callable[[], None]) -> None:
-        """Run work in a child process if a processor is free, else now."""
+        """Run work in a child process unless there are as many of them as processors, else now."""
         for child in list(self._children):
             self._wait(child, os.WNOHANG)
-        if not hasattr(os, "fork") or len(self._children) + 1 >= (os.cpu_count() or 1):
+        if not hasattr(os, "fork") or len(self._children) >= (os.cpu_count() or 1):
             work()
             return
         child = os.fork()
@@ -96,43 +85,41 @@ class Builder:
             own = TARGETS[target]
             (self._folder / f"{target}-{name}.o").write_bytes(emit_object(module, own.triple, own.processor))
 
-    def write_elements(self, name: str) -> None:
-        """Write the kernels of all element types for a real or a complex state, with a table of their addresses."""
-        (table, state), found = TABLES[name], Compiled()
-        for i, kind in enumerate(shipped_kernels(state)):
+    def write_table(self, name: str, table: KernelTable) -> None:
+        """Write kernels of element types, with a table of their addresses."""
+        found = Compiled()
+        for i, kind in enumerate(table.kernels):
             words, returned = types_of(kind)
             arguments = record_type(kind.record), *words
             kind.function.compile(returned(*arguments))
-            found[f"{table}_{i}"] = kind.function, arguments
-        self.write(link_module(found, {table: list(found)}), name)
+            found[f"{table.symbol}_{i}"] = kind.function, arguments
+        self.write(link_module(found, {table.symbol: list(found)}), name)
 
-    def write_family(self, family: str, instance: Any, workers: Workers) -> None:
-        """Write the files of a family; ``instance`` is the type of its instances."""
-        known = {f"mb_{family}_{name}": (entry.function, entry.more) for name, entry in entries(family).items()}
+    def write_family(self, family: str, names: Collection[str], instance: Any, workers: Workers) -> None:
+        """Write files of a family by their names; ``instance`` is the type of its instances."""
+        parts: dict[str, dict[str, tuple[Any, Any]]] = {part: {} for part in ENTRY_PARTS}
+        for name, entry in entries(family).items():
+            parts[entry_part(name)][f"mb_{family}_{name}"] = entry.function, entry.more
         if family in SUNDIALS_FAMILIES:
             callbacks = zip(SUNDIALS_FAMILIES[family], CALLBACK_TYPES.items(), strict=True)
-            known |= {callback_symbol(family, name): (function, more) for function, (name, more) in callbacks}
-        first, begin, _ = ([f"mb_{family}_{name}" for name in names] for names in FILES.values())
-        shared = link_module(_compile(known, first, instance), {}, exports_kernels=True)
-        rest = [symbol for symbol in known if symbol not in (*first, *begin)]
-        for name, symbols in (("begin", begin), ("steps", rest)):
-            work = partial(self._write_calling, shared, known, symbols, instance, f"{family}-{name}")
-            workers.run(work)
-        self.write(shared, f"{family}-equations")
+            parts[STEPS] |= {callback_symbol(family, name): (function, more) for function, (name, more) in callbacks}
+        shared = link_module(_compile(parts.pop(EQUATIONS), instance), {}, exports_kernels=True)
+        for part, known in parts.items():
+            if f"{family}-{part}" in names:
+                workers.run(partial(self._write_calling, shared, known, instance, f"{family}-{part}"))
+        if f"{family}-{EQUATIONS}" in names:
+            self.write(shared, f"{family}-{EQUATIONS}")
 
-    def _write_calling(
-        self, shared: Any, known: Mapping[str, tuple[Any, Any]], symbols: Collection[str], instance: Any, name: str
-    ) -> None:
+    def _write_calling(self, shared: Any, known: Mapping[str, tuple[Any, Any]], instance: Any, name: str) -> None:
         """Write entry points that call kernels of another module."""
-        found = _compile(known, symbols, instance)
+        found = _compile(known, instance)
         self.write(link_module(found, {}, kernel_symbols(shared)), name)
 
 
-def _compile(known: Mapping[str, tuple[Any, Any]], symbols: Collection[str], instance: Any) -> Compiled:
+def _compile(known: Mapping[str, tuple[Any, Any]], instance: Any) -> Compiled:
     """Compile entry points, which are given by functions and types of their arguments after the instance."""
     found = {}
-    for symbol in symbols:
-        function, more = known[symbol]
+    for symbol, (function, more) in known.items():
         kernel, arguments = jit_uncached(function), (instance, *more)
         kernel.compile(types.int64(*arguments))
         found[symbol] = kernel, arguments
@@ -144,16 +131,18 @@ def report_function() -> None:
     os.write(sys.stdout.fileno(), PROGRESS)
 
 
-def main(folder: Path, targets: Collection[str], parts: Collection[str]) -> None:
+def main(folder: Path, targets: Collection[str], names: Collection[str]) -> None:
     """Write the object files."""
-    instances = {name: pointer_type(example(name)) for name in FAMILIES if name in parts}  # kernels make examples
+    families = [family for family in FAMILIES if any(f"{family}-{part}" in names for part in ENTRY_PARTS)]
+    instances = {family: pointer_type(example(family)) for family in families}  # kernels make examples
     gc.set_threshold(200_000, 20, 20)  # a tenth of the time
     compile_only(report_function)
     workers, builder = Workers(), Builder(folder, targets)
-    for name in TABLES if ELEMENTS in parts else ():
-        workers.run(partial(builder.write_elements, name))
+    for name, table in kernel_tables().items():
+        if name in names:
+            workers.run(partial(builder.write_table, name, table))
     for family, instance in instances.items():
-        builder.write_family(family, instance, workers)
+        builder.write_family(family, names, instance, workers)
     workers.finish()
 
 

@@ -8,7 +8,7 @@ bytes, the low one first.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -31,10 +31,11 @@ from solvers.steppers.ida.dense_memory import LIMITED_RTOL, MIN_RTOL
 
 from . import sundials
 from .checksum import crc64
+from .contents import Contents
 from .entries import Entry
 from .exchange_memory import LEFT_BRANCH, NEXT_EVENT, NOT_DIFFERENTIABLE, RESTART, STATES_NOT_FINITE, TIMES
 from .families import FAMILIES
-from .kernel_table import DERIVATIVE_TABLE_SYMBOL, USER_LIBRARY, USER_TABLE_SYMBOL, shipped_kernels
+from .kernel_table import USER_LIBRARY, USER_TABLE_SYMBOL, kernel_tables
 from .start_checks import Flaw
 
 ENTRY_C_TYPES = {
@@ -196,9 +197,10 @@ def signed(data: bytes, token: str, libraries: Iterable[bytes] = ()) -> bytes:
     return header.tobytes() + sections + data[block:end] + records
 
 
-def declarations(family: str, entries: Iterable[tuple[str, Entry]]) -> str:
-    """Return the C header of these records, and of the entry points of a family by their names."""
-    known = [(name, [ENTRY_C_TYPES[word] for word in entry.more]) for name, entry in entries]
+def declarations(contents: Contents, entries: Mapping[str, Entry]) -> str:
+    """Return the C header of these records and of a library, given all entry points of its family by their names."""
+    family, present = contents.family, contents.entries(entries)
+    known = [(name, [ENTRY_C_TYPES[word] for word in entry.more]) for name, entry in entries.items()]
     lines = ["/* Made of mbfmu/native/layout.py. */", "#include <stdint.h>", ""]
     lines += [f"#define MAGIC INT64_C({FILE_MAGIC})", f"#define LENGTH ({LENGTH_VARIABLE})"]
     limits = {"MAX_ACCURATE_ANGLE": MAX_ACCURATE_ANGLE, "MAX_VALID_ANGLE": MAX_VALID_ANGLE}  # of shipped elements
@@ -209,8 +211,7 @@ def declarations(family: str, entries: Iterable[tuple[str, Entry]]) -> str:
     lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
     lines += [f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}", f"#define MIN_RTOL {MIN_RTOL!r}"]
     lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]
-    lines += [f"#define UNFOLD {json.dumps(ADVICE)}", f"#define KINDS {len(shipped_kernels())}"]
-    lines.append(f"#define DERIVATIVE_KINDS {len(shipped_kernels(complex))}")
+    lines.append(f"#define UNFOLD {json.dumps(ADVICE)}")
     words = {"USER_LIBRARY": USER_LIBRARY, "USER_TABLE": USER_TABLE_SYMBOL}
     lines += [*(f"#define {name} {json.dumps(word)}" for name, word in words.items()), ""]
     lines += [_struct(name, record) for name, record in STRUCTS.items()]
@@ -227,11 +228,16 @@ def declarations(family: str, entries: Iterable[tuple[str, Entry]]) -> str:
     lines += sundials.declarations(ENTRY_C_TYPES, family)
     lines += ["typedef struct {", *(f"    {_kind(name)} *{name};" for name, _ in known)]
     lines += ["    const Callbacks *callbacks; /* of SUNDIALS; NULL: it is not used */", "} Family;"]
-    lines += [f"{_kind(name)} mb_{family}_{name};" for name, _ in known]
+    lines += [f"{_kind(name)} mb_{family}_{name};" for name in present]
     called = "&callbacks" if family in sundials.SUNDIALS_FAMILIES else "0"
-    row = ", ".join((*(f"mb_{family}_{name}" for name, _ in known), called))
+    row = ", ".join((*(f"mb_{family}_{name}" if name in present else "0" for name, _ in known), called))
     lines += [f"#define FAMILY {list(FAMILIES).index(family)}", f"static const Family family = {{{row}}};"]
-    lines += [f"extern void *const mb_kinds[], *const {DERIVATIVE_TABLE_SYMBOL}[];", ""]
+    lines += ["typedef struct {", "    void *const *addresses; /* NULL: the library does not have them */"]
+    lines += ["    int64_t count;", "} KernelTable;"]
+    tables = kernel_tables()
+    lines += [f"extern void *const {own.symbol}[];" for name, own in tables.items() if name in contents.parts]
+    rows = (f"{{{own.symbol if name in contents.parts else 0}, {len(own.kernels)}}}" for name, own in tables.items())
+    lines += [f"static const KernelTable kernel_tables[] = {{{', '.join(rows)}}};", ""]
     return "\n".join(lines)
 
 

@@ -1,9 +1,9 @@
 """The runtime: kernels as machine code and FMI around them, built once for these sources and a machine.
 
-There is one library for each family of solvers (:mod:`.families`), so that the first FMU has to wait for its family
-only. Kernels are recompiled in a separate process, for the oldest processor of an architecture and without a cache. The
-result is stored next to the code that Python compiles. Zig compiles C for every machine; for this one any C compiler
-does. Where there is none, zig is downloaded for the time of the build.
+A library has one family of solvers (:mod:`.families`) and what its model can call (:mod:`.contents`), so that the first
+FMU has to wait for this only. Kernels are recompiled in a separate process, for the oldest processor of an architecture
+and without a cache. The result is stored next to the code that Python compiles. Zig compiles C for every machine; for
+this one any C compiler does. Where there is none, zig is downloaded for the time of the build.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from mbfmu.util.processes import run_program
 from mbfmu.util.progress import announce, report_progress
 from solvers.compiled.cache import notify_listeners, shared_cache_dir
 
+from .contents import Contents, complete
 from .entries import entries
-from .kernels import ELEMENTS, object_names
 from .layout import declarations
 from .targets import TARGETS, host
 
@@ -43,13 +43,12 @@ PACKAGE_DIR = Path(__file__).parent
 PACKED_RUNTIMES = PACKAGE_DIR / "runtimes"  # that a wheel brings along
 # sources of the machine code, in addition to the kernels of other packages
 KERNEL_SOURCES = (
-    "derivatives.py", "entries.py", "exchange_dense.py", "exchange_memory.py", "exchange_times.py", "exchange_tree.py",
-    "families.py", "kernel_table.py", "kernels.py", "load_derivatives.py", "model_exchange.py", "start_checks.py",
-    "steady_start.py", "sundials.py", "targets.py",
+    "contents.py", "derivatives.py", "entries.py", "exchange_dense.py", "exchange_memory.py", "exchange_times.py",
+    "exchange_tree.py", "families.py", "kernel_table.py", "kernels.py", "load_derivatives.py", "model_exchange.py",
+    "start_checks.py", "steady_start.py", "sundials.py", "targets.py",
 )  # fmt: skip
 COMPILER_FLAGS = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
-# approximate numbers of functions that are compiled, for the bar of progress
-FUNCTIONS_OF_ELEMENTS, FUNCTIONS_OF_FAMILY = 530, 500
+FUNCTIONS_OF_OBJECT = 150  # approximate number of functions that are compiled for one, for the bar of progress
 EXPORTED_SYMBOLS = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
 
 
@@ -68,10 +67,10 @@ def _runtime_sources() -> tuple[str, ...]:
     return tuple(path.relative_to(PACKAGE_DIR).as_posix() for path in found)
 
 
-def objects(names: Collection[str], families: Collection[str]) -> dict[str, list[Path]]:
-    """Return the object files of the kernels of families for each target by its name.
+def objects(names: Collection[str], contents: Collection[Contents]) -> dict[str, list[Path]]:
+    """Return the object files of the contents of libraries for each target by its name.
 
-    Those that are not there are built: in one to two minutes for one family.
+    Those that are not there are built, in about a minute for one library.
 
     Raises
     ------
@@ -81,8 +80,8 @@ def objects(names: Collection[str], families: Collection[str]) -> dict[str, list
     for name in names:
         if name not in TARGETS:
             raise UserError(f"target {name!r} is not known; allowed: {', '.join(TARGETS)}")
-    folder, parts = build_dir(*KERNEL_SOURCES), (ELEMENTS, *families)
-    found = {name: [folder / file for part in parts for file in object_names(part, name)] for name in names}
+    folder, parts = build_dir(*KERNEL_SOURCES), list(dict.fromkeys(own for each in contents for own in each.objects()))
+    found = {name: [_object_file(folder, name, part) for part in parts] for name in names}
     if not all(path.is_file() for paths in found.values() for path in paths):
         notify_listeners()
         with build_lock(folder):
@@ -90,12 +89,13 @@ def objects(names: Collection[str], families: Collection[str]) -> dict[str, list
     return found
 
 
+def _object_file(folder: Path, name: str, part: str) -> Path:
+    return folder / f"{name}-{part}.o"
+
+
 def _build(folder: Path, names: Collection[str], parts: Collection[str]) -> None:
-    """Compile those parts of the kernels for targets that do not exist."""
-    missing = {
-        name: [part for part in parts if not all((folder / file).is_file() for file in object_names(part, name))]
-        for name in names
-    }
+    """Compile those object files for targets that do not exist."""
+    missing = {name: [part for part in parts if not _object_file(folder, name, part).is_file()] for name in names}
     together = list(dict.fromkeys(part for own in missing.values() for part in own))
     targets = [name for name, own in missing.items() if own]
     if not together:
@@ -104,7 +104,7 @@ def _build(folder: Path, names: Collection[str], parts: Collection[str]) -> None
         # machine code is made by a compiler, also if this process has none
         own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": f"{work}/cache", "NUMBA_DISABLE_JIT": "0"}
         command = [sys.executable, "-m", "mbfmu.native.kernels", work, ",".join(targets), *together]
-        _run(command, own, sum(FUNCTIONS_OF_ELEMENTS if part == ELEMENTS else FUNCTIONS_OF_FAMILY for part in together))
+        _run(command, own, FUNCTIONS_OF_OBJECT * len(together))
         for path in sorted(Path(work).glob("*.o")):
             install_atomically(path, folder / path.name)
 
@@ -119,43 +119,53 @@ def build_lock(folder: Path) -> Iterator[None]:
         yield
 
 
-def library(name: str, family: str) -> Path:
-    """Return the runtime of a target and a family as a shared library; see :func:`build`."""
-    found = cached_library(name, family)
+def library(name: str, contents: Contents) -> Path:
+    """Return the runtime of a target with some contents as a shared library; see :func:`build`."""
+    found = cached_library(name, contents)
     if found is None:
-        build([name], [family])
-        found = build_dir(*_runtime_sources()) / _file(name, family)
+        build([name], [contents])
+        found = build_dir(*_runtime_sources()) / _file(name, contents)
     return found
 
 
-def build(names: Collection[str], families: Collection[str]) -> None:
-    """Build the runtimes of targets and families that do not exist.
+def build(names: Collection[str], contents: Collection[Contents]) -> None:
+    """Build the runtimes of targets with these contents that do not exist.
 
     Raises
     ------
     UserError
         There is no such target, or it cannot be built.
     """
-    missing = {name: [own for own in families if cached_library(name, own) is None] for name in names}
+    missing = {name: [own for own in contents if cached_library(name, own) is None] for name in names}
     with c_compilers([name for name, own in missing.items() if own]) as commands:
-        objects(list(commands), [own for own in families if any(own in needed for needed in missing.values())])
+        objects(list(commands), [own for own in contents if any(own in needed for needed in missing.values())])
         for name, command in commands.items():
-            for family in missing[name]:
-                _link(name, family, command)
+            for own in missing[name]:
+                _link(name, own, command)
 
 
-def cached_library(name: str, family: str) -> Path | None:
-    """Return the runtime of a target and a family if it has been built for these sources."""
-    built = build_dir(*_runtime_sources())
-    paths = (_packed_dir() / _file(name, family), built / _file(name, family))
+def cached_library(name: str, contents: Contents) -> Path | None:
+    """Return the runtime of a target with some contents, or a complete one, if it has been built for these sources."""
+    whole, built = _file(name, complete(contents.family)), build_dir(*_runtime_sources())
+    paths = _packed_dir() / whole, built / _file(name, contents), built / whole
     return next((path for path in paths if path.is_file()), None)
 
 
+def cached_libraries(name: str) -> list[Path]:
+    """Return all runtimes of a target that have been built for these sources."""
+    return [path for folder in (_packed_dir(), build_dir(*_runtime_sources())) for path in folder.glob(f"{name}-*-*")]
+
+
+def family_of_library(name: str, path: Path) -> str:
+    """Return the family of a runtime of a target."""
+    return path.name.removeprefix(f"{name}-").partition("-")[0]
+
+
 def pack(name: str, family: str) -> Path:
-    """Put the runtime of a target and a family into the package, and return its place there."""
-    path = _packed_dir() / _file(name, family)
+    """Put the complete runtime of a target and a family into the package, and return its place there."""
+    path = _packed_dir() / _file(name, complete(family))
     if not path.is_file():
-        install_atomically(library(name, family), path)
+        install_atomically(library(name, complete(family)), path)
     return path
 
 
@@ -163,27 +173,27 @@ def _packed_dir() -> Path:
     return PACKED_RUNTIMES / f"{shared_cache_dir().name}-{build_dir(*_runtime_sources()).name}"
 
 
-def _file(name: str, family: str) -> str:
-    return f"{name}-{family}{TARGETS[name].suffix}"
+def _file(name: str, contents: Contents) -> str:
+    return f"{name}-{contents.name}{TARGETS[name].suffix}"
 
 
-def compiler_arguments(name: str, family: str, work: Path) -> list[str]:
+def compiler_arguments(name: str, contents: Contents, work: Path) -> list[str]:
     """Return the arguments of a C compiler for a runtime's sources; generated headers are written to ``work``."""
-    code = objects([name], [family])[name]
-    (work / "layout.h").write_text(declarations(family, entries(family).items()))
+    code = objects([name], [contents])[name]
+    (work / "layout.h").write_text(declarations(contents, entries(contents.family)))
     include_dirs = (work, PACKAGE_DIR / "c", Path(fmpy.__file__).parent / "c-code")
     sources = sorted(PACKAGE_DIR.glob("c/*.c"))
     return [*COMPILER_FLAGS, *(f"-I{place}" for place in include_dirs), *map(str, (*sources, *code))]
 
 
-def _link(name: str, family: str, command: list[str]) -> None:
-    path = build_dir(*_runtime_sources()) / _file(name, family)
+def _link(name: str, contents: Contents, command: list[str]) -> None:
+    path = build_dir(*_runtime_sources()) / _file(name, contents)
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
         work = Path(folder)
         made = work / path.name
         linked = link_arguments(name, work, EXPORTED_SYMBOLS)
         libraries = ["-lm", *(["-ldl"] if path.suffix == ".so" else [])]  # libdl: up to glibc 2.33
-        _run([*command, *compiler_arguments(name, family, work), *linked, "-o", str(made), *libraries], {})
+        _run([*command, *compiler_arguments(name, contents, work), *linked, "-o", str(made), *libraries], {})
         install_atomically(made, path)
 
 

@@ -41,6 +41,14 @@ def compiled_kernel_of(symbol: str) -> Any:
     return _kernels[key].overloads[arguments]
 
 
+def name_of_type(kind: Any) -> str:
+    """Return the name of a type, which is the same in every process; numba's name of a kernel has its address."""
+    function = kind.dispatcher.py_func if isinstance(kind, types.Dispatcher) else None
+    if function is None or "<locals>" in function.__qualname__:
+        return str(kind)
+    return f"type({function.__module__}.{function.__qualname__})"
+
+
 class CacheEntry(CompileResultCacheImpl):
     """How a compiled function is written: with a checksum, and with what it calls."""
 
@@ -110,7 +118,7 @@ class Kernel(Inlined):
         compiled: Any = self.overloads[arguments]
         source = self.py_func.__code__.co_filename
         version = source_hash(source) if Path(source).is_file() else ""
-        key_text = repr((self._key, version, str(compiled.signature.return_type), [str(a) for a in arguments]))
+        key_text = repr((self._key, version, str(compiled.signature.return_type), [name_of_type(a) for a in arguments]))
         name = f"{SYMBOL_PREFIX}{self.py_func.__name__}_{sha256(key_text.encode()).hexdigest()[:16]}"
         code = code_of(compiled)
         binding.add_symbol(name, code.get_pointer_to_function(compiled.fndesc.llvm_func_name))

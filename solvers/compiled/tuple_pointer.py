@@ -27,6 +27,7 @@ from numba.extending import (
 )
 
 from .kernel import COMPILED, kernel
+from .symbols import name_of_type
 
 
 class TuplePointerType(types.Type):
@@ -35,6 +36,8 @@ class TuplePointerType(types.Type):
     def __init__(self, content: Any) -> None:
         self.content = content
         description = f"{content} {getattr(content, 'fields', ())}"
+        for own in content.types:
+            description = description.replace(str(own), name_of_type(own))
         super().__init__(name=f"Held_{sha256(description.encode()).hexdigest()[:16]}")  # it is part of every symbol
 
 

@@ -169,7 +169,7 @@ def test_who_waits_for_the_compiler_is_told(
     monkeypatch.setattr(Simulation, "__init__", compile_and_start)
     with Fmu(fourbar_fmu):
         told = capfd.readouterr().err
-    assert told.count("compiling; this takes one to three minutes") == 1
+    assert told.count("compiling; this takes up to three minutes") == 1
 
 
 # ---- what a host may do wrong ------------------------------------------------------------------------------------

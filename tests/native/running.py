@@ -14,8 +14,9 @@ import pytest
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism
+from mbfmu.native.contents import complete
 from mbfmu.native.entries import family_of, image_of
-from mbfmu.native.kernel_table import DERIVATIVE_TABLE_SYMBOL, KERNEL_TABLE_SYMBOL, shipped_kernels
+from mbfmu.native.kernel_table import kernel_tables
 from mbfmu.native.runtime import COMPILERS, PACKAGE_DIR, objects
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Settings, Simulation
@@ -32,7 +33,7 @@ def runtime(family: str) -> ctypes.CDLL:
     """The kernels of a family for this machine, with nothing around them; built where they are not there."""
     compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
     assert compiler is not None
-    code = map(str, objects([host()], [family])[host()])
+    code = map(str, objects([host()], [complete(family)])[host()])
     with tempfile.TemporaryDirectory() as folder:
         path, power = f"{folder}/kernels.so", str(PACKAGE_DIR / "c" / "complex_power.c")
         sources = [*code, "-fPIC", power]
@@ -52,8 +53,8 @@ class Running:
         words, here = self.block.view(np.uint64), self.block.ctypes.data
         self._root, self._family = here + image.root, family_of(simulation)
         table: list[Any] = []
-        for state, symbol in ((float, KERNEL_TABLE_SYMBOL), (complex, DERIVATIVE_TABLE_SYMBOL)):
-            table += (ctypes.c_void_p * len(shipped_kernels(state))).in_dll(runtime(self._family), symbol)
+        for own in kernel_tables().values():
+            table += (ctypes.c_void_p * len(own.kernels)).in_dll(runtime(self._family), own.symbol)
         for at, target in image.relocations:
             words[at // 8] = here + target
         for at, number in image.kernels:

@@ -21,10 +21,10 @@ from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.fmi.native_fmu import _with_solver
 from mbfmu.native import runtime
+from mbfmu.native.contents import Contents, complete
 from mbfmu.native.entries import image_of
 from mbfmu.native.families import FAMILIES
 from mbfmu.native.image import MemoryImage
-from mbfmu.native.kernels import object_names
 from mbfmu.native.runtime import objects
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.session.simulation import Settings, Simulation
@@ -114,7 +114,7 @@ def test_another_start_is_begun_as_a_simulation_begins(solver: str):
 def test_the_kernels_need_no_more_than_the_c_library(family: str):
     found: dict[str, set[str]] = {}
     for kind in ("--undefined-only", "--defined-only"):
-        files = map(str, objects([host()], [family])[host()])
+        files = map(str, objects([host()], [complete(family)])[host()])
         told = subprocess.run(("nm", kind, "--extern-only", *files), capture_output=True, text=True, check=True)
         found[kind] = {line.split()[-1] for line in told.stdout.splitlines() if line and not line.endswith(":")}
     assert found["--undefined-only"] - found["--defined-only"] <= LIBM | MEMORY | COMPLEX_POWER
@@ -124,9 +124,10 @@ def test_the_kernels_need_no_more_than_the_c_library(family: str):
 @pytest.mark.campaign
 def test_two_builds_of_the_kernels_give_equal_bytes(tmp_path: Path):
     own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    build = [sys.executable, "-m", "mbfmu.native.kernels", str(tmp_path), host(), "elements", "radau"]
+    contents = complete("radau")
+    build = [sys.executable, "-m", "mbfmu.native.kernels", str(tmp_path), host(), *contents.objects()]
     subprocess.run(build, env={**os.environ, **own}, stdout=subprocess.DEVNULL, check=True)
-    for path in objects([host()], ["radau"])[host()]:
+    for path in objects([host()], [contents])[host()]:
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
 
 
@@ -135,18 +136,19 @@ def test_the_kernels_are_compiled_for_a_process_that_compiles_nothing(tmp_path: 
 
     def build(command: list[str], more: dict[str, str], _: int) -> None:
         given.update(more)
-        assert command[4:] == ["x86_64-linux", "elements", "adams"]
+        assert command[4:] == ["x86_64-linux", "mechanisms", "adams-equations"]
         for name in names:
             (Path(command[3]) / name).write_bytes(b"code")
 
-    names = [name for part in ("elements", "adams") for name in object_names(part, "x86_64-linux")]
+    parts = Contents("adams", ("mechanisms", "equations")).objects()
+    names = [f"x86_64-linux-{part}.o" for part in parts]
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
     monkeypatch.setattr(runtime, "_run", build)
-    runtime._build(tmp_path, ["x86_64-linux"], ["elements", "adams"])
+    runtime._build(tmp_path, ["x86_64-linux"], parts)
     assert given["NUMBA_DISABLE_JIT"] == "0"
     assert all((tmp_path / name).read_bytes() == b"code" for name in names)
     monkeypatch.setattr(runtime, "_run", None)
-    runtime._build(tmp_path, ["x86_64-linux"], ["elements", "adams"])  # nothing is left to do
+    runtime._build(tmp_path, ["x86_64-linux"], parts)  # nothing is left to do
 
 
 @needs_linker

@@ -21,6 +21,7 @@ from mbfmu.fmi import native_fmu
 from mbfmu.fmi.export import FmuKind, export, export_scene
 from mbfmu.modeling.scene import load_scene
 from mbfmu.modeling.settings import Settings
+from mbfmu.native.contents import Contents
 from mbfmu.native.runtime import COMPILERS, library
 from mbfmu.native.targets import host
 from mbfmu.util.diagnostics import Diagnostic
@@ -70,9 +71,7 @@ def refused() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def runtime() -> Path:
-    for family in ("ida", "radau", "tree"):
-        library(host(), family)
-    return library(host(), "adams")
+    return library(host(), Contents("adams", ("mechanisms", "equations", "steps")))
 
 
 @pytest.mark.parametrize("scene", ["fourbar/paper", "fourbar", "governor", "pendulum"])

@@ -17,6 +17,7 @@ from test_model_file import BEYOND, INDICES
 from fmus.fourbar import FourBar
 from mbfmu.fmi import export
 from mbfmu.native import layout
+from mbfmu.native.contents import complete
 from mbfmu.native.runtime import COMPILERS, compiler, compiler_arguments
 from mbfmu.native.sundials_files import libraries
 from mbfmu.native.targets import host
@@ -56,7 +57,7 @@ def build(folder: Path, family: str, *flags: str) -> Path:
     program, source = folder / "fuzz", Path(__file__).with_name("fuzz.c")
     made = [
         *compiler(host()),
-        *compiler_arguments(host(), family, folder),
+        *compiler_arguments(host(), complete(family), folder),
         *flags,
         str(source),
         "-o",

@@ -85,6 +85,12 @@ static bool good_table(const Header *h)
     return is_called ? h->ida_at >= h->saved && in_block(h, h->ida_at, WORD_COUNT, sizeof(int64_t)) : h->ida_at == 0;
 }
 
+/* Whether the library has all entry points that are called. */
+static bool good_entry_points(const Header *h)
+{
+    return (!h->steady || family.balance) && (!(h->exchange || h->derivatives) || family.exchange_evaluate);
+}
+
 static bool good_header(const Header *h)
 {
     return h->family == FAMILY && fits(h->size, 0, h->saved, 1) &&
@@ -99,7 +105,7 @@ static bool good_header(const Header *h)
            in_block(h, h->near_miss_factor_at, 1, sizeof(double)) &&
            in_block(h, h->near_miss_gap_at, 1, sizeof(double)) &&
            h->free_rates_count <= h->coordinates_count && is_index(h->exchange, 2) && good_states(h) &&
-           good_table(h);
+           good_table(h) && good_entry_points(h);
 }
 
 #define SECTION(name, kind) in_tables(h, h->name, h->name##_count, sizeof(kind))
@@ -188,6 +194,26 @@ static bool good_formulas(const Instance *own)
     return true;
 }
 
+/* Return the table of a kernel that ships, and its number there; NULL: it is user-defined, and has the number left. */
+const KernelTable *table_of(int64_t *number)
+{
+    for (size_t k = 0; k < sizeof kernel_tables / sizeof *kernel_tables; k++) {
+        if (*number < kernel_tables[k].count)
+            return &kernel_tables[k];
+        *number -= kernel_tables[k].count;
+    }
+    return NULL;
+}
+
+/* Whether the library has a kernel. */
+static bool is_kernel(int64_t number, int64_t user_kernels)
+{
+    if (number < 0)
+        return false;
+    const KernelTable *table = table_of(&number);
+    return table ? table->addresses != NULL : number < user_kernels;
+}
+
 /* Addresses are after what states hold, so that no state changes one. */
 static bool good_addresses(const Instance *own)
 {
@@ -199,7 +225,7 @@ static bool good_addresses(const Instance *own)
             return false;
     for (int64_t k = 0; k < h->kernels_count; k++)
         if (kernels[k].at < h->saved || !in_block(h, kernels[k].at, 1, sizeof(void *)) ||
-            !is_index(kernels[k].target, KINDS + DERIVATIVE_KINDS + h->user_kernels))
+            !is_kernel(kernels[k].target, h->user_kernels))
             return false;
     return true;
 }

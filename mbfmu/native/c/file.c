@@ -149,11 +149,9 @@ static bool read_block(Instance *own, FILE *file)
     for (int64_t k = 0; k < h->relocations_count; k++)
         put_address(own, relocations[k].at, own->block + relocations[k].target);
     for (int64_t k = 0; k < h->kernels_count; k++) {
-        int64_t first = KINDS, second = KINDS + DERIVATIVE_KINDS, number = kernels[k].target;
-        put_address(own, kernels[k].at,
-                    number < first    ? mb_kinds[number]
-                    : number < second ? mb_derivative_kinds[number - first]
-                                      : own_kernels[number - second]);
+        int64_t number = kernels[k].target;
+        const KernelTable *table = table_of(&number);
+        put_address(own, kernels[k].at, table ? table->addresses[number] : own_kernels[number]);
     }
     if (own->sundials)
         fill_table(own);

@@ -63,6 +63,7 @@ size_t saved_bytes(const Instance *own);
 uint64_t crc64(uint64_t sum, const void *bytes, size_t count);
 bool has_length(const Header *h, int64_t length);
 bool within_bounds(Instance *own);
+const KernelTable *table_of(int64_t *number);
 
 /* formulas.c */
 bool put_parameters(Instance *own, bool at_work);
