@@ -251,8 +251,8 @@ def interpolate_neighbors(
     eqs: EliminationEquations, t: float, q: Reals, v: Reals, loaded: bool, interval: float, work: EliminationScratch,
     a: Reals, lam: Reals,
 ) -> int:  # fmt: skip
-    """The cubic through the accelerations and multipliers of four closed neighbors, in its middle; they are an ``interval``
-    (s).
+    """The cubic through the accelerations and multipliers of four closed neighbors, in its middle; ``interval`` (s) is
+    between them.
     """
     for i in range(a.shape[0]):
         a[i] = 0.0
