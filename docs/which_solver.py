@@ -9,10 +9,6 @@ PICTURE = Path(__file__).parent / "images" / "which_solver.svg"
 QUESTIONS = (  # lines of a question, and of the answer if it is yes
     (("Do you need the steady state", "instead of the motion?"), ("mbfmu equilibrium", "no simulation")),
     (
-        ("Does the model have loops and more than", "1000 coordinates, and no sheet?"),
-        ("ida", "tolerance: 1/1000 of the error"),
-    ),
-    (
         (
             "Is the model stiff: a sheet, a mesh,",
             "a stiff damped spring? (with adams many",
@@ -20,7 +16,10 @@ QUESTIONS = (  # lines of a question, and of the answer if it is yes
         ),
         ("radau; if large: esdirk or ida", "tolerance: 1/100 (ida: 1/1000)"),
     ),
-    (("Does the model have 10 or more", "constraint equations?"), ("hybrid", "tolerance: 1/100 of the error")),
+    (
+        ("Does the model have 10 or more constraint", "equations, and at most 60 coordinates?"),
+        ("hybrid", "tolerance: 1/100 of the error"),
+    ),
 )
 LAST = ("adams", "tolerance: 1/100 of the error")
 WIDTH, ROW, LINE = 720, 108, 19  # pixels

@@ -30,6 +30,12 @@ from solvers.positions import Positions, position_sizes
 Array = NDArray[np.float64]
 
 MAX_SOLVER_DENSE_COORDINATES = 1000  # coordinates of a large tree with constraints whose matrices the partitions factor
+# Entries of the report of an elimination of constraints: number of independent equations, number of those left out,
+# shortest independent part of an equation relative to its original length, or smallest pivot, which is at least 0.5,
+# so that it decreases without a jump, longest part left out, largest residual left
+# out in the same units, and largest residual in units of the constraint equations
+RANK, DROPPED, SHORTEST, DROPPED_LENGTH, DROPPED_RESIDUAL, RESIDUAL = range(6)
+ELIMINATION_REPORT_SIZE = 6
 
 
 class Terms(NamedTuple):
@@ -185,6 +191,8 @@ class AnySystem(ABC):
     stiffness_reason: str = ""  # why explicit solvers are unsuitable; empty: they are suitable
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
+    # (): the equations with their constraints eliminated in O(n), pinned; None: they are solved by matrices only
+    elimination: Callable[[], EliminationEquations] | None = None
 
     @abstractmethod
     def allocate_terms(self) -> Terms:
@@ -287,6 +295,29 @@ class TangentCallbacks(NamedTuple):
     solve_tangent: Callable[[Array, Any, Array], None]  # (r, data, dq): as Tangent.solve, all (n,)
     multiply_mass_matrix: Callable[[Array, Any, Array], None]  # (a, data, tau): as Tangent.inertia
     tangent: Any  # their data, pinned, with n_factored (1,): how often T has been factored
+
+
+class EliminationEquations(NamedTuple):
+    """Callbacks and data of a system that eliminates its constraints along its structure, as kernels take them.
+
+    In the first three, equations whose independent part is shorter than ``drop``, relative to their original length,
+    are left out. They fill a report (ELIMINATION_REPORT_SIZE,).
+    """
+
+    # (t, q, v, elimination, drop, loaded, q', v', lam, report) -> code: v', and the multipliers if ``loaded``; not 0: a
+    # motion has no inertia
+    accelerate: Any
+    # (t, q, elimination, drop, closed, dq, report): least change dq (n,), in units of size, that closes the linearized
+    # constraints; zero if the largest residual is at most ``closed``
+    correct_position: Any
+    correct_velocity: Any  # (t, q, v, elimination, drop, dv, report): least change dv (n,) with J (v + dv) = nu
+    inverse: Any  # as those of a TreeSystem, as the three that follow
+    retract: Any
+    power: Any
+    evaluate_energy_bound: Any
+    data: Any
+    elimination: Any  # data of the first three, pinned
+    in_loops: Array  # (n,) 1: of coordinates that constraints may contain; 0: of others
 
 
 class Tangent(Protocol):

@@ -154,17 +154,17 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
             "not-native",
         )
-    if not family:
-        raise UserError(
-            f"native FMUs do not support the solver {simulation.solver_choice.solver!r}; allowed: "
-            f"{', '.join(drop_unlisted(NATIVE_SOLVERS))}",
-            "not-native",
-        )
-    if not system.has_matrices and (system.m or family not in TREE_FAMILIES):
+    if not system.has_matrices and (system.m or (family and family not in TREE_FAMILIES)):
         what = f"{system.m} constraints" if system.m else f"the solver {simulation.solver_choice.solver!r}"
         raise UserError(
             f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams', 'ida' and "
             f"'esdirk' and without constraints; this one has {what}. Export it with --python",
+            "not-native",
+        )
+    if not family:
+        raise UserError(
+            f"native FMUs do not support the solver {simulation.solver_choice.solver!r}; allowed: "
+            f"{', '.join(drop_unlisted(NATIVE_SOLVERS))}",
             "not-native",
         )
     called = simulation.compiled.called()

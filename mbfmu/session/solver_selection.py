@@ -32,7 +32,7 @@ from solvers import stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.options import Options
 from solvers.stepper import MIN_RATE_PER_DURATION
-from solvers.steppers import describe_order_refusal
+from solvers.steppers import describe_order_refusal, eliminates_constraints
 from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array
 
 from .stiffness import spectrum
@@ -253,6 +253,8 @@ def select_explicit(compiled: CompiledMechanism) -> tuple[str, str]:
     system, size = compiled.system, format_count(compiled.system.n, "joint coordinate")
     if not system.has_matrices and not system.m:
         return "adams", f"a large open-chain model with {size}"
+    if eliminates_constraints("adams", system):
+        return "adams", f"{size} and {system.m} constraints, which are eliminated along the tree"
     if system.n > MAX_SOLVER_DENSE_COORDINATES:
         return "ida", f"{size} with loops, too many for the dense matrices of 'adams' and 'hybrid'"
     if system.m >= MIN_HYBRID_CONSTRAINTS:

@@ -24,13 +24,14 @@ from mbfmu.util.errors import UserError
 from mbfmu.util.text_table import format_tolerance
 from solvers.stepper import Stepper
 from solvers.steppers import (
+    ELIMINATION_SOLVERS,
     SOLVERS,
     TREE_SOLVERS,
     UNCONSTRAINED_SOLVERS,
     describe_order_refusal,
     describe_refusal,
     drop_unlisted,
-    size_limit,
+    eliminates_constraints,
 )
 
 DEFAULT_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
@@ -160,12 +161,14 @@ def error_of_complete(error: float | None) -> float:
 def solvers_of(compiled: CompiledMechanism) -> tuple[str, ...]:
     """Return the solvers offered to users that differ from each other on a mechanism."""
     system = compiled.system
-    same = () if system.m else tuple(UNCONSTRAINED_SOLVERS)[1:]  # where nothing is partitioned
+    same = tuple(UNCONSTRAINED_SOLVERS)[1:] if not system.m else ()  # where nothing is partitioned
+    if eliminates_constraints("adams", system):
+        same = tuple(ELIMINATION_SOLVERS)[1:]
     if system.has_matrices:
         return drop_unlisted(name for name in SOLVERS if name not in same)
     if not system.m:
         return drop_unlisted((*TREE_SOLVERS, *(name for name in UNCONSTRAINED_SOLVERS if name not in same)))
-    dense = (name for name in SOLVERS if name not in TREE_SOLVERS and system.n <= size_limit(name))
+    dense = (name for name in SOLVERS if name not in (*TREE_SOLVERS, *same) and not describe_refusal(name, system))
     return drop_unlisted((*TREE_SOLVERS, *dense))
 
 

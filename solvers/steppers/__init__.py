@@ -12,6 +12,7 @@ from solvers.stepper import Stepper
 from solvers.system import MAX_SOLVER_DENSE_COORDINATES, AnySystem, Array, TreeSystem
 
 from .adams.dense import AdamsLUStepper, AdamsStepper, HybridStepper
+from .adams.eliminated import EliminatedAdamsStepper
 from .adams.tree import TreeAdamsStepper
 from .esdirk.tree import TreeESDIRKStepper
 from .plugins import create_plugin, give_solver, load_plugin, plugin_names
@@ -47,6 +48,9 @@ TREE_SOLVERS: dict[str, Callable[..., Stepper]] = {  # on a tree's recursions, w
 UNCONSTRAINED_SOLVERS: dict[str, Callable[..., Stepper]] = dict.fromkeys(
     ("adams", "hybrid", "adams-lu"), TreeAdamsStepper
 )
+# on those of a large mechanism whose constraints are eliminated along its structure
+ELIMINATION_SOLVERS: dict[str, Callable[..., Stepper]] = dict.fromkeys(("adams", "hybrid"), EliminatedAdamsStepper)
+MIN_ELIMINATION_COORDINATES = 60  # joint coordinates above which this is cheaper than matrices
 SOLVER_NAMES = tuple(dict.fromkeys((*SOLVERS, *TREE_SOLVERS)))
 RESERVED_NAMES = (*SOLVER_NAMES, "auto")  # auto: a simulation takes the solver for its model
 UNLISTED_SOLVERS = ("adams-lu",)  # accepted by name, for comparison with a paper; in no list of solvers for users
@@ -60,6 +64,12 @@ ORDER_LIMITS = {  # lowest and highest order that a run can be limited to; one n
 }
 # joint coordinates; a Newton matrix of that size takes seconds, and its time grows with more than the third power
 MAX_RADAU_COORDINATES = 200
+
+
+def eliminates_constraints(name: str, system: AnySystem) -> bool:
+    """Whether this solver integrates a system with its constraints eliminated: a large one with loops."""
+    large = system.m > 0 and system.n > MIN_ELIMINATION_COORDINATES
+    return name in ELIMINATION_SOLVERS and large and system.elimination is not None
 
 
 def drop_unlisted(names: Iterable[str]) -> tuple[str, ...]:
@@ -116,6 +126,8 @@ def describe_refusal(name: str, system: AnySystem) -> str:
         return ""
     if name in TREE_SOLVERS or (not system.m and name in UNCONSTRAINED_SOLVERS):
         return ""
+    if eliminates_constraints(name, system):
+        return ""
     return describe_large_size(name, system)
 
 
@@ -143,7 +155,7 @@ def describe_large_size(name: str, system: TreeSystem) -> str:
     return _refusal(
         name,
         f"is given {system.n} joint coordinates and {system.m} constraints; allowed: at most {size_limit(name)} "
-        "coordinates; use 'ida'",
+        "coordinates; use 'ida', or 'adams', which eliminates the constraints of large models",
     )
 
 
@@ -177,11 +189,21 @@ def describe_order_refusal(name: str, order: int | None) -> str:
     )
 
 
-def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
+def stepper(
+    name: str,
+    system: AnySystem,
+    t0: float,
+    q0: Array,
+    v0: Array,
+    options: Options | None = None,
+    *,
+    by_matrices: bool = False,
+) -> Stepper:
     """Return a stepper by its name.
 
-    A large model is advanced by its recursions if the solver supports this, else by its matrices. Raises ValueError
-    if these would be too large, for an order that the solver does not have, and for an unknown name.
+    A large model is advanced by its recursions if the solver supports this, else by its matrices. ``by_matrices``: a
+    system that has matrices is advanced by them, whatever its size. Raises ValueError if these would be too large, for
+    an order that the solver does not have, and for an unknown name.
     """
     if not is_solver(name):
         raise ValueError(
@@ -192,6 +214,8 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     ):
         raise ValueError(refused)
     arguments: tuple[Any, ...] = t0, q0, v0, options
+    if eliminates_constraints(name, system) and not (by_matrices and system.has_matrices):
+        return ELIMINATION_SOLVERS[name](system, *arguments)
     if not isinstance(system, TreeSystem):
         if not system.n:
             name = "adams"  # IDA takes no empty system, and nothing is integrated

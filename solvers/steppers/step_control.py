@@ -7,14 +7,11 @@ the error 1 is h e^(-1 / (p + 1)). From the last two steps follows how C changes
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from solvers.compiled.kernel import inlined
 from solvers.projection.singular import IMPERFECT
 from solvers.stepper import is_discontinuity, min_step_length
-
-if TYPE_CHECKING:
-    from solvers.projection.workspace import Workspace
 
 FIRST_STEP_RATIO = 0.1  # first step, in units of one over the rate of the motion
 MIN_STEP_RATIO = 1e-11  # see solvers.stepper.min_step_length
@@ -78,13 +75,13 @@ def retry_step(h: float, rate: float, max_step: float, t: float, may_force: bool
 
 
 @inlined
-def set_near_miss_factor(control: Any, rtol: float, work: Workspace) -> None:
+def set_near_miss_factor(control: Any, rtol: float, kind: int, bifurcation_gap: float) -> None:
     """Factor of the tolerances in ``control``: near a near miss rounding limits the accuracy, and a smaller tolerance
-    only makes steps smaller.
+    only makes steps smaller. ``kind`` and ``bifurcation_gap`` are those of the known critical point.
     """
     control.near_miss_factor = 1.0
-    if work.critical[0].kind == IMPERFECT:
-        gap = abs(work.critical[0].bifurcation_gap)
+    if kind == IMPERFECT:
+        gap = abs(bifurcation_gap)
         control.near_miss_factor = max(1.0, MIN_RTOL_TIMES_GAP / (gap * rtol))
         if control.near_miss_factor > control.max_near_miss_factor:
             control.max_near_miss_factor, control.min_gap = control.near_miss_factor, gap

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.elimination import eliminate_constraints
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import (
     callbacks,
@@ -27,13 +28,13 @@ from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
 from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import pin
 from solvers.positions import Positions
-from solvers.system import AnySystem, Array, ComplexStepSystem, System, TreeSystem
+from solvers.system import AnySystem, Array, ComplexStepSystem, EliminationEquations, System, TreeSystem
 
 from .assembly import free_bodies
 from .compile import CompiledElements
 from .inputs import Drives
 from .numbering import Numbering
-from .scale import coordinate_sizes, row_sizes
+from .scale import coordinate_sizes, row_sizes, spans
 
 MAX_DENSE_TREE_COORDINATES = 60  # coordinates of a tree without loops from which on no dense matrix is made
 MAX_DENSE_LOOP_COORDINATES = 100  # ... of a mechanism with constraints; the partitions take its matrices all the same
@@ -184,10 +185,23 @@ class Systems:
             "stiffness_reason": self._first_reason("stiffness_reason"),
             "observe": observe_all,
             "works": self._works,
+            "elimination": self._eliminate if self._can_eliminate else None,
             "input_step_limit": self._resolves,
             "coordinate_names": tuple(self._numbering.coordinate_names),
             "constraint_names": tuple(constraint_names),
         }
+
+    @property
+    def _can_eliminate(self) -> bool:
+        """Whether constraints can be eliminated along the tree: there are some, and no elastic bodies."""
+        return bool(self._mechanism.constraints) and not self._mechanism.flexible_bodies
+
+    def _eliminate(self) -> EliminationEquations:
+        """Return the equations with the constraints that are kept today eliminated."""
+        lengths = spans(self._mechanism, self._arrays)
+        typical = float(np.median(lengths[lengths > 0.0])) if np.any(lengths > 0.0) else self._length
+        row_size = self.row_size[self._arrays.kept >= 0]
+        return eliminate_constraints(self._arrays, self._elements.data.state, self._size, row_size, typical)
 
     def _first_reason(self, which: str) -> str:
         """Return the first reason of this name that a load gives; empty: none does."""

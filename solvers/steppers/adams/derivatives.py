@@ -41,7 +41,7 @@ def set_error_weights(integration: Integration) -> None:
     """
     history, work, settings = integration.memory, integration.work, integration.settings[0]
     control, nq, n = history.control[0], work.q.shape[0], work.v.shape[0]
-    set_near_miss_factor(control, settings.rtol, work)
+    set_near_miss_factor(control, settings.rtol, work.critical[0].kind, work.critical[0].bifurcation_gap)
     scale = control.near_miss_factor * tolerance_factor(settings.rtol, 1.0, work)
     for i in range(nq + n):
         history.weight[i] = 1.0 / (scale * (settings.rtol * abs(history.y[i]) + settings.atol * history.unit[i]))

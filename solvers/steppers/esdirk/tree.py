@@ -59,8 +59,8 @@ class TreeESDIRKStepper(Stepper):
     loop: ClassVar = loop
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
-        dense = ("adams", "hybrid") if system.n <= MAX_SOLVER_DENSE_COORDINATES else ()
-        self.fallback_solvers = (*dense, "ida") if system.m else ("adams", "ida")
+        explicit = ("adams",) if system.elimination or system.n <= MAX_SOLVER_DENSE_COORDINATES else ()
+        self.fallback_solvers = (*explicit, "ida") if system.m else ("adams", "ida")
         super().__init__(system, t0, q0, v0, options)
         self.system, n, options = system, system.n, self.options
         self._settings, self._memory = records(1, loop.SETTINGS), Memory.allocate(system.nq, n, system.m)

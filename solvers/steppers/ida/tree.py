@@ -95,8 +95,8 @@ class TreeIDAStepper(IDADriver):
     loop: ClassVar = tree_loop
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
-        dense = ("adams", "hybrid") if system.n <= MAX_SOLVER_DENSE_COORDINATES else ()
-        self.fallback_solvers = dense if system.m else ("adams",)
+        explicit = ("adams",) if system.elimination or system.n <= MAX_SOLVER_DENSE_COORDINATES else ()
+        self.fallback_solvers = explicit if system.m else ("adams",)
         super().__init__(system, t0, q0, v0, options)
         self.system = system
         nq, n, m = system.nq, system.n, system.m

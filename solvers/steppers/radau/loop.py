@@ -80,7 +80,7 @@ NEWTON_RTOL_RATIO = 0.1  # of rtol: the remainder of Newton's method has one sig
 @inlined
 def set_tolerances(control: Any, settings: SettingsRecord, memory: Memory, work: Workspace) -> None:
     """Tolerances at (memory.q, memory.v), larger near a near miss."""
-    set_near_miss_factor(control, settings.motion_rtol, work)
+    set_near_miss_factor(control, settings.motion_rtol, work.critical[0].kind, work.critical[0].bifurcation_gap)
     control.inertia_factor = tolerance_factor(settings.rtol, RTOL_EXPONENT, work)
     scale = control.near_miss_factor * control.inertia_factor
     for i in range(memory.q.shape[0]):

@@ -1,0 +1,237 @@
+"""Projection and accelerations of mechanisms whose constraints are eliminated along their structure, in O(n).
+
+The system solves its constraint equations itself (:class:`solvers.system.EliminationEquations`) and reports their
+*rank* and the *shortest* equation: its part that is independent of all others, relative to its original length. That is
+zero at a singular configuration, and near it about the distance in units of the coordinates. It is local, so that it
+does not become smaller with the number of loops, as the ratio of pivots does.
+
+Accelerations of a state off the constraints by e are wrong by e divided by the square of the shortest equation. So
+states near singular configurations are projected before they are evaluated. Nearer still, at a crossing of branches,
+they are the limit from four neighbors on the branch, see :mod:`.projection`; which configurations are crossings is
+found by :mod:`.eliminated_crossing`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Record, Table, f8, i8
+from solvers.inertia import InertiaRecord
+from solvers.outcome import NO_MASS, NOT_CLOSED, NOT_FINITE, OK
+from solvers.positions import Positions
+from solvers.system import ELIMINATION_REPORT_SIZE, RANK, RESIDUAL, SHORTEST, Array
+
+from .projection import MAX_PROJECTION_CORRECTIONS, RESIDUAL_TOLERANCE
+from .singular import BIFURCATION, MAX_DISTANCE_RATIO, NO_CRITICAL_POINT
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
+    from solvers.system import EliminationEquations
+
+SINGULAR_LENGTH = 2e-4  # shortest equation below which accelerations at a crossing are its limit along the motion
+PROJECTED_LENGTH = 5e-2  # ... below which states are projected before they are evaluated
+LEFT_OUT_LENGTH = 10.0 * SINGULAR_LENGTH  # at a crossing: equations that are shorter lose their rank there
+REDUNDANT_LENGTH = 1e-10  # of an equation that depends on others
+CLOSED_RESIDUAL = 1e-13  # of a closed position, in units of the constraint equations: rounding
+CORRECTION_ROUNDING = 1e-14  # a correction this small, in units of the coordinates, is rounding
+NEIGHBOR_DISTANCE = 5e-2  # of the neighbors at which the rank is found, in units of the coordinates
+FROZEN_RESIDUAL_RATIO = 1e-3  # part of the tolerance: a smaller residual needs no correction in a step
+
+
+class NearSingularRecord(Record):
+    """What is known of the singular configuration next to the motion."""
+
+    rank: i8  # number of independent equations of the motion
+    shortest: f8  # shortest equation where it was evaluated last; 0: the rank was smaller
+    accepted: f8  # ... where the last step ended; 0: there was none
+    time_to_singular: f8  # s, until it is zero, by extrapolation
+    kind: i8  # of the critical point, see solvers.projection.singular
+    gap: f8  # of the loop there, in units of the equations
+    turned: f8  # change of the velocity by the last projection, relative to the largest velocity
+
+
+class EliminationScratch(NamedTuple):
+    """Units, a state, its rates, and states next to it."""
+
+    positions: Any  # solvers.positions.Positions
+    size: Array  # (n,)   units of the coordinates
+    size_q: Array  # (nq,)  units of the positions
+    coordinate_rates: Array  # (n,)   1/s, that of the motion, as the tolerances of rates take it
+    inertia: Table[InertiaRecord]  # (1,) the rate growth is not computed
+    near: Table[NearSingularRecord]  # (1,)
+    q_c: Array  # (nq,)  critical point
+    report: Array  # (ELIMINATION_REPORT_SIZE,)
+    q: Array  # (nq,)
+    v: Array  # (n,)
+    a: Array  # (n,)
+    qdot: Array  # (nq,)
+    lam: Array  # (m,)
+    before: Array  # (n,)   velocities before a projection
+    change: Array  # (n,)   correction
+    q_near: Array  # (nq,)  state of a neighbor
+    v_near: Array  # (n,)
+    a_near: Array  # (n,)
+    a_before: Array  # (n,)
+    qdot_near: Array  # (nq,)
+    lam_near: Array  # (m,)
+    tau: Array  # (n,)
+    zero: Array  # (n,)
+    zero_lam: Array  # (m,)
+    nodes: Array  # (4, nq) positions of neighbors
+
+    @staticmethod
+    def allocate(nq: int, n: int, m: int, positions: Positions) -> EliminationScratch:
+        """Return zeroed arrays."""
+        z = np.zeros
+        records = InertiaRecord.zeros(1), NearSingularRecord.zeros(1)
+        return EliminationScratch(
+            positions, z(n), z(nq), z(n), *records, z(nq), z(ELIMINATION_REPORT_SIZE), z(nq), z(n), z(n), z(nq), z(m),
+            z(n), z(n), z(nq), z(n), z(n), z(n), z(nq), z(m), z(n), z(n), z(m), z((4, nq)),
+        )  # fmt: skip
+
+    def memory(self) -> list[NDArray[Any]]:
+        """Return the arrays that are needed to continue a motion."""
+        return [self.inertia, self.coordinate_rates, self.near, self.q_c]
+
+
+@inlined
+def largest_change(x: Reals, size: Reals) -> float:
+    """Largest entry of x (n,) in units of ``size``; not a number if one is not."""
+    largest = 0.0
+    for i in range(x.shape[0]):
+        part = abs(x[i]) / size[i]
+        if not part <= largest:
+            largest = part
+    return largest
+
+
+@inlined
+def largest_distance(q: Reals, other: Reals, size_q: Reals) -> float:
+    """Largest difference of two positions (nq,) in units of ``size_q``."""
+    largest = 0.0
+    for i in range(q.shape[0]):
+        largest = max(largest, abs(q[i] - other[i]) / size_q[i])
+    return largest
+
+
+@inlined
+def is_near_crossing(q: Reals, shortest: float, work: EliminationScratch) -> bool:
+    """Whether the known critical point is a crossing, and the one that makes an equation so short at q."""
+    return (
+        shortest < SINGULAR_LENGTH
+        and work.near[0].kind == BIFURCATION
+        and largest_distance(q, work.q_c, work.size_q) <= MAX_DISTANCE_RATIO * SINGULAR_LENGTH
+    )
+
+
+@inlined
+def shortest_of(report: Reals, rank: int) -> float:
+    """Shortest equation of an elimination; zero if fewer than ``rank`` are independent."""
+    return report[SHORTEST] if report[RANK] >= rank else 0.0
+
+
+@kernel
+def close_position(eqs: EliminationEquations, t: float, q: Reals, closed: float, work: EliminationScratch) -> int:
+    """Project q onto the constraints, in place, until the residual is at most ``closed``; return a code.
+
+    At a crossing equations that lose their rank there are left out.
+    """
+    report, previous = work.report, np.inf
+    for _ in range(MAX_PROJECTION_CORRECTIONS):
+        eqs.correct_position(t, q, eqs.elimination, REDUNDANT_LENGTH, closed, work.change, report)
+        residual = report[RESIDUAL]
+        if not np.isfinite(residual):
+            return NOT_FINITE
+        if residual <= closed:
+            return OK
+        left_out = is_near_crossing(q, shortest_of(report, work.near[0].rank), work)
+        if left_out:
+            eqs.correct_position(t, q, eqs.elimination, LEFT_OUT_LENGTH, closed, work.change, report)
+        largest = largest_change(work.change, work.size)
+        if not np.isfinite(largest):
+            return NOT_CLOSED
+        eqs.retract(q, work.change, eqs.data)
+        if largest <= CORRECTION_ROUNDING or (not largest < 0.5 * previous and residual <= RESIDUAL_TOLERANCE):
+            return OK
+        if left_out and largest <= FROZEN_RESIDUAL_RATIO * SINGULAR_LENGTH:  # the next one would be its square
+            return OK
+        previous = largest
+    return NOT_CLOSED
+
+
+@kernel
+def project(eqs: EliminationEquations, t: float, q: Reals, v: Reals, closed: float, work: EliminationScratch) -> int:
+    """Project (q, v) onto the constraints, in place; return a code. Record how much the velocity changes."""
+    code = close_position(eqs, t, q, closed, work)
+    if code != OK:
+        return code
+    eqs.retract(q, work.zero, eqs.data)  # quaternions to unit length
+    report, near = work.report, work.near[0]
+    eqs.correct_velocity(t, q, v, eqs.elimination, REDUNDANT_LENGTH, work.change, report)
+    if is_near_crossing(q, shortest_of(report, near.rank), work):
+        eqs.correct_velocity(t, q, v, eqs.elimination, LEFT_OUT_LENGTH, work.change, report)
+    changed, speed = largest_change(work.change, work.size), 0.0
+    for i in range(v.shape[0]):
+        speed = max(speed, abs(v[i]) / work.size[i])
+        v[i] += work.change[i]
+    if not np.isfinite(changed):
+        return NOT_CLOSED
+    near.turned = changed / speed if speed > 0.0 else 0.0
+    return OK
+
+
+@kernel
+def accelerate(
+    eqs: EliminationEquations,
+    t: float,
+    q: Reals,
+    v: Reals,
+    loaded: bool,
+    work: EliminationScratch,
+    qdot: Reals,
+    a: Reals,
+    lam: Reals,
+) -> int:
+    """N v (nq,), accelerations a (n,) and, if ``loaded``, multipliers lam (m,) with all equations that are not
+    redundant; record the shortest one.
+    """
+    if eqs.accelerate(t, q, v, eqs.elimination, REDUNDANT_LENGTH, loaded, qdot, a, lam, work.report) != 0:
+        return NO_MASS
+    work.near[0].shortest = shortest_of(work.report, work.near[0].rank)
+    for i in range(a.shape[0]):
+        if not np.isfinite(a[i]):
+            return NOT_FINITE
+    return OK
+
+
+@kernel
+def find_normal_rank(eqs: EliminationEquations, t: float, q: Reals, v: Reals, work: EliminationScratch) -> int:
+    """Largest number of independent equations at a closed position q and at two neighbors: along v, and along an
+    arbitrary motion that the constraints allow. A start in a singular configuration has a smaller one.
+    """
+    work.near[0].rank, work.near[0].kind = 0, NO_CRITICAL_POINT
+    rank = 0
+    for attempt in range(3):
+        for i in range(q.shape[0]):
+            work.q_near[i] = q[i]
+        if attempt > 0:
+            for i in range(v.shape[0]):
+                work.v_near[i] = v[i] if attempt == 1 else work.size[i] * np.sin(1.0 + 0.7 * i)
+            eqs.correct_velocity(t, q, work.v_near, eqs.elimination, REDUNDANT_LENGTH, work.change, work.report)
+            for i in range(v.shape[0]):
+                work.v_near[i] += work.change[i]
+            speed = largest_change(work.v_near, work.size)
+            if not speed > 0.0:
+                continue
+            for i in range(v.shape[0]):
+                work.change[i] = NEIGHBOR_DISTANCE * work.v_near[i] / speed
+            eqs.retract(work.q_near, work.change, eqs.data)
+            if close_position(eqs, t, work.q_near, CLOSED_RESIDUAL, work) != OK:
+                continue
+        eqs.correct_position(t, work.q_near, eqs.elimination, REDUNDANT_LENGTH, -1.0, work.change, work.report)
+        rank = max(rank, int(work.report[RANK]))
+    return rank
