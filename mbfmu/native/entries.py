@@ -157,8 +157,8 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
     if not system.has_matrices and (system.m or (family and family not in TREE_FAMILIES)):
         what = f"{system.m} constraints" if system.m else f"the solver {simulation.solver_choice.solver!r}"
         raise UserError(
-            f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams', 'ida' and "
-            f"'esdirk' and without constraints; this one has {what}. Export it with --python",
+            f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams', 'hybrid', "
+            f"'ida' and 'esdirk' and without constraints; this one has {what}. Export it with --python",
             "not-native",
         )
     if not family:
