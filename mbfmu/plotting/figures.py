@@ -41,7 +41,8 @@ def panels(count: int) -> tuple[Any, Any]:
 
 def finish(figure: Any, path: Path) -> None:
     """Arrange the parts of the figure, and write the picture."""
-    figure.get_layout_engine().execute(figure)
-    figure.set_layout_engine("none")  # arranged, which writing would do twice
+    if layout := figure.get_layout_engine():
+        layout.execute(figure)
+        figure.set_layout_engine("none")  # arranged, which writing would do twice
     with replacing(path) as unfinished:
         figure.savefig(unfinished, dpi=130, format=path.suffix[1:] or "png")
