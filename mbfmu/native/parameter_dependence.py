@@ -36,6 +36,7 @@ INTERIOR_FRACTIONS = (0.2, 0.5, 0.8)  # of its range: more points for sums
 EXTRA_FIT_POINTS, VALIDATION_POINTS = 3, 3  # points more than terms in a fit; points that have no part in it
 MIN_POWER_POINTS = 4  # points that decide whether a number is proportional to a power
 MAX_SCALE_RATIO = 2.0  # by which units may differ from those of another export, where they cannot follow a parameter
+UNIT_ERROR_RATIO = 1e4  # errors of units relative to those of other numbers: of a tolerance a few digits matter
 PROBE_VALUE_FOR_ZERO = 0.7  # a value for what is zero
 
 
@@ -212,8 +213,11 @@ class ParameterDependence:
 
     def _without_derived(self, columns: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return those columns that are not made of others."""
-        made = self.reader.columns("rate", "loop_rate", "length")
-        return np.setdiff1d(columns, np.concatenate([made, self.lengths]))
+        return np.setdiff1d(columns, self._made_of_others())
+
+    def _made_of_others(self) -> NDArray[np.int64]:
+        """Return the columns that are made of others: units of lengths and rates."""
+        return np.concatenate([self.reader.columns("rate", "loop_rate", "length"), self.lengths])
 
     def describe_no_sum(self, columns: Iterable[int]) -> str:
         """Return why a parameter is fixed that these columns follow in a way that is not represented."""
@@ -343,7 +347,10 @@ class ParameterDependence:
             off = ~(np.abs(wanted - row) <= good * size)
             units = self._scales() if self.constant_scales else np.zeros(0, np.int64)
             off[units] &= ~(np.abs(np.log(np.abs(wanted[units] / row[units]))) <= np.log(MAX_SCALE_RATIO))
-        off[[*self.guessed, *self.constant_scales, *(self._curved_columns() - known)]] = False
+        unknown = self._curved_columns() - known
+        off[[*self.guessed, *self.constant_scales, *unknown]] = False
+        if unknown & {*self._scales().tolist(), *self.reader.gravity.tolist()}:
+            off[self._made_of_others()] = False
         wrong = np.flatnonzero(off).tolist()
         return (self.describe_no_sum(wrong), wrong) if wrong else ("", [])
 
@@ -364,8 +371,8 @@ class ParameterDependence:
             row[self.lengths] = row[column("length")[0]]
             rates = self._rates(row)
         row[column("rate")], row[column("loop_rate")] = rates.max(), rates[self.rate_sources].max(initial=0.0)
-        made = np.concatenate([column("length", "rate", "loop_rate"), self.lengths])
-        size[made] = np.abs(row[made])
+        made = self._made_of_others()
+        size[made] = UNIT_ERROR_RATIO * np.abs(row[made])
         return row, size
 
     def _scales(self) -> NDArray[np.int64]:

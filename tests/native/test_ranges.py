@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations, product
+from math import cos, inf, sin
 
 import numpy as np
 import pytest
 
-from mbfmu.mechanics import JointForce, Mechanism, Translational
+from mbfmu.mechanics import DistanceCutJoint, JointForce, JointSpring, Mechanism, Revolute, Translational, rod
 from mbfmu.modeling import Model, parameter
 from mbfmu.native.parameters import find_settable
 from mbfmu.native.validity_range import pairs_of_sides
@@ -69,3 +70,36 @@ def test_every_two_columns_have_all_pairs(count: int) -> None:
     assert rows.shape[0] <= 10
     for i, j in combinations(range(count), 2):
         assert set(zip(rows[:, i].tolist(), rows[:, j].tolist(), strict=True)) == set(product((0, 1), (0, 1)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inclined(Model):
+    """A pendulum in a loop on an inclined plane: the rate of its motion follows from a gravity that is no product."""
+
+    gravity: float = parameter(9.81, unit="m/s2", min=0.0)
+    slope: float = parameter(0.3, unit="rad")
+    stiffness: float = parameter(5.0, min=0.0)
+
+    def build(self) -> Mechanism:
+        """Return the mechanism."""
+        g, slope = self.gravity, self.slope
+        m = Mechanism(gravity=(0.3 * g * sin(slope), -g * cos(slope), 0.5))
+        bar = m.body("bar", m.ground, Revolute(start=0.4), **rod(mass=1.0, length=0.5))
+        m.force("spring", JointSpring(stiffness=self.stiffness), bar)
+        slider = m.body("slider", m.ground, Translational(axis="x", start=0.5), mass=1.0)
+        m.cut("rope", DistanceCutJoint(at_a=(0.5, 0.0, 0.0), length=0.7), bar, slider)
+        return m
+
+
+def test_a_rate_made_of_smooth_functions_leaves_parameters_settable() -> None:
+    live = find_settable(Inclined())
+    assert set(live.parameters) == {"gravity", "slope", "stiffness"}
+    assert live.ranges["stiffness"] == (0.0, inf)
+    low, high = live.ranges["slope"]
+    assert low < 0.2
+    assert high > 0.4
+    places = {entry.place.offset // 8: entry.place for entry in live.entries if entry.place.array == "world"}
+    for gravity, slope in ((9.81, 0.2), (3.0, 0.4), (20.0, 0.35)):
+        found = live.apply({"gravity": gravity, "slope": slope})
+        assert found[places[0]] == pytest.approx(0.3 * gravity * sin(slope), rel=1e-10)
+        assert found[places[1]] == pytest.approx(-gravity * cos(slope), rel=1e-10)
