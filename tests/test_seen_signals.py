@@ -137,9 +137,9 @@ POINTS = (2.0, 2.4, 2.5)
 LATER = {
     "step": (Step(height=1.0, begin=2.0, duration=0.5), (1.0, 1.0), (0.15, 2.5), (0.15, 2.5), (np.inf, np.inf)),
     "no step": (Step(height=0.0, begin=2.0, duration=0.5), *4 * [(np.inf, np.inf)]),
-    "table": (Table(POINTS, (0.0, 1.0, 0.0)), (1.0, 1.0), (0.1, 2.5), (0.1, 2.5), (np.inf, np.inf)),
-    "held": (Table(POINTS, (0.0, 1.0, 0.0), beyond="hold"), (1.0, 1.0), (0.1, 2.5), (0.1, 2.5), (np.inf, np.inf)),
-    "periodic": (Table(POINTS, (0.0, 1.0, 0.0), beyond="periodic"), *4 * [(0.1, np.inf)]),
+    "table": (Table(POINTS, (0.0, 1.0, 0.0)), (1.0, 1.0), (0.1, 2.0), (0.1, 2.4), (np.inf, np.inf)),
+    "held": (Table(POINTS, (0.0, 1.0, 0.0), beyond="hold"), (1.0, 1.0), (0.1, 2.0), (0.1, 2.4), (np.inf, np.inf)),
+    "periodic": (Table(POINTS, (0.0, 1.0, 0.0), beyond="periodic"), *((0.1, end) for end in (0.4, 2.0, 2.4, 3.4))),
     "flat": (Table(POINTS, (1.0, 1.0, 1.0)), *4 * [(np.inf, np.inf)]),
     "law": (Function("sin(t)", time=0.6), *4 * [(0.2, np.inf)]),
     "sum": (

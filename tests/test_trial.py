@@ -80,7 +80,7 @@ def test_radau_is_refused_where_its_matrices_are_too_large(count: int) -> None:
         return
     assert refused == (
         f"solver 'radau' is given {count} joint coordinates and 0 constraints; allowed: at most 200 coordinates; use "
-        "'ida' [unsuitable-solver]"
+        "'ida', or 'adams' if the model is not stiff [unsuitable-solver]"
     )
     assert describe_refusal("ida", compiled.system) == describe_refusal("adams", compiled.system) == ""
     with pytest.raises(UserError, match="solver 'radau' is given"):

@@ -155,7 +155,7 @@ def describe_large_size(name: str, system: TreeSystem) -> str:
     return _refusal(
         name,
         f"is given {system.n} joint coordinates and {system.m} constraints; allowed: at most {size_limit(name)} "
-        "coordinates; use 'ida', or 'adams', which eliminates the constraints of large models",
+        "coordinates; use 'ida', or 'adams' if the model is not stiff",
     )
 
 

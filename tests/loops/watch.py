@@ -36,7 +36,7 @@ class Watch:
 
     def __init__(self, mechanism: Mechanism) -> None:
         compiled = CompiledMechanism(mechanism)
-        self.motion = stepper("adams", compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-6))
+        self.motion = stepper("adams", compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-6), by_matrices=True)
 
     def begin(self, q) -> int:
         """As the function."""

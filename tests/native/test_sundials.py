@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 from zipfile import ZipFile
 
@@ -178,7 +177,7 @@ def test_a_platform_without_a_wheel_is_refused_with_a_way_out():
 def downloads(files: dict[str, str]) -> Callable[..., Any]:
     """Return what stands for pip: it writes a wheel of these files, or fails if there are none."""
 
-    def run(command: list[str], **_: Any) -> Any:
+    def run(command: list[str]) -> tuple[int, list[str]]:
         folder = Path(command[command.index("--dest") + 1])
         assert command[-1].startswith("scikit-sundae==")
         assert command[command.index("--platform") + 1] == "win_amd64"
@@ -186,7 +185,7 @@ def downloads(files: dict[str, str]) -> Callable[..., Any]:
             with ZipFile(folder / "one.whl", "w") as wheel:
                 for name, text in files.items():
                     wheel.writestr(name, text)
-        return SimpleNamespace(stderr="" if files else "ERROR: no network")
+        return (0, []) if files else (1, ["ERROR: no network"])
 
     return run
 
@@ -197,11 +196,11 @@ def test_libraries_of_another_platform_come_from_its_wheel_once(tmp_path: Path, 
     names = ("core", "nvecserial", "sunmatrixdense", "sunlinsoldense", "sunlinsolspgmr", "ida", "cvode")
     wheel = {f"scikit_sundae.libs/sundials_{name}-0123.dll": name for name in names} | {"sksundae/ida.py": ""}
     for wrong, why in (({}, "pip reports 'ERROR: no network'"), (dict([*wheel.items()][1:]), "has other files")):
-        monkeypatch.setattr(sundials_files.subprocess, "run", downloads(wrong))
+        monkeypatch.setattr(sundials_files, "run_program", downloads(wrong))
         with pytest.raises(UserError, match=rf"libraries of SUNDIALS for x86_64-windows: .*{why}"):
             libraries("x86_64-windows")
-    monkeypatch.setattr(sundials_files.subprocess, "run", downloads(wheel))
+    monkeypatch.setattr(sundials_files, "run_program", downloads(wheel))
     found = libraries("x86_64-windows")
     assert found == {f"sundials_{name}-0123.dll": name.encode() for name in names[:-1]}
-    monkeypatch.setattr(sundials_files.subprocess, "run", downloads({}))
+    monkeypatch.setattr(sundials_files, "run_program", downloads({}))
     assert libraries("x86_64-windows") == found, "it was kept"

@@ -27,7 +27,7 @@ from .closing import (
     fill_frame_angles,
 )
 from .numbering import shares_coordinates
-from .rounded import ROUNDED_ADVICE, nearly_parallel
+from .rounded import ROUNDED_ADVICE, joint_axes, nearly_parallel
 from .rows import MAX_LISTED, dependent_rows, describe, first_of
 
 
@@ -163,7 +163,8 @@ class Assembly:
 
     def nearly_parallel(self) -> str:
         """Say which axes of loops are nearly parallel and most off, where the bodies are; empty: none is so."""
-        texts = (nearly_parallel(self._mechanism, self._state, handle) for handle in self._mechanism.cuts)
+        mechanism, known = self._mechanism, joint_axes(self._mechanism, self._state)
+        texts = (nearly_parallel(mechanism, self._state, handle, known) for handle in mechanism.cuts)
         return " and ".join([text for text in texts if text][:MAX_LISTED])
 
     def explain_lock(self, t: float, q: Array, locked: list[Diagnostic]) -> list[Diagnostic]:

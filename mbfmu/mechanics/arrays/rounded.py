@@ -6,7 +6,7 @@ make equations of its cut joint depend on the coordinates by that angle, which w
 
 from __future__ import annotations
 
-from itertools import combinations, pairwise
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -48,7 +48,8 @@ def loop_length(mechanism: Mechanism, handle: CutHandle, state: State) -> float:
     given = (handle.a, handle.cut.at_a), (handle.b, handle.cut.at_b)
     ends = [r[body.index] + A[body.index] @ np.asarray(at, float) for body, at in given]
     path = loop_path(mechanism, handle)  # one body of it carries the others, its origin does not matter
-    joints = [r[k] for k in path if mechanism.bodies[k].parent in path and k > 0]
+    inside = set(path)
+    joints = [r[k] for k in path if mechanism.bodies[k].parent in inside and k > 0]
     corners = [ends[0], *joints, ends[1]]
     return float(sum(np.linalg.norm(b - a) for a, b in pairwise(corners)))
 
@@ -74,9 +75,9 @@ def measure_rows(mechanism: Mechanism, state: State, row_size: Array) -> Measure
     """Return the measures of all rows, whose units are ``row_size``, where ``state`` places the bodies."""
     units, relative = row_size.copy(), np.zeros(len(row_size))
     names = [unit for handle in mechanism.constraints for unit in handle.units]
-    axes, row = [""] * len(units), 0
+    axes, row, known = [""] * len(units), 0, joint_axes(mechanism, state)
     for handle in mechanism.cuts:
-        length, which = loop_length(mechanism, handle, state), nearly_parallel(mechanism, state, handle)
+        length, which = loop_length(mechanism, handle, state), nearly_parallel(mechanism, state, handle, known)
         for unit in handle.units:
             units[row] = length if unit == "m" and length > 0.0 else row_size[row]
             relative[row] = 1.0 if unit == "rad" or length > 0.0 else 0.0
@@ -96,28 +97,39 @@ def describe_omitted(name: str, violation: str, tolerance: float, axes: str) -> 
     )
 
 
-def nearly_parallel(mechanism: Mechanism, state: State, handle: CutHandle) -> str:
+def joint_axes(mechanism: Mechanism, state: State) -> dict[int, Array]:
+    """Return the axes (3,) of joints that have one, global, by the numbers of their bodies; ``state`` places these."""
+    A, bodies = state.bodies["A"], enumerate(mechanism.bodies)
+    return {
+        k: A[body.parent] @ rotation("rotation", body.joint.rotation) @ body.joint.direction
+        for k, body in bodies
+        if k > 0 and isinstance(body.joint, AxisJoint)
+    }
+
+
+def nearly_parallel(mechanism: Mechanism, state: State, handle: CutHandle, known: dict[int, Array]) -> str:
     """Say which two of the axes of a loop that are nearly parallel are most off; empty: none is nearly parallel only.
 
-    ``state`` places the bodies.
+    ``state`` places the bodies; ``known`` are the axes of their joints.
     """
-    worst, description = 0.0, ""
-    for (name, axis), (other, another) in combinations(_axes(mechanism, state, handle), 2):
-        angle = float(np.arctan2(np.linalg.norm(np.cross(axis, another)), abs(axis @ another)))
-        if max(PARALLEL_ANGLE, worst) < angle < MAX_ROUNDED_ANGLE:
-            worst, description = angle, f"the axes of {name} and {other} are {angle:.3g} rad from parallel"
-    return description
-
-
-def _axes(mechanism: Mechanism, state: State, handle: CutHandle) -> list[tuple[str, Array]]:
-    """Return the axes (3,) of the joints of a loop and of its cut joint, global, with what they are of."""
-    A, path, found = state.bodies["A"], loop_path(mechanism, handle), []
-    for k in path:
-        body = mechanism.bodies[k]
-        if k > 0 and body.parent in path and isinstance(body.joint, AxisJoint):
-            R = rotation("rotation", body.joint.rotation)
-            found.append((f"joint {body.name!r}", A[body.parent] @ R @ body.joint.direction))
+    path = loop_path(mechanism, handle)
+    inside = set(path)
+    along = [k for k in path if k in known and mechanism.bodies[k].parent in inside]
+    names = [f"joint {mechanism.bodies[k].name!r}" for k in along]
+    axes = [known[k] for k in along]
     if handle.cut.parallel == "z":
         for body, R in zip((handle.a, handle.b), handle.cut.frames(), strict=True):
-            found.append((f"cut joint {handle.name!r} on {body.name!r}", A[body.index] @ R[:, 2]))
-    return found
+            names.append(f"cut joint {handle.name!r} on {body.name!r}")
+            axes.append(state.bodies["A"][body.index] @ R[:, 2])
+    worst, description, left = 0.0, "", np.arange(len(axes))
+    directions = np.array(axes).reshape(-1, 3)
+    while len(left):
+        first, left = left[0], left[1:]
+        one, others = directions[first], directions[left]
+        angles = np.arctan2(np.linalg.norm(np.cross(one, others), axis=1), np.abs(others @ one))
+        near = np.where(angles < MAX_ROUNDED_ANGLE, angles, 0.0)
+        if near.max(initial=0.0) > max(PARALLEL_ANGLE, worst):
+            worst, other = float(near.max()), left[np.argmax(near)]
+            description = f"the axes of {names[first]} and {names[other]} are {worst:.3g} rad from parallel"
+        left = left[angles > PARALLEL_ANGLE]  # the others are compared by this one
+    return description
