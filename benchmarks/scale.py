@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import resource
 import subprocess
 import sys
 import time
@@ -30,9 +29,9 @@ from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.text_table import format_table
 
 DOWN = (0.0, -9.81, 0.0)
-REPEATS = 3  # of a run; the shortest counts
+PARTS = 3  # of a run; the cheapest counts
 MIN_FITTED_COORDINATES = 100
-MIB = 1024.0  # KiB
+KIB_PER_MIB = 1024.0
 
 
 def chain(links: int) -> mb.Mechanism:
@@ -95,15 +94,15 @@ class Family(NamedTuple):
     make: Callable[[int], mb.Mechanism | mb.Model]
     sizes: tuple[int, ...]
     solver: str
-    duration: float  # s
+    duration: float  # of a part of the run, s
     per_step: bool = False  # whether the cost is that of a step
 
 
 FAMILIES = {
     "open chain": Family(chain, (30, 100, 300, 1000, 3000), "adams", 0.05),
-    "loops in a row, serial tree": Family(row, (10, 30, 100, 300, 1000), "adams", 0.5),
-    "loops in a row, grounded tree": Family(partial(row, grounded=True), (10, 30, 100, 300, 1000), "adams", 0.5),
-    "ladder": Family(ladder, (10, 30, 100, 300, 1000), "adams", 0.2),
+    "loops in a row, serial tree": Family(row, (10, 30, 100, 300), "adams", 0.2),
+    "loops in a row, grounded tree": Family(partial(row, grounded=True), (10, 30, 100, 300, 1000), "adams", 0.2),
+    "ladder": Family(ladder, (10, 30, 100, 300), "adams", 0.1),
     "sheet": Family(sheet, (60, 150, 400, 1000, 2500), "esdirk", 0.05, per_step=True),
 }
 
@@ -119,18 +118,17 @@ class Cost(NamedTuple):
 
 def measure(family: Family, size: int) -> Cost:
     """Return what a model costs; compilation is excluded."""
-    times, begin = [], time.process_time()
+    begin = time.process_time()
     settings = Settings(solver=family.solver, tolerance=1e-4 if family.per_step else 1e-6, energy_check=False)
     simulation = Simulation(family.make(size), settings)
-    building = time.process_time() - begin
-    for _ in range(REPEATS):
-        simulation = Simulation(family.make(size), settings)
-        begin = time.process_time()
-        simulation.advance(family.duration)
-        times.append(time.process_time() - begin)
-    statistics = simulation.statistics
-    count = statistics.steps if family.per_step else statistics.rhs_evals
-    return Cost(simulation.compiled.system.n, 1e6 * min(times) / count, count, building)
+    building, units, count = time.process_time() - begin, [], 0
+    for k in range(PARTS):
+        begin, before = time.process_time(), count
+        simulation.advance((k + 1) * family.duration)
+        statistics = simulation.statistics
+        count = statistics.steps if family.per_step else statistics.rhs_evals
+        units.append((time.process_time() - begin) / (count - before))
+    return Cost(simulation.compiled.system.n, 1e6 * min(units), count, building)
 
 
 def exponent(costs: list[Cost]) -> float:
@@ -143,6 +141,12 @@ def memory(name: str, size: int) -> float:
     """Return the largest memory of a process that builds and runs a model, MiB."""
     command = [sys.executable, __file__, "--alone", str(size), name]
     return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
+def largest_memory() -> float:
+    """Return the largest memory of this process so far, MiB (Linux)."""
+    status = Path("/proc/self/status").read_text()
+    return float(status.partition("VmHWM:")[2].split()[0]) / KIB_PER_MIB
 
 
 def draw(found: dict[str, list[Cost]], path: Path) -> None:
@@ -168,7 +172,7 @@ def main() -> None:
     names = options.names or list(FAMILIES)
     if options.alone:
         measure(FAMILIES[names[0]], options.alone)
-        print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / MIB)
+        print(largest_memory())
         return
     found, lines = dict[str, list[Cost]](), list[tuple[str, ...]]()
     for name in names:
