@@ -12,7 +12,14 @@ from pathlib import Path
 import fmpy
 
 import mbfmu.native
-from mbfmu.native.runtime import COMPILER_FLAGS, EXPORTED_SYMBOLS, compiler, install_atomically, link_arguments
+from mbfmu.native.runtime import (
+    COMPILER_FLAGS,
+    EXPORTED_SYMBOLS,
+    compiler,
+    install_atomically,
+    is_intact,
+    link_arguments,
+)
 from mbfmu.util.errors import UserError
 from mbfmu.util.processes import run_program
 from solvers.compiled.cache import shared_cache_dir
@@ -36,7 +43,7 @@ def front_library() -> bytes:
     """
     digest = sha256(b"".join(path.read_bytes() for path in (*SOURCES, *HEADERS))).hexdigest()[:16]
     path = shared_cache_dir() / f"front-{digest}" / f"{PLATFORM}.so"
-    if not path.is_file():
+    if not is_intact(path):
         command = compiler(PLATFORM)
         with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
             made = Path(folder) / path.name

@@ -82,7 +82,7 @@ def objects(names: Collection[str], contents: Collection[Contents]) -> dict[str,
             raise UserError(f"target {name!r} is not known; allowed: {', '.join(TARGETS)}")
     folder, parts = build_dir(*KERNEL_SOURCES), list(dict.fromkeys(own for each in contents for own in each.objects()))
     found = {name: [_object_file(folder, name, part) for part in parts] for name in names}
-    if not all(path.is_file() for paths in found.values() for path in paths):
+    if not all(is_intact(path) for paths in found.values() for path in paths):
         notify_listeners()
         with build_lock(folder):
             _build(folder, names, parts)
@@ -95,7 +95,7 @@ def _object_file(folder: Path, name: str, part: str) -> Path:
 
 def _build(folder: Path, names: Collection[str], parts: Collection[str]) -> None:
     """Compile those object files for targets that do not exist."""
-    missing = {name: [part for part in parts if not _object_file(folder, name, part).is_file()] for name in names}
+    missing = {name: [part for part in parts if not is_intact(_object_file(folder, name, part))] for name in names}
     together = list(dict.fromkeys(part for own in missing.values() for part in own))
     targets = [name for name, own in missing.items() if own]
     if not together:
@@ -148,7 +148,7 @@ def cached_library(name: str, contents: Contents) -> Path | None:
     """Return the runtime of a target with some contents, or a complete one, if it has been built for these sources."""
     whole, built = _file(name, complete(contents.family)), build_dir(*_runtime_sources())
     paths = _packed_dir() / whole, built / _file(name, contents), built / whole
-    return next((path for path in paths if path.is_file()), None)
+    return next((path for path in paths if is_intact(path)), None)
 
 
 def cached_libraries(name: str) -> list[Path]:
@@ -164,7 +164,7 @@ def family_of_library(name: str, path: Path) -> str:
 def pack(name: str, family: str) -> Path:
     """Put the complete runtime of a target and a family into the package, and return its place there."""
     path = _packed_dir() / _file(name, complete(family))
-    if not path.is_file():
+    if not is_intact(path):
         install_atomically(library(name, complete(family)), path)
     return path
 
@@ -272,7 +272,21 @@ def _run(command: list[str], more: dict[str, str], functions: int = 0) -> None:
 
 
 def install_atomically(made: Path, path: Path) -> None:
-    """Put a file in its place at once: two processes may build it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, made.read_bytes())
+    """Put a file in its place at once, since two processes may build it, with a checksum in a folder next to it."""
+    record, data = _checksum_file(path), made.read_bytes()
+    record.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(record, sha256(data).hexdigest().encode())
+    write_bytes(path, data)
     path.chmod(0o644)  # it may go into a package
+
+
+def is_intact(path: Path) -> bool:
+    """Whether a file that was installed is there and undamaged: a damaged library can end the process."""
+    record = _checksum_file(path)
+    if not path.is_file() or not record.is_file():
+        return path.is_file()
+    return sha256(path.read_bytes()).hexdigest() == record.read_text("utf-8", errors="replace")
+
+
+def _checksum_file(path: Path) -> Path:
+    return path.parent / "checksums" / path.name

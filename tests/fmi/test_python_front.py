@@ -93,20 +93,19 @@ def run(
     places: tuple[str, ...] = tuple(PLACES),
     more: Mapping[str, str] | None = None,
 ) -> tuple[int, str]:
-    """Run the FMU in a host in C that is told nothing but where Python is; return its exit code and what it logs."""
+    """Run the FMU in a C program whose environment only says where Python is; return its exit code and what it logs."""
     environment = {"PATH": str(path), "PYTHONPATH": os.pathsep.join(places), **(more or {})}
     if cache := os.environ.get("NUMBA_CACHE_DIR"):
         environment["NUMBA_CACHE_DIR"] = cache
-    told = [str(fmu.library), address or fmu.resources.as_uri(), fmu.guid]
-    done = subprocess.run(
-        [program, "5", "keep", *told], env=environment, timeout=600, capture_output=True, text=True, check=False
-    )
+    location = address or fmu.resources.as_uri()
+    arguments = [program, "5", "keep", str(fmu.library), location, fmu.guid]
+    done = subprocess.run(arguments, env=environment, timeout=600, capture_output=True, text=True, check=False)
     return done.returncode, done.stderr
 
 
-def logged_by(program: Path, fmu: Unpacked, **told: object) -> str:
+def logged_by(program: Path, fmu: Unpacked, **options: object) -> str:
     """Return the only message of a host that gets no instance."""
-    code, text = run(program, fmu, **told)  # type: ignore[arg-type]
+    code, text = run(program, fmu, **options)  # type: ignore[arg-type]
     assert code == INSTANTIATE, text
     (line,) = text.splitlines()
     return line
@@ -208,8 +207,8 @@ def test_wrong_arguments(fourbar_fmu: Path, tmp_path: Path) -> None:
     assert binary.component(logging=False) is None
     assert "does not contain the files of the FMU" in binary.logged.pop()[1]
     (tmp_path / "script").rename(script)
-    told = b"one", 1, guid.encode(), resources.encode(), None, 0, 1
-    component = binary.functions.fmi2Instantiate(*told)  # without a logger
+    arguments = b"one", 1, guid.encode(), resources.encode(), None, 0, 1
+    component = binary.functions.fmi2Instantiate(*arguments)  # without a logger
     assert component
     binary.functions.fmi2FreeInstance(c_void_p(component))
 

@@ -27,7 +27,7 @@ from mbfmu.native.data import native_model
 from mbfmu.native.entries import entries
 from mbfmu.native.families import FAMILIES
 from mbfmu.native.kernel_table import kernel_tables, numbers_in_fmu, shipped_kernels
-from mbfmu.native.runtime import build_dir, library, objects
+from mbfmu.native.runtime import build_dir, cached_library, install_atomically, library, objects
 from mbfmu.native.targets import host
 
 RUNTIME = sys.modules[library.__module__]
@@ -163,3 +163,23 @@ def test_a_model_that_needs_more_than_its_library_has_is_refused(tmp_path: Path)
         assert f"file '{file}'" in binary.logged[-1][1]
     file.write_bytes(layout.signed(whole, token))
     binary.instantiate().free()
+
+
+@pytest.mark.parametrize("damage", [b"", b"half", b"other bytes", None])
+def test_a_damaged_library_in_the_cache_counts_as_missing(
+    damage: bytes | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(RUNTIME, "build_dir", lambda *_: tmp_path / "cache")
+    monkeypatch.setattr(RUNTIME, "_packed_dir", lambda: tmp_path / "packed")
+    contents = Contents("adams", RUN)
+    made, path = tmp_path / "made", tmp_path / "cache" / RUNTIME._file(host(), contents)
+    made.write_bytes(b"half and half")
+    install_atomically(made, path)
+    assert cached_library(host(), contents) == path
+    if damage is None:
+        path.unlink()
+    else:
+        path.write_bytes(damage)
+    assert cached_library(host(), contents) is None
+    install_atomically(made, path)
+    assert cached_library(host(), contents) == path

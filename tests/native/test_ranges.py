@@ -19,7 +19,7 @@ Law = Callable[[float, float, float], float]
 
 
 def laws() -> dict[str, Law]:
-    """Return forces of (a, b, kink): they branch where a, or what a and b give, is so many times its value for 1, 1."""
+    """Return forces of (a, b, kink), which branch at a distance from a = b = 1 that is given by ``kink``."""
     return {
         "limited product": lambda a, b, limit: min(a * b, limit),
         "larger of two": lambda a, b, limit: max(a, limit * b),

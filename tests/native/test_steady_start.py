@@ -138,7 +138,7 @@ class Winder(Model):
 
 
 def test_a_steady_state_far_from_the_start_is_refused_with_the_distance(opened: Opened) -> None:
-    """The angle is moment / 10 N m; nothing tells the search that this is the state that is meant."""
+    """The angle is moment / 10 N m. From 3.2 rad on, another steady state may be the intended one."""
     status, fmu = started(opened(Winder()), {"moment": 30.0})
     known = {v.name: v.valueReference for v in fmu.binary.description.modelVariables}
     assert status == OK
