@@ -9,6 +9,7 @@ from .arrays.numbering import Variable
 from .builder.bodies import Body, FlexibleBody
 from .builder.chain import add_chain
 from .builder.handles import CouplingHandle, CutHandle, ForceHandle
+from .builder.joint_handle import JointHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.mechanism import Mechanism
 from .couplings import Cam, Coupling, Gear
@@ -88,6 +89,7 @@ __all__ = [
     "Input",
     "Joint",
     "JointForce",
+    "JointHandle",
     "JointSpring",
     "JointStop",
     "LineForce",

@@ -49,7 +49,9 @@ def loop_length(mechanism: Mechanism, handle: CutHandle, state: State) -> float:
     ends = [r[body.index] + A[body.index] @ np.asarray(at, float) for body, at in given]
     path = loop_path(mechanism, handle)  # one body of it carries the others, its origin does not matter
     inside = set(path)
-    joints = [r[k] for k in path if mechanism.bodies[k].parent in inside and k > 0]
+    joints = [
+        r[k] + A[k] @ mechanism.bodies[k].joint_at for k in path if mechanism.bodies[k].parent in inside and k > 0
+    ]
     corners = [ends[0], *joints, ends[1]]
     return float(sum(np.linalg.norm(b - a) for a, b in pairwise(corners)))
 
