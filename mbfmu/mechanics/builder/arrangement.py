@@ -228,7 +228,9 @@ def _describe(m: Mechanism, tree: Tree, edges: Sequence[Edge], first: int, twins
     texts = []
     if cut:
         one = len(cut) == 1
-        texts.append(f"joint{'s' * (not one)} {_listed([h.name for h in cut])} close{'s' * one} loops (cut joint{'s' * (not one)})")
+        texts.append(
+            f"joint{'s' * (not one)} {_listed([h.name for h in cut])} close{'s' * one} loops (cut joint{'s' * (not one)})"
+        )
     for twin in twins:
         texts.append(
             f"body {twin.of.name!r} is divided into parts that are welded together, because the coordinates of all joints "
