@@ -9,8 +9,8 @@ from .arrays.numbering import Variable
 from .builder.bodies import Body, FlexibleBody
 from .builder.chain import add_chain
 from .builder.handles import CouplingHandle, CutHandle, ForceHandle
-from .builder.joint_handle import JointHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
+from .builder.joint_handle import JointHandle
 from .builder.mechanism import Mechanism
 from .couplings import Cam, Coupling, Gear
 from .cuts import (

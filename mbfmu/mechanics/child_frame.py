@@ -1,8 +1,8 @@
 """Joints whose frame on the child is not the child's frame, and joints that the tree has in the opposite direction.
 
-The kernels of a joint write the motion of its second frame J_b relative to its first, J_a, into State.rel: R, p and the
-columns S_k = (u_k, w_k). In the tree J_a is fixed in the parent and J_b coincides with the frame of the child, if a body
-has the flag ``attached`` = 0. Otherwise
+The kernels of a joint write the motion of its second frame J_b relative to its first, J_a, into State.rel: R, p and
+the columns S_k = (u_k, w_k). If the flag ``attached`` of a body is 0, J_a is fixed in the parent and J_b coincides with
+the frame of the child. Otherwise
 
 1. ``reversed`` = 1: J_b is fixed in the parent and J_a in the child. The motion of J_a relative to J_b, axes of J_b, is
 

@@ -231,9 +231,10 @@ def _changed(what: str, body: Body, given: Array, found: Array) -> Diagnostic:
         size = f" {body.joint.units[0]}{'/s' if what == 'rate' else ''}"
     else:
         size = f" (largest change {np.abs(found - given).max():.2g})"
+    owner = f"joint {body.joint_name!r}" if body.joint_name else f"body {body.name!r}"
     return Diagnostic.note(
         "changed-start",
-        f"{what} of {f'joint {body.joint_name!r}' if body.joint_name else f'body {body.name!r}'} is changed from {before} to {after}{size}, because the loops cannot close with "
+        f"{what} of {owner} is changed from {before} to {after}{size}, because the loops cannot close with "
         "all given values",
         "Give consistent values, or declare as fixed the start values that must be kept",
         subject=body.coordinate_name,

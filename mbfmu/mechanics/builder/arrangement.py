@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -120,8 +120,8 @@ def _check_connections(m: Mechanism) -> None:
         part = [body.name for body in lost if parts.find(body.index) == parts.find(lost[0].index)]
         names = f"body {part[0]!r} is" if len(part) == 1 else f"bodies {_listed(part)} are"
         raise UserError(
-            f"{names} not connected to the ground; allowed: bodies that joints connect to it. Add the missing joint with "
-            f"Mechanism.joint; for a body that moves freely: m.joint(name, m.ground, body, Floating())"
+            f"{names} not connected to the ground; allowed: bodies that joints connect to it. Add the missing joint "
+            "with Mechanism.joint; for a body that moves freely: m.joint(name, m.ground, body, Floating())"
         )
 
 
@@ -135,9 +135,9 @@ def _divide(m: Mechanism, handles: Sequence[JointHandle]) -> list[_Twin]:
         ends = [end for end in (handle.b, handle.a) if end.index and (end.mass > 0.0 or np.any(end.inertia))]
         if not ends:
             raise UserError(
-                f"joint {handle.name!r} and all other joints of its loop have coordinates that are used or no cut joint, "
-                "and its bodies have no mass; allowed: a loop with one joint that can be a cut joint. Remove a drive, a "
-                "force, an output or fixed start values of one of its joints, or give a body of it a mass"
+                f"joint {handle.name!r} and all other joints of its loop have coordinates that are used or no cut "
+                "joint, and its bodies have no mass; allowed: a loop with one joint that can be a cut joint. Remove a "
+                "drive, a force, an output or fixed start values of one of its joints, or give one of its bodies a mass"
             )
         chosen.append(ends[0])
     count = Counter(body.index for body in chosen)
@@ -156,7 +156,7 @@ def _divide(m: Mechanism, handles: Sequence[JointHandle]) -> list[_Twin]:
 def _place(m: Mechanism, moves: Sequence[_Move], twins: Sequence[_Twin]) -> None:
     """Give bodies their joints and parents, and number all so that parents come first."""
     parents = {body.index: m.bodies[body.parent] for body in m.bodies if body.parent != UNPLACED}
-    joints = {body.index: (body.joint, {}) for body in m.bodies}
+    joints: dict[int, tuple[Joint, dict[str, Any]]] = {body.index: (body.joint, {}) for body in m.bodies}
     added = [*((move.handle, move.body, move.body) for move in moves), *twins]
     for handle, body, of in added:
         is_reversed = of is handle.a
@@ -227,26 +227,24 @@ def _describe(m: Mechanism, tree: Tree, edges: Sequence[Edge], first: int, twins
     cut = [m.joints[e - first] for e in tree.closing if m.joints[e - first].cut >= 0]
     texts = []
     if cut:
-        one = len(cut) == 1
-        texts.append(
-            f"joint{'s' * (not one)} {_listed([h.name for h in cut])} close{'s' * one} loops (cut joint{'s' * (not one)})"
-        )
+        names, one = _listed([handle.name for handle in cut]), len(cut) == 1
+        texts.append(f"joint {names} closes a loop (cut joint)" if one else f"joints {names} close loops (cut joints)")
     for twin in twins:
         texts.append(
-            f"body {twin.of.name!r} is divided into parts that are welded together, because the coordinates of all joints "
-            f"of the loop of joint {twin.handle.name!r} are used"
+            f"body {twin.of.name!r} is divided into parts that are welded together, because the coordinates of all "
+            f"joints of the loop of joint {twin.handle.name!r} are used"
         )
     found = []
     if texts:
         found.append(Diagnostic.note("chosen-tree", f"{'; '.join(texts)}; the other joints form the tree"))
     unused = [m.joints[e - first].name for e in tree.closing if edges[e].rank == Rank.START]
     if unused:
+        plural = len(unused) > 1
         found.append(
             Diagnostic.note(
                 "unused-start",
-                f"start values of joint {unused[0]!r} are not used: all joints of its loop have start values"
-                if len(unused) == 1
-                else f"start values of joints {_listed(unused)} are not used: all joints of their loops have start values",
+                f"start values of joint{'s' * plural} {_listed(unused)} are not used: all joints of "
+                f"{'their loops' if plural else 'its loop'} have start values",
                 "Leave them out, or declare as fixed the start values that must be kept",
                 subject=unused[0],
             )

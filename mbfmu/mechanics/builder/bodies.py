@@ -277,8 +277,8 @@ class Body:
         """Refuse a body whose joint is not known."""
         if self.parent == UNPLACED:
             raise UserError(
-                f"body {self.name!r} is declared without a joint, so that it has no joint coordinates and no joint force; "
-                "allowed: those of a joint. Use what Mechanism.joint has returned"
+                f"body {self.name!r} is declared without a joint, so that it has no joint coordinates and no joint "
+                "force; allowed: those of a joint. Use what Mechanism.joint has returned"
             )
 
     def _unit(self, k: int) -> str:

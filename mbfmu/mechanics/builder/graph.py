@@ -2,7 +2,9 @@
 
 >>> from mbfmu.mechanics import CompiledMechanism, Mechanism, Revolute, rod
 >>> m = Mechanism(gravity=(0, -9.81, 0))
->>> crank, coupler, rocker = (m.body(n, **rod(mass=1, length=l)) for n, l in (("crank", 1), ("coupler", 3), ("rocker", 2)))
+>>> crank = m.body("crank", **rod(mass=1, length=1))
+>>> coupler = m.body("coupler", **rod(mass=1, length=3))
+>>> rocker = m.body("rocker", **rod(mass=1, length=2))
 >>> joints = [
 ...     m.joint("A", m.ground, crank, Revolute(start=1.0)),
 ...     m.joint("B", crank, coupler, Revolute(at=(1, 0, 0))),
@@ -107,7 +109,7 @@ class Graph(Members):
         return self.joints[-1]
 
     def _constraint_names(self) -> list[str]:
-        return [owner.name for owner in (*self.cuts, *self.couplings, *self.joints)]
+        return [*(c.name for c in self.cuts), *(c.name for c in self.couplings), *(j.name for j in self.joints)]
 
     def _coordinate_owner(self, owner: Body | JointHandle, role: str) -> Body:
         """Check what a coordinate is of, a body by its tree joint or a joint; return it.
@@ -131,6 +133,6 @@ def check_joint(what: str, joint: Joint) -> None:
     joint.check(what)
     if joint.drive is not None and joint.nv != 1:
         raise UserError(
-            f"{what} has {joint.nv} coordinates and cannot be driven; allowed: a joint of one coordinate, or a chain of "
-            "such joints through bodies without mass"
+            f"{what} has {joint.nv} coordinates and cannot be driven; allowed: a joint of one coordinate, or a chain "
+            "of such joints through bodies without mass"
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from mbfmu.mechanics.checks import Matrix, one_of
+from mbfmu.mechanics.checks import Matrix, Vector, one_of
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.numbers import is_whole
 from mbfmu.mechanics.sensors import Acceleration, Coordinate, DeclaredJointForce, Effort, Rate, Sensor, axis_index
@@ -21,7 +21,7 @@ class JointPlace(NamedTuple):
     cut: int  # number of the cut joint; -1: it is in the tree
     sign: int  # 1: the wrench is that on the child or on body b of the cut joint, -1: on the other one
     body: int  # on which it acts
-    point: Matrix  # origin of the joint frame in this body (3,), m
+    point: Vector  # origin of the joint frame in this body (3,), m
 
 
 @dataclass(eq=False)

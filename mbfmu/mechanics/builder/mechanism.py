@@ -136,8 +136,8 @@ class Mechanism(Appearance, Loading, Measurements):
         self._new_name("body", name, self._bodies_named)
         if (parent is None) != (joint is None):
             raise UserError(
-                f"body {name!r} is given a {'joint and no parent' if parent is None else 'parent and no joint'}; allowed: "
-                "both, or neither for a body that Mechanism.joint connects"
+                f"body {name!r} is given a {'joint and no parent' if parent is None else 'parent and no joint'}; "
+                "allowed: both, or neither for a body that Mechanism.joint connects"
             )
         if parent is not None and joint is not None:
             self._member(parent, f"parent of body {name!r}")
