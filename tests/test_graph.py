@@ -289,7 +289,7 @@ def test_a_spatial_four_bar_has_the_angle_of_its_closed_form(order: tuple[int, .
     m = rssr(order)
     result = mb.simulate(m, 2.0, interval=0.25, solver="adams", tolerance=1e-9)
     assert [handle.cut.rows for handle in m.cuts] == [("x", "y", "z")]  # a spherical joint: fewest equations
-    for t, angle in zip(result.times, result["rocker.angle"], strict=True):
+    for t, angle in zip(result.t, result["rocker.angle"], strict=True):
         pin = 0.5 * np.array((np.cos(0.3 + 2.0 * t), np.sin(0.3 + 2.0 * t), 0.0))
         end = np.array((2.0, 0.3, 0.0)) + Rotation.from_rotvec((0.0, -angle, 0.0)).apply((1.5, 0.0, 0.0))
         assert np.linalg.norm(end - pin) == pytest.approx(2.5, abs=1e-8)
