@@ -88,9 +88,9 @@ def attach_bias(body: BodyRecord, v: Reals, rel: RelativeMotionRecord) -> None:
 
 
 @kernel
-def _offset(R: Reals, s: Reals, i: int) -> float:
-    """Component i of -R s: from the joint frame to the origin of the child whose axes are R."""
-    return -(R[i, 0] * s[0] + R[i, 1] * s[1] + R[i, 2] * s[2])
+def _offset(R: Reals, frame: Reals, i: int) -> float:
+    """Component i of -R s, s = ``frame``: from the joint frame to the origin of the child whose axes are R."""
+    return -(R[i, 0] * frame[0] + R[i, 1] * frame[1] + R[i, 2] * frame[2])
 
 
 @kernel

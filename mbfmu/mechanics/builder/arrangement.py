@@ -37,7 +37,7 @@ CUT_JOINTS: dict[type[Joint], type[CutJoint]] = {
     Translational: TranslationalCutJoint,
     Weld: WeldCutJoint,
 }
-MAX_LISTED = 8  # names in a note
+MAX_LISTED_NAMES = 8  # names in a note
 
 
 def arrange(m: Mechanism) -> None:
@@ -72,23 +72,22 @@ def arrange(m: Mechanism) -> None:
                 "parent, and its joint with Mechanism.joint"
             )
     divided = [m.joints[e - first] for e in tree.closing if edges[e].rank == Rank.COORDINATE]
-    twins = _divide(m, divided)
-    moves = [_Move(m.joints[e - first], m.bodies[k], k) for k, e in enumerate(towards) if e >= first]
-    _place(m, moves, twins)
-    _close(m, [m.joints[e - first] for e in tree.closing], twins)
+    parts = _divide(m, divided)
+    moves = [_Move(m.joints[e - first], m.bodies[k]) for k, e in enumerate(towards) if e >= first]
+    _place(m, moves, parts)
+    _close(m, [m.joints[e - first] for e in tree.closing], parts)
     _adopt(m)
-    m.tree_notes += _describe(m, tree, edges, first, twins)
+    m.tree_notes += _describe(m, tree, edges, first, parts)
 
 
 class _Move(NamedTuple):
-    """A joint of the tree and the body that it moves, with its number before."""
+    """A joint of the tree and the body that it moves."""
 
     handle: JointHandle
     body: Body
-    number: int
 
 
-class _Twin(NamedTuple):
+class _Part(NamedTuple):
     """A part of a body that is divided because all joints of a loop are in the tree."""
 
     handle: JointHandle
@@ -125,7 +124,7 @@ def _check_connections(m: Mechanism) -> None:
         )
 
 
-def _divide(m: Mechanism, handles: Sequence[JointHandle]) -> list[_Twin]:
+def _divide(m: Mechanism, handles: Sequence[JointHandle]) -> list[_Part]:
     """Return a part of a body for every joint that must be in the tree and would close a loop.
 
     The part is the body that the joint moves. It has a fraction of the mass and is welded to the rest.
@@ -141,23 +140,23 @@ def _divide(m: Mechanism, handles: Sequence[JointHandle]) -> list[_Twin]:
             )
         chosen.append(ends[0])
     count = Counter(body.index for body in chosen)
-    twins = []
+    parts = []
     for handle, of in zip(handles, chosen, strict=True):
         share = 1.0 / (1 + count[of.index])
         name = f"{of.name}.{handle.name}"
         m._new_name("body", name, m._bodies_named)
         part = Body(name, len(m.bodies), UNPLACED, handle.joint, share * of.mass, of.com, share * of.inertia)
-        twins.append(_Twin(handle, m._append(part), of))
+        parts.append(_Part(handle, m._append(part), of))
     for of in {body.index: body for body in chosen}.values():
         of.scale_mass(1.0 / (1 + count[of.index]))
-    return twins
+    return parts
 
 
-def _place(m: Mechanism, moves: Sequence[_Move], twins: Sequence[_Twin]) -> None:
+def _place(m: Mechanism, moves: Sequence[_Move], parts: Sequence[_Part]) -> None:
     """Give bodies their joints and parents, and number all so that parents come first."""
     parents = {body.index: m.bodies[body.parent] for body in m.bodies if body.parent != UNPLACED}
     joints: dict[int, tuple[Joint, dict[str, Any]]] = {body.index: (body.joint, {}) for body in m.bodies}
-    added = [*((move.handle, move.body, move.body) for move in moves), *twins]
+    added = [*(_Part(move.handle, move.body, move.body) for move in moves), *parts]
     for handle, body, of in added:
         is_reversed = of is handle.a
         parents[body.index] = handle.b if is_reversed else handle.a
@@ -193,7 +192,7 @@ def _place(m: Mechanism, moves: Sequence[_Move], twins: Sequence[_Twin]) -> None
     m.bodies[:] = order
 
 
-def _close(m: Mechanism, handles: Sequence[JointHandle], twins: Sequence[_Twin]) -> None:
+def _close(m: Mechanism, handles: Sequence[JointHandle], parts: Sequence[_Part]) -> None:
     """Add the cut joints."""
     for handle in handles:
         joint = handle.joint
@@ -205,8 +204,8 @@ def _close(m: Mechanism, handles: Sequence[JointHandle], twins: Sequence[_Twin])
         )
         handle.cut = len(m.cuts)
         m.cuts.append(CutHandle(handle.name, len(m.cuts), cut, handle.a, handle.b))
-    for twin in twins:
-        m.cuts.append(CutHandle(twin.body.name, len(m.cuts), WeldCutJoint(), twin.of, twin.body))
+    for part in parts:
+        m.cuts.append(CutHandle(part.body.name, len(m.cuts), WeldCutJoint(), part.of, part.body))
 
 
 def _adopt(m: Mechanism) -> None:
@@ -222,17 +221,17 @@ def _adopt(m: Mechanism) -> None:
     m.couplings[:] = [replace(handle, a=owner(handle.a), b=owner(handle.b)) for handle in m.couplings]
 
 
-def _describe(m: Mechanism, tree: Tree, edges: Sequence[Edge], first: int, twins: Sequence[_Twin]) -> list[Diagnostic]:
+def _describe(m: Mechanism, tree: Tree, edges: Sequence[Edge], first: int, parts: Sequence[_Part]) -> list[Diagnostic]:
     """Return notes on the cut joints, on divided bodies, and on start values that are not used."""
     cut = [m.joints[e - first] for e in tree.closing if m.joints[e - first].cut >= 0]
     texts = []
     if cut:
         names, one = _listed([handle.name for handle in cut]), len(cut) == 1
         texts.append(f"joint {names} closes a loop (cut joint)" if one else f"joints {names} close loops (cut joints)")
-    for twin in twins:
+    for part in parts:
         texts.append(
-            f"body {twin.of.name!r} is divided into parts that are welded together, because the coordinates of all "
-            f"joints of the loop of joint {twin.handle.name!r} are used"
+            f"body {part.of.name!r} is divided into parts that are welded together, because the coordinates of all "
+            f"joints of the loop of joint {part.handle.name!r} are used"
         )
     found = []
     if texts:
@@ -243,8 +242,8 @@ def _describe(m: Mechanism, tree: Tree, edges: Sequence[Edge], first: int, twins
         found.append(
             Diagnostic.note(
                 "unused-start",
-                f"start values of joint{'s' * plural} {_listed(unused)} are not used: all joints of "
-                f"{'their loops' if plural else 'its loop'} have start values",
+                f"start values of joint{'s' * plural} {_listed(unused)} are not used: the other joints "
+                f"of {'their loops' if plural else 'its loop'} have start values or coordinates that are used",
                 "Leave them out, or declare as fixed the start values that must be kept",
                 subject=unused[0],
             )
@@ -254,5 +253,5 @@ def _describe(m: Mechanism, tree: Tree, edges: Sequence[Edge], first: int, twins
 
 def _listed(names: Sequence[str]) -> str:
     """Return names as text, of many the first."""
-    shown = ", ".join(map(repr, names[:MAX_LISTED]))
-    return f"{shown} and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else shown
+    shown = ", ".join(map(repr, names[:MAX_LISTED_NAMES]))
+    return f"{shown} and {len(names) - MAX_LISTED_NAMES} more" if len(names) > MAX_LISTED_NAMES else shown

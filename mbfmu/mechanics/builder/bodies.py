@@ -93,7 +93,13 @@ class Body:
             object.__setattr__(self, name, value)
 
     def scale_mass(self, factor: float) -> None:
-        """Multiply mass and inertia of a body from which parts are separated when the mechanism is compiled."""
+        """Multiply mass and inertia of a body from which parts are separated when the mechanism is compiled.
+
+        Parameters
+        ----------
+        factor
+            Fraction of the mass that remains.
+        """
         object.__setattr__(self, "mass", factor * self.mass)
         object.__setattr__(self, "inertia", factor * self.inertia)
 

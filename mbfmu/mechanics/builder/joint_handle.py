@@ -137,7 +137,13 @@ class JointHandle:
         return self._wrench("N.m", 3 + axis_index(axis, f"of joint {self.name!r}"), on)
 
     def place(self, on: str) -> JointPlace:
-        """Return where the wrench on body ``on`` is found in the compiled mechanism."""
+        """Return where the wrench on a body is found in the compiled mechanism.
+
+        Parameters
+        ----------
+        on
+            Body on which it acts, ``"a"`` or ``"b"``.
+        """
         body, point = (self.a, self.joint.at) if on == "a" else (self.b, self.at_b)
         if self.carrier is None:
             return JointPlace(0, self.cut, 1 if on == "b" else -1, body.index, point)
