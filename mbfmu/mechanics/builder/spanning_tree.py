@@ -1,8 +1,8 @@
 """Choice of the spanning tree of a mechanism that is declared as a graph.
 
 Short loops are fast: the constraint equations of a cut joint depend on the coordinates of its loop only. To find the
-spanning tree with the least total length of its loops is NP-hard [DPK]. Here a tree of shortest paths from the ground is
-improved by exchanges of one joint of the tree and one that closes a loop [ALM].
+spanning tree with the least total length of its loops is NP-hard [DPK]. Here a tree of shortest paths from the ground
+is improved by exchanges of one joint of the tree and one that closes a loop [ALM].
 """
 
 from __future__ import annotations
