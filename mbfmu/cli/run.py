@@ -97,7 +97,7 @@ FMU took more than {MAX_REPEATED_RUN_TIME:g} s, or if the repeat would need comp
         epilog=RUN_EXAMPLES,
     )
     add_scene(p)
-    p.add_argument("--direct", action="store_true", help="simulate without an FMU: faster, with the same numbers")
+    p.add_argument("--direct", action="store_true", help="simulate without an FMU: the same results, without an export")
     p.add_argument("--native", action=CalledDirect, dest="direct", nargs=0, help=argparse.SUPPRESS)
     shown = p.add_argument(
         "--plot",
