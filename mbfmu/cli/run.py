@@ -78,7 +78,7 @@ def add(commands: Commands) -> None:
         description=f"""Export a scene or a model as an FMU, simulate the FMU with FMPy, and write the results.
 
 The FMU is native (machine code) if possible. The first native FMU with a solver builds the machine code of this solver,
-which takes about a minute. If the model, the solver or this machine does not permit a native
+which takes one to two minutes. If the model, the solver or this machine does not permit a native
 FMU, the FMU calls Python, and the command prints the reason.
 
 The results are in a folder such as results/fourbar/paper-hybrid-1e-4:
