@@ -81,7 +81,7 @@ class Settings:
 
     def for_model(self, model: Model) -> Settings:
         """Return the settings with the solver and the tolerance of a model, where these were not given."""
-        own = {"solver": model.default_solver, "tolerance": model.tolerance}
+        own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance}
         return replace(self, **{name: value for name, value in own.items() if name not in self._given})
 
     def options(self, duration: float = Options.duration) -> Options:
