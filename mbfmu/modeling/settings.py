@@ -80,7 +80,13 @@ class Settings:
             )
 
     def for_model(self, model: Model) -> Settings:
-        """Return the settings with the solver and the tolerance of a model, where these were not given."""
+        """Return the settings with the solver and the tolerance of a model, if these were not given.
+
+        Parameters
+        ----------
+        model
+            Model that is simulated or exported.
+        """
         own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance}
         return replace(self, **{name: value for name, value in own.items() if name not in self._given})
 
