@@ -293,7 +293,7 @@ def test_a_spatial_four_bar_has_the_angle_of_its_closed_form(order: tuple[int, .
         pin = 0.5 * np.array((np.cos(0.3 + 2.0 * t), np.sin(0.3 + 2.0 * t), 0.0))
         end = np.array((2.0, 0.3, 0.0)) + Rotation.from_rotvec((0.0, -angle, 0.0)).apply((1.5, 0.0, 0.0))
         assert np.linalg.norm(end - pin) == pytest.approx(2.5, abs=1e-8)
-    np.testing.assert_allclose(result["rocker.angle"], 1.2, atol=0.8)
+    assert np.all(result["rocker.angle"] < -1.0)  # the branch of the start value
 
 
 def columns(loops: int, order: Sequence[int]) -> mb.Mechanism:

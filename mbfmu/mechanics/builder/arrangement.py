@@ -37,7 +37,7 @@ CUT_JOINTS: dict[type[Joint], type[CutJoint]] = {
     Translational: TranslationalCutJoint,
     Weld: WeldCutJoint,
 }
-MAX_LISTED_NAMES = 8  # names in a note
+MAX_NOTED_JOINTS = 8  # names of joints in a note
 
 
 def arrange(m: Mechanism) -> None:
@@ -253,5 +253,5 @@ def _describe(m: Mechanism, tree: Tree, edges: Sequence[Edge], first: int, parts
 
 def _listed(names: Sequence[str]) -> str:
     """Return names as text, of many the first."""
-    shown = ", ".join(map(repr, names[:MAX_LISTED_NAMES]))
-    return f"{shown} and {len(names) - MAX_LISTED_NAMES} more" if len(names) > MAX_LISTED_NAMES else shown
+    shown = ", ".join(map(repr, names[:MAX_NOTED_JOINTS]))
+    return f"{shown} and {len(names) - MAX_NOTED_JOINTS} more" if len(names) > MAX_NOTED_JOINTS else shown
