@@ -185,6 +185,12 @@ class Loading(Members):
         yield from self._other_companions
         yield from self.others
 
+    @property
+    def first_other(self) -> int:
+        """Number of the first of ``others`` among :meth:`loads` of a mechanism that is complete."""
+        before = self.forces, self.elements, self._element_companions, self._other_companions
+        return sum(map(len, before)) + sum(len(faces) for _, _, faces in self.pressures)
+
     def _companions(self, acting: Acting) -> list[Acting]:
         """Return the loads that come with a load, and those that come with these; UserError for what is none."""
         what = f"companion of {acting.what}"
