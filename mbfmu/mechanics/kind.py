@@ -122,15 +122,17 @@ def check_element_type(what: str, given: Any, role: type[ElementType]) -> None:
     """Refuse what is not of a role, or of a kind that lacks what its role asks for."""
     if not isinstance(given, role):
         raise UserError(f"{what} is {short(given)}; allowed: a {role.__name__}, such as those of mbfmu.mechanics")
-    said, kind = f"{what} is of class {type(given).__name__}", type(given)
+    said = f"{what} is of class {type(given).__name__}"
+    kind: Any = type(given)
+    asked: Any = role  # which has a hash, whatever mypy finds of classes of classes
     kernels = tuple(kernel_of(given, name) if hasattr(given, name) else None for name in role.kernels)
     try:
-        wrong = _describe_wrong_kernels(role, kernels)
+        wrong = _describe_wrong_kernels(asked, kernels)
     except TypeError:  # something that is no function, and has no hash
-        wrong = _describe_wrong_kernels.__wrapped__(role, kernels)
+        wrong = _describe_wrong_kernels.__wrapped__(asked, kernels)
     if wrong:
         raise UserError(said + wrong)
-    for name in _undeclared(kind, role):
+    for name in _undeclared(kind, asked):
         if name not in vars(given):  # a property is not to be asked yet
             raise UserError(f"{said}, which does not say its {name!r}; see its base {role.__name__}")
     drawings, drawn = getattr(role, "drawings", ()), getattr(given, "drawn", None)

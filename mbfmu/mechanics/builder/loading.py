@@ -188,8 +188,9 @@ class Loading(Members):
     @property
     def first_other(self) -> int:
         """Number of the first of ``others`` among :meth:`loads` of a mechanism that is complete."""
-        before = self.forces, self.elements, self._element_companions, self._other_companions
-        return sum(map(len, before)) + sum(len(faces) for _, _, faces in self.pressures)
+        of_elements = len(self.elements) + len(self._element_companions)
+        of_faces = sum(len(faces) for _, _, faces in self.pressures)
+        return len(self.forces) + of_elements + of_faces + len(self._other_companions)
 
     def _companions(self, acting: Acting) -> list[Acting]:
         """Return the loads that come with a load, and those that come with these; UserError for what is none."""
