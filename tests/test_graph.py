@@ -362,6 +362,15 @@ def test_the_tree_of_a_ladder_has_loops_of_four_joints() -> None:
     assert sorted(loop_lengths(edges, tree.inside)) == [3, *[4] * 29]
 
 
+@pytest.mark.parametrize("rank", [Rank.START, Rank.FREE])
+def test_of_joints_alike_the_one_with_the_fewest_equations_is_cut(rank: Rank) -> None:
+    rows = (5, 5, 3, 5)
+    edges = [Edge(a, b, rank, n) for (a, b), n in zip(((0, 1), (1, 2), (2, 3), (0, 3)), rows, strict=True)]
+    assert choose_tree(4, edges).closing == [2]
+    free = [edge._replace(rank=Rank.FREE) if e == 1 else edge for e, edge in enumerate(edges)]
+    assert choose_tree(4, free).closing == [1 if rank == Rank.START else 2]
+
+
 def test_joints_whose_coordinates_are_used_stay_in_the_tree() -> None:
     edges = [edge._replace(rank=Rank.COORDINATE) if e % 3 == 2 else edge for e, edge in enumerate(ladder(10))]
     tree = choose_tree(21, edges)

@@ -64,9 +64,10 @@ class Components:
 def choose_tree(count: int, edges: Sequence[Edge]) -> Tree:
     """Return the spanning tree of ``count`` bodies, the ground first; see the module.
 
-    Edges of a lower rank enter first, those of equal rank by their distance from the ground, then in their order. The
-    edges of rank FREE are then exchanged while the total length of the loops decreases, or, with the same total length,
-    the number of constraint equations. If not all bodies are connected, the tree is that of every part.
+    Edges of a lower rank enter first, those of equal rank by their distance from the ground, then in their order. Edges
+    of the ranks START and FREE are then exchanged for those of the same rank while the total length of the loops
+    decreases, or, with the same total length, the number of constraint equations. If not all bodies are connected, the
+    tree is that of every part.
     """
     distance = distances(count, edges)
 
@@ -121,7 +122,7 @@ def _shorten_loops(count: int, edges: Sequence[Edge], inside: set[int]) -> None:
     for e, loop in loops.items():
         for k in _bits(loop):
             through.setdefault(k, set()).add(e)
-    free = sum(1 << e for e, edge in enumerate(edges) if edge.rank == Rank.FREE)
+    alike = {rank: sum(1 << e for e, edge in enumerate(edges) if edge.rank == rank) for rank in (Rank.START, Rank.FREE)}
     left, improved = MAX_COMPARISONS, True
     while improved and left > 0:
         improved = False
@@ -129,7 +130,7 @@ def _shorten_loops(count: int, edges: Sequence[Edge], inside: set[int]) -> None:
             if c in inside:
                 continue
             own, best = loops[c], (0, 0, -1)
-            for t in _bits(own & free & ~(1 << c)):
+            for t in _bits(own & alike[edges[c].rank] & ~(1 << c)):
                 others = through[t] - {c}
                 left -= len(others) + 1
                 length = sum((loops[e] ^ own).bit_count() - loops[e].bit_count() for e in others)
