@@ -22,8 +22,8 @@ from .problems import END, FOURBAR, GOVERNOR, GRAVITY, LARGE_INERTIA, PENDULUM, 
 
 NAME = f"Exudyn {exu.GetVersionString()}"
 SETTINGS = (
-    "`GeneralizedAlpha` (default spectral radius 0.9) and `TrapezoidalIndex2`, 1 to 32 equal steps in 10 ms; tolerances "
-    "of Newton's method 1e-10 (relative) and 1e-12 (absolute), modified Newton; a hub of 1e9 kg m^2 in place of a "
+    "`GeneralizedAlpha` (default spectral radius) and `TrapezoidalIndex2`, 1 to 32 equal steps in 10 ms; tolerances of "
+    "Newton's method 1e-10 (relative) and 1e-12 (absolute), modified Newton; a hub of 1e9 kg m^2 in place of a "
     "prescribed speed"
 )
 TINY = 1e-9  # kg and kg m^2, of a body without mass

@@ -13,9 +13,9 @@ from .problems import FOURBAR, GOVERNOR, GRAVITY, LARGE_INERTIA, PENDULUM, TIMES
 
 NAME = f"MuJoCo {mujoco.__version__}"
 SETTINGS = (
-    "integrators `RK4` and `implicitfast`, time steps of 10 ms divided by 1 to 64; equality constraints with `solref` = "
-    "(2 steps, 1) and `solimp` = (0.9999, 0.9999, 0.001), Newton solver with 100 iterations and tolerance 1e-14; a hub "
-    "of 1e9 kg m^2 in place of a prescribed speed"
+    "integrators `RK4` and `implicitfast`, steps of 10 ms divided by 1 to 64; equality constraints with `solref` = "
+    "(2 steps, 1) and `solimp` = (0.9999, 0.9999, 0.001), Newton solver with 100 iterations, tolerance 1e-14; a hub of "
+    "1e9 kg m^2 in place of a prescribed speed"
 )
 TINY = 1e-9  # kg and kg m^2, of a body without mass
 Model = tuple[str, list[float], list[float], int]
