@@ -196,14 +196,11 @@ def stepper(
     q0: Array,
     v0: Array,
     options: Options | None = None,
-    *,
-    by_matrices: bool = False,
 ) -> Stepper:
     """Return a stepper by its name.
 
-    A large model is advanced by its recursions if the solver supports this, else by its matrices. ``by_matrices``: a
-    system that has matrices is advanced by them, whatever its size. Raises ValueError if these would be too large, for
-    an order that the solver does not have, and for an unknown name.
+    A large model is advanced by its recursions if the solver supports this, else by its matrices. Raises ValueError if
+    these would be too large, for an order that the solver does not have, and for an unknown name.
     """
     if not is_solver(name):
         raise ValueError(
@@ -214,7 +211,7 @@ def stepper(
     ):
         raise ValueError(refused)
     arguments: tuple[Any, ...] = t0, q0, v0, options
-    if eliminates_constraints(name, system) and not (by_matrices and system.has_matrices):
+    if eliminates_constraints(name, system):
         return ELIMINATION_SOLVERS[name](system, *arguments)
     if not isinstance(system, TreeSystem):
         if not system.n:
