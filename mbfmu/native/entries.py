@@ -161,8 +161,8 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
         allowed = "'adams' and 'hybrid'" if system.m else "'adams', 'hybrid', 'ida' and 'esdirk'"
         raise UserError(
             f"native FMUs do not support solver {simulation.solver_choice.solver!r} for this large model of {system.n} "
-            f"joint coordinates and {system.m} constraint equations; allowed: {allowed}. Use one of these, or export it "
-            "with --python",
+            f"joint coordinates and {system.m} constraint equations; allowed: {allowed}. Use one of these, or export "
+            "it with --python",
             "not-native",
         )
     if not family:
