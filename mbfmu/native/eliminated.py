@@ -65,7 +65,7 @@ def equations_of(system: AnySystem) -> Any:
 
 def empty_equations() -> EliminationEquations:
     """Return equations whose data have the types that all mechanisms have."""
-    return EliminationEquations(*[0] * 8, empty_elimination(), np.zeros(1))
+    return EliminationEquations._make((*[None] * 8, empty_elimination(), np.zeros(1)))
 
 
 def units_of(eqs: ClosableEquations) -> list[NDArray[Any]]:

@@ -42,7 +42,7 @@ from solvers.system import Array
 from . import eliminated
 from .derivatives import Linearization, empty_linearized, to_linearized
 from .exchange_memory import Exchange
-from .families import ELIMINATED, FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
+from .families import ELIMINATED_FAMILY, FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
 from .image import MemoryImage
 from .kernel_table import kernel_numbers, numbers_in_fmu
 from .model_exchange import FORMULATIONS, exchange_entries
@@ -157,7 +157,7 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
             "not-native",
         )
-    if not system.has_matrices and (family not in ((ELIMINATED,) if system.m else TREE_FAMILIES)):
+    if not system.has_matrices and (family not in ((ELIMINATED_FAMILY,) if system.m else TREE_FAMILIES)):
         allowed = "'adams' and 'hybrid'" if system.m else "'adams', 'hybrid', 'ida' and 'esdirk'"
         raise UserError(
             f"native FMUs do not support solver {simulation.solver_choice.solver!r} for this large model of {system.n} "
@@ -194,7 +194,7 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
         *own.scales,
     ]
     state += [start.q, start.v, own.work.size, own.work.size_q, start.scratch.row, instance.known, instance.options]
-    if family == ELIMINATED:
+    if family == ELIMINATED_FAMILY:
         state += eliminated.units_of(own.eqs)
     state += instance.session.memory()
     state += [array for array in arrays if array is not arrays.kernels]

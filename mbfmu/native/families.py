@@ -51,7 +51,7 @@ from solvers.steppers.radau import loop as radau
 from solvers.steppers.radau.dense import RadauMethod
 from solvers.steppers.radau.formulas import Memory
 from solvers.steppers.tree import TreeScratch
-from solvers.system import AnySystem, Equations, TangentCallbacks, Terms, TreeEquations
+from solvers.system import Equations, TangentCallbacks, Terms, TreeEquations
 
 from . import eliminated
 from .start_checks import NO_BRANCH, find_turned, mark_free_rates
@@ -92,11 +92,11 @@ def leave_open(problem: Any) -> None:
 class Structure(NamedTuple):
     """What the equations of a family have besides the arrays of the mechanism."""
 
-    of: Callable[[AnySystem], Any]  # of a system
+    of: Callable[[Any], Any]  # of a system
     empty: Callable[[], Any]  # an example of the types that all have
 
 
-TANGENT = Structure(lambda system: system.tangent.callbacks.tangent, empty_tangent)
+STRUCTURED_TANGENT = Structure(lambda system: system.tangent.callbacks.tangent, empty_tangent)
 
 
 class Family(NamedTuple):
@@ -331,7 +331,7 @@ def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
     return Workspace.allocate(nq, n, m)
 
 
-ELIMINATED = "eliminated"  # family of mechanisms whose constraints are eliminated
+ELIMINATED_FAMILY = "eliminated"  # family of mechanisms whose constraints are eliminated
 FAMILIES = {  # by the prefix of their entry points
     "adams": Family(
         adams, DENSE_KERNELS, _dense_equations, History.allocate, _workspace,
@@ -355,16 +355,16 @@ FAMILIES = {  # by the prefix of their entry points
         esdirk, TREE_KERNELS, _tree_equations, ESDIRKMemory.allocate, Work.allocate,
         assemble_tree, begin_esdirk, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
         ESDIRK_KERNELS,
-        restore=esdirk.discard_factors, balance=no_search, structure=TANGENT, uses_tangent=True,
+        restore=esdirk.discard_factors, balance=no_search, structure=STRUCTURED_TANGENT, uses_tangent=True,
     ),
     "tree_ida": Family(
         tree_ida, TREE_KERNELS, _tree_equations, tree_memory.TreeIDAMemory.allocate, tree_memory.Work.allocate,
         assemble_tree, begin_tree_ida, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
         tree_ida.IDA_KERNELS,
         restore=tree_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, balance=no_search,
-        structure=TANGENT, uses_tangent=True,
+        structure=STRUCTURED_TANGENT, uses_tangent=True,
     ),
-    ELIMINATED: Family(
+    ELIMINATED_FAMILY: Family(
         eliminated_loop, eliminated.ELIMINATION_KERNELS, eliminated.ClosableEquations.of,
         lambda nq, n, m: History.allocate(nq, n, 0), EliminationScratch.allocate,
         close_loops, eliminated.begin_eliminated, eliminated.evaluate_eliminated, eliminated.evaluate_eliminated,

@@ -54,8 +54,8 @@ def solve_motion(
     for e in range(own.equations.shape[0]):
         equation = own.equations[e]
         if equation.coupling >= 0:
-            here, coupling = state.coupled[equation.coupling], arrays.couplings[equation.coupling]
-            here.bend, state.v[coupling.vb] = -r[equation.kept], 1.0  # their product is the right-hand side
+            state.v[arrays.couplings[equation.coupling].vb] = 1.0
+            state.coupled[equation.coupling].bend = -r[equation.kept]  # times the square of this velocity
         else:
             state.rows[equation.row].bias = r[equation.kept]
     if not eliminate(ACCELERATION, drop, arrays, state, own, memory, report):
