@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.arrays.closing import CutFrames
+from mbfmu.mechanics.arrays.compile import CompiledElements
+from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
 from mbfmu.mechanics.arrays.input_kernels import InputRecords, start_input
-from mbfmu.mechanics.arrays.tables import LINEARIZED, TANGENT_NUMBERS
+from mbfmu.mechanics.arrays.tables import LINEARIZED, TANGENT_NUMBERS, CalledKernel
 from mbfmu.mechanics.records import ItemRecord, empty_data
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
 from mbfmu.modeling.variables import COUNTERS
@@ -90,6 +92,12 @@ def family_of(simulation: Simulation) -> str:
     """Return the family of a simulation; empty: the runtime has none for its solver."""
     loop = getattr(simulation.stepper, "loop", None)
     return next((name for name, own in FAMILIES.items() if own.loop is loop), "")
+
+
+def called_in_steps(elements: CompiledMechanism | CompiledElements, family: str) -> list[CalledKernel | None]:
+    """Return the kernels that steps of a family call, those that the structured tangent calls last."""
+    derived = elements.called(TANGENT_NUMBERS) if FAMILIES[family].uses_tangent else []
+    return [*elements.called(), *derived]
 
 
 def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
@@ -171,10 +179,9 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{', '.join(drop_unlisted(NATIVE_SOLVERS))}",
             "not-native",
         )
-    called = simulation.compiled.called()
     instance, arrays = instance_of(simulation, differentiates), simulation.compiled.data.arrays
-    compiled, known = simulation.compiled, numbers_in_fmu(called)
-    tables = [(arrays.kernels, kernel_numbers(called, known))]
+    compiled, known = simulation.compiled, numbers_in_fmu(called_in_steps(simulation.compiled, family))
+    tables = [(arrays.kernels, kernel_numbers(compiled.called(), known))]
     if FAMILIES[family].uses_tangent:
         table = unpin(unpin(system.tangent.callbacks.tangent).arrays).kernels
         tables.append((table, kernel_numbers(compiled.called(TANGENT_NUMBERS), known)))
