@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.elimination import eliminated, empty_elimination
+from mbfmu.mechanics.elimination.loops import find_closed_velocities, iterate_to_closed
 from mbfmu.mechanics.recursions import dynamics as recursions
 from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import unpin
-from solvers.loop_closure import ASSEMBLED
+from solvers.loop_closure import ASSEMBLED, MAX_STAGES, set_weights
 from solvers.outcome import OK
 from solvers.projection.eliminated_crossing import UNRESOLVED_LENGTH, evaluate_closed
 from solvers.steppers.adams import eliminated_loop
@@ -22,7 +23,8 @@ from solvers.steppers.adams.pece import set_options
 from solvers.steppers.eliminated import begin_motion, find_rate, is_unresolved
 from solvers.system import AnySystem, Array, EliminationEquations, Terms
 
-from .start_checks import mark_free_rates
+from .closing import close_positions, close_velocities
+from .start_checks import find_turned, mark_free_rates
 
 ELIMINATIONS = "accelerate", "correct_position", "correct_velocity"
 ELIMINATION_KERNELS = {name: getattr(eliminated, name) for name in ELIMINATIONS}
@@ -84,6 +86,32 @@ def set_units(instance: Any) -> None:
         own.row_size[i] = instance.start.scratch.row[i]
     own.length[0] *= known[2] / known[3]
     known[3] = known[2]
+
+
+@kernel
+def assemble_eliminated(instance: Any, t: float) -> int:
+    """As :func:`.closing.close_loops`; those of a system without matrices are first tried by the elimination, as
+    :class:`mbfmu.mechanics.elimination.EliminatedLoops` does.
+    """
+    problem, start, scratch = instance.given, instance.start, instance.start.scratch
+    set_units(instance)
+    eqs, own = problem.eqs, (scratch.size, scratch.weight, problem.work.change, problem.work.report)
+    is_closed, has_velocities = False, False
+    if start.eliminates == 1:
+        for stage in range(MAX_STAGES):
+            if not is_closed and set_weights(stage, scratch.given[0], scratch):
+                for i in range(start.q.shape[0]):
+                    problem.q[i] = start.q[i]
+                is_closed = iterate_to_closed(eqs, t, problem.q, *own)
+    code = find_turned(instance, scratch.worst[0]) if is_closed else close_positions(instance, t)
+    if code == ASSEMBLED and start.eliminates == 1:
+        state = t, problem.q, start.v, instance.known[0], problem.v
+        for stage in range(MAX_STAGES):
+            if not has_velocities and set_weights(stage, scratch.given[1], scratch):
+                has_velocities = find_closed_velocities(eqs, *state, *own)
+    if code == ASSEMBLED and not has_velocities:
+        code = close_velocities(instance, t)
+    return code
 
 
 @kernel

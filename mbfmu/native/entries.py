@@ -118,7 +118,7 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
         getattr(work, name)[:] = getattr(unpin(given.work), name)
     assembly = compiled.assembly
     scratch = ClosureScratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
-    start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
+    start = Start(assembly.start_positions(), assembly.start_velocities(), scratch, int(not system.has_matrices))
     scales = EnergyScales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Integration(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ACCOUNT_SIZE))
     lengths = compiled.length, compiled.length
@@ -220,7 +220,7 @@ def example(name: str) -> Any:
     state = z(1), z(1), z(ACCOUNT_SIZE)
     given = Integration(eqs, records(1, family.loop.SETTINGS), *own, *state)
     session = Session.allocate(data, InputRecords.example(), ItemRecord.zeros(1))
-    start, frames = Start(z(1), z(1), ClosureScratch.allocate(1, 1)), CutFrames.example()
+    start, frames = Start(z(1), z(1), ClosureScratch.allocate(1, 1), 0), CutFrames.example()
     settings = z(4), records(1, OPTIONS), z(1, np.int64)
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
     linear = Linearization.example(pin(empty_linearized()))

@@ -17,8 +17,6 @@ from solvers.energy_account import WORK
 from solvers.loop_closure import (
     ASSEMBLED,
     check_mobile_mass,
-    find_closed_positions,
-    find_consistent_velocities,
     is_off_branch,
 )
 from solvers.outcome import OK
@@ -54,7 +52,8 @@ from solvers.steppers.tree import TreeScratch
 from solvers.system import Equations, TangentCallbacks, Terms, TreeEquations
 
 from . import eliminated
-from .start_checks import NO_BRANCH, find_turned, mark_free_rates
+from .closing import close_positions, close_velocities
+from .start_checks import NO_BRANCH, mark_free_rates
 from .steady_start import find_start_in_steady_state, no_search
 
 DENSE_KERNELS = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
@@ -126,26 +125,15 @@ class Family(NamedTuple):
 
 
 @kernel
-def close_loops(instance: Any, t: float) -> int:
+def assemble_dense(instance: Any, t: float) -> int:
     """Let the reported state be the start with its loops closed; return a code of :mod:`solvers.loop_closure`.
 
-    If it is not ASSEMBLED, ``worst`` of the scratch contains the cause, and there is no state. The solver detects later
-    whether everything that moves has inertia.
+    If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state.
     """
-    problem, start, work = instance.given, instance.start, instance.start.scratch
-    code: int = find_closed_positions(problem.eqs, t, start.q, problem.q, work)
-    if code == ASSEMBLED:
-        code = find_turned(instance, work.worst[0])
-    if code == ASSEMBLED:
-        code = find_consistent_velocities(problem.eqs, t, problem.q, start.v, instance.known[0], problem.v, work)
-    return code
-
-
-@kernel
-def assemble_dense(instance: Any, t: float) -> int:
-    """As :func:`close_loops`; where a motion has no inertia, ``massless`` of the scratch contains its coordinates."""
     problem = instance.given
-    code: int = close_loops(instance, t)
+    code: int = close_positions(instance, t)
+    if code == ASSEMBLED:
+        code = close_velocities(instance, t)
     if code == ASSEMBLED:
         problem.eqs.dynamics(t, problem.q, problem.v, problem.eqs.data, problem.eqs.terms)
         code = check_mobile_mass(problem.eqs.terms, problem.work.mass, instance.start.scratch)
@@ -367,8 +355,8 @@ FAMILIES = {  # by the prefix of their entry points
     ELIMINATED_FAMILY: Family(
         eliminated_loop, eliminated.ELIMINATION_KERNELS, eliminated.ClosableEquations.of,
         lambda nq, n, m: History.allocate(nq, n, 0), EliminationScratch.allocate,
-        close_loops, eliminated.begin_eliminated, eliminated.evaluate_eliminated, eliminated.evaluate_eliminated,
-        False, checks_energy, ADAMS_KERNELS, balance=no_search,
+        eliminated.assemble_eliminated, eliminated.begin_eliminated, eliminated.evaluate_eliminated,
+        eliminated.evaluate_eliminated, False, checks_energy, ADAMS_KERNELS, balance=no_search,
         structure=Structure(eliminated.equations_of, eliminated.empty_equations), evaluates_placed=False,
     ),
 }  # fmt: skip

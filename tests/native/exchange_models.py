@@ -104,15 +104,18 @@ def pulsed(beyond: str) -> Mechanism:
     return m
 
 
-def many_loops(loops: int, length: float = 1.0, *, torque: bool = False, moved: bool = False) -> Mechanism:
+def many_loops(
+    loops: int, length: float = 1.0, *, torque: bool = False, moved: bool = False, start: float = 1.2
+) -> Mechanism:
     """Four-bars side by side, 2 coordinates each, with dampers in their hinges; gear wheels; a ball joint in a spatial
     loop; and outputs of all kinds.
 
-    ``torque``: an input turns the first column, which else is driven. ``moved``: another input moves the last foot.
+    ``torque``: an input turns the first column from an angle ``start`` (rad; the loops are drawn closed at 1.2), which
+    else is driven. ``moved``: another input moves the last foot.
     """
     m, driven = Mechanism(gravity=(0.0, -G, 0.0)), Harmonic(amplitude=0.4, frequency=0.5, mean=1.2)
-    start: dict[str, Any] = {"start": 1.2, "fixed": True} if torque else {"drive": driven}
-    column, top = m.body("column0", m.ground, Revolute(**start), **rod(mass=1.0, length=length)), (length, 0.0, 0.0)
+    turned: dict[str, Any] = {"start": start, "fixed": True} if torque else {"drive": driven}
+    column, top = m.body("column0", m.ground, Revolute(**turned), **rod(mass=1.0, length=length)), (length, 0.0, 0.0)
     if torque:
         motor = m.force("motor", JointForce(magnitude=Input(name="torque", unit="N.m", start=2.0)), column)
         m.output("effort", motor.effort())

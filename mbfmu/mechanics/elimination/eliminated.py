@@ -50,7 +50,7 @@ def find_largest_residual(own: EliminationArrays, state: State) -> float:
         equation = own.equations[e]
         Phi = state.coupled[equation.coupling].Phi if equation.coupling >= 0 else state.rows[equation.row].Phi
         part = abs(Phi / own.row_size[equation.kept])
-        if not part <= largest:
+        if not (part <= largest or np.isnan(largest)):  # one that is not a number stays
             largest = part
     return largest
 
