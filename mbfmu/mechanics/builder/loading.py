@@ -185,6 +185,13 @@ class Loading(Members):
         yield from self._other_companions
         yield from self.others
 
+    @property
+    def first_other(self) -> int:
+        """Number of the first of ``others`` among :meth:`loads` of a mechanism that is complete."""
+        of_elements = len(self.elements) + len(self._element_companions)
+        of_faces = sum(len(faces) for _, _, faces in self.pressures)
+        return len(self.forces) + of_elements + of_faces + len(self._other_companions)
+
     def _companions(self, acting: Acting) -> list[Acting]:
         """Return the loads that come with a load, and those that come with these; UserError for what is none."""
         what = f"companion of {acting.what}"
