@@ -104,9 +104,9 @@ def _build(folder: Path, names: Collection[str], parts: Collection[str]) -> None
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
         # machine code is made by a compiler, also if this process has none
         own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": f"{work}/cache", "NUMBA_DISABLE_JIT": "0"}
-        command = [sys.executable, "-m", "mbfmu.native.kernels", work, ",".join(targets), *together]
+        command = [sys.executable, "-m", "mbfmu.native.kernels", work, ",".join(targets), str(folder), *together]
         _run(command, own, FUNCTIONS_OF_OBJECT * len(together))
-        for path in sorted(Path(work).glob("*.o")):
+        for path in sorted([*Path(work).glob("*.o"), *Path(work).glob("*.kernels")]):
             install_atomically(path, folder / path.name)
 
 
