@@ -50,7 +50,7 @@ TOOLS = {
     "fmuloader": Tool(("fmuloader==0.1.2rc0",), "run_fmuloader.py"),
     "fmucontainer": Tool(("fmu-manipulation-toolbox==2.0", "fmpy==0.3.32"), "run_fmucontainer.py"),
     "cofmupy": Tool(("cofmupy==1.0.0",), "run_cofmupy.py"),
-    "CasADi": Tool(("casadi==3.8.2",), "run_casadi.py", ("ModelExchange",)),
+    "CasADi": Tool(("casadi==3.8.2", "fmpy==0.3.32"), "run_casadi.py", ("ModelExchange",)),
 }
 MODELS: dict[str, tuple[Model, str, str]] = {  # model, its solver, an output
     "four-bar": (FourBar(), "adams", "crank.angle"),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import solve_least_norm
 from solvers.outcome import OK
-from solvers.projection.branch import BRANCH_RESOLUTION, on_same_branch
+from solvers.projection.branch import BRANCH_RESOLUTION, MAX_LINE_DISTANCE, on_same_branch
 from solvers.projection.projection import (
     effective_rank,
     evaluate_acceleration,
@@ -19,7 +19,7 @@ from solvers.projection.projection import (
     solve_transposed_shortest,
 )
 from solvers.projection.singular import NO_CRITICAL_POINT, record_accepted
-from solvers.projection.workspace import evaluate_and_factor
+from solvers.projection.workspace import distance, evaluate_and_factor
 
 from .derivatives import (
     CONSTRAINTS,
@@ -148,9 +148,11 @@ def evaluate_dense(instance: Any, t: float) -> int:
 
 @kernel
 def is_on_branch_dense(instance: Any, t: float) -> bool:
-    """See :class:`.model_exchange.Formulation`."""
+    """See :class:`.model_exchange.Formulation`; nothing is known of far positions before a step has been completed."""
     problem = instance.given
-    rank = problem.memory.control[0].rank
+    rank, work = problem.memory.control[0].rank, problem.work
+    if instance.exchange.counts[0] == 0 and distance(work.q_last, work.q, work) > MAX_LINE_DISTANCE:
+        return True
     same: bool = on_same_branch(problem.eqs, t, problem.work.q, BRANCH_RESOLUTION, rank, problem.work)
     return same
 

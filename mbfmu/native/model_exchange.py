@@ -15,7 +15,8 @@ branch of the motion than the last completed step (:mod:`solvers.projection.bran
 inputs only, and what P(x) is compared with changes with completed steps. Some importing tools do not report the steps
 of their solver, but points at which they interpolate: they have evaluated at later times when they report a point. As
 long as this is so, every evaluation at a later time becomes the position that the next ones are compared with, until
-the time goes back.
+the time goes back. Other tools report no steps, and evaluate derivatives in a second instance, at few points: before
+the first completed step, positions that are far from each other are not compared.
 """
 
 from __future__ import annotations

@@ -346,6 +346,22 @@ def test_a_step_to_another_branch_is_discarded_and_warned_of(binary: Any) -> Non
         assert np.isfinite(own.derivatives(0.02, other)).all()  # it is the branch from now on
 
 
+def test_an_instance_for_few_evaluations_needs_no_completed_steps(binary: Any) -> None:
+    """CasADi evaluates derivatives in a second instance, at few points, and reports no steps."""
+    own_binary, apart, h = binary("governor", Governor().build()), 20, 1e-4
+    times = np.add.outer(np.linspace(0.04, 0.8, apart), (-h, 0.0, h)).ravel()
+    with importing(own_binary) as steps, importing(own_binary) as other:
+        info = steps.start()
+        other.start()
+        x = steps.integrate(np.append(0.0, times), 1e-10, info=info).x[1:].reshape(apart, 3, -1)
+        own_binary.logged.clear()
+        assert np.ptp(x[:, 1, 0]) > 1.0
+        for before, here, after, t in zip(*x.swapaxes(0, 1)[:, ::-3], times[1::3][::-3], strict=True):
+            slope = other.derivatives(t, here)
+            np.testing.assert_allclose(slope, (after - before) / (2.0 * h), atol=1e-3)
+        assert not own_binary.logged
+
+
 def test_calls_in_a_wrong_mode_are_errors_that_change_nothing(binary: Any) -> None:
     own = Importer(binary("cart", cart()))
     fmu, n = own.fmu, own.count
