@@ -40,9 +40,7 @@ def called(variable: Any) -> str:
 
 
 @concurrent_kernel
-def fill_rows(
-    do_step: int, get_real: int, fmu: int, times: Array, references: NDArray[np.uint32], rows: Array
-) -> int:
+def fill_rows(do_step: int, get_real: int, fmu: int, times: Array, references: NDArray[np.uint32], rows: Array) -> int:
     """See :meth:`Fmu.record`; the first arguments are addresses of functions of FMI 2.0, and of the instance."""
     count = references.shape[0]
     for i in range(times.shape[0]):
@@ -51,7 +49,7 @@ def fill_rows(
         place = address_of_array(rows) + ENTRY_BYTES * count * i
         if call_int(get_real, (fmu, address_of_array(references), count, place)) > FMI_WARNING:
             return i
-    return times.shape[0]
+    return int(times.shape[0])
 
 
 def severity_of(status: int) -> Severity:
@@ -164,8 +162,8 @@ class Fmu:
         number of rows that are complete: fewer than k if the FMU discards a step.
         """
         library = self.slave.dll
-        addresses = (cast(function, c_void_p).value for function in (library.fmi2DoStep, library.fmi2GetReal))
-        done = int(fill_rows(*addresses, self.slave.component, times, references, rows))
+        do_step, get_real = (cast(function, c_void_p).value or 0 for function in (library.fmi2DoStep, library.fmi2GetReal))
+        done = fill_rows(do_step, get_real, self.slave.component, times, references, rows)
         if done:
             self.t = float(times[done - 1])
         return done

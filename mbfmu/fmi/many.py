@@ -10,7 +10,7 @@ import tempfile
 import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,11 +32,11 @@ from .export import FmuKind, export_scene
 from .harness import Fmu
 
 VARIABLE_CAUSALITIES = ("parameter", "input")  # of variables of an FMU that can differ between runs
-NUMBER_TYPES: dict[str, type] = {"Real": float, "Integer": int, "Boolean": bool}
+FMI2_NUMBER_TYPES: dict[str, type] = {"Real": float, "Integer": int, "Boolean": bool}
 STUDY_ADVICE = "Vary it with mb.study, which builds the model for every run"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Batch:
     """Outputs of many runs of one model.
 
@@ -60,7 +60,7 @@ class Batch:
     values: NDArray[np.float64]
     variables: tuple[Variable, ...]
     varied: dict[str, NDArray[Any]]
-    diagnostics: tuple[tuple[Diagnostic, ...], ...] = field(repr=False)
+    diagnostics: tuple[tuple[Diagnostic, ...], ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -71,6 +71,12 @@ class Batch:
     def failures(self) -> tuple[str, ...]:
         """Reason why a run has no result or ended early, of each run (runs,); empty: it reached its end."""
         return tuple(next((str(d) for d in own if d.severity == "error"), "") for own in self.diagnostics)
+
+    def __repr__(self) -> str:
+        """Return what there is, in one line."""
+        runs, times, outputs = self.values.shape
+        failed = sum(map(bool, self.failures))
+        return f"<Batch of {runs} runs, {failed} failed: {times} times until {self.t[-1]:g} s, {outputs} outputs>"
 
     def __getitem__(self, name: str) -> Array:
         """Return one output of all runs (runs, times)."""
@@ -167,7 +173,9 @@ def _arrays(given: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
         array = np.asarray(values)
         found[name] = array if array.dtype == bool else array_of(f"values of {name!r}", values)
         if array.ndim != 1:
-            raise UserError(f"values of {name!r} have the shape {array.shape}; allowed: (runs,), one value for each run")
+            raise UserError(
+                f"values of {name!r} have the shape {array.shape}; allowed: (runs,), one value for each run"
+            )
     counts = {name: len(values) for name, values in found.items()}
     if len(set(counts.values())) != 1:
         text = ", ".join(f"{count} of {name!r}" for name, count in counts.items()) or "none"
@@ -187,7 +195,7 @@ class _Runs:
                 if name not in fmu.real_outputs:
                     raise UserError(f"there is no output {name!r}{suggest(str(name), fmu.real_outputs)}")
             described = [fmu.variables[name] for name in names]
-            self._types = {name: NUMBER_TYPES[fmu.variables[name].type] for name in varied}
+            self._types = {name: FMI2_NUMBER_TYPES[fmu.variables[name].type] for name in varied}
         self._variables = tuple(Variable(v.name, v.unit or "1", v.description or "") for v in described)
         self._references = np.array([v.valueReference for v in described], np.uint32)
         count = len(next(iter(varied.values())))
@@ -204,7 +212,7 @@ class _Runs:
                 raise UserError(f"there is no parameter or input {name!r}{suggest(str(name), known)}")
             if own.causality not in VARIABLE_CAUSALITIES:
                 raise UserError(f"{name!r} cannot be varied in one compiled model: {own.description}. {STUDY_ADVICE}")
-            kind = NUMBER_TYPES.get(own.type, float)
+            kind = FMI2_NUMBER_TYPES.get(own.type, float)
             if (kind is bool) != (values.dtype == bool) or (kind is int and np.any(values != np.round(values))):
                 wanted = {bool: "True or False", int: "whole numbers", float: "numbers"}[kind]
                 raise UserError(f"values of {name!r} are {values.dtype} numbers; allowed: {wanted}")

@@ -85,7 +85,7 @@ def pointer_type(example: Any) -> Any:
 
 @cache
 def _callback_type(callback: Callback) -> Any:
-    """Return numba's type of a callback, which it makes anew at every call."""
+    """Return numba's type of a callback; numba would construct it at every call."""
     return typeof(callback)  # type: ignore[no-untyped-call]
 
 
