@@ -100,9 +100,9 @@ class Family(NamedTuple):
 
 FAMILIES = {
     "open chain": Family(chain, (30, 100, 300, 1000, 3000), "adams", 0.05),
-    "loops in a row, serial tree": Family(row, (10, 30, 100, 300), "adams", 0.2),
+    "loops in a row, serial tree": Family(row, (10, 30, 100, 300, 1000), "adams", 0.2),
     "loops in a row, grounded tree": Family(partial(row, grounded=True), (10, 30, 100, 300, 1000), "adams", 0.2),
-    "ladder": Family(ladder, (10, 30, 100, 300), "adams", 0.1),
+    "ladder": Family(ladder, (10, 30, 100, 300, 1000), "adams", 0.1),
     "sheet": Family(sheet, (60, 150, 400, 1000, 2500), "esdirk", 0.05, per_step=True),
 }
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.arrays.rounded import loop_path
-from mbfmu.mechanics.arrays.rows import dependent_rows, row_names
+from mbfmu.mechanics.arrays.rows import row_names
 from mbfmu.mechanics.builder.handles import CutHandle
 from solvers.system import Array
 
@@ -95,5 +95,5 @@ def loop_size(compiled: CompiledMechanism, handle: CutHandle) -> float:
 
 def redundant_rows(compiled: CompiledMechanism, t: float, q: Array) -> tuple[str, ...]:
     """Return the names of the redundant constraint equations about q (nq,), away from singular configurations."""
-    found = dependent_rows(compiled.system, t, compiled.assembly.nearby(t, q))
+    found = compiled.assembly.find_redundant(t, compiled.assembly.nearby(t, q))
     return tuple(compiled.system.constraint_names[k] for k in found)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import with_unit_quaternion
+from mbfmu.mechanics.elimination import EliminatedLoops
 from mbfmu.mechanics.numbers import array_of
 from mbfmu.mechanics.records import Data
 from mbfmu.util.diagnostics import Diagnostic
@@ -27,7 +28,7 @@ from .closing import (
     fill_frame_angles,
 )
 from .numbering import shares_coordinates
-from .rounded import ROUNDED_ADVICE, joint_axes, nearly_parallel
+from .rounded import ROUNDED_ADVICE, joint_axes, loop_path, nearly_parallel
 from .rows import MAX_LISTED, dependent_rows, describe, first_of
 
 
@@ -49,10 +50,20 @@ class Assembly:
         Arrays and state of the mechanism; the equations place the bodies in the state.
     vanishing_rows
         Names of constraint equations that no free motion can violate; the system has none of them.
+    loops
+        The loops of a large system.
     """
 
-    def __init__(self, mechanism: Mechanism, system: AnySystem, data: Data, vanishing_rows: list[str]) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        system: AnySystem,
+        data: Data,
+        vanishing_rows: list[str],
+        loops: EliminatedLoops | None = None,
+    ) -> None:
         self._mechanism, self._system, self._state, self._vanishing_rows = mechanism, system, data.state, vanishing_rows
+        self._loops = loops
         self.frames = CutFrames.of(mechanism.cuts, data.arrays)
         self._frames = pin(self.frames)
 
@@ -90,7 +101,7 @@ class Assembly:
         """
         held, given = self.held(), self.given()
         q = self.close(t, self.start_positions(), held, given)
-        v = assemble_velocities(self._system, t, q, self.start_velocities(), held, given)
+        v = assemble_velocities(self._system, t, q, self.start_velocities(), held, given, self._loops)
         check_inertia(self._system, t, q, v)
         return q, v
 
@@ -136,7 +147,7 @@ class Assembly:
         drawn = np.zeros(len(cuts))
         fill_frame_angles(self._frames, self._system.pinned_data, drawn)
         try:
-            q = assemble_positions(self._system, t, start, held, given)
+            q = assemble_positions(self._system, t, start, held, given, self._loops)
         except AssemblyError as error:
             if drawn.max(initial=0.0) < MAX_CLOSED_ANGLE:
                 axes = self.nearly_parallel()
@@ -164,7 +175,8 @@ class Assembly:
     def nearly_parallel(self) -> str:
         """Say which axes of loops are nearly parallel and most off, where the bodies are; empty: none is so."""
         mechanism, known = self._mechanism, joint_axes(self._mechanism, self._state)
-        texts = (nearly_parallel(mechanism, self._state, handle, known) for handle in mechanism.cuts)
+        paths = ((handle, loop_path(mechanism, handle)) for handle in mechanism.cuts)
+        texts = (nearly_parallel(mechanism, self._state, handle, path, known) for handle, path in paths)
         return " and ".join([text for text in texts if text][:MAX_LISTED])
 
     def explain_lock(self, t: float, q: Array, locked: list[Diagnostic]) -> list[Diagnostic]:
@@ -189,13 +201,17 @@ class Assembly:
     def _place(self, t: float, q: Array) -> None:
         self._system.fill_position(t, q, self._system.allocate_terms())
 
+    def find_redundant(self, t: float, q: Array) -> NDArray[np.int64]:
+        """Return the numbers of the constraint equations that depend on the others at closed q (nq,), in order."""
+        return dependent_rows(self._system, t, q) if self._loops is None else self._loops.find_redundant(t, q)
+
     def nearby(self, t: float, q: Array) -> Array:
         """Return a closed position near q (nq,) off singular ones, where the fewest rows depend on others; or q.
 
         One coordinate is held at its changed value: otherwise projection would return to the singular configuration.
         """
         s = self._system
-        best, random, fewest = q, np.random.default_rng(1), len(dependent_rows(s, t, q))
+        best, random, fewest = q, np.random.default_rng(1), len(self.find_redundant(t, q))
         for moved in random.permutation(s.n)[:4]:
             near = q.copy()
             s.apply(near, s.size * random.uniform(0.02, 0.05, s.n) * random.choice((-1.0, 1.0), s.n))
@@ -203,7 +219,7 @@ class Assembly:
                 near = self.close(t, near, np.arange(s.n) == moved)
             except AssemblyError:
                 continue
-            count = len(dependent_rows(s, t, near))
+            count = len(self.find_redundant(t, near))
             if count <= fewest:
                 best, fewest = near, count
         return best
@@ -212,8 +228,8 @@ class Assembly:
         """Return notes on trivially satisfied and on redundant constraint equations at q (nq,), and on a singular
         configuration there.
         """
-        names, dependent = self._system.constraint_names, dependent_rows(self._system, t, q)
-        redundant = dependent_rows(self._system, t, self.nearby(t, q)) if len(dependent) else dependent
+        names, dependent = self._system.constraint_names, self.find_redundant(t, q)
+        redundant = self.find_redundant(t, self.nearby(t, q)) if len(dependent) else dependent
         found = describe(self._mechanism.constraints, self._vanishing_rows, [names[i] for i in redundant])
         lost = len(dependent) - len(redundant)
         if lost > 0:

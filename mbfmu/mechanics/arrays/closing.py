@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.handles import CutHandle
+from mbfmu.mechanics.elimination import EliminatedLoops
 from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import Arrays
 from mbfmu.util.diagnostics import Diagnostic
@@ -64,15 +65,25 @@ CLOSURE_MESSAGES = {  # with the name of a constraint and its violation in SI un
 
 
 def assemble_positions(
-    system: AnySystem, t: float, start: Array, held: NDArray[np.bool_], given: NDArray[np.bool_] | None = None
+    system: AnySystem,
+    t: float,
+    start: Array,
+    held: NDArray[np.bool_],
+    given: NDArray[np.bool_] | None = None,
+    loops: EliminatedLoops | None = None,
 ) -> Array:
     """Return positions (nq,) with Phi = 0 near ``start``; ``held`` (n,) coordinates stay.
 
-    ``given`` (2, n) positions and velocities change only if the loops cannot close by the others.
+    ``given`` (2, n) positions and velocities change only if the loops cannot close by the others. ``loops`` are those
+    of a large system: only if they cannot close them, matrices are used, which are slower and find what is wrong.
     """
     q = start.copy()
     if system.m == 0:
         return q
+    if loops is not None:
+        found = loops.close(t, start, held, None if given is None else given[0])
+        if found is not None:
+            return found
     scratch = ClosureScratch.of(system, held, given)
     code = find_closed_positions(Loops.of(system), t, start, q, pin(scratch))
     if code == ASSEMBLED:
@@ -95,14 +106,19 @@ def assemble_velocities(
     start: Array,
     held: NDArray[np.bool_],
     given: NDArray[np.bool_] | None = None,
+    loops: EliminatedLoops | None = None,
 ) -> Array:
     """Return velocities (n,) with J v = nu, the least change from ``start``; ``held`` coordinates stay.
 
-    ``given`` (2, n) as for :func:`assemble_positions`.
+    ``given`` (2, n) and ``loops`` as for :func:`assemble_positions`.
     """
     v = start.copy()
     if system.m == 0:
         return v
+    if loops is not None:
+        found = loops.find_velocities(t, q, start, held, None if given is None else given[1])
+        if found is not None:
+            return found
     scratch = ClosureScratch.of(system, held, given)
     code = find_consistent_velocities(Loops.of(system), t, q, start, system.rate, v, pin(scratch))
     if code != ASSEMBLED:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.elimination import EliminatedLoops
 from mbfmu.mechanics.kind import ElementType
 from mbfmu.mechanics.records import Arrays, Data, ItemRecord
 from mbfmu.mechanics.recursions.dynamics import energy, observe
@@ -100,9 +101,10 @@ class CompiledMechanism:
         if names:
             self.vanishing_rows = self._drop_vanishing_rows(names)
             self.system = self._systems.make([n for n in names if n not in self.vanishing_rows])
-        self._rounding = Rounding(mechanism, self.data, self.system, self._systems.row_size, self._drive_motions())
+        loops, row_size = EliminatedLoops.of(self.system), self._systems.row_size
+        self._rounding = Rounding(mechanism, self.data, self.system, row_size, self._drive_motions(), loops)
         self.corrections = self._rounding.correct()
-        self.assembly = Assembly(mechanism, self.system, self.data, self.vanishing_rows)
+        self.assembly = Assembly(mechanism, self.system, self.data, self.vanishing_rows, loops)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
         check_rows(mechanism, self.data.arrays.kept)
 

@@ -102,7 +102,7 @@ class Redundancy:
         self._system, self._units, self._drive_motions = system, units, drive_motions
         self._allowed = np.maximum(allowed, ROUNDING_TOLERANCE)
         self._terms, self._random = system.allocate_terms(), np.random.default_rng(0)
-        self._regular = max(MIN_REGULAR, min(MAX_REGULAR, REGULAR_RATIO * float(allowed.max(initial=0.0))))
+        self._regular = find_regular_limit(float(allowed.max(initial=0.0)))
 
     def find(self, start: Array, held: NDArray[np.bool_]) -> Iterator[Part]:
         """Yield every part with redundant equations that open by more than rounding; ``held`` (n,) coordinates stay
@@ -230,6 +230,13 @@ class Redundancy:
         step[columns] = WALK_STEP * direction / largest
         self._system.apply(q, step * self._system.size)
         return direction
+
+
+def find_regular_limit(allowed: float) -> float:
+    """Return the singular value, or length of an equation, beyond which none is rounding; ``allowed`` is the most that
+    a redundant equation may open, all in units.
+    """
+    return max(MIN_REGULAR, min(MAX_REGULAR, REGULAR_RATIO * allowed))
 
 
 def near_singular(position: Position, other: Position) -> float:

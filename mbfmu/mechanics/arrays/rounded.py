@@ -6,10 +6,10 @@ make equations of its cut joint depend on the coordinates by that angle, which w
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
@@ -29,29 +29,26 @@ MAX_ROUNDED_ANGLE = 0.02  # rad: above this axes are meant to be at an angle
 
 def loop_path(mechanism: Mechanism, handle: CutHandle) -> list[int]:
     """Return the numbers of the bodies from a to b of a cut joint, along the tree."""
-    ways = []
-    for k in (handle.a.index, handle.b.index):
-        way = [k]
-        while way[-1] > 0:
-            way.append(mechanism.bodies[way[-1]].parent)
-        ways.append(way)
-    there, back = ways
-    while len(there) > 1 and len(back) > 1 and there[-2] == back[-2]:
-        there.pop()
-        back.pop()
+    bodies, there, back = mechanism.bodies, [handle.a.index], [handle.b.index]
+    while there[-1] != back[-1]:  # a body has a greater number than its parent
+        way = there if there[-1] > back[-1] else back
+        way.append(bodies[way[-1]].parent)
     return [*there, *reversed(back[:-1])]
 
 
-def loop_length(mechanism: Mechanism, handle: CutHandle, state: State) -> float:
+def _loop_joints(path: list[int]) -> NDArray[np.int64]:
+    """Return the bodies of a loop whose joints are in it: all but the one that is nearest to the ground."""
+    found = np.array(path)
+    return np.asarray(found[found != found.min()])
+
+
+def loop_length(handle: CutHandle, path: list[int], state: State) -> float:
     """Return the length of the way from joint to joint around a loop where ``state`` places its bodies, m."""
     r, A = state.bodies["r"], state.bodies["A"]
     given = (handle.a, handle.cut.at_a), (handle.b, handle.cut.at_b)
     ends = [r[body.index] + A[body.index] @ np.asarray(at, float) for body, at in given]
-    path = loop_path(mechanism, handle)  # one body of it carries the others, its origin does not matter
-    inside = set(path)
-    joints = [r[k] for k in path if mechanism.bodies[k].parent in inside and k > 0]
-    corners = [ends[0], *joints, ends[1]]
-    return float(sum(np.linalg.norm(b - a) for a, b in pairwise(corners)))
+    corners = np.vstack([ends[0], r[_loop_joints(path)], ends[1]])
+    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
 
 
 class Measures(NamedTuple):
@@ -77,7 +74,8 @@ def measure_rows(mechanism: Mechanism, state: State, row_size: Array) -> Measure
     names = [unit for handle in mechanism.constraints for unit in handle.units]
     axes, row, known = [""] * len(units), 0, joint_axes(mechanism, state)
     for handle in mechanism.cuts:
-        length, which = loop_length(mechanism, handle, state), nearly_parallel(mechanism, state, handle, known)
+        path = loop_path(mechanism, handle)
+        length, which = loop_length(handle, path, state), nearly_parallel(mechanism, state, handle, path, known)
         for unit in handle.units:
             units[row] = length if unit == "m" and length > 0.0 else row_size[row]
             relative[row] = 1.0 if unit == "rad" or length > 0.0 else 0.0
@@ -97,32 +95,33 @@ def describe_omitted(name: str, violation: str, tolerance: float, axes: str) -> 
     )
 
 
-def joint_axes(mechanism: Mechanism, state: State) -> dict[int, Array]:
-    """Return the axes (3,) of joints that have one, global, by the numbers of their bodies; ``state`` places these."""
-    A, bodies = state.bodies["A"], enumerate(mechanism.bodies)
-    return {
-        k: A[body.parent] @ rotation("rotation", body.joint.rotation) @ body.joint.direction
-        for k, body in bodies
-        if k > 0 and isinstance(body.joint, AxisJoint)
-    }
+def joint_axes(mechanism: Mechanism, state: State) -> Array:
+    """Return the axes (bodies, 3) of joints, global, zero of those that have none; ``state`` places the bodies."""
+    A, found = state.bodies["A"], np.zeros((len(mechanism.bodies), 3))
+    for k, body in enumerate(mechanism.bodies):
+        if k > 0 and isinstance(body.joint, AxisJoint):
+            found[k] = A[body.parent] @ rotation("rotation", body.joint.rotation) @ body.joint.direction
+    return found
 
 
-def nearly_parallel(mechanism: Mechanism, state: State, handle: CutHandle, known: dict[int, Array]) -> str:
+def nearly_parallel(mechanism: Mechanism, state: State, handle: CutHandle, path: list[int], known: Array) -> str:
     """Say which two of the axes of a loop that are nearly parallel are most off; empty: none is nearly parallel only.
 
-    ``state`` places the bodies; ``known`` are the axes of their joints.
+    ``state`` places the bodies, ``path`` are those of the loop, and ``known`` the axes of their joints.
     """
-    path = loop_path(mechanism, handle)
-    inside = set(path)
-    along = [k for k in path if k in known and mechanism.bodies[k].parent in inside]
-    names = [f"joint {mechanism.bodies[k].name!r}" for k in along]
-    axes = [known[k] for k in along]
+    along = _loop_joints(path)
+    along = along[known[along].any(axis=1)]
+    directions = known[along]
     if handle.cut.parallel == "z":
-        for body, R in zip((handle.a, handle.b), handle.cut.frames(), strict=True):
-            names.append(f"cut joint {handle.name!r} on {body.name!r}")
-            axes.append(state.bodies["A"][body.index] @ R[:, 2])
-    worst, description, left = 0.0, "", np.arange(len(axes))
-    directions = np.array(axes).reshape(-1, 3)
+        sides = zip((handle.a, handle.b), handle.cut.frames(), strict=True)
+        directions = np.vstack([directions, *(state.bodies["A"][body.index] @ R[:, 2] for body, R in sides)])
+
+    def name(k: int) -> str:
+        if k < len(along):
+            return f"joint {mechanism.bodies[along[k]].name!r}"
+        return f"cut joint {handle.name!r} on {(handle.a, handle.b)[k - len(along)].name!r}"
+
+    worst, description, left = 0.0, "", np.arange(len(directions))
     while len(left):
         first, left = left[0], left[1:]
         one, others = directions[first], directions[left]
@@ -130,6 +129,6 @@ def nearly_parallel(mechanism: Mechanism, state: State, handle: CutHandle, known
         near = np.where(angles < MAX_ROUNDED_ANGLE, angles, 0.0)
         if near.max(initial=0.0) > max(PARALLEL_ANGLE, worst):
             worst, other = float(near.max()), left[np.argmax(near)]
-            description = f"the axes of {names[first]} and {names[other]} are {worst:.3g} rad from parallel"
+            description = f"the axes of {name(first)} and {name(other)} are {worst:.3g} rad from parallel"
         left = left[angles > PARALLEL_ANGLE]  # the others are compared by this one
     return description

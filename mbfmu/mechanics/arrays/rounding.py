@@ -14,19 +14,22 @@ from scipy import linalg
 
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import MAX_ASSEMBLY_TOLERANCE, Mechanism
+from mbfmu.mechanics.elimination import EliminatedLoops
 from mbfmu.mechanics.records import Data
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.system import AnySystem, Array
 
 from .assembly import held_coordinates, start_positions
 from .corrected import Placements, correct, describe_correction
-from .redundant import DriveMotion, Part, Redundancy
+from .redundant import DriveMotion, Part, Redundancy, find_regular_limit
 from .rounded import Measures, measure_rows
 from .rows import MAX_LISTED, VANISHING_TOLERANCE, row_names
 
 DEPENDENT_SINGULAR_RATIO = 1e-9  # singular values below this part of the largest are zero
 # Part of a coordinate in a unit motion: of one that cannot move, and of one that can
 FIXED_PART_LIMIT, MOBILE_PART_LIMIT = 1e-6, 0.05
+# Positions of a large mechanism that are examined, and their distances from the start, in units of the coordinates
+MAX_EXAMINED_POSITIONS, EXAMINED_DISTANCE = 3, (0.02, 0.05)
 
 
 class Rounding:
@@ -38,12 +41,20 @@ class Rounding:
         Units of the residuals of all rows.
     drive_motions
         How drives move.
+    loops
+        The loops of a large system.
     """
 
     def __init__(
-        self, mechanism: Mechanism, data: Data, system: AnySystem, row_size: Array, drive_motions: list[DriveMotion]
+        self,
+        mechanism: Mechanism,
+        data: Data,
+        system: AnySystem,
+        row_size: Array,
+        drive_motions: list[DriveMotion],
+        loops: EliminatedLoops | None = None,
     ) -> None:
-        self._mechanism, self._data, self._system = mechanism, data, system
+        self._mechanism, self._data, self._system, self._loops = mechanism, data, system, loops
         self._row_size, self._drive_motions = row_size, drive_motions
 
     def correct(self) -> list[Diagnostic]:
@@ -52,6 +63,8 @@ class Rounding:
         if not self._system.m or tolerance == 0.0:
             return []
         start, rows = start_positions(mechanism), self._rows
+        if self._is_exact(0.0, start, held_coordinates(mechanism), tolerance):
+            return []
         measures = self._measures(0.0, start)
         search = self._search(measures, tolerance)
         handles: list[CutHandle | None] = [handle for handle in mechanism.cuts for _ in handle.rows]
@@ -74,7 +87,7 @@ class Rounding:
     def explain_lock(self, t: float, q: Array) -> list[Diagnostic]:
         """Return warnings about joints that cannot move at q (nq,) because of nearly redundant equations."""
         system, found = self._system, list[Diagnostic]()
-        if not system.m:
+        if not system.m or self._is_exact(t, q, np.zeros(system.n, bool), MAX_ASSEMBLY_TOLERANCE):
             return []
         measures = self._measures(t, q)
         search = self._search(measures, MAX_ASSEMBLY_TOLERANCE)
@@ -88,6 +101,25 @@ class Rounding:
                 text = f"joints {names} cannot move: {why}"
                 found.append(Diagnostic.warning("locked-loop", text, remedy, subject=row))
         return found
+
+    def _is_exact(self, t: float, start: Array, held: NDArray[np.bool_], tolerance: float) -> bool:
+        """Return whether no equation of a large system is nearly redundant near ``start`` (nq,); ``held`` (n,)
+        coordinates stay. An equation that is redundant but for rounding is so at every closed position, hence one
+        position decides: at a singular start another one.
+        """
+        if self._loops is None:
+            return False
+        shortest, random, q = find_regular_limit(tolerance), np.random.default_rng(0), start.copy()
+        for _ in range(MAX_EXAMINED_POSITIONS):
+            closed = self._loops.close(t, q, held)
+            if closed is not None:
+                found = self._loops.measure(t, closed)
+                if found.independent > shortest and found.residual < VANISHING_TOLERANCE:
+                    return True
+            q = start.copy()
+            moved = random.uniform(*EXAMINED_DISTANCE, len(held)) * random.choice((-1.0, 1.0), len(held))
+            self._system.apply(q, np.where(held, 0.0, moved * self._system.size))
+        return False
 
     @property
     def _rows(self) -> NDArray[np.int64]:

@@ -201,7 +201,7 @@ class Systems:
         lengths = spans(self._mechanism, self._arrays)
         typical = float(np.median(lengths[lengths > 0.0])) if np.any(lengths > 0.0) else self._length
         row_size = self.row_size[self._arrays.kept >= 0]
-        return eliminate_constraints(self._arrays, self._elements.data.state, self._size, row_size, typical)
+        return eliminate_constraints(self._arrays, self._elements.data.state, self._size.copy(), row_size, typical)
 
     def _first_reason(self, which: str) -> str:
         """Return the first reason of this name that a load gives; empty: none does."""

@@ -17,6 +17,7 @@ second line is the least-norm solution, that is the pseudo-inverse of J in units
 * :mod:`.message` -- what remains of it, restricted to where its equations hold.
 * :mod:`.recursion` -- the two passes over all fronts, and the multipliers.
 * :mod:`.eliminated` -- the callbacks of a solver.
+* :mod:`.loops` -- closed positions, consistent velocities and redundant equations.
 
 The work is proportional to the number of bodies if the interfaces are narrow: they are as wide as the number of bodies
 whose motions are open at the same time. Equations may depend on each other, and bodies may have no mass, where a
@@ -26,5 +27,6 @@ combination of motions that constraints allow has.
 from __future__ import annotations
 
 from .eliminated import eliminate_constraints
+from .loops import EliminatedLoops
 
-__all__ = ["eliminate_constraints"]
+__all__ = ["EliminatedLoops", "eliminate_constraints"]

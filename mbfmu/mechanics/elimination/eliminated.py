@@ -136,16 +136,15 @@ def find_loop_mask(arrays: Arrays) -> Array:
     """Return 1 for the free coordinates (n,) that constraints may contain, 0 for the others: those of joints between
     the bodies of a cut joint, and coupled ones.
     """
-    bodies = arrays.bodies
-    found = np.zeros(int(bodies["nv"][bodies["vf"] >= 0][1:].sum()))
-    for cut in arrays.cuts:
-        a, b = int(cut["a"]), int(cut["b"])
-        while a != b:
-            outer = max(a, b)
-            first = int(bodies["vf"][outer])
-            if first >= 0:
-                found[first : first + int(bodies["nv"][outer])] = 1.0
-            a, b = min(a, b), int(bodies["parent"][outer])
+    bodies, inside = arrays.bodies, np.zeros(len(arrays.bodies), bool)
+    a, b = arrays.cuts["a"], arrays.cuts["b"]
+    while len(a):  # a body has a greater number than its parent
+        apart = a != b
+        outer, b = np.maximum(a, b)[apart], np.minimum(a, b)[apart]
+        inside[outer] = True
+        a = bodies["parent"][outer]
+    free = bodies["vf"] >= 0
+    found = np.repeat(inside[free], bodies["nv"][free]).astype(float)
     for end in (int(coupling[name]) for coupling in arrays.couplings for name in ("fa", "fb")):
         if end >= 0:
             found[end] = 1.0

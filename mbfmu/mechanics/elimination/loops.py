@@ -1,0 +1,190 @@
+"""Closed positions, consistent velocities and redundant equations of large mechanisms, in O(n).
+
+Loops are closed by the least change of the coordinates in units of their sizes and weights, as in
+:mod:`solvers.loop_closure`; a coordinate of weight zero is held. There the steps are found by dense matrices, and an
+equation is redundant if its pivot is small relative to the largest of all. That ratio decreases with the number of
+loops, also in regular positions. Here the independent part of every equation is compared with its own length.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from solvers.compiled.kernel import kernel
+from solvers.compiled.tuple_pointer import unpin
+from solvers.loop_closure import (
+    DRIVE_RATE_TOLERANCE,
+    GAP_TOLERANCE,
+    GIVEN_WEIGHT,
+    MAX_COORDINATE_STEP,
+    MAX_ITERATIONS,
+    MAX_STALLED_ITERATIONS,
+    VELOCITY_RESIDUAL_TOLERANCE,
+)
+from solvers.system import (
+    DROPPED,
+    DROPPED_RESIDUAL,
+    ELIMINATION_REPORT_SIZE,
+    RESIDUAL,
+    SHORTEST,
+    AnySystem,
+    Array,
+)
+
+from .eliminated import EliminationData
+from .records import EliminationArrays, EliminationMemory
+
+REDUNDANT_LENGTH = 1e-10  # of an equation that depends on others, as in solvers.projection.eliminated
+DEPENDENT_LENGTH = 1e-4  # ... of one that is reported; a loop closed to 1e-11 may be so near a singular configuration
+
+
+@kernel
+def _correct_position(eqs: Any, t: float, q: Any, drop: float, closed: float, dq: Any, report: Any) -> None:
+    eqs.correct_position(t, q, eqs.elimination, drop, closed, dq, report)
+
+
+@kernel
+def _correct_velocity(eqs: Any, t: float, q: Any, v: Any, drop: float, dv: Any, report: Any) -> None:
+    eqs.correct_velocity(t, q, v, eqs.elimination, drop, dv, report)
+
+
+class Shortest(NamedTuple):
+    """The equations at a position, relative to their original lengths."""
+
+    independent: float  # shortest part of an equation that is independent of the others
+    residual: float  # largest residual of the redundant equations, relative to the same lengths
+
+
+class EliminatedLoops:
+    """The loops of a large mechanism.
+
+    Parameters
+    ----------
+    system
+        Equations of motion, with ``elimination``.
+    """
+
+    def __init__(self, system: AnySystem) -> None:
+        assert system.elimination is not None  # else there is nothing to eliminate
+        self._system, self._equations = system, system.elimination()
+        data: EliminationData = unpin(unpin(self._equations).elimination)
+        self._own: EliminationArrays = unpin(data.own)
+        self._memory: EliminationMemory = unpin(data.memory)
+        self._change, self._report = np.zeros(system.n), np.zeros(ELIMINATION_REPORT_SIZE)
+
+    @staticmethod
+    def of(system: AnySystem) -> EliminatedLoops | None:
+        """Return the loops of a system; None if it has none, or if it is small enough for matrices."""
+        if system.has_matrices or not system.m or system.elimination is None:
+            return None
+        return EliminatedLoops(system)
+
+    def close(
+        self, t: float, start: Array, held: NDArray[np.bool_], given: NDArray[np.bool_] | None = None
+    ) -> Array | None:
+        """Return closed positions (nq,) near ``start``; None if none are found.
+
+        ``held`` (n,) coordinates stay; ``given`` (n,) ones change only if the loops cannot close by the others.
+        """
+        for weights in _stages(held, given):
+            q = start.copy()
+            if self._iterate_to_closed(t, q, weights):
+                return q
+        return None
+
+    def _iterate_to_closed(self, t: float, q: Array, weights: Array) -> bool:
+        """Close the loops by Gauss-Newton steps of limited size, q (nq,) in place."""
+        system, best, stalled = self._system, np.inf, 0
+        for _ in range(MAX_ITERATIONS):
+            self._measure(t, q, REDUNDANT_LENGTH, GAP_TOLERANCE, weights)
+            error = self._report[RESIDUAL]
+            if error <= GAP_TOLERANCE:
+                return True
+            stalled = 0 if error < 0.5 * best else stalled + 1
+            best = min(best, error)
+            if stalled > MAX_STALLED_ITERATIONS or not np.isfinite(self._change).all():
+                return False
+            largest = float(np.abs(self._change / system.size).max())
+            system.apply(q, min(1.0, MAX_COORDINATE_STEP / max(largest, 1e-300)) * self._change)
+        return False
+
+    def find_velocities(
+        self, t: float, q: Array, start: Array, held: NDArray[np.bool_], given: NDArray[np.bool_] | None = None
+    ) -> Array | None:
+        """Return velocities (n,) with J v = nu at closed positions q, the least change from ``start``; None if none are
+        found. ``held`` and ``given`` as for :meth:`close`.
+        """
+        for weights in _stages(held, given):
+            v = start.copy()
+            for _ in range(2):  # the second finds what the first has left
+                self._own.size[:] = self._system.size * weights
+                _correct_velocity(self._equations, t, q, v, REDUNDANT_LENGTH, self._change, self._report)
+                v += self._change
+            fast = float(np.abs(v / self._system.size).max())
+            allowed = VELOCITY_RESIDUAL_TOLERANCE * fast + DRIVE_RATE_TOLERANCE * self._system.rate
+            left = max(self._report[DROPPED_RESIDUAL], float(np.abs(self._change / self._system.size).max()))
+            if left <= allowed:
+                return v
+        return None
+
+    def measure(self, t: float, q: Array) -> Shortest:
+        """Return what the equations are like at positions q (nq,)."""
+        self._measure(t, q, REDUNDANT_LENGTH)
+        return Shortest(float(self._report[SHORTEST]), float(self._report[DROPPED_RESIDUAL]))
+
+    def find_redundant(self, t: float, q: Array) -> NDArray[np.int64]:
+        """Return the numbers of the equations that depend on the others at closed positions q (nq,), in order."""
+        self._measure(t, q, DEPENDENT_LENGTH)
+        return np.sort(np.array(self._find_dropped() if self._report[DROPPED] else [], np.int64))
+
+    def _measure(self, t: float, q: Array, drop: float, closed: float = -1.0, weights: Array | float = 1.0) -> None:
+        """Fill the change that closes the linearized equations, and the report."""
+        self._own.size[:] = self._system.size * weights
+        _correct_position(self._equations, t, q, drop, closed, self._change, self._report)
+
+    def _find_dropped(self) -> list[int]:
+        """Return the equations that the last elimination has left out.
+
+        The equations that a front keeps are combinations E of those that have arrived. As many of the latter, with
+        independent columns of E, stand for them; the others are left out. Those that remain of a front stand for
+        equations in the same way, and their combinations B are applied where they arrive.
+        """
+        values = self._memory.values
+        remaining: list[tuple[list[int], Array]] = []  # of every front: original numbers, and B
+        dropped: list[int] = []
+        for front in self._own.fronts:
+            senders = [remaining[k] for k in self._own.messages[front["first_message"] : front["end_message"]]]
+            own = self._own.equations["kept"][front["first_row"] : front["end_row"]].tolist()
+            numbers = np.array([*(number for those, _ in senders for number in those), *own], np.int64)
+            rank, rows = int(front["rank"]), len(numbers)
+            kept, blocks = rank + int(front["left"]), [*(B for _, B in senders), np.eye(len(own))]
+            E = values[front["E"] : front["E"] + kept * rows].reshape(kept, rows) @ linalg.block_diag(*blocks)
+            if kept < rows:
+                chosen = _independent_columns(E)
+                dropped += np.delete(numbers, chosen).tolist()
+                E, numbers = E[:, chosen], numbers[chosen]
+            chosen = _independent_columns(E[rank:])
+            remaining.append((numbers[chosen].tolist(), E[rank:, chosen]))
+        return dropped
+
+
+def _independent_columns(E: Array) -> NDArray[np.int64]:
+    """Return as many columns of E (k, n) as it has rows, in order, which are independent as far as possible."""
+    if not len(E):
+        return np.zeros(0, np.int64)
+    return np.sort(linalg.qr(E, mode="r", pivoting=True)[-1][: len(E)])
+
+
+def _stages(held: NDArray[np.bool_], given: NDArray[np.bool_] | None) -> list[Array]:
+    """Return the weights (n,) of the coordinates, of sets that are tried one after the other; see
+    :mod:`solvers.loop_closure`.
+    """
+    free = np.where(held, 0.0, 1.0)
+    known = np.zeros(len(held), bool) if given is None else given & ~held
+    if not known.any() or known[~held].all():
+        return [free]
+    return [np.where(known, 0.0, free), np.where(known, GIVEN_WEIGHT, free), free]
