@@ -162,7 +162,9 @@ class Fmu:
         number of rows that are complete: fewer than k if the FMU discards a step.
         """
         library = self.slave.dll
-        do_step, get_real = (cast(function, c_void_p).value or 0 for function in (library.fmi2DoStep, library.fmi2GetReal))
+        do_step, get_real = (
+            cast(function, c_void_p).value or 0 for function in (library.fmi2DoStep, library.fmi2GetReal)
+        )
         done = fill_rows(do_step, get_real, self.slave.component, times, references, rows)
         if done:
             self.t = float(times[done - 1])
