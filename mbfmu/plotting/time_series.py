@@ -38,7 +38,7 @@ MAX_CURVES = 12  # in a panel
 PANEL_HEIGHT = 1.55  # inches
 MAX_PANELS = 6  # in a figure for which no names are given
 # inches: of the axis labels, of the lines of the title and of the time axis, between panels
-LEFT_MARGIN, LINE_HEIGHT, PANEL_GAP = 0.95, 0.19, 0.12
+LEFT_MARGIN, LINE_HEIGHT, PANEL_GAP = 1.15, 0.19, 0.12
 LEGEND_MARGIN, LEGEND_CHARACTER = 0.45, 0.062  # inches, of the lines of a legend, and of a character of its text
 OVERLAP_FRACTION = 0.01  # of the height of a panel: curves nearer than this hide each other
 DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (8, 2, 2, 2)))
