@@ -34,7 +34,7 @@ def result(names: list[tuple[str, str]], *, times: int = 50, failed: bool = Fals
 def test_texts_of_curves_lie_inside_the_figure_and_beside_the_panels(kind: str, times: int, failed: bool):
     shown = result(NAMES[kind], times=times, failed=failed)
     asked = errors_of(shown) if kind == "errors" else []
-    figure = Figure(figsize=size(shown, asked), layout="none")
+    figure = Figure(figsize=size(shown, asked))
     draw(figure, shown, asked)
     arrange(figure)
     renderer = FigureCanvasAgg(figure).get_renderer()

@@ -210,7 +210,7 @@ def arrange(figure: Any) -> None:
 
 def plot_result(result: Result, path: Path, names: Sequence[str] = ()) -> None:
     """Draw outputs over time as :meth:`mbfmu.Result.plot` does."""
-    figure = new_figure(size(result, names), layout="none")
+    figure = new_figure(size(result, names), is_arranged=False)
     draw(figure, result, names)
     arrange(figure)
     finish(figure, path)
