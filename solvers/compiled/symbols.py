@@ -19,7 +19,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from llvmlite import binding
-from numba.core import sigutils, types, typing
+from numba.core import sigutils, types
 from numba.core.caching import CompileResultCacheImpl
 from numba.core.ccallback import CFunc
 from numba.core.compiler_lock import global_compiler_lock
@@ -51,8 +51,8 @@ def describe_kernels(names: Iterable[str]) -> bytes:
     found = {}
     for name in names:
         key, arguments = _symbols[name]
-        returned = _kernels[key].overloads[arguments].signature.return_type
-        found[*key, *map(name_of_type, arguments)] = name, returned
+        compiled: Any = _kernels[key].overloads[arguments]
+        found[*key, *map(name_of_type, arguments)] = name, compiled.signature.return_type
     return bytes(dumps(found))
 
 
@@ -144,9 +144,9 @@ class Kernel(Inlined):
         if not symbol:
             return False
         described = ExternalFunctionDescriptor(symbol, returned, arguments)
-        signature, entry = typing.signature(returned, *arguments), object()
-        self.overloads[arguments] = SimpleNamespace(signature=signature, entry_point=entry, objectmode=False)
-        self.targetctx.insert_user_function(entry, described, [])
+        declared: Any = SimpleNamespace(signature=returned(*arguments), entry_point=object(), objectmode=False)
+        self.overloads[arguments] = declared
+        self.targetctx.insert_user_function(declared.entry_point, described, [])
         return True
 
     def _name(self, arguments: Any) -> None:
