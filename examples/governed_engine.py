@@ -147,7 +147,7 @@ def build(folder: Path) -> Fmus:
     """Write both FMUs; their start values are those of this example, so that no host has to set any."""
     start = settled(ENGINE.load_before)
     model = replace(GOVERNOR, start_angle=start.angle, spindle_speed=start.speed)
-    governor = export(model, folder / "governor.fmu", Settings(solver="adams", tolerance=1e-9), native=False)
+    governor = export(model, folder / "governor.fmu", Settings(solver="adams", tolerance=1e-9))
     engine = build_slave(ThrottledEngine, folder / "engine.fmu")
     return Fmus(engine, governor)
 

@@ -379,7 +379,7 @@ class TreeSystem(AnySystem):
     forward: Callable[[float, Array, Array, Any, Array, Array], int]  # (t, q, v, data, q', v'); not 0: no inertia
     mobility: Callable[[Array, Any, Array], None]  # (r, data, x): x = M^-1 r where forward was called for last
     constraints: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): Phi, J, nu and gamma
-    tangent: Tangent
+    make_tangent: Callable[[], Tangent]
     positions: Positions
     dense: Callable[[], System] | None = None  # (): the same mechanism with its matrices
     complex_step: Callable[[], ComplexStepSystem] | None = None  # (): the same on complex numbers
@@ -391,6 +391,11 @@ class TreeSystem(AnySystem):
     inertia_parts: Callable[..., None] | None = None  # (data, out): v . M v and the diagonal of M where inverse or
     # forward was called for last; it may overwrite their results
     moves: Callable[[], bool] = is_never_true  # (): whether drives move: then inertia forces change with the positions
+
+    @cached_property
+    def tangent(self) -> Tangent:
+        """The linearized equations, which only solvers need."""
+        return self.make_tangent()
 
     @cached_property
     def equations(self) -> Any:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import re
-import shlex
 import signal
 import subprocess
 import sys
@@ -493,15 +492,6 @@ def commands() -> dict[str, Any]:
 
 def options_of(command: str) -> set[str]:
     return {option for action in commands()[command]._actions for option in action.option_strings}
-
-
-def test_every_help_has_an_example_that_parses() -> None:
-    for name, command in commands().items():
-        examples = [line for line in command.epilog.splitlines() if line.startswith("  mbfmu ")]
-        assert examples, name
-        for line in examples:
-            words = shlex.split(re.split(" {3,}", line.strip())[0])  # what it does stands beside it
-            assert parser().parse_args(words[1:]).command, line
 
 
 def test_outputs_to_draw_are_chosen_by_pattern(command: Command, tmp_path: Path) -> None:

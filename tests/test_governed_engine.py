@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import sys
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -17,6 +18,7 @@ from fmpy.validation import validate_fmu
 from governed_engine import ENGINE, SPEEDS, STEP, STOP_TIME, SYSTEM, Fmus, error, settled
 from ssp_system import Run
 
+from mbfmu.cli import main
 from mbfmu.fmi import Fmu
 
 PAGE = (Path(__file__).parents[1] / "docs" / "cosimulation.md").read_text()
@@ -103,14 +105,34 @@ def test_libcosim_carries_the_start_values_over(ssp: Path) -> None:
         np.testing.assert_allclose(run[name][before], settled(ENGINE.load_before).speed, atol=1e-6)
 
 
-@pytest.mark.parametrize("block", re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL), ids=["fmpy", "libcosim"])
+BLOCKS = dict(
+    zip(("write", "fmpy", "libcosim"), re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL), strict=True)
+)
+
+
+def test_the_page_writes_the_same_ssp(ssp: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ssp.parent)
+    before = ssp.read_bytes()
+    ssp.unlink()
+    exec(compile(BLOCKS["write"], "docs/cosimulation.md", "exec"), {})
+    assert ssp.read_bytes() == before
+
+
+def test_the_page_s_command_runs(ssp: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ssp.parent)
+    (command,) = re.findall(r"^mbfmu ssp .*?(?=```)", PAGE, flags=re.DOTALL | re.MULTILINE)
+    assert main(shlex.split(command.replace("\\\n", ""))[1:]) == 0
+    assert Path("default_governor.ssp").is_file()
+
+
+@pytest.mark.parametrize("host", ["fmpy", "libcosim"])
 def test_the_page_s_lines_run(
-    ssp: Path, block: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ssp: Path, host: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if "libcosimpy" in block:
+    if host == "libcosim":
         pytest.importorskip("libcosimpy")
     monkeypatch.chdir(ssp.parent)
-    exec(compile(block, "docs/cosimulation.md", "exec"), {})
+    exec(compile(BLOCKS[host], "docs/cosimulation.md", "exec"), {})
     assert float(capsys.readouterr().out.strip("[]\n")) == pytest.approx(GOAL.speed, abs=1e-6)
 
 

@@ -48,9 +48,9 @@ def test_codes_of_the_sources_are_those_of_the_table() -> None:
 
 
 def test_each_code_has_a_section_with_meaning_cause_and_remedy() -> None:
-    sections = re.split(r"^### ", PAGE, flags=re.MULTILINE)[1:]
+    index, *sections = re.split(r"^### ", PAGE, flags=re.MULTILINE)
     names = [section.partition("\n")[0].strip("`") for section in sections]
-    assert sorted(names) == sorted(MESSAGE_TITLES)
+    assert sorted(names) == sorted(MESSAGE_TITLES) == re.findall(r"\(#(.+?)\)", index)
     for section in sections:
         for part in ("**Meaning.**", "**Cause.**", "**What to do.**"):
             assert section.count(part) == 1, section

@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fmpy import read_model_description
 
 from fmus.fourbar import FourBar
+from mbfmu.fmi import export
 from mbfmu.modeling.registry import find, models
 from mbfmu.modeling.scene import load_scene
 from mbfmu.session.run import communication_points, run, simulate
@@ -144,6 +146,23 @@ def test_settings_of_the_solver_reach_it_from_a_scene_and_python(tmp_path: Path,
     for given in ({"max_order": 13}, {"max_steps": 0}, {"absolute_tolerance": -1.0}, {"max_order": 2.5}):
         with pytest.raises(UserError, match=next(iter(given))):
             simulate(scene.model, 1.0, **given)
+
+
+def test_solver_and_tolerance_that_are_not_given_are_those_of_the_model(tmp_path: Path) -> None:
+    (tmp_path / "coarse.py").write_text(MODEL + '    default_solver, tolerance = "adams", 1e-5\n')
+    model = find(f"{tmp_path / 'coarse.py'}:Pendulum")()
+    for given, expected in (
+        ({"max_step": 0.1}, ("adams", 1e-5)),
+        ({"solver": "radau"}, ("radau", 1e-5)),
+        ({"tolerance": 1e-6}, ("adams", 1e-6)),  # the value that most models have
+    ):
+        settings = Settings(**given)
+        for found in (Simulation(model, settings).settings, run(model, settings, np.array([0.0, 0.01])).settings):
+            assert found is not None
+            assert (found.solver, found.tolerance) == expected
+        described = read_model_description(export(model, tmp_path / "model.fmu", settings, native=False))
+        start = next(v.start for v in described.modelVariables if v.name == "tolerance")
+        assert (float(start), float(described.defaultExperiment.tolerance)) == (expected[1], expected[1])
 
 
 def test_results_do_not_depend_on_communication_points() -> None:

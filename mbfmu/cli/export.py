@@ -31,11 +31,12 @@ def add(commands: Commands) -> None:
         "export",
         help="export a model as an FMU",
         description="Export a model or a scene as an FMU for co-simulation and model exchange. Values given here are "
-        "the start values of its variables, which the importing tool can change; `mbfmu models NAME` lists them. "
-        "The FMU is native if possible: it contains machine code and needs nothing else. The first native FMU with a "
-        "solver builds the machine code of this solver, which takes about a minute. "
+        "start values of its variables; `mbfmu models NAME` lists these. The importing tool can change them, except "
+        "in a native FMU --solver, --input-interpolation, --start-at-equilibrium and the parameters that this command "
+        "lists as constant. The FMU is native if possible: it contains machine code and does not require Python. The "
+        "first native FMU with a solver builds the machine code of this solver, which takes one to two minutes. "
         "If the model, the solver or this machine does not permit a native FMU, the FMU calls Python, and the "
-        "importing tool needs Python with this version of mbfmu. The command prints the reason.",
+        "importing tool requires Python with this version of mbfmu. The command prints the reason.",
         epilog="examples:\n  mbfmu export fourbar\n"
         "  mbfmu export fourbar --fmi 3 --platforms x86_64-linux x86_64-windows\n"
         "  mbfmu export fourbar --set crank_mass=2 -o heavy.fmu\n"

@@ -26,7 +26,7 @@ def add(commands: Commands) -> None:
         description="List the installed models with their parameters. If a model is given, list all variables of its "
         "FMU with units and ranges (parameters, settings of the solver, inputs and outputs) and its scenes. A tunable "
         "parameter may be set between communication steps, a fixed one before the start, and one that is fixed at "
-        "export only before the export.",
+        "export only before the export. A native FMU can have more constants; `mbfmu export` lists them.",
         epilog="examples:\n  mbfmu models\n  mbfmu models governor\n  mbfmu models my_model.py:MyModel\n",
     )
     named = p.add_argument(

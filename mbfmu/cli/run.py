@@ -78,7 +78,7 @@ def add(commands: Commands) -> None:
         description=f"""Export a scene or a model as an FMU, simulate the FMU with FMPy, and write the results.
 
 The FMU is native (machine code) if possible. The first native FMU with a solver builds the machine code of this solver,
-which takes about a minute. If the model, the solver or this machine does not permit a native
+which takes one to two minutes. If the model, the solver or this machine does not permit a native
 FMU, the FMU calls Python, and the command prints the reason.
 
 The results are in a folder such as results/fourbar/paper-hybrid-1e-4:
@@ -97,7 +97,7 @@ FMU took more than {MAX_REPEATED_RUN_TIME:g} s, or if the repeat would need comp
         epilog=RUN_EXAMPLES,
     )
     add_scene(p)
-    p.add_argument("--direct", action="store_true", help="simulate without an FMU: faster, with the same numbers")
+    p.add_argument("--direct", action="store_true", help="simulate without an FMU: the same results, without an export")
     p.add_argument("--native", action=CalledDirect, dest="direct", nargs=0, help=argparse.SUPPRESS)
     shown = p.add_argument(
         "--plot",

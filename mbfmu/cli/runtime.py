@@ -17,8 +17,9 @@ def add(commands: Commands) -> None:
         description="A native FMU consists of the data of the model and of a runtime library, which is the same for "
         "all models that call the same code. The library for this machine is built by the first native export that "
         "needs it. `mbfmu runtime build` builds those of all solvers now, which serve all models, also for other "
-        "platforms, which requires `pip install mbfmu[native]`. Without `build` the command lists the families of "
-        "solvers for which libraries exist.",
+        "platforms. Other platforms require zig (`pip install ziglang`). Without zig, pip downloads it (100 MB) for "
+        "the build and removes it. Without `build` the command lists the families of solvers for which libraries "
+        "exist.",
         epilog="examples:\n  mbfmu runtime\n  mbfmu runtime build\n"
         "  mbfmu runtime build --platforms x86_64-linux x86_64-windows aarch64-linux\n",
     )

@@ -32,8 +32,9 @@ def add(commands: Commands) -> None:
         help="export a model with other FMUs as one connected system (SSP)",
         description="Export a model or a scene as an FMU and write it, with other FMUs and the connections between "
         "them, as one file of System Structure and Parameterization (SSP) 1.0. FMPy, libcosim and other tools "
-        "simulate such files. The component of the model has the name of the model.",
-        epilog="examples:\n  mbfmu ssp governor --set driven=no\n"
+        "simulate such files. The component of the model has the name of the model. Its FMU is of FMI 2.0 and for "
+        "this machine; for other platforms export it by `mbfmu export --platforms` and use `mbfmu.write_ssp`.",
+        epilog="examples:\n  mbfmu ssp governor --set driven=false\n"
         "  mbfmu ssp governor --with engine=engine.fmu --connect engine.shaft_torque=governor.spindle.torque\n",
     )
     add_scene(p)

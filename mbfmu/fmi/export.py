@@ -67,16 +67,19 @@ def export(
     platforms: Sequence[str] = (),
     report: Callable[[str], None] | None = None,
 ) -> Path:
-    """Write ``model`` as an FMU; its parameter values become the start values. Equal content gives equal bytes.
+    """Write ``model`` as an FMU. Equal content gives equal bytes.
 
     Parameters
     ----------
     model
-        Model with the start values of its parameters; structural parameters are fixed at export.
+        Model with the start values of its parameters. The importing tool can change them, with these exceptions:
+        structural parameters, and in a native FMU parameters whose effect the export cannot represent (``report``
+        receives them).
     path
         Path of the file in an existing folder; it must end in ``.fmu``.
     settings
-        Start values of the solver's settings; None: the defaults, with the model's tolerance.
+        Start values of the settings; None, or not given in it: the defaults, with the solver and the tolerance of the
+        model. In a native FMU ``solver``, ``input_interpolation`` and ``start_at_equilibrium`` are constants.
     stop_time, output_interval
         Stop time and output interval of the default experiment, s; None: those of the model.
     native

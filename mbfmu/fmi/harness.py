@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from ctypes import byref
+from ctypes import byref, c_void_p, cast
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -25,12 +25,31 @@ from numpy.typing import NDArray
 
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError, suggest
+from solvers.compiled.foreign_call import address_of_array, call_int
+from solvers.compiled.kernel import concurrent_kernel
 from solvers.diagnostics import CODE_PATTERN, Severity
+from solvers.system import Array
+
+FMI_TRUE, FMI_WARNING = np.int32(1), np.int32(fmi2Warning)
+ENTRY_BYTES = 8  # of a real number
 
 
 def called(variable: Any) -> str:
     """Return the type in the name of the function that reads or sets a variable."""
     return "Integer" if variable.type == "Enumeration" else str(variable.type)
+
+
+@concurrent_kernel
+def fill_rows(do_step: int, get_real: int, fmu: int, times: Array, references: NDArray[np.uint32], rows: Array) -> int:
+    """See :meth:`Fmu.record`; the first arguments are addresses of functions of FMI 2.0, and of the instance."""
+    count = references.shape[0]
+    for i in range(times.shape[0]):
+        if i > 0 and call_int(do_step, (fmu, times[i - 1], times[i] - times[i - 1], FMI_TRUE)) > FMI_WARNING:
+            return i
+        place = address_of_array(rows) + ENTRY_BYTES * count * i
+        if call_int(get_real, (fmu, address_of_array(references), count, place)) > FMI_WARNING:
+            return i
+    return int(times.shape[0])
 
 
 def severity_of(status: int) -> Severity:
@@ -117,6 +136,13 @@ class Fmu:
             raise UserError(self.message() or str(error)) from error
         self._begun = True
 
+    def restart(self, values: Mapping[str, Any]) -> None:
+        """Begin again at time zero, with the start values of the FMU but for these; the same failures."""
+        self.slave.reset()
+        self.diagnostics.clear()
+        self.t = 0.0
+        self.start(values)
+
     def step(self, dt: float) -> None:
         """Advance by dt (s); raises UserError with the FMU's reason if it discards the step."""
         self.step_to(self.t + dt)
@@ -128,6 +154,21 @@ class Fmu:
         except FMICallException as error:
             raise UserError(self.message() or str(error)) from error
         self.t = t
+
+    def record(self, times: Array, references: NDArray[np.uint32], rows: Array) -> int:
+        """Advance through ``times`` (k,), s, the first of which is the time reached, without Python in between.
+
+        The values of the real variables of these ``references`` (n,) are written into ``rows`` (k, n). Return the
+        number of rows that are complete: fewer than k if the FMU discards a step.
+        """
+        library = self.slave.dll
+        do_step, get_real = (
+            cast(function, c_void_p).value or 0 for function in (library.fmi2DoStep, library.fmi2GetReal)
+        )
+        done = fill_rows(do_step, get_real, self.slave.component, times, references, rows)
+        if done:
+            self.t = float(times[done - 1])
+        return done
 
     def message(self) -> str:
         """Return why the FMU stopped; empty where all is well or the FMU has no ``solver.message``."""

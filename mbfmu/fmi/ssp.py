@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 import zipfile
 from collections.abc import Iterable, Mapping
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
@@ -36,6 +36,8 @@ class Connector(NamedTuple):
     causality: str  # of FMI 2.0
     type: str  # of FMI 2.0
     unit: str  # empty: none
+    least: float  # allowed value
+    most: float
 
 
 def write_ssp(
@@ -109,7 +111,7 @@ def connectors_of(component: str, file: Path) -> dict[str, Connector]:
             f"{'' if described.coSimulation else ' without co-simulation'}; allowed: co-simulation of FMI 2.0"
         )
     return {
-        v.name: Connector(v.causality, v.type, v.unit or "")
+        v.name: Connector(v.causality, v.type, v.unit or "", float(v.min or -inf), float(v.max or inf))
         for v in described.modelVariables
         if v.type in SSP_TYPES and v.causality in (*CONNECTED, "parameter")
     }
@@ -182,10 +184,12 @@ def _bindings(
     found: dict[str, dict[str, float]] = {}
     for name, value in values.items():
         component, variable = _find(name, "value of", ("parameter", "input"), connectors)
-        kind = connectors[component][variable].type
-        if not isfinite(value) or (kind != "Real" and value != int(value)):
-            allowed = "a finite number" if kind == "Real" else "a whole number"
+        known = connectors[component][variable]
+        if not isfinite(value) or (known.type != "Real" and value != int(value)):
+            allowed = "a finite number" if known.type == "Real" else "a whole number"
             raise UserError(f"parameter {name!r} is {value!r}; allowed: {allowed}")
+        if not known.least <= value <= known.most:
+            raise UserError(f"parameter {name!r} is {value!r}; allowed by its FMU: {known.least:g} to {known.most:g}")
         found.setdefault(component, {})[variable] = value
     return found
 

@@ -10,6 +10,7 @@ from .builder.bodies import Body, FlexibleBody
 from .builder.chain import add_chain
 from .builder.handles import CouplingHandle, CutHandle, ForceHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
+from .builder.joint_handle import JointHandle
 from .builder.mechanism import Mechanism
 from .couplings import Cam, Coupling, Gear
 from .cuts import (
@@ -88,6 +89,7 @@ __all__ = [
     "Input",
     "Joint",
     "JointForce",
+    "JointHandle",
     "JointSpring",
     "JointStop",
     "LineForce",

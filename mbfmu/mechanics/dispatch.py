@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mbfmu.mechanics.child_frame import attach_bias, attach_child
 from solvers.compiled.indirect_call import call_f, call_ff, call_fff, call_void
 from solvers.compiled.kernel import inlined
 from solvers.compiled.record_view import record_at
@@ -29,18 +30,27 @@ READ = 0  # of a sensor
 def place_child(body: BodyRecord, arrays: Arrays, state: State) -> None:
     """Let a body's joint write its subspace and placement into State.rel; see :mod:`.joints.base`."""
     call_void(arrays.kernels[body.kind + PLACE], arrays.memory, body.at, (body.qi, state))
+    if body.attached == 1:
+        attach_child(body, state.rel[0])
 
 
 @inlined
 def has_bias(body: BodyRecord, arrays: Arrays) -> bool:
     """Whether the subspace of a body's joint turns in its frame."""
-    return arrays.kernels[body.kind + BIAS] != 0
+    return arrays.kernels[body.kind + BIAS] != 0 or body.attached == 1
 
 
 @inlined
 def joint_bias(body: BodyRecord, arrays: Arrays, state: State) -> None:
     """Let a body's joint write into State.rel what that adds."""
-    call_void(arrays.kernels[body.kind + BIAS], arrays.memory, body.at, (body.qi, body.vi, state))
+    if body.attached == 1:
+        call_void(arrays.kernels[body.kind + PLACE], arrays.memory, body.at, (body.qi, state))
+        for k in range(6):
+            state.rel[0].bias[k] = 0.0
+    if arrays.kernels[body.kind + BIAS] != 0:
+        call_void(arrays.kernels[body.kind + BIAS], arrays.memory, body.at, (body.qi, body.vi, state))
+    if body.attached == 1:
+        attach_bias(body, state.v, state.rel[0])
 
 
 @inlined

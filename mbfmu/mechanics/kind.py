@@ -9,6 +9,7 @@ call kernels by their address (:mod:`.dispatch`).
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -96,8 +97,12 @@ def _fields(record: Any) -> Any:
 
 def record_of(item: ElementType | type[ElementType]) -> np.dtype[Any]:
     """Return the fields of something's record, aligned as kernels want them."""
-    given = _fields(item.record)
-    return np.dtype([(name, given[name].base, given[name].shape) for name in given.names or ()], align=True)
+    return _aligned(_fields(item.record))
+
+
+@lru_cache(maxsize=1024)  # a mesh has hundreds of elements with the same record
+def _aligned(fields: np.dtype[Any]) -> np.dtype[Any]:
+    return np.dtype([(name, fields[name].base, fields[name].shape) for name in fields.names or ()], align=True)
 
 
 def kernel_of(item: ElementType | type[ElementType], name: str) -> Any:
@@ -118,29 +123,24 @@ def check_element_type(what: str, given: Any, role: type[ElementType]) -> None:
     if not isinstance(given, role):
         raise UserError(f"{what} is {short(given)}; allowed: a {role.__name__}, such as those of mbfmu.mechanics")
     said = f"{what} is of class {type(given).__name__}"
-    for name in role.kernels:
-        optional = getattr(role, name, False) is None
-        function = kernel_of(given, name) if hasattr(given, name) else None
-        if function is None and not optional:
-            raise UserError(f"{said}, which has no kernel {name!r}")
-        if COMPILED and function is not None and not is_kernel(function):
-            raise UserError(f"{said}, whose {name!r} is not a kernel; decorate it with mbfmu.mechanics.kernel")
-        if function is not None and has_raise(function):
-            raise UserError(
-                f"{said}, whose kernel {name!r} raises an exception, which compiled code cannot handle; write "
-                "nan instead, which ends the run"
-            )
-    for name, meant in vars(role).get("__annotations__", {}).items():
-        said_there = hasattr(type(given), name) or name in vars(given)  # a property is not to be asked yet
-        if "ClassVar" in str(meant) and not said_there:
+    kind: Any = type(given)
+    asked: Any = role  # which has a hash, whatever mypy finds of classes of classes
+    kernels = tuple(kernel_of(given, name) if hasattr(given, name) else None for name in role.kernels)
+    try:
+        wrong = _describe_wrong_kernels(asked, kernels)
+    except TypeError:  # something that is no function, and has no hash
+        wrong = _describe_wrong_kernels.__wrapped__(asked, kernels)
+    if wrong:
+        raise UserError(said + wrong)
+    for name in _undeclared(kind, asked):
+        if name not in vars(given):  # a property is not to be asked yet
             raise UserError(f"{said}, which does not say its {name!r}; see its base {role.__name__}")
     drawings, drawn = getattr(role, "drawings", ()), getattr(given, "drawn", None)
     if drawings and drawn not in drawings:
         raise UserError(f"{said}, whose `drawn` is {drawn!r}; allowed: {', '.join(map(repr, drawings))}")
     given.check_declaration(said)
     record = _fields(given.record)
-    named = (record.names or ()) if isinstance(record, np.dtype) else ()
-    if not named or any(record[n].base not in (np.float64, np.int64) or not record[n].itemsize for n in named):
+    if not isinstance(record, np.dtype) or not _has_numbers(record):
         raise UserError(
             f"{said}, whose record is {record!r}; allowed: a NumPy dtype of named fields, each of one "
             "number or more, float64 or int64"
@@ -148,8 +148,43 @@ def check_element_type(what: str, given: Any, role: type[ElementType]) -> None:
     check_field_names(f"{said}, whose record", record)
 
 
+@lru_cache(maxsize=1024)  # as the others: a mesh has hundreds of elements of the same few kinds
+def _describe_wrong_kernels(role: type[ElementType], kernels: tuple[Any, ...]) -> str:
+    """Return what is wrong with the kernels of a kind, after its name; empty: nothing."""
+    for name, function in zip(role.kernels, kernels, strict=True):
+        if function is None:
+            if getattr(role, name, False) is not None:
+                return f", which has no kernel {name!r}"
+        elif COMPILED and not is_kernel(function):
+            return f", whose {name!r} is not a kernel; decorate it with mbfmu.mechanics.kernel"
+        elif has_raise(function):
+            return (
+                f", whose kernel {name!r} raises an exception, which compiled code cannot handle; write nan instead, "
+                "which ends the run"
+            )
+    return ""
+
+
+@lru_cache(maxsize=1024)
+def _undeclared(kind: type, role: type[ElementType]) -> tuple[str, ...]:
+    """Return the class attributes that a role asks for and a class does not have."""
+    asked = vars(role).get("__annotations__", {}).items()
+    return tuple(name for name, meant in asked if "ClassVar" in str(meant) and not hasattr(kind, name))
+
+
+@lru_cache(maxsize=1024)
+def _has_numbers(record: np.dtype[Any]) -> bool:
+    """Whether a record has fields, each of numbers that kernels know."""
+    fields = [record[name] for name in record.names or ()]
+    return bool(fields) and all(field.base in (np.float64, np.int64) and field.itemsize for field in fields)
+
+
 def check_field_names(what: str, dtype: np.dtype[Any]) -> None:
     """Refuse fields of a record that kernels cannot read as attributes when they run as plain Python."""
-    for name in dtype.names or ():
-        if hasattr(np.record, name):
-            raise UserError(f"{what} has a field {name!r}; NumPy's records have that name already; use another name")
+    for name in _reserved_names(dtype):
+        raise UserError(f"{what} has a field {name!r}; NumPy's records have that name already; use another name")
+
+
+@lru_cache(maxsize=1024)
+def _reserved_names(dtype: np.dtype[Any]) -> tuple[str, ...]:
+    return tuple(name for name in dtype.names or () if hasattr(np.record, name))

@@ -43,11 +43,15 @@ class BodyRecord(Record):
     quaternion: i8  # 1: the last four positions are a unit quaternion
     drive: i8  # signal that gives the coordinate; -1: free
     node: i8  # of a section: its node; -1: rigid
+    attached: i8  # 1: the joint is reversed, or its frame on this body is not the body's frame; see child_frame
+    reversed: i8  # 1: the second frame of the joint is in the parent
     mass: f8  # kg
     com: Vec3  # center of mass from the body's origin, body axes, m
     inertia: Mat3  # about the center of mass, body axes, kg m^2
     s: Vec3  # joint frame in the parent: origin s'_j, m
     R: Mat3  # ... and axes
+    child_s: Vec3  # joint frame in the body: origin, m
+    child_R: Mat3  # ... and axes
 
 
 class CutRecord(Record):

@@ -51,6 +51,8 @@ class Scene:
     ----------
     name
         Model and scene, such as ``fourbar/paper``.
+    settings
+        With the solver and the tolerance of the model, where these are not given.
     stop_time, output_interval
         s, greater than zero.
     reference
@@ -65,8 +67,9 @@ class Scene:
     reference: str = ""
 
     def __post_init__(self) -> None:
-        """Check the times; raises UserError."""
+        """Check the times, and complete the settings; raises UserError."""
         check_times(self.stop_time, self.output_interval)
+        object.__setattr__(self, "settings", self.settings.for_model(self.model))
 
     def changed(self, **changes: Any) -> Scene:
         """Return a copy with the given fields; None leaves one as it is."""
@@ -124,7 +127,7 @@ def default_scene(model: Model, reference: str = "") -> Scene:
     return Scene(
         name=f"{model.name}/{DEFAULT_SCENE}",
         model=model,
-        settings=Settings(solver=model.default_solver, tolerance=model.tolerance),
+        settings=Settings(),
         stop_time=model.stop_time,
         output_interval=model.output_interval,
         reference=reference,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from mbfmu.util.errors import UserError, require_arguments, suggest
 from solvers import Options
@@ -19,6 +19,9 @@ from solvers.steppers import (
 
 from .parameters import check, declared, parameter, span
 
+if TYPE_CHECKING:
+    from .model import Model
+
 AUTO = "auto"  # of the solvers: the one that :mod:`mbfmu.session.solver_selection` takes for the model
 MIN_ABSOLUTE_TOLERANCE = 1e-15  # absolute tolerance: numbers of size one are no finer
 
@@ -31,6 +34,7 @@ class Settings:
     ----------
     **given
         Values of settings by name, as listed with their descriptions by ``mbfmu models``; others keep their defaults.
+        A solver or a tolerance that is not given is that of the model which is simulated or exported.
 
     Raises
     ------
@@ -55,11 +59,14 @@ class Settings:
     )
     start_at_equilibrium: bool = parameter(False, doc="Start in the steady state nearest to the start values")
     energy_check: bool = parameter(True, doc="Check of the energy balance during the run")
+    _given: ClassVar[frozenset[str]] = frozenset()  # names of the settings that were given, set for each object
 
     def __new__(cls, **given: Any) -> Self:
         """Check the names of the settings; raises UserError."""
         require_arguments(cls, given)
-        return super().__new__(cls)
+        made = super().__new__(cls)
+        object.__setattr__(made, "_given", frozenset(given))
+        return made
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
@@ -71,6 +78,17 @@ class Settings:
             raise UserError(
                 f"absolute_tolerance is {self.absolute_tolerance!r}; allowed: 0, or {MIN_ABSOLUTE_TOLERANCE:g} to 1"
             )
+
+    def for_model(self, model: Model) -> Settings:
+        """Return the settings with the solver and the tolerance of a model, if these were not given.
+
+        Parameters
+        ----------
+        model
+            Model that is simulated or exported.
+        """
+        own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance}
+        return replace(self, **{name: value for name, value in own.items() if name not in self._given})
 
     def options(self, duration: float = Options.duration) -> Options:
         """Return the options of the stepper.

@@ -6,7 +6,7 @@ smooth. Numbers that follow whole numbers or Booleans are interpolated at all th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 from math import comb
@@ -83,7 +83,8 @@ def value_of(variable: str | Shifted, known: Mapping[str, float]) -> float:
 def fit_all_curves(search: ParameterDependence) -> bool:
     """Find curves for all numbers of a search that need them; false where that fixed parameters."""
     search.curves = []
-    return all(_Together(search, names).fit() for names in _groups(search))
+    groups = [_Together(search, names) for names in _groups(search)]
+    return all(group.has_range() for group in groups) and all(group.fit() for group in groups)
 
 
 def _groups(search: ParameterDependence) -> list[list[str]]:
@@ -110,17 +111,25 @@ class _Together:
         self._columns = sorted(set().union(*(search.curved[n] for n in names)))
         self._values = {n: float(getattr(search.model, n)) for n in search.settable}
 
-    def fit(self) -> bool:
-        """Add the curves of their numbers to the search; false where that fixed parameters."""
+    def has_range(self) -> bool:
+        """Whether each parameter alone leads to curves in a range; false: parameters were fixed.
+
+        This takes few mechanisms. Where it fails, curves that were found before would have to be found again.
+        """
         search = self._search
         if len(self._smooth) > max(CURVES):
             most = max(self._smooth, key=lambda name: len(search.curved[name]))
             search.fix([most], search.describe_no_sum(search.curved[most]))
             return False
-        for degree, factor in CURVES[len(self._smooth)]:
-            box = {n: self._range(n, factor) for n in self._smooth}
-            if len(box) > 1 and not all(self._is_curve(name, ends, degree) for name, ends in box.items()):
-                continue
+        if next(self._ranges(), None) is None:
+            search.fix(self._names, search.describe_no_sum(self._columns))
+            return False
+        return True
+
+    def fit(self) -> bool:
+        """Add the curves of their numbers to the search; false where that fixed parameters."""
+        search = self._search
+        for degree, box in self._ranges():
             found = self._fit_within(box, self._exponents(degree))
             terms = sum(np.count_nonzero(curve.coefficients) for curve in [*search.curves, *(found or ())])
             if found is not None and terms <= MAX_CURVE_TERMS:
@@ -130,6 +139,13 @@ class _Together:
                 return True
         search.fix(self._names, search.describe_no_sum(self._columns))
         return False
+
+    def _ranges(self) -> Iterator[tuple[int, dict[str, tuple[float, float]]]]:
+        """Yield degrees, and ranges in which polynomials represent the numbers as functions of each parameter alone."""
+        for degree, factor in CURVES[len(self._smooth)]:
+            box = {n: self._range(n, factor) for n in self._smooth}
+            if len(box) < 2 or all(self._is_curve(name, ends, degree) for name, ends in box.items()):
+                yield degree, box
 
     def _range(self, name: str, factor: float) -> tuple[float, float]:
         value, (least, most) = self._values[name], self._search.limits(name)

@@ -107,7 +107,7 @@ class Reader:
 
         Each is built once: building is what a search costs.
         """
-        key = tuple(sorted(values.items()))
+        key = tuple(sorted((name, x) for name, x in values.items() if x != getattr(self._model, name)))
         if key not in self._known:
             try:
                 self._known[key] = self._read(values)

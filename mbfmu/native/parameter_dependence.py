@@ -12,7 +12,7 @@ the library loses its record without notice. In a trial on eight models they gav
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from .curves import Curve, fit_all_curves
 from .guesses import fit_all_guesses
 from .model_numbers import STRUCTURE_REASON, Reader
 from .monomials import CONSTANT_POWERS, FIT_TOLERANCE, MAX_TERMS, Fit, Powers, fit_sums, joint_exponents, single, sums
+from .responsible import find_responsible
 from .sampling import sample_choices, sample_range
 from .validity_range import extend_range
 
@@ -248,9 +249,7 @@ class ParameterDependence:
             try:
                 rows.append(self.reader.read(point))
             except UserError as error:
-                self.fix(
-                    *self.responsible_parameters(point, without_code(str(error)), self.settable, self.describe_refusal)
-                )
+                self.fix(*find_responsible(self, point, without_code(str(error)), self.settable, self.describe_refusal))
                 return False
         x, center, y = (
             self._vectors(points[:count]),
@@ -327,9 +326,7 @@ class ParameterDependence:
             self.fix(names, reason)
         elif reason:
             self.fix(
-                *self.responsible_parameters(
-                    point, reason, self.influencing_parameters(columns), self.describe_difference
-                )
+                *find_responsible(self, point, reason, self.influencing_parameters(columns), self.describe_difference)
             )
         return not reason
 
@@ -389,17 +386,3 @@ class ParameterDependence:
     def describe_difference(self, point: dict[str, float]) -> str:
         """Return why the fits do not agree with a compiled mechanism; empty: they agree."""
         return self.compare_at(point)[0]
-
-    def responsible_parameters(
-        self, point: dict[str, float], reason: str, others: list[str], wrong: Callable[[dict[str, float]], str]
-    ) -> tuple[list[str], str]:
-        """Return the parameters that alone lead to what a point leads to, and the reason.
-
-        Where none does, those without which it would not be so; where there are none either, the ``others``.
-        """
-        center = self.at_center()
-        alone = [n for n in self.settable if n in point and wrong(center | {n: point[n]})]
-        if alone:
-            return alone, reason
-        needed = [n for n in self.settable if n in point and not wrong(center | point | {n: center[n]})]
-        return needed or others, f"with others: {reason}"

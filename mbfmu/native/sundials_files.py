@@ -62,8 +62,8 @@ def _complete(target: str, found: dict[str, bytes], why: str) -> dict[str, bytes
     beginning = "sundials_" if TARGETS[target].suffix == ".dll" else "libsundials_"
     if sorted(_library_of(name, beginning) for name in found) != sorted(LIBRARIES):
         raise UserError(
-            f"solver 'ida' needs the libraries of SUNDIALS for {target}: {why}. Use the solver 'radau', or leave out "
-            "this platform",
+            f"solver 'ida' needs the libraries of SUNDIALS for {target}: {why}. Use another solver, or leave out this "
+            "platform",
             "not-native",
         )
     return found

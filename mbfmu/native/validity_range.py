@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from mbfmu.modeling.parameters import Parameter
 
+from .responsible import find_responsible
+
 if TYPE_CHECKING:
     from .parameter_dependence import ParameterDependence
 
@@ -90,8 +92,8 @@ def _extend_ends(dependence: ParameterDependence, sides: dict[str, int], goals: 
         reason, columns = dependence.compare_at(point)
         if not reason or not there:
             return
-        names, _ = dependence.responsible_parameters(
-            point, reason, dependence.influencing_parameters(columns), dependence.describe_difference
+        names, _ = find_responsible(
+            dependence, point, reason, dependence.influencing_parameters(columns), dependence.describe_difference
         )
         for n in [n for n in names if n in there] or list(there):
             del goals[n, sides[n]]
@@ -116,8 +118,8 @@ def _check_corners(dependence: ParameterDependence) -> None:
             reason, columns = dependence.compare_at(corner)
             if not reason:
                 break
-            names, _ = dependence.responsible_parameters(
-                corner, reason, dependence.influencing_parameters(columns), dependence.describe_difference
+            names, _ = find_responsible(
+                dependence, corner, reason, dependence.influencing_parameters(columns), dependence.describe_difference
             )
             for n in names:
                 if n in sides:

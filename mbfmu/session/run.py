@@ -149,6 +149,8 @@ def run(
         raise UserError(f"inputs are {inputs!r}; allowed: numbers or functions of time by the names of inputs")
     given = {name: value for name, value in (inputs or {}).items() if is_given_over_time(value)}
     numbers: dict[str, Any] = {name: value for name, value in (inputs or {}).items() if name not in given}
+    model = as_model(model)
+    settings = settings.for_model(model)
     given_inputs = GivenInputs(given, numbers, times, settings.tolerance, set_later=watch is not None)
     start, duration = float(times[0]), float(times[-1] - times[0])
     simulation = Simulation(model, settings, start, numbers, given_inputs=given_inputs, duration=duration or None)

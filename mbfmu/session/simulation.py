@@ -69,7 +69,8 @@ class Simulation(Diagnosed):
     model
         Model, or a mechanism without a model.
     settings
-        Solver, tolerance and other settings of the run.
+        Solver, tolerance and other settings of the run; those not given are the defaults, with the solver and the
+        tolerance of the model.
     t0
         Start time, s.
     begins
@@ -121,7 +122,8 @@ class Simulation(Diagnosed):
         duration: float | None = None,
     ) -> None:
         self.model = model_given = as_model(model)
-        self.settings, self._given_inputs = settings, given_inputs
+        self.settings = settings = settings.for_model(model_given)
+        self._given_inputs = given_inputs
         self.compiled = model_given.compile(given_inputs)
         if settings.input_interpolation == "linear":
             self.compiled.inputs.extrapolate()
@@ -475,8 +477,8 @@ class Simulation(Diagnosed):
         """Set an input at the time reached.
 
         The input of a load is held or extrapolated from this time on, according to the settings. The input of a driven
-        joint is its position or rate at the end of the next communication step, which moves the joint there; see
-        :mod:`mbfmu.mechanics.arrays.support_motion`.
+        joint is its position or rate at the time reached. During the next communication step the joint moves to the
+        position that is extrapolated to the end of this step, see :mod:`mbfmu.mechanics.arrays.support_motion`.
 
         Parameters
         ----------

@@ -35,8 +35,7 @@ class Contact:
     @property
     def index(self) -> int:
         """Number of its first load in a mechanism that is complete."""
-        own = self.mechanism.others
-        return sum(1 for _ in self.mechanism.loads()) - len(own) + self.first
+        return self.mechanism.first_other + self.first
 
     def _sensor(self, unit: str, component: int, over: int = -1, scale: float = 1.0) -> ContactSum:
         return ContactSum(unit=unit, item=self, component=component, count=self.count, over=over, scale=scale)

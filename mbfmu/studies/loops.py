@@ -85,7 +85,7 @@ def loop_size(compiled: CompiledMechanism, handle: CutHandle) -> float:
     for k in path:
         parent = int(bodies[k]["parent"])
         if k > 0 and parent in points:
-            points[k].append(np.zeros(3))
+            points[k].append(bodies[k]["child_s"])
             points[parent].append(bodies[k]["s"])
     for body, at in ((handle.a, handle.cut.at_a), (handle.b, handle.cut.at_b)):
         points[body.index].append(np.asarray(at, float))

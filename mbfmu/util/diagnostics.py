@@ -30,6 +30,8 @@ DETAIL_CODES = {"removed-constraints"}  # notes on every planar loop, which are 
 MESSAGE_TITLES = OF_SOLVERS | {
     "cannot-assemble": "The loops of the mechanism cannot be closed at the start",
     "changed-start": "Given start values are changed by the assembly",
+    "chosen-tree": "Joints are chosen to close the loops",
+    "unused-start": "Start values of joints that close loops are not used",
     "singular-start": "The start is a singular configuration",
     "unstable-start": "The steady state in which a run starts is unstable",
     "locked-mechanism": "The constraints leave no degree of freedom",

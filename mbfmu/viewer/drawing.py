@@ -152,7 +152,7 @@ class _Artist:
             elif getattr(load, "stiffness", None) == 0.0:  # a damper in a joint
                 continue
             elif load.on_joint and joint.drawn == "slide" and joint.units == ("m",):
-                yield self.mechanism.bodies[body.parent], joint.at, body, (0.0, 0.0, 0.0)
+                yield self.mechanism.bodies[body.parent], joint.at, body, body.joint_at
 
     def _held_points(self) -> list[list[Matrix]]:
         """Return, for every body, the connection points of other bodies, cuts and springs, body axes."""
@@ -160,6 +160,7 @@ class _Artist:
         for body in self.mechanism.bodies[1:]:
             if body.joint.drawn != "free":
                 held[body.parent].append(np.asarray(body.joint.at, float))
+                held[body.index].append(body.joint_at)
         cuts = ((handle.a, handle.cut.at_a, handle.b, handle.cut.at_b) for handle in self.mechanism.cuts)
         for a, at_a, b, at_b in (*cuts, *self.coils):
             held[a.index].append(np.asarray(at_a, float))
@@ -198,11 +199,11 @@ class _Artist:
         if joint.drawn == "free":
             return
         if joint.drawn == "pin":
-            self._pin(body, np.zeros(3), joint.direction)
+            self._pin(body, body.joint_at, body.joint_rotation @ joint.direction)
         elif joint.drawn == "ball":
-            self._part("sphere", body, np.zeros(3), np.eye(3) * 1.7 * r, PIN_COLOR)
+            self._part("sphere", body, body.joint_at, np.eye(3) * 1.7 * r, PIN_COLOR)
         elif joint.drawn == "slide":
-            self._link("cylinder", parent, joint.at, body, (0.0, 0.0, 0.0), 0.7 * r, color_of(parent))
+            self._link("cylinder", parent, joint.at, body, body.joint_at, 0.7 * r, color_of(parent))
         self._feet((parent, joint.at))
 
     def _cut(self, handle: CutHandle) -> None:

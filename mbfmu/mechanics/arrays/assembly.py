@@ -230,7 +230,8 @@ class Assembly:
         """
         names, dependent = self._system.constraint_names, self.find_redundant(t, q)
         redundant = self.find_redundant(t, self.nearby(t, q)) if len(dependent) else dependent
-        found = describe(self._mechanism.constraints, self._vanishing_rows, [names[i] for i in redundant])
+        found = [*self._mechanism.tree_notes]
+        found += describe(self._mechanism.constraints, self._vanishing_rows, [names[i] for i in redundant])
         lost = len(dependent) - len(redundant)
         if lost > 0:
             more = "1 more constraint equation depends" if lost == 1 else f"{lost} more constraint equations depend"
@@ -246,12 +247,13 @@ def _changed(what: str, body: Body, given: Array, found: Array) -> Diagnostic:
         size = f" {body.joint.units[0]}{'/s' if what == 'rate' else ''}"
     else:
         size = f" (largest change {np.abs(found - given).max():.2g})"
+    owner = f"joint {body.joint_name!r}" if body.joint_name else f"body {body.name!r}"
     return Diagnostic.note(
         "changed-start",
-        f"{what} of body {body.name!r} is changed from {before} to {after}{size}, because the loops cannot close with "
+        f"{what} of {owner} is changed from {before} to {after}{size}, because the loops cannot close with "
         "all given values",
         "Give consistent values, or declare as fixed the start values that must be kept",
-        subject=body.name,
+        subject=body.coordinate_name,
     )
 
 

@@ -210,6 +210,8 @@ def body_records(mechanism: Mechanism, numbering: Numbering, joints: NDArray[np.
         record["com"], record["inertia"] = body.com, body.inertia
         record["s"] = vector(f"placement of body {body.name!r}", joint.at)
         record["R"] = rotation(f"rotation of body {body.name!r}", joint.rotation)
+        record["attached"], record["reversed"] = body.attached, body.reversed
+        record["child_s"], record["child_R"] = body.joint_at, body.joint_rotation
     return table
 
 

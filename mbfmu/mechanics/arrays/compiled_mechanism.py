@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.mechanics.builder.arrangement import arrange
 from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.elimination import EliminatedLoops
@@ -76,6 +77,8 @@ class CompiledMechanism:
     def __init__(self, mechanism: Mechanism, given_inputs: GivenInputs | None = None) -> None:
         if len(mechanism.bodies) == 1:
             raise UserError("the mechanism has no bodies; add at least one with Mechanism.body")
+        if not mechanism.compiled:
+            arrange(mechanism)
         mechanism.compiled = True
         self.mechanism = mechanism
         numbering = Numbering(mechanism, given_inputs)

@@ -92,7 +92,8 @@ class Numbering:
         if not driven:
             self.nq += joint.nq
             self.nv += joint.nv
-            self.coordinate_names += [f"{body.name}.{c}" if c else body.name for c in joint.coordinates]
+            name = body.coordinate_name
+            self.coordinate_names += [f"{name}.{c}" if c else name for c in joint.coordinates]
 
     def _drive(self, body: Body) -> Signal:
         """Return the signal that a joint follows; UserError for one that jumps."""

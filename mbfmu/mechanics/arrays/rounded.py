@@ -42,12 +42,15 @@ def _loop_joints(path: list[int]) -> NDArray[np.int64]:
     return np.asarray(found[found != found.min()])
 
 
-def loop_length(handle: CutHandle, path: list[int], state: State) -> float:
+def loop_length(mechanism: Mechanism, handle: CutHandle, path: list[int], state: State) -> float:
     """Return the length of the way from joint to joint around a loop where ``state`` places its bodies, m."""
     r, A = state.bodies["r"], state.bodies["A"]
     given = (handle.a, handle.cut.at_a), (handle.b, handle.cut.at_b)
     ends = [r[body.index] + A[body.index] @ np.asarray(at, float) for body, at in given]
-    corners = np.vstack([ends[0], r[_loop_joints(path)], ends[1]])
+    own = _loop_joints(path)
+    places = np.array([mechanism.bodies[k].joint_at for k in own]).reshape(-1, 3)
+    joints = r[own] + np.einsum("kij,kj->ki", A[own], places)
+    corners = np.vstack([ends[0], joints, ends[1]])
     return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
 
 
@@ -75,7 +78,8 @@ def measure_rows(mechanism: Mechanism, state: State, row_size: Array) -> Measure
     axes, row, known = [""] * len(units), 0, joint_axes(mechanism, state)
     for handle in mechanism.cuts:
         path = loop_path(mechanism, handle)
-        length, which = loop_length(handle, path, state), nearly_parallel(mechanism, state, handle, path, known)
+        length = loop_length(mechanism, handle, path, state)
+        which = nearly_parallel(mechanism, state, handle, path, known)
         for unit in handle.units:
             units[row] = length if unit == "m" and length > 0.0 else row_size[row]
             relative[row] = 1.0 if unit == "rad" or length > 0.0 else 0.0
@@ -118,7 +122,7 @@ def nearly_parallel(mechanism: Mechanism, state: State, handle: CutHandle, path:
 
     def name(k: int) -> str:
         if k < len(along):
-            return f"joint {mechanism.bodies[along[k]].name!r}"
+            return f"joint {mechanism.bodies[along[k]].coordinate_name!r}"
         return f"cut joint {handle.name!r} on {(handle.a, handle.b)[k - len(along)].name!r}"
 
     worst, description, left = 0.0, "", np.arange(len(directions))

@@ -68,7 +68,7 @@ def spans(mechanism: Mechanism, arrays: Arrays) -> Array:
     """Return the largest distance of connection points of every body, and every other relevant length, m."""
     points: defaultdict[int, list[Array]] = defaultdict(list)
     for i, body in enumerate(arrays.bodies[1:], 1):
-        points[i] += [np.zeros(3), body["com"]]
+        points[i] += [np.zeros(3), body["com"], body["child_s"]]
         points[int(body["parent"])].append(body["s"])
     for handle in mechanism.cuts:
         points[handle.a.index].append(np.asarray(handle.cut.at_a, float))

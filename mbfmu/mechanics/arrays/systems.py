@@ -103,6 +103,7 @@ class Systems:
         data = self._elements.data
         inverse, forward, mobility, position, constraints, retract = tree_callbacks()
         power, evaluate_energy_bound = work_callbacks(tree=True)
+        groups = self._groups()
         return TreeSystem(
             **self._common(constraint_names, data),
             inverse=inverse,
@@ -111,7 +112,7 @@ class Systems:
             position=position,
             constraints=constraints,
             retract=retract,
-            tangent=self.tangent(),
+            make_tangent=lambda: self.tangent(groups),
             dense=lambda: self.dense(constraint_names, data),
             complex_step=self._complex_step,
             mesh_mask=self._find_mesh_mask(),

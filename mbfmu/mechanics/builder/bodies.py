@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,6 +33,8 @@ from mbfmu.util.errors import UserError
 if TYPE_CHECKING:
     from .mechanism import Mechanism
 
+UNPLACED = -1  # parent of a body whose parent and joint are not known before the mechanism is compiled
+
 
 @dataclass(frozen=True, eq=False)
 class Body:
@@ -43,11 +45,20 @@ class Body:
     name
         Name, unique in the mechanism.
     index, parent
-        Numbers of the body and of its parent; the ground is number 0.
+        Numbers of the body and of its parent; the ground is number 0. The parent of a body that is declared without a
+        joint is UNPLACED before the mechanism is compiled.
     joint
         Tree joint that connects the body to its parent.
     mass, com, inertia
         Mass, kg, center of mass (3,), m, and inertia about it (3, 3), kg m^2, in the body's frame.
+    joint_name
+        Name of the tree joint if it was declared by :meth:`Mechanism.joint`; else empty.
+    reversed
+        The joint was declared from this body to its parent.
+    attached
+        The joint is reversed, or its frame in this body is not the body's frame.
+    joint_at, joint_rotation
+        Origin (3,), m, and axes (3, 3) as columns of the joint frame in this body.
     """
 
     name: str
@@ -57,6 +68,40 @@ class Body:
     mass: float = 0.0
     com: Matrix = field(default_factory=lambda: np.zeros(3))
     inertia: Matrix = field(default_factory=lambda: np.zeros((3, 3)))
+    joint_name: str = ""
+    reversed: bool = False
+    attached: bool = False
+    joint_at: Matrix = field(default_factory=lambda: np.zeros(3))
+    joint_rotation: Matrix = field(default_factory=lambda: np.eye(3))
+
+    @property
+    def coordinate_name(self) -> str:
+        """Name of the joint coordinates: of the joint if it has a name, else of the body."""
+        return self.joint_name or self.name
+
+    def place(self, index: int, parent: int, joint: Joint, **frame: Any) -> None:
+        """Give a body its number, parent and joint when the mechanism is compiled.
+
+        Parameters
+        ----------
+        index, parent, joint
+            Attributes of the body.
+        frame
+            Further attributes that concern the joint.
+        """
+        for name, value in {"index": index, "parent": parent, "joint": joint, **frame}.items():
+            object.__setattr__(self, name, value)
+
+    def scale_mass(self, factor: float) -> None:
+        """Multiply mass and inertia of a body from which parts are separated when the mechanism is compiled.
+
+        Parameters
+        ----------
+        factor
+            Fraction of the mass that remains.
+        """
+        object.__setattr__(self, "mass", factor * self.mass)
+        object.__setattr__(self, "inertia", factor * self.inertia)
 
     def coordinate(self, k: int = 0) -> Sensor:
         """Joint position k, rad or m.
@@ -214,6 +259,7 @@ class Body:
         axis
             Global axis: ``"x"``, ``"y"`` or ``"z"``.
         """
+        self._require_joint()
         return JointForce(unit="N", item=self, component=self._axis(axis))
 
     def joint_moment(self, axis: str) -> Sensor:
@@ -224,6 +270,7 @@ class Body:
         axis
             Global axis: ``"x"``, ``"y"`` or ``"z"``.
         """
+        self._require_joint()
         return JointForce(unit="N.m", item=self, component=3 + self._axis(axis))
 
     def _axis(self, axis: str) -> int:
@@ -232,7 +279,16 @@ class Body:
     def _point(self, point: Vector) -> Matrix:
         return vector(f"point of body {self.name!r}", point)
 
+    def _require_joint(self) -> None:
+        """Refuse a body whose joint is not known."""
+        if self.parent == UNPLACED:
+            raise UserError(
+                f"body {self.name!r} is declared without a joint, so that it has no joint coordinates and no joint "
+                "force; allowed: those of a joint. Use what Mechanism.joint has returned"
+            )
+
     def _unit(self, k: int) -> str:
+        self._require_joint()
         if not is_whole(k) or not 0 <= k < self.joint.nv:
             raise UserError(f"body {self.name!r} has no joint coordinate {k!r}; it has {self.joint.nv}")
         return self.joint.units[k]
@@ -251,6 +307,8 @@ def coordinate_of(what: str, body: Body, given: int | None) -> int:
     UserError
         There is none of that number, there are several and none is given, or it is one of a quaternion.
     """
+    if isinstance(body, Body):
+        body._require_joint()
     joint, k = body.joint, given
     plain = joint.nv - 3 * joint.quaternion
     names = ", ".join(f"{k}: {name or joint.units[k]}" for k, name in enumerate(joint.coordinates[:plain]))

@@ -9,9 +9,10 @@ from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.loads import Force, Load, Pressure
 from mbfmu.util.errors import UserError
 
-from .bodies import Body
+from .bodies import UNPLACED, Body
+from .graph import Graph
 from .handles import ForceHandle
-from .members import Members
+from .joint_handle import JointHandle
 
 MAX_COMPANION_LEVELS = 10  # of loads that come with loads
 
@@ -35,7 +36,7 @@ class Acting(NamedTuple):
         return self.bodies[: len(self.bodies) - self.load.n_untied_bodies]
 
 
-class Loading(Members):
+class Loading(Graph):
     """Base of :class:`.Mechanism`: forces, elements of meshes, pressures and other loads."""
 
     def __init__(self) -> None:
@@ -47,8 +48,8 @@ class Loading(Members):
         self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
         self.others: list[Acting] = []  # loads, by their name
 
-    def force(self, name: str, force: Force, a: Body, b: Body | None = None) -> ForceHandle:
-        """Add a force on body a (and b); joint forces act on the tree joint of a.
+    def force(self, name: str, force: Force, a: Body | JointHandle, b: Body | None = None) -> ForceHandle:
+        """Add a force on body a (and b); joint forces act on the tree joint of a, or on joint a.
 
         Parameters
         ----------
@@ -58,7 +59,8 @@ class Loading(Members):
             Force element, such as :class:`.Spring` or :class:`.JointForce`.
         a, b
             Bodies of this mechanism; b is the ground by default. Elements of a joint coordinate, such as
-            :class:`.JointForce`, act on the tree joint of a, which has one coordinate.
+            :class:`.JointForce`, act on the tree joint of a, or on a joint a that :meth:`joint` has returned, which has
+            one coordinate.
 
         Returns
         -------
@@ -72,11 +74,16 @@ class Loading(Members):
         """
         self._new_name("force", name, self._loads_named())
         check_element_type(f"force {name!r}", force, Force)
-        self._member(a, f"body a of force {name!r}")
+        if isinstance(a, JointHandle) and not force.on_joint:
+            raise UserError(f"force {name!r} acts on bodies, and is given joint {a.name!r}; give it one or two bodies")
+        a = self._coordinate_owner(a, f"body a of force {name!r}")
         other = self.ground if b is None else b
         self._member(other, f"body b of force {name!r}")
         if force.on_joint and a.joint.nv != 1:
-            raise UserError(f"force {name!r} needs a joint of one coordinate; that of {a.name!r} has {a.joint.nv}")
+            raise UserError(
+                f"force {name!r} needs a joint of one coordinate; that of {a.name!r} has {a.joint.nv}"
+                + "; give the force a joint that Mechanism.joint has returned" * (getattr(a, "parent", 0) == UNPLACED)
+            )
         if not force.on_joint and a is other:
             raise UserError(f"force {name!r} acts between body {a.name!r} and itself; it needs two bodies")
         force.check(f"force {name!r}")
@@ -184,6 +191,13 @@ class Loading(Members):
                 yield Acting(f"pressure {name!r}", pressure, face)
         yield from self._other_companions
         yield from self.others
+
+    @property
+    def first_other(self) -> int:
+        """Number of the first of ``others`` among :meth:`loads` of a mechanism that is complete."""
+        of_elements = len(self.elements) + len(self._element_companions)
+        of_faces = sum(len(faces) for _, _, faces in self.pressures)
+        return len(self.forces) + of_elements + of_faces + len(self._other_companions)
 
     def _companions(self, acting: Acting) -> list[Acting]:
         """Return the loads that come with a load, and those that come with these; UserError for what is none."""

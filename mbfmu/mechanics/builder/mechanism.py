@@ -20,7 +20,7 @@ from mbfmu.mechanics.checks import Vector, inertia_matrix, vector
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import CutJoint
 from mbfmu.mechanics.flexible import Beam
-from mbfmu.mechanics.joints import Joint, Section
+from mbfmu.mechanics.joints import Floating, Joint, Section
 from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.numbers import not_negative
 from mbfmu.mechanics.sensors import (
@@ -35,8 +35,10 @@ from mbfmu.mechanics.signals import Input, Signal
 from mbfmu.util.errors import UserError, missing_attribute
 
 from .appearance import Appearance
-from .bodies import Body, FlexibleBody, coordinate_of
+from .bodies import UNPLACED, Body, FlexibleBody, coordinate_of
+from .graph import check_joint
 from .handles import CouplingHandle, CutHandle, ForceHandle, Mesh
+from .joint_handle import JointHandle
 from .loading import Loading
 from .measurements import Measurements
 
@@ -82,8 +84,6 @@ class Mechanism(Appearance, Loading, Measurements):
         self.gravity_inputs = {k: g for k, g in enumerate(components) if isinstance(g, Input)}
         self.gravity = vector("gravity", [g.start if isinstance(g, Input) else g for g in components])
         super().__init__()
-        self.cuts: list[CutHandle] = []
-        self.couplings: list[CouplingHandle] = []
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
         self.shown_outputs: list[str] = []  # outputs, by name
         self.meshes: list[Mesh] = []  # bodies that elements connect to one another
@@ -97,23 +97,25 @@ class Mechanism(Appearance, Loading, Measurements):
     def body(
         self,
         name: str,
-        parent: Body,
-        joint: Joint,
+        parent: Body | None = None,
+        joint: Joint | None = None,
         *,
         mass: float = 0.0,
         com: Vector = (0.0, 0.0, 0.0),
         inertia: Any = (0.0, 0.0, 0.0),
     ) -> Body:
-        """Add a body that is connected to a parent body by a joint.
+        """Add a body, and connect it to a parent body by a joint.
+
+        Without parent and joint the body is connected by :meth:`joint`, and the program chooses the tree.
 
         Parameters
         ----------
         name
             Unique name among the bodies.
         parent
-            Body of this mechanism or its ground.
+            Body of this mechanism or its ground; None: :meth:`joint` connects the body.
         joint
-            Tree joint, which places the frame of the body in that of the parent.
+            Tree joint, which places the frame of the body in that of the parent; None: as for ``parent``.
         mass
             Mass, kg; zero is allowed if the motion has inertia from other bodies.
         com
@@ -132,21 +134,19 @@ class Mechanism(Appearance, Loading, Measurements):
             The name is used already, the parent is not a body of this mechanism, or a value is invalid.
         """
         self._new_name("body", name, self._bodies_named)
-        self._member(parent, f"parent of body {name!r}")
-        if isinstance(joint, Section):
-            raise UserError(f"joint of body {name!r} is of class Section; use FlexibleBody.section")
-        check_element_type(f"joint of body {name!r}", joint, Joint)
-        joint.check(f"body {name!r}")
-        if joint.drive is not None and joint.nv != 1:
+        if (parent is None) != (joint is None):
             raise UserError(
-                f"joint of body {name!r} has {joint.nv} coordinates and cannot be driven; allowed: a joint of one "
-                "coordinate, or a chain of such joints through bodies without mass"
+                f"body {name!r} is given a {'joint and no parent' if parent is None else 'parent and no joint'}; "
+                "allowed: both, or neither for a body that Mechanism.joint connects"
             )
+        if parent is not None and joint is not None:
+            self._member(parent, f"parent of body {name!r}")
+            check_joint(f"joint of body {name!r}", joint)
         new = Body(
             name,
             len(self.bodies),
-            parent.index,
-            joint,
+            UNPLACED if parent is None else parent.index,
+            Floating() if joint is None else joint,
             not_negative(f"mass of body {name!r}", mass),
             vector(f"com of body {name!r}", com),
             inertia_matrix(name, inertia),
@@ -220,7 +220,7 @@ class Mechanism(Appearance, Loading, Measurements):
         UserError
             The name is used already, a body is not one of this mechanism, or the joint is invalid.
         """
-        self._new_name("cut", name, [c.name for c in self.constraints])
+        self._new_name("cut", name, self._constraint_names())
         check_element_type(f"cut {name!r}", cut, CutJoint)
         self._member(a, f"body a of cut {name!r}")
         self._member(b, f"body b of cut {name!r}")
@@ -234,8 +234,8 @@ class Mechanism(Appearance, Loading, Measurements):
         self,
         name: str,
         coupling: Coupling,
-        a: Body,
-        b: Body,
+        a: Body | JointHandle,
+        b: Body | JointHandle,
         *,
         coordinate_a: int | None = None,
         coordinate_b: int | None = None,
@@ -249,7 +249,7 @@ class Mechanism(Appearance, Loading, Measurements):
         coupling
             Coupling law, such as ``Gear(ratio=-2.0)`` or ``Cam(table)``.
         a, b
-            Bodies of this mechanism; either joint may be driven.
+            Bodies of this mechanism, whose tree joints are meant, or joints; either joint may be driven.
         coordinate_a, coordinate_b
             Number of the coordinate, from 0, if the joint has several; not one of a quaternion.
 
@@ -264,10 +264,10 @@ class Mechanism(Appearance, Loading, Measurements):
             The name is used already, a coordinate does not exist, or the law does not fit its unit.
         """
         what = f"coupling {name!r}"
-        self._new_name("coupling", name, [c.name for c in self.constraints])
+        self._new_name("coupling", name, self._constraint_names())
         check_element_type(what, coupling, Coupling)
-        self._member(a, f"body a of {what}")
-        self._member(b, f"body b of {what}")
+        a = self._coordinate_owner(a, f"body a of {what}")
+        b = self._coordinate_owner(b, f"body b of {what}")
         k = coordinate_of(f"coordinate_a of {what}", a, coordinate_a)
         l = coordinate_of(f"coordinate_b of {what}", b, coordinate_b)
         if a is b and k == l:
@@ -309,7 +309,11 @@ class Mechanism(Appearance, Loading, Measurements):
         if not isinstance(description, str):
             raise UserError(f"description of output {name!r} is {description!r}; allowed: text")
         for body in sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ()):
-            self._member(body, f"body of output {name!r}")
+            self._coordinate_owner(body, f"body of output {name!r}")
+        if isinstance(sensor.item, JointHandle) and not any(sensor.item is joint for joint in self.joints):
+            raise UserError(
+                f"output {name!r} is of joint {sensor.item.name!r}, which is not one of this mechanism; use its own"
+            )
         if isinstance(sensor.item, CutHandle | CouplingHandle) and not any(sensor.item is c for c in self.constraints):
             raise UserError(
                 f"output {name!r} is of {sensor.item.name!r}, which is not a constraint of this mechanism; use its own"

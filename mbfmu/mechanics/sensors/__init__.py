@@ -6,7 +6,7 @@ from .attitudes import AngularVelocity, DirectionCosine, Quaternion
 from .base import Follows, Sensor, axis_index
 from .coordinates import Acceleration, Coordinate, Effort, Rate, Turn
 from .energies import Energy, JacobiIntegral, KineticEnergy, PotentialEnergy, Residual, largest_residual
-from .forces import CouplingEffort, CutForce, JointForce, RowForce
+from .forces import CouplingEffort, CutForce, DeclaredJointForce, JointForce, RowForce
 from .loads import LoadEffort, LoadWrench
 from .pairs import AngleBetween, Distance, DistanceRate, RelativePosition, RelativeVelocity
 from .points import PointAcceleration, PointPosition, PointVelocity
@@ -20,6 +20,7 @@ __all__ = [
     "Coordinate",
     "CouplingEffort",
     "CutForce",
+    "DeclaredJointForce",
     "Deflection",
     "DirectionCosine",
     "Distance",

@@ -90,9 +90,9 @@ class Polynomial(Coefficients):
 class Input(Coefficients):
     """Input: a value that the importing tool sets between steps.
 
-    A load is held, or continued with ``rate_name`` if the rate is given too. The drive of a joint is a motion
-    instead: the coordinate moves to the position of the given motion at the end of the step, without a jump of its
-    position, see :mod:`mbfmu.mechanics.arrays.support_motion`.
+    A load is held, or continued with ``rate_name`` if the rate is given too. The input of a driven joint is its
+    position at the time at which it is set. During the next step the joint moves to the position that is extrapolated
+    to the end of this step, without a jump, see :mod:`mbfmu.mechanics.arrays.support_motion`.
 
     Parameters
     ----------
