@@ -18,7 +18,7 @@ from pathlib import Path
 import psutil
 
 import mbfmu as mb
-from mbfmu.ensemble.engine import processors
+from mbfmu.util.processes import count_processors
 
 RUNS = 10_000
 VARIED = {"crank_length": "1 m +- 5 mm", "crank_mass": "8.019 kg +- 1 %"}
@@ -83,7 +83,7 @@ def measure(name: str, runs: int, folder: Path, scheduler: str = "") -> None:
         scheduler=scheduler,
     )  # fmt: skip
     memory.end()
-    ideal = study.summed_time / processors()
+    ideal = study.summed_time / count_processors()
     third = len(memory.seen) // 3
     print(
         f"{name}: {study!r}, {study.wall_time:.1f} s; runs {study.summed_time:.1f} s of CPU time, "
@@ -97,7 +97,7 @@ def main() -> None:
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else RUNS
     with tempfile.TemporaryDirectory() as place:
         measure("pool", runs, Path(place) / "pool")
-        with cluster(Path(place), processors()) as address:
+        with cluster(Path(place), count_processors()) as address:
             measure("cluster", runs, Path(place) / "cluster", address)
 
 

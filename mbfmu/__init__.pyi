@@ -1,7 +1,7 @@
 # What a first session needs; `mbfmu/__init__.py` loads each name when it is first used.
 
 from .ensemble.study import Study, load_study, study
-from .fmi import export, write_ssp
+from .fmi import Batch, export, simulate_many, write_ssp
 from .mechanics import (
     Beam,
     BeamElement,
@@ -90,7 +90,7 @@ from .util.errors import AssemblyError, EquilibriumError, UserError
 from .viewer.show import view
 
 __all__ = [
-    "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Comparison", "Crease", "Cylinder",
+    "AssemblyError", "Batch", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Comparison", "Crease", "Cylinder",
     "Cylindrical", "CylindricalCutJoint", "Diagnostic", "DistanceCutJoint", "DistanceStop", "Drum", "Equilibrium",
     "EquilibriumError", "EquilibriumPath", "Findings", "Floating", "Function", "Gear", "Geodesic", "Guide",
     "Harmonic", "Input", "JointForce", "JointSpring", "JointStop", "LineForce", "Mechanism", "Model", "OutOfPlane",
@@ -100,8 +100,8 @@ __all__ = [
     "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational", "TranslationalCutJoint", "Trough",
     "Universal", "UserError", "Wall", "Weld", "WeldCutJoint", "add_chain", "add_contact", "add_nip", "add_sheet", "box",
     "check", "compare", "cylinder", "equilibrium", "equilibrium_path", "export", "find", "linearize", "load_study",
-    "models", "modes", "parameter", "recommend_solver", "rod", "simulate", "sphere", "study", "tube", "view",
-    "write_ssp",
+    "models", "modes", "parameter", "recommend_solver", "rod", "simulate", "simulate_many", "sphere", "study", "tube",
+    "view", "write_ssp",
 ]  # fmt: skip
 
 __version__: str

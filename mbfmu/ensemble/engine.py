@@ -7,7 +7,6 @@ under way than keep all workers busy, so that memory does not grow with a study.
 from __future__ import annotations
 
 import logging
-import os
 import re
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,6 +21,7 @@ from typing import Any, Self
 import mbfmu
 from mbfmu.util.errors import UserError
 from mbfmu.util.extras import import_optional
+from mbfmu.util.processes import count_processors
 
 from .design import Point
 from .worker import STATUS_FAILED, STUDY_EXTRA, FmuJob, ModelJob, Outcome, run_batch
@@ -71,7 +71,7 @@ class Workers:
             if scheduler:
                 self._client = distributed.Client(scheduler, timeout=SCHEDULER_TIMEOUT, set_as_default=False)
             else:
-                count = count or processors()
+                count = count or count_processors()
                 with import_optional("dask", STUDY_EXTRA).config.set({"distributed.scheduler.allowed-failures": 1}):
                     self._cluster = distributed.LocalCluster(
                         n_workers=count, threads_per_worker=1, processes=True, dashboard_address=":0", memory_limit=0,
@@ -220,13 +220,6 @@ def check_place() -> None:
     """Refuse a study in a process of a pool, which imports the script that made it."""
     if getattr(current_process(), "_inheriting", False):
         raise UserError('put what starts a study under `if __name__ == "__main__":`: its workers import the script')
-
-
-def processors() -> int:
-    """Return how many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):  # not on every system
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _job_of_task(job: ModelJob | FmuJob) -> ModelJob | FmuJob:

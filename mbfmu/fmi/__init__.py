@@ -2,6 +2,7 @@
 
 from .export import export
 from .harness import Fmu
+from .many import Batch, simulate_many
 from .ssp import write_ssp
 
-__all__ = ["Fmu", "export", "write_ssp"]
+__all__ = ["Batch", "Fmu", "export", "simulate_many", "write_ssp"]

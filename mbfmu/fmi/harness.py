@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from ctypes import byref
+from ctypes import byref, c_void_p, cast
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -23,14 +23,33 @@ from fmpy.fmi2 import (
 )
 from numpy.typing import NDArray
 
-from mbfmu.util.diagnostics import Diagnostic
+from mbfmu.util.diagnostics import Diagnostic, without_repeats
 from mbfmu.util.errors import UserError, suggest
+from solvers.compiled.foreign_call import address_of_array, call_int
+from solvers.compiled.kernel import concurrent_kernel
 from solvers.diagnostics import CODE_PATTERN, Severity
+from solvers.system import Array
+
+FMI_TRUE, FMI_WARNING = np.int32(1), np.int32(fmi2Warning)
+ENTRY_BYTES = 8  # of a real number
 
 
 def called(variable: Any) -> str:
     """Return the type in the name of the function that reads or sets a variable."""
     return "Integer" if variable.type == "Enumeration" else str(variable.type)
+
+
+@concurrent_kernel
+def fill_rows(do_step: int, get_real: int, fmu: int, times: Array, references: NDArray[np.uint32], rows: Array) -> int:
+    """See :meth:`Fmu.make_run`; the first arguments are addresses of functions of FMI 2.0, and of the instance."""
+    count = references.shape[0]
+    for i in range(times.shape[0]):
+        if i > 0 and call_int(do_step, (fmu, times[i - 1], times[i] - times[i - 1], FMI_TRUE)) > FMI_WARNING:
+            return i
+        place = address_of_array(rows) + ENTRY_BYTES * count * i
+        if call_int(get_real, (fmu, address_of_array(references), count, place)) > FMI_WARNING:
+            return i
+    return int(times.shape[0])
 
 
 def severity_of(status: int) -> Severity:
@@ -116,6 +135,44 @@ class Fmu:
         except FMICallException as error:
             raise UserError(self.message() or str(error)) from error
         self._begun = True
+
+    def make_run(
+        self, values: Mapping[str, Any], times: Array, references: NDArray[np.uint32], rows: Array
+    ) -> tuple[int, tuple[Diagnostic, ...]]:
+        """Begin again with the start values of the FMU but for these, and advance through all points in one call.
+
+        Parameters
+        ----------
+        values
+            Start values by name.
+        times
+            Times (k,), s, from 0 on.
+        references
+            Value references (n,) of real variables.
+        rows
+            Array (k, n) that receives their values.
+
+        Returns
+        -------
+        tuple[int, tuple[Diagnostic, ...]]
+            Number of rows that are complete, and the diagnostics of the run: fewer than k, and an error, if the start
+            fails or a step is discarded.
+        """
+        self.slave.reset()
+        self.diagnostics.clear()
+        self.t, done, failures = float(times[0]), 0, list[Diagnostic]()
+        try:
+            self.start(values)
+            library = self.slave.dll
+            functions = (cast(function, c_void_p).value or 0 for function in (library.fmi2DoStep, library.fmi2GetReal))
+            do_step, get_real = functions
+            done = fill_rows(do_step, get_real, self.slave.component, times, references, rows)
+            self.t = float(times[max(done - 1, 0)])
+            if done < len(times):
+                raise UserError(self.message())
+        except UserError as error:
+            failures.append(error.diagnostic)
+        return done, without_repeats([*(d for d in self.diagnostics if d.severity != "error"), *failures])
 
     def step(self, dt: float) -> None:
         """Advance by dt (s); raises UserError with the FMU's reason if it discards the step."""

@@ -1,4 +1,4 @@
-"""Programs that this process starts, such as compilers, and that end with it."""
+"""Programs that this process starts, such as compilers, and that end with it; processors."""
 
 from __future__ import annotations
 
@@ -44,6 +44,13 @@ def run_program(
                 raise
         errors.seek(0)
         return process.returncode, [line for line in errors.read().splitlines() if line.strip()]
+
+
+def count_processors() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):  # not on every system
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

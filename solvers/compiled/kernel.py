@@ -50,6 +50,11 @@ def kernel(function: F) -> F:
     return _dispatcher(Kernel, function) if COMPILED else function
 
 
+def concurrent_kernel(function: F) -> F:
+    """Compile a kernel during whose calls from Python other threads of Python run."""
+    return _dispatcher(Kernel, function, nogil=True) if COMPILED else function
+
+
 def inlined(function: F) -> F:
     """Compile a small kernel into its callers: handing it many arrays would cost more than its work."""
     return _dispatcher(Inlined, function, forceinline=True) if COMPILED else function

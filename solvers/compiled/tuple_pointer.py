@@ -27,7 +27,7 @@ from numba.extending import (
 )
 
 from .kernel import COMPILED, kernel
-from .symbols import name_of_type
+from .symbols import Callback, name_of_type
 
 
 class TuplePointerType(types.Type):
@@ -53,7 +53,7 @@ class TuplePointer:
         self.value = value  # keeps the arrays alive
         self._place = np.zeros(tuple_size(self._numba_type_), np.uint8)
         self.address = self._place.ctypes.data
-        store_tuple(value, self.address)
+        tuple_store(self._numba_type_)(value, self.address)
 
 
 _array_types: dict[tuple[Any, ...], Any] = {}
@@ -72,6 +72,8 @@ def pointer_type(example: Any) -> Any:
         return _array_types[key]
     if isinstance(example, TuplePointer):
         return example._numba_type_
+    if isinstance(example, Callback):
+        return _callback_type(example)
     if not isinstance(example, tuple):
         return typeof(example)  # type: ignore[no-untyped-call]
     fields = [pointer_type(field) for field in example]
@@ -79,6 +81,12 @@ def pointer_type(example: Any) -> Any:
     if same not in _tuple_types:
         _tuple_types[same] = TuplePointerType(types.BaseTuple.from_types(fields, type(example)))  # type: ignore[no-untyped-call]
     return _tuple_types[same]
+
+
+@cache
+def _callback_type(callback: Callback) -> Any:
+    """Return numba's type of a callback; numba would construct it at every call."""
+    return typeof(callback)  # type: ignore[no-untyped-call]
 
 
 def pin(value: Any) -> Any:
@@ -134,6 +142,15 @@ def tuple_size(pointer: Any) -> int:
     """Bytes of a tuple as kernels have it, from its type."""
     context: Any = cpu_target.target_context
     return int(context.get_abi_sizeof(context.get_value_type(pointer.content)))
+
+
+@cache
+def tuple_store(pointer: Any) -> Any:
+    """Return :func:`store_tuple` for a type: a call that finds the types of all fields takes ten times as long."""
+    arguments = pointer.content, types.int64
+    store: Any = store_tuple
+    store.compile(arguments)
+    return store.overloads[arguments].entry_point
 
 
 @kernel
