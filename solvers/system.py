@@ -57,6 +57,11 @@ class Terms(NamedTuple):
         """Return zeroed terms for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         return Terms(*(np.zeros(shape, scalar) for shape in (nq, (n, n), n, m, (m, n), m, m)))
 
+    @staticmethod
+    def allocate_constraints(n: int, m: int, scalar: type = float) -> Terms:
+        """Return zeroed terms of ``m`` constraints alone: the others have no entries."""
+        return Terms(*(np.zeros(shape, scalar) for shape in (0, (0, 0), 0, m, (m, n), m, m)))
+
 
 def no_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
     """Default of a system without work of forces."""
@@ -417,8 +422,7 @@ class TreeSystem(AnySystem):
 
     def allocate_terms(self, scalar: type = float) -> Terms:
         """Return zeroed terms; those of the constraints are the only ones a tree fills, and M has no entries."""
-        shapes = 0, (0, 0), 0, self.m, (self.m, self.n), self.m, self.m
-        return Terms(*(np.zeros(shape, scalar) for shape in shapes))
+        return Terms.allocate_constraints(self.n, self.m, scalar)
 
     def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
         """Fill Phi, J, nu and gamma at (t, q, v)."""

@@ -244,8 +244,9 @@ TEMPORARY = {  # functions that write into a folder of their own, which is remov
     "native/user_kernels.py:user_library",
     "native/runtime.py:build_lock",  # a file that is locked, and empty
     "native/kernels.py:write",
+    "native/kernels.py:write_family",
     "ensemble/worker.py:unpacked",
-    "ensemble/worker.py:__init__",
+    "ensemble/fmu_runners.py:__init__",
     "__main__.py:prepare_streams",  # the device, as below
     "cli/__init__.py:main",  # the device that swallows what is written to it
     "util/files.py:write_text",

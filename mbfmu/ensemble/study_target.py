@@ -137,6 +137,8 @@ class FmuTarget:
         By name of what may vary: float, int or bool.
     units, outputs
         By name of what may vary and of outputs, their units.
+    is_native
+        Whether mbfmu has exported it without Python.
     """
 
     name: str
@@ -147,6 +149,7 @@ class FmuTarget:
     values: Mapping[str, Any]
     stop_time: float
     interval: float
+    is_native: bool = False
     steady = False
 
     def check(self, name: str, value: Any) -> Any:
@@ -160,7 +163,8 @@ class FmuTarget:
         about: dict[str, Any] = {"values": dict(self.values), "stop_time": self.stop_time, "interval": self.interval}
         about |= {"outputs": tuple(self.outputs.items())}
         identity = content_digest(sha256(self.content).hexdigest(), about, shared)
-        return FmuJob(identity=identity, version=mbfmu.__version__, content=self.content, **about, **shared)
+        about |= {"version": mbfmu.__version__, "content": self.content, "is_native": self.is_native}
+        return FmuJob(identity=identity, **about, **shared)
 
 
 StudyTarget = ModelTarget | FmuTarget
@@ -200,7 +204,7 @@ def exported(scene: Scene, native: bool) -> FmuTarget:
         path = Path(place) / "model.fmu"
         export_scene(scene, path, FmuKind.NATIVE if native else FmuKind.PYTHON, falls_back=False)
         found = read_fmu(path, scene.stop_time, scene.output_interval)
-    return FmuTarget(**{**vars(found), "name": scene.name})
+    return FmuTarget(**{**vars(found), "name": scene.name, "is_native": native})
 
 
 def read_fmu(path: Path, stop_time: float | None, interval: float | None) -> FmuTarget:

@@ -6,7 +6,6 @@ A job is what all runs of a study share, small enough to travel with every batch
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import tempfile
 import threading
@@ -21,7 +20,6 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 import mbfmu
-from mbfmu.mechanics import Variable
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.modules import load_module
 from mbfmu.modeling.registry import find
@@ -31,10 +29,8 @@ from mbfmu.session.result import Result
 from mbfmu.session.run import communication_points, run
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.state import Equilibrium
-from mbfmu.util.diagnostics import Diagnostic, without_repeats
 from mbfmu.util.errors import UserError
 from mbfmu.util.extras import import_optional
-from solvers import Statistics
 from solvers.system import Array
 
 from .design import Point
@@ -43,8 +39,6 @@ from .measures import Measure, Steady
 STATUS_OK, STATUS_SUSPECT, STATUS_FAILED = "ok", "suspect", "failed"
 STOP_TIME_KEY = "stop_time"
 ENERGY_OUTPUT_NAMES = tuple(v.name for v in ENERGY_OUTPUTS)
-FMU_CODE = "fmu-warning"  # of messages without a code
-FMI_WARNING_STATUS = 1  # the status of FMI; larger ones are worse
 STUDY_EXTRA = "study"  # of mbfmu: the packages that studies need
 
 
@@ -92,6 +86,10 @@ class Runner(Protocol):
 
     def steady(self, point: Point) -> Equilibrium:
         """Return the steady state."""
+        ...
+
+    def close(self) -> None:
+        """Remove what it has written."""
         ...
 
 
@@ -164,6 +162,9 @@ class ModelRunner:
         """Return the steady state."""
         return equilibrium(self._model_at(point))
 
+    def close(self) -> None:
+        """Do nothing."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FmuJob(Job):
@@ -174,98 +175,13 @@ class FmuJob(Job):
     outputs: tuple[tuple[str, str], ...]  # names and units
     stop_time: float
     interval: float
+    is_native: bool = False  # whether it is a native FMU of mbfmu, whose runs need no separate instances
 
     def make_runner(self, folder: Path) -> Runner:
         """Return it ready."""
-        return FmuRunner(self, folder)
+        from .fmu_runners import FmuRunner, NativeRunner  # which import this module
 
-
-class FmuRunner:
-    """Runs of an FMU in this process; each uses a separate instance."""
-
-    def __init__(self, job: FmuJob, folder: Path) -> None:
-        from fmpy import extract, read_model_description
-
-        self.job, self._folder = job, folder / "fmu"
-        file = folder / "model.fmu"
-        file.write_bytes(job.content)
-        extract(str(file), str(self._folder))
-        self._description = read_model_description(str(self._folder))
-
-    def result(self, point: Point) -> Result:
-        """Return a run."""
-        from fmpy import simulate_fmu
-
-        job, messages = self.job, []
-        stop, reached = float(point.get(STOP_TIME_KEY, job.stop_time)), [-inf]
-
-        def step_finished(t: float, _: Any) -> bool:  # FMPy repeats a discarded step without limit
-            stuck = t <= reached[0]
-            reached[0] = t
-            return not stuck
-
-        def log_message(*given: Any) -> None:  # what an FMU logs of its course may be long
-            if given[-3] >= FMI_WARNING_STATUS:
-                messages.append((given[-3], _text(given[-1])))
-
-        names = [name for name, _ in job.outputs]
-        failure, rows = "", None
-        try:
-            rows = simulate_fmu(
-                str(self._folder), stop_time=stop, output_interval=job.interval, output=names,
-                start_values={**job.values, **{k: v for k, v in point.items() if k != STOP_TIME_KEY}},
-                model_description=self._description, step_finished=step_finished, logger=log_message,
-                debug_logging=True,
-            )  # fmt: skip
-        except Exception as error:  # FMPy raises what it likes
-            failure = _last_error(messages) or f"{type(error).__name__}: {error}"
-        if rows is None:
-            raise UserError(failure)
-        if rows["time"][-1] < stop * (1.0 - 1e-9):
-            failure = _last_error(messages) or f"the FMU ended at {rows['time'][-1]:g} s, before {stop:g} s"
-        return Result(
-            t=rows["time"],
-            values=np.column_stack([rows[name] for name in names]).astype(float),
-            variables=tuple(Variable(name, unit, "") for name, unit in job.outputs),
-            statistics=Statistics(),
-            wall_time=0.0,
-            diagnostics=without_repeats(
-                [
-                    *(_parse(text) for status, text in messages if status == FMI_WARNING_STATUS),
-                    *_find_nonfinite(rows, names),
-                    *([Diagnostic.parse(failure, "error", FMU_CODE)] if failure else []),
-                ]
-            ),
-        )
-
-    def steady(self, point: Point) -> Equilibrium:
-        """Refuse."""
-        raise UserError(
-            "an FMU provides no steady states; use a measure of the motion, or the model in place of its FMU"
-        )
-
-
-def _parse(text: str) -> Diagnostic:
-    return Diagnostic.parse(text, "warning", FMU_CODE)
-
-
-def _find_nonfinite(rows: Any, names: Sequence[str]) -> list[Diagnostic]:
-    """Return a warning about the first output that is no finite number."""
-    for name in names:
-        odd = ~np.isfinite(rows[name].astype(float))
-        if odd.any() and name not in ENERGY_OUTPUT_NAMES:
-            value, time = rows[name][odd][0], rows["time"][odd][0]
-            return [_parse(f"output {name!r} is {value} at t = {time:g} s, which is not a finite number")]
-    return []
-
-
-def _text(given: Any) -> str:
-    return given.decode(errors="replace") if isinstance(given, bytes) else str(given)
-
-
-def _last_error(messages: Sequence[tuple[int, str]]) -> str:
-    """Return the last that is more than a warning."""
-    return next((text for status, text in reversed(messages) if status > FMI_WARNING_STATUS), "")
+        return NativeRunner(self, folder) if self.is_native else FmuRunner(self, folder)
 
 
 class PreparedJob(NamedTuple):
@@ -314,8 +230,8 @@ def _scratch_dir() -> str | None:
 def forget_job(job: ModelJob | FmuJob) -> None:
     """Forget a job in this process, with its folder."""
     known = _prepared.pop(job.identity, None)
-    if known is not None and isinstance(known.runner, FmuRunner):
-        shutil.rmtree(known.runner._folder.parent, ignore_errors=True)
+    if known is not None:
+        known.runner.close()
 
 
 def run_batch(job: ModelJob | FmuJob, points: Sequence[tuple[int, Point]], max_time: float = inf) -> list[Outcome]:

@@ -23,7 +23,7 @@ from fmpy.fmi2 import (
 )
 from numpy.typing import NDArray
 
-from mbfmu.util.diagnostics import Diagnostic
+from mbfmu.util.diagnostics import Diagnostic, without_repeats
 from mbfmu.util.errors import UserError, suggest
 from solvers.compiled.foreign_call import address_of_array, call_int
 from solvers.compiled.kernel import concurrent_kernel
@@ -41,7 +41,7 @@ def called(variable: Any) -> str:
 
 @concurrent_kernel
 def fill_rows(do_step: int, get_real: int, fmu: int, times: Array, references: NDArray[np.uint32], rows: Array) -> int:
-    """See :meth:`Fmu.record`; the first arguments are addresses of functions of FMI 2.0, and of the instance."""
+    """See :meth:`Fmu.make_run`; the first arguments are addresses of functions of FMI 2.0, and of the instance."""
     count = references.shape[0]
     for i in range(times.shape[0]):
         if i > 0 and call_int(do_step, (fmu, times[i - 1], times[i] - times[i - 1], FMI_TRUE)) > FMI_WARNING:
@@ -136,12 +136,43 @@ class Fmu:
             raise UserError(self.message() or str(error)) from error
         self._begun = True
 
-    def restart(self, values: Mapping[str, Any]) -> None:
-        """Begin again at time zero, with the start values of the FMU but for these; the same failures."""
+    def make_run(
+        self, values: Mapping[str, Any], times: Array, references: NDArray[np.uint32], rows: Array
+    ) -> tuple[int, tuple[Diagnostic, ...]]:
+        """Begin again with the start values of the FMU but for these, and advance through all points in one call.
+
+        Parameters
+        ----------
+        values
+            Start values by name.
+        times
+            Times (k,), s, from 0 on.
+        references
+            Value references (n,) of real variables.
+        rows
+            Array (k, n) that receives their values.
+
+        Returns
+        -------
+        tuple[int, tuple[Diagnostic, ...]]
+            Number of rows that are complete, and the diagnostics of the run: fewer than k, and an error, if the start
+            fails or a step is discarded.
+        """
         self.slave.reset()
         self.diagnostics.clear()
-        self.t = 0.0
-        self.start(values)
+        self.t, done, failures = float(times[0]), 0, list[Diagnostic]()
+        try:
+            self.start(values)
+            library = self.slave.dll
+            functions = (cast(function, c_void_p).value or 0 for function in (library.fmi2DoStep, library.fmi2GetReal))
+            do_step, get_real = functions
+            done = fill_rows(do_step, get_real, self.slave.component, times, references, rows)
+            self.t = float(times[max(done - 1, 0)])
+            if done < len(times):
+                raise UserError(self.message())
+        except UserError as error:
+            failures.append(error.diagnostic)
+        return done, without_repeats([*(d for d in self.diagnostics if d.severity != "error"), *failures])
 
     def step(self, dt: float) -> None:
         """Advance by dt (s); raises UserError with the FMU's reason if it discards the step."""
@@ -154,21 +185,6 @@ class Fmu:
         except FMICallException as error:
             raise UserError(self.message() or str(error)) from error
         self.t = t
-
-    def record(self, times: Array, references: NDArray[np.uint32], rows: Array) -> int:
-        """Advance through ``times`` (k,), s, the first of which is the time reached, without Python in between.
-
-        The values of the real variables of these ``references`` (n,) are written into ``rows`` (k, n). Return the
-        number of rows that are complete: fewer than k if the FMU discards a step.
-        """
-        library = self.slave.dll
-        do_step, get_real = (
-            cast(function, c_void_p).value or 0 for function in (library.fmi2DoStep, library.fmi2GetReal)
-        )
-        done = fill_rows(do_step, get_real, self.slave.component, times, references, rows)
-        if done:
-            self.t = float(times[done - 1])
-        return done
 
     def message(self) -> str:
         """Return why the FMU stopped; empty where all is well or the FMU has no ``solver.message``."""

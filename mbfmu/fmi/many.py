@@ -23,7 +23,7 @@ from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.scene import Scene
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.run import check_interval, communication_points
-from mbfmu.util.diagnostics import Diagnostic, without_repeats
+from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.processes import count_processors
 from solvers.system import Array
@@ -238,12 +238,5 @@ class _Runs:
                 if self._ended.is_set():
                     return
                 values = {name: self._types[name](own[number]) for name, own in self._varied.items()}
-                failure: list[Diagnostic] = []
-                try:
-                    fmu.restart(values)
-                    if fmu.record(self._times, self._references, self._values[number]) < len(self._times):
-                        failure = [UserError(fmu.message()).diagnostic]
-                except UserError as error:
-                    failure = [error.diagnostic]
-                found = [d for d in fmu.diagnostics if d.severity != "error"]
-                self._diagnostics[number] = without_repeats([*found, *failure])
+                run = values, self._times, self._references, self._values[number]
+                _, self._diagnostics[number] = fmu.make_run(*run)

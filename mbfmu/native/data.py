@@ -28,7 +28,7 @@ from solvers.steppers import ORDER_LIMITS
 from . import layout, start_checks
 from .contents import Contents, contents_for
 from .curves import Shifted
-from .entries import Instance, family_of, image_of, uses_sundials
+from .entries import Instance, called_in_steps, family_of, image_of, uses_sundials
 from .exchange_states import (
     ExchangeState,
     exchange_states,
@@ -118,10 +118,11 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     several = arrays(model, variables)
     states, notes = _states(simulation, variables) if not for_one_run else (None, [])
     file = _File(simulation, instance, image, settable, variables, several, states is not None, differentiates)
-    messages, own = [*simulation.diagnostics, *notes], user_kernels(simulation.compiled.called())
+    messages, family = [*simulation.diagnostics, *notes], family_of(simulation)
+    own = user_kernels(called_in_steps(simulation.compiled, family))
     inputs, is_steady = simulation.compiled.inputs, simulation.steady_state is not None
     numbers = (relocation.target for relocation in image.kernels)
-    contents = contents_for(family_of(simulation), numbers, exchanges=states is not None, is_steady=is_steady)
+    contents = contents_for(family, numbers, exchanges=states is not None, is_steady=is_steady)
     moving = tuple(v.name for k, v in enumerate(inputs.variables) if inputs.moves_support(k))
     provided = states, moving, differentiates, _takes_rates(simulation)
     return NativeModel(variables, several, frozen, messages, *provided, file.write(), bool(own), contents)
@@ -268,7 +269,7 @@ class _File:
         header["family"] = list(FAMILIES).index(family_of(self._simulation))
         header["size"], header["saved"], header["root"] = self._image.size, self._image.saved, self._image.root
         compiled, freedom = self._simulation.compiled, self._simulation.stepper.freedom
-        header["user_kernels"] = len(user_kernels(compiled.called()))
+        header["user_kernels"] = len(user_kernels(called_in_steps(compiled, family_of(self._simulation))))
         header["saved_alone"] = self._image.at(self._instance.exchange.times)  # the first of model exchange
         header["exchange"], header["positions"], header["velocities"] = self._exchanges, system.nq, system.n
         header["derivatives"], header["inputs"] = self._differentiates, len(compiled.inputs)

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.arrays.closing import CutFrames
+from mbfmu.mechanics.arrays.compile import CompiledElements
+from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
 from mbfmu.mechanics.arrays.input_kernels import InputRecords, start_input
-from mbfmu.mechanics.arrays.tables import LINEARIZED, TANGENT_NUMBERS
+from mbfmu.mechanics.arrays.tables import LINEARIZED, TANGENT_NUMBERS, CalledKernel
 from mbfmu.mechanics.records import ItemRecord, empty_data
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
-from mbfmu.mechanics.tangent.factored import empty_tangent
 from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.kernels.points import Session, begin_session
 from mbfmu.session.kernels.sequence import SolverActions, sequence_of
@@ -40,12 +41,13 @@ from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
 
+from . import eliminated
 from .derivatives import Linearization, empty_linearized, to_linearized
 from .exchange_memory import Exchange
-from .families import FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
+from .families import ELIMINATED_FAMILY, FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
 from .image import MemoryImage
 from .kernel_table import kernel_numbers, numbers_in_fmu
-from .model_exchange import exchange_entries
+from .model_exchange import FORMULATIONS, exchange_entries
 from .start_checks import Start, check_resolution, find_misplaced
 from .steady_export import steady_start
 from .steady_start import SteadyStart
@@ -67,7 +69,8 @@ class Instance(NamedTuple):
     out: Array  # outputs
     given: Any  # solvers.steppers.step_loop.Integration
     start: Any  # .start_checks.Start
-    known: Array  # (3,) rates of the system and of its loops, 1/s; the characteristic length, m
+    # (4,) rates of the system and of its loops, 1/s; the characteristic length, m, and that of the export
+    known: Array
     options: NDArray[Any]  # (1,) solvers.options.OPTIONS
     counts: NDArray[np.int64]  # of the solver, by COUNTERS
     frames: Any  # mbfmu.mechanics.arrays.closing.CutFrames
@@ -91,6 +94,12 @@ def family_of(simulation: Simulation) -> str:
     return next((name for name, own in FAMILIES.items() if own.loop is loop), "")
 
 
+def called_in_steps(elements: CompiledMechanism | CompiledElements, family: str) -> list[CalledKernel | None]:
+    """Return the kernels that steps of a family call, those that the structured tangent calls last."""
+    derived = elements.called(TANGENT_NUMBERS) if FAMILIES[family].uses_tangent else []
+    return [*elements.called(), *derived]
+
+
 def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     """Return an instance that is assembled and yet to begin, where a simulation began; with zeros for the functions.
 
@@ -100,8 +109,8 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     compiled, system, family = simulation.compiled, simulation.compiled.system, FAMILIES[family_of(simulation)]
     given, (q, v) = unpin(stepper.integration), (array.copy() for array in simulation.start)
     sizes = system.nq, system.n, system.m
-    tangent = system.tangent.callbacks.tangent if family.uses_tangent else None
-    eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, tangent, *sizes)
+    structure = family.structure.of(system)
+    eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, structure, *sizes)
     work = family.work(*sizes, system.placed)
     work.size[:] = system.size
     work.inertia["watched"] = unpin(given.work).inertia["watched"]
@@ -109,17 +118,19 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
         getattr(work, name)[:] = getattr(unpin(given.work), name)
     assembly = compiled.assembly
     scratch = ClosureScratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
-    start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
+    start = Start(assembly.start_positions(), assembly.start_velocities(), scratch, int(not system.has_matrices))
     scales = EnergyScales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Integration(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ACCOUNT_SIZE))
-    known = np.array([system.rate, system.loop_rate if system.has_matrices else 0.0, compiled.length])
+    lengths = compiled.length, compiled.length
+    known = np.array([system.rate, system.loop_rate if system.has_matrices else 0.0, *lengths])
     session = Session.allocate(system.pinned_data, compiled.inputs.own, compiled.monitored)
     state = np.array([simulation.t]), q, v, own.energy_account
     buffers = np.zeros(system.n), np.zeros(system.m), np.zeros(system.n), np.zeros(len(simulation.variables))
     settings = known, stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     places = assembly.frames, np.zeros(len(compiled.mechanism.cuts)), system.placed
     linear = linearization_of(simulation) if differentiates else Linearization.example(pin(empty_linearized()))
-    more = Exchange.allocate(*sizes), steady_start(simulation), linear
+    branch = FORMULATIONS[family_of(simulation)].branch
+    more = Exchange.allocate(system.nq, system.n, lambda: branch(*sizes)), steady_start(simulation), linear
     return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places, *more)
 
 
@@ -154,11 +165,12 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
             "not-native",
         )
-    if not system.has_matrices and (system.m or (family and family not in TREE_FAMILIES)):
-        what = f"{system.m} constraints" if system.m else f"the solver {simulation.solver_choice.solver!r}"
+    if not system.has_matrices and (family not in ((ELIMINATED_FAMILY,) if system.m else TREE_FAMILIES)):
+        allowed = "'adams' and 'hybrid'" if system.m else "'adams', 'hybrid', 'ida' and 'esdirk'"
         raise UserError(
-            f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams', 'hybrid', "
-            f"'ida' and 'esdirk' and without constraints; this one has {what}. Export it with --python",
+            f"native FMUs do not support solver {simulation.solver_choice.solver!r} for this large model of {system.n} "
+            f"joint coordinates and {system.m} constraint equations; allowed: {allowed}. Use one of these, or export "
+            "it with --python",
             "not-native",
         )
     if not family:
@@ -167,10 +179,9 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{', '.join(drop_unlisted(NATIVE_SOLVERS))}",
             "not-native",
         )
-    called = simulation.compiled.called()
     instance, arrays = instance_of(simulation, differentiates), simulation.compiled.data.arrays
-    compiled, known = simulation.compiled, numbers_in_fmu(called)
-    tables = [(arrays.kernels, kernel_numbers(called, known))]
+    compiled, known = simulation.compiled, numbers_in_fmu(called_in_steps(simulation.compiled, family))
+    tables = [(arrays.kernels, kernel_numbers(compiled.called(), known))]
     if FAMILIES[family].uses_tangent:
         table = unpin(unpin(system.tangent.callbacks.tangent).arrays).kernels
         tables.append((table, kernel_numbers(compiled.called(TANGENT_NUMBERS), known)))
@@ -190,6 +201,8 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
         *own.scales,
     ]
     state += [start.q, start.v, own.work.size, own.work.size_q, start.scratch.row, instance.known, instance.options]
+    if family == ELIMINATED_FAMILY:
+        state += eliminated.units_of(own.eqs)
     state += instance.session.memory()
     state += [array for array in arrays if array is not arrays.kernels]
     state += instance.exchange.memory()
@@ -202,16 +215,16 @@ def example(name: str) -> Any:
     callbacks = {own: _named(function) for own, function in family.callbacks.items()}
     positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64))
     data = pin(empty_data())
-    eqs = family.equations(callbacks, data, empty_tangent() if family.uses_tangent else None, 1, 1, 1)
+    eqs = family.equations(callbacks, data, family.structure.empty(), 1, 1, 1)
     own = family.memory(1, 1, 1), family.work(1, 1, 1, positions), EnergyScales.of(1e-6, z(1), z(1))
     state = z(1), z(1), z(ACCOUNT_SIZE)
     given = Integration(eqs, records(1, family.loop.SETTINGS), *own, *state)
     session = Session.allocate(data, InputRecords.example(), ItemRecord.zeros(1))
-    start, frames = Start(z(1), z(1), ClosureScratch.allocate(1, 1)), CutFrames.example()
-    settings = z(3), records(1, OPTIONS), z(1, np.int64)
+    start, frames = Start(z(1), z(1), ClosureScratch.allocate(1, 1), 0), CutFrames.example()
+    settings = z(4), records(1, OPTIONS), z(1, np.int64)
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
     linear = Linearization.example(pin(empty_linearized()))
-    more = Exchange.allocate(1, 1, 1), SteadyStart.empty(), linear
+    more = Exchange.allocate(1, 1, lambda: FORMULATIONS[name].branch(1, 1, 1)), SteadyStart.empty(), linear
     return pin(Instance(*run, given, start, *settings, frames, z(1), positions, *more))
 
 
@@ -274,7 +287,8 @@ def solver_actions(name: str) -> SolverActions:
             instance.v[i] += instance.dv[i]
         continue_after_jump(instance)
 
-    return SolverActions(advance, family.evaluate, continue_at_state, restart, jump, family.leaves_placed, True)
+    placed = family.leaves_placed, family.evaluates_placed
+    return SolverActions(advance, family.evaluate, continue_at_state, restart, jump, *placed)
 
 
 def entries(name: str) -> dict[str, Entry]:

@@ -33,15 +33,7 @@ from .derivatives import (
     step_solution,
     step_state,
 )
-from .exchange_memory import (
-    COMPARED,
-    COMPLETED,
-    NOT_DIFFERENTIABLE,
-    PREVIOUS,
-    STATES_NOT_FINITE,
-    fill_derivatives,
-    unpack_states,
-)
+from .exchange_memory import NOT_DIFFERENTIABLE, STATES_NOT_FINITE, fill_derivatives, unpack_states
 from .load_derivatives import differentiate_loads
 
 if TYPE_CHECKING:
@@ -106,11 +98,11 @@ def rate_of(k: int, work: Any) -> float:
 
 
 @inlined
-def find_fastest(rank: int, work: Any) -> int:
+def find_fastest(rank: int, in_loops: Reals, work: Any) -> int:
     """The fastest coordinate of the loops in its units, which decides kappa; -1: none moves."""
     found, largest = -1, 0.0
     for i in range(work.v.shape[0] if rank > 0 else 0):
-        if work.in_loops[i] * abs(work.v[i]) / work.size[i] > largest:
+        if in_loops[i] * abs(work.v[i]) / work.size[i] > largest:
             found, largest = i, rate_of(i, work)
     return found
 
@@ -122,7 +114,7 @@ def evaluate_projected(exchange: Exchange, eqs: Any, t: float, rank: int, positi
     if code == OK:
         code = evaluate_acceleration(eqs, t, work.q, work.v, rank, work, work.slope)
     if code == OK:
-        fastest = find_fastest(rank, work)
+        fastest = find_fastest(rank, work.in_loops, work)
         attraction = rate_of(fastest, work)
         fill_derivatives(exchange, eqs.terms.qdot, work.slope, work.q, work.v, attraction, positions)
     return code
@@ -158,76 +150,18 @@ def is_on_branch_dense(instance: Any, t: float) -> bool:
 
 
 @kernel
-def keep_previous_dense(instance: Any) -> None:
-    """See :class:`.model_exchange.Formulation`."""
-    exchange = instance.exchange
-    copy_branch(instance.given.work, exchange.previous)
-    copy_critical_point(exchange.before, exchange.previous)
-    exchange.times[PREVIOUS] = exchange.times[COMPARED]
-
-
-@kernel
-def compare_from_dense(instance: Any, t: float) -> None:
-    """See :class:`.model_exchange.Formulation`."""
-    problem, times = instance.given, instance.exchange.times
-    taken = abs(t - times[COMPARED])
-    times[COMPARED] = t
+def record_position(instance: Any, t: float, taken: float) -> None:
+    """Record P(x) as a position that later ones are compared with, a ``taken`` time (s) after the last one."""
+    problem = instance.given
     record_accepted(problem.eqs, t, problem.work.q, taken, taken, problem.memory.control[0].rank, problem.work)
 
 
 @kernel
-def complete_dense(instance: Any) -> None:
-    """See :class:`.model_exchange.Formulation`."""
-    exchange = instance.exchange
-    copy_branch(instance.given.work, exchange.completed)
-    exchange.times[COMPLETED] = exchange.times[COMPARED]
-
-
-@kernel
-def go_back_dense(instance: Any, t: float) -> None:
-    """See :class:`.model_exchange.Formulation`."""
-    exchange, times = instance.exchange, instance.exchange.times
-    if t >= times[COMPARED]:
-        return
-    if times[COMPLETED] <= times[PREVIOUS] <= t:
-        copy_branch(exchange.previous, instance.given.work)
-        times[COMPARED] = times[PREVIOUS]
-    else:
-        copy_branch(exchange.completed, instance.given.work)
-        times[COMPARED] = times[COMPLETED]
-
-
-@kernel
-def keep_front_dense(instance: Any) -> None:
-    """See :class:`.model_exchange.Formulation`."""
-    copy_branch(instance.given.work, instance.exchange.before)
-
-
-@kernel
-def restore_front_dense(instance: Any, t: float) -> None:
-    """See :class:`.model_exchange.Formulation`."""
-    copy_branch(instance.exchange.before, instance.given.work)
-    instance.exchange.times[COMPARED] = t
-
-
-@kernel
-def restart_dense(instance: Any) -> None:
-    """See :class:`.model_exchange.Formulation`."""
+def forget_branch(instance: Any) -> None:
+    """Forget the position that branches are compared with."""
     work = instance.given.work
     work.branch_history[0].is_frame_known, work.branch_history[0].pivot_ratio = 0, 0.0
     work.critical[0].kind, work.critical[0].failed_search_ratio = NO_CRITICAL_POINT, 0.0
-
-
-@kernel
-def keep_dense(instance: Any) -> None:
-    """See :class:`.model_exchange.Formulation`."""
-    copy_critical_point(instance.given.work, instance.exchange.before)
-
-
-@kernel
-def restore_dense(instance: Any) -> None:
-    """See :class:`.model_exchange.Formulation`."""
-    copy_critical_point(instance.exchange.before, instance.given.work)
 
 
 @inlined
@@ -318,7 +252,7 @@ def linearize_dense(instance: Any, t: float, driving: int) -> int:
     if effective_rank(problem.eqs, t, work.q, rank, work) < rank:
         return NOT_DIFFERENTIABLE
     evaluate_multipliers(problem.eqs.terms, rank, work, work.slope, own.lam)
-    own.point[0].fastest = find_fastest(rank, work)
+    own.point[0].fastest = find_fastest(rank, work.in_loops, work)
     own.point[0].attraction = rate_of(own.point[0].fastest, work)
     set_point(t, driving, work.q, work.v, work.slope, own.lam, own)
     return OK

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import kernel
+from solvers.projection.eliminated import NearSingularRecord
 from solvers.projection.workspace import BranchHistoryRecord, CriticalRecord
 from solvers.system import Array
 
@@ -24,7 +26,9 @@ TIMES = 9
 
 
 class Branch(NamedTuple):
-    """What is known of the branch of the motion: fields of :class:`solvers.projection.workspace.Workspace`."""
+    """What is known by matrices of the branch of the motion: fields of
+    :class:`solvers.projection.workspace.Workspace`.
+    """
 
     critical: Table[CriticalRecord]
     q_c: Array
@@ -49,6 +53,20 @@ class Branch(NamedTuple):
         return Branch._make((*critical, *frame))
 
 
+class EliminatedBranch(NamedTuple):
+    """What is known of it where constraints are eliminated: fields of
+    :class:`solvers.projection.eliminated.EliminationScratch`.
+    """
+
+    near: Table[NearSingularRecord]
+    q_c: Array
+
+    @staticmethod
+    def allocate(nq: int, n: int, m: int) -> EliminatedBranch:
+        """Return zeroed arrays for ``nq`` positions."""
+        return EliminatedBranch(NearSingularRecord.zeros(1), np.zeros(nq))
+
+
 class Exchange(NamedTuple):
     """What model exchange has in addition to co-simulation.
 
@@ -64,8 +82,8 @@ class Exchange(NamedTuple):
     counts
         (3,) of completed steps, discarded evaluations, and evaluations, as the first of COUNTERS.
     before, completed, previous
-        The branch before an evaluation or a report, at the last completed step, and at the previous position that
-        branches were compared with.
+        What is known of the branch before an evaluation or a report, at the last completed step, and at the previous
+        position that branches were compared with: named tuples of arrays.
     """
 
     x: Array
@@ -73,14 +91,14 @@ class Exchange(NamedTuple):
     nominal: Array
     times: Array
     counts: NDArray[np.int64]
-    before: Branch
-    completed: Branch
-    previous: Branch
+    before: Any
+    completed: Any
+    previous: Any
 
     @staticmethod
-    def allocate(nq: int, n: int, m: int) -> Exchange:
-        """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
-        states, branches = (np.zeros(nq + n) for _ in range(3)), (Branch.allocate(nq, n, m) for _ in range(3))
+    def allocate(nq: int, n: int, make_branch: Callable[[], Any]) -> Exchange:
+        """Return zeroed arrays for ``nq`` positions and ``n`` velocities; ``make_branch`` returns those of a branch."""
+        states, branches = (np.zeros(nq + n) for _ in range(3)), (make_branch() for _ in range(3))
         return Exchange._make((*states, np.zeros(TIMES), np.zeros(3, np.int64), *branches))
 
     def memory(self) -> list[NDArray[Any]]:

@@ -53,11 +53,6 @@ def explain_missing_exchange(simulation: Simulation) -> str:
             f"it has {count} continuous states and {outputs} outputs, each of which depends on all states; supported: "
             f"{MAX_STATES} states, and a product of the two numbers of {MAX_DEPENDENCIES}"
         )
-    if system.m and not system.has_matrices:
-        return (
-            f"it is a large model with {system.m} constraint equations; supported: large models without cut joints and "
-            "couplings"
-        )
     return ""
 
 

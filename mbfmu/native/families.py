@@ -11,24 +11,24 @@ from typing import Any, NamedTuple
 
 from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.tangent import factored
+from mbfmu.mechanics.tangent.factored import empty_tangent
 from solvers.compiled.kernel import kernel
 from solvers.energy_account import WORK
 from solvers.loop_closure import (
     ASSEMBLED,
     check_mobile_mass,
-    find_closed_positions,
-    find_consistent_velocities,
     is_off_branch,
 )
 from solvers.outcome import OK
 from solvers.positions import position_sizes
+from solvers.projection.eliminated import EliminationScratch
 from solvers.projection.projection import project
 from solvers.projection.rank import find_normal_rank
 from solvers.projection.reported import has_unresolved_forces, solve_state
 from solvers.projection.tree_constraints import solve_accelerations
 from solvers.projection.workspace import Workspace, evaluate_and_factor
+from solvers.steppers.adams import eliminated_loop, tree_loop
 from solvers.steppers.adams import loop as adams
-from solvers.steppers.adams import tree_loop
 from solvers.steppers.adams.formulas import History
 from solvers.steppers.adams.hybrid import HYBRID
 from solvers.steppers.adams.method import ADAMS_KERNELS
@@ -51,7 +51,9 @@ from solvers.steppers.radau.formulas import Memory
 from solvers.steppers.tree import TreeScratch
 from solvers.system import Equations, TangentCallbacks, Terms, TreeEquations
 
-from .start_checks import NO_BRANCH, find_turned, mark_free_rates
+from . import eliminated
+from .closing import close_positions, close_velocities
+from .start_checks import NO_BRANCH, mark_free_rates
 from .steady_start import find_start_in_steady_state, no_search
 
 DENSE_KERNELS = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
@@ -86,12 +88,22 @@ def leave_open(problem: Any) -> None:
     """Free nothing: all memory is in the block."""
 
 
+class Structure(NamedTuple):
+    """What the equations of a family have besides the arrays of the mechanism."""
+
+    of: Callable[[Any], Any]  # of a system
+    empty: Callable[[], Any]  # an example of the types that all have
+
+
+STRUCTURED_TANGENT = Structure(lambda system: system.tangent.callbacks.tangent, empty_tangent)
+
+
 class Family(NamedTuple):
     """What differs between families. Kernels take an instance first, unless other arguments are stated."""
 
     loop: ModuleType  # with its kernels ``advance_reported``, and SETTINGS
     callbacks: dict[str, Callable[..., Any]]  # of its equations
-    equations: Callable[..., Any]  # (callbacks, data, data of the structured tangent or None, nq, n, m)
+    equations: Callable[..., Any]  # (callbacks, data, structure, nq, n, m)
     memory: Callable[..., Any]  # (nq, n, m): what is remembered from step to step
     work: Callable[..., Any]  # (nq, n, m, positions): scratch, with units ``size``
     assemble: Any  # (instance, t) -> code of solvers.loop_closure: lets the reported state be the start, loops closed
@@ -107,7 +119,9 @@ class Family(NamedTuple):
     close: Any = leave_open  # (problem): free what was allocated outside of the block
     keeps_history_at_jumps: bool = True  # whether it continues where velocities jump
     balance: Any = find_start_in_steady_state  # (instance) -> code: lets the reported state be a steady state
+    structure: Structure = Structure(lambda _: None, lambda: None)
     uses_tangent: bool = False  # whether it factors the structured tangent
+    evaluates_placed: bool = True  # whether an evaluation leaves the bodies at the reported state
 
 
 @kernel
@@ -116,15 +130,13 @@ def assemble_dense(instance: Any, t: float) -> int:
 
     If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state.
     """
-    problem, start, work = instance.given, instance.start, instance.start.scratch
-    code: int = find_closed_positions(problem.eqs, t, start.q, problem.q, work)
+    problem = instance.given
+    code: int = close_positions(instance, t)
     if code == ASSEMBLED:
-        code = find_turned(instance, work.worst[0])
-    if code == ASSEMBLED:
-        code = find_consistent_velocities(problem.eqs, t, problem.q, start.v, instance.known[0], problem.v, work)
+        code = close_velocities(instance, t)
     if code == ASSEMBLED:
         problem.eqs.dynamics(t, problem.q, problem.v, problem.eqs.data, problem.eqs.terms)
-        code = check_mobile_mass(problem.eqs.terms, problem.work.mass, work)
+        code = check_mobile_mass(problem.eqs.terms, problem.work.mass, instance.start.scratch)
     return code
 
 
@@ -289,12 +301,12 @@ def start_ida(instance: Any, truncated_steps: int, keeps_history: bool) -> None:
         dense_ida.start(own.memory, t, own.q, own.v, own.energy_account[WORK], truncated_steps, keeps_history)
 
 
-def _dense_equations(callbacks: dict[str, Any], data: Any, tangent: None, nq: int, n: int, m: int) -> Equations:
+def _dense_equations(callbacks: dict[str, Any], data: Any, structure: None, nq: int, n: int, m: int) -> Equations:
     return Equations(**callbacks, data=data, terms=Terms.allocate(nq, n, m))
 
 
 def _explicit_equations(
-    callbacks: dict[str, Any], data: Any, tangent: None, nq: int, n: int, m: int
+    callbacks: dict[str, Any], data: Any, structure: None, nq: int, n: int, m: int
 ) -> ExplicitTreeEquations:
     return ExplicitTreeEquations(**callbacks, data=data)
 
@@ -307,6 +319,7 @@ def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
     return Workspace.allocate(nq, n, m)
 
 
+ELIMINATED_FAMILY = "eliminated"  # family of mechanisms whose constraints are eliminated
 FAMILIES = {  # by the prefix of their entry points
     "adams": Family(
         adams, DENSE_KERNELS, _dense_equations, History.allocate, _workspace,
@@ -330,15 +343,22 @@ FAMILIES = {  # by the prefix of their entry points
         esdirk, TREE_KERNELS, _tree_equations, ESDIRKMemory.allocate, Work.allocate,
         assemble_tree, begin_esdirk, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
         ESDIRK_KERNELS,
-        restore=esdirk.discard_factors, balance=no_search, uses_tangent=True,
+        restore=esdirk.discard_factors, balance=no_search, structure=STRUCTURED_TANGENT, uses_tangent=True,
     ),
     "tree_ida": Family(
         tree_ida, TREE_KERNELS, _tree_equations, tree_memory.TreeIDAMemory.allocate, tree_memory.Work.allocate,
         assemble_tree, begin_tree_ida, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
         tree_ida.IDA_KERNELS,
         restore=tree_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, balance=no_search,
-        uses_tangent=True,
+        structure=STRUCTURED_TANGENT, uses_tangent=True,
+    ),
+    ELIMINATED_FAMILY: Family(
+        eliminated_loop, eliminated.ELIMINATION_KERNELS, eliminated.ClosableEquations.of,
+        lambda nq, n, m: History.allocate(nq, n, 0), EliminationScratch.allocate,
+        eliminated.assemble_eliminated, eliminated.begin_eliminated, eliminated.evaluate_eliminated,
+        eliminated.evaluate_eliminated, False, checks_energy, ADAMS_KERNELS, balance=no_search,
+        structure=Structure(eliminated.equations_of, eliminated.empty_equations), evaluates_placed=False,
     ),
 }  # fmt: skip
-TREE_FAMILIES = ("tree", "esdirk", "tree_ida")  # families of large models
+TREE_FAMILIES = ("tree", "esdirk", "tree_ida")  # families of large models without constraints
 NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau", "ida", "esdirk")  # that they serve

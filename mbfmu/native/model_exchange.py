@@ -29,8 +29,10 @@ from solvers.compiled.kernel import kernel, types
 from solvers.outcome import OK
 
 from . import exchange_dense as dense
+from . import exchange_eliminated as eliminated
 from . import exchange_tree as tree
 from .derivatives import INPUTS, NOTHING, differentiate_motion
+from .exchange_branches import comparisons
 from .exchange_memory import (
     COMPARED,
     COMPLETED,
@@ -42,6 +44,8 @@ from .exchange_memory import (
     NEXT_EVENT,
     PREVIOUS,
     RESTART,
+    Branch,
+    EliminatedBranch,
     fill_nominals,
     pack_states,
 )
@@ -67,23 +71,18 @@ class Formulation(NamedTuple):
     restore: Any  # (instance): ... and restore it
     linearize: Any  # (instance, t, driving) -> code: the point of derivatives is P(x)
     differentiate: Any  # (instance) -> code: derivatives at the point along the direction in the linearization
+    branch: Callable[[int, int, int], Any]  # (nq, n, m): memory for what is known of the branch, zeroed
 
 
 DENSE = Formulation(
     project=dense.project_dense,
     evaluate=dense.evaluate_dense,
     is_on_branch=dense.is_on_branch_dense,
-    keep_previous=dense.keep_previous_dense,
-    compare_from=dense.compare_from_dense,
-    complete=dense.complete_dense,
-    go_back=dense.go_back_dense,
-    keep_front=dense.keep_front_dense,
-    restore_front=dense.restore_front_dense,
-    restart=dense.restart_dense,
-    keep=dense.keep_dense,
-    restore=dense.restore_dense,
+    restart=dense.forget_branch,
     linearize=dense.linearize_dense,
     differentiate=dense.differentiate_dense,
+    branch=Branch.allocate,
+    **comparisons(dense.copy_branch, dense.copy_critical_point, dense.record_position),
 )
 TREE = Formulation(
     project=tree.project_tree,
@@ -100,8 +99,22 @@ TREE = Formulation(
     restore=tree.unchanged_tree,
     linearize=tree.linearize_tree,
     differentiate=tree.differentiate_tree,
+    branch=Branch.allocate,
 )
-FORMULATIONS = {"adams": DENSE, "radau": DENSE, "ida": DENSE, "tree": TREE, "esdirk": TREE, "tree_ida": TREE}
+ELIMINATED = Formulation(
+    project=eliminated.project_eliminated,
+    evaluate=eliminated.evaluate_eliminated,
+    is_on_branch=eliminated.is_on_branch_eliminated,
+    restart=tree.unchanged_tree,
+    linearize=eliminated.linearize_eliminated,
+    differentiate=eliminated.differentiate_eliminated,
+    branch=EliminatedBranch.allocate,
+    **comparisons(eliminated.copy_branch, eliminated.copy_branch, eliminated.record_position),
+)
+FORMULATIONS = {  # by the families of :mod:`.families`
+    "adams": DENSE, "radau": DENSE, "ida": DENSE, "tree": TREE, "esdirk": TREE, "tree_ida": TREE,
+    "eliminated": ELIMINATED,
+}  # fmt: skip
 
 
 @kernel

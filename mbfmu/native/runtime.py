@@ -43,9 +43,10 @@ PACKAGE_DIR = Path(__file__).parent
 PACKED_RUNTIMES = PACKAGE_DIR / "runtimes"  # that a wheel brings along
 # sources of the machine code, in addition to the kernels of other packages
 KERNEL_SOURCES = (
-    "contents.py", "derivatives.py", "entries.py", "exchange_dense.py", "exchange_memory.py", "exchange_times.py",
-    "exchange_tree.py", "families.py", "kernel_table.py", "kernels.py", "load_derivatives.py", "model_exchange.py",
-    "start_checks.py", "steady_start.py", "sundials.py", "targets.py",
+    "closing.py", "contents.py", "derivatives.py", "eliminated.py", "entries.py", "exchange_branches.py",
+    "exchange_dense.py", "exchange_eliminated.py", "exchange_memory.py", "exchange_times.py", "exchange_tree.py",
+    "families.py", "kernel_table.py", "kernels.py", "load_derivatives.py", "model_exchange.py", "start_checks.py",
+    "steady_start.py", "sundials.py", "targets.py",
 )  # fmt: skip
 COMPILER_FLAGS = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
 FUNCTIONS_OF_OBJECT = 150  # approximate number of functions that are compiled for one, for the bar of progress
@@ -103,9 +104,9 @@ def _build(folder: Path, names: Collection[str], parts: Collection[str]) -> None
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
         # machine code is made by a compiler, also if this process has none
         own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": f"{work}/cache", "NUMBA_DISABLE_JIT": "0"}
-        command = [sys.executable, "-m", "mbfmu.native.kernels", work, ",".join(targets), *together]
+        command = [sys.executable, "-m", "mbfmu.native.kernels", work, ",".join(targets), str(folder), *together]
         _run(command, own, FUNCTIONS_OF_OBJECT * len(together))
-        for path in sorted(Path(work).glob("*.o")):
+        for path in sorted([*Path(work).glob("*.o"), *Path(work).glob("*.kernels")]):
             install_atomically(path, folder / path.name)
 
 

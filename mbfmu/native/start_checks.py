@@ -101,6 +101,7 @@ class Start(NamedTuple):
     q: Array  # (nq,) first positions, as given to the builder
     v: Array  # (n,) first velocities, see q
     scratch: Any  # solvers.loop_closure.ClosureScratch: units, what is held, and which rows or coordinates are wrong
+    eliminates: int  # 1: loops are closed by the elimination of their constraints, if it can
 
 
 @kernel

@@ -11,6 +11,7 @@ from mbfmu.steady.supports import Supports
 from solvers.statics.dense import DenseEquilibriumSolver
 from solvers.statics.differences import MIN_PIVOT_RATIO, SteadyScratch
 from solvers.statics.newton import Outcome, Solution
+from solvers.steppers import eliminates_constraints
 
 from .steady_start import SteadyStart
 
@@ -18,7 +19,7 @@ from .steady_start import SteadyStart
 def steady_start(simulation: Simulation) -> SteadyStart:
     """Return what the search for the steady state of a simulation's start needs in its FMU."""
     found, compiled = simulation.steady_state, simulation.compiled
-    if found is None or not compiled.system.has_matrices:
+    if found is None or not _uses_matrices(simulation):
         return SteadyStart.empty()
     system, drives = compiled.system, compiled.drives
     search = SteadyScratch.allocate(system.nq, system.size, system.row_size[found.rows], found.rows, found.cyclic)
@@ -28,6 +29,12 @@ def steady_start(simulation: Simulation) -> SteadyStart:
     search.newton.largest[:] = np.linalg.norm(scaled, 2) if scaled.size else 1.0
     sizes = np.array([drives.sizes[k] for k in drives.signals])
     return SteadyStart.allocate(system.nq, system.m, search, np.array(drives.signals, np.int64), sizes)
+
+
+def _uses_matrices(simulation: Simulation) -> bool:
+    """Whether the solver of a simulation works with the matrices of the equations of motion."""
+    system = simulation.compiled.system
+    return system.has_matrices and not eliminates_constraints(simulation.solver_choice.solver, system)
 
 
 def restricted_inputs(simulation: Simulation) -> set[int]:
@@ -49,7 +56,7 @@ def explain_missing_search(simulation: Simulation) -> str:
     if found is None:
         return ""
     text = "the initial steady state depends on it, and the FMU does not compute this state: "
-    if not compiled.system.has_matrices:
+    if not _uses_matrices(simulation):
         return f"{text}the model is large"
     if found.continued:
         return f"{text}it was found by a continuation only"

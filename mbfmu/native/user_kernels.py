@@ -1,4 +1,5 @@
-"""``python -m mbfmu.native.user_kernels SCENE FOLDER TARGET ...``: the user-defined kernels of a model as object files.
+"""``python -m mbfmu.native.user_kernels SCENE FOLDER TARGET FAMILY``: the user-defined kernels of a model as an object
+file.
 
 Kernels of user-defined elements, and functions of time and laws of forces that a model defines in Python, are not in
 the runtime, which is the same for all models. They are compiled into a library of the FMU, which the runtime loads
@@ -11,7 +12,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from solvers.compiled.aot import emit_object, link_module
 from solvers.compiled.fingerprint import fingerprint_of_function
 from solvers.compiled.indirect_call import record_type
 
+from .entries import called_in_steps
 from .kernel_table import USER_LIBRARY, USER_TABLE_SYMBOL, user_kernels
 from .runtime import compiler, link_arguments
 from .targets import TARGETS
@@ -40,8 +42,8 @@ def fingerprints(called: Iterable[CalledKernel | None]) -> list[str]:
     return [fingerprint_of_function(own.function) for own in user_kernels(called)]
 
 
-def user_library(scene: Scene, target: str) -> bytes:
-    """Return the library of the user-defined kernels of a scene's model for a target.
+def user_library(scene: Scene, target: str, family: str) -> bytes:
+    """Return the library of the user-defined kernels that a family calls for a scene's model, for a target.
 
     Raises
     ------
@@ -64,7 +66,7 @@ def user_library(scene: Scene, target: str) -> bytes:
             "NUMBA_DISABLE_JIT": "0",
             "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
         }
-        command = [sys.executable, "-P", "-m", "mbfmu.native.user_kernels", str(file), work, target]
+        command = [sys.executable, "-P", "-m", "mbfmu.native.user_kernels", str(file), work, target, family]
         code, errors = run_program(command, own)
         if code:
             raise UserError(f"the user-defined kernels of model {scene.model.name!r}: {_last(errors)}", "not-native")
@@ -91,26 +93,27 @@ def _last(lines: list[str]) -> str:
     return "; ".join(lines[-MAX_ERROR_LINES:])
 
 
-def kernels_of(scene: Scene) -> tuple[CalledKernel, ...]:
-    """Return the user-defined kernels of a scene's model; its elements are laid out, nothing else is compiled."""
+def kernels_of(scene: Scene, family: str) -> tuple[CalledKernel, ...]:
+    """Return the user-defined kernels that a family calls for a scene's model; its elements are laid out, nothing else
+    is compiled.
+    """
     mechanism: Any = scene.model.build()
-    return user_kernels(CompiledElements(mechanism, Numbering(mechanism, None)).called())
+    return user_kernels(called_in_steps(CompiledElements(mechanism, Numbering(mechanism, None)), family))
 
 
-def main(scene_file: str, folder: str, targets: Sequence[str]) -> int:
-    """Write the object files; return the exit code: 2 if a kernel cannot be compiled."""
+def main(scene_file: str, folder: str, name: str, family: str) -> int:
+    """Write the object file; return the exit code: 2 if a kernel cannot be compiled."""
     try:
         found, numbered = {}, []
-        for i, called in enumerate(kernels_of(read_scene(Path(scene_file)))):
+        for i, called in enumerate(kernels_of(read_scene(Path(scene_file)), family)):
             words, returned = types_of(called)
             arguments = record_type(called.record), *words
             called.function.compile(returned(*arguments))
             numbered.append(f"mb_user_kernel_{i}")
             found[numbered[-1]] = called.function, arguments
         module = link_module(found, {USER_TABLE_SYMBOL: numbered})
-        for name in targets:
-            target = TARGETS[name]
-            (Path(folder) / f"{name}.o").write_bytes(emit_object(module, target.triple, target.processor))
+        target = TARGETS[name]
+        (Path(folder) / f"{name}.o").write_bytes(emit_object(module, target.triple, target.processor))
     except UserError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
@@ -118,4 +121,4 @@ def main(scene_file: str, folder: str, targets: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1], sys.argv[2], sys.argv[3:]))
+    sys.exit(main(sys.argv[1], sys.argv[2], sys.argv[3], sys.argv[4]))

@@ -16,11 +16,11 @@ COLOR_CYCLE = ("#4269d0", "#3ca951", "#efb118", "#ff725c", "#a463f2", "#38b2c4",
 SOLVER_COLORS = dict(zip(SOLVER_NAMES, cycle(COLOR_CYCLE), strict=False))  # by solver
 
 
-def new_figure(size: tuple[float, float]) -> Figure:
-    """Return an empty figure of this size (inches)."""
+def new_figure(size: tuple[float, float], *, is_arranged: bool = True) -> Figure:
+    """Return an empty figure of this size (inches), whose parts matplotlib arranges if ``is_arranged``."""
     from matplotlib.figure import Figure  # takes as long to import as the rest: where there are pictures only
 
-    return Figure(figsize=size, layout="constrained")
+    return Figure(figsize=size, layout="constrained" if is_arranged else None)
 
 
 def subplots(rows: int = 1, columns: int = 1, *, size: tuple[float, float], **options: Any) -> tuple[Any, Any]:

@@ -37,6 +37,9 @@ CHECK_NAME_ENDINGS = (*RESIDUAL_NAME_ENDINGS, "energy_throughput")
 MAX_CURVES = 12  # in a panel
 PANEL_HEIGHT = 1.55  # inches
 MAX_PANELS = 6  # in a figure for which no names are given
+# inches: of the axis labels, of the lines of the title and of the time axis, between panels
+LEFT_MARGIN, LINE_HEIGHT, PANEL_GAP = 1.15, 0.19, 0.12
+LEGEND_MARGIN, LEGEND_CHARACTER = 0.45, 0.062  # inches, of the lines of a legend, and of a character of its text
 OVERLAP_FRACTION = 0.01  # of the height of a panel: curves nearer than this hide each other
 DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (8, 2, 2, 2)))
 COLOR_COUNT = 10  # before they are repeated with other dashes
@@ -190,8 +193,24 @@ def styles(curves: Any) -> list[dict[str, Any]]:
     ]
 
 
+def arrange(figure: Any) -> None:
+    """Place the panels of :func:`draw` by the lengths of their texts: matplotlib's layout takes as long as drawing."""
+    (width, height), axes = figure.get_size_inches(), figure.axes
+    labels = [text.get_text() for ax in axes if ax.get_legend() for text in ax.get_legend().get_texts()]
+    right = LEGEND_MARGIN + LEGEND_CHARACTER * max(map(len, labels), default=0)
+    title, below = (text.count("\n") + 1.5 for text in (figure.get_suptitle(), axes[-1].get_xlabel()))
+    top, bottom = height - LINE_HEIGHT * title, LINE_HEIGHT * (below + 1.0)
+    figure.texts[0].set_y(1.0 - 0.25 * LINE_HEIGHT / height)  # the title
+    each = (top - bottom - PANEL_GAP * (len(axes) - 1)) / len(axes)
+    figure.subplots_adjust(
+        left=LEFT_MARGIN / width, right=max(0.5, 1.0 - right / width),
+        top=top / height, bottom=bottom / height, hspace=PANEL_GAP / each,
+    )  # fmt: skip
+
+
 def plot_result(result: Result, path: Path, names: Sequence[str] = ()) -> None:
     """Draw outputs over time as :meth:`mbfmu.Result.plot` does."""
-    figure = new_figure(size(result, names))
+    figure = new_figure(size(result, names), is_arranged=False)
     draw(figure, result, names)
+    arrange(figure)
     finish(figure, path)

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import asdict, replace
 from math import isnan, nan
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,8 +107,6 @@ class Simulation(Diagnosed):
     UserError
         The model cannot be built, assembled or balanced with these parameters.
     """
-
-    by_matrices: ClassVar[bool] = False  # see solvers.stepper
 
     def __init__(
         self,
@@ -233,7 +231,7 @@ class Simulation(Diagnosed):
     def _created_stepper(self, t: float, q: Array, v: Array, options: Options) -> Stepper:
         """Return the solver that was chosen, at a state; one from outside the package is guarded."""
         name, system = self.solver_choice.solver, self.compiled.system
-        created = stepper(name, system, t, q, v, options, by_matrices=self.by_matrices)
+        created = stepper(name, system, t, q, v, options)
         return created if name in SOLVER_NAMES else GuardedStepper(name, created, system, t, q, v)
 
     def _copy_compiled(self) -> CompiledMechanism:
@@ -632,11 +630,7 @@ class Simulation(Diagnosed):
 
 
 class UnstartedSimulation(Simulation):
-    """A simulation that is not to run: nothing is compiled for that, and its arrays are as they are at the start. Its
-    solver uses matrices where there are some, as those of native FMUs do.
-    """
-
-    by_matrices = True
+    """A simulation that is not to run: nothing is compiled for that, and its arrays are as they are at the start."""
 
     def _warm_up(self, *_: Any) -> None:
         """Do nothing."""

@@ -104,7 +104,7 @@ def largest_change(x: Reals, size: Reals) -> float:
     largest = 0.0
     for i in range(x.shape[0]):
         part = abs(x[i]) / size[i]
-        if not part <= largest:
+        if not (part <= largest or np.isnan(largest)):
             largest = part
     return largest
 

@@ -33,6 +33,13 @@ def tree_ida(*arguments: Any) -> Stepper:
     return TreeIDAStepper(*arguments)
 
 
+def eliminated_ida(*arguments: Any) -> Stepper:
+    """Return an IDA stepper on a system with eliminated constraints; SUNDIALS is loaded only here."""
+    from .ida.eliminated import EliminatedIDAStepper
+
+    return EliminatedIDAStepper(*arguments)
+
+
 SOLVERS: dict[str, Callable[..., Stepper]] = {  # on a system's matrices
     "ida": dense_ida,
     "adams": AdamsStepper,
@@ -51,6 +58,7 @@ UNCONSTRAINED_SOLVERS: dict[str, Callable[..., Stepper]] = dict.fromkeys(
 # on those of a large mechanism whose constraints are eliminated along its structure
 ELIMINATION_SOLVERS: dict[str, Callable[..., Stepper]] = dict.fromkeys(("adams", "hybrid"), EliminatedAdamsStepper)
 MIN_ELIMINATION_COORDINATES = 60  # joint coordinates above which this is cheaper than matrices
+MIN_ELIMINATION_CONSTRAINTS = 30  # constraint equations above which IDA eliminates them too
 SOLVER_NAMES = tuple(dict.fromkeys((*SOLVERS, *TREE_SOLVERS)))
 RESERVED_NAMES = (*SOLVER_NAMES, "auto")  # auto: a simulation takes the solver for its model
 UNLISTED_SOLVERS = ("adams-lu",)  # accepted by name, for comparison with a paper; in no list of solvers for users
@@ -70,6 +78,12 @@ def eliminates_constraints(name: str, system: AnySystem) -> bool:
     """Whether this solver integrates a system with its constraints eliminated: a large one with loops."""
     large = system.m > 0 and system.n > MIN_ELIMINATION_COORDINATES
     return name in ELIMINATION_SOLVERS and large and system.elimination is not None
+
+
+def eliminates_implicitly(name: str, system: AnySystem) -> bool:
+    """Whether IDA integrates a system with its constraints eliminated: there are many, and forces are smooth."""
+    many = system.m > MIN_ELIMINATION_CONSTRAINTS and system.n > MIN_ELIMINATION_COORDINATES
+    return name == "ida" and many and not system.nonsmooth_reason and hasattr(system.elimination, "tangent")
 
 
 def drop_unlisted(names: Iterable[str]) -> tuple[str, ...]:
@@ -196,14 +210,11 @@ def stepper(
     q0: Array,
     v0: Array,
     options: Options | None = None,
-    *,
-    by_matrices: bool = False,
 ) -> Stepper:
     """Return a stepper by its name.
 
-    A large model is advanced by its recursions if the solver supports this, else by its matrices. ``by_matrices``: a
-    system that has matrices is advanced by them, whatever its size. Raises ValueError if these would be too large, for
-    an order that the solver does not have, and for an unknown name.
+    A large model is advanced by its recursions if the solver supports this, else by its matrices. Raises ValueError if
+    these would be too large, for an order that the solver does not have, and for an unknown name.
     """
     if not is_solver(name):
         raise ValueError(
@@ -214,8 +225,10 @@ def stepper(
     ):
         raise ValueError(refused)
     arguments: tuple[Any, ...] = t0, q0, v0, options
-    if eliminates_constraints(name, system) and not (by_matrices and system.has_matrices):
+    if eliminates_constraints(name, system):
         return ELIMINATION_SOLVERS[name](system, *arguments)
+    if eliminates_implicitly(name, system) and not by_matrices:
+        return eliminated_ida(system, *arguments)
     if not isinstance(system, TreeSystem):
         if not system.n:
             name = "adams"  # IDA takes no empty system, and nothing is integrated

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import kernel
@@ -12,6 +11,7 @@ from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import EnergyScales, update_energy_bound
 from solvers.options import Options
 from solvers.outcome import CODES, OK, Code
+from solvers.positions import position_sizes
 from solvers.projection.eliminated import (
     CLOSED_RESIDUAL,
     REDUNDANT_LENGTH,
@@ -50,12 +50,39 @@ def record_eliminated_energy(
 @kernel
 def begin_motion(eqs: EliminationEquations, t: float, q: Array, v: Array, work: EliminationScratch) -> int:
     """Project the initial state, and find the number of independent equations; return a code."""
+    position_sizes(work.positions, work.size, work.size_q)
     code = project(eqs, t, q, v, CLOSED_RESIDUAL, work)
     if code == OK:
         work.near[0].rank = find_normal_rank(eqs, t, q, v, work)
         eqs.correct_position(t, q, eqs.elimination, REDUNDANT_LENGTH, -1.0, work.change, work.report)
         work.near[0].shortest = shortest_of(work.report, work.near[0].rank)
     return code
+
+
+@kernel
+def find_rate(
+    eqs: EliminationEquations, t: float, q: Array, v: Array, is_closed: bool, known: float, duration: float,
+    work: EliminationScratch,
+) -> float:  # fmt: skip
+    """Rate of the motion, 1/s, which tolerances of rates are made of: by gravity and drives, which is ``known``, or if
+    there are none as it starts at (t, q, v) in a run of ``duration`` (s).
+    """
+    if known > 0.0:
+        rate = start_rate(known, duration, work.size, v[:0], v[:0])
+    else:
+        if not is_closed or evaluate_closed(eqs, t, q, v, True, work, work.qdot, work.a, work.lam) != OK:
+            for i in range(work.a.shape[0]):
+                work.a[i] = 0.0
+        rate = start_rate(known, duration, work.size, v, work.a)
+    for i in range(work.coordinate_rates.shape[0]):
+        work.coordinate_rates[i] = RATE_TOLERANCE_RATIO * rate
+    return rate
+
+
+@kernel
+def is_unresolved(length: float, work: EliminationScratch) -> bool:
+    """Whether the shortest equation where it was evaluated last is no longer than that."""
+    return work.near[0].rank > 0 and work.near[0].shortest <= length
 
 
 class EliminatedFormulation(Formulation):
@@ -67,24 +94,14 @@ class EliminatedFormulation(Formulation):
         self.equations = system.elimination()
         self._scratch = EliminationScratch.allocate(system.nq, system.n, system.m, system.placed)
         self._scratch.size[:] = system.size
-        self.position_units = self._scratch.size_q
-        self.position_units[:] = system.position_sizes(system.size)
-        self.work = pin(self._scratch)
+        self.position_units, self.work = self._scratch.size_q, pin(self._scratch)
         self.status = CODES[begin_motion(self.equations, t, q, v, self.work)]
-        self.rank = int(self._scratch.near[0]["rank"])
-        self.starts_singular = self.status is Code.OK and self._is_unresolved(UNRESOLVED_LENGTH)
-        self.rate = self._find_rate(t, q, v, options.duration)
+        self.rank, closed = int(self._scratch.near[0]["rank"]), self.status is Code.OK
+        self.starts_singular = closed and bool(is_unresolved(UNRESOLVED_LENGTH, self.work))
+        known = system.rate, options.duration
+        self.rate = float(find_rate(self.equations, t, q, v, closed, *known, self.work))
         require_resolution(t, self.rate, q, self.position_units, options.rtol, system.coordinate_names)
-        self._scratch.coordinate_rates[:] = RATE_TOLERANCE_RATIO * self.rate
         self.rate_units = self._scratch.coordinate_rates * system.size
-
-    def _find_rate(self, t: float, q: Array, v: Array, duration: float) -> float:
-        """Return the rate of the motion, 1/s: by gravity and drives, or if there are none as it starts."""
-        known = self.system.rate
-        if known > 0.0:
-            return float(start_rate(known, duration, self.system.size, v[:0], v[:0]))
-        a = self.a if self.status is Code.OK and self.evaluate(t, q, v) is Code.OK else np.zeros(self.system.n)
-        return float(start_rate(known, duration, self.system.size, v, a))
 
     def energy_scales(self, options: Options) -> EnergyScales:
         """As :meth:`solvers.steppers.formulation.Formulation.energy_scales`."""
@@ -99,13 +116,9 @@ class EliminatedFormulation(Formulation):
         """As :meth:`solvers.steppers.formulation.Formulation.power`."""
         return float(compute_eliminated_power(self.equations, t, q, v, self.a, self.lam, self.work))
 
-    def _is_unresolved(self, length: float) -> bool:
-        """Whether the shortest equation where it was evaluated last is no longer than that."""
-        return self.rank > 0 and bool(self._scratch.near[0]["shortest"] <= length)
-
     def has_unresolved_forces(self, rtol: float) -> bool:
         """As :meth:`solvers.steppers.formulation.Formulation.has_unresolved_forces`."""
-        return self._is_unresolved(max(UNRESOLVED_LENGTH, rtol))
+        return bool(is_unresolved(max(UNRESOLVED_LENGTH, rtol), self.work))
 
     def project(self, t: float, q: Array, v: Array) -> Code:
         """As :meth:`solvers.steppers.formulation.Formulation.project`."""

@@ -305,8 +305,7 @@ def test_the_work_of_drives_and_dampers_is_the_change_of_energy() -> None:
     np.testing.assert_allclose(run.energy_account[WORK], changed, rtol=1e-6)
 
 
-def test_native_models_keep_their_matrices() -> None:
+def test_the_hybrid_eliminates_too() -> None:
     compiled = CompiledMechanism(n_four_bar(31).mechanism)
     start = compiled.assembly.assemble(0.0)
-    assert not isinstance(stepper("adams", compiled.system, 0.0, *start, by_matrices=True), EliminatedAdamsStepper)
     assert isinstance(stepper("hybrid", compiled.system, 0.0, *start), EliminatedAdamsStepper)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
-from solvers import Options, stepper
+from solvers import Options
 from solvers.compiled.kernel import kernel
 from solvers.projection import branch, singular
 from solvers.projection.workspace import factor
+from solvers.steppers.adams.dense import AdamsStepper
+from solvers.system import System
 
 
 @kernel
@@ -36,7 +38,8 @@ class Watch:
 
     def __init__(self, mechanism: Mechanism) -> None:
         compiled = CompiledMechanism(mechanism)
-        self.motion = stepper("adams", compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-6), by_matrices=True)
+        assert isinstance(compiled.system, System)
+        self.motion = AdamsStepper(compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-6))
 
     def begin(self, q) -> int:
         """As the function."""

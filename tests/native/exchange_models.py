@@ -18,10 +18,14 @@ from mbfmu.fmi import export
 from mbfmu.mechanics import (
     DistanceCutJoint,
     Floating,
+    Gear,
+    Harmonic,
     Input,
     JointForce,
+    JointSpring,
     Mechanism,
     Revolute,
+    RevoluteCutJoint,
     Spherical,
     SphericalCutJoint,
     Step,
@@ -97,6 +101,46 @@ def pulsed(beyond: str) -> Mechanism:
     wheel = m.body("wheel", m.ground, Revolute(), mass=1.0, inertia=(0.5, 0.5, 0.5))
     m.force("pulse", JointForce(magnitude=Table(times, values, kind="linear", beyond=beyond)), wheel)
     m.output("rate", wheel.rate())
+    return m
+
+
+def many_loops(
+    loops: int, length: float = 1.0, *, torque: bool = False, moved: bool = False, start: float = 1.2
+) -> Mechanism:
+    """Four-bars side by side, 2 coordinates each, with dampers in their hinges; gear wheels; a ball joint in a spatial
+    loop; and outputs of all kinds.
+
+    ``torque``: an input turns the first column from an angle ``start`` (rad; the loops are drawn closed at 1.2), which
+    else is driven. ``moved``: another input moves the last foot.
+    """
+    m, driven = Mechanism(gravity=(0.0, -G, 0.0)), Harmonic(amplitude=0.4, frequency=0.5, mean=1.2)
+    turned: dict[str, Any] = {"start": start, "fixed": True} if torque else {"drive": driven}
+    column, top = m.body("column0", m.ground, Revolute(**turned), **rod(mass=1.0, length=length)), (length, 0.0, 0.0)
+    if torque:
+        motor = m.force("motor", JointForce(magnitude=Input(name="torque", unit="N.m", start=2.0)), column)
+        m.output("effort", motor.effort())
+    along = Input(name="x", unit="m", rate_name="x.rate", acceleration_name="x.acceleration")
+    base = m.body("base", m.ground, Translational(axis="x", drive=along), mass=1.0) if moved else m.ground
+    for i in range(1, loops + 1):
+        coupler = m.body(f"coupler{i}", column, Revolute(at=top, start=-1.2), **rod(mass=1.0, length=length))
+        hinge = Revolute(at=(length, 0.0, 0.0), start=1.2)
+        column = m.body(f"column{i}", coupler, hinge, **rod(mass=1.0, length=-length))
+        m.force(f"damper{i}", JointSpring(damping=0.1), coupler)
+        feet = {"at_a": (-length, 0.0, 0.0), "at_b": (i * length, 0.0, 0.0)}
+        foot = m.cut(f"foot{i}", RevoluteCutJoint(**feet), column, base if i == loops else m.ground)
+        top = (0.0, 0.0, 0.0)
+    wheel = m.body("wheel", m.ground, Revolute(), mass=1.0, inertia=(0.1, 0.1, 0.1))
+    m.couple("gear", Gear(ratio=0.2, offset=0.24), wheel, m.bodies[3 if moved else 2])
+    half = {"com": (0.5 * length, 0.0, 0.0), "inertia": (0.01, 0.03, 0.03)}
+    arm = m.body("arm", wheel, Spherical(at=(0.0, length, 0.0)), mass=0.3, **half)
+    sledge = m.body("sledge", m.ground, Translational(axis="x", at=(0.0, length, 0.0), start=length), mass=0.2)
+    m.cut("ball", SphericalCutJoint(at_a=(length, 0.0, 0.0)), arm, sledge)
+    m.output("angle", column.angle())
+    m.output("bearing", foot.force("x"))
+    m.output("pull", sledge.position("x"))
+    m.output("acceleration", sledge.acceleration())
+    m.output("hinge", coupler.joint_force("y"))
+    m.output("energy", m.energy)
     return m
 
 

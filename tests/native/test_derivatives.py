@@ -16,7 +16,7 @@ import mechanisms as loops
 import numpy as np
 import pytest
 from binding import DISCARD, ERROR, OK, Binary
-from exchange_models import REGULAR, ExportedModels, spinning_top
+from exchange_models import REGULAR, ExportedModels, many_loops, spinning_top
 from importer import Importer, importing
 from linear_importer import Linear, Third, directional, on_the_constraints, relative_errors
 from numpy.typing import NDArray
@@ -111,6 +111,7 @@ CASES: dict[str, Callable[[], Mechanism]] = {
     "near miss": lambda: loops.parallelogram(1e-2, start=30.0).mechanism,
     "ladder": lambda: loops.ladder(3).mechanism,
     "squeezer": lambda: loops.squeezer().mechanism,
+    "many loops": lambda: many_loops(31, torque=True, moved=True),
     **{f"random tree {seed}": lambda seed=seed: random_tree(seed) for seed in range(6)},  # type: ignore[misc]
 }
 
@@ -133,11 +134,14 @@ def test_derivatives_are_those_of_the_functions(name: str, binary: Callable[[str
         own.event()  # inputs may have moved the constraints
         x = own.states()
         found, size = linear.matrix(), np.concatenate((own.nominals(), np.ones(len(u))))
-        expected = linear.differences(0.0, x, u, (3e-5 if spread < 0.05 else 2e-3) * size)
+        step = 3e-5 if spread < 0.05 else 3e-4 if name == "many loops" else 2e-3
+        expected = linear.differences(0.0, x, u, step * size)
     known = np.isfinite(expected).all(axis=1)
     assert np.isfinite(found).all()
     errors = relative_errors(found[known], expected[known])
-    assert errors.max() < 1e-8, dict(zip([*linear.slopes, *own.outputs], errors, strict=False))
+    # eliminated loops are closed up to 1e-13: forces of some 100 N times this, divided by the step, remain
+    bound = 1e-6 if name == "many loops" else 1e-8
+    assert errors.max() < bound, dict(zip([*linear.slopes, *own.outputs], errors, strict=False))
 
 
 @pytest.mark.parametrize("name", ["spatial four-bar", "redundant"])

@@ -12,12 +12,14 @@ import fmpy
 import numpy as np
 import pytest
 from binding import OK, Binary
+from exchange_models import many_loops
 from fmpy import read_model_description, simulate_fmu
 
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from mbfmu.fmi import export
 from mbfmu.modeling import Model
+from mbfmu.modeling.model import as_model
 from mbfmu.native.runtime import COMPILERS
 from mbfmu.native.targets import host
 from mbfmu.session.simulation import Settings, Simulation
@@ -101,6 +103,17 @@ def test_hosts_do_what_they_may_do_with_ida(way: str, fmus_with_ida: list[Told],
 
 def test_steps_of_radau_allocate_nothing(odd_hosts: Path, german: Path, tmp_path: Path):
     do("counted", [unpacked(FourBar(), tmp_path, solver="radau")], odd_hosts, german)
+
+
+@pytest.fixture(scope="module")
+def loops(tmp_path_factory: pytest.TempPathFactory) -> Told:
+    """A large model with loops, whose constraints are eliminated."""
+    return unpacked(as_model(many_loops(31, torque=True)), tmp_path_factory.mktemp("fmu"))
+
+
+@pytest.mark.parametrize("way", ["counted", "restored"])
+def test_hosts_do_what_they_may_do_with_large_loops(way: str, loops: Told, odd_hosts: Path, german: Path):
+    do(way, [loops], odd_hosts, german)
 
 
 def do(way: str, fmus: list[Told], odd_hosts: Path, german: Path) -> None:

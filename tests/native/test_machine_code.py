@@ -125,10 +125,28 @@ def test_the_kernels_need_no_more_than_the_c_library(family: str):
 def test_two_builds_of_the_kernels_give_equal_bytes(tmp_path: Path):
     own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     contents = complete("radau")
-    build = [sys.executable, "-m", "mbfmu.native.kernels", str(tmp_path), host(), *contents.objects()]
+    build = [sys.executable, "-m", "mbfmu.native.kernels", str(tmp_path), host(), str(tmp_path), *contents.objects()]
     subprocess.run(build, env={**os.environ, **own}, stdout=subprocess.DEVNULL, check=True)
     for path in objects([host()], [contents])[host()]:
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
+
+
+@needs_linker
+@pytest.mark.campaign
+def test_kernels_that_exist_are_not_compiled_again(tmp_path: Path):
+    """Model exchange of a family whose equations are there has the same code as if both are compiled together."""
+    paths = {path.name: path for path in objects([host()], [complete("tree")])[host()]}
+    own, path = (
+        {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        paths[f"{host()}-tree-exchange.o"],
+    )
+    counts = []
+    for known in (tmp_path, path.parent):
+        build = [sys.executable, "-m", "mbfmu.native.kernels", str(tmp_path), host(), str(known), "tree-exchange"]
+        done = subprocess.run(build, env={**os.environ, **own}, stdout=subprocess.PIPE, check=True)
+        counts.append(len(done.stdout))
+        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
+    assert counts[1] < counts[0]
 
 
 def test_the_kernels_are_compiled_for_a_process_that_compiles_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -136,7 +154,7 @@ def test_the_kernels_are_compiled_for_a_process_that_compiles_nothing(tmp_path: 
 
     def build(command: list[str], more: dict[str, str], _: int) -> None:
         given.update(more)
-        assert command[4:] == ["x86_64-linux", "mechanisms", "adams-equations"]
+        assert command[4:] == ["x86_64-linux", str(tmp_path), "mechanisms", "adams-equations"]
         for name in names:
             (Path(command[3]) / name).write_bytes(b"code")
 

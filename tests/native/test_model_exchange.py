@@ -100,6 +100,19 @@ def test_exact_singular_configurations_are_passed(rtol: float, start: float, bin
     assert run.evaluations < 700
 
 
+@pytest.mark.parametrize("name", ["ladder", "row"])
+def test_large_mechanisms_with_loops_follow_the_exact_motion(name: str, binary: Any) -> None:
+    """All loops of the row are singular at once when it is horizontal, which it passes."""
+    case = loops.ladder(21) if name == "ladder" else loops.n_four_bar(31)
+    times, rtol = np.array([0.0, 1.0, 2.0]), 1e-6
+    q, v = case.exact(times)  # type: ignore[misc]
+    with importing(binary(f"large {name}", case.mechanism)) as own:
+        assert own.count > 120
+        run = own.integrate(times, rtol, info=own.start())
+    assert np.abs(run.x - np.hstack((q, v))).max() < 200.0 * rtol
+    assert run.warned == 0
+
+
 def test_near_misses_stay_on_their_branch(binary: Any) -> None:
     """The linkage misses the singular configuration by random lengths; a jump is off by radians."""
     rng, tried = np.random.default_rng(5), 4

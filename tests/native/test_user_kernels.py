@@ -116,6 +116,37 @@ class GearedSlider(mb.Model):
         return m
 
 
+@dataclass(frozen=True, kw_only=True)
+class Rope(mb.Model):
+    """Many links in air, with a law of a spring at the end that is a function."""
+
+    def build(self) -> mb.Mechanism:
+        m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+        on = m.ground
+        for k in range(61):
+            at = (0.1 if k else 0.0, 0.0, 0.0)
+            link = mb.Revolute(at=at, start=0.3 if not k else 0.0)
+            on = m.body(f"link{k}", on, link, mass=0.1, com=(0.05, 0.0, 0.0), inertia=(1e-5, 1e-4, 1e-4))
+            m.force(f"air{k}", AirDrag(drag=0.1), on)
+        spring = mb.Spring(stiffness=lambda x: 20.0 * x + 5.0 * x**3, free=5.0, at_a=(0.0, 2.0, 0.0))
+        m.force("spring", spring, m.ground, on)
+        m.output("y", on.position("y"), "Position")
+        return m
+
+
+@needs_compiler
+@pytest.mark.parametrize("solver", ["ida", "esdirk"])
+def test_structured_tangents_call_user_defined_kernels(solver: str, tmp_path: Path) -> None:
+    """Bits of a simulation, whose tangent has the derivatives of the same kernels."""
+    settings = mb.Settings(solver=solver, tolerance=1e-6)
+    path = export(Rope(), tmp_path / "rope.fmu", settings, native=True)
+    found = simulate_fmu(str(path), stop_time=0.1, output_interval=0.01)
+    simulation = mb.Simulation(Rope(), settings)
+    for row in found[1:]:
+        assert simulation.advance(row["time"]).ok
+        assert row["y"] == simulation.outputs()[0]
+
+
 @pytest.fixture(scope="module")
 def slider(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return export(Slider(), tmp_path_factory.mktemp("user") / "slider.fmu", ADAMS, native=True)

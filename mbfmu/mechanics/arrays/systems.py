@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,17 @@ from .scale import coordinate_sizes, row_sizes, spans
 MAX_DENSE_TREE_COORDINATES = 60  # coordinates of a tree without loops from which on no dense matrix is made
 MAX_DENSE_LOOP_COORDINATES = 100  # ... of a mechanism with constraints; the partitions take its matrices all the same
 MAX_GROUP_BODIES = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
+
+
+class Elimination(NamedTuple):
+    """A mechanism whose constraints are eliminated, as solvers take it."""
+
+    equations: Callable[[], EliminationEquations]
+    tangent: Callable[[], Tangent]
+
+    def __call__(self) -> EliminationEquations:
+        """Return the equations with eliminated constraints, pinned."""
+        return self.equations()
 
 
 class Systems:
@@ -186,7 +197,7 @@ class Systems:
             "stiffness_reason": self._first_reason("stiffness_reason"),
             "observe": observe_all,
             "works": self._works,
-            "elimination": self._eliminate if self._can_eliminate else None,
+            "elimination": Elimination(self._eliminate, self.tangent) if self._can_eliminate else None,
             "input_step_limit": self._resolves,
             "coordinate_names": tuple(self._numbering.coordinate_names),
             "constraint_names": tuple(constraint_names),

@@ -18,6 +18,7 @@ second line is the least-norm solution, that is the pseudo-inverse of J in units
 * :mod:`.recursion` -- the two passes over all fronts, and the multipliers.
 * :mod:`.eliminated` -- the callbacks of a solver.
 * :mod:`.loops` -- closed positions, consistent velocities and redundant equations.
+* :mod:`.right_sides` -- the same equations with other right-hand sides, for derivatives.
 
 The work is proportional to the number of bodies if the interfaces are narrow: they are as wide as the number of bodies
 whose motions are open at the same time. Equations may depend on each other, and bodies may have no mass, where a
@@ -26,7 +27,7 @@ combination of motions that constraints allow has.
 
 from __future__ import annotations
 
-from .eliminated import eliminate_constraints
+from .eliminated import eliminate_constraints, empty_elimination
 from .loops import EliminatedLoops
 
-__all__ = ["EliminatedLoops", "eliminate_constraints"]
+__all__ = ["EliminatedLoops", "eliminate_constraints", "empty_elimination"]

@@ -50,7 +50,7 @@ def find_largest_residual(own: EliminationArrays, state: State) -> float:
         equation = own.equations[e]
         Phi = state.coupled[equation.coupling].Phi if equation.coupling >= 0 else state.rows[equation.row].Phi
         part = abs(Phi / own.row_size[equation.kept])
-        if not part <= largest:
+        if not (part <= largest or np.isnan(largest)):  # one that is not a number stays
             largest = part
     return largest
 
@@ -118,7 +118,7 @@ def elimination_callbacks() -> tuple[Callable[..., Any], ...]:
     """Return accelerate, correct_position and correct_velocity as a solver takes them; compiled on first use."""
     if not COMPILED:
         return accelerate, correct_position, correct_velocity
-    data, real, vector = pointer_type(_pinned(*empty_data(), *example())), types.float64, types.float64[::1]
+    data, real, vector = pointer_type(empty_elimination()), types.float64, types.float64[::1]
     return (
         callback(types.int64(real, vector, vector, data, real, types.boolean, vector, vector, vector, vector))(
             accelerate
@@ -126,6 +126,11 @@ def elimination_callbacks() -> tuple[Callable[..., Any], ...]:
         callback(types.void(real, vector, data, real, real, vector, vector))(correct_position),
         callback(types.void(real, vector, vector, data, real, vector, vector))(correct_velocity),
     )
+
+
+def empty_elimination() -> Any:
+    """Return data of the callbacks of the types that all mechanisms have, pinned."""
+    return _pinned(*empty_data(), *example())
 
 
 def _pinned(*parts: Any) -> Any:

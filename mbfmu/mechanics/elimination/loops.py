@@ -25,6 +25,7 @@ from solvers.loop_closure import (
     MAX_STALLED_ITERATIONS,
     VELOCITY_RESIDUAL_TOLERANCE,
 )
+from solvers.projection.eliminated import largest_change
 from solvers.system import (
     DROPPED,
     DROPPED_RESIDUAL,
@@ -48,8 +49,48 @@ def _correct_position(eqs: Any, t: float, q: Any, drop: float, closed: float, dq
 
 
 @kernel
-def _correct_velocity(eqs: Any, t: float, q: Any, v: Any, drop: float, dv: Any, report: Any) -> None:
-    eqs.correct_velocity(t, q, v, eqs.elimination, drop, dv, report)
+def iterate_to_closed(eqs: Any, t: float, q: Any, size: Any, weight: Any, change: Any, report: Any) -> bool:
+    """Close the loops by Gauss-Newton steps of limited size, q (nq,) in place; False: they do not close.
+
+    ``size`` and ``weight`` (n,) of the coordinates; ``change`` (n,) is scratch.
+    """
+    own, best, stalled = eqs.elimination.own, np.inf, 0
+    for i in range(size.shape[0]):
+        own.size[i] = size[i] * weight[i]
+    for _ in range(MAX_ITERATIONS):
+        eqs.correct_position(t, q, eqs.elimination, REDUNDANT_LENGTH, GAP_TOLERANCE, change, report)
+        error = report[RESIDUAL]
+        if error <= GAP_TOLERANCE:
+            return True
+        stalled = 0 if error < 0.5 * best else stalled + 1
+        best = min(best, error)
+        largest = largest_change(change, size)
+        if stalled > MAX_STALLED_ITERATIONS or not np.isfinite(largest):
+            return False
+        part = min(1.0, MAX_COORDINATE_STEP / max(largest, 1e-300))
+        for i in range(size.shape[0]):
+            change[i] *= part
+        eqs.retract(q, change, eqs.data)
+    return False
+
+
+@kernel
+def find_closed_velocities(
+    eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, size: Any, weight: Any, change: Any, report: Any
+) -> bool:
+    """v (n,) = velocities with J v = nu, the least change from ``start`` (n,); False: there are none.
+
+    ``rate`` (1/s) as that of the system; other arguments are those of :func:`iterate_to_closed`.
+    """
+    own = eqs.elimination.own
+    for i in range(size.shape[0]):
+        own.size[i], v[i] = size[i] * weight[i], start[i]
+    for _ in range(2):  # the second finds what the first has left
+        eqs.correct_velocity(t, q, v, eqs.elimination, REDUNDANT_LENGTH, change, report)
+        for i in range(size.shape[0]):
+            v[i] += change[i]
+    allowed = VELOCITY_RESIDUAL_TOLERANCE * largest_change(v, size) + DRIVE_RATE_TOLERANCE * rate
+    return max(report[DROPPED_RESIDUAL], largest_change(change, size)) <= allowed
 
 
 class Shortest(NamedTuple):
@@ -92,25 +133,9 @@ class EliminatedLoops:
         """
         for weights in _stages(held, given):
             q = start.copy()
-            if self._iterate_to_closed(t, q, weights):
+            if iterate_to_closed(self._equations, t, q, self._system.size, weights, self._change, self._report):
                 return q
         return None
-
-    def _iterate_to_closed(self, t: float, q: Array, weights: Array) -> bool:
-        """Close the loops by Gauss-Newton steps of limited size, q (nq,) in place."""
-        system, best, stalled = self._system, np.inf, 0
-        for _ in range(MAX_ITERATIONS):
-            self._measure(t, q, REDUNDANT_LENGTH, GAP_TOLERANCE, weights)
-            error = self._report[RESIDUAL]
-            if error <= GAP_TOLERANCE:
-                return True
-            stalled = 0 if error < 0.5 * best else stalled + 1
-            best = min(best, error)
-            if stalled > MAX_STALLED_ITERATIONS or not np.isfinite(self._change).all():
-                return False
-            largest = float(np.abs(self._change / system.size).max())
-            system.apply(q, min(1.0, MAX_COORDINATE_STEP / max(largest, 1e-300)) * self._change)
-        return False
 
     def find_velocities(
         self, t: float, q: Array, start: Array, held: NDArray[np.bool_], given: NDArray[np.bool_] | None = None
@@ -119,15 +144,8 @@ class EliminatedLoops:
         found. ``held`` and ``given`` as for :meth:`close`.
         """
         for weights in _stages(held, given):
-            v = start.copy()
-            for _ in range(2):  # the second finds what the first has left
-                self._own.size[:] = self._system.size * weights
-                _correct_velocity(self._equations, t, q, v, REDUNDANT_LENGTH, self._change, self._report)
-                v += self._change
-            fast = float(np.abs(v / self._system.size).max())
-            allowed = VELOCITY_RESIDUAL_TOLERANCE * fast + DRIVE_RATE_TOLERANCE * self._system.rate
-            left = max(self._report[DROPPED_RESIDUAL], float(np.abs(self._change / self._system.size).max()))
-            if left <= allowed:
+            v, own = np.zeros(self._system.n), (self._system.size, weights, self._change, self._report)
+            if find_closed_velocities(self._equations, t, q, start, self._system.rate, v, *own):
                 return v
         return None
 
@@ -141,10 +159,10 @@ class EliminatedLoops:
         self._measure(t, q, DEPENDENT_LENGTH)
         return np.sort(np.array(self._find_dropped() if self._report[DROPPED] else [], np.int64))
 
-    def _measure(self, t: float, q: Array, drop: float, closed: float = -1.0, weights: Array | float = 1.0) -> None:
+    def _measure(self, t: float, q: Array, drop: float) -> None:
         """Fill the change that closes the linearized equations, and the report."""
-        self._own.size[:] = self._system.size * weights
-        _correct_position(self._equations, t, q, drop, closed, self._change, self._report)
+        self._own.size[:] = self._system.size
+        _correct_position(self._equations, t, q, drop, -1.0, self._change, self._report)
 
     def _find_dropped(self) -> list[int]:
         """Return the equations that the last elimination has left out.

@@ -1,0 +1,132 @@
+"""What an integration by IDA with eliminated constraints remembers, its options and tolerances."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled.kernel import kernel, records
+from solvers.compiled.record import Record, f8, i8
+from solvers.energy_account import ENERGY_ACCOUNT, set_uniform_scales
+from solvers.positions import Positions
+from solvers.system import Array
+
+from .calls import IDAHandle
+from .dense_callbacks import RTOL_EXPONENT
+from .dense_memory import RTOL_FACTOR
+from .loop import MAX_ORDER, N_COUNTERS, PROGRESS, STANDSTILL_RATIO
+
+if TYPE_CHECKING:
+    from solvers.steppers.step_loop import Integration
+
+
+class SettingsRecord(Record):
+    """Options of IDA with eliminated constraints."""
+
+    rtol: f8  # relative tolerance of IDA
+    motion_rtol: f8  # ... of the motion
+    atol: f8  # absolute tolerance of IDA in units of the coordinates
+    motion_atol: f8  # ... of the motion
+    rate: f8  # of the motion, 1/s
+    max_step: f8  # s
+    max_order: i8
+    energy_check: i8  # 1: record energy and work
+    works: i8  # 1: some force does work
+
+
+SETTINGS = SettingsRecord.dtype
+
+
+class ImplicitEquations(NamedTuple):
+    """The equations of motion, and the tangent with which Newton's matrix is approximated."""
+
+    loops: Any  # solvers.system.EliminationEquations, pinned
+    factor_tangent: Any  # as solvers.system.TangentCallbacks has them
+    solve_tangent: Any
+    multiply_mass_matrix: Any
+    tangent: Any
+
+
+class EliminatedIDAMemory(NamedTuple):
+    """What is remembered from step to step; N = nq + n unknowns."""
+
+    progress: NDArray[Any]  # (1,) record of solvers.steppers.ida.loop.PROGRESS
+    counts: Array  # (N_COUNTERS,) see solvers.steppers.ida.loop
+    energy_record: NDArray[Any]  # (1,) record of ENERGY_ACCOUNT
+    last_accepted: Array  # (N,) unknowns after the last step
+    ida: Any  # solvers.steppers.ida.calls.IDAHandle
+
+    @staticmethod
+    def allocate(count: int) -> EliminatedIDAMemory:
+        """Return the memory of a motion of ``count`` unknowns that has yet to begin."""
+        own = records(1, PROGRESS), np.zeros(N_COUNTERS), records(1, ENERGY_ACCOUNT), np.zeros(count)
+        return EliminatedIDAMemory(*own, IDAHandle.allocate(count))
+
+
+class Work(NamedTuple):
+    """A state, where the tangent was factored last, and scratch."""
+
+    loops: Any  # solvers.projection.eliminated.EliminationScratch, pinned
+    positions: Any  # solvers.positions.Positions, pinned
+    row_size: Array  # (m,) units of the constraint residuals
+    inertia: Array  # (1,) kinetic energy of a motion in units of the coordinates, by degree of freedom, J s^2
+    c: Array  # (1,) IDA's c_j where the tangent was factored, 1/s
+    t: Array  # (1,) s
+    speed: Array  # (1,) largest velocity there, in units, 1/s
+    refusal: Array  # (1,) code of singular configurations where the equations have no solution, since the last step
+    q_factored: Array  # (nq,) closed state there
+    v_factored: Array  # (n,)
+    a_factored: Array  # (n,)
+    lam_factored: Array  # (m,)
+    tau_factored: Array  # (n,) inverse dynamics there
+    stiffness: Array  # (1,) ratio of all forces to inertia forces, by which the springs are stiffer
+    is_damped: Array  # (1,) 1: forces that depend on velocities count in Newton's matrix
+    weight: Array  # (m,) stiffness of the springs
+    q: Array  # (nq,) closed state that is evaluated
+    v: Array  # (n,)
+    qdot: Array  # (nq,)
+    a: Array  # (n,)
+    lam: Array  # (m,)
+    motion: Array  # (n,) scratch, as those that follow
+    guess: Array  # (n,)
+    change: Array  # (n,)
+    load: Array  # (n,)
+    damping: Array  # (n,)
+    dtheta: Array  # (n,)
+
+    @staticmethod
+    def allocate(nq: int, n: int, m: int, loops: Any, positions: Positions) -> Work:
+        """Return zeroed arrays."""
+        z = np.zeros
+        return Work(
+            loops, positions, z(m), z(1), z(1), z(1), z(1), z(1), z(nq), z(n), z(n), z(m), z(n), z(1), z(1), z(m),
+            z(nq), z(n), z(nq), z(n), z(m), z(n), z(n), z(n), z(n), z(n), z(n),
+        )  # fmt: skip
+
+
+@kernel
+def set_options(options: Any, problem: Integration) -> None:
+    """Fill the settings from a record of solvers.options.OPTIONS, ``options`` (1,)."""
+    own, settings = options[0], problem.settings[0]
+    settings.motion_rtol, settings.motion_atol = own.rtol, own.absolute
+    settings.rtol = RTOL_FACTOR * own.rtol**RTOL_EXPONENT
+    settings.atol = settings.rtol if own.absolute == own.rtol else own.absolute * settings.rtol / own.rtol
+    settings.max_step, settings.energy_check = own.max_step, own.energy_check
+    settings.max_order = own.max_order if own.max_order > 0 else MAX_ORDER
+    problem.memory.progress[0].energy_check = own.energy_check
+
+
+@kernel
+def set_tolerances(problem: Integration, rate: float) -> None:
+    """Take the rate of the motion (1/s), and set the tolerances of IDA and of the energy account."""
+    settings, size, atol = problem.settings[0], problem.work.loops.size, problem.memory.ida.atol
+    nq, n = problem.q.shape[0], problem.v.shape[0]
+    settings.rate = rate
+    for i in range(nq):
+        atol[i] = settings.atol * problem.work.loops.size_q[i]
+    for i in range(n):
+        atol[nq + i] = settings.atol * (rate * size[i])
+    set_uniform_scales(problem.scales, settings.motion_rtol, settings.motion_atol, size, rate, 1)
+    problem.memory.progress[0].min_step = STANDSTILL_RATIO / rate
