@@ -165,7 +165,10 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
             "not-native",
         )
-    if not system.has_matrices and (family not in ((ELIMINATED_FAMILY,) if system.m else TREE_FAMILIES)):
+    is_supported = bool(family) or simulation.solver_choice.solver not in NATIVE_SOLVERS
+    if not system.has_matrices:
+        is_supported = family in ((ELIMINATED_FAMILY,) if system.m else TREE_FAMILIES)
+    if not is_supported:
         allowed = "'adams' and 'hybrid'" if system.m else "'adams', 'hybrid', 'ida' and 'esdirk'"
         raise UserError(
             f"native FMUs do not support solver {simulation.solver_choice.solver!r} for this large model of {system.n} "

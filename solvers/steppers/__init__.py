@@ -227,7 +227,7 @@ def stepper(
     arguments: tuple[Any, ...] = t0, q0, v0, options
     if eliminates_constraints(name, system):
         return ELIMINATION_SOLVERS[name](system, *arguments)
-    if eliminates_implicitly(name, system) and not by_matrices:
+    if eliminates_implicitly(name, system):
         return eliminated_ida(system, *arguments)
     if not isinstance(system, TreeSystem):
         if not system.n:
