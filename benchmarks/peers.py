@@ -10,8 +10,10 @@ excluded. Of every engine the settings are drawn that no other setting of it sur
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import chdir
 from importlib import import_module, metadata
 from pathlib import Path
 from typing import NamedTuple
@@ -159,12 +161,13 @@ def main() -> None:
     for module in modules.values():
         print(f"{module.NAME}: {module.SETTINGS}")
     found: dict[str, list[Point]] = {}
-    for name, problem in chosen.items():
-        exact, limits = problem.exact(), (options.repeats, options.budget, END)
-        print(problem.title, flush=True)
-        found[name] = list(measure("mbfmu", ours(problem), exact, *limits))
-        for module in modules.values():
-            found[name] += measure(module.NAME, module.runs(name, options.loops), exact, *limits)
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):  # for files of compilers and logs of the engines
+        for name, problem in chosen.items():
+            exact, limits = problem.exact(), (options.repeats, options.budget, END)
+            print(problem.title, flush=True)
+            found[name] = list(measure("mbfmu", ours(problem), exact, *limits))
+            for module in modules.values():
+                found[name] += measure(module.NAME, module.runs(name, options.loops), exact, *limits)
     titles = {name: problem.title for name, problem in chosen.items()}
     print(table(found, titles))
     draw(found, titles, options.output / "peers.png")
