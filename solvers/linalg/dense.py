@@ -335,3 +335,14 @@ def count_positive_pivots(A: Reals, n: int) -> int:
             for j in range(k + 1, n):
                 A[i, j] -= A[i, k] * A[k, j] / A[k, k]
     return n
+
+
+@inlined
+def largest_change(x: Reals, size: Reals) -> float:
+    """Largest entry of x (n,) in units of ``size``; not a number if one is not."""
+    largest = 0.0
+    for i in range(x.shape[0]):
+        part = abs(x[i]) / size[i]
+        if not (part <= largest or np.isnan(largest)):
+            largest = part
+    return largest

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Record, Table, f8, i8
 from solvers.inertia import InertiaRecord
+from solvers.linalg.dense import largest_change
 from solvers.outcome import NO_MASS, NOT_CLOSED, NOT_FINITE, OK
 from solvers.positions import Positions
 from solvers.system import ELIMINATION_REPORT_SIZE, RANK, RESIDUAL, SHORTEST, Array
@@ -96,17 +97,6 @@ class EliminationScratch(NamedTuple):
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that are needed to continue a motion."""
         return [self.inertia, self.coordinate_rates, self.near, self.q_c]
-
-
-@inlined
-def largest_change(x: Reals, size: Reals) -> float:
-    """Largest entry of x (n,) in units of ``size``; not a number if one is not."""
-    largest = 0.0
-    for i in range(x.shape[0]):
-        part = abs(x[i]) / size[i]
-        if not (part <= largest or np.isnan(largest)):
-            largest = part
-    return largest
 
 
 @inlined

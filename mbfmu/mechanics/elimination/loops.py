@@ -16,6 +16,7 @@ from scipy import linalg
 
 from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import unpin
+from solvers.linalg.dense import largest_change
 from solvers.loop_closure import (
     DRIVE_RATE_TOLERANCE,
     GAP_TOLERANCE,
@@ -25,7 +26,6 @@ from solvers.loop_closure import (
     MAX_STALLED_ITERATIONS,
     VELOCITY_RESIDUAL_TOLERANCE,
 )
-from solvers.projection.eliminated import largest_change
 from solvers.system import (
     DROPPED,
     DROPPED_RESIDUAL,
