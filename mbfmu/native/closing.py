@@ -17,7 +17,7 @@ def close_positions(instance: Any, t: float) -> int:
     If it is not ASSEMBLED, ``worst`` of the scratch contains the cause.
     """
     problem, start = instance.given, instance.start
-    code: int = find_closed_positions(problem.eqs, t, start.q, problem.q, start.scratch)
+    code: int = find_closed_positions(instance.eqs, t, start.q, problem.q, start.scratch)
     return find_turned(instance, start.scratch.worst[0]) if code == ASSEMBLED else code
 
 
@@ -25,5 +25,5 @@ def close_positions(instance: Any, t: float) -> int:
 def close_velocities(instance: Any, t: float) -> int:
     """The same of the velocities, at these positions."""
     problem, start, rate = instance.given, instance.start, instance.known[0]
-    code: int = find_consistent_velocities(problem.eqs, t, problem.q, start.v, rate, problem.v, start.scratch)
+    code: int = find_consistent_velocities(instance.eqs, t, problem.q, start.v, rate, problem.v, start.scratch)
     return code

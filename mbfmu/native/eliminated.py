@@ -1,6 +1,7 @@
 """Large mechanisms with loops, whose constraints are eliminated along their structure: kernels over instances.
 
-They do what :class:`solvers.steppers.adams.eliminated.EliminatedAdamsStepper` does in Python.
+They do what :class:`solvers.steppers.adams.eliminated.EliminatedAdamsStepper` and
+:class:`solvers.steppers.ida.eliminated.EliminatedIDAStepper` do in Python.
 """
 
 from __future__ import annotations
@@ -13,15 +14,21 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.elimination import eliminated, empty_elimination
 from mbfmu.mechanics.elimination.loops import find_closed_velocities, iterate_to_closed
 from mbfmu.mechanics.recursions import dynamics as recursions
+from mbfmu.mechanics.tangent import factored
+from mbfmu.mechanics.tangent.factored import empty_tangent
 from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import unpin
 from solvers.loop_closure import ASSEMBLED, MAX_STAGES, set_weights
 from solvers.outcome import OK
+from solvers.positions import Positions
+from solvers.projection.eliminated import EliminationScratch
 from solvers.projection.eliminated_crossing import UNRESOLVED_LENGTH, evaluate_closed
 from solvers.steppers.adams import eliminated_loop
 from solvers.steppers.adams.pece import set_options
 from solvers.steppers.eliminated import begin_motion, find_rate, is_unresolved
-from solvers.system import AnySystem, Array, EliminationEquations, Terms
+from solvers.steppers.ida import eliminated_memory
+from solvers.steppers.ida.eliminated_memory import ImplicitEquations, Work
+from solvers.system import AnySystem, Array, EliminationEquations, TangentCallbacks, Terms
 
 from .closing import close_positions, close_velocities
 from .start_checks import find_turned, mark_free_rates
@@ -30,6 +37,7 @@ ELIMINATIONS = "accelerate", "correct_position", "correct_velocity"
 ELIMINATION_KERNELS = {name: getattr(eliminated, name) for name in ELIMINATIONS}
 ELIMINATION_KERNELS |= {name: getattr(recursions, name) for name in ("inverse", "retract", "position")}
 ELIMINATION_KERNELS |= {"power": recursions.solved_power, "evaluate_energy_bound": recursions.evaluate_energy_bound}
+TANGENT_KERNELS = {name: getattr(factored, name) for name in TangentCallbacks._fields[:-1]}
 
 
 class ClosableEquations(NamedTuple):
@@ -70,6 +78,43 @@ def empty_equations() -> EliminationEquations:
     return EliminationEquations._make((*[None] * 8, empty_elimination(), np.zeros(1)))
 
 
+class ImplicitStructure(NamedTuple):
+    """What the equations of IDA have besides the arrays of the mechanism."""
+
+    loops: EliminationEquations
+    tangent: Any  # data of the structured tangent, pinned
+
+
+def implicit_structure_of(system: AnySystem) -> ImplicitStructure:
+    """Return that of a system."""
+    elimination: Any = system.elimination
+    return ImplicitStructure(equations_of(system), elimination.tangent().callbacks.tangent)
+
+
+def empty_implicit_structure() -> ImplicitStructure:
+    """Return one whose data have the types that all mechanisms have."""
+    return ImplicitStructure(empty_equations(), empty_tangent())
+
+
+def implicit_equations(
+    callbacks: dict[str, Any], data: Any, known: ImplicitStructure, nq: int, n: int, m: int
+) -> ImplicitEquations:
+    """Return the equations of IDA."""
+    loops = {name: callbacks[name] for name in ELIMINATION_KERNELS}
+    tangent = (callbacks[name] for name in TANGENT_KERNELS)
+    return ImplicitEquations(ClosableEquations.of(loops, data, known.loops, nq, n, m), *tangent, known.tangent)
+
+
+def implicit_work(nq: int, n: int, m: int, positions: Positions) -> Work:
+    """Return the scratch of IDA, zeroed."""
+    return Work.allocate(nq, n, m, EliminationScratch.allocate(nq, n, m, positions), positions)
+
+
+def formulation_of(eqs: ImplicitEquations, work: Work) -> tuple[ClosableEquations, EliminationScratch]:
+    """Return what IDA integrates with, without what it alone needs."""
+    return unpin(eqs.loops), unpin(work.loops)
+
+
 def units_of(eqs: ClosableEquations) -> list[NDArray[Any]]:
     """Return the arrays of the elimination that a run sets at its start."""
     own = unpin(unpin(eqs.elimination).own)
@@ -79,7 +124,7 @@ def units_of(eqs: ClosableEquations) -> list[NDArray[Any]]:
 @kernel
 def set_units(instance: Any) -> None:
     """Set the units of the elimination: parameters may have changed them since the export."""
-    own, work, known = instance.given.eqs.elimination.own, instance.given.work, instance.known
+    own, work, known = instance.eqs.elimination.own, instance.work, instance.known
     for i in range(own.size.shape[0]):
         own.size[i] = work.size[i]
     for i in range(own.row_size.shape[0]):
@@ -95,7 +140,7 @@ def assemble_eliminated(instance: Any, t: float) -> int:
     """
     problem, start, scratch = instance.given, instance.start, instance.start.scratch
     set_units(instance)
-    eqs, own = problem.eqs, (scratch.size, scratch.weight, problem.work.change, problem.work.report)
+    eqs, own = instance.eqs, (scratch.size, scratch.weight, instance.work.change, instance.work.report)
     is_closed, has_velocities = False, False
     if start.eliminates == 1:
         for stage in range(MAX_STAGES):
@@ -117,8 +162,28 @@ def assemble_eliminated(instance: Any, t: float) -> int:
 @kernel
 def begin_eliminated(instance: Any, t: float) -> tuple[int, float]:
     """As ``EliminatedAdamsStepper`` is made."""
-    problem, status, eqs, work = instance.given, instance.session.status[0], instance.given.eqs, instance.given.work
-    set_options(instance.options, problem.settings)
+    set_options(instance.options, instance.given.settings)
+    code, rate = begin_formulation(instance, t)
+    eliminated_loop.set_up(instance.given, rate)
+    return code, rate
+
+
+@kernel
+def begin_eliminated_ida(instance: Any, t: float) -> tuple[int, float]:
+    """As ``EliminatedIDAStepper`` is made."""
+    problem = instance.given
+    eliminated_memory.set_options(instance.options, problem)
+    code, rate = begin_formulation(instance, t)
+    for row in range(problem.work.row_size.shape[0]):
+        problem.work.row_size[row] = instance.start.scratch.row[row]
+    eliminated_memory.set_up(problem, t, rate)
+    return code, rate
+
+
+@kernel
+def begin_formulation(instance: Any, t: float) -> tuple[int, float]:
+    """As ``EliminatedFormulation`` is made; return a code and the rate of the motion, 1/s."""
+    problem, status, eqs, work = instance.given, instance.session.status[0], instance.eqs, instance.work
     set_units(instance)
     code = begin_motion(eqs, t, problem.q, problem.v, work)
     control = problem.memory.control[0]
@@ -127,17 +192,15 @@ def begin_eliminated(instance: Any, t: float) -> tuple[int, float]:
         eqs.position(t, problem.q, eqs.data, eqs.terms)
         status.singular = mark_free_rates(eqs.terms.J, control.rank, instance.start.scratch)
     known, duration = instance.known[0], instance.options[0].duration
-    rate = find_rate(eqs, t, problem.q, problem.v, code == OK, known, duration, work)
-    eliminated_loop.set_up(problem, rate)
-    return code, rate
+    return code, find_rate(eqs, t, problem.q, problem.v, code == OK, known, duration, work)
 
 
 @kernel
 def evaluate_eliminated(instance: Any) -> int:
     """Fill ``instance.a`` and ``instance.lam``."""
-    problem, work, t = instance.given, instance.given.work, instance.clock[0]
+    problem, work, t = instance.given, instance.work, instance.clock[0]
     state = t, problem.q, problem.v, True, work, work.qdot
-    code: int = evaluate_closed(problem.eqs, *state, instance.a, instance.lam)
+    code: int = evaluate_closed(instance.eqs, *state, instance.a, instance.lam)
     if code == OK and is_unresolved(max(UNRESOLVED_LENGTH, instance.options[0].rtol), work):
         control = problem.memory.control[0]
         control.undetermined, control.undetermined_at = 1, t

@@ -34,9 +34,7 @@ from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
 from solvers.stepper import advance_in_pieces_of
-from solvers.steppers import drop_unlisted
-from solvers.steppers.ida.dense_memory import IDAMemory
-from solvers.steppers.ida.tree_memory import TreeIDAMemory
+from solvers.steppers import drop_unlisted, eliminates_implicitly
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
@@ -44,7 +42,7 @@ from solvers.system import Array
 from . import eliminated
 from .derivatives import Linearization, empty_linearized, to_linearized
 from .exchange_memory import Exchange
-from .families import ELIMINATED_FAMILY, FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
+from .families import ELIMINATED_FAMILIES, FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
 from .image import MemoryImage
 from .kernel_table import kernel_numbers, numbers_in_fmu
 from .model_exchange import FORMULATIONS, exchange_entries
@@ -68,6 +66,8 @@ class Instance(NamedTuple):
     dv: Array  # (n,) jump of the velocities
     out: Array  # outputs
     given: Any  # solvers.steppers.step_loop.Integration
+    eqs: Any  # equations and scratch of the formulation: those of ``given``, or what they have of it
+    work: Any
     start: Any  # .start_checks.Start
     # (4,) rates of the system and of its loops, 1/s; the characteristic length, m, and that of the export
     known: Array
@@ -112,12 +112,13 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     structure = family.structure.of(system)
     eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, structure, *sizes)
     work = family.work(*sizes, system.placed)
-    work.size[:] = system.size
-    work.inertia["watched"] = unpin(given.work).inertia["watched"]
+    formulation = family.formulation(eqs, work)
+    shared, theirs = formulation[1], family.formulation(unpin(given.eqs), unpin(given.work))[1]
+    shared.size[:], shared.inertia["watched"] = system.size, theirs.inertia["watched"]
     for name in {"mesh_mask", "friction_velocity"} & {*work._fields}:
         getattr(work, name)[:] = getattr(unpin(given.work), name)
     assembly = compiled.assembly
-    scratch = ClosureScratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
+    scratch = ClosureScratch.of(system, assembly.held(), assembly.given())._replace(size=shared.size)
     start = Start(assembly.start_positions(), assembly.start_velocities(), scratch, int(not system.has_matrices))
     scales = EnergyScales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Integration(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ACCOUNT_SIZE))
@@ -131,7 +132,7 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     linear = linearization_of(simulation) if differentiates else Linearization.example(pin(empty_linearized()))
     branch = FORMULATIONS[family_of(simulation)].branch
     more = Exchange.allocate(system.nq, system.n, lambda: branch(*sizes)), steady_start(simulation), linear
-    return Instance(session, session.inputs, *state, *buffers, own, start, *settings, *places, *more)
+    return Instance(session, session.inputs, *state, *buffers, own, *formulation, start, *settings, *places, *more)
 
 
 def linearization_of(simulation: Simulation) -> Linearization:
@@ -147,7 +148,7 @@ def linearization_of(simulation: Simulation) -> Linearization:
 
 def uses_sundials(instance: Instance) -> bool:
     """Whether an instance calls SUNDIALS."""
-    return isinstance(instance.given.memory, IDAMemory | TreeIDAMemory)
+    return "ida" in instance.given.memory._fields
 
 
 def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Instance, MemoryImage]:
@@ -165,11 +166,9 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
             "not-native",
         )
-    is_supported = bool(family) or simulation.solver_choice.solver not in NATIVE_SOLVERS
-    if not system.has_matrices:
-        is_supported = family in ((ELIMINATED_FAMILY,) if system.m else TREE_FAMILIES)
-    if not is_supported:
-        allowed = "'adams' and 'hybrid'" if system.m else "'adams', 'hybrid', 'ida' and 'esdirk'"
+    if not system.has_matrices and family not in (ELIMINATED_FAMILIES if system.m else TREE_FAMILIES):
+        implicit = "'adams', 'hybrid' and 'ida'" if eliminates_implicitly("ida", system) else "'adams' and 'hybrid'"
+        allowed = implicit if system.m else "'adams', 'hybrid', 'ida' and 'esdirk'"
         raise UserError(
             f"native FMUs do not support solver {simulation.solver_choice.solver!r} for this large model of {system.n} "
             f"joint coordinates and {system.m} constraint equations; allowed: {allowed}. Use one of these, or export "
@@ -186,7 +185,7 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
     compiled, known = simulation.compiled, numbers_in_fmu(called_in_steps(simulation.compiled, family))
     tables = [(arrays.kernels, kernel_numbers(compiled.called(), known))]
     if FAMILIES[family].uses_tangent:
-        table = unpin(unpin(system.tangent.callbacks.tangent).arrays).kernels
+        table = unpin(unpin(instance.given.eqs.tangent).arrays).kernels
         tables.append((table, kernel_numbers(compiled.called(TANGENT_NUMBERS), known)))
     if differentiates:
         linear = unpin(unpin(instance.linearization.data).arrays)
@@ -203,9 +202,10 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
         *own.work.memory(),
         *own.scales,
     ]
-    state += [start.q, start.v, own.work.size, own.work.size_q, start.scratch.row, instance.known, instance.options]
-    if family == ELIMINATED_FAMILY:
-        state += eliminated.units_of(own.eqs)
+    units = instance.work.size, instance.work.size_q, start.scratch.row
+    state += [start.q, start.v, *units, instance.known, instance.options]
+    if family in ELIMINATED_FAMILIES:
+        state += eliminated.units_of(instance.eqs)
     state += instance.session.memory()
     state += [array for array in arrays if array is not arrays.kernels]
     state += instance.exchange.memory()
@@ -219,7 +219,8 @@ def example(name: str) -> Any:
     positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64))
     data = pin(empty_data())
     eqs = family.equations(callbacks, data, family.structure.empty(), 1, 1, 1)
-    own = family.memory(1, 1, 1), family.work(1, 1, 1, positions), EnergyScales.of(1e-6, z(1), z(1))
+    work = family.work(1, 1, 1, positions)
+    own = family.memory(1, 1, 1), work, EnergyScales.of(1e-6, z(1), z(1))
     state = z(1), z(1), z(ACCOUNT_SIZE)
     given = Integration(eqs, records(1, family.loop.SETTINGS), *own, *state)
     session = Session.allocate(data, InputRecords.example(), ItemRecord.zeros(1))
@@ -228,7 +229,8 @@ def example(name: str) -> Any:
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
     linear = Linearization.example(pin(empty_linearized()))
     more = Exchange.allocate(1, 1, lambda: FORMULATIONS[name].branch(1, 1, 1)), SteadyStart.empty(), linear
-    return pin(Instance(*run, given, start, *settings, frames, z(1), positions, *more))
+    formulation = family.formulation(eqs, work)
+    return pin(Instance(*run, given, *formulation, start, *settings, frames, z(1), positions, *more))
 
 
 _named = cache(as_kernel)  # what two families call is compiled once
@@ -243,7 +245,7 @@ def solver_actions(name: str) -> SolverActions:
     @jit_uncached
     def limit_steps(instance: Any, t: float) -> float:
         own = instance.given
-        longest, until = input_step_limit(t, own.eqs.data)
+        longest, until = input_step_limit(t, instance.eqs.data)
         longest = min(longest, instance.options[0].max_step)
         limit_method(own.memory, own.settings, t, own.q, own.v, own.energy_account[WORK], longest)
         return float(until)
@@ -267,7 +269,7 @@ def solver_actions(name: str) -> SolverActions:
     @jit_uncached
     def start_at_state(instance: Any, truncated_steps: int, keeps_position: bool) -> None:
         own = instance.given
-        has_work = own.eqs.data.arrays.world[0].nonconservative == 1 and needs_work(own.settings[0])
+        has_work = instance.eqs.data.arrays.world[0].nonconservative == 1 and needs_work(own.settings[0])
         own.settings[0].works = 1 if has_work else 0
         state = instance.clock[0], own.q, own.v, own.energy_account[WORK]
         start_method(own.memory, *state, truncated_steps, keeps_position)
@@ -343,7 +345,8 @@ def entries(name: str) -> dict[str, Entry]:
             instance.known[0],
             instance.known[2],
         )
-        found = check_resolution(t, rate, problem.q, problem.work.size_q, options.rtol, instance.start.scratch.worst[0])
+        size_q, worst = instance.work.size_q, instance.start.scratch.worst[0]
+        found = check_resolution(t, rate, problem.q, size_q, options.rtol, worst)
         if found != ASSEMBLED:
             instance.session.status[0].flaw = found
         return int(code)

@@ -24,7 +24,7 @@ def comparisons(copy_branch: Any, copy_critical_point: Any, record_position: Any
     @jit_uncached
     def keep_previous(instance: Any) -> None:
         exchange = instance.exchange
-        copy_branch(instance.given.work, exchange.previous)
+        copy_branch(instance.work, exchange.previous)
         copy_critical_point(exchange.before, exchange.previous)
         exchange.times[PREVIOUS] = exchange.times[COMPARED]
 
@@ -38,7 +38,7 @@ def comparisons(copy_branch: Any, copy_critical_point: Any, record_position: Any
     @jit_uncached
     def complete(instance: Any) -> None:
         exchange = instance.exchange
-        copy_branch(instance.given.work, exchange.completed)
+        copy_branch(instance.work, exchange.completed)
         exchange.times[COMPLETED] = exchange.times[COMPARED]
 
     @jit_uncached
@@ -47,28 +47,28 @@ def comparisons(copy_branch: Any, copy_critical_point: Any, record_position: Any
         if t >= times[COMPARED]:
             return
         if times[COMPLETED] <= times[PREVIOUS] <= t:
-            copy_branch(exchange.previous, instance.given.work)
+            copy_branch(exchange.previous, instance.work)
             times[COMPARED] = times[PREVIOUS]
         else:
-            copy_branch(exchange.completed, instance.given.work)
+            copy_branch(exchange.completed, instance.work)
             times[COMPARED] = times[COMPLETED]
 
     @jit_uncached
     def keep_front(instance: Any) -> None:
-        copy_branch(instance.given.work, instance.exchange.before)
+        copy_branch(instance.work, instance.exchange.before)
 
     @jit_uncached
     def restore_front(instance: Any, t: float) -> None:
-        copy_branch(instance.exchange.before, instance.given.work)
+        copy_branch(instance.exchange.before, instance.work)
         instance.exchange.times[COMPARED] = t
 
     @jit_uncached
     def keep(instance: Any) -> None:
-        copy_critical_point(instance.given.work, instance.exchange.before)
+        copy_critical_point(instance.work, instance.exchange.before)
 
     @jit_uncached
     def restore(instance: Any) -> None:
-        copy_critical_point(instance.exchange.before, instance.given.work)
+        copy_critical_point(instance.exchange.before, instance.work)
 
     found = keep_previous, compare_from, complete, go_back, keep_front, restore_front, keep, restore
     names = "keep_previous", "compare_from", "complete", "go_back", "keep_front", "restore_front", "keep", "restore"

@@ -47,7 +47,7 @@ def copy_branch(source: Any, target: Any) -> None:
 @kernel
 def record_position(instance: Any, t: float, taken: float) -> None:
     """See :func:`.exchange_branches.comparisons`: the shortest equation is evaluated there."""
-    eqs, work = instance.given.eqs, instance.given.work
+    eqs, work = instance.eqs, instance.work
     if evaluate_closed(eqs, t, work.q, work.v, False, work, work.qdot, work.a, work.lam) == OK:
         record_accepted(eqs, t, work.q, work.v, work.a, taken, taken, work)
 
@@ -55,7 +55,7 @@ def record_position(instance: Any, t: float, taken: float) -> None:
 @kernel
 def project_eliminated(instance: Any, t: float) -> int:
     """See :class:`.model_exchange.Formulation`."""
-    eqs, work = instance.given.eqs, instance.given.work
+    eqs, work = instance.eqs, instance.work
     if not unpack_states(instance.exchange, work.q, work.v):
         return STATES_NOT_FINITE
     eqs.retract(work.q, work.zero, eqs.data)  # quaternions to unit length
@@ -66,7 +66,7 @@ def project_eliminated(instance: Any, t: float) -> int:
 @kernel
 def evaluate_with(instance: Any, t: float, loaded: bool) -> int:
     """As :func:`evaluate_eliminated`, with the multipliers if ``loaded``."""
-    eqs, work = instance.given.eqs, instance.given.work
+    eqs, work = instance.eqs, instance.work
     code: int = project_eliminated(instance, t)
     if code == OK:
         code = evaluate_closed(eqs, t, work.q, work.v, loaded, work, work.qdot, work.a, work.lam)
@@ -85,20 +85,20 @@ def evaluate_eliminated(instance: Any, t: float) -> int:
 @kernel
 def is_on_branch_eliminated(instance: Any, t: float) -> bool:
     """See :class:`.model_exchange.Formulation`."""
-    same: bool = stays_on_branch(instance.given.work)
+    same: bool = stays_on_branch(instance.work)
     return same
 
 
 @kernel
 def linearize_eliminated(instance: Any, t: float, driving: int) -> int:
     """See :class:`.model_exchange.Formulation`."""
-    work, own = instance.given.work, instance.linearization
+    work, own = instance.work, instance.linearization
     code: int = evaluate_with(instance, t, True)
     if code != OK:
         return code
     if work.near[0].shortest < SINGULAR_LENGTH:
         return NOT_DIFFERENTIABLE
-    own.point[0].fastest = find_fastest(work.near[0].rank, instance.given.eqs.in_loops, work)
+    own.point[0].fastest = find_fastest(work.near[0].rank, instance.eqs.in_loops, work)
     own.point[0].attraction = rate_of(own.point[0].fastest, work)
     set_point(t, driving, work.q, work.v, work.a, work.lam, own)
     return OK
@@ -118,7 +118,7 @@ def correct(residual: Complex, eqs: Any, scratch: Reals, work: Any, motion: Real
 def differentiate_eliminated(instance: Any) -> int:
     """See :class:`.model_exchange.Formulation`; inertia and equations are those of the point."""
     exchange, inputs, positions, own = instance.exchange, instance.inputs, instance.positions, instance.linearization
-    eqs, work, r = instance.given.eqs, instance.given.work, own.redundant
+    eqs, work, r = instance.eqs, instance.work, own.redundant
     begin_direction(exchange, positions, own)
     differentiate_loads(inputs, eqs.data, own)
     step_state(positions, own.positions, own.velocities, own)

@@ -16,6 +16,8 @@ from mbfmu.session.simulation import Simulation
 from solvers.compiled.tuple_pointer import unpin
 from solvers.system import Array
 
+from .entries import family_of
+from .families import FAMILIES
 from .kernel_table import user_kernels
 
 MAX_STATES = 1000  # continuous states: each is two variables of the model description
@@ -114,8 +116,8 @@ def exchange_states(simulation: Simulation, taken: Iterable[str]) -> tuple[Excha
 
 def find_nominals(simulation: Simulation) -> Array:
     """Return the nominal values of the states, as :func:`mbfmu.native.exchange_memory.fill_nominals`."""
-    stepper, system = simulation.stepper, simulation.compiled.system
-    work = unpin(unpin(stepper.integration).work)  # type: ignore[attr-defined]
+    system, given = simulation.compiled.system, unpin(simulation.stepper.integration)  # type: ignore[attr-defined]
+    _, work = FAMILIES[family_of(simulation)].formulation(unpin(given.eqs), unpin(given.work))
     return np.concatenate((system.position_sizes(system.size), work.coordinate_rates * system.size))
 
 

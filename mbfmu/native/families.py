@@ -40,11 +40,13 @@ from solvers.steppers.esdirk.formulas import Memory as ESDIRKMemory
 from solvers.steppers.esdirk.steps import Work
 from solvers.steppers.esdirk.tree import ESDIRK_KERNELS
 from solvers.steppers.ida import dense_loop as dense_ida
+from solvers.steppers.ida import eliminated_loop as eliminated_ida
 from solvers.steppers.ida import tree_loop as tree_ida
 from solvers.steppers.ida import tree_memory
 from solvers.steppers.ida.dense_memory import IDAMemory, continue_history
 from solvers.steppers.ida.dense_memory import set_options as set_ida_options
 from solvers.steppers.ida.dense_memory import set_up as set_up_ida
+from solvers.steppers.ida.eliminated_memory import EliminatedIDAMemory
 from solvers.steppers.radau import loop as radau
 from solvers.steppers.radau.dense import RadauMethod
 from solvers.steppers.radau.formulas import Memory
@@ -88,6 +90,11 @@ def leave_open(problem: Any) -> None:
     """Free nothing: all memory is in the block."""
 
 
+def whole_of(eqs: Any, work: Any) -> tuple[Any, Any]:
+    """Return the equations and the scratch of an integration: its formulation of the equations has all of them."""
+    return eqs, work
+
+
 class Structure(NamedTuple):
     """What the equations of a family have besides the arrays of the mechanism."""
 
@@ -122,6 +129,7 @@ class Family(NamedTuple):
     structure: Structure = Structure(lambda _: None, lambda: None)
     uses_tangent: bool = False  # whether it factors the structured tangent
     evaluates_placed: bool = True  # whether an evaluation leaves the bodies at the reported state
+    formulation: Callable[[Any, Any], tuple[Any, Any]] = whole_of  # (eqs, work) -> those of the Instance
 
 
 @kernel
@@ -319,7 +327,6 @@ def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
     return Workspace.allocate(nq, n, m)
 
 
-ELIMINATED_FAMILY = "eliminated"  # family of mechanisms whose constraints are eliminated
 FAMILIES = {  # by the prefix of their entry points
     "adams": Family(
         adams, DENSE_KERNELS, _dense_equations, History.allocate, _workspace,
@@ -352,13 +359,23 @@ FAMILIES = {  # by the prefix of their entry points
         restore=tree_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, balance=no_search,
         structure=STRUCTURED_TANGENT, uses_tangent=True,
     ),
-    ELIMINATED_FAMILY: Family(
+    "eliminated": Family(
         eliminated_loop, eliminated.ELIMINATION_KERNELS, eliminated.ClosableEquations.of,
         lambda nq, n, m: History.allocate(nq, n, 0), EliminationScratch.allocate,
         eliminated.assemble_eliminated, eliminated.begin_eliminated, eliminated.evaluate_eliminated,
         eliminated.evaluate_eliminated, False, checks_energy, ADAMS_KERNELS, balance=no_search,
         structure=Structure(eliminated.equations_of, eliminated.empty_equations), evaluates_placed=False,
     ),
+    "eliminated_ida": Family(
+        eliminated_ida, eliminated.ELIMINATION_KERNELS | eliminated.TANGENT_KERNELS, eliminated.implicit_equations,
+        lambda nq, n, m: EliminatedIDAMemory.allocate(nq, n), eliminated.implicit_work,
+        eliminated.assemble_eliminated, eliminated.begin_eliminated_ida, eliminated.evaluate_eliminated,
+        eliminated.evaluate_eliminated, False, checks_energy, tree_ida.IDA_KERNELS,
+        restore=eliminated_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, balance=no_search,
+        structure=Structure(eliminated.implicit_structure_of, eliminated.empty_implicit_structure), uses_tangent=True,
+        evaluates_placed=False, formulation=eliminated.formulation_of,
+    ),
 }  # fmt: skip
 TREE_FAMILIES = ("tree", "esdirk", "tree_ida")  # families of large models without constraints
+ELIMINATED_FAMILIES = ("eliminated", "eliminated_ida")  # those of models whose constraints are eliminated
 NATIVE_SOLVERS = ("adams", "hybrid", "adams-lu", "radau", "ida", "esdirk")  # that they serve

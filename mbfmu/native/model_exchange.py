@@ -113,7 +113,7 @@ ELIMINATED = Formulation(
 )
 FORMULATIONS = {  # by the families of :mod:`.families`
     "adams": DENSE, "radau": DENSE, "ida": DENSE, "tree": TREE, "esdirk": TREE, "tree_ida": TREE,
-    "eliminated": ELIMINATED,
+    "eliminated": ELIMINATED, "eliminated_ida": ELIMINATED,
 }  # fmt: skip
 
 
@@ -140,7 +140,7 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
         """Let x be the reported state, at the start of a run at t (s)."""
         exchange, problem = instance.exchange, instance.given
         pack_states(problem.q, problem.v, exchange)
-        fill_nominals(problem.work, exchange)
+        fill_nominals(instance.work, exchange)
         for k in (JUMP, JUMP_END, COMPLETED, PREVIOUS, COMPARED, EVALUATED):
             exchange.times[k] = t
         exchange.times[INTERPOLATES], exchange.times[RESTART] = 1.0, 1.0
@@ -180,7 +180,7 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
 
     def exchange_read(instance: Any, t: float) -> int:
         """Fill the outputs at (t, P(x)), which becomes the reported state."""
-        evaluated, session, work = begin_evaluation(instance, t), instance.session, instance.given.work
+        evaluated, session, work = begin_evaluation(instance, t), instance.session, instance.work
         keep(instance)
         code = project_at(instance, evaluated)
         if code == OK:
@@ -221,7 +221,7 @@ def exchange_entries(family: str, read: Callable[..., int]) -> dict[str, tuple[C
 
     def exchange_update(instance: Any, t: float) -> int:
         """Update at an event at t (s): x becomes P(x), and the next event is found."""
-        exchange, work, data = instance.exchange, instance.given.work, instance.given.eqs.data
+        exchange, work, data = instance.exchange, instance.work, instance.eqs.data
         exchange.times[JUMP], exchange.times[JUMP_END] = t, find_end_of_jump(t, data)
         evaluated = begin_evaluation(instance, t)
         exchange.times[NEXT_EVENT] = find_next_event(evaluated, data)

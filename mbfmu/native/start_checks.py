@@ -107,7 +107,7 @@ class Start(NamedTuple):
 @kernel
 def find_turned(instance: Any, worst: Any) -> int:
     """TURNED if a cut joint is closed with a wrong orientation in this position; ``worst`` names it."""
-    k = fill_frame_angles(instance.frames, instance.given.eqs.data, instance.angles)
+    k = fill_frame_angles(instance.frames, instance.eqs.data, instance.angles)
     if k == instance.angles.shape[0]:
         return ASSEMBLED
     worst.row, worst.gap = k, np.floor(np.degrees(instance.angles[k]) + 0.5)

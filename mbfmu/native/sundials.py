@@ -7,7 +7,7 @@ from typing import Any
 
 from solvers.compiled.ffi import array_at
 from solvers.compiled.kernel import types
-from solvers.steppers.ida import tree_callbacks
+from solvers.steppers.ida import eliminated_callbacks, tree_callbacks
 from solvers.steppers.ida.calls import CALLBACKS, FUNCTION_NAMES, N_WORDS, OBJECTS, RESIDUAL
 from solvers.steppers.ida.dense_callbacks import (
     apply_preconditioner_at,
@@ -28,6 +28,8 @@ NO_CALLBACK = -1  # of a callback that a family does not have, so that IDA does 
 
 residual_of_tree, set_up_tree = tree_callbacks.evaluate_residual, tree_callbacks.set_up_preconditioner
 apply_to_tree, set_tree_weights = tree_callbacks.apply_preconditioner, tree_callbacks.set_error_weights
+residual_of_loops, set_up_loops = eliminated_callbacks.evaluate_residual, eliminated_callbacks.set_up_preconditioner
+apply_to_loops = eliminated_callbacks.apply_preconditioner
 
 
 def residual(instance: Any, t: float, y: Any, slopes: Any, out: Any) -> int:
@@ -120,6 +122,37 @@ def tree_error_weights(instance: Any, y: Any, out: Any) -> int:
     return 0
 
 
+def eliminated_residual(instance: Any, t: float, y: Any, slopes: Any, out: Any) -> int:
+    """As those above, where constraints are eliminated."""
+    problem = instance.given
+    n = problem.memory.ida.y.shape[0]
+    residual_of_loops(t, array_at(y, n), array_at(slopes, n), array_at(out, n), problem)
+    return 0
+
+
+def set_up_eliminated_preconditioner(instance: Any, t: float, y: Any, slopes: Any, cj: float) -> int:
+    """Set up the preconditioner; 1: it is singular there."""
+    problem = instance.given
+    n = problem.memory.ida.y.shape[0]
+    code: int = set_up_loops(t, array_at(y, n), cj, problem)
+    return code
+
+
+def apply_eliminated_preconditioner(
+    instance: Any, t: float, y: Any, slopes: Any, right: Any, left: Any, cj: float
+) -> int:
+    """Apply the preconditioner to ``right``."""
+    problem = instance.given
+    n = problem.memory.ida.y.shape[0]
+    apply_to_loops(array_at(y, n), array_at(right, n), array_at(left, n), problem)
+    return 0
+
+
+def no_error_weights(instance: Any, y: Any, out: Any) -> int:
+    """IDA weighs the errors by its tolerances."""
+    return NO_CALLBACK
+
+
 _real, _place = types.float64, types.voidptr
 CALLBACK_TYPES: dict[str, tuple[Any, ...]] = {  # of the arguments after the instance
     "residual": (_real, _place, _place, _place),
@@ -134,6 +167,10 @@ SUNDIALS_FAMILIES: dict[str, tuple[Any, ...]] = {  # callbacks of the families o
     "tree_ida": (
         tree_residual, set_up_tree_preconditioner, apply_tree_preconditioner, no_matvec, no_jacobian,
         tree_error_weights,
+    ),
+    "eliminated_ida": (
+        eliminated_residual, set_up_eliminated_preconditioner, apply_eliminated_preconditioner, no_matvec, no_jacobian,
+        no_error_weights,
     ),
 }  # fmt: skip
 

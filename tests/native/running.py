@@ -80,10 +80,10 @@ class Running:
 def adopt(native: Running, compiled: CompiledMechanism, at_work: bool = False) -> None:
     """Give an instance the numbers of another compiled mechanism, as a host does that sets parameters."""
     instance, system = native.instance, compiled.system
-    mine, theirs = unpin(unpin(instance.given.eqs.data).arrays), compiled.data.arrays
+    mine, theirs = unpin(unpin(instance.eqs.data).arrays), compiled.data.arrays
     pairs = [(a, b) for a, b in zip(mine, theirs, strict=True) if a is not mine.kernels]
     if not at_work:  # where solvers keep their units
-        pairs += [(instance.given.work.size, system.size), (instance.start.scratch.row, system.row_size)]
+        pairs += [(instance.work.size, system.size), (instance.start.scratch.row, system.row_size)]
         native.view(instance.known)[:2] = system.rate, getattr(system, "loop_rate", 0.0)
     for array, numbers in pairs:
         if array.nbytes:

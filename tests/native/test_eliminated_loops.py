@@ -14,7 +14,7 @@ from exchange_models import many_loops
 from mechanisms import ladder, n_four_bar
 from running import Running, adopt, follow, needs_linker, pair
 
-from mbfmu.mechanics import Mechanism, Revolute
+from mbfmu.mechanics import Mechanism, Revolute, rod
 from mbfmu.modeling import Model, parameter
 from mbfmu.native.entries import family_of, image_of
 from mbfmu.native.exchange_states import explain_missing_derivatives, explain_missing_exchange
@@ -132,10 +132,18 @@ def test_model_exchange_and_derivatives_are_supported() -> None:
     assert explain_missing_exchange(simulation) == explain_missing_derivatives(simulation) == ""
 
 
-@pytest.mark.parametrize("solver", ["ida", "esdirk"])
-def test_solvers_without_a_family_are_refused(solver: str) -> None:
-    with pytest.raises(UserError, match=rf"do not support solver '{solver}' .* allowed: 'adams' and 'hybrid'"):
-        image_of(UnstartedSimulation(ladder(35).mechanism, Settings(solver=solver)))
+def test_esdirk_is_refused() -> None:
+    with pytest.raises(UserError, match=r"do not support solver 'esdirk' .* allowed: 'adams', 'hybrid' and 'ida'\."):
+        image_of(UnstartedSimulation(ladder(35).mechanism, Settings(solver="esdirk")))
+
+
+def test_ida_is_refused_with_few_constraints() -> None:
+    """Then it does not eliminate them."""
+    m = ladder(1).mechanism
+    for _ in range(100):
+        m.body(f"link{len(m.bodies)}", m.bodies[-1], Revolute(at=(0.1, 0.0, 0.0)), **rod(mass=1.0, length=0.1))
+    with pytest.raises(UserError, match=r"do not support solver 'ida' .* allowed: 'adams' and 'hybrid'\."):
+        image_of(UnstartedSimulation(m, Settings(solver="ida")))
 
 
 def test_an_image_has_no_history_of_matrices() -> None:

@@ -28,7 +28,7 @@ not bit for bit.
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,7 @@ from solvers.steppers.eliminated import EliminatedFormulation
 from solvers.steppers.step_loop import Integration
 from solvers.system import AnySystem, Array, EliminationEquations, Tangent
 
+from . import eliminated_loop
 from .binding import BoundIDA
 from .calls import KRYLOV_DIMENSION
 from .driver import IDADriver
@@ -62,7 +63,7 @@ from .eliminated_memory import (
     ImplicitEquations,
     Work,
     set_options,
-    set_tolerances,
+    set_up,
 )
 from .loop import MAX_CONVERGENCE_FAILURES
 from .sundials import DirectIDA, is_library_supported
@@ -83,6 +84,7 @@ class EliminatedIDAStepper(IDADriver):
     """IDA with eliminated constraints."""
 
     fallback_solvers = ("adams",)
+    loop: ClassVar = eliminated_loop
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
@@ -90,17 +92,17 @@ class EliminatedIDAStepper(IDADriver):
         self.formulation = form = EliminatedFormulation(system, self._t, self._q, self._v, self.options)
         assert isinstance(system.elimination, ImplicitElimination)  # else another stepper is used
         self._tangent = system.elimination.tangent()
-        self._memory, self._settings = EliminatedIDAMemory.allocate(nq + n), records(1, SETTINGS)
+        self._memory, self._settings = EliminatedIDAMemory.allocate(nq, n), records(1, SETTINGS)
         memory, callbacks = self._memory, self._tangent.callbacks
         self._set_records(memory.counts, memory.energy_record, memory.progress)
         work = Work.allocate(nq, n, m, form.work, system.placed)
-        work.row_size[:], self._refusal = system.row_size, work.refusal
+        work.row_size[:], self._refusal, self._saved = system.row_size, work.refusal, work.memory()
         equations = ImplicitEquations(form.equations, *callbacks)
         self._scales = pin(EnergyScales.of(self.options.rtol, np.zeros(n), np.zeros(n)))
         own = pin(equations), self._settings, pin(memory), pin(work), self._scales
         self.integration = pin(Integration(*own, self._q, self._v, self._energy_account))
         set_options(self.options.record(), self.integration)
-        set_tolerances(self.integration, form.rate)
+        set_up(self.integration, self._t, form.rate)
         self._ida = self._make_ida()
         self.starts_singular, self.status = form.starts_singular, self._status(form.status)
 
@@ -178,4 +180,4 @@ class EliminatedIDAStepper(IDADriver):
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        return [*super().arrays(), *self.formulation.memory()]
+        return [*super().arrays(), *self._saved]

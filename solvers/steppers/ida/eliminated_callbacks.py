@@ -301,6 +301,7 @@ def report_unknowns(problem: Integration, t: float, y: Reals) -> int:
         work.v[i] = y[nq + i]
     code: int = project(problem.eqs.loops, t, work.q, work.v, CLOSED_RESIDUAL, work.loops)
     if code == OK:
+        problem.memory.control[0].t = t
         for i in range(nq):
             problem.q[i] = work.q[i]
         for i in range(work.v.shape[0]):

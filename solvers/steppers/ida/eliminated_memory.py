@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import kernel, records
 from solvers.compiled.record import Record, f8, i8
+from solvers.compiled.tuple_pointer import unpin
 from solvers.energy_account import ENERGY_ACCOUNT, set_uniform_scales
 from solvers.positions import Positions
 from solvers.system import Array
 
 from .calls import IDAHandle
 from .dense_callbacks import RTOL_EXPONENT
-from .dense_memory import RTOL_FACTOR
+from .dense_memory import CONTROL, RTOL_FACTOR
 from .loop import MAX_ORDER, N_COUNTERS, PROGRESS, STANDSTILL_RATIO
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ class SettingsRecord(Record):
     rate: f8  # of the motion, 1/s
     max_step: f8  # s
     max_order: i8
+    max_steps: i8  # in one call
     energy_check: i8  # 1: record energy and work
     works: i8  # 1: some force does work
 
@@ -52,6 +54,7 @@ class ImplicitEquations(NamedTuple):
 class EliminatedIDAMemory(NamedTuple):
     """What is remembered from step to step; N = nq + n unknowns."""
 
+    control: NDArray[Any]  # (1,) record of CONTROL
     progress: NDArray[Any]  # (1,) record of solvers.steppers.ida.loop.PROGRESS
     counts: Array  # (N_COUNTERS,) see solvers.steppers.ida.loop
     energy_record: NDArray[Any]  # (1,) record of ENERGY_ACCOUNT
@@ -59,10 +62,16 @@ class EliminatedIDAMemory(NamedTuple):
     ida: Any  # solvers.steppers.ida.calls.IDAHandle
 
     @staticmethod
-    def allocate(count: int) -> EliminatedIDAMemory:
-        """Return the memory of a motion of ``count`` unknowns that has yet to begin."""
-        own = records(1, PROGRESS), np.zeros(N_COUNTERS), records(1, ENERGY_ACCOUNT), np.zeros(count)
-        return EliminatedIDAMemory(*own, IDAHandle.allocate(count))
+    def allocate(nq: int, n: int) -> EliminatedIDAMemory:
+        """Return the memory of a motion that has yet to begin."""
+        progress = records(1, PROGRESS)
+        progress["is_pending"], progress["max_next_step"], progress["max_step"] = 1, np.inf, np.inf
+        own = records(1, CONTROL), progress, np.zeros(N_COUNTERS), records(1, ENERGY_ACCOUNT), np.zeros(nq + n)
+        return EliminatedIDAMemory(*own, IDAHandle.allocate(nq + n))
+
+    def memory(self) -> list[NDArray[Any]]:
+        """Return the arrays to save: IDA's history is not among them."""
+        return [self.control, self.counts, self.energy_record]
 
 
 class Work(NamedTuple):
@@ -105,6 +114,10 @@ class Work(NamedTuple):
             z(nq), z(n), z(nq), z(n), z(m), z(n), z(n), z(n), z(n), z(n), z(n),
         )  # fmt: skip
 
+    def memory(self) -> list[NDArray[Any]]:
+        """Return the arrays that are needed to continue a motion."""
+        return [*unpin(self.loops).memory(), self.row_size, self.inertia, self.stiffness]
+
 
 @kernel
 def set_options(options: Any, problem: Integration) -> None:
@@ -113,17 +126,25 @@ def set_options(options: Any, problem: Integration) -> None:
     settings.motion_rtol, settings.motion_atol = own.rtol, own.absolute
     settings.rtol = RTOL_FACTOR * own.rtol**RTOL_EXPONENT
     settings.atol = settings.rtol if own.absolute == own.rtol else own.absolute * settings.rtol / own.rtol
-    settings.max_step, settings.energy_check = own.max_step, own.energy_check
+    settings.max_step, settings.max_steps, settings.energy_check = own.max_step, own.max_steps, own.energy_check
     settings.max_order = own.max_order if own.max_order > 0 else MAX_ORDER
     problem.memory.progress[0].energy_check = own.energy_check
 
 
 @kernel
-def set_tolerances(problem: Integration, rate: float) -> None:
-    """Take the rate of the motion (1/s), and set the tolerances of IDA and of the energy account."""
+def set_up(problem: Integration, t: float, rate: float) -> None:
+    """Prepare a motion that starts at t (s) with this rate (1/s)."""
+    progress = problem.memory.progress[0]
+    problem.settings[0].rate, problem.memory.control[0].t = rate, t
+    progress.t_reached, progress.t_begun = t, t
+    set_tolerances(problem)
+
+
+@kernel
+def set_tolerances(problem: Integration) -> None:
+    """Set the tolerances of IDA and of the energy account in the present units."""
     settings, size, atol = problem.settings[0], problem.work.loops.size, problem.memory.ida.atol
-    nq, n = problem.q.shape[0], problem.v.shape[0]
-    settings.rate = rate
+    nq, n, rate = problem.q.shape[0], problem.v.shape[0], settings.rate
     for i in range(nq):
         atol[i] = settings.atol * problem.work.loops.size_q[i]
     for i in range(n):
