@@ -100,9 +100,9 @@ def implicit_equations(
     callbacks: dict[str, Any], data: Any, known: ImplicitStructure, nq: int, n: int, m: int
 ) -> ImplicitEquations:
     """Return the equations of IDA."""
-    loops = {name: callbacks[name] for name in ELIMINATION_KERNELS}
-    tangent = (callbacks[name] for name in TANGENT_KERNELS)
-    return ImplicitEquations(ClosableEquations.of(loops, data, known.loops, nq, n, m), *tangent, known.tangent)
+    loops, tangent = ({name: callbacks[name] for name in own} for own in (ELIMINATION_KERNELS, TANGENT_KERNELS))
+    closable = ClosableEquations.of(loops, data, known.loops, nq, n, m)
+    return ImplicitEquations(loops=closable, **tangent, tangent=known.tangent)
 
 
 def implicit_work(nq: int, n: int, m: int, positions: Positions) -> Work:
@@ -111,7 +111,7 @@ def implicit_work(nq: int, n: int, m: int, positions: Positions) -> Work:
 
 
 def formulation_of(eqs: ImplicitEquations, work: Work) -> tuple[ClosableEquations, EliminationScratch]:
-    """Return what IDA integrates with, without what it alone needs."""
+    """Return the equations and the scratch of IDA without what it alone needs."""
     return unpin(eqs.loops), unpin(work.loops)
 
 

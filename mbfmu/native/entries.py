@@ -112,9 +112,9 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     structure = family.structure.of(system)
     eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, structure, *sizes)
     work = family.work(*sizes, system.placed)
-    formulation = family.formulation(eqs, work)
-    shared, theirs = formulation[1], family.formulation(unpin(given.eqs), unpin(given.work))[1]
-    shared.size[:], shared.inertia["watched"] = system.size, theirs.inertia["watched"]
+    shared_eqs, shared = family.formulation(eqs, work)
+    shared.size[:] = system.size
+    shared.inertia["watched"] = family.formulation(unpin(given.eqs), unpin(given.work))[1].inertia["watched"]
     for name in {"mesh_mask", "friction_velocity"} & {*work._fields}:
         getattr(work, name)[:] = getattr(unpin(given.work), name)
     assembly = compiled.assembly
@@ -132,7 +132,8 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     linear = linearization_of(simulation) if differentiates else Linearization.example(pin(empty_linearized()))
     branch = FORMULATIONS[family_of(simulation)].branch
     more = Exchange.allocate(system.nq, system.n, lambda: branch(*sizes)), steady_start(simulation), linear
-    return Instance(session, session.inputs, *state, *buffers, own, *formulation, start, *settings, *places, *more)
+    first = session, session.inputs, *state, *buffers, own, shared_eqs, shared, start
+    return Instance(*first, *settings, *places, *more)
 
 
 def linearization_of(simulation: Simulation) -> Linearization:
@@ -229,8 +230,8 @@ def example(name: str) -> Any:
     run = session, session.inputs, z(1), *state, z(1), z(1), z(1), z(1)
     linear = Linearization.example(pin(empty_linearized()))
     more = Exchange.allocate(1, 1, lambda: FORMULATIONS[name].branch(1, 1, 1)), SteadyStart.empty(), linear
-    formulation = family.formulation(eqs, work)
-    return pin(Instance(*run, given, *formulation, start, *settings, frames, z(1), positions, *more))
+    shared_eqs, shared = family.formulation(eqs, work)
+    return pin(Instance(*run, given, shared_eqs, shared, start, *settings, frames, z(1), positions, *more))
 
 
 _named = cache(as_kernel)  # what two families call is compiled once

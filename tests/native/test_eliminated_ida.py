@@ -41,7 +41,7 @@ def with_angles(case: Any) -> Mechanism:
 
 
 CASES: dict[str, Callable[[], Mechanism]] = {
-    "row": lambda: with_angles(loops.n_four_bar(40)),  # with matrices; all loops are singular at once at 1.2 s
+    "row": lambda: with_angles(loops.n_four_bar(40)),  # with matrices; all loops are singular at once at 0.7 s
     "ladder": lambda: with_angles(loops.ladder(35)),
     "row with a torque": lambda: many_loops(31, torque=True),
 }
