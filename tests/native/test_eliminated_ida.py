@@ -96,7 +96,7 @@ def test_an_input_that_changes_restarts_the_history_as_in_python(opened: Opened)
         assert fmu.set("Real", [known["torque"]], [value]) == OK
         simulation.set_input("torque", value)
         follow(fmu, simulation, k, k + 1)
-    assert simulation.statistics.restarts == 6
+    assert simulation.statistics.restarts == 5  # the first value is there when the first history begins
 
 
 @pytest.mark.parametrize("name", ["row", "row with a torque"])
