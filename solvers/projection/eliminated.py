@@ -165,7 +165,7 @@ def project(eqs: EliminationEquations, t: float, q: Reals, v: Reals, closed: flo
     eqs.correct_velocity(t, q, v, eqs.elimination, REDUNDANT_LENGTH, work.change, report)
     if is_near_crossing(q, shortest_of(report, near.rank), work):
         eqs.correct_velocity(t, q, v, eqs.elimination, LEFT_OUT_LENGTH, work.change, report)
-    changed, speed = largest_change(work.change, work.size), MIN_SPEED_RATIO * work.coordinate_rates.max()
+    changed, speed = largest_change(work.change, work.size), MIN_SPEED_RATIO * work.coordinate_rates[0]
     for i in range(v.shape[0]):
         speed = max(speed, abs(v[i]) / work.size[i])
         v[i] += work.change[i]
