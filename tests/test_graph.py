@@ -417,6 +417,18 @@ def test_start_values_of_joints_that_close_loops_are_reported() -> None:
     assert texts[1].startswith("start values of joint 'C' are not used")
 
 
+def test_a_joint_of_six_coordinates_that_closes_a_loop_is_reported_with_its_start() -> None:
+    m = mb.Mechanism()
+    ball = m.body("ball", **mb.sphere(mass=1.0, radius=0.1))
+    m.joint("hinge", m.ground, ball, mb.Revolute(start=0.0))
+    m.joint("free", m.ground, ball, mb.Floating(start=(1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0)))
+    compiled = CompiledMechanism(m)
+    q, _ = compiled.assemble()
+    texts = [str(note) for note in compiled.assembly.notes(0.0, q)]
+    assert texts[0].startswith("joint 'free' of six coordinates has no effect; the other joints form the tree")
+    assert texts[1].startswith("start values of joint 'free' are not used")
+
+
 def test_names_of_coordinates_and_constraints_are_those_of_the_joints() -> None:
     compiled = CompiledMechanism(four_bar("DCBA"))
     assert sorted(compiled.system.coordinate_names) == ["A", "C", "D"]

@@ -106,8 +106,10 @@ MISTAKES: dict[str, tuple[Callable[[Path, str, str], dict[str, object]], str]] =
         "its causality is 'output'; allowed: parameter or input",
     ),
     "no number": (lambda p, o, i: {"values": {"one.tolerance": np.nan}}, "a finite number"),
+    "a word": (lambda p, o, i: {"values": {"one.tolerance": "small"}}, "a finite number"),
+    "nothing": (lambda p, o, i: {"components": {}}, "no components"),
     "a limit": (lambda p, o, i: {"values": {"one.tolerance": -1.0}}, "allowed by its FMU"),
-    "stop": (lambda p, o, i: {"stop_time": -1.0}, "a positive number"),
+    "stop": (lambda p, o, i: {"stop_time": -1.0}, "greater than zero"),
 }
 
 

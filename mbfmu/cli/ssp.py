@@ -92,7 +92,7 @@ def command_ssp(options: argparse.Namespace) -> int:
         export_scene(scene, own, kind, report=found.append, falls_back=not options.native)
         known = connectors_of(name, own)
         values = {
-            f"{name}.{parameter}": float(getattr(scene.model, parameter))
+            f"{name}.{parameter}": getattr(scene.model, parameter)
             for parameter in assignments("--set", options.set)
             if parameter in known
         }

@@ -133,7 +133,8 @@ class Fmu:
                 self[name] = value
             self.slave.exitInitializationMode()
         except FMICallException as error:
-            raise UserError(self.message() or str(error)) from error
+            logged = [d for d in self.diagnostics if d.severity == "error"]
+            raise UserError(logged[-1].text if logged else self.message() or str(error)) from error
         self._begun = True
 
     def make_run(
@@ -238,7 +239,8 @@ class Fmu:
     def close(self) -> None:
         """Terminate, free the instance and remove its folder."""
         if self._begun:
-            self.slave.terminate()
+            with suppress(FMICallException):  # an instance whose last call was an error need not be terminated
+                self.slave.terminate()
         self.slave.freeInstance()
         shutil.rmtree(self._folder, ignore_errors=True)
 

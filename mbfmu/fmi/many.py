@@ -110,7 +110,8 @@ def simulate_many(
         End of the runs and time between outputs, s; by default those of the model.
     parameters
         Values of each run by name, as many of every name: parameters of the model, start values and tolerances among
-        them (``start_angle``, ``tolerance``), as far as native FMUs can change them.
+        them (``start_angle``, ``tolerance``), as far as native FMUs can change them. A run with a value outside the
+        range of the FMU, which may be smaller than that of the model, fails; :func:`mbfmu.study` has no such limit.
     inputs
         Values of inputs by name, in the unit of the input, constant during a run, as many as of the parameters.
     outputs
@@ -143,6 +144,8 @@ def simulate_many(
     scene = _scene(model, stop_time, interval, settings)
     times = communication_points(scene.stop_time, scene.output_interval)
     varied = _arrays({**(parameters or {}), **(inputs or {})})
+    if isinstance(outputs, str):
+        raise UserError(f"outputs is {outputs!r}; allowed: a list of names, such as [{outputs!r}]")
     if not isinstance(threads, int) or threads < 0:
         raise UserError(f"threads is {threads!r}; allowed: a number of runs at a time, or 0 for one per processor")
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:

@@ -11,13 +11,15 @@ from __future__ import annotations
 import re
 import zipfile
 from collections.abc import Iterable, Mapping
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
 
+import numpy as np
 from fmpy import read_model_description
 
+from mbfmu.mechanics.numbers import is_finite, is_whole, positive
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.files import replacing
 
@@ -80,8 +82,9 @@ def write_ssp(
         raise UserError(f"SSP file is {str(path)!r}; its name must end in .ssp")
     if not path.parent.is_dir():
         raise UserError(f"folder {str(path.parent)!r} does not exist")
-    if not (isfinite(stop_time) and stop_time > 0.0):
-        raise UserError(f"stop time is {stop_time!r} s; allowed: a positive number")
+    positive("stop time", stop_time)
+    if not components:
+        raise UserError("there are no components; allowed: one FMU or more, by their names")
     files = {name: Path(file) for name, file in components.items()}
     connectors = {name: connectors_of(name, file) for name, file in files.items()}
     root = _describe(path.stem, _names_in_archive(files), connectors, list(connections), values or {}, stop_time)
@@ -185,8 +188,11 @@ def _bindings(
     for name, value in values.items():
         component, variable = _find(name, "value of", ("parameter", "input"), connectors)
         known = connectors[component][variable]
-        if not isfinite(value) or (known.type != "Real" and value != int(value)):
-            allowed = "a finite number" if known.type == "Real" else "a whole number"
+        allowed, fits = {
+            "Real": ("a finite number", is_finite(value)),
+            "Boolean": ("True or False", isinstance(value, bool)),
+        }.get(known.type, ("a whole number", is_whole(value)))
+        if not fits or np.ndim(value):
             raise UserError(f"parameter {name!r} is {value!r}; allowed: {allowed}")
         if not known.least <= value <= known.most:
             raise UserError(f"parameter {name!r} is {value!r}; allowed by its FMU: {known.least:g} to {known.most:g}")

@@ -200,7 +200,8 @@ def arrange(figure: Any) -> None:
     right = LEGEND_MARGIN + LEGEND_CHARACTER * max(map(len, labels), default=0)
     title, below = (text.count("\n") + 1.5 for text in (figure.get_suptitle(), axes[-1].get_xlabel()))
     top, bottom = height - LINE_HEIGHT * title, LINE_HEIGHT * (below + 1.0)
-    figure.texts[0].set_y(1.0 - 0.25 * LINE_HEIGHT / height)  # the title
+    for text in figure.texts:  # the title
+        text.set_y(1.0 - 0.25 * LINE_HEIGHT / height)
     each = (top - bottom - PANEL_GAP * (len(axes) - 1)) / len(axes)
     figure.subplots_adjust(
         left=LEFT_MARGIN / width, right=max(0.5, 1.0 - right / width),

@@ -40,6 +40,7 @@ REDUNDANT_LENGTH = 1e-10  # of an equation that depends on others
 CLOSED_RESIDUAL = 1e-13  # of a closed position, in units of the constraint equations: rounding
 CORRECTION_ROUNDING = 1e-14  # a correction this small, in units of the coordinates, is rounding
 NEIGHBOR_DISTANCE = 5e-2  # of the neighbors at which the rank is found, in units of the coordinates
+MIN_SPEED_RATIO = 1e-3  # to the rate of the motion, of velocities that show the branch; smaller ones may be errors
 FROZEN_RESIDUAL_RATIO = 1e-3  # part of the tolerance: a smaller residual needs no correction in a step
 
 
@@ -52,7 +53,7 @@ class NearSingularRecord(Record):
     time_to_singular: f8  # s, until it is zero, by extrapolation
     kind: i8  # of the critical point, see solvers.projection.singular
     gap: f8  # of the loop there, in units of the equations
-    turned: f8  # change of the velocity by the last projection, relative to the largest velocity
+    turned: f8  # change of the velocity by the last projection, relative to the largest velocity or to a slow one
 
 
 class EliminationScratch(NamedTuple):
@@ -164,7 +165,7 @@ def project(eqs: EliminationEquations, t: float, q: Reals, v: Reals, closed: flo
     eqs.correct_velocity(t, q, v, eqs.elimination, REDUNDANT_LENGTH, work.change, report)
     if is_near_crossing(q, shortest_of(report, near.rank), work):
         eqs.correct_velocity(t, q, v, eqs.elimination, LEFT_OUT_LENGTH, work.change, report)
-    changed, speed = largest_change(work.change, work.size), 0.0
+    changed, speed = largest_change(work.change, work.size), MIN_SPEED_RATIO * work.coordinate_rates[0]
     for i in range(v.shape[0]):
         speed = max(speed, abs(v[i]) / work.size[i])
         v[i] += work.change[i]

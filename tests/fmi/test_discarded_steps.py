@@ -48,7 +48,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     @cache
     def make(name: str) -> Path:
         model, solver, *_ = RUNS[name]
-        return export(model, tmp_path_factory.mktemp("fmu") / "model.fmu", Settings(solver=solver), native=False)
+        settings = Settings(solver=solver, tolerance=1e-6)
+        return export(model, tmp_path_factory.mktemp("fmu") / "model.fmu", settings, native=False)
 
     return make
 

@@ -135,3 +135,12 @@ def test_a_run_that_fails_states_its_reason_and_the_others_go_on():
 def test_what_cannot_be_varied_is_refused(given: dict[str, Any], text: str):
     with pytest.raises(UserError, match=text):
         mb.simulate_many(FourBar(), STOP_TIME, solver="adams", **given)
+
+
+def test_a_run_with_a_value_that_the_fmu_refuses_fails_alone_and_names_the_value() -> None:
+    masses = [2.0, 1.0, -1.0]  # the last run of the instance is the one that fails
+    batch = mb.simulate_many(Oscillator(), 0.2, parameters={"mass": masses}, interval=0.1, threads=1)
+    assert batch.failures[:2] == ("", "")
+    assert "'mass' was set to -1; allowed" in batch.failures[2]
+    assert np.isfinite(batch.values[:2]).all()
+    assert np.isnan(batch.values[2]).all()

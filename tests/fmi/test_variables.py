@@ -91,7 +91,7 @@ def test_every_real_variable_has_a_magnitude_and_what_is_an_angle_reads_in_degre
     path = export(model, tmp_path / "m.fmu", Settings(solver="adams"), native=False)
     assert validate_fmu(str(path)) == []
     described = {v.name: v for v in read_model_description(str(path)).modelVariables}
-    for v in list_variables(model, Settings(solver="adams")):
+    for v in list_variables(model, Settings(solver="adams").for_model(model)):
         told = described[v.name]
         assert (told.type, told.causality, told.variability) == (v.type.value, v.causality, v.variability)
         assert (told.description or "") == v.description

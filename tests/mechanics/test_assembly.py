@@ -240,7 +240,7 @@ def test_builder_refuses_strangers_twins_and_loops_on_themselves() -> None:
         m.force("f", JointForce(magnitude=1.0), a)
     with pytest.raises(UserError, match=r"has no component 'q'"):
         m.cut("w", WeldCutJoint(), a, m.ground).force("q")
-    with pytest.raises(UserError, match="axis of body 'r' is 'w'"):
+    with pytest.raises(UserError, match="axis of joint of body 'r' is 'w'"):
         m.body("r", m.ground, Revolute(axis="w"))
 
 

@@ -277,14 +277,20 @@ def test_a_bent_shaft_turns_unevenly(angle: float, L: float) -> None:
 @pytest.mark.parametrize(
     ("joint", "message"),
     [
-        (Universal(second="x"), "second axis of body 'b' is 'x', 0 deg from its axis 'x'; allowed: an axis perp"),
-        (Universal(axis="z", second=(0, 1, 1)), r"second axis of body 'b' is \(0, 1, 1\), 45 deg from its axis 'z'"),
-        (Universal(second="w"), "second axis of body 'b' is 'w'; allowed: 'x', 'y', 'z' or three numbers"),
-        (Universal(axis=(0, 0, 0)), r"^axis of body 'b' is \(0, 0, 0\); it needs three finite numbers"),
-        (Screw(lead=0.0), r"lead of body 'b' is 0\.0 m per turn; allowed: 1e-50 to 1e\+50, of either sign"),
-        (Screw(lead=float("nan")), "lead of body 'b' is nan m per turn"),
-        (Screw(lead=(1.0, 2.0)), r"lead of body 'b' is \(1\.0, 2\.0\) m per turn"),  # type: ignore[arg-type]
-        (Screw(lead="1"), "lead of body 'b' is '1' m per turn"),  # type: ignore[arg-type]
+        (
+            Universal(second="x"),
+            "second axis of joint of body 'b' is 'x', 0 deg from its axis 'x'; allowed: an axis perp",
+        ),
+        (
+            Universal(axis="z", second=(0, 1, 1)),
+            r"second axis of joint of body 'b' is \(0, 1, 1\), 45 deg from its axis 'z'",
+        ),
+        (Universal(second="w"), "second axis of joint of body 'b' is 'w'; allowed: 'x', 'y', 'z' or three numbers"),
+        (Universal(axis=(0, 0, 0)), r"^axis of joint of body 'b' is \(0, 0, 0\); it needs three finite numbers"),
+        (Screw(lead=0.0), r"lead of joint of body 'b' is 0\.0 m per turn; allowed: 1e-50 to 1e\+50, of either sign"),
+        (Screw(lead=float("nan")), "lead of joint of body 'b' is nan m per turn"),
+        (Screw(lead=(1.0, 2.0)), r"lead of joint of body 'b' is \(1\.0, 2\.0\) m per turn"),  # type: ignore[arg-type]
+        (Screw(lead="1"), "lead of joint of body 'b' is '1' m per turn"),  # type: ignore[arg-type]
         (Cylindrical(drive=1.0), "joint of body 'b' has 2 coordinates and cannot be driven"),
     ],
 )

@@ -122,5 +122,5 @@ def test_large_models_that_machine_code_has_no_way_for_are_refused():
     for k in range(120):
         on = m.body(f"link {k}", on, Revolute(at=(0.1 if k else 0.0, 0.0, 0.0)), mass=0.1, inertia=(1e-5, 1e-4, 1e-4))
     m.cut("pin", SphericalCutJoint(at_a=(0.1, 0.0, 0.0), at_b=(1.0, -5.0, 0.0)), on, m.ground)
-    with pytest.raises(UserError, match=r"with 120 joint coordinates, .* without constraints; this one has"):
+    with pytest.raises(UserError, match=r"of 120 joint coordinates and 2 constraint equations; allowed: 'adams'"):
         image_of(Simulation(m, settings_of("esdirk")))

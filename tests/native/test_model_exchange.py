@@ -19,7 +19,16 @@ import mechanisms as loops
 import numpy as np
 import pytest
 from binding import DISCARD, ERROR, OK, WARNING, Binary
-from exchange_models import REGULAR, ExportedModels, cart, pulsed, spatial_four_bar, spinning_top, switched
+from exchange_models import (
+    REGULAR,
+    ExportedModels,
+    cart,
+    many_loops,
+    pulsed,
+    spatial_four_bar,
+    spinning_top,
+    switched,
+)
 from fmpy import simulate_fmu
 from importer import EventInfo, Importer, importing
 from reference import distance, reference
@@ -111,6 +120,20 @@ def test_large_mechanisms_with_loops_follow_the_exact_motion(name: str, binary: 
         run = own.integrate(times, rtol, info=own.start())
     assert np.abs(run.x - np.hstack((q, v))).max() < 200.0 * rtol
     assert run.warned == 0
+
+
+@pytest.mark.parametrize("change", [1e-13, 1e-8, 1e-5])
+def test_small_velocities_about_rest_are_projected_and_not_discarded(change: float, binary: Any) -> None:
+    """Solvers that find a Jacobian by differences make them; most are not possible with the loops."""
+    own_binary = binary("large at rest", many_loops(31, torque=True))
+    with importing(own_binary) as own:
+        own.start()
+        x = own.states()
+        slope, nv = own.derivatives(0.0, x), len(x) // 2
+        assert not x[-nv:].any()
+        for moved in range(len(x) - nv, len(x)):
+            near = x + change * (np.arange(len(x)) == moved)
+            np.testing.assert_allclose(own.derivatives(0.0, near), slope, atol=1e3 * change + 1e-9)
 
 
 def test_near_misses_stay_on_their_branch(binary: Any) -> None:

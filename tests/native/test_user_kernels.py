@@ -117,6 +117,19 @@ class GearedSlider(mb.Model):
 
 
 @dataclass(frozen=True, kw_only=True)
+class TableSlider(mb.Model):
+    """A mass on two springs whose laws are tables of one stiffness."""
+
+    def build(self) -> mb.Mechanism:
+        m, law = mb.Mechanism(), mb.Table([-1.0, 0.0, 1.0], [-30.0, 0.0, 30.0], "linear")
+        block = m.body("block", m.ground, mb.Translational(axis="x", start=0.2), mass=1.5)
+        m.force("spring", mb.Spring(stiffness=law, free=1.0, at_a=(-1.0, 0.0, 0.0)), m.ground, block)
+        m.force("in joint", mb.JointSpring(stiffness=law), block)
+        m.output("x", block.coordinate(), "Position")
+        return m
+
+
+@dataclass(frozen=True, kw_only=True)
 class Rope(mb.Model):
     """Many links in air, with a law of a spring at the end that is a function."""
 
@@ -176,8 +189,9 @@ def test_a_value_that_a_function_captures_is_constant(slider: Path) -> None:
 
 
 @needs_compiler
-def test_a_joint_of_the_model(tmp_path: Path) -> None:
-    found = run(export(GearedSlider(), tmp_path / "g.fmu", ADAMS, native=True, fmi=2))
+@pytest.mark.parametrize("make", [GearedSlider, TableSlider])
+def test_a_joint_of_the_model_and_springs_with_tables(make: type[mb.Model], tmp_path: Path) -> None:
+    found = run(export(make(), tmp_path / "g.fmu", ADAMS, native=True, fmi=2))
     assert found["x"] == pytest.approx(0.2 * np.cos(np.sqrt(40.0) * found["time"]), abs=1e-7)
 
 

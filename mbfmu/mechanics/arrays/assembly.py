@@ -125,7 +125,8 @@ class Assembly:
             if joint.start is not None and np.any(turned > tolerance * np.maximum(1.0, np.abs(first[own]) / unit)):
                 found.append(_changed("start", body, first[own], q[own]))
             moved = np.abs(first_v[own_v] - v[own_v]) / size[own_v]
-            most = max(fastest, float(np.abs(first_v[own_v] / size[own_v]).max(initial=0.0)))
+            given = float(np.abs(first_v[own_v] / size[own_v]).max(initial=0.0))
+            most = max(fastest, given, self._system.rate)
             if joint.rate is not None and np.any(moved > tolerance * most):
                 found.append(_changed("rate", body, first_v[own_v], v[own_v]))
         return first_of(found, "given starts and rates are changed")

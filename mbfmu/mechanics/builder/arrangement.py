@@ -103,7 +103,11 @@ def _rank(handle: JointHandle) -> Rank:
         return Rank.UNCONSTRAINED
     if type(joint) not in CUT_JOINTS:
         return Rank.COORDINATE
-    return Rank.FREE if joint.start is None and joint.rate is None else Rank.START
+    return Rank.START if _has_start(handle) else Rank.FREE
+
+
+def _has_start(handle: JointHandle) -> bool:
+    return handle.joint.start is not None or handle.joint.rate is not None
 
 
 def _check_connections(m: Mechanism) -> None:
@@ -224,7 +228,11 @@ def _adopt(m: Mechanism) -> None:
 def _describe(m: Mechanism, tree: Tree, edges: Sequence[Edge], first: int, parts: Sequence[_Part]) -> list[Diagnostic]:
     """Return notes on the cut joints, on divided bodies, and on start values that are not used."""
     cut = [m.joints[e - first] for e in tree.closing if m.joints[e - first].cut >= 0]
+    free = [handle.name for handle in (m.joints[e - first] for e in tree.closing) if handle.joint.nv == 6]
     texts = []
+    if free:
+        plural = len(free) > 1
+        texts.append(f"joint{'s' * plural} {_listed(free)} of six coordinates {'have' if plural else 'has'} no effect")
     if cut:
         names, one = _listed([handle.name for handle in cut]), len(cut) == 1
         texts.append(f"joint {names} closes a loop (cut joint)" if one else f"joints {names} close loops (cut joints)")
@@ -236,14 +244,15 @@ def _describe(m: Mechanism, tree: Tree, edges: Sequence[Edge], first: int, parts
     found = []
     if texts:
         found.append(Diagnostic.note("chosen-tree", f"{'; '.join(texts)}; the other joints form the tree"))
-    unused = [m.joints[e - first].name for e in tree.closing if edges[e].rank == Rank.START]
+    closing = [m.joints[e - first] for e in tree.closing if edges[e].rank != Rank.COORDINATE]
+    unused = [handle.name for handle in closing if _has_start(handle)]
     if unused:
         plural = len(unused) > 1
         found.append(
             Diagnostic.note(
                 "unused-start",
-                f"start values of joint{'s' * plural} {_listed(unused)} are not used: the other joints "
-                f"of {'their loops' if plural else 'its loop'} have start values or coordinates that are used",
+                f"start values of joint{'s' * plural} {_listed(unused)} are not used: the other joints of "
+                f"{'their loops' if plural else 'its loop'}, which form the tree, determine the start",
                 "Leave them out, or declare as fixed the start values that must be kept",
                 subject=unused[0],
             )

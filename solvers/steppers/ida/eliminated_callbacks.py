@@ -14,7 +14,7 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.energy_account import energy_check_scheduled, record_step, update_energy_bound
 from solvers.outcome import BRANCHES, NOT_FINITE, OK, UNDECIDABLE
 from solvers.positions import as_motion, as_slope
-from solvers.projection.eliminated import CLOSED_RESIDUAL, REDUNDANT_LENGTH, project
+from solvers.projection.eliminated import CLOSED_RESIDUAL, MIN_SPEED_RATIO, REDUNDANT_LENGTH, project
 from solvers.projection.eliminated_crossing import MAX_TURN, evaluate_closed, record_accepted
 
 from .dense_callbacks import RETRY_STEP_RATIO
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 MAX_STIFFNESS = 1e4  # by which the springs are stiffer; rounding allows no more
 NEGLECTED_DAMPING_RATIO = 10.0  # rate of damping, to the rate of the motion
 DAMPING_STEP_RATIO = 1e-2  # of differences of velocities, to the largest velocity
-MIN_SPEED_RATIO = 1e-3  # to the rate of the motion, of velocities that show the branch; smaller ones may be errors
 SPRING_RATIO = 10.0  # stiffness of the springs that hold the constraints, to the inertia of the mechanism times c^2
 
 
