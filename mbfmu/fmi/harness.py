@@ -133,8 +133,8 @@ class Fmu:
                 self[name] = value
             self.slave.exitInitializationMode()
         except FMICallException as error:
-            logged = [d for d in self.diagnostics if d.severity == "error"]
-            raise UserError(logged[-1].text if logged else self.message() or str(error)) from error
+            logged = [d.text for d in self.diagnostics if d.severity == "error"]
+            raise UserError(self.message() or (logged or [str(error)])[-1]) from error
         self._begun = True
 
     def make_run(
