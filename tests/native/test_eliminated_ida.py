@@ -131,6 +131,7 @@ def test_exchange_and_derivatives_are_supported() -> None:
     assert explain_missing_exchange(simulation) == explain_missing_derivatives(simulation) == ""
 
 
+@pytest.mark.campaign
 def test_an_image_has_no_history_of_matrices() -> None:
     simulation = UnstartedSimulation(loops.ladder(100).mechanism, IDA)
     n, m = simulation.compiled.system.n, simulation.compiled.system.m

@@ -46,7 +46,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return unpacked("adams", tmp_path_factory.mktemp("fmu"))
 
 
-@pytest.fixture(scope="module", params=["adams", "ida"])
+@pytest.fixture(scope="module", params=[pytest.param("adams", marks=pytest.mark.campaign), "ida"])
 def each_told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """The FMUs with Adams and with IDA."""
     return unpacked(request.param, tmp_path_factory.mktemp("fmu"))
