@@ -50,7 +50,7 @@ class Unpacked(NamedTuple):
     guid: str
 
     @property
-    def library(self) -> Path:
+    def binary(self) -> Path:
         return self.folder / "binaries" / "linux64" / f"{self.identifier}.so"
 
     @property
@@ -98,7 +98,7 @@ def run(
     if cache := os.environ.get("NUMBA_CACHE_DIR"):
         environment["NUMBA_CACHE_DIR"] = cache
     location = address or fmu.resources.as_uri()
-    arguments = [program, "5", "keep", str(fmu.library), location, fmu.guid]
+    arguments = [program, "5", "keep", str(fmu.binary), location, fmu.guid]
     done = subprocess.run(arguments, env=environment, timeout=600, capture_output=True, text=True, check=False)
     return done.returncode, done.stderr
 
