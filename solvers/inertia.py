@@ -12,7 +12,7 @@ It has no unit, is about 1 in most motions, and is at most 3 in a chain of 59 li
 it is large, as far as rounding allows: M is known to 2e-16, accelerations only to that times the square of the growth.
 
 Rates below the unit of their absolute tolerance are not considered. Neither are the coordinates of loops, where
-contributions cancel in every motion, and large trees with loops or meshes.
+contributions cancel in every motion, first-order states, which have no inertia, and large trees with loops or meshes.
 """
 
 from __future__ import annotations
@@ -94,11 +94,12 @@ def record_growth(t: float, growth: float, inertia: InertiaRecord) -> None:
 def update_growth(t: float, M: Reals, v: Reals, work: Workspace) -> None:
     """Update the rate growth at time t (s) with mass matrix M (n, n) and rates v (n,); ``work`` is a workspace."""
     record, energy, growth, has_loops = work.inertia[0], 0.0, 0.0, work.row.shape[0] > 0
-    for i in range(v.shape[0]):
-        for j in range(v.shape[0]):
+    moving = v.shape[0] - work.states.shape[0]
+    for i in range(moving):
+        for j in range(moving):
             energy += v[i] * M[i, j] * v[j]
     record.energy = max(record.energy, energy)
-    for i in range(v.shape[0]):
+    for i in range(moving):
         if not (has_loops and work.in_loops[i] == 1.0):
             growth = max(growth, growth_of_rate(M[i, i], v[i], work.coordinate_rates[i] * work.size[i], record.energy))
     record_growth(t, growth, record)

@@ -27,6 +27,7 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.record import Record, Table, f8, i8
 from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.dense import apply_Q, apply_Qt, factor_lq, rank_at, solve_transposed_basic
+from solvers.positions import place_states
 from solvers.system import AnySystem, Array
 
 if TYPE_CHECKING:
@@ -87,6 +88,7 @@ class ClosureScratch(NamedTuple):
     row: Array  # (m,) units of the constraints
     free: Array  # (n,) 1 for coordinates that may be changed, 0 for those that are held
     given: Array  # (2, n) 1 where the position, and the velocity, is given and not only a default; else 0
+    states: NDArray[np.int64]  # (k,) places of first-order states in v: the last ones
     weight: Array  # (n,) weight of the change of each coordinate now
     gaps: Array  # (m,) what is to be closed, in units of the rows
     step: Array  # (n,) the change that closes it, in units of the coordinates
@@ -104,11 +106,13 @@ class ClosureScratch(NamedTuple):
     massless: Array  # (n,) 1 for coordinates of a motion that moves no mass, 0 for others
 
     @staticmethod
-    def allocate(n: int, m: int) -> ClosureScratch:
-        """Return scratch for ``n`` velocities, all free, and ``m`` constraints, units of one."""
+    def allocate(n: int, m: int, states: int = 0) -> ClosureScratch:
+        """Return scratch for ``n`` velocities, all free, the last ``states`` of which are first-order states, and ``m``
+        constraints, units of one.
+        """
         k, z, one = min(m, n), np.zeros, np.ones
         return ClosureScratch(
-            one(n), one(m), one(n), z((2, n)), one(n),
+            one(n), one(m), one(n), z((2, n)), place_states(n, states), one(n),
             z(m), z(n), z((m, n)), z(m), z(m, np.int64), z(m), z((k, m + k)), z(m + k), z(n),
             z(n, np.int64), z(n), z(n), WorstRecord.zeros(1), z(n),
         )  # fmt: skip
@@ -121,7 +125,7 @@ class ClosureScratch(NamedTuple):
 
         ``given`` (2, n) positions and velocities change after the others; none by default.
         """
-        scratch = ClosureScratch.allocate(system.n, system.m)
+        scratch = ClosureScratch.allocate(system.n, system.m, system.n_states)
         scratch.size[:], scratch.row[:] = system.size, system.row_size
         if held is not None:
             scratch.free[held] = 0.0
@@ -284,7 +288,8 @@ def find_consistent_velocities_once(
     fast = 0.0
     for j in range(n):
         v[j] = start[j] - work.size[j] * work.step[j]
-        fast = max(fast, abs(v[j] / work.size[j]))
+        if j < n - work.states.shape[0]:
+            fast = max(fast, abs(v[j] / work.size[j]))
     for i in range(m):
         fast = max(fast, abs(eqs.terms.nu[i] / work.row[i]))
     fill_velocity_residual(eqs.terms, v, work)
@@ -329,7 +334,7 @@ def is_off_branch(terms: Terms, v: Reals, rank: int, tolerance: float, work: Any
             gap -= terms.J[i, j] * (work.size[j] / work.row[i]) * work.step[j]
         left += gap * gap
         rates += (terms.nu[i] / work.row[i]) ** 2
-    for j in range(n):
+    for j in range(n - work.states.shape[0]):
         rates += (v[j] / work.size[j]) ** 2
     return bool(np.sqrt(left) > tolerance * rates)
 
@@ -338,12 +343,12 @@ def is_off_branch(terms: Terms, v: Reals, rank: int, tolerance: float, work: Any
 def check_mobile_mass(terms: Terms, mass: Any, work: Any) -> int:
     """Whether all that the constraints allow moves mass, held or not; ``mass`` (n, n) is scratch.
 
-    Every motion is scaled by itself: a light body may move together with a heavy one.
+    Every motion is scaled by itself: a light body may move together with a heavy one. First-order states are no motions.
     """
     n = terms.M.shape[0]
     rank = factor_scaled_jacobian(terms.J, True, work)
     reduce_mass_matrix(terms.M, rank, mass, work)
-    freedom, most = n - rank, 0.0
+    freedom, most = n - work.states.shape[0] - rank, 0.0
     for k in range(freedom):
         most = max(most, mass[k, k])
     most = most if most > 0.0 else 1.0

@@ -1,4 +1,9 @@
-"""Layout of positions and velocities with quaternions, and the map q' = N(q) v between slopes and velocities."""
+"""Layout of positions and velocities, and the map q' = N(q) v between slopes and velocities.
+
+Velocities are those of coordinates and, after them, first-order states: quantities z with z' = g(t, q, v, z), which
+have no position. An orientation may be a unit quaternion, four positions for three velocities. So the numbers of
+positions and velocities may be equal although they do not correspond: only :func:`has_quaternions` tells.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,7 @@ from numpy.typing import NDArray
 from solvers.compiled.kernel import inlined, kernel
 
 if TYPE_CHECKING:
-    from solvers.compiled.record import Reals
+    from solvers.compiled.record import Integers, Reals
 
 
 class Positions(NamedTuple):
@@ -19,6 +24,21 @@ class Positions(NamedTuple):
     in_q: NDArray[np.int64]  # (k,) places of positions that are no quaternions, in q and in v
     in_v: NDArray[np.int64]
     turning: NDArray[np.int64]  # (k, 2) first place of each quaternion in q, of its angular velocity in v
+    states: NDArray[np.int64]  # (k,) places of first-order states in v: the last ones
+
+
+@inlined
+def has_quaternions(nq: int, n: int, states: Integers) -> bool:
+    """Whether some of ``nq`` positions are quaternions, with ``n`` velocities; ``states`` (k,) are first-order states.
+
+    Otherwise q' are the first ``nq`` velocities.
+    """
+    return nq + states.shape[0] != n
+
+
+def place_states(n: int, count: int) -> NDArray[np.int64]:
+    """Return the places (count,) of first-order states among ``n`` velocities."""
+    return np.arange(n - count, n)
 
 
 @inlined

@@ -7,8 +7,11 @@ The equations of motion of a constrained mechanical system in relative coordinat
     Phi(t, q) = 0                             m constraints of cut joints and couplings, J = dPhi/dq N
     J v = nu,  J v' = gamma                   its first and second time derivative
 
-``nq`` exceeds ``n`` where an orientation is held as a unit quaternion; then ``N`` is not square and a change of
-position is applied by :attr:`System.retract`.
+Where an orientation is held as a unit quaternion there are four positions for three velocities; then ``N`` is not
+square and a change of position is applied by :attr:`System.retract`.
+
+First-order states z with z' = g(t, q, v, z) are the last ``n_states`` entries of v. They have no positions: N has no
+rows for them, J has zero columns, M a unit diagonal, and h is -g. Their unit in ``size`` is their nominal value.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import COMPILED, callback, kernel, types
 from solvers.compiled.tuple_pointer import pin, pointer_type
-from solvers.positions import Positions, position_sizes
+from solvers.positions import Positions, place_states, position_sizes
 
 Array = NDArray[np.float64]
 
@@ -81,12 +84,14 @@ def energy_callbacks(system: AnySystem) -> tuple[Callable[..., Any], Callable[..
     """Return the callbacks of power and energy bound of a system for kernels."""
     if system.power is not None and system.evaluate_energy_bound is not None:
         return system.power, system.evaluate_energy_bound
-    return _nothing(pointer_type(system.data))
+    return _nothing(pointer_type(system.data) if COMPILED else None)
 
 
 def outputs_callback(system: System) -> Callable[..., Any]:
     """Return the output function of a system for kernels."""
-    return system.evaluate_outputs if system.evaluate_outputs is not None else _no_outputs(pointer_type(system.data))
+    if system.evaluate_outputs is not None:
+        return system.evaluate_outputs
+    return _no_outputs(pointer_type(system.data) if COMPILED else None)
 
 
 @cache
@@ -188,7 +193,9 @@ class AnySystem(ABC):
     # (t) -> (h_max, t_valid): largest step that resolves the explicitly time-dependent inputs from t on, valid up to
     # t_valid, s
     input_step_limit: Callable[[float], tuple[float, float]] = no_step_limit
-    size: Array  # (n,) unit of each coordinate: 1 rad, or a length of the mechanism in m; of v per second
+    # (n,) unit of each coordinate: 1 rad, or a length of the mechanism in m; of v per second. Nominal value of a state
+    size: Array
+    n_states: int = 0  # number of first-order states, the last entries of v
     row_size: Array  # (m,) unit of each constraint residual, see size
     positions: Positions | None = None  # which positions are quaternions; None: none is
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
@@ -217,10 +224,16 @@ class AnySystem(ABC):
         """Places of positions and velocities; ValueError if positions are quaternions and ``positions`` is missing."""
         if self.positions is not None:
             return self.positions
-        if self.nq != self.n:
-            raise ValueError(f"a system of {self.nq} positions and {self.n} velocities must have its `positions`")
-        places = np.arange(self.n)
-        return Positions(places, places, np.zeros((0, 2), np.int64))
+        moving = self.n - self.n_states
+        if self.nq != moving:
+            raise ValueError(f"a system of {self.nq} positions and {moving} velocities must have its `positions`")
+        places = np.arange(moving)
+        return Positions(places, places, np.zeros((0, 2), np.int64), self.states)
+
+    @property
+    def states(self) -> NDArray[np.int64]:
+        """Places of first-order states in v."""
+        return place_states(self.n, self.n_states)
 
     def position_sizes(self, sizes: Array) -> Array:
         """Return sizes of positions (nq,) from those of motions (n,)."""

@@ -147,6 +147,14 @@ def part_value(k: int, kernel: int, arrays: Arrays, state: State, argument: Any)
 
 
 @inlined
+def part_sensor_value(k: int, arrays: Arrays, state: State) -> float:
+    """Value of part k, a sensor of positions and velocities, where these are those of the state."""
+    item = arrays.parts[k]
+    lam = state.time  # which no such sensor reads
+    return call_f(arrays.kernels[item.kind + READ], arrays.memory, item.at, state.time, (lam, arrays, state))
+
+
+@inlined
 def scratch_record(place: int, dtype: Any, state: State) -> Any:
     """Scratch memory of an element type in a state: a record of ``dtype``, where its ``fill`` got the ``place`` of it.
 

@@ -29,6 +29,10 @@ class Attachment(Protocol):
     bodies: tuple[int, ...]  # numbers of the bodies it was given
     q: int  # where the position of the first body's joint is in State.q
     v: int  # ... its velocity in State.v
+    first_state: int  # where the first of the load's first-order states is in State.v; the others follow
+
+    def state_place(self, state: Any) -> int:
+        """Return where a first-order state that :meth:`.Mechanism.state` has returned is in State.v."""
 
     def signal(self, value: Any, what: str) -> int:
         """Return the number of a signal that is used here: a number, a signal, an input or a function of time."""

@@ -102,6 +102,7 @@ class WorldRecord(Record):
     gravity: Vec3  # m/s^2
     nonconservative: i8  # 1: there is work that no potential contains
     drives: i8  # 1: a drive does
+    states: i8  # number of first-order states: the last entries of State.v and of the solver's free v
 
 
 class Arrays(NamedTuple):

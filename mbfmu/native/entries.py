@@ -167,6 +167,12 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
             "not-native",
         )
+    if system.n_states and simulation.steady_state is not None:
+        raise UserError(
+            f"native FMUs do not start in the steady state of a model with first-order states, such as "
+            f"{system.coordinate_names[-1]!r}; set start_at_equilibrium to false, or export it with --python",
+            "not-native",
+        )
     if not system.has_matrices and family not in (ELIMINATED_FAMILIES if system.m else TREE_FAMILIES):
         implicit = "'adams', 'hybrid' and 'ida'" if eliminates_implicitly("ida", system) else "'adams' and 'hybrid'"
         allowed = implicit if system.m else "'adams', 'hybrid', 'ida' and 'esdirk'"
@@ -217,7 +223,7 @@ def example(name: str) -> Any:
     """Return an instance of the types that all of a family have, held."""
     family, z = FAMILIES[name], np.zeros
     callbacks = {own: _named(function) for own, function in family.callbacks.items()}
-    positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64))
+    positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64), z(1, np.int64))
     data = pin(empty_data())
     eqs = family.equations(callbacks, data, family.structure.empty(), 1, 1, 1)
     work = family.work(1, 1, 1, positions)
@@ -333,7 +339,8 @@ def entries(name: str) -> dict[str, Entry]:
         instance.clock[0], problem.scales.rtol[0] = t, instance.options[0].rtol
         code, rate = begun(instance, t)
         restarted(instance)
-        options, freedom = instance.options[0], problem.v.shape[0] - problem.memory.control[0].rank
+        options, states = instance.options[0], instance.positions.states.shape[0]
+        freedom = problem.v.shape[0] - states - problem.memory.control[0].rank
         begin_session(
             instance.session,
             t,

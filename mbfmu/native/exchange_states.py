@@ -9,10 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mbfmu.mechanics.arrays.assembly import free_bodies
+from mbfmu.mechanics.arrays.numbering import states_of
 from mbfmu.mechanics.arrays.tables import has_state
 from mbfmu.mechanics.sensors import Follows
 from mbfmu.modeling.variables import VARIABLE_NAME_PATTERN
 from mbfmu.session.simulation import Simulation
+from mbfmu.util.units import rate_unit
 from solvers.compiled.tuple_pointer import unpin
 from solvers.system import Array
 
@@ -93,7 +95,9 @@ def list_motion_outputs(simulation: Simulation) -> list[str]:
 
 
 def exchange_states(simulation: Simulation, taken: Iterable[str]) -> tuple[ExchangeState, ...]:
-    """Return the states of a model: free positions, then free velocities; ``taken``: names of other variables."""
+    """Return the states of a model: free positions, free velocities, first-order states; ``taken``: names of other
+    variables.
+    """
     compiled = simulation.compiled
     system, placed = compiled.system, compiled.system.placed
     units = [unit for body in free_bodies(compiled.mechanism) for unit in body.joint.units]
@@ -107,10 +111,13 @@ def exchange_states(simulation: Simulation, taken: Iterable[str]) -> tuple[Excha
         for part in range(4):
             what = f"component {part + 1} of the quaternion of body {body!r}"
             found[i + part] = _state("quaternion", f"{body}[{part + 1}]", what, "1", nominal[i + part], used)
-    for k, name in enumerate(system.coordinate_names):
+    moving = system.n - system.n_states
+    for k, name in enumerate(system.coordinate_names[:moving]):
         at = system.nq + k
         what = f"velocity of joint coordinate {name!r}"
         found[at] = _state("velocity", name, what, f"{units[k]}/s", nominal[at], used)
+    for k, (name, own) in enumerate(states_of(compiled.mechanism), system.nq + moving):
+        found[k] = _state("value", name, f"first-order state {name!r}", own.unit, nominal[k], used)
     return tuple(state for state in found if state is not None)
 
 
@@ -129,5 +136,4 @@ def _state(kind: str, name: str, what: str, unit: str, nominal: float, used: set
     while own in used:
         own += "_"
     used.add(own)
-    slope = {"1": "1/s", "rad": "rad/s", "m": "m/s", "rad/s": "rad/s2", "m/s": "m/s2"}[unit]
-    return ExchangeState(own, f"der({own})", f"State: {what}", unit, slope, float(nominal))
+    return ExchangeState(own, f"der({own})", f"State: {what}", unit, rate_unit(unit), float(nominal))

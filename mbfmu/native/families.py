@@ -324,7 +324,7 @@ def _tree_equations(callbacks: dict[str, Any], data: Any, tangent: Any, nq: int,
 
 
 def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
-    return Workspace.allocate(nq, n, m)
+    return Workspace.allocate(nq, n, m, positions.states.shape[0])
 
 
 FAMILIES = {  # by the prefix of their entry points

@@ -109,9 +109,10 @@ def distance(compiled: CompiledMechanism, t: float, q: Array, rank: int | None =
     system: Any = compiled.system
     terms = system.allocate_terms()
     system.fill(t, q, np.zeros(system.n), terms)
-    J = terms.J
-    if terms.M.size:
-        inertia, axes = np.linalg.eigh(terms.M)
+    moving = system.n - system.n_states
+    J, M = terms.J[:, :moving], terms.M[:moving, :moving]
+    if M.size:
+        inertia, axes = np.linalg.eigh(M)
         J = J @ axes / np.sqrt(np.maximum(inertia, 1e-12 * inertia[-1]))
     J = J / row_sizes(compiled, np.linalg.norm(J, axis=1))[:, None]
     U, sigma, _ = np.linalg.svd(J, full_matrices=False)

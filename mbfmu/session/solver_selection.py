@@ -223,7 +223,9 @@ def _evaluations_after(compiled: CompiledMechanism, state: State, tolerance: flo
 
 def _rate(compiled: CompiledMechanism, state: State) -> float:
     """Return the rate of the motion by gravity, drives and velocities, 1/s; zero: at rest."""
-    return max(float(compiled.system.rate), float(np.abs(state[2] / compiled.system.size).max()))
+    system = compiled.system
+    speeds = np.abs(state[2] / system.size)[: system.n - system.n_states]
+    return max(float(system.rate), float(speeds.max(initial=0.0)))
 
 
 def try_solver(

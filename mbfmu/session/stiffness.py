@@ -3,6 +3,7 @@
     x' = y,    y' = A_x x + A_y y
 
 x are small changes along the motions that the constraints allow, in units of the coordinates, y those of their rates.
+First-order states z are among y; nothing depends on their x, so that each adds an eigenvalue zero.
 The columns of A are central differences of accelerations, which need nothing but what a solver has: the states of a run
 are not steady, and their number is more important than the last digits. Of up to ``MAX_DENSE_FREEDOM`` degrees of
 freedom all eigenvalues are found, of more the largest, by Arnoldi's iteration. It is written here, because amplitudes
@@ -187,7 +188,8 @@ def spectrum(compiled: CompiledMechanism, t: float, q: Array, v: Array) -> Spect
 
 def _compute_spectrum(compiled: CompiledMechanism, t: float, q: Array, v: Array) -> Spectrum:
     """Return what :func:`spectrum` does."""
-    rate = max(compiled.system.rate, float(np.abs(v / compiled.system.size).max(initial=0.0)))
+    moving = compiled.system.n - compiled.system.n_states
+    rate = max(compiled.system.rate, float(np.abs(v / compiled.system.size)[:moving].max(initial=0.0)))
     dynamics = PerturbedDynamics(compiled, t, q, v) if compiled.system.n else None
     if dynamics and dynamics.weak:
         dynamics = PerturbedDynamics(compiled, t, compiled.assembly.nearby(t, q), v)
@@ -196,7 +198,7 @@ def _compute_spectrum(compiled: CompiledMechanism, t: float, q: Array, v: Array)
     still = np.zeros(dynamics.count)
     a = dynamics.accelerations(still, still)
     if not rate > 0.0:  # else not from these: what is stiff swings a little in every run, and has large ones
-        rate = float(np.sqrt(np.abs(a).max()))
+        rate = float(np.sqrt(np.abs(a[:moving]).max(initial=0.0)))
     few = dynamics.count <= MAX_DENSE_FREEDOM
     values, motions, amplitudes = _all_eigenvalues(dynamics, a) if few else _largest_eigenvalues(dynamics, a, rate)
     order = np.argsort(-np.abs(values), kind="stable")
@@ -218,7 +220,11 @@ def _all_eigenvalues(dynamics: PerturbedDynamics, a: Array) -> Found:
     y = dynamics.as_changes(dynamics.v / dynamics.system.size)
     rates = np.concatenate((y, dynamics.as_changes(a)))
     along, share = left.conj().T @ rates, np.einsum("ij,ij->j", left.conj(), right)
-    widest = np.abs(dynamics.as_motion(right[:f])).max(axis=0, initial=0.0)
+    n_states = dynamics.system.n_states
+    moved = dynamics.as_motion(right[:f])
+    if n_states:  # how far z swings
+        moved[len(moved) - n_states :] = dynamics.as_motion(right[f:])[len(moved) - n_states :]
+    widest = np.abs(moved).max(axis=0, initial=0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         swing = np.abs(along / (share * values)) * widest
     return values, right[:f], np.where(np.isfinite(swing), swing, 0.0)

@@ -41,7 +41,8 @@ def interval_of(trial: Stepper, compiled: CompiledMechanism) -> float:
     except SolverError:
         a = np.zeros(n)
     size = np.ascontiguousarray(np.broadcast_to(compiled.system.size, n), float)
-    rate = float(start_rate(compiled.system.rate, trial.options.duration, size, trial.v, a))
+    v = trial.v[: n - compiled.system.n_states]
+    rate = float(start_rate(compiled.system.rate, trial.options.duration, size, v, a))
     return max(WARMUP_TIME_FACTOR / rate if np.isfinite(rate) else 0.0, 1e4 * float(np.spacing(abs(trial.t))))
 
 

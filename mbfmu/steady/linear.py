@@ -44,12 +44,14 @@ class StateSpace:
     Attributes
     ----------
     A, B, C, D
-        (s, s), (s, inputs), (outputs, s), (outputs, inputs) for s states: 2f for f degrees of freedom, and the driven
-        positions that are states, last.
+        (s, s), (s, inputs), (outputs, s), (outputs, inputs) for s states: 2f for f degrees of freedom, the first-order
+        states, and the driven positions that are states, last.
     states, inputs, outputs
         Names; the rate of state ``x`` is ``der(x)``.
     coordinates
-        Derivatives of all coordinates with respect to the independent ones (n, f).
+        Derivatives of all coordinates with respect to the independent ones (n, f); zero for first-order states.
+    n_states
+        Number of first-order states.
     periodic
         Names of the matrices that depend on the positions of the drives; the values are those at time zero.
     diagnostics
@@ -64,13 +66,14 @@ class StateSpace:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     coordinates: Array
+    n_states: int = 0
     periodic: tuple[str, ...] = ()
     diagnostics: tuple[Diagnostic, ...] = ()
 
     @property
     def free(self) -> Array:
-        """The part (2f, 2f) of A without driven positions."""
-        size = 2 * self.coordinates.shape[1]
+        """The part (2f + n_states, 2f + n_states) of A without driven positions."""
+        size = 2 * self.coordinates.shape[1] + self.n_states
         return self.A[:size, :size]
 
     def modes(self) -> list[Mode]:
@@ -81,7 +84,9 @@ class StateSpace:
     def shapes(self) -> list[tuple[Mode, NDArray[np.complex128]]]:
         """Return the modes in the order of :meth:`modes` with their shapes (n,), arbitrarily scaled."""
         values, vectors = linalg.eig(self.free) if self.free.size else (np.zeros(0), np.zeros((0, 0)))
-        motions = self.coordinates @ vectors[: self.coordinates.shape[1]]
+        freedom = self.coordinates.shape[1]
+        motions = self.coordinates @ vectors[:freedom]
+        motions[len(motions) - self.n_states :] = vectors[2 * freedom :]
         return [(Mode(complex(values[k])), motions[:, k]) for k in slowest_first(values)]
 
     def to_scipy(self) -> Any:
@@ -194,15 +199,16 @@ def linearize(
     Raises EquilibriumError where a slope is not finite, AssemblyError where a free motion has no inertia.
     """
     check_inertia(compiled.system, t, q, v)
-    line = LinearizedPlant(compiled, t, q, v, rows, independent)
-    freedom = len(line.independent)
+    line, states = LinearizedPlant(compiled, t, q, v, rows, independent), compiled.system.n_states
+    freedom = len(line.independent) - states
     free, inputs = line.unit_states(), [line.along_input(k) for k in range(len(compiled.inputs))]
     supports = compiled.inputs.supports()
     speeds = [k for k, (_, _, speed) in supports.items() if speed]
     directions = [*free, *(line.along_drive(k, 0) for k in speeds), *inputs]
     columns = [np.concatenate(line.respond(*direction)) for direction in directions]
-    slope = np.array(columns).reshape(len(columns), 2 * freedom + len(compiled.outputs)).T
-    if not np.isfinite(slope[: 2 * freedom]).all():
+    slope = np.array(columns).reshape(len(columns), 2 * freedom + states + len(compiled.outputs)).T
+    moving = 2 * freedom + states
+    if not np.isfinite(slope[:moving]).all():
         raise EquilibriumError(
             "the linearized motion is not finite, because forces and masses differ by too many orders of magnitude"
         )
@@ -212,21 +218,23 @@ def linearize(
         matters[len(free) :] = [compiled.drives.name(k) in driven for k in speeds]
     speeds = [k for k, matter in zip(speeds, matters[len(free) :], strict=True) if matter]
     slope = slope[:, matters + [True] * len(inputs)]
-    seen, slope, s = slope[2 * freedom :], slope[: 2 * freedom], len(free) + len(speeds)
+    seen, slope, s = slope[moving:], slope[:moving], len(free) + len(speeds)
     follows = np.zeros((len(speeds), s + len(inputs)))
     for row, k in zip(follows, speeds, strict=True):
         row[s + compiled.inputs.number(k, 1)] = 1.0
     slope = np.vstack((slope, follows))
     names = [compiled.system.coordinate_names[k] for k in line.independent]
+    names, own = names[:freedom], names[freedom:]
     return StateSpace(
         A=slope[:, :s],
         B=slope[:, s:],
         C=seen[:, :s],
         D=seen[:, s:],
-        states=(*names, *(f"der({name})" for name in names), *(compiled.drives.name(k) for k in speeds)),
+        states=(*names, *(f"der({name})" for name in names), *own, *(compiled.drives.name(k) for k in speeds)),
         inputs=tuple(v.name for v in compiled.inputs.variables),
         outputs=tuple(v.name for v in compiled.outputs),
         coordinates=line.coordinates(),
+        n_states=states,
         diagnostics=tuple(
             Diagnostic.note(
                 "not-examined",
@@ -261,16 +269,17 @@ class LinearizedPlant:
         J = self.terms.J.real[rows]
         # dependent coordinates by column pivoting, as the LU partition chooses them
         columns = linalg.qr(J, pivoting=True, mode="r")[1] if len(rows) else np.arange(system.n)
+        self._moving = system.n - len(rows) - system.n_states  # independent coordinates; states are the last ones
         self.dependent, self.independent = np.sort(columns[: len(rows)]), np.sort(columns[len(rows) :])
         if independent is not None:
             self.independent, self.dependent = independent, np.setdiff1d(np.arange(system.n), independent)
         self.J_dependent, self.J_independent = J[:, self.dependent], J[:, self.independent]
 
     def unit_states(self) -> list[Direction]:
-        """Return a direction for each free state."""
+        """Return a direction for each free state; first-order states are changed as rates and have no positions."""
         f = len(self.independent)
         zero = np.zeros(f)
-        return [*((row, zero, None) for row in np.eye(f)), *((zero, row, None) for row in np.eye(f))]
+        return [*((row, zero, None) for row in np.eye(f)[: self._moving]), *((zero, row, None) for row in np.eye(f))]
 
     def along_input(self, index: int) -> Direction:
         """Return the direction of an input."""
@@ -283,7 +292,9 @@ class LinearizedPlant:
         return zero, zero, (place, derivative, 0.5 if derivative == 2 else 1.0)
 
     def respond(self, x: Array, rate: Array, place: tuple[Any, int, float] | None) -> tuple[Array, Array]:
-        """Return changes of (rates, accelerations) (2f,) and outputs for unit changes of states or at a place."""
+        """Return changes of (rates, accelerations) (2f,), rates of first-order states, and outputs for unit changes of
+        states or at a place.
+        """
         s, T = self.system, self.terms
         if place:
             vector, k, scale = place
@@ -298,14 +309,14 @@ class LinearizedPlant:
         out = self.compiled.observe_complex(s, self.t, q, v, a, lam)
         if place:
             vector[k] = vector[k].real
-        change = np.concatenate((v[self.independent], a[self.independent])).imag / PRODUCT_STEP_SIZE
+        change = np.concatenate((v[self.independent[: self._moving]], a[self.independent])).imag / PRODUCT_STEP_SIZE
         return change, out.imag / PRODUCT_STEP_SIZE
 
     def coordinates(self) -> Array:
         """Return the change of all coordinates (n, f) with each of the independent ones, loops closed."""
         rows = [
             self._spread(row, np.zeros(len(self.rows))).imag / PRODUCT_STEP_SIZE
-            for row in np.eye(len(self.independent))
+            for row in np.eye(len(self.independent))[: self._moving]
         ]
         return np.array(rows).reshape(len(rows), self.system.n).T
 

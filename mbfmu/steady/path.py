@@ -160,7 +160,7 @@ class PathProblem:
             found = self.problem.solve(self.problem.start(start), "the start given")
         else:
             found = find_state(self.problem)
-        return Follower(self.problem.linearized(), Load(self.apply, begin, end), found.q, found.lam[found.rows])
+        return Follower(self.problem.linearized(), Load(self.apply, begin, end), self.problem.unknowns(found), found.lam[found.rows])
 
     def apply(self, value: float) -> None:
         """Let the input have a value."""

@@ -123,6 +123,13 @@ class PeriodicLinearization:
     def spectrum(self) -> Spectrum:
         """Return the characteristic exponents; EquilibriumError where they are not found."""
         period, system = common_period(self.compiled), self.compiled.system
+        if system.n_states:
+            raise EquilibriumError(
+                UNKNOWN_STABILITY_TEXT.format(
+                    reason="they are computed for models without first-order states, but the model has state "
+                    f"{system.coordinate_names[-1]!r}"
+                )
+            )
         cycles = period * sum(abs(speed) for _, speed, _ in self.compiled.drives.speeds()) / (2.0 * pi)
         if not system.has_matrices and system.n > MAX_ASSEMBLED_COORDINATES:
             raise EquilibriumError(
@@ -157,7 +164,8 @@ class PeriodicLinearization:
         """Return the state matrices at time t, of the states of the first ones."""
         names, freedom = list(self.compiled.system.coordinate_names), first.coordinates.shape[1]
         independent = np.array([names.index(name) for name in first.states[:freedom]], np.int64)
-        driven = first.states[2 * freedom :]
+        independent = np.concatenate((independent, self.compiled.system.states))
+        driven = first.states[2 * freedom + first.n_states :]
         return linearize(self.compiled, t, self.at(t)[0], self.v, self.rows, independent, driven)
 
     def state_space(self) -> StateSpace:

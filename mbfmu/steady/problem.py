@@ -38,6 +38,7 @@ from solvers.statics.dense import DenseEquilibriumSolver
 from solvers.statics.linearized import DenseLinearized, Linearized, TreeLinearized
 from solvers.statics.newton import EquilibriumSolver, Outcome, Solution
 from solvers.statics.spectrum import Stability
+from solvers.statics.states import with_states_as_positions
 from solvers.statics.tree import TreeEquilibriumSolver
 from solvers.system import Array
 
@@ -80,6 +81,7 @@ class EquilibriumProblem:
         self._names = position_names(compiled)
         self._start = self.start()
         self._v, self._cyclic = np.zeros(compiled.system.n), np.zeros(compiled.system.n, bool)
+        self._z = compiled.assembly.start_velocities()[compiled.system.n - compiled.system.n_states :]
         self._lay_out()
         if not compiled.system.has_matrices:
             data = compiled.data
@@ -93,8 +95,9 @@ class EquilibriumProblem:
             general = compiled.assembly.nearby(0.0, self._start)
             self._cyclic = self._find_cyclic(general)
             self._v = self._steady_velocities()
-            self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
-            self._solver.run_trial(self._start)
+            extended, at = with_states_as_positions(self._complex, 0.0, general, self._z)
+            self._solver = DenseEquilibriumSolver(extended, 0.0, at, self._v)
+            self._solver.run_trial(self._with_states(self._start))
             supports.add_complex_copy(data.arrays, compiled.signals(data))
         self.signals = compiled.signals(data)
         self._full_speeds = compiled.drives.full_speeds()
@@ -140,6 +143,14 @@ class EquilibriumProblem:
             return DenseLinearized(self._solver)
         return TreeLinearized(self.compiled.system, self._v)
 
+    def unknowns(self, found: Equilibrium) -> Array:
+        """Return the unknowns of a state as paths take them: positions, and the values of first-order states."""
+        return np.concatenate((found.q, found.v[found.compiled.system.n - found.compiled.system.n_states :]))
+
+    def _with_states(self, q: Array) -> Array:
+        """Return positions (nq,) with the start values of first-order states, or what has states already."""
+        return q if len(q) > self.compiled.system.nq else np.concatenate((q, self._z))
+
     def state(self, q: Array, lam: Array, found_from: str) -> Equilibrium:
         """Return what else found, by the multipliers of the independent rows; EquilibriumError where it is no state."""
         full = np.zeros(self.compiled.system.m)
@@ -173,6 +184,7 @@ class EquilibriumProblem:
             parts = (terms.M, terms.h, terms.J, terms.nu, terms.gamma)
             change = [np.abs(x.imag).max(initial=0.0) / (1.0 + np.abs(x.real).max(initial=0.0)) for x in parts]
             cyclic[k] = max(change) <= CYCLIC_TOLERANCE * PRODUCT_STEP_SIZE
+        cyclic[n - system.n_states :] = False
         return cyclic
 
     def _steady_velocities(self) -> Array:
@@ -201,7 +213,7 @@ class EquilibriumProblem:
         EquilibriumError
             None is found, or what is found is none; with the residual.
         """
-        q = self._start if q is None else q
+        q = self._with_states(self._start if q is None else q)
         if self._solver.is_singular(0.0, q):
             forces, _ = self._solver.residual(0.0, q, np.zeros(self.compiled.system.m))
             raise EquilibriumError(
@@ -228,12 +240,14 @@ class EquilibriumProblem:
     def _checked(self, solution: Solution, found_from: str, elapsed: float, *, continued: bool) -> Equilibrium:
         """Return what was found, if it is a steady state."""
         check(self.model.name, self.compiled, self._solver, self._v, solution, lasts=self.supports.finishes)
-        periodic = PeriodicLinearization(self.compiled, solution.q, self._v, solution.lam, self._solver.rows).changes()
+        q, z = np.split(solution.q, [self.compiled.system.nq])
+        v = np.concatenate((self._v[: self.compiled.system.n - len(z)], z))
+        periodic = PeriodicLinearization(self.compiled, q, v, solution.lam, self._solver.rows).changes()
         found = Equilibrium(
             model=self.model,
             compiled=self.compiled,
-            q=solution.q,
-            v=self._v,
+            q=q,
+            v=v,
             lam=solution.lam,
             rows=self._solver.rows,
             iterations=solution.iterations,
@@ -243,10 +257,10 @@ class EquilibriumProblem:
             continued=continued,
             diagnostics=(
                 *self._notes(),
-                *self.compiled.coincident(0.0, solution.q),
+                *self.compiled.coincident(0.0, q),
                 *self.compiled.describe_assumed_length(),
                 *([describe_period(self.compiled)] if periodic else ()),
-                *self._describe_mesh(solution.q),
+                *self._describe_mesh(q),
             ),
             periodic=periodic,
             cyclic=self._cyclic,
@@ -257,7 +271,8 @@ class EquilibriumProblem:
         """Return a note if a state has others next to it, cyclic coordinates aside."""
         if not isinstance(self._solver, DenseEquilibriumSolver):
             return ()
-        count = self._solver.count_null_directions(found.q, found.lam, np.flatnonzero(~self._cyclic))
+        at, coordinates = self.unknowns(found), np.flatnonzero(~self._cyclic)
+        count = self._solver.count_null_directions(at, found.lam, coordinates)
         with suppress(EquilibriumError):
             if count and bool((found.spectrum.values == 0.0).any()):  # not only soft
                 text = f"neutral family: {count} direction{'s' * (count > 1)} in which nothing changes"
@@ -273,6 +288,7 @@ class EquilibriumProblem:
     def _notes(self) -> tuple[Diagnostic, ...]:
         """Return what the steady state is not, though the model's start may have meant it to be."""
         given, names = self.compiled.assembly.start_velocities(), self.compiled.system.coordinate_names
+        given[len(given) - self.compiled.system.n_states :] = 0.0  # where the search for the states begins
         dropped = [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero((given != self._v) & (given != 0.0))]
         if not dropped:
             return ()
@@ -365,7 +381,7 @@ class EquilibriumProblem:
         """Whether two positions are one: whole turns of a joint do not count, nor cyclic coordinates."""
         change = self.difference(a, b)
         change[self._plain[0]] /= self.compiled.system.size[self._plain[1]]
-        return bool(np.abs(change).max() < SAME_STATE_DISTANCE)
+        return bool(np.abs(change).max(initial=0.0) < SAME_STATE_DISTANCE)
 
     def difference(self, a: Array, b: Array) -> Array:
         """Return a - b (nq,): angles within half a turn, quaternions with one sign.

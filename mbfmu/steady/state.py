@@ -177,6 +177,12 @@ class Equilibrium(Diagnosed):
         names = position_names(self.compiled)
         return dict(zip(names, map(float, self.q), strict=True))
 
+    def states(self) -> dict[str, float]:
+        """Return the values of first-order states by name."""
+        first = self.compiled.system.n - self.compiled.system.n_states
+        names = self.compiled.system.coordinate_names[first:]
+        return dict(zip(names, map(float, self.v[first:]), strict=True))
+
     def as_dict(self) -> dict[str, Any]:
         """Return all results as a dictionary for JSON."""
         return {
@@ -189,6 +195,7 @@ class Equilibrium(Diagnosed):
             "residual": self.residual,
             "solve_time_s": self.solve_time,
             "positions": self.positions(),
+            "states": self.states(),
             "outputs": self.outputs,
             "constraint_forces": dict(zip(self.compiled.system.constraint_names, map(float, self.lam), strict=True)),
             "stability": self.stability,

@@ -1,4 +1,4 @@
-"""Units: what names such as ``N.m`` or ``rad/s2`` mean in kg, m, s and rad."""
+"""Units: what names such as ``N.m`` or ``rad/s2`` mean in kg, m, s, rad and A."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .errors import UserError
 
 
 class Unit(NamedTuple):
-    """A product of powers of kg, m, s and rad, times a factor."""
+    """A product of powers of kg, m, s, rad and A, times a factor."""
 
     exponents: dict[str, int]
     factor: float
@@ -23,6 +23,8 @@ SYMBOLS = {
     "m": Unit({"m": 1}, 1.0),
     "s": Unit({"s": 1}, 1.0),
     "rad": Unit({"rad": 1}, 1.0),
+    "A": Unit({"A": 1}, 1.0),
+    "V": Unit({"kg": 1, "m": 2, "s": -3, "A": -1}, 1.0),
     "N": Unit({"kg": 1, "m": 1, "s": -2}, 1.0),
     "J": Unit({"kg": 1, "m": 2, "s": -2}, 1.0),
     "W": Unit({"kg": 1, "m": 2, "s": -3}, 1.0),
@@ -60,3 +62,11 @@ def read_unit(text: str) -> Unit:
         for base, count in SYMBOLS[symbol].exponents.items():
             total[base] += count * exponent
     return Unit({base: count for base, count in total.items() if count}, factor)
+
+
+def rate_unit(unit: str) -> str:
+    """Return the unit of the rate of a quantity with this unit: ``m/s`` of ``m``, ``m/s2`` of ``m/s``."""
+    whole, per, power = unit.rpartition("/s")
+    if per and (power == "" or power.isdigit()):
+        return f"{whole}/s{int(power or 1) + 1}"
+    return "1/s" if unit == "1" else f"{unit}/s"

@@ -30,7 +30,7 @@ from .singular import (
     classify_singularity,
     critical_point_explains_pivot,
 )
-from .workspace import distance
+from .workspace import count_freedom, distance
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
@@ -77,7 +77,7 @@ def orientation_preserved(eqs: Equations, t: float, q: Reals, exact: float, rank
             return False
         if passes_straight(eqs, t, q, side, turn, rank, work):
             return True
-    alone = eqs.terms.J.shape[1] - rank == 1 and not is_rheonomic(eqs.terms)  # else critical points may form curves
+    alone = count_freedom(rank, work) == 1 and not is_rheonomic(eqs.terms)  # else critical points may form curves
     keep = at_hand if turn == ORIENTATION_KEPT else alone and critical.kind == BIFURCATION and critical.is_passed == 0
     if not keep:  # what was known need not be the next one
         critical.kind, critical.failed_search_ratio = NO_CRITICAL_POINT, 0.0
@@ -160,7 +160,7 @@ def passes_straight(eqs: Equations, t: float, q: Reals, side: int, turn: int, ra
 @inlined
 def is_on_side(q: Reals, side: int, terms: Terms, rank: int, work: Workspace) -> bool:
     """Whether q is on this side of the known crossing; that is known with one degree of freedom."""
-    if terms.J.shape[1] - rank + is_rheonomic(terms) != 1:
+    if count_freedom(rank, work) + is_rheonomic(terms) != 1:
         return True
     along = 0.0
     for i in range(q.shape[0]):
@@ -175,7 +175,7 @@ def left_branch_line(q: Reals, exact: float, rank: int, terms: Terms, work: Work
     The orientation does not show this if only time changes, nor in the crossing itself. The line does if the motion
     has exactly one degree of freedom.
     """
-    if work.critical[0].kind != BIFURCATION or terms.J.shape[1] - rank + is_rheonomic(terms) != 1:
+    if work.critical[0].kind != BIFURCATION or count_freedom(rank, work) + is_rheonomic(terms) != 1:
         return False
     along, here, last = 0.0, 0.0, 0.0
     for i in range(q.shape[0]):

@@ -15,7 +15,7 @@ first where the prediction lies, and closes the corrected position with the fact
 Newton finds the other branch (the energy jumps), or J_d is so near singular that no step is short enough (the
 step collapses), while the largest pivot changes place all the time (each time the order falls to one). The
 projection partition has none of this because it predicts every coordinate. Where an orientation is a unit
-quaternion (nq > n) coordinates of q and of v do not correspond, so dependents start from their predicted
+quaternion coordinates of q and of v do not correspond, so dependents start from their predicted
 values there and the method is better than its name.
 """
 
@@ -28,6 +28,7 @@ import numpy as np
 from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import factor_full_pivot, factor_lu, solve_lu, solve_lu_transposed
 from solvers.outcome import NO_MASS, NOT_CLOSED, NOT_FINITE, OK
+from solvers.positions import has_quaternions
 
 from .projection import (
     CHORD_CONTRACTION_LIMIT,
@@ -100,9 +101,9 @@ def solve_dependent(rank: int, rows: Integers, columns: Integers, work: Workspac
 
 
 @kernel
-def restore_dependents(rank: int, columns: Integers, last: Reals, q: Reals, v: Reals) -> None:
+def restore_dependents(rank: int, columns: Integers, last: Reals, q: Reals, v: Reals, states: Integers) -> None:
     """Set the dependents of q to those of ``last`` if the coordinates of q and v correspond."""
-    if q.shape[0] == v.shape[0]:
+    if not has_quaternions(q.shape[0], v.shape[0], states):
         for j in range(rank):
             q[columns[j]] = last[columns[j]]
 

@@ -11,6 +11,7 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Record, Table, f8, i8
 from solvers.inertia import InertiaRecord
 from solvers.linalg.dense import factor_lq
+from solvers.positions import place_states
 from solvers.system import Array
 
 if TYPE_CHECKING:
@@ -52,8 +53,9 @@ class Workspace(NamedTuple):
     size_q: Array  # (nq,)   units of the positions
     row: Array  # (m,)    units of the constraints
     in_loops: Array  # (n,)    1 for coordinates that occur in constraints, 0 for others
+    states: NDArray[np.int64]  # (k,)    places of first-order states in v: the last ones
     rate: Array  # (2,)    1/s, of the motion, and of the loops' part in it: unit of size a second
-    coordinate_rates: Array  # (n,)    1/s, of every coordinate's own part in it
+    coordinate_rates: Array  # (n,)    1/s, of every coordinate's own part in it; of a first-order state 1
     A: Array  # (m, n)  L, and the reflectors of Q, of J~[pivots] = L Q^T
     tau: Array  # (m,)    of the reflectors
     pivots: NDArray[np.int64]  # (m,)    order of the rows, independent ones first, int64
@@ -111,15 +113,17 @@ class Workspace(NamedTuple):
     inertia: Table[InertiaRecord]  # (1,)    how nearly singular the mass matrix is
 
     @staticmethod
-    def allocate(nq: int, n: int, m: int) -> Workspace:
-        """Return zeroed scratch for ``nq`` positions, ``n`` velocities and ``m`` constraints, units of one."""
+    def allocate(nq: int, n: int, m: int, states: int = 0) -> Workspace:
+        """Return zeroed scratch for ``nq`` positions, ``n`` velocities, the last ``states`` of which are first-order
+        states, and ``m`` constraints, units of one.
+        """
         z, one = np.zeros, np.ones
         N = n + m + 2 if m else 0
         pivots, pivots_B, order, rows, columns, K_pivots, frame_pivots, E_pivots, C_pivots = (
             np.zeros(k, np.int64) for k in (m, m, max(m, n), m, n, N, m, m, m)
         )
         return Workspace(
-            one(n), one(nq), one(m), one(n), one(2), one(n), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)),
+            one(n), one(nq), one(m), one(n), place_states(n, states), one(2), one(n), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)),
             z((n, n)), z((1, n)), z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m),
             pivots_B, z((m, n)), z((m, m)), order, z(m), z(m), rows, columns,
             CriticalRecord.zeros(1), z(nq), z(nq), z(m),
@@ -165,10 +169,22 @@ def evaluate_and_factor(eqs: Equations, t: float, q: Reals, v: Reals, work: Work
 
 
 @inlined
+def count_motions(work: Workspace) -> int:
+    """Number of velocities that are not first-order states: the first ones."""
+    return work.size.shape[0] - work.states.shape[0]
+
+
+@inlined
+def count_freedom(rank: int, work: Workspace) -> int:
+    """Number of degrees of freedom with this rank of the constraints: first-order states are none."""
+    return count_motions(work) - rank
+
+
+@inlined
 def scaled_norm(x: Reals, work: Workspace) -> float:
     """|x|, x (n,) a change of the coordinates in units of their size."""
     square = 0.0
-    for i in range(x.shape[0]):
+    for i in range(count_motions(work)):
         square += (x[i] / work.size[i]) ** 2
     return np.sqrt(square)
 

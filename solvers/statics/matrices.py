@@ -39,6 +39,8 @@ class Matrices:
         (f, f) bound of the rounding of K, and in the unit of K times s that of C.
     rate
         1/s, of the motions of gravity and drives.
+    n_states
+        Number of first-order states z, the last of the basis: x' = z, and K has zero columns for them.
     """
 
     M: Array
@@ -47,17 +49,23 @@ class Matrices:
     basis: Array
     rounding: tuple[Array, Array]
     rate: float
+    n_states: int = 0
 
 
-def allowed_motions(J: Array, size: Array, row_size: Array) -> Array:
-    """Return a basis (n, f) of the motions with J x = 0 in SI units, orthonormal in units; J (m, n)."""
+def allowed_motions(J: Array, size: Array, row_size: Array, states: int = 0) -> Array:
+    """Return a basis (n, f) of the motions with J x = 0 in SI units, orthonormal in units; J (m, n).
+
+    Its last columns are the last ``states`` coordinates, on which J does not depend.
+    """
     n = len(size)
     if not len(J):
         return np.diag(size)
-    scaled = J * size / row_size[:, np.newaxis]
+    moving = n - states
+    scaled = (J * size / row_size[:, np.newaxis])[:, :moving]
     _, sigma, Vt = linalg.svd(scaled)
     rank = int(np.sum(sigma > REDUNDANT_SINGULAR_RATIO * sigma.max(initial=0.0)))
-    return np.asarray(size[:, np.newaxis] * Vt[rank:n].T)
+    found = np.asarray(size[:moving, np.newaxis] * Vt[rank:moving].T)
+    return np.asarray(linalg.block_diag(found, np.diag(size[moving:]))) if states else found
 
 
 def linearized_matrices(
@@ -87,7 +95,7 @@ def linearized_matrices(
         spreads = [np.maximum(spread, np.abs(A - B)) for spread, A, B in
                    zip(spreads, (K, C), (K_perturbed, C_perturbed), strict=True)]  # fmt: skip
     if basis is None:
-        basis = allowed_motions(J, size, system.row_size)
+        basis = allowed_motions(J, size, system.row_size, system.n_states)
     parts, stiff = np.abs(basis), np.sqrt(np.abs(np.diag(K)))
     floor = MACHINE_EPSILON * (16.0 + len(size))
     magnitudes = np.abs(K) + np.outer(stiff, stiff) + rate**2 * np.abs(M), np.abs(C) + rate * np.abs(M)
@@ -95,7 +103,9 @@ def linearized_matrices(
         parts.T @ (ROUNDING_SAFETY * spread + floor * A) @ parts for spread, A in zip(spreads, magnitudes, strict=True)
     ]
     M, C, K = (basis.T @ A @ basis for A in (0.5 * (M + M.T), C, K))
-    return Matrices(M=M, C=C, K=K, basis=basis, rounding=(doubts[0], doubts[1]), rate=rate)
+    return Matrices(
+        M=M, C=C, K=K, basis=basis, rounding=(doubts[0], doubts[1]), rate=rate, n_states=system.n_states
+    )
 
 
 def _tree_terms(system: TreeSystem, t: float, q: Array, v: Array, lam: Array) -> tuple[Array, Array, Array, Array]:

@@ -99,7 +99,7 @@ def spectrum_of(matrices: Matrices) -> Spectrum:
     """Return all eigenvalues; LinAlgError where a motion has no inertia."""
     if not len(matrices.K):
         return Spectrum(values=np.zeros(0, complex), motions=np.zeros((len(matrices.basis), 0)), doubts=np.zeros(0))
-    if is_undamped(matrices) and is_symmetric(matrices):
+    if not matrices.n_states and is_undamped(matrices) and is_symmetric(matrices):
         return solve_conservative(matrices)
     return solve_general(matrices)
 
@@ -131,18 +131,28 @@ def solve_conservative(matrices: Matrices) -> Spectrum:
 
 
 def solve_general(matrices: Matrices) -> Spectrum:
-    """Return those of s^2 M + s C + K."""
+    """Return those of s^2 M + s C + K.
+
+    Of a first-order state x' = z neither x nor the eigenvalue zero that it would add is part of the state matrix.
+    """
     L = linalg.cholesky(matrices.M, lower=True)
     K, C = (linalg.solve_triangular(L, linalg.solve_triangular(L, A, lower=True).T, lower=True).T
             for A in (matrices.K, matrices.C))  # fmt: skip
     f = len(K)
     unit = float(np.sqrt(np.linalg.norm(K, 2))) or 1.0  # of time
     state = np.block([[np.zeros((f, f)), unit * np.eye(f)], [-K / unit, -C]])
+    moving = f - matrices.n_states
+    if matrices.n_states:
+        state = np.delete(np.delete(state, np.s_[moving:f], 0), np.s_[moving:f], 1)
     values, left, right = linalg.eig(state, left=True)
-    x, y = (linalg.solve_triangular(L, part, lower=True, trans="T") for part in (right[:f], left[f:]))
+    motions = np.vstack((right[:moving], unit * right[2 * moving :]))  # of coordinates, and z of states
+    x, y = motions.copy(), left[moving:]
+    changes = np.any(motions[moving:] != 0.0, axis=0)
+    x[:moving, changes] *= values[changes]  # of states x = z / s, and all times s
+    motions, x, y = (linalg.solve_triangular(L, part, lower=True, trans="T") for part in (motions, x, y))
     values, doubts = improve_eigenvalues(matrices, values, x, y, float(np.abs(values).max()))
     upper = values.imag >= 0.0
-    return order_spectrum(values[upper], matrices.basis @ x[:, upper], doubts[upper])
+    return order_spectrum(values[upper], matrices.basis @ motions[:, upper], doubts[upper])
 
 
 def improve_eigenvalues(

@@ -31,7 +31,7 @@ from solvers.projection.singular import (
     classify_singularity,
     record_accepted,
 )
-from solvers.projection.workspace import Workspace, evaluate_and_factor, factor
+from solvers.projection.workspace import Workspace, count_motions, evaluate_and_factor, factor
 from solvers.stepper import Stepper, coordinate_rate, require_resolution, start_rate
 from solvers.system import Array, Equations, System, Terms
 
@@ -69,17 +69,22 @@ def estimate_rates(
 ) -> None:
     """Note the rate of the motion (1/s, see :func:`solvers.stepper.start_rate`), and of every coordinate's own part
     in it: a stiff spring at one of them is not to make the others' tolerances coarse.
+
+    First-order states have no part in it, however fast they are: their tolerances follow from their nominal values.
     """
     if evaluate_state(eqs, t, q, v, rank, work, work.slope, work.lam) != OK:
         for k in range(v.shape[0]):
             work.slope[k] = 0.0
-    rate = start_rate(known, duration, work.size, v, work.slope)
-    for k in range(v.shape[0]):
+    moving = count_motions(work)
+    rate = start_rate(known, duration, work.size, v[:moving], work.slope)
+    for k in range(moving):
         work.coordinate_rates[k] = coordinate_rate(work.size[k], v[k], work.slope[k])
         loop_rate = max(loop_rate, work.coordinate_rates[k] * work.in_loops[k])
     work.rate[0], work.rate[1] = rate, loop_rate if loop_rate != 0.0 else rate
-    for k in range(v.shape[0]):
+    for k in range(moving):
         work.coordinate_rates[k] = max(INITIAL_RATE_RATIO * work.coordinate_rates[k], MIN_RATE_RATIO * rate)
+    for k in range(moving, v.shape[0]):
+        work.coordinate_rates[k] = 1.0  # the absolute tolerance is that of the nominal value
 
 
 @kernel
@@ -146,7 +151,7 @@ class DenseFormulation(Formulation):
     def __init__(self, system: System, t: float, q: Array, v: Array, options: Options) -> None:
         super().__init__(system)
         sizes = system.nq, system.n, system.m
-        self.terms, self.work = Terms.allocate(*sizes), pin(Workspace.allocate(*sizes))
+        self.terms, self.work = Terms.allocate(*sizes), pin(Workspace.allocate(*sizes, system.n_states))
         self.equations = Equations.of(system, self.terms)
         workspace = self.workspace = self.work.value if COMPILED else self.work
         workspace.size[:] = system.size
@@ -214,7 +219,7 @@ class DenseFormulation(Formulation):
     @property
     def freedom(self) -> int:
         """In how many ways the constraints let the mechanism move."""
-        return int(self.system.n - self.rank)
+        return int(self.system.n - self.system.n_states - self.rank)
 
     def growth(self) -> NDArray[Any]:
         """As :meth:`solvers.steppers.formulation.Formulation.growth`."""

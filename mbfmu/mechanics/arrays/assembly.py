@@ -27,7 +27,7 @@ from .closing import (
     check_inertia,
     fill_frame_angles,
 )
-from .numbering import shares_coordinates
+from .numbering import shares_coordinates, states_of
 from .rounded import ROUNDED_ADVICE, joint_axes, loop_path, nearly_parallel
 from .rows import MAX_LISTED, dependent_rows, describe, first_of
 
@@ -73,7 +73,8 @@ class Assembly:
 
     def start_velocities(self) -> Array:
         """Return the first free velocities (n,) as given to the builder."""
-        return _gathered(self._mechanism, "rate", "nv", None)
+        states = [state.start for _, state in states_of(self._mechanism)]
+        return np.concatenate((_gathered(self._mechanism, "rate", "nv", None), states))
 
     def held(self) -> NDArray[np.bool_]:
         """Return which free velocity coordinates (n,) must be left as they are."""
@@ -85,7 +86,10 @@ class Assembly:
         return np.array(
             [
                 np.concatenate(
-                    [np.zeros(0, bool), *(np.full(b.joint.nv, getattr(b.joint, what) is not None) for b in bodies)]
+                    [
+                        *(np.full(b.joint.nv, getattr(b.joint, what) is not None) for b in bodies),
+                        np.zeros(self._system.n_states, bool),
+                    ]
                 )
                 for what in ("start", "rate")
             ]
@@ -110,8 +114,8 @@ class Assembly:
 
         q (nq,) and v (n,) are assembled; the tolerance is relative, in units of the coordinates.
         """
-        size, found = self._system.size, []
-        fastest = float(np.abs(v / size).max(initial=0.0))
+        size, found, moving = self._system.size, [], self._system.n - self._system.n_states
+        fastest = float(np.abs(v / size)[:moving].max(initial=0.0))
         first, first_v = self.start_positions(), self.start_velocities()
         at, at_v = 0, 0
         for body in free_bodies(self._mechanism):
@@ -188,7 +192,7 @@ class Assembly:
         if not s.m or not s.n or driven:
             return []
         rows = "1 constraint equation leaves" if s.m == 1 else f"{s.m} constraint equations leave"
-        text = f"the mechanism cannot move: {rows} no degree of freedom of its {s.n} joint coordinates"
+        text = f"the mechanism cannot move: {rows} no degree of freedom of its {s.n - s.n_states} joint coordinates"
         if locked:
             remedy = ". ".join((locked[0].remedy, *(other.message for other in locked[1:])))
             return [replace(locked[0], text=f"{text}: {locked[0].text}", remedy=remedy)]
@@ -213,7 +217,7 @@ class Assembly:
         """
         s = self._system
         best, random, fewest = q, np.random.default_rng(1), len(self.find_redundant(t, q))
-        for moved in random.permutation(s.n)[:4]:
+        for moved in random.permutation(s.n - s.n_states)[:4]:
             near = q.copy()
             s.apply(near, s.size * random.uniform(0.02, 0.05, s.n) * random.choice((-1.0, 1.0), s.n))
             try:
@@ -266,7 +270,8 @@ def start_positions(mechanism: Mechanism) -> Array:
 def held_coordinates(mechanism: Mechanism) -> NDArray[np.bool_]:
     """Return which free velocity coordinates (n,) must be left as they are."""
     parts = [np.full(body.joint.nv, body.joint.fixed) for body in free_bodies(mechanism)]
-    return np.concatenate([np.zeros(0, bool), *parts])
+    states = np.zeros(len(list(states_of(mechanism))), bool)
+    return np.concatenate([*parts, states])
 
 
 def _gathered(mechanism: Mechanism, attribute: str, count: str, default: str | None) -> Array:

@@ -76,7 +76,7 @@ def _check_guard(use: KernelUse, own: CalledKernel, scratch: NDArray[np.uint8], 
 def _by_words(own: CalledKernel, arrays: Arrays, state: State) -> tuple[Any, ...]:
     """Return what a kernel of a part is called with."""
     known = {word: records(1, dtype)[0] for word, dtype in own.words}
-    known |= {"time": 0.0, "arrays": pin(arrays), "state": pin(state)}
+    known |= {"time": 0.0, "arrays": pin(arrays), "state": pin(state), "lam": np.zeros(len(arrays.kept))}
     return tuple(known[word] for word in own.signature.partition(" -> ")[0].split(", "))
 
 

@@ -71,7 +71,10 @@ class CompiledElements:
                 (c.coupling, CompiledAttachment(f"coupling {c.name!r}", (c.a, c.b), numbering, known))
                 for c in mechanism.couplings
             ),
-            *((a.load, CompiledAttachment(a.what, a.bodies, numbering, known)) for a in loads),
+            *(
+                (a.load, CompiledAttachment(a.what, a.bodies, numbering, known, first))
+                for a, first in zip(loads, numbering.first_states, strict=True)
+            ),
             *(
                 (sensor, CompiledAttachment("a sensor", observed_sensors(sensor), numbering, known))
                 for sensor in self.sensors
@@ -85,7 +88,8 @@ class CompiledElements:
             filled.append(filled_record(*sites[-1]))
         self.ends = np.append(self.ends, len(sites))
         for part in numbering.parts:
-            sites.append((part, CompiledAttachment(f"part {type(part).__name__}", (), numbering, {})))
+            bodies = observed_sensors(part) if isinstance(part, Sensor) else ()
+            sites.append((part, CompiledAttachment(f"part {type(part).__name__}", bodies, numbering, {})))
             filled.append(filled_record(*sites[-1]))
         self.used = [place.used for _, place in sites]
         self._tables = tables = Tables([item for item, _ in sites], filled)
@@ -93,7 +97,7 @@ class CompiledElements:
             np.column_stack((MAX_KERNELS * np.array(tables.kinds), tables.places)), self.ends
         )
         world = WorldRecord.zeros(1)
-        world["gravity"] = mechanism.gravity
+        world["gravity"], world["states"] = mechanism.gravity, len(numbering.states)
         bodies, (closing, rows) = body_records(mechanism, numbering, joints), cut_records(mechanism, cuts)
         flexibles, nodes = flexible_records(mechanism, numbering)
         world["drives"] = np.any(bodies["drive"] >= 0)

@@ -213,7 +213,7 @@ class CompiledMechanism:
         """Return the order of magnitude of quantities with this unit: by the heaviest body, the length and the rate."""
         exponents, factor = read_unit(unit)
         mass = float(self.data.arrays.bodies["mass"].max()) or 1.0
-        sizes = {"kg": mass, "m": self.length, "s": 1.0 / (self.system.rate or 1.0), "rad": 1.0}
+        sizes = {"kg": mass, "m": self.length, "s": 1.0 / (self.system.rate or 1.0), "rad": 1.0, "A": 1.0}
         size = prod(sizes[base] ** n for base, n in exponents.items()) / factor
         return 10.0 ** round(log10(size))
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,8 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import signal_of
 from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.kind import ElementType, check_element_type, check_field_names
+from mbfmu.mechanics.loads.base import FirstOrderState
+from mbfmu.mechanics.loads.state_equation import StateEquation
 from mbfmu.mechanics.signals import Input, Signal, SpeedInput
 from mbfmu.mechanics.signals.followed import Followed
 from mbfmu.util.errors import UserError
@@ -44,7 +48,19 @@ class Slot:
 
 
 class Numbering:
-    """Offsets of every joint in the full and the free coordinates; signals in the order they are met."""
+    """Offsets of every joint in the full and the free coordinates; signals in the order they are met.
+
+    First-order states follow all velocities in both.
+
+    Attributes
+    ----------
+    states
+        First-order states with their full names, in the order of their numbers.
+    state_places
+        Their places in State.v, by full name.
+    first_states
+        Place of the first state of every load.
+    """
 
     def __init__(self, mechanism: Mechanism, given_inputs: GivenInputs | None = None) -> None:
         self._given_inputs = given_inputs
@@ -74,6 +90,15 @@ class Numbering:
             if shares_coordinates(body):
                 self.s[body.index] = self.subspaces
                 self.subspaces += body.joint.nv
+        self.states = list(states_of(mechanism))
+        for name, _ in self.states:
+            if name in self.coordinate_names:
+                raise UserError(f"state {name!r} has the name of a joint coordinate; use another name")
+        self.state_places = {name: self.nv_full + k for k, (name, _) in enumerate(self.states)}
+        self.first_states = first_states(mechanism, self.nv_full)
+        self.nv_full += len(self.states)
+        self.nv += len(self.states)
+        self.coordinate_names += [name for name, _ in self.states]
 
     def _count(self, body: Body) -> None:
         joint = body.joint
@@ -159,11 +184,34 @@ def shares_coordinates(body: Body) -> bool:
     return isinstance(body.joint, Section) and body.joint.frame is not None
 
 
+def states_of(mechanism: Mechanism) -> Iterator[tuple[str, FirstOrderState]]:
+    """Yield the first-order states of all loads in the order of their numbers, with their full names; UserError for
+    names that are used twice.
+    """
+    used: set[str] = set()
+    for acting in mechanism.loads():
+        alone = isinstance(acting.load, StateEquation)
+        for state in acting.load.states:
+            name = state.name if alone else f"{acting.name or acting.place}.{state.name}"
+            if name in used:
+                raise UserError(f"two first-order states are named {name!r}; use another name for one of them")
+            used.add(name)
+            yield name, state
+
+
+def first_states(mechanism: Mechanism, first: int) -> list[int]:
+    """Return for every load where its first state is in State.v, from ``first`` on."""
+    counts = [len(acting.load.states) for acting in mechanism.loads()]
+    return list(accumulate(counts, initial=first))[: len(counts)]
+
+
 class CompiledAttachment:
     """Where something of a kind is in a mechanism, see :class:`mbfmu.mechanics.kind.Attachment`."""
 
-    def __init__(self, name: str, bodies: tuple[Body, ...], numbering: Numbering, known: dict[str, int]) -> None:
-        self.name, self.bodies = name, tuple(body.index for body in bodies)
+    def __init__(
+        self, name: str, bodies: tuple[Body, ...], numbering: Numbering, known: dict[str, int], first_state: int = 0
+    ) -> None:
+        self.name, self.bodies, self.first_state = name, tuple(body.index for body in bodies), first_state
         self._numbering, self._known = numbering, known
         first = self.bodies[0] if bodies else 0
         self.q, self.v, self.used = numbering.q[first], numbering.v[first], list[int]()
@@ -174,6 +222,10 @@ class CompiledAttachment:
             self._known[what] = self._numbering.signal(value, what)
         self.used.append(self._known[what])
         return self._known[what]
+
+    def state_place(self, state: Any) -> int:
+        """Return where a first-order state is in State.v."""
+        return self._numbering.state_places[state.name]
 
     def part(self, part: ElementType) -> int:
         """Number a part, each object once."""

@@ -27,8 +27,16 @@ from mbfmu.mechanics.recursions.dynamics import (
 from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
 from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import pin
-from solvers.positions import Positions
-from solvers.system import AnySystem, Array, ComplexStepSystem, EliminationEquations, System, TreeSystem
+from solvers.positions import Positions, place_states
+from solvers.system import (
+    MAX_SOLVER_DENSE_COORDINATES,
+    AnySystem,
+    Array,
+    ComplexStepSystem,
+    EliminationEquations,
+    System,
+    TreeSystem,
+)
 
 from .assembly import free_bodies
 from .compile import CompiledElements
@@ -66,10 +74,22 @@ class Systems:
     ) -> None:
         self._mechanism, self._numbering, self._elements = mechanism, numbering, elements
         self._drives, self._length, self._arrays = drives, length, elements.data.arrays
-        self._size = coordinate_sizes(free_bodies(mechanism), length)
+        nominal = [state.nominal for _, state in numbering.states]
+        self._size = np.concatenate((coordinate_sizes(free_bodies(mechanism), length), nominal))
         self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
         limit = MAX_DENSE_LOOP_COORDINATES if mechanism.constraints else MAX_DENSE_TREE_COORDINATES
-        self._large = not mechanism.flexible_bodies and numbering.nv > limit  # the structured tangent has no modes
+        # the recursions of large models have neither modes nor first-order states
+        self._large = not mechanism.flexible_bodies and not numbering.states and numbering.nv > limit
+        if numbering.states and mechanism.meshes:
+            raise UserError(
+                f"the mechanism has state {numbering.states[0][0]!r} and a mesh, such as a sheet; allowed: first-order "
+                "states in mechanisms without meshes. Remove one of the two"
+            )
+        if numbering.states and numbering.nv > MAX_SOLVER_DENSE_COORDINATES:
+            raise UserError(
+                f"the mechanism has state {numbering.states[0][0]!r} and {numbering.nv} coordinates and states; allowed "
+                f"with first-order states: at most {MAX_SOLVER_DENSE_COORDINATES}. Use fewer bodies"
+            )
 
     def make(self, constraint_names: list[str]) -> AnySystem:
         """Return the system with the rows that are kept today, by their names."""
@@ -137,7 +157,8 @@ class Systems:
             if record["quaternion"]:
                 quaternions.append((int(record["qf"]) + plain, int(record["vf"]) + plain))
         in_q, in_v = np.ascontiguousarray(np.array(places, np.int64).reshape(-1, 2).T)
-        return Positions(in_q, in_v, np.array(quaternions, np.int64).reshape(-1, 2))
+        states = place_states(self._numbering.nv, len(self._numbering.states))
+        return Positions(in_q, in_v, np.array(quaternions, np.int64).reshape(-1, 2), states)
 
     def _complex_step(self) -> ComplexStepSystem:
         """Return the recursions on complex numbers with the arrays, which may change later."""
@@ -187,6 +208,7 @@ class Systems:
         return {
             "nq": self._numbering.nq,
             "n": self._numbering.nv,
+            "n_states": len(self._numbering.states),
             "m": len(constraint_names),
             "data": data,
             "size": self._size,
@@ -205,8 +227,11 @@ class Systems:
 
     @property
     def _can_eliminate(self) -> bool:
-        """Whether constraints can be eliminated along the tree: there are some, and no elastic bodies."""
-        return bool(self._mechanism.constraints) and not self._mechanism.flexible_bodies
+        """Whether constraints can be eliminated along the tree: there are some, and neither elastic bodies nor
+        first-order states.
+        """
+        plain = not self._mechanism.flexible_bodies and not self._numbering.states
+        return bool(self._mechanism.constraints) and plain
 
     def _eliminate(self) -> EliminationEquations:
         """Return the equations with the constraints that are kept today eliminated."""

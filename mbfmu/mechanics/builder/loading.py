@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.loads import Force, Load, Pressure
+from mbfmu.mechanics.sensors import Sensor
 from mbfmu.util.errors import UserError
 
 from .bodies import UNPLACED, Body
 from .graph import Graph
-from .handles import ForceHandle
+from .handles import CouplingHandle, CutHandle, ForceHandle
 from .joint_handle import JointHandle
 
 MAX_COMPANION_LEVELS = 10  # of loads that come with loads
@@ -28,7 +29,7 @@ class Acting(NamedTuple):
     @property
     def place(self) -> str:
         """What messages call it, and its first body: elements of a mesh have no names."""
-        return f"{self.what} at {self.bodies[0].name}"
+        return f"{self.what} at {self.bodies[0].name}" if self.bodies else self.what
 
     @property
     def tied(self) -> tuple[Body, ...]:
@@ -47,6 +48,7 @@ class Loading(Graph):
         self._other_companions: list[Acting] = []
         self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
         self.others: list[Acting] = []  # loads, by their name
+        self.state_equations: list[Acting] = []  # of states that users define
 
     def force(self, name: str, force: Force, a: Body | JointHandle, b: Body | None = None) -> ForceHandle:
         """Add a force on body a (and b); joint forces act on the tree joint of a, or on joint a.
@@ -87,6 +89,7 @@ class Loading(Graph):
         if not force.on_joint and a is other:
             raise UserError(f"force {name!r} acts between body {a.name!r} and itself; it needs two bodies")
         force.check(f"force {name!r}")
+        self._check_quantities(f"force {name!r}", getattr(force, "uses", {}))
         self.forces.append((name, force, a, other))
         return ForceHandle(name, len(self.forces) - 1, force, a, other)
 
@@ -175,12 +178,41 @@ class Loading(Graph):
             self._other_companions += self._companions(acting)
         return len(self.others) - len(loads)
 
+    def _check_quantities(self, what: str, uses: Mapping[str, Any]) -> None:
+        """Raise UserError for sensors and states in a law that are not of this mechanism."""
+        for name, source in uses.items():
+            if isinstance(source, Sensor):
+                self._check_sensor(f"{name!r} in the law of {what}", source)
+            elif getattr(source, "mechanism", self) is not self:
+                raise UserError(
+                    f"{name!r} in the law of {what} is {source.name!r} of another mechanism; use one of this mechanism"
+                )
+
+    def _check_sensor(self, what: str, sensor: Sensor) -> None:
+        """Raise UserError for a sensor that is not one of this mechanism; ``what`` is text such as "output 'x'"."""
+        for body in sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ()):
+            self._coordinate_owner(body, f"body of {what}")
+        if isinstance(sensor.item, JointHandle) and not any(sensor.item is joint for joint in self.joints):
+            raise UserError(
+                f"{what} is of joint {sensor.item.name!r}, which is not one of this mechanism; use its own"
+            )
+        if isinstance(sensor.item, CutHandle | CouplingHandle) and not any(
+            sensor.item is c for c in (*self.cuts, *self.couplings)
+        ):
+            raise UserError(
+                f"{what} is of {sensor.item.name!r}, which is not a constraint of this mechanism; use its own"
+            )
+        if getattr(sensor.item, "mechanism", self) is not self:
+            raise UserError(
+                f"{what} is of {sensor.item.name!r}, which is of another mechanism; use one of this mechanism"
+            )
+
     def _loads_named(self) -> list[str]:
         return [*(f[0] for f in self.forces), *(a.name for a in self.others)]
 
     def loads(self) -> Iterator[Acting]:
         """Yield the loads: forces, elements and what comes with them, pressures, what comes with other loads, other
-        loads.
+        loads, equations of states.
         """
         for name, force, a, b in self.forces:
             yield Acting(f"force {name!r}", force, (a, b))
@@ -191,6 +223,7 @@ class Loading(Graph):
                 yield Acting(f"pressure {name!r}", pressure, face)
         yield from self._other_companions
         yield from self.others
+        yield from self.state_equations
 
     @property
     def first_other(self) -> int:

@@ -39,14 +39,14 @@ from .bodies import UNPLACED, Body, FlexibleBody, coordinate_of
 from .graph import check_joint
 from .handles import CouplingHandle, CutHandle, ForceHandle, Mesh
 from .joint_handle import JointHandle
-from .loading import Loading
 from .measurements import Measurements
+from .states import States
 
 # Numbers of five digits: 1.5708 for a right angle is off by 3.7e-6 rad, and a loop has several.
 ASSEMBLY_TOLERANCE, MAX_ASSEMBLY_TOLERANCE = 2e-5, 1e-2
 
 
-class Mechanism(Appearance, Loading, Measurements):
+class Mechanism(Appearance, States, Measurements):
     """Mechanism: bodies connected by tree joints from the ground, loop-closing (cut) joints, forces and drives.
 
     Parameters
@@ -308,20 +308,7 @@ class Mechanism(Appearance, Loading, Measurements):
         check_element_type(f"output {name!r}", sensor, Sensor)
         if not isinstance(description, str):
             raise UserError(f"description of output {name!r} is {description!r}; allowed: text")
-        for body in sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ()):
-            self._coordinate_owner(body, f"body of output {name!r}")
-        if isinstance(sensor.item, JointHandle) and not any(sensor.item is joint for joint in self.joints):
-            raise UserError(
-                f"output {name!r} is of joint {sensor.item.name!r}, which is not one of this mechanism; use its own"
-            )
-        if isinstance(sensor.item, CutHandle | CouplingHandle) and not any(sensor.item is c for c in self.constraints):
-            raise UserError(
-                f"output {name!r} is of {sensor.item.name!r}, which is not a constraint of this mechanism; use its own"
-            )
-        if getattr(sensor.item, "mechanism", self) is not self:
-            raise UserError(
-                f"output {name!r} is of {sensor.item.name!r}, which is of another mechanism; use one of this mechanism"
-            )
+        self._check_sensor(f"output {name!r}", sensor)
         if isinstance(sensor.item, ForceHandle) and not self._has(sensor.item):
             raise UserError(
                 f"output {name!r} is of force {sensor.item.name!r}, which is not one of this mechanism; use its own"

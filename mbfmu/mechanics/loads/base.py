@@ -3,7 +3,8 @@
 Its kernels:
 
     apply(load, t, arrays, state)            adds wrenches to ``state.bodies[i].F`` (about the body's origin, global
-                                             axes), or forces along coordinates to ``state.Q``
+                                             axes), or forces along coordinates to ``state.Q``, and the rates of its
+                                             first-order states, see :attr:`Load.states`
     potential(load, arrays, state)           returns the energy it stores, J; None: it stores none
     power(load, t, arrays, state)            returns the power in W of what has no potential: dampers take it, given
                                              forces bring it; None: all it does is in its potential
@@ -49,6 +50,28 @@ MAX_ACCURATE_RATIO = 1.0
 MAX_VALID_RATIO = 2.0
 MAX_MISPLACEMENT = 1.0  # of a ``misplacement``: beyond it the mechanism is refused
 FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirstOrderState:
+    """A quantity z with z' = g(t, q, v, z) that a load computes.
+
+    Parameters
+    ----------
+    name
+        Name, unique among the states of the mechanism; of several states of one load, among these.
+    unit
+        Unit of z in the notation of FMI, such as ``"A"`` or ``"rad"``; ``"1"``: none.
+    start
+        Value of z at the start of a run.
+    nominal
+        Typical size of z, greater than zero: the absolute tolerance of z is the tolerance of the solver times it.
+    """
+
+    name: str
+    unit: str = "1"
+    start: float = 0.0
+    nominal: float = 1.0
 
 
 @kernel
@@ -132,6 +155,14 @@ class Load(ElementType):
     def slip_scale(self) -> float:
         """Slip at which its friction turns over, m/s; infinite: it has none."""
         return np.inf
+
+    @property
+    def states(self) -> tuple[FirstOrderState, ...]:
+        """First-order states that it has. Their values are in ``State.v`` from ``site.first_state`` on, see
+        :class:`mbfmu.mechanics.kind.Attachment`; ``apply`` adds their rates to ``State.Q`` there. A load of several
+        names each of them, and its own name comes before in the mechanism.
+        """
+        return ()
 
     def companions(self) -> tuple[Load, ...]:
         """Return loads that come with it, on the same bodies."""

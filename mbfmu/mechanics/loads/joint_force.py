@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from mbfmu.mechanics import law
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
+from mbfmu.mechanics.quantities import MAX_QUANTITIES, POSITION, TIME, VELOCITY, QuantityLaw
 from solvers.compiled.kernel import jit_uncached, kernel
-from solvers.compiled.record import Record, i8
+from solvers.compiled.record import Integers, Record, i8
 
 from .base import Force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
+
+
+OWN_QUANTITIES = {"t": TIME, "q": POSITION, "v": VELOCITY}  # names in a law of a force
 
 
 class JointForceRecord(Record):
@@ -24,6 +29,14 @@ class JointForceRecord(Record):
     q: i8
     v: i8
     signal: i8
+
+
+class JointLawRecord(Record):
+    """Parameters of :class:`JointForce` whose magnitude is a law of other quantities."""
+
+    q: i8
+    v: i8
+    places: Annotated[Integers, (MAX_QUANTITIES,)]  # of the arguments, see mbfmu.mechanics.quantities
 
 
 @kernel
@@ -52,6 +65,19 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
     return jit_uncached(apply), jit_uncached(power)
 
 
+@cache
+def kernels_of_law(value: Any) -> tuple[Any, Any]:
+    """Return ``apply`` and ``power`` of a force that the kernel ``value`` computes."""
+
+    def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+        state.Q[force.v] += value(force, t, arrays, state)
+
+    def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
+        return value(force, t, arrays, state) * state.v[force.v]
+
+    return jit_uncached(apply), jit_uncached(power)
+
+
 @dataclass(frozen=True)
 class JointForce(Force):
     """Torque (N m) or force (N) on a joint coordinate.
@@ -60,7 +86,11 @@ class JointForce(Force):
     ----------
     magnitude
         Number, signal or input; function or expression of the time t (s), or of t, the coordinate q (rad or m)
-        and its rate v: ``lambda t, q, v: -3.0 * v * abs(v)`` or ``"-3 * v * abs(v)"``.
+        and its rate v: ``lambda t, q, v: -3.0 * v * abs(v)`` or ``"-3 * v * abs(v)"``. With ``uses`` also of the
+        names there, in any order: ``"gain * (target - q) + control"``.
+    uses
+        Other quantities in a function or expression, by their names: numbers, signals, inputs, states
+        (:meth:`.Mechanism.state`), and sensors of positions and velocities.
     """
 
     record = JointForceRecord
@@ -69,10 +99,17 @@ class JointForce(Force):
     power = power
 
     magnitude: Any
+    uses: Mapping[str, Any] = field(default_factory=dict, kw_only=True, hash=False)
 
     def __post_init__(self) -> None:
         """Compile a function of the coordinate."""
-        if self._is_law():
+        if self.uses:
+            law_of_all = QuantityLaw("magnitude of a JointForce", self.magnitude, OWN_QUANTITIES, self.uses)
+            object.__setattr__(self, "_law", law_of_all)
+            object.__setattr__(self, "record", JointLawRecord)
+            for name, function in zip(("apply", "power"), kernels_of_law(law_of_all.value_kernel()), strict=True):
+                object.__setattr__(self, name, function)
+        elif self._is_law():
             f = law.law_of("magnitude of a JointForce", self.magnitude, ("t", "q", "v"))
             for name, function in zip(("apply", "power"), kernels_of(f), strict=True):
                 object.__setattr__(self, name, function)
@@ -86,5 +123,8 @@ class JointForce(Force):
     def fill(self, record: Any, site: Attachment) -> None:
         """Write its coordinate and its signal."""
         record["q"], record["v"] = site.q, site.v
-        if not self._is_law():
+        if self.uses:
+            law_of_all: QuantityLaw = vars(self)["_law"]
+            law_of_all.fill(record, site, {"q": site.q, "v": site.v})
+        elif not self._is_law():
             record["signal"] = site.signal(self.magnitude, f"magnitude of {site.name}")

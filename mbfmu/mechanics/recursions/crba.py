@@ -99,6 +99,8 @@ def mass_matrix(arrays: Arrays, state: State, M: Reals) -> None:
     The amplitudes of an elastic body get its inertia first, then that of the bodies on each of its sections.
     """
     f = state.wrench
+    for k in range(M.shape[0] - arrays.world[0].states, M.shape[0]):
+        M[k, k] = 1.0  # of a first-order state
     for e in range(arrays.flexibles.shape[0]):
         elastic = arrays.flexibles[e]
         first = arrays.bodies[elastic.body].vf

@@ -74,6 +74,9 @@ def gather_free(values: Reals, arrays: Arrays, out: Reals) -> None:
         if body.vf >= 0:
             for k in range(body.nv):
                 out[body.vf + k] = values[body.vi + k]
+    states = arrays.world[0].states
+    for k in range(states):
+        out[out.shape[0] - states + k] = values[values.shape[0] - states + k]
 
 
 @inlined
@@ -225,6 +228,9 @@ def scatter_free(a: Reals, arrays: Arrays, state: State) -> None:
         if body.vf >= 0:
             for k in range(body.nv):
                 state.a[body.vi + k] = a[body.vf + k]
+    states = arrays.world[0].states
+    for k in range(states):
+        state.a[state.a.shape[0] - states + k] = a[a.shape[0] - states + k]
 
 
 @kernel

@@ -93,7 +93,7 @@ def generalized_momenta(arrays: Arrays, state: State) -> float:
             x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
             add_wrench(parent.W, x, y, z, here.W)
     total = 0.0
-    for k in range(state.tau.shape[0]):
+    for k in range(state.tau.shape[0] - arrays.world[0].states):
         total += 0.5 * state.tau[k] * state.v[k]
     return total
 

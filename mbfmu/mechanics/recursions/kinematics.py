@@ -28,9 +28,13 @@ if TYPE_CHECKING:
 
 @inlined
 def scatter_coordinates(t: float, q: Reals, v: Reals, arrays: Arrays, state: State) -> None:
-    """Fill State.q, v, a from the solver's free coordinates and the drives; free accelerations become zero, and the
-    forces along all coordinates.
+    """Fill State.q, v, a from the solver's free coordinates, first-order states and the drives; free accelerations
+    become zero, and the forces along all coordinates, which are the rates z' of states.
     """
+    states = arrays.world[0].states
+    for k in range(states):
+        i = state.v.shape[0] - states + k
+        state.v[i], state.a[i], state.Q[i] = v[v.shape[0] - states + k], 0.0, 0.0
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         if body.drive >= 0:

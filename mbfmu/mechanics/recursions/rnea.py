@@ -67,6 +67,8 @@ def inverse_dynamics(arrays: Arrays, state: State) -> None:
             parent = state.bodies[body.parent]
             x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
             add_wrench(parent.W, x, y, z, here.W)
+    for k in range(state.tau.shape[0] - arrays.world[0].states, state.tau.shape[0]):
+        state.tau[k] = state.a[k] - state.Q[k]  # z' less the rates of all elements
 
 
 @kernel

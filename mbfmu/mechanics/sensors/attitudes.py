@@ -58,6 +58,7 @@ class Quaternion(Sensor):
 
     unit: str = "1"
     read = quaternion
+    is_kinematic = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +68,7 @@ class DirectionCosine(Sensor):
     record = DirectionCosineRecord
     unit: str = "1"
     read = cosine
+    is_kinematic = True
 
     axis: int = 0
 
@@ -77,3 +79,4 @@ class AngularVelocity(Sensor):
 
     unit: str = "rad/s"
     read = angular_velocity
+    is_kinematic = True

@@ -55,6 +55,7 @@ class Sensor(ElementType):
     kernels: ClassVar = {"read": "lam, arrays, state -> number"}
     read: ClassVar[Any]
     follows: ClassVar[Follows] = Follows.MOTION
+    is_kinematic: ClassVar[bool] = False  # positions, velocities and states alone determine it: laws may use it
     reads_energy: ClassVar[bool] = False  # State.energy, which costs a pass over all bodies and loads
     record: ClassVar[RecordType] = QuantityRecord
 

@@ -62,6 +62,7 @@ class Coordinate(Sensor):
     """Position of a joint."""
 
     read = position
+    is_kinematic = True
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write where it is in State.q."""
@@ -73,6 +74,7 @@ class Rate(Sensor):
     """Velocity of a joint."""
 
     read = velocity
+    is_kinematic = True
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write where it is in State.v."""
@@ -84,6 +86,7 @@ class Acceleration(Rate):
     """Acceleration of a joint."""
 
     read = acceleration
+    is_kinematic = False
     follows = Follows.LOADS
 
 
@@ -92,6 +95,7 @@ class Effort(Rate):
     """Force or torque of a driven joint."""
 
     read = effort
+    is_kinematic = False
     follows = Follows.FORCES
 
 
@@ -100,3 +104,4 @@ class Turn(Sensor):
     """Angle of a body connected to the ground by parallel revolutes and sections, with full turns, or its rate."""
 
     read = turn
+    is_kinematic = True

@@ -77,6 +77,7 @@ class Distance(Sensor):
 
     record = DistanceRecord
     read = distance
+    is_kinematic = True
 
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
@@ -92,6 +93,7 @@ class DistanceRate(Distance):
     """Its rate."""
 
     read = distance_rate
+    is_kinematic = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +102,7 @@ class AngleBetween(Distance):
 
     unit: str = "rad"
     read = angle
+    is_kinematic = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +110,7 @@ class RelativePosition(Distance):
     """Component of the way from a's point to b's along an axis of a."""
 
     read = relative_position
+    is_kinematic = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,3 +118,4 @@ class RelativeVelocity(Distance):
     """Its rate: the velocity of b's point relative to body a."""
 
     read = relative_velocity
+    is_kinematic = True

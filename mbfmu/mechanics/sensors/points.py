@@ -52,6 +52,7 @@ class PointPosition(Sensor):
 
     record = PointPositionRecord
     read = position
+    is_kinematic = True
 
     point: Any = (0.0, 0.0, 0.0)
 
@@ -61,6 +62,7 @@ class PointVelocity(PointPosition):
     """... of its velocity."""
 
     read = velocity
+    is_kinematic = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,4 +70,5 @@ class PointAcceleration(PointPosition):
     """... of its acceleration."""
 
     read = acceleration
+    is_kinematic = False
     follows = Follows.LOADS

@@ -40,6 +40,7 @@ class Deflection(Sensor):
     """Along y of the body's frame, m."""
 
     read = deflection
+    is_kinematic = True
 
 
 @dataclass(frozen=True, kw_only=True)

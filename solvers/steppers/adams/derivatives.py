@@ -8,6 +8,7 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.energy_account import energy_check_scheduled, update_energy_bound
 from solvers.inertia import tolerance_factor, update_growth
 from solvers.outcome import NOT_CLOSED, OK
+from solvers.positions import has_quaternions
 from solvers.projection.lu_partition import (
     evaluate_dependent_acceleration,
     evaluate_dependent_multipliers,
@@ -48,7 +49,7 @@ def set_error_weights(integration: Integration) -> None:
     if settings.partition == LU:
         for j in range(control.rank):
             history.weight[nq + history.columns[j]] = 0.0
-            if nq == n:
+            if not has_quaternions(nq, n, work.states):
                 history.weight[history.columns[j]] = 0.0
 
 
@@ -61,7 +62,7 @@ def evaluate_derivative(integration: Integration, t: float, closing: bool) -> in
     control.evaluations += 1
     if control.regime == LU:
         if settings.partition == LU:
-            restore_dependents(rank, history.columns, history.y, q, v)
+            restore_dependents(rank, history.columns, history.y, q, v, work.states)
         if closing or settings.partition == LU:
             hybrid = settings.partition == HYBRID
             code = project_dependents(eqs, t, q, v, rank, history.rows, history.columns, hybrid, work)

@@ -26,7 +26,7 @@ from solvers.projection.singular import (
     record_accepted,
     store_reference_frame,
 )
-from solvers.projection.workspace import factor
+from solvers.projection.workspace import count_motions, factor
 
 from .formulas import unpack_state
 
@@ -105,9 +105,9 @@ def record_energy_level(energy: float, kinetic: float, control: Any) -> None:
 @inlined
 def kinetic_energy(eqs: Equations, work: Workspace) -> float:
     """Kinetic energy of the state evaluated last, J."""
-    kinetic = 0.0
-    for i in range(work.v.shape[0]):
-        for j in range(work.v.shape[0]):
+    kinetic, moving = 0.0, count_motions(work)
+    for i in range(moving):
+        for j in range(moving):
             kinetic += 0.5 * work.v[i] * eqs.terms.M[i, j] * work.v[j]
     return kinetic
 

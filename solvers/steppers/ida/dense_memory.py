@@ -20,6 +20,7 @@ from solvers.linalg.dense import factor_lu, solve_lu
 from solvers.linalg.svd import decompose
 from solvers.outcome import NOT_FINITE, OK
 from solvers.projection.reported import evaluate_state, project_reported_state
+from solvers.projection.workspace import count_motions
 from solvers.system import Array
 
 from .calls import IDAHandle
@@ -168,11 +169,14 @@ def set_scaling(problem: Integration) -> None:
     unknowns, work, M = problem.memory.unknowns, problem.work, problem.eqs.terms.M
     nq, n, m, rate = problem.q.shape[0], problem.v.shape[0], unknowns.lam.shape[0], problem.work.rate[0]
     inertia = scaled_trace(M, work)
-    energy = (inertia / max(1, n) if inertia != 0.0 else 1.0) * rate**2
+    moving = count_motions(work)
+    energy = (inertia / max(1, moving) if inertia != 0.0 else 1.0) * rate**2
     for i in range(nq):
         unknowns.columns[i], unknowns.rows[i] = work.size_q[i], work.size_q[i] * rate
-    for i in range(n):
+    for i in range(moving):
         unknowns.columns[nq + i], unknowns.rows[nq + i] = work.size[i] * rate, energy / work.size[i]
+    for i in range(moving, n):
+        unknowns.columns[nq + i], unknowns.rows[nq + i] = work.size[i], work.size[i] * rate
     for row in range(m):
         unknowns.columns[nq + n + row], unknowns.columns[nq + n + m + row] = energy, rate
         unknowns.rows[nq + n + row], unknowns.rows[nq + n + m + row] = rate, 1.0
@@ -180,9 +184,9 @@ def set_scaling(problem: Integration) -> None:
 
 @kernel
 def scaled_trace(M: Reals, work: Any) -> float:
-    """Trace of the mass matrix (n, n) in units of the coordinates."""
+    """Trace of the mass matrix (n, n) in units of the coordinates, without first-order states."""
     total = 0.0
-    for i in range(M.shape[0]):
+    for i in range(count_motions(work)):
         total += M[i, i] * work.size[i] * work.size[i]
     return total
 
@@ -201,7 +205,7 @@ def set_regularization(problem: Integration) -> None:
             J[row, i] = terms.J[row, i] * (work.size[i] / work.row[row])
     decompose(J, m, n, unknowns.J_scratch, work.rows, work.T, unknowns.Dlam, unknowns.D)
     square = unknowns.Dlam[0] * unknowns.Dlam[0]
-    share = scaled_trace(terms.M, work) / (n * square)
+    share = scaled_trace(terms.M, work) / (count_motions(work) * square)
     for i in range(n):
         for j in range(n):
             A[i, j] = 0.0

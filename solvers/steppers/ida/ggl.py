@@ -40,7 +40,8 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import factor_lu, solve_lu
-from solvers.projection.workspace import loop_speed
+from solvers.positions import has_quaternions
+from solvers.projection.workspace import count_motions, loop_speed
 from solvers.system import Array
 
 from .loop import JACOBIANS, N_COUNTERS, NONFINITE_RESIDUALS, RESIDUALS
@@ -125,9 +126,9 @@ def evaluate_residual(eqs: Equations, t: float, unknowns: Unknowns, work: Worksp
         unknowns.v[i] = unknowns.y[nq + i]
     correct_rates(eqs, t, unknowns, work)
     eqs.dynamics(t, unknowns.q, unknowns.v, eqs.data, terms)
-    if nq == n:
+    if not has_quaternions(nq, n, work.states):
         correct_velocity(terms, unknowns, work)
-        for i in range(n):
+        for i in range(nq):
             unknowns.qdot[i] = terms.qdot[i] + unknowns.corrected_velocity[i] - unknowns.v[i]
     for i in range(nq):
         res[i] = (
@@ -171,7 +172,7 @@ def correct_velocity(terms: Terms, unknowns: Unknowns, work: Any) -> None:
 @kernel
 def correct_rates(eqs: Equations, t: float, unknowns: Unknowns, work: Any) -> None:
     """Where q holds quaternions: N (v - S J~^T mu) by a second evaluation, and the unit quaternions."""
-    if unknowns.q.shape[0] == unknowns.v.shape[0]:
+    if not has_quaternions(unknowns.q.shape[0], unknowns.v.shape[0], work.states):
         return
     eqs.position(t, unknowns.q, eqs.data, eqs.terms)
     correct_velocity(eqs.terms, unknowns, work)
@@ -259,6 +260,12 @@ def residual(eqs: Any, t: float, y: Reals, yp: Reals, res: Reals, unknowns: Unkn
             return
 
 
+@inlined
+def unit_of_velocity(i: int, work: Any) -> float:
+    """Unit of velocity i: that of its coordinate times the rate of the motion, or the nominal value of a state."""
+    return work.size[i] * work.rate[0] if i < count_motions(work) else work.size[i]
+
+
 @kernel
 def set_up_preconditioner(eqs: Equations, t: float, y: Reals, yp: Reals, unknowns: Unknowns, work: Any) -> None:
     """unknowns.K: differences in q and v, all columns in one call; unknowns.N. The part of y' is known."""
@@ -267,7 +274,7 @@ def set_up_preconditioner(eqs: Equations, t: float, y: Reals, yp: Reals, unknown
     unknowns.counts[JACOBIANS] += 1.0
     evaluate_residual(eqs, t, unknowns, work, unknowns.res)
     for j in range(nq + n):
-        natural = work.size_q[j] if j < nq else work.size[j - nq] * work.rate[0]
+        natural = work.size_q[j] if j < nq else unit_of_velocity(j - nq, work)
         here = unknowns.y[j]
         step = 1.5e-8 * max(natural, abs(here))
         unknowns.y[j] = here + step
@@ -291,7 +298,7 @@ def assemble_matrix(eqs: Equations, unknowns: Unknowns, work: Any, cj: float) ->
     terms, nq = eqs.terms, unknowns.q.shape[0]
     m, n = terms.J.shape
     lam, mu, N = nq + n, nq + n + m, unknowns.y.shape[0]
-    A = unknowns.matrix
+    A, turns = unknowns.matrix, has_quaternions(nq, n, work.states)
     for i in range(N):
         for j in range(N):
             A[i, j] = unknowns.K[i, j] if j < lam else 0.0
@@ -309,10 +316,10 @@ def assemble_matrix(eqs: Equations, unknowns: Unknowns, work: Any, cj: float) ->
             entry = terms.J[row, i] / work.row[row]
             A[nq + i, lam + row] = entry
             A[lam + row, nq + i] = entry
-            if nq == n:
+            if not turns and i < nq:
                 A[i, mu + row] = work.size[i] ** 2 * entry
                 A[mu + row, i] = entry
-            else:
+            elif turns:
                 for k in range(nq):
                     A[k, mu + row] += unknowns.N[k, i] * work.size[i] ** 2 * entry
         for other in range(m):

@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from solvers.compiled.kernel import inlined, kernel, records
 from solvers.energy_account import ACCOUNT_FIELDS
 from solvers.linalg.dense import factor_lu, solve_lu
+from solvers.positions import has_quaternions
 from solvers.system import Array
 
 if TYPE_CHECKING:
-    from solvers.compiled.record import Reals
+    from solvers.compiled.record import Integers, Reals
 
 N_STAGES = 3
 R6 = np.sqrt(6.0)
@@ -154,9 +155,10 @@ def correct_stages(h: float, memory: Any, size: Any) -> float:
 
 
 @kernel
-def estimate_error(h: float, memory: Any, size: Any) -> float:
+def estimate_error(h: float, memory: Any, size: Any, states: Integers) -> float:
     """The error of the step from ``memory.Z``, in tolerances; that of quaternions is not filtered."""
     nq, n = memory.q.shape[0], memory.v.shape[0]
+    turns = has_quaternions(nq, n, states)
     for i in range(n):
         memory.e_q[i], memory.e_v[i] = memory.v0[i], memory.a0[i]
         for s in range(N_STAGES):
@@ -173,9 +175,9 @@ def estimate_error(h: float, memory: Any, size: Any) -> float:
         memory.e_v[i] = size[i] * memory.x1[i]
         memory.e_q[i] = (h / REAL_EIGENVALUE) * (memory.e_q[i] + memory.e_v[i])
         square += (memory.e_v[i] / memory.tol_v[i]) ** 2
-        if nq == n:
+        if i < nq and not turns:
             square += (memory.e_q[i] / memory.tol_q[i]) ** 2
-    if nq != n:
+    if turns:
         for i in range(nq):
             slope = memory.qdot0[i]
             for s in range(N_STAGES):
@@ -237,7 +239,7 @@ def quintic(x: float) -> float:
 
 
 @kernel
-def interpolate(t: float, memory: Memory, q: Reals, v: Reals) -> float:
+def interpolate(t: float, memory: Memory, states: Integers, q: Reals, v: Reals) -> float:
     """State (q, v) at t in the last step, and W, J: of order 5, as the ends of steps are.
 
     The error of the cubic through the stages is O(h^4) between the ends. To first order that error is a multiple of
@@ -253,7 +255,7 @@ def interpolate(t: float, memory: Memory, q: Reals, v: Reals) -> float:
         rates = memory.qdot0[i], memory.N[0, i], memory.N[1, i], memory.N[2, i]
         rest = memory.q[i] - memory.q0[i] - integrate_cubic(1.0, h, *rates)
         q[i] = memory.q0[i] + integrate_cubic(x, h, *rates) + fraction * rest
-    if q.shape[0] == v.shape[0]:
+    if not has_quaternions(q.shape[0], v.shape[0], states):
         for i in range(q.shape[0]):
             q[i] += h * REAL_EIGENVALUE * memory.e_v[i] * quintic(x)
     for i in range(v.shape[0]):

@@ -207,7 +207,7 @@ def take_step(integration: Integration, target: float) -> int:
             code = solve_stages(eqs, h, control, settings, memory, work)
         if code == OK:
             store_step_start(memory)
-            error = estimate_error(h, memory, work.size)
+            error = estimate_error(h, memory, work.size, work.states)
             corner = has_corner(control, h, error)
             largest = min(1.0, settings.motion_rtol / (control.inertia_factor * settings.rtol)) if corner else 1.0
             is_accurate = error <= largest
@@ -310,7 +310,7 @@ def report(integration: Integration, code: int, target: float, q: Reals, v: Real
     done = memory.work[0]
     if code == OK:
         if target < control.t:
-            done = interpolate(target, memory, q, v)
+            done = interpolate(target, memory, work.states, q, v)
         code = project(eqs, target, q, v, control.rank, work)
         if code != OK:
             copy_last_state(memory, q, v)

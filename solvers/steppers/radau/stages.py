@@ -9,8 +9,9 @@ import numpy as np
 from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import pivot_ratio
 from solvers.outcome import COLLAPSED, NOT_FINITE, OK
+from solvers.positions import has_quaternions
 from solvers.projection.projection import evaluate_acceleration, evaluate_multipliers, project
-from solvers.projection.workspace import evaluate_and_factor
+from solvers.projection.workspace import count_motions, evaluate_and_factor
 
 from .formulas import N_STAGES, NODES, A, correct_stages, extrapolate
 
@@ -79,7 +80,7 @@ def difference_accelerations(eqs: Equations, control: Any, memory: Memory, work:
             memory.e_v[j] = STAGE_DIFFERENCE_STEP * work.size[j]
             eqs.retract(work.q, memory.e_v, eqs.data)
         else:
-            apart = STAGE_DIFFERENCE_STEP * work.rate[0]
+            apart *= work.rate[0] if j < count_motions(work) else 1.0
             work.v[j] += apart * work.size[j]
         if evaluate_stage_acceleration(eqs, control.t, control, work, memory.e_v) != OK:
             return
@@ -102,8 +103,8 @@ def update_stage_positions(eqs: Equations, h: float, control: Any, memory: Memor
     """
     nq, n = memory.q.shape[0], memory.v.shape[0]
     for s in range(N_STAGES):
-        if nq == n:
-            for i in range(n):
+        if not has_quaternions(nq, n, work.states):
+            for i in range(nq):
                 memory.N[s, i] = memory.v[i] + memory.Z[s, i]
         else:
             for i in range(n):
