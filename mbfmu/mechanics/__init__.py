@@ -12,6 +12,7 @@ from .builder.handles import CouplingHandle, CutHandle, ForceHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.joint_handle import JointHandle
 from .builder.mechanism import Mechanism
+from .builder.states import StateHandle
 from .couplings import Cam, Coupling, Gear
 from .cuts import (
     CutJoint,
@@ -53,7 +54,7 @@ from .loads import (
     Torque,
     TorsionSpring,
 )
-from .loads.base import MAX_ACCURATE_RATIO, MAX_VALID_RATIO, limit_ratio
+from .loads.base import MAX_ACCURATE_RATIO, MAX_VALID_RATIO, FirstOrderState, limit_ratio
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Panel, Sphere
 from .signals import Function, Harmonic, Input, Polynomial, Product, Ramp, RunUp, Signal, SpeedInput, Step, Sum, Table
@@ -79,6 +80,7 @@ __all__ = [
     "CylindricalCutJoint",
     "DistanceCutJoint",
     "DistanceStop",
+    "FirstOrderState",
     "FlexibleBody",
     "Floating",
     "Force",
@@ -115,6 +117,7 @@ __all__ = [
     "Spherical",
     "SphericalCutJoint",
     "Spring",
+    "StateHandle",
     "Step",
     "Sum",
     "Table",

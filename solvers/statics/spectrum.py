@@ -146,9 +146,10 @@ def solve_general(matrices: Matrices) -> Spectrum:
         state = np.delete(np.delete(state, np.s_[moving:f], 0), np.s_[moving:f], 1)
     values, left, right = linalg.eig(state, left=True)
     motions = np.vstack((right[:moving], unit * right[2 * moving :]))  # of coordinates, and z of states
-    x, y = motions.copy(), left[moving:]
-    changes = np.any(motions[moving:] != 0.0, axis=0)
-    x[:moving, changes] *= values[changes]  # of states x = z / s, and all times s
+    x, y = motions, left[moving:]
+    if matrices.n_states:  # x = z / s of states, and all of it times s
+        changes = np.any(motions[moving:] != 0.0, axis=0)
+        x = np.vstack((motions[:moving] * np.where(changes, values, 1.0), motions[moving:]))
     motions, x, y = (linalg.solve_triangular(L, part, lower=True, trans="T") for part in (motions, x, y))
     values, doubts = improve_eigenvalues(matrices, values, x, y, float(np.abs(values).max()))
     upper = values.imag >= 0.0
