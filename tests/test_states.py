@@ -393,7 +393,7 @@ def test_states_in_a_long_chain_are_solved_by_its_matrices_and_a_sheet_is_refuse
     assert CompiledMechanism(m).system.has_matrices
     sheet = Mechanism()
     mb.add_sheet(
-        sheet, "sheet", length=0.1, width=0.05, thickness=1e-4, youngs_modulus=3e9, density=800.0, grid=(2, 1)
+        sheet, "sheet", length=0.1, width=0.05, thickness=1e-4, youngs_modulus=3e9, density=800.0, grid=(2, 2)
     )
     sheet.state("x", "-z")
     with pytest.raises(UserError, match="mesh"):

@@ -9,8 +9,7 @@ from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.loads.base import FirstOrderState
 from mbfmu.mechanics.loads.state_equation import StateEquation
 from mbfmu.mechanics.numbers import finite, positive
-from mbfmu.mechanics.sensors import Sensor
-from mbfmu.mechanics.sensors.states import StateRate, StateValue
+from mbfmu.mechanics.sensors import Sensor, StateRate, StateValue
 from mbfmu.util.units import rate_unit, read_unit
 
 from .loading import Acting, Loading

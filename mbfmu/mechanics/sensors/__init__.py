@@ -11,6 +11,7 @@ from .loads import LoadEffort, LoadWrench
 from .pairs import AngleBetween, Distance, DistanceRate, RelativePosition, RelativeVelocity
 from .points import PointAcceleration, PointPosition, PointVelocity
 from .sections import BendingMoment, Deflection
+from .states import StateRate, StateValue
 
 __all__ = [
     "Acceleration",
@@ -44,6 +45,8 @@ __all__ = [
     "Residual",
     "RowForce",
     "Sensor",
+    "StateRate",
+    "StateValue",
     "Turn",
     "axis_index",
     "largest_residual",
