@@ -343,7 +343,8 @@ def is_off_branch(terms: Terms, v: Reals, rank: int, tolerance: float, work: Any
 def check_mobile_mass(terms: Terms, mass: Any, work: Any) -> int:
     """Whether all that the constraints allow moves mass, held or not; ``mass`` (n, n) is scratch.
 
-    Every motion is scaled by itself: a light body may move together with a heavy one. First-order states are no motions.
+    Every motion is scaled by itself: a light body may move together with a heavy one. First-order states are not
+    considered.
     """
     n = terms.M.shape[0]
     rank = factor_scaled_jacobian(terms.J, True, work)

@@ -2,7 +2,7 @@
 
 Velocities are those of coordinates and, after them, first-order states: quantities z with z' = g(t, q, v, z), which
 have no position. An orientation may be a unit quaternion, four positions for three velocities. So the numbers of
-positions and velocities may be equal although they do not correspond: only :func:`has_quaternions` tells.
+positions and velocities may be equal although they do not correspond, see :func:`has_quaternions`.
 """
 
 from __future__ import annotations

@@ -289,14 +289,14 @@ def stored(element: Any, arrays: Any, state: Any) -> Any:
 
 @kernel
 def lost(element: Any, t: float, arrays: Any, state: Any) -> Any:
-    return -state.v[element.first] ** 2 / element.damping
+    return -(state.v[element.first] ** 2) / element.damping
 
 
 @dataclass(frozen=True, kw_only=True)
 class Maxwell(Load):
     """A spring and a damper in series on the coordinate of a joint; its states are the force and the heat."""
 
-    record = np.dtype([(name, np.int64) for name in ("v", "first")] + [(n, np.float64) for n in ("stiffness", "damping")])
+    record = np.dtype([("v", np.int64), ("first", np.int64), ("stiffness", np.float64), ("damping", np.float64)])
     apply, potential, power = creep, stored, lost
     on_joint = True
     stiffness: float
@@ -392,9 +392,7 @@ def test_states_in_a_long_chain_are_solved_by_its_matrices_and_a_sheet_is_refuse
     m.state("tip", "y - z", uses={"y": bodies[-1].position("y")}, unit="m")
     assert CompiledMechanism(m).system.has_matrices
     sheet = Mechanism()
-    mb.add_sheet(
-        sheet, "sheet", length=0.1, width=0.05, thickness=1e-4, youngs_modulus=3e9, density=800.0, grid=(2, 2)
-    )
+    mb.add_sheet(sheet, "sheet", length=0.1, width=0.05, thickness=1e-4, youngs_modulus=3e9, density=800.0, grid=(2, 2))
     sheet.state("x", "-z")
     with pytest.raises(UserError, match="mesh"):
         CompiledMechanism(sheet)

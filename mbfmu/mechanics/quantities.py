@@ -55,7 +55,7 @@ class Quantity(NamedTuple):
 
     name: str
     kind: int
-    source: Any  # signal, sensor or state; None: the owner knows its place
+    source: Any  # signal, sensor or state; None: the owner gives its place
 
 
 class QuantityLaw:
@@ -152,15 +152,15 @@ def quantity_of(what: str, name: str, source: Any) -> Quantity:
     if hasattr(source, "follows"):  # a sensor
         if not source.is_kinematic:
             raise UserError(
-                f"{name!r} in {what} is a sensor of class {type(source).__name__}, whose value forces and accelerations "
-                "determine; allowed: sensors of positions, velocities and states. Use one of these"
+                f"{name!r} in {what} is a sensor of class {type(source).__name__}, whose value depends on forces or "
+                "accelerations; allowed: sensors of positions, velocities and states. Use one of these"
             )
         return Quantity(name, SENSOR, source)
     if isinstance(source, ElementType | float | int | np.floating | np.integer | str) or callable(source):
         return Quantity(name, SIGNAL, source)  # which is checked when it is numbered
     raise UserError(
-        f"{name!r} in {what} is {short(source)}; allowed: a number, a signal, an input, a function of time, a state, or "
-        "a sensor of positions and velocities"
+        f"{name!r} in {what} is {short(source)}; allowed: a number, a signal, an input, a function of time, a state, "
+        "or a sensor of positions and velocities"
     )
 
 
@@ -194,7 +194,7 @@ def evaluator(count: int) -> Callable[..., Any]:
     lines += [f"    a{k} = x{k}.real" for k in range(count)]
     for k in range(count):
         moved = [
-            "function(" + ", ".join(f"a{j} + {part} * h" if j == k else f"a{j}" for j in range(count)) + ")"
+            f"function({', '.join(f'a{j} + {part} * h' if j == k else f'a{j}' for j in range(count))})"
             for part in (-2.0, -1.0, 1.0, 2.0)
         ]
         lines += [

@@ -160,7 +160,8 @@ class PathProblem:
             found = self.problem.solve(self.problem.start(start), "the start given")
         else:
             found = find_state(self.problem)
-        return Follower(self.problem.linearized(), Load(self.apply, begin, end), self.problem.unknowns(found), found.lam[found.rows])
+        at, load = self.problem.unknowns(found), Load(self.apply, begin, end)
+        return Follower(self.problem.linearized(), load, at, found.lam[found.rows])
 
     def apply(self, value: float) -> None:
         """Let the input have a value."""

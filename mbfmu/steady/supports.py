@@ -108,7 +108,8 @@ def follow_supports(problem: EquilibriumProblem, begin: Array) -> Equilibrium:
         apply(0.0)
         before = problem.solve(problem.start())
         with one_thread():
-            follower = Follower(problem.linearized(), Load(apply, 0.0, 1.0), problem.unknowns(before), before.lam[before.rows])
+            at, load = problem.unknowns(before), Load(apply, 0.0, 1.0)
+            follower = Follower(problem.linearized(), load, at, before.lam[before.rows])
             end = find_end(follower)
         if end is None:
             reached = f": {follower.ended}" if follower.ended else ""

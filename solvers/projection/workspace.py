@@ -123,7 +123,8 @@ class Workspace(NamedTuple):
             np.zeros(k, np.int64) for k in (m, m, max(m, n), m, n, N, m, m, m)
         )
         return Workspace(
-            one(n), one(nq), one(m), one(n), place_states(n, states), one(2), one(n), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)),
+            one(n), one(nq), one(m), one(n), place_states(n, states), one(2), one(n), z((m, n)), z(m), pivots, z(m),
+            z((n, n)), z((n, n)),
             z((n, n)), z((1, n)), z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m),
             pivots_B, z((m, n)), z((m, m)), order, z(m), z(m), rows, columns,
             CriticalRecord.zeros(1), z(nq), z(nq), z(m),

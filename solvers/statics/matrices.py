@@ -103,9 +103,7 @@ def linearized_matrices(
         parts.T @ (ROUNDING_SAFETY * spread + floor * A) @ parts for spread, A in zip(spreads, magnitudes, strict=True)
     ]
     M, C, K = (basis.T @ A @ basis for A in (0.5 * (M + M.T), C, K))
-    return Matrices(
-        M=M, C=C, K=K, basis=basis, rounding=(doubts[0], doubts[1]), rate=rate, n_states=system.n_states
-    )
+    return Matrices(M=M, C=C, K=K, basis=basis, rounding=(doubts[0], doubts[1]), rate=rate, n_states=system.n_states)
 
 
 def _tree_terms(system: TreeSystem, t: float, q: Array, v: Array, lam: Array) -> tuple[Array, Array, Array, Array]:

@@ -9,7 +9,7 @@ the energy of the mechanism that moves by its own units at its rate.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from solvers.compiled.kernel import COMPILED, callback, types
 from solvers.compiled.tuple_pointer import pointer_type
 from solvers.positions import Positions
 from solvers.system import Array, System, Terms
-
-if TYPE_CHECKING:
-    from solvers.compiled.record import Reals
 
 
 class StateEquations(NamedTuple):

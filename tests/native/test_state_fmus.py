@@ -33,9 +33,8 @@ class ControlledRod(mb.Model):
         m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
         arm = m.body("arm", m.ground, mb.Revolute(start=0.3), **mb.rod(mass=1.0, length=1.0))
         target = mb.Input(name="target", unit="rad", start=0.5)
-        sensor = m.state(
-            "sensor", "(a - z) / lag", uses={"a": arm.angle(), "lag": self.lag}, start=self.first, unit="rad", nominal=0.5
-        )
+        own = {"start": self.first, "unit": "rad", "nominal": 0.5}
+        sensor = m.state("sensor", "(a - z) / lag", uses={"a": arm.angle(), "lag": self.lag}, **own)
         integral = m.state("integral", "target - x", uses={"x": sensor, "target": target}, unit="rad.s")
         uses = {"i": integral, "x": sensor, "target": target, "ki": self.integral_gain}
         m.force("motor", mb.JointForce("30 * (target - x) + ki * i - 6 * v", uses=uses), arm)

@@ -262,7 +262,7 @@ def rigid_body() -> System:
         energy=body_energy,
         size=np.ones(3),
         row_size=np.zeros(0),
-        positions=Positions(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((1, 2), np.int64), np.zeros(0, np.int64)),
+        positions=Positions(*(np.zeros(size, np.int64) for size in (0, 0, (1, 2), 0))),
     )
 
 

@@ -88,8 +88,8 @@ class CompiledElements:
             filled.append(filled_record(*sites[-1]))
         self.ends = np.append(self.ends, len(sites))
         for part in numbering.parts:
-            bodies = observed_sensors(part) if isinstance(part, Sensor) else ()
-            sites.append((part, CompiledAttachment(f"part {type(part).__name__}", bodies, numbering, {})))
+            observed = observed_sensors(part) if isinstance(part, Sensor) else ()
+            sites.append((part, CompiledAttachment(f"part {type(part).__name__}", observed, numbering, {})))
             filled.append(filled_record(*sites[-1]))
         self.used = [place.used for _, place in sites]
         self._tables = tables = Tables([item for item, _ in sites], filled)

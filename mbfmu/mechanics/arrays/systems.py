@@ -82,13 +82,13 @@ class Systems:
         self._large = not mechanism.flexible_bodies and not numbering.states and numbering.nv > limit
         if numbering.states and mechanism.meshes:
             raise UserError(
-                f"the mechanism has state {numbering.states[0][0]!r} and a mesh, such as a sheet; allowed: first-order "
+                f"the mechanism has state {numbering.states[0][0]!r} and a mesh of elements; allowed: first-order "
                 "states in mechanisms without meshes. Remove one of the two"
             )
         if numbering.states and numbering.nv > MAX_SOLVER_DENSE_COORDINATES:
             raise UserError(
-                f"the mechanism has state {numbering.states[0][0]!r} and {numbering.nv} coordinates and states; allowed "
-                f"with first-order states: at most {MAX_SOLVER_DENSE_COORDINATES}. Use fewer bodies"
+                f"the mechanism has state {numbering.states[0][0]!r} and {numbering.nv} coordinates and states; "
+                f"allowed with first-order states: at most {MAX_SOLVER_DENSE_COORDINATES}. Use fewer bodies"
             )
 
     def make(self, constraint_names: list[str]) -> AnySystem:

@@ -193,9 +193,7 @@ class Loading(Graph):
         for body in sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ()):
             self._coordinate_owner(body, f"body of {what}")
         if isinstance(sensor.item, JointHandle) and not any(sensor.item is joint for joint in self.joints):
-            raise UserError(
-                f"{what} is of joint {sensor.item.name!r}, which is not one of this mechanism; use its own"
-            )
+            raise UserError(f"{what} is of joint {sensor.item.name!r}, which is not one of this mechanism; use its own")
         if isinstance(sensor.item, CutHandle | CouplingHandle) and not any(
             sensor.item is c for c in (*self.cuts, *self.couplings)
         ):

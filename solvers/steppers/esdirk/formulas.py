@@ -137,6 +137,7 @@ class Stage(NamedTuple):
     in_q: NDArray[np.int64]  # these as in solvers.positions.Positions
     in_v: NDArray[np.int64]
     turning: NDArray[np.int64]
+    states: NDArray[np.int64]
 
     @staticmethod
     def allocate(nq: int, n: int, m: int, positions: Positions) -> Stage:
