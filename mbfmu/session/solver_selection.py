@@ -252,7 +252,7 @@ def try_solver(
 
 def select_explicit(compiled: CompiledMechanism) -> tuple[str, str]:
     """Return the solver to take where nothing is stiff, and what its size has to do with it."""
-    system, size = compiled.system, format_count(compiled.system.n, "joint coordinate")
+    system, size = compiled.system, describe_size(compiled)
     if not system.has_matrices and not system.m:
         return "adams", f"a large open-chain model with {size}"
     if eliminates_constraints("adams", system):
@@ -266,7 +266,7 @@ def select_explicit(compiled: CompiledMechanism) -> tuple[str, str]:
 
 def select_implicit(compiled: CompiledMechanism, tolerance: float) -> tuple[str, str]:
     """Return the solver to take where something is stiff, and what its size has to do with it."""
-    system, size = compiled.system, format_count(compiled.system.n, "joint coordinate")
+    system, size = compiled.system, describe_size(compiled)
     if system.has_matrices:
         return "radau", size
     if system.nonsmooth_reason:
@@ -277,3 +277,10 @@ def select_implicit(compiled: CompiledMechanism, tolerance: float) -> tuple[str,
         limit = f"{MIN_ESDIRK_TOLERANCE:g}"
         return "ida", f"a large model with {size} and a tolerance below {limit}, which is too small for esdirk"
     return "esdirk", f"a large open-chain model with {size}"
+
+
+def describe_size(compiled: CompiledMechanism) -> str:
+    """Return the numbers of joint coordinates and of first-order states as text."""
+    system = compiled.system
+    coordinates = format_count(system.n - system.n_states, "joint coordinate")
+    return f"{coordinates} and {format_count(system.n_states, 'first-order state')}" if system.n_states else coordinates

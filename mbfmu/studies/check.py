@@ -77,9 +77,9 @@ class Findings(Diagnosed):
         Name of the scene, and solver and tolerance of the run; with ``auto`` the selected solver.
     stop_time, reached
         End time of the scene, and time up to which it was examined, s.
-    coordinates, rows, freedom
-        Numbers of free coordinates, of constraint equations (without trivially satisfied ones) and of degrees of
-        freedom; the last is None if the model did not start.
+    coordinates, states, rows, freedom
+        Numbers of free coordinates, of first-order states, of constraint equations (without trivially satisfied ones)
+        and of degrees of freedom; the last is None if the model did not start.
     tree
         Whether it is a large model that is solved by recursions and not by dense matrices.
     loops
@@ -117,6 +117,7 @@ class Findings(Diagnosed):
     stop_time: float
     reached: float = 0.0
     coordinates: int = 0
+    states: int = 0
     rows: int = 0
     freedom: int | None = None
     tree: bool = False
@@ -218,7 +219,8 @@ def _not_started(found: Findings, error: UserError, unseen: str) -> Findings:
 def _of_plant(found: Findings, compiled: CompiledMechanism) -> Findings:
     s = compiled.system
     vanishing = tuple(compiled.vanishing_rows)
-    return replace(found, coordinates=s.n, rows=s.m, tree=not s.has_matrices, vanishing=vanishing)
+    moving = s.n - s.n_states
+    return replace(found, coordinates=moving, states=s.n_states, rows=s.m, tree=not s.has_matrices, vanishing=vanishing)
 
 
 class ExaminedRun:

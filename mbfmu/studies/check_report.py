@@ -50,10 +50,11 @@ def format_findings(found: Findings) -> str:
 def lines(found: Findings) -> Iterator[str]:
     """Yield the lines."""
     how = "large model, recursive solver" if found.tree else "dense matrices"
-    if found.coordinates:
+    if found.coordinates or found.states:
         free = "" if found.freedom is None else f", {degrees(found.freedom)} of freedom"
         rows = format_count(found.rows, "constraint")
-        yield f"size: {format_count(found.coordinates, 'joint coordinate')}, {rows}{free}; {how}"
+        states = f", {format_count(found.states, 'first-order state')}" if found.states else ""
+        yield f"size: {format_count(found.coordinates, 'joint coordinate')}{states}, {rows}{free}; {how}"
     if found.failed:
         yield f"{'does not start' if found.freedom is None else f'stopped at {found.reached:.6g} s'}: {found.failure}"
     yield from render(d for d in found.diagnostics if d.severity == "warning")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
 
 
-OWN_QUANTITIES = {"t": TIME, "q": POSITION, "v": VELOCITY}  # names in a law of a force
+FORCE_QUANTITIES = {"t": TIME, "q": POSITION, "v": VELOCITY}  # names in a law of a force
 
 
 class JointForceRecord(Record):
@@ -104,7 +104,7 @@ class JointForce(Force):
     def __post_init__(self) -> None:
         """Compile a function of the coordinate."""
         if self.uses:
-            law_of_all = QuantityLaw("magnitude of a JointForce", self.magnitude, OWN_QUANTITIES, self.uses)
+            law_of_all = QuantityLaw("magnitude of a JointForce", self.magnitude, FORCE_QUANTITIES, self.uses)
             object.__setattr__(self, "_law", law_of_all)
             object.__setattr__(self, "record", JointLawRecord)
             for name, function in zip(("apply", "power"), kernels_of_law(law_of_all.value_kernel()), strict=True):

@@ -17,7 +17,7 @@ from .base import FirstOrderState, Load
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
 
-OWN_QUANTITIES = {"t": TIME, "z": VELOCITY}  # names in the law of a rate
+RATE_QUANTITIES = {"t": TIME, "z": VELOCITY}  # names in the law of a rate
 
 
 class StateEquationRecord(Record):
@@ -60,7 +60,7 @@ class StateEquation(Load):
 
     def __post_init__(self) -> None:
         """Compile the rate."""
-        law = QuantityLaw(f"rate of state {self.state.name!r}", self.rate, OWN_QUANTITIES, self.uses)
+        law = QuantityLaw(f"rate of state {self.state.name!r}", self.rate, RATE_QUANTITIES, self.uses)
         object.__setattr__(self, "_law", law)
         object.__setattr__(self, "apply", kernel_of_rate(law.value_kernel()))
 
