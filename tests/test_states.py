@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 import mbfmu as mb
 from mbfmu.mechanics import CompiledMechanism, FirstOrderState, Load, Mechanism, StateHandle, kernel
 from mbfmu.session.simulation import Settings, Simulation
+from mbfmu.testing import check_element
 from mbfmu.util.errors import EquilibriumError, UserError
 from solvers import OneStepSolver, Options, stepper
 from solvers.steppers import SOLVERS
@@ -335,6 +336,10 @@ def test_element_with_two_states_is_evaluated_with_its_force() -> None:
     assert simulation.energy() == pytest.approx(0.5 * expected[1] ** 2 + 0.01 * expected[2] ** 2, abs=1e-7)
     assert simulation.stepper.energy_account[0] == pytest.approx(-expected[3], abs=1e-7)  # the work
     assert not simulation.inaccurate
+
+
+def test_element_with_states_is_checked_by_its_identities() -> None:
+    assert check_element(Maxwell(stiffness=50.0, damping=2.0), bodies=1, states=3).passed
 
 
 class HalfSteps(OneStepSolver):

@@ -59,14 +59,23 @@ def _power(function: Any, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, da
 
 
 def random_state(compiled: CompiledMechanism, rng: np.random.Generator, length: float) -> State:
-    """Return a random state; coordinates that are lengths deviate by about ``length`` (m) from the start."""
+    """Return a random state; coordinates that are lengths deviate by about ``length`` (m) from the start.
+
+    First-order states are of the size of their nominal values, and change as their equations say.
+    """
     system = compiled.system
     free = [body.joint for body in compiled.mechanism.bodies[1:] if body.joint.drive is None]
-    size = np.array([length if unit == "m" else 1.0 for joint in free for unit in joint.units])
+    size, moving = system.size.copy(), system.n - system.n_states
+    size[:moving] = [length if unit == "m" else 1.0 for joint in free for unit in joint.units]
     q = compiled.assembly.start_positions()
     system.apply(q, size * rng.normal(size=system.n))
     v, a = (size * rng.normal(size=system.n) for _ in range(2))
-    return State(float(rng.normal()), q, v, a, rng.normal(size=system.m))
+    t, lam = float(rng.normal()), rng.normal(size=system.m)
+    if system.n_states:
+        terms = system.allocate_terms()
+        system.fill(t, q, v, terms)
+        a[moving:] = -terms.h[moving:]
+    return State(t, q, v, a, lam)
 
 
 def path(compiled: CompiledMechanism, at: State, shift: float) -> tuple[float, Array, Array]:
@@ -181,10 +190,13 @@ def mass_matrix(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]:
     """The kinetic energy is half of v M v, and forward dynamics undoes inverse dynamics."""
     terms = compiled.system.allocate_terms()
     compiled.system.fill(at.t, at.q, at.v, terms)
-    rest = compiled.energy(at.t, at.q, np.zeros_like(at.v))
+    still, moving = at.v.copy(), compiled.system.n - compiled.system.n_states
+    still[:moving] = 0.0  # first-order states have no kinetic energy
+    rest = compiled.energy(at.t, at.q, still)
     kinetic = compiled.energy(at.t, at.q, at.v) - rest
     if not any(body.joint.drive is not None for body in compiled.mechanism.bodies):
-        yield compare(0.5 * at.v @ terms.M @ at.v, kinetic, ["kinetic energy, J"], 0.0, abs(rest))
+        v, M = at.v[:moving], terms.M[:moving, :moving]
+        yield compare(0.5 * v @ M @ v, kinetic, ["kinetic energy, J"], 0.0, abs(rest))
     yield compare(terms.M, terms.M.T, [f"M, entry {k}" for k in range(terms.M.size)])
 
 
