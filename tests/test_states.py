@@ -397,7 +397,17 @@ def test_states_in_a_long_chain_are_solved_by_its_matrices_and_a_sheet_is_refuse
     m.state("tip", "y - z", uses={"y": bodies[-1].position("y")}, unit="m")
     assert CompiledMechanism(m).system.has_matrices
     sheet = Mechanism()
-    mb.add_sheet(sheet, "sheet", length=0.1, width=0.05, thickness=1e-4, youngs_modulus=3e9, density=800.0, grid=(2, 2))
+    mb.add_sheet(
+        sheet,
+        "sheet",
+        length=0.1,
+        width=0.05,
+        thickness=1e-4,
+        youngs_modulus=3e9,
+        density=800.0,
+        grid=(3, 3),
+        tree="master",
+    )
     sheet.state("x", "-z")
     with pytest.raises(UserError, match="mesh"):
         CompiledMechanism(sheet)
