@@ -1,8 +1,9 @@
 """Computing time and memory over the size of the model: ``python benchmarks/scale.py [-o FOLDER] [NAME ...]``.
 
-Open chains, loops in a row (benchmark A02 of the IFToMM library), ladders and sheets. The CPU time of an evaluation of
-the equations of motion (of a step for sheets) includes all work of the solver, divided by the number of evaluations.
-The exponent is that of a power of the number of coordinates, fitted to the models with more than 100.
+Open chains, loops in a row (benchmark A02 of the IFToMM library), ladders, sheets, and sheets in roller nips. The CPU
+time of an evaluation of the equations of motion (of a step for sheets) includes all work of the solver, divided by the
+number of evaluations. The exponent is that of a power of the number of coordinates, fitted to the models with more than
+100.
 
 Prints a table and writes ``scale.png``. The memory of a model is the largest of a process that builds and runs it,
 minus that of a process with the smallest model.
@@ -23,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 import mbfmu as mb
+from fmus.feeder import Feeder
 from fmus.sheet import Sheet
 from mbfmu.plotting.figures import finish, subplots
 from mbfmu.session.simulation import Settings, Simulation
@@ -88,6 +90,12 @@ def sheet(nodes: int) -> mb.Model:
     return Sheet(nx=round(1.5 * across), nz=across, membrane=True)
 
 
+def sheet_in_nips(nodes: int) -> mb.Model:
+    """A sheet that rollers feed along a straight path, with about as many nodes."""
+    across = round(math.sqrt(nodes / 1.5))
+    return Feeder(path="straight", nx=round(1.5 * across), nz=across)
+
+
 class Family(NamedTuple):
     """Models of one kind, of several sizes."""
 
@@ -104,6 +112,7 @@ FAMILIES = {
     "loops in a row, grounded tree": Family(partial(row, grounded=True), (10, 30, 100, 300, 1000), "adams", 0.2),
     "ladder": Family(ladder, (10, 30, 100, 300, 1000), "adams", 0.1),
     "sheet": Family(sheet, (60, 150, 400, 1000, 2500), "esdirk", 0.05, per_step=True),
+    "sheet in nips": Family(sheet_in_nips, (60, 150, 400, 1000, 2500), "esdirk", 0.01, per_step=True),
 }
 
 
@@ -156,7 +165,7 @@ def draw(found: dict[str, list[Cost]], path: Path) -> None:
         label = f"{name}: exponent {exponent(costs):.2f}"
         ax.loglog([c.coordinates for c in costs], [c.unit for c in costs], "o-", label=label)
     ax.set_xlabel("joint coordinates")
-    ax.set_ylabel("CPU time of an evaluation (sheet: of a step) [us]")
+    ax.set_ylabel("CPU time of an evaluation (sheets: of a step) [us]")
     ax.grid(alpha=0.3, which="both")
     ax.legend(fontsize=8)
     finish(figure, path)

@@ -23,7 +23,7 @@ from mbfmu.session.run import communication_points
 from mbfmu.session.simulation import UnstartedSimulation
 from mbfmu.util.diagnostics import Diagnostic, without_details
 from mbfmu.util.errors import UserError
-from mbfmu.util.files import replacing
+from mbfmu.util.files import check_writable, replacing
 from solvers.compiled.cache import CompilationNeeded, forbid_compilation
 from solvers.compiled.kernel import COMPILED
 from solvers.steppers import describe_refusal
@@ -140,6 +140,7 @@ def export_scene(
         raise UserError(f"FMU file is {str(path)!r}; its name must end in .fmu")
     if not path.parent.is_dir():
         raise UserError(f"folder {str(path.parent)!r} does not exist")
+    check_writable(path)
     if kind is not FmuKind.PYTHON:
         try:
             _write_native(scene, path, kind, fmi, platforms, report)

@@ -37,8 +37,8 @@ def is_finite(value: Any) -> bool:
 
 def finite(what: str, value: Any) -> float:
     """Check a finite number."""
-    if type(value) is float and isfinite(value):  # what comes at every communication point
-        return value
+    if isinstance(value, float) and isfinite(value):  # what comes at every communication point, from NumPy too
+        return float(value)
     if np.ndim(value) or not is_finite(value):
         raise UserError(f"{what} is {value!r}; it must be a finite number")
     return float(value)
