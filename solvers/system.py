@@ -224,11 +224,16 @@ class AnySystem(ABC):
         """Places of positions and velocities; ValueError if positions are quaternions and ``positions`` is missing."""
         if self.positions is not None:
             return self.positions
-        moving = self.n - self.n_states
+        moving = self.n_velocities
         if self.nq != moving:
             raise ValueError(f"a system of {self.nq} positions and {moving} velocities must have its `positions`")
         places = np.arange(moving)
         return Positions(places, places, np.zeros((0, 2), np.int64), self.states)
+
+    @property
+    def n_velocities(self) -> int:
+        """Number of velocities in v: its entries before the first-order states."""
+        return self.n - self.n_states
 
     @property
     def states(self) -> NDArray[np.int64]:

@@ -1,4 +1,4 @@
-"""First-order states beside positions and velocities: closed forms, and SciPy on equations written by hand."""
+"""First-order states together with positions and velocities: closed forms, and SciPy on equations written by hand."""
 
 from __future__ import annotations
 
@@ -83,6 +83,27 @@ def test_state_without_any_free_joint_is_the_lag_of_a_prescribed_motion() -> Non
         assert solver.advance(t).ok
         assert solver.v[0] == pytest.approx(exact_lag, abs=3e-8), name
         assert solver.freedom == 0
+
+
+@pytest.mark.parametrize("solver", ["adams", "radau", "ida"])
+@pytest.mark.parametrize("unit", [1e-50, 1e-9, 1e9, 1e50])
+def test_the_unit_of_a_state_does_not_matter(solver: str, unit: float) -> None:
+    """A pendulum that is held by its delayed angle; the delayed angle is measured in any unit."""
+    m = Mechanism(gravity=(0.0, -G, 0.0))
+    arm = m.body("arm", m.ground, mb.Revolute(start=0.3), **mb.rod(mass=1.0, length=0.5))
+    angle = {"angle": arm.angle()}
+    late = m.state("late", f"({unit!r} * angle - z) / 0.05", uses=angle, start=0.1 * unit, nominal=unit)
+    m.force("motor", mb.JointForce(f"-2 * late / {unit!r}", uses={"late": late}), arm)
+    m.output("angle", arm.angle())
+    m.output("late", late.value())
+
+    def slopes(t: float, y: np.ndarray) -> list[float]:
+        return [y[1], (-G * 0.25 * np.cos(y[0]) - 2.0 * y[2]) * 12.0, (y[0] - y[2]) / 0.05]
+
+    exact = solve_ivp(slopes, (0.0, 1.0), (0.3, 0.0, 0.1), method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
+    result = mb.simulate(m, 1.0, solver=solver, tolerance=1e-8)
+    assert result["angle"][-1] == pytest.approx(exact[0], abs=1e-6)
+    assert result["late"][-1] / unit == pytest.approx(exact[2], abs=1e-6)
 
 
 def test_tolerance_of_a_state_follows_its_nominal_value() -> None:
@@ -374,6 +395,9 @@ def test_solver_of_a_user_integrates_states_in_its_order() -> None:
         (lambda m, arm: m.state("x", "u - z", uses={"u": arm.acceleration()}), "Acceleration"),
         (lambda m, arm: m.state("x", "z", uses={"z": 1.0}), "means something else"),
         (lambda m, arm: m.state("x", "z", nominal=0.0), "nominal of state 'x' is 0.0"),
+        (lambda m, arm: m.state("x", "z", nominal=1e-60), "nominal of state 'x' is 1e-60; allowed: 1e-50 to 1e"),
+        (lambda m, arm: FirstOrderState(name="x", start=np.nan), "start of state 'x' is nan"),
+        (lambda m, arm: FirstOrderState(name="x", unit="foo"), "unit is 'foo'"),
         (lambda m, arm: m.state("x", "z", unit="mile"), "mile"),
         (lambda m, arm: [m.state("x", "z"), m.state("x", "z")], "is named 'x'"),
         (lambda m, arm: m.state("x", "y", uses={"y": Mechanism().state("y", "z")}), "another mechanism"),

@@ -111,7 +111,7 @@ def exchange_states(simulation: Simulation, taken: Iterable[str]) -> tuple[Excha
         for part in range(4):
             what = f"component {part + 1} of the quaternion of body {body!r}"
             found[i + part] = _state("quaternion", f"{body}[{part + 1}]", what, "1", nominal[i + part], used)
-    moving = system.n - system.n_states
+    moving = system.n_velocities
     for k, name in enumerate(system.coordinate_names[:moving]):
         at = system.nq + k
         what = f"velocity of joint coordinate {name!r}"

@@ -109,7 +109,7 @@ def distance(compiled: CompiledMechanism, t: float, q: Array, rank: int | None =
     system: Any = compiled.system
     terms = system.allocate_terms()
     system.fill(t, q, np.zeros(system.n), terms)
-    moving = system.n - system.n_states
+    moving = system.n_velocities
     J, M = terms.J[:, :moving], terms.M[:moving, :moving]
     if M.size:
         inertia, axes = np.linalg.eigh(M)

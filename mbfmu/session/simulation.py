@@ -178,7 +178,7 @@ class Simulation(Diagnosed):
         """Return the notes and warnings on the model, the solver and the start."""
         (q, v), settings, found = self.start, self.settings, self.solver_choice.diagnostics
         if self.compiled.system.has_matrices and self.compiled.system.m:
-            rank = self.compiled.system.n - self.compiled.system.n_states - self.stepper.freedom
+            rank = self.compiled.system.n_velocities - self.stepper.freedom
             if off := explain_rates(self.compiled, t, q, v, rank, settings.tolerance):
                 raise UserError(f"model {self.model.name!r}: {off}", "singular-start")
         if self.stepper.starts_singular and (names := find_undetermined_rates(self.compiled, t, q)):

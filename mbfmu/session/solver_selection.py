@@ -224,7 +224,7 @@ def _evaluations_after(compiled: CompiledMechanism, state: State, tolerance: flo
 def _rate(compiled: CompiledMechanism, state: State) -> float:
     """Return the rate of the motion by gravity, drives and velocities, 1/s; zero: at rest."""
     system = compiled.system
-    speeds = np.abs(state[2] / system.size)[: system.n - system.n_states]
+    speeds = np.abs(state[2] / system.size)[: system.n_velocities]
     return max(float(system.rate), float(speeds.max(initial=0.0)))
 
 
@@ -282,5 +282,5 @@ def select_implicit(compiled: CompiledMechanism, tolerance: float) -> tuple[str,
 def describe_size(compiled: CompiledMechanism) -> str:
     """Return the numbers of joint coordinates and of first-order states as text."""
     system = compiled.system
-    coordinates = format_count(system.n - system.n_states, "joint coordinate")
+    coordinates = format_count(system.n_velocities, "joint coordinate")
     return f"{coordinates} and {format_count(system.n_states, 'first-order state')}" if system.n_states else coordinates

@@ -188,7 +188,7 @@ def spectrum(compiled: CompiledMechanism, t: float, q: Array, v: Array) -> Spect
 
 def _compute_spectrum(compiled: CompiledMechanism, t: float, q: Array, v: Array) -> Spectrum:
     """Return what :func:`spectrum` does."""
-    moving = compiled.system.n - compiled.system.n_states
+    moving = compiled.system.n_velocities
     rate = max(compiled.system.rate, float(np.abs(v / compiled.system.size)[:moving].max(initial=0.0)))
     dynamics = PerturbedDynamics(compiled, t, q, v) if compiled.system.n else None
     if dynamics and dynamics.weak:

@@ -41,7 +41,7 @@ def interval_of(trial: Stepper, compiled: CompiledMechanism) -> float:
     except SolverError:
         a = np.zeros(n)
     size = np.ascontiguousarray(np.broadcast_to(compiled.system.size, n), float)
-    v = trial.v[: n - compiled.system.n_states]
+    v = trial.v[: compiled.system.n_velocities]
     rate = float(start_rate(compiled.system.rate, trial.options.duration, size, v, a))
     return max(WARMUP_TIME_FACTOR / rate if np.isfinite(rate) else 0.0, 1e4 * float(np.spacing(abs(trial.t))))
 

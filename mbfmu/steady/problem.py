@@ -81,7 +81,7 @@ class EquilibriumProblem:
         self._names = position_names(compiled)
         self._start = self.start()
         self._v, self._cyclic = np.zeros(compiled.system.n), np.zeros(compiled.system.n, bool)
-        self._z = compiled.assembly.start_velocities()[compiled.system.n - compiled.system.n_states :]
+        self._z = compiled.assembly.start_velocities()[compiled.system.n_velocities :]
         self._lay_out()
         if not compiled.system.has_matrices:
             data = compiled.data
@@ -145,7 +145,7 @@ class EquilibriumProblem:
 
     def unknowns(self, found: Equilibrium) -> Array:
         """Return the unknowns of a state as paths take them: positions, and the values of first-order states."""
-        return np.concatenate((found.q, found.v[found.compiled.system.n - found.compiled.system.n_states :]))
+        return np.concatenate((found.q, found.v[found.compiled.system.n_velocities :]))
 
     def _with_states(self, q: Array) -> Array:
         """Return positions (nq,) with the start values of first-order states, or what has states already."""
@@ -184,7 +184,7 @@ class EquilibriumProblem:
             parts = (terms.M, terms.h, terms.J, terms.nu, terms.gamma)
             change = [np.abs(x.imag).max(initial=0.0) / (1.0 + np.abs(x.real).max(initial=0.0)) for x in parts]
             cyclic[k] = max(change) <= CYCLIC_TOLERANCE * PRODUCT_STEP_SIZE
-        cyclic[n - system.n_states :] = False
+        cyclic[system.n_velocities :] = False
         return cyclic
 
     def _steady_velocities(self) -> Array:

@@ -179,7 +179,7 @@ class Equilibrium(Diagnosed):
 
     def states(self) -> dict[str, float]:
         """Return the values of first-order states by name."""
-        first = self.compiled.system.n - self.compiled.system.n_states
+        first = self.compiled.system.n_velocities
         names = self.compiled.system.coordinate_names[first:]
         return dict(zip(names, map(float, self.v[first:]), strict=True))
 

@@ -219,8 +219,8 @@ def _not_started(found: Findings, error: UserError, unseen: str) -> Findings:
 def _of_plant(found: Findings, compiled: CompiledMechanism) -> Findings:
     s = compiled.system
     vanishing = tuple(compiled.vanishing_rows)
-    moving = s.n - s.n_states
-    return replace(found, coordinates=moving, states=s.n_states, rows=s.m, tree=not s.has_matrices, vanishing=vanishing)
+    size = {"coordinates": s.n_velocities, "states": s.n_states, "rows": s.m}
+    return replace(found, **size, tree=not s.has_matrices, vanishing=vanishing)
 
 
 class ExaminedRun:

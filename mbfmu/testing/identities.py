@@ -65,7 +65,7 @@ def random_state(compiled: CompiledMechanism, rng: np.random.Generator, length: 
     """
     system = compiled.system
     free = [body.joint for body in compiled.mechanism.bodies[1:] if body.joint.drive is None]
-    size, moving = system.size.copy(), system.n - system.n_states
+    size, moving = system.size.copy(), system.n_velocities
     size[:moving] = [length if unit == "m" else 1.0 for joint in free for unit in joint.units]
     q = compiled.assembly.start_positions()
     system.apply(q, size * rng.normal(size=system.n))
@@ -190,7 +190,7 @@ def mass_matrix(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]:
     """The kinetic energy is half of v M v, and forward dynamics undoes inverse dynamics."""
     terms = compiled.system.allocate_terms()
     compiled.system.fill(at.t, at.q, at.v, terms)
-    still, moving = at.v.copy(), compiled.system.n - compiled.system.n_states
+    still, moving = at.v.copy(), compiled.system.n_velocities
     still[:moving] = 0.0  # first-order states have no kinetic energy
     rest = compiled.energy(at.t, at.q, still)
     kinetic = compiled.energy(at.t, at.q, at.v) - rest

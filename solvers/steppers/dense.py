@@ -219,7 +219,7 @@ class DenseFormulation(Formulation):
     @property
     def freedom(self) -> int:
         """In how many ways the constraints let the mechanism move."""
-        return int(self.system.n - self.system.n_states - self.rank)
+        return int(self.system.n_velocities - self.rank)
 
     def growth(self) -> NDArray[Any]:
         """As :meth:`solvers.steppers.formulation.Formulation.growth`."""

@@ -144,7 +144,7 @@ class OneStepSolver(PythonLoopStepper):
             self._record_energy(t)
             if not control["h"] > 0.0:
                 form.record_step(t, self._q, self._v, 0.0, 0.0)
-                moving = self.system.n - self.system.n_states
+                moving = self.system.n_velocities
                 rate = start_rate(form.rate, np.inf, self.system.size, self._v[:moving], form.a)
                 control["h"] = FIRST_STEP_RATIO / rate
             control["start"] = 0

@@ -114,7 +114,7 @@ class Assembly:
 
         q (nq,) and v (n,) are assembled; the tolerance is relative, in units of the coordinates.
         """
-        size, found, moving = self._system.size, [], self._system.n - self._system.n_states
+        size, found, moving = self._system.size, [], self._system.n_velocities
         fastest = float(np.abs(v / size)[:moving].max(initial=0.0))
         first, first_v = self.start_positions(), self.start_velocities()
         at, at_v = 0, 0
@@ -192,7 +192,7 @@ class Assembly:
         if not s.m or not s.n or driven:
             return []
         rows = "1 constraint equation leaves" if s.m == 1 else f"{s.m} constraint equations leave"
-        text = f"the mechanism cannot move: {rows} no degree of freedom of its {s.n - s.n_states} joint coordinates"
+        text = f"the mechanism cannot move: {rows} no degree of freedom of its {s.n_velocities} joint coordinates"
         if locked:
             remedy = ". ".join((locked[0].remedy, *(other.message for other in locked[1:])))
             return [replace(locked[0], text=f"{text}: {locked[0].text}", remedy=remedy)]
@@ -217,7 +217,7 @@ class Assembly:
         """
         s = self._system
         best, random, fewest = q, np.random.default_rng(1), len(self.find_redundant(t, q))
-        for moved in random.permutation(s.n - s.n_states)[:4]:
+        for moved in random.permutation(s.n_velocities)[:4]:
             near = q.copy()
             s.apply(near, s.size * random.uniform(0.02, 0.05, s.n) * random.choice((-1.0, 1.0), s.n))
             try:

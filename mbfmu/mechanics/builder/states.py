@@ -8,9 +8,8 @@ from typing import Any
 from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.loads.base import FirstOrderState
 from mbfmu.mechanics.loads.state_equation import StateEquation
-from mbfmu.mechanics.numbers import finite, positive
 from mbfmu.mechanics.sensors import Sensor, StateRate, StateValue
-from mbfmu.util.units import rate_unit, read_unit
+from mbfmu.util.units import rate_unit
 
 from .loading import Acting, Loading
 
@@ -70,7 +69,8 @@ class States(Loading):
         start
             Value at the start of a run.
         nominal
-            Typical size of the state, in its unit: its absolute tolerance is the tolerance of the solver times it.
+            Typical size of the state, in its unit, 1e-50 to 1e50: its absolute tolerance is the tolerance of the solver
+            times it.
         unit
             Unit in the notation of FMI, such as ``"A"`` or ``"rad"``; ``"1"``: none.
 
@@ -86,13 +86,7 @@ class States(Loading):
         """
         self._new_name("state", name, [acting.name for acting in self.state_equations])
         what = f"state {name!r}"
-        read_unit(unit)
-        declared = FirstOrderState(
-            name=name,
-            unit=unit,
-            start=finite(f"start of {what}", start),
-            nominal=positive(f"nominal of {what}", nominal),
-        )
+        declared = FirstOrderState(name=name, unit=unit, start=start, nominal=nominal)
         given = dict(uses or {})
         self._check_quantities(what, given)
         equation = StateEquation(state=declared, rate=rate, uses=given)

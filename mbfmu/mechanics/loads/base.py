@@ -34,7 +34,10 @@ import numpy as np
 
 from mbfmu.mechanics.checks import vector
 from mbfmu.mechanics.kind import Attachment, ElementType
+from mbfmu.mechanics.numbers import finite, positive
 from mbfmu.mechanics.spatial import arm
+from mbfmu.util.errors import UserError
+from mbfmu.util.units import read_unit
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Record, Vec3, i8
 
@@ -49,6 +52,7 @@ MAX_ACCURATE_RATIO = 1.0
 #: Largest value of a ``monitor`` at which the theory of the element is valid: the run ends at a larger one.
 MAX_VALID_RATIO = 2.0
 MAX_MISPLACEMENT = 1.0  # of a ``misplacement``: beyond it the mechanism is refused
+MIN_NOMINAL, MAX_NOMINAL = 1e-50, 1e50  # of first-order states: solvers take the squares
 FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 
 
@@ -65,13 +69,30 @@ class FirstOrderState:
     start
         Value of z at the start of a run.
     nominal
-        Typical size of z, greater than zero: the absolute tolerance of z is the tolerance of the solver times it.
+        Typical size of z, 1e-50 to 1e50: the absolute tolerance of z is the tolerance of the solver times it.
+
+    Raises
+    ------
+    UserError
+        The start value is not finite, the nominal value is none, or the unit is unknown.
     """
 
     name: str
     unit: str = "1"
     start: float = 0.0
     nominal: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the unit and the values."""
+        read_unit(self.unit)
+        what = f"state {self.name!r}"
+        object.__setattr__(self, "start", finite(f"start of {what}", self.start))
+        nominal = positive(f"nominal of {what}", self.nominal)
+        if not MIN_NOMINAL <= nominal <= MAX_NOMINAL:
+            raise UserError(
+                f"nominal of {what} is {nominal!r}; allowed: {MIN_NOMINAL:g} to {MAX_NOMINAL:g}. Use another unit"
+            )
+        object.__setattr__(self, "nominal", nominal)
 
 
 @kernel

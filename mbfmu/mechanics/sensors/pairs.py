@@ -93,7 +93,6 @@ class DistanceRate(Distance):
     """Its rate."""
 
     read = distance_rate
-    is_kinematic = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +101,6 @@ class AngleBetween(Distance):
 
     unit: str = "rad"
     read = angle
-    is_kinematic = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +108,6 @@ class RelativePosition(Distance):
     """Component of the way from a's point to b's along an axis of a."""
 
     read = relative_position
-    is_kinematic = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,4 +115,3 @@ class RelativeVelocity(Distance):
     """Its rate: the velocity of b's point relative to body a."""
 
     read = relative_velocity
-    is_kinematic = True

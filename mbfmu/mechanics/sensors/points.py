@@ -62,7 +62,6 @@ class PointVelocity(PointPosition):
     """... of its velocity."""
 
     read = velocity
-    is_kinematic = True
 
 
 @dataclass(frozen=True, kw_only=True)

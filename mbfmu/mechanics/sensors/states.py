@@ -3,36 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mbfmu.mechanics.kind import Attachment
-from solvers.compiled.kernel import kernel
 
 from .base import Follows, Sensor
-
-if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays, State
-    from mbfmu.mechanics.sensors.base import QuantityRecord
-    from solvers.compiled.record import Reals
-
-
-@kernel
-def value(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
-    """See :mod:`.base`."""
-    return state.v[sensor.index]
-
-
-@kernel
-def rate(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
-    """See :mod:`.base`."""
-    return state.a[sensor.index]
+from .coordinates import acceleration, velocity
 
 
 @dataclass(frozen=True, kw_only=True)
 class StateValue(Sensor):
     """Value of a first-order state; its item is the state."""
 
-    read = value
+    read = velocity  # states are entries of State.v
     is_kinematic = True
 
     def fill(self, record: Any, site: Attachment) -> None:
@@ -44,6 +27,6 @@ class StateValue(Sensor):
 class StateRate(StateValue):
     """Rate z' of a first-order state."""
 
-    read = rate
+    read = acceleration
     is_kinematic = False
     follows = Follows.LOADS
