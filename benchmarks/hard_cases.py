@@ -78,9 +78,9 @@ without compilation. The CPU time is a single measurement, which may be wrong by
 tolerances are compared for a longer time, so that an error may be larger in a column further to the right.
 
 If a singular configuration is missed by 1e-7 m or less, rounding errors may exceed a small tolerance. `adams`,
-`hybrid` and `radau` then use a larger tolerance and report it. They are compared at that tolerance, which is in the
-cell: *3e-5 at 8e-9*. `ida` uses a tolerance of at least 1e-9 for small models with loops, but is compared at the
-tolerance of the column."""
+`hybrid` and `radau` then use a larger tolerance and report it. Models with loops are simulated by `ida` at a tolerance
+of at least 1e-9, and of 1e-8 if they are large, which is reported too. Runs are compared at the tolerance that is
+reported, which is in the cell: *3e-5 at 8e-9*."""
 
 LOOPS = """## Loops that are singular, redundant, driven or long
 

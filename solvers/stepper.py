@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -24,6 +25,11 @@ SPACING_FACTOR = 2.0**-53 * (1.0 + 2.0**-52)  # of a number, which it is less th
 UNRESOLVED_TIME, RESOLVED = -2, -1  # results of find_unresolved
 DISCONTINUITY_STEP_RATIO = 1e-8  # of the time: signals shorten steps so much only at jumps
 MIN_RATE_PER_DURATION = 0.1  # least rate of a motion, in units of one over the duration of the run
+LIMITED_RTOL = Diagnostic.warning(  # its text is filled by native FMUs too
+    "limited-tolerance",
+    "The solver uses a tolerance of {used:g} instead of {requested:g}, because rounding errors allow no smaller one",
+    "Use 'adams' if this is too large",
+)
 
 
 @inlined
@@ -210,6 +216,8 @@ class Stepper(ABC):
         it.
     clock
         The reported time in an array (1,), s, as saved last.
+    min_rtol
+        Smallest tolerance: a smaller ``options.rtol`` is run as this one, with a warning.
     """
 
     fallback_solvers: tuple[str, ...] = ()
@@ -217,6 +225,7 @@ class Stepper(ABC):
     is_explicit: ClassVar[bool] = False
     starts_singular: bool = False
     undetermined_at: float = math.nan
+    min_rtol: float = 0.0
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         self.options = options or Options()
@@ -266,7 +275,10 @@ class Stepper(ABC):
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
         """Warnings about deviations from the given options, and about errors that are larger than the tolerance."""
-        return ()
+        if self.options.rtol >= self.min_rtol:
+            return ()
+        text = LIMITED_RTOL.text.format(used=self.min_rtol, requested=self.options.rtol)
+        return (replace(LIMITED_RTOL, text=text),)
 
     @property
     def energy_account(self) -> Array:

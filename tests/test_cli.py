@@ -338,7 +338,7 @@ def test_mistakes_get_a_message_and_exit_code_2(command: Command, arguments: tup
 
 def test_a_tolerance_that_is_not_run_is_told(command: Command, tmp_path: Path) -> None:
     fine = ("run", "fourbar", "--direct", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
-    assert "warning: 'ida' uses a tolerance of 1e-09 instead of 1e-12" in command(*fine, "--tolerance=1e-12")[1]
+    assert "warning: The solver uses a tolerance of 1e-09 instead of 1e-12" in command(*fine, "--tolerance=1e-12")[1]
     assert "note:" not in command(*fine)[1]
 
 

@@ -274,6 +274,7 @@ class _File:
         header["exchange"], header["positions"], header["velocities"] = self._exchanges, system.nq, system.n
         header["derivatives"], header["inputs"] = self._differentiates, len(compiled.inputs)
         header["takes_rates"] = _takes_rates(self._simulation)
+        header["min_rtol"] = self._simulation.stepper.min_rtol
         header["reports_coarse"] = bool(describe_coarse(compiled, COARSE_TOLERANCE, freedom))
         header["reports_undetermined"] = compiled.has_force_outputs
         header["steady"] = self._simulation.steady_state is not None

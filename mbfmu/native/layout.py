@@ -26,8 +26,8 @@ from solvers.compiled.kernel import types
 from solvers.loop_closure import Outcome, WorstRecord
 from solvers.options import OPTIONS
 from solvers.outcome import Code
+from solvers.stepper import LIMITED_RTOL
 from solvers.steppers.compiled_loop import LIMITED_TOLERANCE
-from solvers.steppers.ida.dense_memory import LIMITED_RTOL, MIN_RTOL
 
 from . import sundials
 from .checksum import crc64
@@ -145,6 +145,7 @@ HEADER = np.dtype(
         ("saved", "i8"),  # of it, what is saved and restored
         ("saved_alone", "i8"),  # of that, what co-simulation needs
         ("root", "i8"),
+        ("min_rtol", "f8"),  # a smaller tolerance is run as this one
         ("reports_coarse", "i8"),  # 1: a coarse tolerance is reported at the start
         ("user_kernels", "i8"),  # number of kernels in the library of user-defined ones
         ("reports_undetermined", "i8"),  # 1: some output is a force, and it is reported that forces are not determined
@@ -211,7 +212,7 @@ def declarations(contents: Contents, entries: Mapping[str, Entry]) -> str:
     lines += [f"#define LEFT_BRANCH ({LEFT_BRANCH})", f"#define STATES_NOT_FINITE ({STATES_NOT_FINITE})"]
     lines += [f"#define NOT_DIFFERENTIABLE ({NOT_DIFFERENTIABLE})", f"#define EXCHANGE_TIMES {TIMES}"]
     lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
-    lines += [f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}", f"#define MIN_RTOL {MIN_RTOL!r}"]
+    lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]
     lines.append(f"#define UNFOLD {json.dumps(ADVICE)}")
     words = {"USER_LIBRARY": USER_LIBRARY, "USER_TABLE": USER_TABLE_SYMBOL}

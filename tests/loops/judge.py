@@ -4,7 +4,7 @@
 goes astray, by unit of error, when every step commits a small random one. Where c rtol A(t) becomes large, nothing is
 asked of positions any more, but loops must stay closed and what nothing drives or damps must keep its energy.
 
-rtol is what was asked for, or what the solver says that it was beside a near miss.
+rtol is the requested tolerance, or a larger one that the solver reports to have used.
 
 **Refused** is a run that stops with a message, and was right until then. Anything else is **wrong**: a raw error of an
 array library too.
@@ -155,7 +155,7 @@ def judge(
     k = len(known.times)
     q, v = np.full((k, known.q.shape[1]), np.nan), np.full((k, known.v.shape[1]), np.nan)
     q[0], v[0], done, why, evaluations = *known.start, 1, "", 0
-    coarser = 1.0
+    used = rtol
     try:
         options = Options(rtol=rtol, max_steps=max_steps)
         motion = stepper(solver, compiled.system, float(known.times[0]), *known.start, options)
@@ -168,13 +168,14 @@ def judge(
             q[i], v[i], done = rows.q[0], rows.v[0], i + 1
             if known.times[i] == restart:
                 motion.restart()
-        evaluations, coarser = motion.statistics.rhs_evals, motion.statistics.coarser
+        used = max(rtol * motion.statistics.coarser, motion.min_rtol)
+        evaluations = motion.statistics.rhs_evals
     except (ArithmeticError, LookupError, MemoryError, TypeError, ValueError, AssertionError) as error:
         if not meant(error):
             return Verdict("wrong", f"raw {type(error).__name__}: {error}")
         why = str(error)
     seconds = time.process_time() - begin
-    return _weigh(mechanism, compiled, known, q[:done], v[:done], coarser * rtol, factor, why, evaluations, seconds)
+    return _weigh(mechanism, compiled, known, q[:done], v[:done], used, factor, why, evaluations, seconds)
 
 
 def meant(error: Exception) -> bool:

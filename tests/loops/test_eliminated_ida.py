@@ -120,6 +120,21 @@ def test_motions_near_and_through_singular_configurations(name: str) -> None:
         assert verdict.word == "right", verdict
 
 
+def test_a_tolerance_below_the_smallest_one_is_run_as_this_one_and_reported() -> None:
+    """31 loops that are singular at the same instant, where rounding errors of the accelerations are large."""
+    case = n_four_bar(31)
+    motion = truth(case.mechanism, np.linspace(0.0, 2.0, 21), case.exact)
+    verdict = judge(case.mechanism, motion, "ida", 1e-10)
+    assert (verdict.word, verdict.rtol) == ("right", 1e-8), verdict
+    compiled, states = CompiledMechanism(case.mechanism), []
+    for rtol in (1e-8, 1e-10):
+        run = started(compiled, rtol)
+        assert run.advance(0.5).ok
+        states.append(run.q.tobytes())
+        assert [d.code for d in run.diagnostics] == ["limited-tolerance"] * (rtol < 1e-8)
+    assert states[0] == states[1]
+
+
 @pytest.mark.usefixtures("everywhere")
 def test_a_near_miss_that_rounding_hides_is_refused() -> None:
     compiled = CompiledMechanism(parallelogram(1e-11).mechanism)

@@ -96,6 +96,20 @@ def test_a_state_goes_on_in_another_instance(name: str, opened: Any) -> None:
         follow(instance, restored, 6, 10)
 
 
+def test_a_tolerance_that_is_limited_is_logged_as_in_python(opened: Any) -> None:
+    binary = opened("sheet, esdirk")
+    for tolerance in (1e-10, 3e-11):
+        simulation = Simulation(CASES["sheet, esdirk"][0], Settings(solver="esdirk", tolerance=tolerance))
+        expected = [str(d) for d in simulation.diagnostics if d.code == "limited-tolerance"]
+        assert len(expected) == (tolerance < 1e-10)
+        binary.logged.clear()
+        fmu = binary.instantiate()
+        assert fmu.set_up(0.0, None, tolerance) == OK
+        assert fmu.call("EnterInitializationMode") == fmu.call("ExitInitializationMode") == OK
+        assert [text for _, text in binary.logged if "[limited-tolerance]" in text] == expected
+        fmu.free()
+
+
 @pytest.mark.campaign
 def test_an_importing_tool_runs_the_feeder(tmp_path: Path) -> None:
     model = Feeder()

@@ -140,12 +140,12 @@ static void warn_coarse_tolerance(Instance *own)
         warn_filled(own, COARSE_TOLERANCE_TEXT, &options->rtol, NULL);
 }
 
-/* Tell that IDA uses another tolerance than requested. */
+/* Tell that the solver uses another tolerance than requested. */
 static void warn_limited_rtol(Instance *own)
 {
     const Options *options = (const Options *)(own->block + own->header->options_at);
-    const double numbers[] = {MIN_RTOL, options->rtol};
-    if (own->sundials && !own->exchange && own->header->rows_count && options->rtol < MIN_RTOL)
+    const double numbers[] = {own->header->min_rtol, options->rtol};
+    if (!own->exchange && options->rtol < own->header->min_rtol)
         warn_filled(own, LIMITED_RTOL_TEXT, numbers, NULL);
 }
 

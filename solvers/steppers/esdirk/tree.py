@@ -57,6 +57,7 @@ class TreeESDIRKStepper(Stepper):
     """ESDIRK3(2) on a large tree."""
 
     loop: ClassVar = loop
+    min_rtol = loop.MIN_RTOL
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         explicit = ("adams",) if system.elimination or system.n <= MAX_SOLVER_DENSE_COORDINATES else ()
@@ -125,14 +126,7 @@ class TreeESDIRKStepper(Stepper):
         """Whether the tolerance is larger than requested, or errors may be far above it: the order is low for a nearly
         singular mass matrix.
         """
-        found, used = [], float(self._settings["rtol"][0])
-        if used != self.options.rtol:
-            text = (
-                f"'esdirk' uses a tolerance of {used:g} instead of {self.options.rtol:g}, because its "
-                "steps would be so short that rounding errors add up"
-            )
-            remedy = "Use 'adams' or 'ida' if this is too large"
-            found.append(Diagnostic.warning("limited-tolerance", text, remedy, subject="esdirk"))
+        found = list(super().diagnostics)
         if large := describe_large_growth(self._inertia):
             text = f"{large}, and errors of 'esdirk' (order 3) may be 100 times the tolerance"
             remedy, since = "Use 'adams' or 'ida'", float(self._inertia[0]["large_since"])

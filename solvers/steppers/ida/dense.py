@@ -16,7 +16,6 @@ restarts at order one, so it agrees with the saved one to the tolerance, not bit
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,7 +45,7 @@ from .dense_callbacks import (
     set_up_preconditioner_at,
 )
 from .dense_memory import (
-    LIMITED_RTOL,
+    MIN_RTOL,
     SETTINGS,
     IDAMemory,
     continue_history,
@@ -71,6 +70,7 @@ class IDAStepper(IDADriver, DenseStepper):
 
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
+        self.min_rtol = MIN_RTOL if system.m else 0.0
         n, memory = system.n, IDAMemory.allocate(system.nq, system.n, system.m)
         self._memory, self._settings = memory, records(1, SETTINGS)
         self._set_records(memory.counts, memory.energy_record, memory.progress)
@@ -79,7 +79,6 @@ class IDAStepper(IDADriver, DenseStepper):
         self.integration = pin(Integration(*own, self._q, self._v, self._energy_account))
         set_options(self.options.record(), self.integration)
         set_up(self.integration, self._t, self._rank)
-        self._rtol = float(self._settings["motion_rtol"][0])
         self._ida = self._make_ida()
 
     def _make_ida(self) -> DirectIDA | BoundIDA:
@@ -189,10 +188,7 @@ class IDAStepper(IDADriver, DenseStepper):
             text = f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot compensate that"
             since = float(self._workspace.inertia[0]["large_since"])
             return (Diagnostic.warning("ill-conditioned-mass", text, "Use 'adams'", subject="ida", time=since),)
-        if self._rtol == self.options.rtol:
-            return ()
-        text = LIMITED_RTOL.text.format(used=self._rtol, requested=self.options.rtol)
-        return (replace(LIMITED_RTOL, text=text),)
+        return super().diagnostics
 
     def _evaluations(self) -> int:
         columns = self.system.nq + 2 * self.system.n + 1

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import kernel, records
 from solvers.compiled.record import Record, f8, i8
-from solvers.diagnostics import Diagnostic
 from solvers.energy_account import ENERGY_ACCOUNT, SCALAR_RESULTS, WORK, restart_work
 from solvers.inertia import update_growth
 from solvers.linalg.dense import factor_lu, solve_lu
@@ -33,13 +32,6 @@ if TYPE_CHECKING:
     from solvers.steppers.step_loop import Integration
 
 MIN_RTOL = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
-LIMITED_RTOL = Diagnostic.warning(  # its text is filled by native FMUs too
-    "limited-tolerance",
-    "'ida' uses a tolerance of {used:g} instead of {requested:g}, because rounding errors of closed loops allow no "
-    "smaller one",
-    "Use 'adams' if this is too large",
-    subject="ida",
-)
 # IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
 # error^(5/6): for a motion's error in proportion to rtol IDA is given RTOL_FACTOR rtol^RTOL_EXPONENT, and atol in
 # proportion.

@@ -59,6 +59,7 @@ from .eliminated_callbacks import (
 )
 from .eliminated_memory import (
     SETTINGS,
+    MIN_RTOL,
     EliminatedIDAMemory,
     ImplicitEquations,
     Work,
@@ -84,6 +85,7 @@ class EliminatedIDAStepper(IDADriver):
     """IDA with eliminated constraints."""
 
     fallback_solvers = ("adams",)
+    min_rtol = MIN_RTOL
     loop: ClassVar = eliminated_loop
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:

@@ -39,6 +39,8 @@ class SettingsRecord(Record):
 
 
 SETTINGS = SettingsRecord.dtype
+# A tighter rtol is run as this one: near crossings of many loops at once rounding errors of accelerations are larger.
+MIN_RTOL = 1e-8
 
 
 class ImplicitEquations(NamedTuple):
@@ -123,9 +125,10 @@ class Work(NamedTuple):
 def set_options(options: Any, problem: Integration) -> None:
     """Fill the settings from a record of solvers.options.OPTIONS, ``options`` (1,)."""
     own, settings = options[0], problem.settings[0]
-    settings.motion_rtol, settings.motion_atol = own.rtol, own.absolute
-    settings.rtol = RTOL_FACTOR * own.rtol**RTOL_EXPONENT
-    settings.atol = settings.rtol if own.absolute == own.rtol else own.absolute * settings.rtol / own.rtol
+    rtol = max(MIN_RTOL, own.rtol)
+    settings.motion_rtol, settings.motion_atol = rtol, rtol if own.absolute == own.rtol else own.absolute
+    settings.rtol = RTOL_FACTOR * rtol**RTOL_EXPONENT
+    settings.atol = settings.rtol if own.absolute == own.rtol else own.absolute * settings.rtol / rtol
     settings.max_step, settings.max_steps, settings.energy_check = own.max_step, own.max_steps, own.energy_check
     settings.max_order = own.max_order if own.max_order > 0 else MAX_ORDER
     problem.memory.progress[0].energy_check = own.energy_check
