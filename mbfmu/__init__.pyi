@@ -49,6 +49,7 @@ from .mechanics import (
     Translational,
     TranslationalCutJoint,
     Universal,
+    UniversalCutJoint,
     Weld,
     WeldCutJoint,
     add_chain,
@@ -99,10 +100,10 @@ __all__ = [
     "Ramp", "Recommendation", "Result", "Revolute", "RevoluteCutJoint", "RunUp", "Screw", "Settings", "Shell",
     "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCutJoint", "Spring", "StateSpace", "Step",
     "Stretching", "Study", "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational",
-    "TranslationalCutJoint", "Trough", "Universal", "UserError", "Wall", "Weld", "WeldCutJoint", "add_chain",
-    "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder", "equilibrium", "equilibrium_path",
-    "export", "find", "linearize", "load_study", "models", "modes", "parameter", "recommend_solver", "rod", "simulate",
-    "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
+    "TranslationalCutJoint", "Trough", "Universal", "UniversalCutJoint", "UserError", "Wall", "Weld", "WeldCutJoint",
+    "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder", "equilibrium",
+    "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes", "parameter", "recommend_solver",
+    "rod", "simulate", "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
 ]  # fmt: skip
 
 __version__: str
