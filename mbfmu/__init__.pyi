@@ -20,6 +20,7 @@ from .mechanics import (
     Harmonic,
     Input,
     JointForce,
+    JointFriction,
     JointSpring,
     JointStop,
     LineForce,
@@ -61,6 +62,7 @@ from .mechanics import (
 )
 from .modeling import Model, find, models, parameter
 from .modeling.settings import Settings
+from .session.events import EventRecord
 from .session.result import Result
 from .session.run import simulate
 from .session.simulation import Simulation
@@ -94,12 +96,12 @@ from .viewer.show import view
 __all__ = [
     "AssemblyError", "Batch", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Comparison", "Crease", "Cylinder",
     "Cylindrical", "CylindricalCutJoint", "Diagnostic", "DistanceCutJoint", "DistanceStop", "Drum", "EndRun",
-    "Equilibrium", "EquilibriumError", "EquilibriumPath", "Findings", "Floating", "Function", "Gear", "Geodesic",
-    "Guide", "Harmonic", "Input", "JointForce", "JointSpring", "JointStop", "LineForce", "Mechanism", "Model",
-    "OutOfPlane", "Panel", "Planar", "PlanarCutJoint", "PlaneCutJoint", "Plate", "PointForce", "Polynomial", "Product",
-    "Ramp", "Recommendation", "Result", "Revolute", "RevoluteCutJoint", "RunUp", "Screw", "SetInput", "Settings",
-    "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCutJoint", "Spring", "StateSpace", "Step",
-    "Stretching", "Study", "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational",
+    "Equilibrium", "EquilibriumError", "EquilibriumPath", "EventRecord", "Findings", "Floating", "Function", "Gear",
+    "Geodesic", "Guide", "Harmonic", "Input", "JointForce", "JointFriction", "JointSpring", "JointStop", "LineForce",
+    "Mechanism", "Model", "OutOfPlane", "Panel", "Planar", "PlanarCutJoint", "PlaneCutJoint", "Plate", "PointForce",
+    "Polynomial", "Product", "Ramp", "Recommendation", "Result", "Revolute", "RevoluteCutJoint", "RunUp", "Screw",
+    "SetInput", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCutJoint", "Spring",
+    "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational",
     "TranslationalCutJoint", "Trough", "Universal", "UserError", "Wall", "Weld", "WeldCutJoint", "add_chain",
     "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder", "equilibrium", "equilibrium_path",
     "export", "find", "linearize", "load_study", "models", "modes", "parameter", "recommend_solver", "rod", "simulate",

@@ -114,6 +114,17 @@ def joint_stop() -> Sketch:
     return s
 
 
+@element("JointFriction")
+def joint_friction() -> Sketch:
+    """A slide that a pad presses on, and the friction force against its velocity."""
+    s, _ = slider(0.5)
+    s.show(s.a, STOP, block((0.5, 0.5, 0.16), (0.5, 0.0, 0.52)))
+    s.push((0.5, 0.0, 1.35), (0.5, 0.0, 0.66))
+    s.slide("x", (1.35, 0.0, 0.35), 0.9)
+    s.push((0.0, -0.3, -0.45), (-0.9, -0.3, -0.45))
+    return s
+
+
 @element("DistanceStop")
 def distance_stop() -> Sketch:
     """A slack rope between two bodies."""

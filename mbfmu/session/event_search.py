@@ -22,8 +22,8 @@ from solvers.stepper import Stepper, spacing
 from solvers.system import Array
 
 POINTS_PER_STEP = 4  # evaluations of the sensors in a step with dense output, its end included
-ACCURACY = 1e-3  # of a located time, in units of the tolerance times the step
-MAX_ITERATIONS = 100  # of the search for a root; bisection alone needs 60
+TIME_ACCURACY_RATIO = 1e-3  # of a located time, in units of the tolerance times the step
+MAX_ROOT_ITERATIONS = 100  # of the search for a root; bisection alone needs 60
 MAX_EXTREMUM_ITERATIONS = 6
 MAX_EXTREMUM_RATIO = 0.3  # of the values of three points: a parabola with a larger least value does not reach zero
 
@@ -111,7 +111,7 @@ class ExaminedStep:
         saved, self._target = taken
         self._saved = None if stepper.has_dense_output else saved
         self.begin, self.end = begin, end
-        self._min_width = max(4.0 * spacing(end.t), ACCURACY * stepper.options.rtol * (end.t - begin.t))
+        self._min_width = max(4.0 * spacing(end.t), TIME_ACCURACY_RATIO * stepper.options.rtol * (end.t - begin.t))
 
     def search(self, earlier: list[Point]) -> list[int]:
         """Make the first crossing the reported state and return which sensors cross there, or report the end.
@@ -197,7 +197,7 @@ class ExaminedStep:
     def _locate(self, k: int, a: Point, b: Point) -> Point:
         """Return the point after which sensor k has another sign than in a, from its bracket (a, b)."""
         ga, gb, kept = float(a.g[k]), float(b.g[k]), 0
-        for i in range(MAX_ITERATIONS):
+        for i in range(MAX_ROOT_ITERATIONS):
             if b.t - a.t <= self._min_width:
                 break
             t = b.t - gb * (b.t - a.t) / (gb - ga) if i % 3 != 2 else 0.5 * (a.t + b.t)

@@ -19,7 +19,10 @@ from .event_search import EventSearch
 from .kernels.points import check_point
 from .stepper_run import SEQUENCE, StepperRun
 
-MAX_EVENTS, MIN_TIME_RATIO = 100, 1e-6  # so many events need at least this part of the duration of the run
+MAX_EVENTS, MIN_EVENTS_TIME_RATIO = (
+    100,
+    1e-6,
+)  # number of events that need at least this part of the duration of the run
 
 
 class EventRecord(NamedTuple):
@@ -149,7 +152,7 @@ class RunEvents:
         if len(self.records) <= MAX_EVENTS:
             return
         t, first = self.records[-1].time, self.records[-1 - MAX_EVENTS].time
-        if t - first < MIN_TIME_RATIO * self._run.stepper.options.duration:
+        if t - first < MIN_EVENTS_TIME_RATIO * self._run.stepper.options.duration:
             self.stop = Diagnostic.error(
                 "too-many-events",
                 f"event {last.name!r} is the last of {MAX_EVENTS} events within {t - first:.2g} s at t = {t:.9g} s",

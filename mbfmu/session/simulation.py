@@ -40,7 +40,7 @@ from .serialization import decode_state, encode_state
 from .solver_selection import SolverChoice, limit_order, select_solver
 from .step_count import StepCountCheck
 from .stepper_run import SAMPLE, SEQUENCE, StepperRun
-from .tolerances import describe_coarse, describe_loose
+from .tolerances import describe_coarse, describe_loose, describe_sticking
 from .warmup import MAX_WARMUP_STEPS, compile_kernels
 
 __all__ = ["Settings", "Simulation"]
@@ -193,6 +193,7 @@ class Simulation(Diagnosed):
             found += self.compiled.assembly.changes(q, v, settings.tolerance)
         found += describe_loose(self.compiled, settings.tolerance)
         found += describe_coarse(self.compiled, settings.tolerance, self.stepper.freedom)
+        found += describe_sticking(self.compiled, self.solver_choice.solver, settings.tolerance)
         found += [*limited, *start_warnings, *self.compiled.coincident(t, q), *self.compiled.describe_assumed_length()]
         known = {diagnostic.code for diagnostic in found}
         return [*found, *(note for note in self.compiled.assembly.notes(t, q) if note.code not in known)]

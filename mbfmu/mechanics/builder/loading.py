@@ -213,7 +213,7 @@ class Loading(Graph):
         loads, equations of states.
         """
         for name, force, a, b in self.forces:
-            yield Acting(f"force {name!r}", force, (a, b))
+            yield Acting(f"force {name!r}", force, (a, b), name)
         yield from self.elements
         yield from self._element_companions
         for name, pressure, faces in self.pressures:

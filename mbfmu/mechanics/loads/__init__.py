@@ -8,6 +8,7 @@ from .bushing import Bushing
 from .distance_stop import DistanceStop
 from .drag import Drag
 from .joint_force import JointForce
+from .joint_friction import JointFriction
 from .joint_spring import JointSpring
 from .joint_stop import JointStop
 from .line_force import LineForce
@@ -24,6 +25,7 @@ __all__ = [
     "Drag",
     "Force",
     "JointForce",
+    "JointFriction",
     "JointSpring",
     "JointStop",
     "LineForce",
