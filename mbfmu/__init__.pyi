@@ -42,6 +42,7 @@ from .mechanics import (
     Sphere,
     Spherical,
     SphericalCutJoint,
+    SphericalFriction,
     Spring,
     Step,
     Sum,
@@ -100,12 +101,12 @@ __all__ = [
     "Geodesic", "Guide", "Harmonic", "Input", "JointForce", "JointFriction", "JointSpring", "JointStop", "LineForce",
     "Mechanism", "Model", "OutOfPlane", "Panel", "Planar", "PlanarCutJoint", "PlaneCutJoint", "Plate", "PointForce",
     "Polynomial", "Product", "Ramp", "Recommendation", "Result", "Revolute", "RevoluteCutJoint", "RunUp", "Screw",
-    "SetInput", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCutJoint", "Spring",
-    "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational",
-    "TranslationalCutJoint", "Trough", "Universal", "UserError", "Wall", "Weld", "WeldCutJoint", "add_chain",
-    "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder", "equilibrium", "equilibrium_path",
-    "export", "find", "linearize", "load_study", "models", "modes", "parameter", "recommend_solver", "rod", "simulate",
-    "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
+    "SetInput", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCutJoint",
+    "SphericalFriction", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "Torque",
+    "TorsionSpring", "Translational", "TranslationalCutJoint", "Trough", "Universal", "UserError", "Wall", "Weld",
+    "WeldCutJoint", "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder",
+    "equilibrium", "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes", "parameter",
+    "recommend_solver", "rod", "simulate", "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
 ]  # fmt: skip
 
 __version__: str
