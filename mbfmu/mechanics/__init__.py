@@ -27,6 +27,7 @@ from .cuts import (
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
+from .events import EndRun, SetInput
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -83,6 +84,7 @@ __all__ = [
     "CylindricalCutJoint",
     "DistanceCutJoint",
     "DistanceStop",
+    "EndRun",
     "FirstOrderState",
     "FlexibleBody",
     "Floating",
@@ -115,6 +117,7 @@ __all__ = [
     "RunUp",
     "Screw",
     "Sensor",
+    "SetInput",
     "Signal",
     "SpeedInput",
     "Sphere",
