@@ -155,7 +155,7 @@ class RunEvents:
         right = np.zeros(len(matrix))
         right[int(self._compiled.data.arrays.bodies["vf"][action.body.index]) + action.coordinate] = action.value
         run.dv[:] = 0.0
-        run.dv[:moving] = np.linalg.lstsq(matrix, right)[0][:moving]  # of redundant rows the least multipliers
+        run.dv[:moving] = np.linalg.lstsq(matrix, right)[0][:moving]  # constraint equations may be redundant
         before = energy_at(session, run.stepper.t, run.q, run.v)
         run.stepper.jump(run.dv)
         run.q, run.v, run.energy_account = run.stepper.reported
