@@ -19,6 +19,8 @@ from .user_kernels import fingerprints
 STRUCTURE_REASON = "it changes the structure of the mechanism"
 KERNEL_REASON = "it changes a user-defined function, which is compiled into the FMU"
 
+ESTIMATED = "estimated_"  # begins the names of fields that loads estimate, see Load.fill_estimates
+
 ARRAY_DESCRIPTIONS = {
     "world": "gravity",
     "bodies": "a body",
@@ -81,7 +83,8 @@ class Reader:
         arrays = compiled.data.arrays
         masks = {name: _real_words(name, array, compiled) for name, array in arrays._asdict().items()}
         self._real = np.concatenate(list(masks.values()))
-        self._whole = _words(compiled)[~self._real]
+        self._fixed = ~self._real & ~_estimated_words(compiled)
+        self._whole = _words(compiled)[self._fixed]
         self.inputs = _input_places(compiled)
         self._solver_columns = {name: len(values) for name, values in _solver_data(compiled).items()}
         self.places = [Place(name, 8 * int(k)) for name, mask in masks.items() for k in np.flatnonzero(mask)]
@@ -124,7 +127,7 @@ class Reader:
             if fingerprints(compiled.called()) != self._kernels:
                 raise UserError(KERNEL_REASON)
             words = _words(compiled)
-            if len(words) != len(self._real) or np.any(words[~self._real] != self._whole):
+            if len(words) != len(self._real) or np.any(words[self._fixed] != self._whole):
                 raise UserError(STRUCTURE_REASON)
             return self._numbers(compiled)
 
@@ -162,6 +165,18 @@ def _real_or_infinite(name: str, array: NDArray[Any], compiled: CompiledMechanis
     return mask
 
 
+def _estimated_words(compiled: CompiledMechanism) -> NDArray[np.bool_]:
+    """Return which words of all arrays are estimates of loads, which remain as they are at the export."""
+    masks = {name: np.zeros(array.nbytes // 8, bool) for name, array in compiled.data.arrays._asdict().items()}
+    memory = compiled.data.arrays.memory
+    for table in compiled.tables:
+        for name in table.dtype.names or ():
+            if name.startswith(ESTIMATED):
+                first = (_address(table[name]) - _address(memory)) // 8
+                masks["memory"][first : first + table.nbytes // 8 : table.itemsize // 8] = True
+    return np.concatenate(list(masks.values()))
+
+
 def _real_fields(dtype: np.dtype[Any]) -> NDArray[np.bool_]:
     """Return which words of one record, or one number, are real."""
     if dtype.names is None:
@@ -169,7 +184,7 @@ def _real_fields(dtype: np.dtype[Any]) -> NDArray[np.bool_]:
     mask = np.zeros(dtype.itemsize // 8, bool)
     for name in dtype.names:
         field, at = dtype.fields[name][:2]  # type: ignore[index]  # it has names
-        mask[at // 8 : (at + field.itemsize) // 8] = field.base == np.float64
+        mask[at // 8 : (at + field.itemsize) // 8] = field.base == np.float64 and not name.startswith(ESTIMATED)
     return mask
 
 

@@ -84,9 +84,9 @@ def select_solver(compiled: CompiledMechanism, states: Sequence[State], options:
     """Return the solver of the cheaper family for motions from these states, which must keep the constraints."""
     if not compiled.system.n:
         return SolverChoice("adams", "the drives determine the motion, and nothing is integrated")
-    if compiled.system.stiffness_reason:
+    if reason := compiled.system.stiffness_reason or compiled.system.stick_reason:
         solver, size = select_implicit(compiled, options.absolute)
-        return SolverChoice(solver, f"stiff: {compiled.system.stiffness_reason}; {size}", True)
+        return SolverChoice(solver, f"stiff: {reason}; {size}", True)
     first, size = select_explicit(compiled)
     if first == "ida":
         return SolverChoice(first, size)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics.arrays.load_estimates import unresolved_loads
 from mbfmu.util.diagnostics import Diagnostic
+from solvers.steppers import UNCONSTRAINED_SOLVERS
 
 from .run_messages import COARSE_TOLERANCE_WARNING, filled
 
@@ -34,3 +36,23 @@ def describe_coarse(compiled: CompiledMechanism, tolerance: float, freedom: int)
     if tolerance < COARSE_TOLERANCE or freedom == 0 or compiled.mechanism.meshes:
         return []
     return [filled(COARSE_TOLERANCE_WARNING, tolerance=tolerance)]
+
+
+def describe_sticking(compiled: CompiledMechanism, solver: str, tolerance: float) -> list[Diagnostic]:
+    """Return a warning if the tolerance does not resolve the deflection of a joint with friction, and a note if the
+    solver is explicit.
+    """
+    found = []
+    if unresolved := unresolved_loads(compiled.mechanism, compiled.data, compiled.length, tolerance):
+        what, deflection, allowed = unresolved[0]
+        text = (
+            f"the deflection of {what} is {deflection:.3g} (rad or m), but the tolerance of its coordinate is "
+            f"{allowed:.3g}: a step may pass over a short slip"
+        )
+        remedy = f"Use a tolerance of {tolerance * deflection / allowed:.2g} or less, or a larger `deflection`"
+        found.append(Diagnostic.warning("unresolved-friction", text, remedy, subject=what))
+    if (reason := compiled.system.stick_reason) and solver in UNCONSTRAINED_SOLVERS:
+        text = f"{solver!r} is explicit, and needs very many steps at times: {reason}"
+        remedy = "Use 'ida' or 'radau' if the run is slow"
+        found.append(Diagnostic.note("explicit-friction", text, remedy, subject=solver))
+    return found

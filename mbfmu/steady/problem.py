@@ -287,14 +287,28 @@ class EquilibriumProblem:
 
     def _notes(self) -> tuple[Diagnostic, ...]:
         """Return what the steady state is not, though the model's start may have meant it to be."""
+        held = self._held_notes()
         given, names = self.compiled.assembly.start_velocities(), self.compiled.system.coordinate_names
         given[len(given) - self.compiled.system.n_states :] = 0.0  # where the search for the states begins
         dropped = [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero((given != self._v) & (given != 0.0))]
         if not dropped:
-            return ()
+            return held
         text = (
             f"the given rate of {', '.join(dropped)} is not kept: in a steady state drives and cyclic coordinates, on "
             "which nothing depends, move on, and everything else is at rest"
+        )
+        return (*held, Diagnostic.note("steady-state", text))
+
+    def _held_notes(self) -> tuple[Diagnostic, ...]:
+        """Return a note if first-order states keep their start values, as the bristles of joints with friction."""
+        system = self.compiled.system
+        states = system.coordinate_names[system.n_velocities :]
+        names = [name for name, held in zip(states, system.held_states, strict=True) if held]
+        if not names:
+            return ()
+        text = (
+            f"{names[0]!r}{f' and {len(names) - 1} more' * (len(names) > 1)} keeps its start value: friction exerts no "
+            "other force in this state, although it could hold positions nearby, too"
         )
         return (Diagnostic.note("steady-state", text),)
 
@@ -343,7 +357,10 @@ class EquilibriumProblem:
                 f"{what} for {self.model.name!r}: at the start nothing resists {pushed}, on which the loads act; "
                 "add a support, or try another start (--from)"
             )
-        advice = SLIDING_TEXT if self.compiled.system.nonsmooth_reason else "try another start (--from)"
+        if any(self.compiled.system.held_states):
+            advice = "friction does not hold anything in these states: run the model until it stops"
+        else:
+            advice = SLIDING_TEXT if self.compiled.system.nonsmooth_reason else "try another start (--from)"
         return (
             f"{what} for {self.model.name!r}: {OUTCOME_TEXTS[solution.outcome]}; residual "
             f"{abs(solution.forces[worst]):.3g} "

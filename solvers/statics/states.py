@@ -4,6 +4,8 @@ In a steady state z' = g(t, q, v, z) = 0. Newton's method changes positions, so 
 which the states are positions too: q* = (q, z). Their equations are -w g = 0, with a weight w that makes them as large
 as forces, so that one norm and one threshold of pivots serve for all rows: w = E / (nominal value)^2 / rate, where E is
 the energy of the mechanism that moves by its own units at its rate.
+
+Of a state that is held at rest g is zero for every z. Its equation is w rate (z - z0) = 0 with its start value z0.
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ class StateEquations(NamedTuple):
     v: Any  # (n,) complex: velocities with the values of the states
     weights: Array  # (k,) w
     rate: Array  # (1,) 1/s
+    is_held: Array  # (k,) 1: the state keeps its start value
+    start: Array  # (k,)
 
 
 def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
@@ -39,6 +43,8 @@ def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
         data.v[n - k + i] = v[n - k + i] + q[q.shape[0] - k + i]
     data.dynamics(t, q, data.v, data.data, terms)
     for i in range(k):
+        if data.is_held[i] == 1.0:
+            terms.h[n - k + i] = data.rate[0] * (data.v[n - k + i] - data.start[i])
         terms.h[n - k + i] *= data.weights[i]
         terms.M[n - k + i, n - k + i] = data.weights[i] / data.rate[0]
 
@@ -66,7 +72,10 @@ def with_states_as_positions(system: System, t: float, q: Array, z: Array) -> tu
     inertia = np.abs(terms.M.real[:moving, :moving] * np.outer(system.size[:moving], system.size[:moving]))
     rate = system.rate or 1.0
     weights = (float(inertia.max(initial=0.0)) or 1.0) * rate / system.size[moving:] ** 2
-    data = StateEquations(system.dynamics, system.retract, system.pinned_data, v.copy(), weights, np.array([rate]))
+    is_held = np.array(system.held_states or [False] * k, float)
+    data = StateEquations(
+        system.dynamics, system.retract, system.pinned_data, v.copy(), weights, np.array([rate]), is_held, z.copy()
+    )
     evaluate, change = _callbacks(data)
     placed = system.placed
     positions = Positions(

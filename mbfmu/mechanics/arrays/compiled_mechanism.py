@@ -32,6 +32,7 @@ from .coincident import find_coincident
 from .compile import CompiledElements, check_rows
 from .given_inputs import GivenInputs
 from .inputs import Drives, Inputs
+from .load_estimates import fill_estimates
 from .load_groups import LoadGroup, largest_ratio, load_groups
 from .numbering import Numbering, Variable
 from .redundant import DriveMotion, drive_motions
@@ -64,6 +65,8 @@ class CompiledMechanism:
         Drives and inputs of the mechanism.
     outputs
         Variables in the order of :meth:`observe`.
+    watched
+        Numbers of the parts that are the sensors of events.
     length
         Characteristic length, m; see :func:`.scale.characteristic_length`.
     vanishing_rows
@@ -89,7 +92,7 @@ class CompiledMechanism:
             raise UserError(
                 f"a mechanism of {count} bodies needs more memory than is available; use fewer bodies"
             ) from error
-        self.data = elements.data
+        self.data, self.watched = elements.data, elements.watched
         check_bounds(mechanism, elements.called(), self.data)
         self.length = characteristic_length(mechanism, self.data.arrays)
         self.drives = Drives(mechanism, numbering, elements.signals, self.length)
@@ -104,6 +107,7 @@ class CompiledMechanism:
         if names:
             self.vanishing_rows = self._drop_vanishing_rows(names)
             self.system = self._systems.make([n for n in names if n not in self.vanishing_rows])
+        fill_estimates(mechanism, self.system, self.data, self.length)
         loops, row_size = EliminatedLoops.of(self.system), self._systems.row_size
         self._rounding = Rounding(mechanism, self.data, self.system, row_size, self._drive_motions(), loops)
         self.corrections = self._rounding.correct()

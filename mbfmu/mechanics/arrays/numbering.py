@@ -199,6 +199,15 @@ def states_of(mechanism: Mechanism) -> Iterator[tuple[str, FirstOrderState]]:
             yield name, state
 
 
+def held_states(mechanism: Mechanism) -> list[bool]:
+    """Return of each first-order state whether steady states keep its start value: a drive lets no joint rest."""
+    return [
+        state.is_held_at_rest and acting.bodies[0].joint.drive is None
+        for acting in mechanism.loads()
+        for state in acting.load.states
+    ]
+
+
 def first_states(mechanism: Mechanism, first: int) -> list[int]:
     """Return for every load where its first state is in State.v, from ``first`` on."""
     counts = [len(acting.load.states) for acting in mechanism.loads()]

@@ -41,7 +41,7 @@ from solvers.system import (
 from .assembly import free_bodies
 from .compile import CompiledElements
 from .inputs import Drives
-from .numbering import Numbering
+from .numbering import Numbering, held_states
 from .scale import coordinate_sizes, row_sizes, spans
 
 MAX_DENSE_TREE_COORDINATES = 60  # coordinates of a tree without loops from which on no dense matrix is made
@@ -217,6 +217,8 @@ class Systems:
             "rate": self._rate(),
             "nonsmooth_reason": self._first_reason("nonsmooth_reason"),
             "stiffness_reason": self._first_reason("stiffness_reason"),
+            "stick_reason": self._first_reason("stick_reason"),
+            "held_states": tuple(held_states(self._mechanism)),
             "observe": observe_all,
             "works": self._works,
             "elimination": Elimination(self._eliminate, self.tangent) if self._can_eliminate else None,

@@ -8,11 +8,13 @@ from .bushing import Bushing
 from .distance_stop import DistanceStop
 from .drag import Drag
 from .joint_force import JointForce
+from .joint_friction import JointFriction
 from .joint_spring import JointSpring
 from .joint_stop import JointStop
 from .line_force import LineForce
 from .point_force import PointForce
 from .pressure import Pressure
+from .spherical_friction import SphericalFriction
 from .spring import Spring
 from .torque import Torque
 from .torsion_spring import TorsionSpring
@@ -24,12 +26,14 @@ __all__ = [
     "Drag",
     "Force",
     "JointForce",
+    "JointFriction",
     "JointSpring",
     "JointStop",
     "LineForce",
     "Load",
     "PointForce",
     "Pressure",
+    "SphericalFriction",
     "Spring",
     "Torque",
     "TorsionSpring",

@@ -70,6 +70,9 @@ class FirstOrderState:
         Value of z at the start of a run.
     nominal
         Typical size of z, 1e-50 to 1e50: the absolute tolerance of z is the tolerance of the solver times it.
+    is_held_at_rest
+        Whether z' is zero for every z if the joint of the load's first body is at rest, as of the bristle of a joint
+        with friction. Steady states then keep the start value.
 
     Raises
     ------
@@ -81,6 +84,7 @@ class FirstOrderState:
     unit: str = "1"
     start: float = 0.0
     nominal: float = 1.0
+    is_held_at_rest: bool = False
 
     def __post_init__(self) -> None:
         """Check the unit and the values."""
@@ -161,6 +165,7 @@ class Load(ElementType):
     title: ClassVar[str] = "an element"  # as messages call one that the mechanism gives no name
     nonsmooth_reason: ClassVar[str] = ""  # why its force changes sharply within the tolerance; empty: it does not
     stiffness_reason: ClassVar[str] = ""  # why it makes explicit solvers unsuitable; empty: it does not
+    stick_reason: ClassVar[str] = ""  # why explicit solvers need many steps at times; empty: they do not
 
     @property
     def is_nonconservative(self) -> bool:
@@ -184,6 +189,34 @@ class Load(ElementType):
         names each of them, and its own name comes before in the mechanism.
         """
         return ()
+
+    @property
+    def coordinates(self) -> tuple[int, ...]:
+        """Numbers of the coordinates of its joint along which it acts, if it is ``on_joint``."""
+        return (0,)
+
+    def describe_joint_refusal(self, joint: Any) -> str:
+        """Return what a load that is ``on_joint`` needs, if it cannot act on this joint; empty: it can."""
+        return "" if joint.nv == 1 else "a joint of one coordinate"
+
+    def fill_estimates(self, record: Any, inertia: float, size: float) -> None:
+        """Write what a load with ``stick_reason`` estimates into fields of its record that begin with ``estimated_``.
+        In native FMUs these remain as they are at the export.
+
+        Parameters
+        ----------
+        record
+            Record that ``fill`` has written.
+        inertia
+            Inertia that the joint coordinate of the first body moves at the start, kg m^2 or kg; 0: a drive moves it.
+            Of several coordinates it is the mean.
+        size
+            Size of this coordinate, to which tolerances refer, rad or m.
+        """
+
+    def resolved_displacement(self, record: Any) -> float:
+        """Return the displacement of its joint coordinate that tolerances must resolve, rad or m; infinite: none."""
+        return np.inf
 
     def companions(self) -> tuple[Load, ...]:
         """Return loads that come with it, on the same bodies."""

@@ -1,0 +1,79 @@
+"""What loads estimate from the compiled mechanism: inertia and size of the coordinate they act on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import linalg
+
+from mbfmu.mechanics.builder.loading import Acting
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.kind import record_of
+
+from .assembly import start_positions
+from .scale import joint_sizes
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Data
+    from solvers.system import Array, System
+
+REDUNDANT_SINGULAR_RATIO = 1e-9  # of singular values, relative to the largest
+
+
+def sticking_loads(mechanism: Mechanism, data: Data) -> Iterator[tuple[Acting, Any]]:
+    """Yield the loads that stick, each with its record."""
+    for acting, place in zip(mechanism.loads(), data.arrays.loads["at"], strict=True):
+        if acting.load.stick_reason:
+            dtype = record_of(acting.load)
+            yield acting, data.arrays.memory[place : place + dtype.itemsize].view(dtype)[0]
+
+
+def fill_estimates(mechanism: Mechanism, system: System, data: Data, length: float) -> None:
+    """Write the estimates of all loads that stick, at the start positions of a mechanism of this length, m."""
+    found = list(sticking_loads(mechanism, data))
+    if not found:
+        return
+    inertias = coordinate_inertias(system, start_positions(mechanism))
+    for acting, record in found:
+        body = acting.bodies[0]
+        k = int(data.arrays.bodies["vf"][body.index])
+        along = np.array(acting.load.coordinates)
+        inertia = float(inertias[k + along].mean()) if k >= 0 else 0.0  # else a drive moves it
+        acting.load.fill_estimates(record, inertia, float(joint_sizes(body.name, body.joint, length)[along[0]]))
+
+
+def unresolved_loads(
+    mechanism: Mechanism, data: Data, length: float, tolerance: float
+) -> list[tuple[str, float, float]]:
+    """Return the loads whose displacements the tolerance does not resolve: what messages call them, the displacement
+    and the tolerance of their coordinate, rad or m.
+    """
+    found = []
+    for acting, record in sticking_loads(mechanism, data):
+        body, displacement = acting.bodies[0], acting.load.resolved_displacement(record)
+        allowed = tolerance * float(joint_sizes(body.name, body.joint, length)[acting.load.coordinates[0]])
+        if displacement < (1.0 - 1e-9) * allowed:
+            found.append((acting.what, displacement, allowed))
+    return found
+
+
+def coordinate_inertias(system: System, q: Array) -> Array:
+    """Return the inertia that each coordinate moves at positions q (nq,), kg m^2 or kg: 1 / (e M^-1 e) for the
+    motions that the constraints allow. Its diagonal entry of M if they do not allow any, or if M is singular.
+    """
+    terms, moving = system.allocate_terms(), system.n_velocities
+    system.fill(0.0, q, np.zeros(system.n), terms)
+    size, motions = system.size[:moving], np.eye(moving)
+    scaled = terms.M[:moving, :moving] * np.outer(size, size)
+    found = np.diag(scaled).copy()
+    if system.m:
+        _, sigma, motions = linalg.svd(terms.J[:, :moving] * size / system.row_size[:, np.newaxis])
+        motions = motions[int(np.sum(sigma > REDUNDANT_SINGULAR_RATIO * sigma.max(initial=0.0))) :]
+    values, vectors = linalg.eigh(motions @ scaled @ motions.T)
+    inert = values > REDUNDANT_SINGULAR_RATIO * values.max(initial=0.0)
+    mobility = np.sum((vectors[:, inert].T @ motions) ** 2 / values[inert, np.newaxis], axis=0)
+    allowed = mobility * found > REDUNDANT_SINGULAR_RATIO
+    found[allowed] = 1.0 / mobility[allowed]
+    return np.asarray(found / size**2)
