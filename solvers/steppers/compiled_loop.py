@@ -26,7 +26,7 @@ from .step_loop import Integration
 LIMITED_TOLERANCE = Diagnostic.warning(  # its text is filled by native FMUs too, see mbfmu.session.run_messages
     "limited-tolerance",
     "the tolerance was {used:.0e} instead of {requested:g} near a singular configuration that the loop misses by "
-    "{gap:.0e} of its size, because rounding errors allow no smaller one there",
+    "{gap:.0e} of its size (0: it passes through), because rounding errors allow no smaller one there",
     "Change the lengths of the loop if the error is too large",
     subject="tolerance",
 )
