@@ -26,7 +26,7 @@ from .cuts import (
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
-from .events import EndRun, SetInput
+from .events import EndRun, Impulse, SetInput
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -92,6 +92,7 @@ __all__ = [
     "Function",
     "Gear",
     "Harmonic",
+    "Impulse",
     "Input",
     "Joint",
     "JointForce",
