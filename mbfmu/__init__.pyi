@@ -53,6 +53,7 @@ from .mechanics import (
     Translational,
     TranslationalCutJoint,
     Universal,
+    UniversalCutJoint,
     Weld,
     WeldCutJoint,
     add_chain,
@@ -104,10 +105,10 @@ __all__ = [
     "PointForce", "Polynomial", "Product", "Ramp", "Recommendation", "Result", "Revolute", "RevoluteCutJoint", "RunUp",
     "Screw", "SetInput", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCutJoint",
     "SphericalFriction", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "Torque",
-    "TorsionSpring", "Translational", "TranslationalCutJoint", "Trough", "Universal", "UserError", "Wall", "Weld",
-    "WeldCutJoint", "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder",
-    "equilibrium", "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes", "parameter",
-    "recommend_solver", "rod", "simulate", "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
+    "TorsionSpring", "Translational", "TranslationalCutJoint", "Trough", "Universal", "UniversalCutJoint", "UserError",
+    "Wall", "Weld", "WeldCutJoint", "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare",
+    "cylinder", "equilibrium", "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes",
+    "parameter", "recommend_solver", "rod", "simulate", "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
 ]  # fmt: skip
 
 __version__: str

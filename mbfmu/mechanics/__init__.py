@@ -23,6 +23,7 @@ from .cuts import (
     RevoluteCutJoint,
     SphericalCutJoint,
     TranslationalCutJoint,
+    UniversalCutJoint,
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
@@ -134,6 +135,7 @@ __all__ = [
     "Translational",
     "TranslationalCutJoint",
     "Universal",
+    "UniversalCutJoint",
     "UserError",
     "Variable",
     "Weld",
