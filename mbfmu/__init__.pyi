@@ -61,6 +61,7 @@ from .mechanics import (
 )
 from .modeling import Model, find, models, parameter
 from .modeling.settings import Settings
+from .modeling.table_files import read_table
 from .session.result import Result
 from .session.run import simulate
 from .session.simulation import Simulation
@@ -102,8 +103,8 @@ __all__ = [
     "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational",
     "TranslationalCutJoint", "Trough", "Universal", "UserError", "Wall", "Weld", "WeldCutJoint", "add_chain",
     "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder", "equilibrium", "equilibrium_path",
-    "export", "find", "linearize", "load_study", "models", "modes", "parameter", "recommend_solver", "rod", "simulate",
-    "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
+    "export", "find", "linearize", "load_study", "models", "modes", "parameter", "read_table", "recommend_solver",
+    "rod", "simulate", "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
 ]  # fmt: skip
 
 __version__: str
