@@ -26,6 +26,7 @@ from .cuts import (
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
+from .events import EndRun, SetInput
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -82,6 +83,7 @@ __all__ = [
     "CylindricalCutJoint",
     "DistanceCutJoint",
     "DistanceStop",
+    "EndRun",
     "FirstOrderState",
     "FlexibleBody",
     "Floating",
@@ -114,6 +116,7 @@ __all__ = [
     "RunUp",
     "Screw",
     "Sensor",
+    "SetInput",
     "Signal",
     "SpeedInput",
     "Sphere",
