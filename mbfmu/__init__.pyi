@@ -65,6 +65,7 @@ from .mechanics import (
 )
 from .modeling import Model, find, models, parameter
 from .modeling.settings import Settings
+from .modeling.table_files import read_table
 from .session.events import EventRecord
 from .session.result import Result
 from .session.run import simulate
@@ -108,7 +109,8 @@ __all__ = [
     "TorsionSpring", "Translational", "TranslationalCutJoint", "Trough", "Universal", "UniversalCutJoint", "UserError",
     "Wall", "Weld", "WeldCutJoint", "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare",
     "cylinder", "equilibrium", "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes",
-    "parameter", "recommend_solver", "rod", "simulate", "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
+    "parameter", "read_table", "recommend_solver", "rod", "simulate", "simulate_many", "sphere", "study", "tube",
+    "view", "write_ssp",
 ]  # fmt: skip
 
 __version__: str

@@ -99,7 +99,7 @@ def rows(what: str, x: Any, y: Any, kind: str, beyond: str = "linear") -> NDArra
     width = xs[-1] - xs[-2]
     c0, c1, c2, c3 = table[-2, 1:5]
     table[-1, 1:3] = c0 + width * (c1 + width * (c2 + width * c3)), c1 + width * (2.0 * c2 + 3.0 * width * c3)
-    table[:, 5] = [found.antiderivative()(x) for x in xs]
+    table[:, 5] = found.antiderivative()(xs)
     if beyond == "hold":  # an interval before the first point, whose slope is none; nor has the end any
         table[-1, 2] = 0.0
         return np.vstack(((xs[0] - width, ys[0], 0.0, 0.0, 0.0, -width * ys[0]), table))
