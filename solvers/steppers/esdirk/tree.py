@@ -53,6 +53,18 @@ from .steps import Work
 ESDIRK_KERNELS = MethodKernels(loop.start, loop.limit_steps, loop.count)
 
 
+def describe_limited_tolerance(used: float, requested: float) -> tuple[Diagnostic, ...]:
+    """Return the warning that the tolerance is larger than requested, if it is."""
+    if used == requested:
+        return ()
+    text = (
+        f"'esdirk' uses a tolerance of {used:g} instead of {requested:g}, because its "
+        "steps would be so short that rounding errors add up"
+    )
+    remedy = "Use 'adams' or 'ida' if this is too large"
+    return (Diagnostic.warning("limited-tolerance", text, remedy, subject="esdirk"),)
+
+
 class TreeESDIRKStepper(Stepper):
     """ESDIRK3(2) on a large tree."""
 
@@ -125,14 +137,7 @@ class TreeESDIRKStepper(Stepper):
         """Whether the tolerance is larger than requested, or errors may be far above it: the order is low for a nearly
         singular mass matrix.
         """
-        found, used = [], float(self._settings["rtol"][0])
-        if used != self.options.rtol:
-            text = (
-                f"'esdirk' uses a tolerance of {used:g} instead of {self.options.rtol:g}, because its "
-                "steps would be so short that rounding errors add up"
-            )
-            remedy = "Use 'adams' or 'ida' if this is too large"
-            found.append(Diagnostic.warning("limited-tolerance", text, remedy, subject="esdirk"))
+        found = list(describe_limited_tolerance(float(self._settings["rtol"][0]), self.options.rtol))
         if large := describe_large_growth(self._inertia):
             text = f"{large}, and errors of 'esdirk' (order 3) may be 100 times the tolerance"
             remedy, since = "Use 'adams' or 'ida'", float(self._inertia[0]["large_since"])
