@@ -233,9 +233,105 @@ def test_solver_and_tolerance_fit_the_bristle() -> None:
     assert {found.code for found in simulation.diagnostics} == {"selected-solver"}
 
 
+def test_displacement_and_angle_of_a_cylindrical_joint_have_their_own_friction() -> None:
+    """Each stops after v^2 / (2 a), with a = F / m and M / I."""
+    m = mb.Mechanism()
+    joint = mb.Cylindrical(axis="x", rate=(6.0, 2.0), nominal=1.0)
+    body = m.body("body", m.ground, joint, mass=2.0, inertia=(0.5, 1.0, 1.0))
+    turning = m.force("turning", mb.JointFriction(coulomb=3.0), body)
+    sliding = m.force("sliding", mb.JointFriction(coulomb=8.0, coordinate=1), body)
+    m.output("moment", turning.effort())
+    m.output("force", sliding.effort())
+    with pytest.raises(UserError, match="needs a joint with a coordinate 2"):
+        m.force("none", mb.JointFriction(coulomb=1.0, coordinate=2), body)
+    with pytest.raises(UserError, match="needs a ball joint"):
+        m.force("none", mb.SphericalFriction(coulomb=1.0), body)
+    with pytest.raises(UserError, match="k of effort of force 'turning' is 1; allowed: 0 to 0"):
+        turning.effort(1)
+    simulation = mb.Simulation(m, mb.Settings(solver="radau", tolerance=1e-6))
+    simulation.advance(0.2)
+    assert simulation.outputs()[:2] == pytest.approx([-3.0, -8.0], rel=1e-6)
+    assert [v.unit for v in simulation.variables[:2]] == ["N.m", "N"]
+    simulation.advance(2.0)
+    assert simulation.stepper.q == pytest.approx([36.0 / 12.0, 4.0 / 8.0], abs=6e-5)
+
+
+@pytest.mark.parametrize("friction", [0.9, 1.1])
+def test_screw_locks_itself(friction: float) -> None:
+    """Friction of the thread in parts of the torque m g h / (2 pi) of the weight: below 1 the nut turns down."""
+    mass, lead, inertia = 2.0, 0.01, 1e-4
+    m = mb.Mechanism(gravity=(0.0, 0.0, -G))
+    nut = m.body("nut", m.ground, mb.Screw(lead=lead), mass=mass, inertia=(inertia, inertia, inertia))
+    torque = mass * G * lead / (2.0 * np.pi)
+    m.force("thread", mb.JointFriction(coulomb=friction * torque, deflection=1e-5), nut)
+    simulation = mb.Simulation(m, mb.Settings(solver="radau", tolerance=1e-6))
+    simulation.advance(1.0)
+    moved = inertia + mass * (lead / (2.0 * np.pi)) ** 2
+    expected = -0.5 * (1.0 - friction) * torque / moved if friction < 1.0 else 0.0
+    released = np.sqrt(friction * torque * 1e-5 / moved)  # speed, rad/s, by the energy that bends the bristle
+    assert simulation.stepper.q[0] == pytest.approx(expected, abs=released if expected else 2e-5)
+
+
+def test_ball_joint_stops_about_any_axis() -> None:
+    """A ball that turns at 3 rad/s about an oblique axis turns by w^2 I / (2 M) about it, and then holds a torque."""
+    axis = np.array([2.0, -1.0, 2.0]) / 3.0
+    m = mb.Mechanism()
+    joint = mb.Spherical(rate=tuple(3.0 * axis))
+    ball = m.body("ball", m.ground, joint, mass=1.0, inertia=(0.2, 0.2, 0.2))
+    friction = m.force("friction", mb.SphericalFriction(coulomb=0.5), ball)
+    push = mb.Input(name="torque", unit="N.m", start=0.0)
+    m.force("torque", mb.Torque(magnitude=push, axis="y"), ball)
+    m.output("moment", friction.effort(2))
+    simulation = mb.Simulation(m, mb.Settings(solver="radau", tolerance=1e-6))
+    simulation.advance(0.4)
+    assert simulation.outputs()[0] == pytest.approx(-0.5 * axis[2], rel=1e-6)
+    simulation.advance(2.0)
+    half = 0.5 * 9.0 * 0.2 / (2.0 * 0.5)
+    still = np.array([np.cos(half), *(np.sin(half) * axis)])
+    assert simulation.stepper.q == pytest.approx(still, abs=4e-5)
+    simulation.set_input("torque", 0.4)
+    simulation.advance(3600.0)
+    assert simulation.stepper.q == pytest.approx(still, abs=5e-5)
+    assert np.linalg.norm(simulation.stepper.v[3:]) == pytest.approx(0.8, rel=1e-5)
+    assert not simulation.inaccurate
+
+
+def test_normal_force_that_grows_with_the_way() -> None:
+    """m v^2 / 2 = mu (N x + k x^2 / 2)."""
+    stiffness = mb.Input(name="k", unit="N/m", start=40.0)
+    m, _ = block(0.0, rate=2.0, normal_force="10 + k * q", uses={"k": stiffness})
+    simulation = mb.Simulation(m, mb.Settings(solver="radau", tolerance=1e-6))
+    simulation.advance(3.0)
+    x = (-10.0 + np.sqrt(100.0 + 2.0 * 40.0 * MASS * 2.0 / MU)) / 40.0
+    assert simulation.stepper.q[0] == pytest.approx(x, abs=6e-5)
+
+
+def test_rope_about_a_drum_holds_by_its_loose_end() -> None:
+    """Capstan: the torque is r T (exp(mu phi) - 1) with the tension T of the loose end."""
+    m = mb.Mechanism()
+    drum = m.body("drum", m.ground, mb.Revolute(), inertia=(0.1, 0.1, 0.1))
+    coulomb = 0.2 * (np.exp(0.3 * 2.5 * np.pi) - 1.0)
+    tension = mb.Ramp(height=-10.0, duration=10.0, offset=10.0)
+    m.force("rope", mb.JointFriction(coulomb=coulomb, normal_force=tension), drum)
+    m.force("load", mb.JointForce(4.0), drum)
+    m.output("drum.angle", drum.angle())
+    result = mb.simulate(m, 9.0, interval=0.01, solver="ida", tolerance=1e-6)
+    slides = result.t[np.flatnonzero(result["drum.angle"] > 1e-3)[0]]
+    way = (6.0 * 0.1 * 1e-3 / coulomb) ** (1.0 / 3.0)  # s until it has turned by 1e-3 rad
+    assert slides == pytest.approx(10.0 - 4.0 / coulomb + way, abs=0.02)
+
+
 def test_kernels_fulfil_the_identities() -> None:
     given = {"coulomb": 2.0, "static": 3.0, "stribeck": 0.5, "viscous": 0.1, "deflection": 0.3}
-    assert check_element(mb.JointFriction(**given), bodies=1, states=3).passed
+    law = {"normal_force": "1 + x * x + q * q", "uses": {"x": 2.0}}
+    for element in (
+        mb.JointFriction(**given),
+        mb.JointFriction(**given, **law),
+        mb.JointFriction(**given, coordinate=1),
+        mb.SphericalFriction(**given),
+        mb.SphericalFriction(**given, normal_force="1 + x", uses={"x": 2.0}),
+    ):
+        assert check_element(element, bodies=1, states=3).passed, element
 
 
 @pytest.mark.parametrize(

@@ -359,6 +359,23 @@ def test_element_with_two_states_is_evaluated_with_its_force() -> None:
     assert not simulation.inaccurate
 
 
+@kernel
+def call_energy_bound(function: Any, rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
+    function(rtol, place, rate, data, out)
+
+
+def test_energy_bound_contains_the_energy_that_an_element_stores_by_its_state() -> None:
+    """U = F^2 / (2 k): an error e of F changes it by (F + e / 2) e / k."""
+    compiled = CompiledMechanism(slider_on_maxwell())
+    q, v = compiled.assemble()
+    v[:2] = 0.0, 7.0
+    system, out, error = compiled.system, np.zeros(2), np.array([0.0, 0.3, 0.0])
+    system.fill(0.0, q, v, system.allocate_terms())
+    for relative, e in ((0.0, 0.3), (0.1, 1.0)):
+        call_energy_bound(system.evaluate_energy_bound, relative, np.zeros(3), error, system.pinned_data, out)
+        assert out[0] == pytest.approx((7.0 + 0.5 * e) * e / 50.0, rel=1e-12)
+
+
 def test_element_with_states_is_checked_by_its_identities() -> None:
     assert check_element(Maxwell(stiffness=50.0, damping=2.0), bodies=1, states=3).passed
 

@@ -125,6 +125,18 @@ def joint_friction() -> Sketch:
     return s
 
 
+@element("SphericalFriction")
+def spherical_friction() -> Sketch:
+    """A ball in a socket, its rotation and the friction torque against it."""
+    s = Sketch(22.0, 26.0)
+    b = s.other((0.0, 0.0, 0.25), (0.25, 0.2, 0.0))
+    s.show(s.a, GRAY, block((1.5, 1.5, 0.3), (0.0, 0.0, -0.55)), disc(0.62, 0.45, (0.0, 0.0, -0.2)))
+    s.show(b, BLUE, ball(0.52), rod((0.0, 0.0, 0.3), (0.0, 0.0, 1.7), 0.14))
+    s.turn("z", (0.25, -0.2, 1.3), 0.55, (-150.0, 60.0))
+    s.turn("z", (0.1, -0.1, 0.35), 0.85, (40.0, -150.0), color=FORCE)
+    return s
+
+
 @element("DistanceStop")
 def distance_stop() -> Sketch:
     """A slack rope between two bodies."""

@@ -26,6 +26,7 @@ from .cuts import (
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
+from .events import EndRun, SetInput
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -51,6 +52,7 @@ from .loads import (
     LineForce,
     Load,
     PointForce,
+    SphericalFriction,
     Spring,
     Torque,
     TorsionSpring,
@@ -81,6 +83,7 @@ __all__ = [
     "CylindricalCutJoint",
     "DistanceCutJoint",
     "DistanceStop",
+    "EndRun",
     "FirstOrderState",
     "FlexibleBody",
     "Floating",
@@ -113,11 +116,13 @@ __all__ = [
     "RunUp",
     "Screw",
     "Sensor",
+    "SetInput",
     "Signal",
     "SpeedInput",
     "Sphere",
     "Spherical",
     "SphericalCutJoint",
+    "SphericalFriction",
     "Spring",
     "StateHandle",
     "Step",

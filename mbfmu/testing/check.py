@@ -264,7 +264,8 @@ def around(element: Any, bodies: int, length: float, rng: np.random.Generator) -
     elif isinstance(element, Coupling):
         m.couple(NAME, element, b0, b3)
     elif isinstance(element, Force):
-        m.force(NAME, element, b3, b1)
+        fitting = [body for body in (b3, *chain[1:]) if not element.describe_joint_refusal(body.joint)]
+        m.force(NAME, element, fitting[0] if element.on_joint and fitting else b3, b1)
     elif isinstance(element, Load):
         m.load(NAME, element, *(chain[k] for k in LOADED_BODIES[:bodies]))
     elif not isinstance(element, Joint):

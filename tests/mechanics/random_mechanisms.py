@@ -15,7 +15,8 @@ from mbfmu.mechanics.cuts.base import AxisCut
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.joints.base import AxisJoint
 from mbfmu.mechanics.kind import element_types_of
-from mbfmu.mechanics.loads import DistanceStop, Force, JointFriction, JointStop, LineForce, Spring, TorsionSpring
+from mbfmu.mechanics.loads import DistanceStop, Force, JointStop, LineForce, Spring, TorsionSpring
+from mbfmu.mechanics.loads.bristle import BristleFriction
 from mbfmu.mechanics.signals import Harmonic, Polynomial
 from mbfmu.sheets import joints as sheet_joints
 
@@ -25,7 +26,7 @@ JOINTS, CUTS, COUPLINGS = (
     element_types_of(cuts, CutJoint),
     element_types_of(couplings, Coupling),
 )
-FORCES = [kind for kind in element_types_of(loads, Force) if kind is not JointFriction]  # which has a state
+FORCES = [kind for kind in element_types_of(loads, Force) if not issubclass(kind, BristleFriction)]  # of states
 TURNING = ("rotational_stiffness", "rotational_damping")
 NUMBERS = ("stiffness", "damping", *TURNING, "free", "axial", "torsion", "bending_y", "bending_z")
 

@@ -39,8 +39,9 @@ def fill_estimates(mechanism: Mechanism, system: System, data: Data, length: flo
     for acting, record in found:
         body = acting.bodies[0]
         k = int(data.arrays.bodies["vf"][body.index])
-        inertia = float(inertias[k]) if k >= 0 else 0.0  # else a drive moves it
-        acting.load.fill_estimates(record, inertia, float(joint_sizes(body.name, body.joint, length)[0]))
+        along = np.array(acting.load.coordinates)
+        inertia = float(inertias[k + along].mean()) if k >= 0 else 0.0  # else a drive moves it
+        acting.load.fill_estimates(record, inertia, float(joint_sizes(body.name, body.joint, length)[along[0]]))
 
 
 def unresolved_loads(
@@ -52,7 +53,7 @@ def unresolved_loads(
     found = []
     for acting, record in sticking_loads(mechanism, data):
         body, displacement = acting.bodies[0], acting.load.resolved_displacement(record)
-        allowed = tolerance * float(joint_sizes(body.name, body.joint, length)[0])
+        allowed = tolerance * float(joint_sizes(body.name, body.joint, length)[acting.load.coordinates[0]])
         if displacement < (1.0 - 1e-9) * allowed:
             found.append((acting.what, displacement, allowed))
     return found

@@ -10,6 +10,7 @@ from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import CutJoint
 from mbfmu.mechanics.loads import DistanceStop, LineForce, Load, Spring
+from mbfmu.mechanics.numbers import is_whole
 from mbfmu.mechanics.sensors import (
     CouplingEffort,
     CutForce,
@@ -211,19 +212,29 @@ class ForceHandle:
         """
         return self._wrench("N.m", 3 + self._axis(axis), on)
 
-    def effort(self) -> Sensor:
+    def effort(self, k: int = 0) -> Sensor:
         """Generalized force on the coordinate of its joint, N or N m.
+
+        Parameters
+        ----------
+        k
+            Number among the coordinates on which it acts; only :class:`.SphericalFriction` has several.
 
         Raises
         ------
         UserError
-            The element acts on bodies; use :meth:`force` or :meth:`moment`.
+            The element acts on bodies; use :meth:`force` or :meth:`moment`. Or there is no coordinate k.
         """
         if not self.load.on_joint:
             raise UserError(
                 f"force {self.name!r} acts on bodies and not along a joint coordinate; use force() or moment()"
             )
-        return LoadEffort(unit=effort_unit(self.a.joint.units[0]), item=self, bodies=(self.a,))
+        coordinates = self.load.coordinates
+        if not is_whole(k) or not 0 <= k < len(coordinates):
+            raise UserError(f"k of effort of force {self.name!r} is {k!r}; allowed: 0 to {len(coordinates) - 1}")
+        component = coordinates[k]
+        unit = effort_unit(self.a.joint.units[component])
+        return LoadEffort(unit=unit, item=self, bodies=(self.a,), component=component)
 
     def length(self) -> Sensor:
         """Distance of the two points of a force that acts along the line between them, m.

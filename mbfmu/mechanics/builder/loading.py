@@ -61,8 +61,8 @@ class Loading(Graph):
             Force element, such as :class:`.Spring` or :class:`.JointForce`.
         a, b
             Bodies of this mechanism; b is the ground by default. Elements of a joint coordinate, such as
-            :class:`.JointForce`, act on the tree joint of a, or on a joint a that :meth:`joint` has returned, which has
-            one coordinate.
+            :class:`.JointForce`, act on the tree joint of a, or on a joint a that :meth:`joint` has returned. Most of
+            them need a joint of one coordinate.
 
         Returns
         -------
@@ -81,9 +81,9 @@ class Loading(Graph):
         a = self._coordinate_owner(a, f"body a of force {name!r}")
         other = self.ground if b is None else b
         self._member(other, f"body b of force {name!r}")
-        if force.on_joint and a.joint.nv != 1:
+        if force.on_joint and (needed := force.describe_joint_refusal(a.joint)):
             raise UserError(
-                f"force {name!r} needs a joint of one coordinate; that of {a.name!r} has {a.joint.nv}"
+                f"force {name!r} needs {needed}; that of {a.name!r} has {a.joint.nv}"
                 + "; give the force a joint that Mechanism.joint has returned" * (getattr(a, "parent", 0) == UNPLACED)
             )
         if not force.on_joint and a is other:

@@ -14,6 +14,7 @@ from .joint_stop import JointStop
 from .line_force import LineForce
 from .point_force import PointForce
 from .pressure import Pressure
+from .spherical_friction import SphericalFriction
 from .spring import Spring
 from .torque import Torque
 from .torsion_spring import TorsionSpring
@@ -32,6 +33,7 @@ __all__ = [
     "Load",
     "PointForce",
     "Pressure",
+    "SphericalFriction",
     "Spring",
     "Torque",
     "TorsionSpring",

@@ -190,6 +190,15 @@ class Load(ElementType):
         """
         return ()
 
+    @property
+    def coordinates(self) -> tuple[int, ...]:
+        """Numbers of the coordinates of its joint along which it acts, if it is ``on_joint``."""
+        return (0,)
+
+    def describe_joint_refusal(self, joint: Any) -> str:
+        """Return what a load that is ``on_joint`` needs, if it cannot act on this joint; empty: it can."""
+        return "" if joint.nv == 1 else "a joint of one coordinate"
+
     def fill_estimates(self, record: Any, inertia: float, size: float) -> None:
         """Write what a load with ``stick_reason`` estimates into fields of its record that begin with ``estimated_``.
         In native FMUs these remain as they are at the export.
@@ -200,6 +209,7 @@ class Load(ElementType):
             Record that ``fill`` has written.
         inertia
             Inertia that the joint coordinate of the first body moves at the start, kg m^2 or kg; 0: a drive moves it.
+            Of several coordinates it is the mean.
         size
             Size of this coordinate, to which tolerances refer, rad or m.
         """

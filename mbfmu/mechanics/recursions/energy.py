@@ -103,7 +103,8 @@ def evaluate_energy_bound(rtol: float, q_tol: Reals, v_tol: Reals, arrays: Array
     """out = (root of the sum over all coordinates of (h dq)^2 + (p dv)^2, kinetic energy), J.
 
     h is State.tau, the bias; dq = rtol |q| + q_tol and dv = rtol |v| + v_tol with the absolute tolerances (n,) of the
-    free coordinates, and the largest of them for driven ones. State.tau and the joint wrenches are lost.
+    free coordinates, and the largest of them for driven ones. First-order states z count by the change of the stored
+    energy for dz = rtol |z| + z_tol, whose tolerance is among v_tol. State.tau and the joint wrenches are lost.
 
     A longer out (5 + 2 n,) gets the extent of the motion, see :func:`update_motion_extent`.
     """
@@ -125,6 +126,14 @@ def evaluate_energy_bound(rtol: float, q_tol: Reals, v_tol: Reals, arrays: Array
         for k in range(body.nv * (body.role != SECTION)):
             speed = rtol * abs(state.v[body.vi + k]) + (max_v_tol if body.vf < 0 else v_tol[body.vf + k])
             square += (state.tau[body.vi + k] * speed) ** 2
+    states = arrays.world[0].states
+    if states > 0:
+        stored, first = stored_energy(arrays, state), state.v.shape[0] - states
+        for k in range(states):
+            z = state.v[first + k]
+            state.v[first + k] = z + rtol * abs(z) + v_tol[v_tol.shape[0] - states + k]
+            square += (stored_energy(arrays, state) - stored) ** 2
+            state.v[first + k] = z
     out[0] = np.sqrt(square)
     if out.shape[0] > 2:
         update_motion_extent(q_tol, v_tol, max_q_tol, max_v_tol, arrays, state, out)

@@ -103,4 +103,4 @@ class LoadEffort(OfLoad):
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write which force, and where its coordinate is in State.v."""
-        record["index"], record["v"] = self.item.index, site.v
+        record["index"], record["v"] = self.item.index, site.v + self.component

@@ -1,0 +1,178 @@
+"""An elasto-plastic bristle: dry friction with stick, with one state for each coordinate.
+
+The state z is the force of the bristle over the Coulomb force F = coulomb N, with the normal force N. With the slip v,
+the deflection d at |z| = 1, and g(v) = 1 + (static / coulomb - 1) exp(-(|v| / stribeck)^2):
+
+    u     = |z| / g(v)
+    alpha = 0 if v . z <= 0 or u <= beta;  1 if u >= 1;  s^2 (3 - 2 s) with s = (u - beta) / (1 - beta) between
+    z'    = (v - alpha |v| z / g) / d
+    force = -F (z + tau z' / (1 + (tau |v| / d)^2)) - viscous v,        tau = 2 xi (m d / F)^(1/2)
+
+(Dupont, Hayward, Armstrong and Altpeter 2002, Single state elastoplastic friction models). Below beta times the
+breakaway force x - d z is constant: the joint returns to its place when the load is removed, and does not creep. Three
+things differ from the source. The bristle is scaled by the normal force, so that a joint slides when the normal force
+is zero. beta refers to g(v). The damping of the bristle fades with the slip, so that it does not increase the force of
+a joint that slides. v and z are numbers for one coordinate, and vectors for the rotation of a ball joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import numpy as np
+
+from mbfmu.mechanics.dispatch import signal_value
+from mbfmu.mechanics.kind import Attachment, kernel_of
+from mbfmu.mechanics.numbers import not_negative, positive
+from mbfmu.mechanics.quantities import MAX_QUANTITIES, POSITION, TIME, VELOCITY, QuantityLaw
+from mbfmu.util.errors import UserError
+from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.record import Integers, Record, f8, i8
+
+from .base import FirstOrderState, Force
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+
+CREEP_LIMIT = 0.9  # beta: part of the breakaway force below which nothing creeps
+BRISTLE_DAMPING_RATIO = 0.7  # xi
+RELATIVE_DEFLECTION = 1e-5  # default of the deflection, relative to the size of the coordinate
+
+
+class BristleRecord(Record):
+    """Parameters of :class:`BristleFriction`."""
+
+    v: i8
+    state: i8  # place of z
+    normal: i8  # signal
+    places: Annotated[Integers, (MAX_QUANTITIES,)]  # of the arguments of a law, see mbfmu.mechanics.quantities
+    coulomb: f8  # N or N m, per unit of the normal force
+    static: f8
+    stribeck: f8  # rad/s or m/s
+    viscous: f8  # N m s/rad or N s/m
+    deflection: f8  # rad or m; 0: the estimated one
+    estimated_deflection: f8
+    estimated_inertia: f8  # kg m^2 or kg, that the bristle moves
+
+
+@kernel
+def deflection_of(force: BristleRecord) -> float:
+    """d, rad or m."""
+    return force.deflection if force.deflection.real > 0.0 else force.estimated_deflection
+
+
+@kernel
+def stribeck_ratio(force: BristleRecord, square: float) -> float:
+    """g at the slip whose square is given."""
+    if force.static.real > force.coulomb.real:
+        decay = np.exp(-square / (force.stribeck * force.stribeck))
+        return 1.0 + (force.static / force.coulomb - 1.0) * decay
+    return 1.0 + 0.0 * square
+
+
+@kernel
+def yielding_part(u: float) -> float:
+    """alpha of a bristle that is deflected further."""
+    if u.real <= CREEP_LIMIT:
+        return 0.0 * u
+    if u.real >= 1.0:
+        return 1.0 + 0.0 * u
+    s = (u - CREEP_LIMIT) / (1.0 - CREEP_LIMIT)
+    return s * s * (3.0 - 2.0 * s)
+
+
+@kernel
+def bristle_factors(force: BristleRecord, normal: float, square: float) -> tuple[float, float]:
+    """Factors of z and z' in the force against the slip whose square is given."""
+    coulomb = force.coulomb * normal
+    if coulomb.real <= 0.0:
+        return 0.0 * (coulomb + square), 0.0 * (coulomb + square)
+    d = deflection_of(force)
+    tau = 2.0 * BRISTLE_DAMPING_RATIO * np.sqrt(force.estimated_inertia * d / coulomb)
+    fading = tau / d
+    return coulomb + 0.0 * square, coulomb * tau / (1.0 + fading * fading * square)
+
+
+@inlined
+def signal_of_normal(force: BristleRecord, t: float, arrays: Arrays, state: State) -> float:
+    """Normal force that a signal gives."""
+    return signal_value(force.normal, t, arrays)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BristleFriction(Force):
+    """Base class of dry friction with stick.
+
+    ``kernels_of_normal`` returns ``apply`` and ``power`` with a normal force that a kernel (record, t, arrays, state)
+    computes.
+    """
+
+    record = BristleRecord
+    on_joint = True
+    stick_reason = "joints with friction stick, and their bristles vibrate fast then"
+    kernels_of_normal: ClassVar[Any]
+    law_quantities: ClassVar[Mapping[str, int]] = {"t": TIME, "q": POSITION, "v": VELOCITY}  # names in a normal force
+
+    coulomb: float
+    static: float | None = None
+    stribeck: float | None = None
+    viscous: float = 0.0
+    normal_force: Any = 1.0
+    uses: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    deflection: float | None = None
+
+    def __post_init__(self) -> None:
+        """Compile a normal force that is a law."""
+        if self.uses:
+            law = QuantityLaw(
+                f"normal_force of a {type(self).__name__}", self.normal_force, self.law_quantities, self.uses
+            )
+            object.__setattr__(self, "_law", law)
+            for name, function in zip(
+                ("apply", "power"), kernel_of(self, "kernels_of_normal")(law.value_kernel()), strict=True
+            ):
+                object.__setattr__(self, name, function)
+
+    def check(self, what: str) -> None:
+        """Refuse values that are no friction."""
+        coulomb = positive(f"coulomb of {what}", self.coulomb)
+        not_negative(f"viscous of {what}", self.viscous)
+        if self.deflection is not None:
+            positive(f"deflection of {what}", self.deflection)
+        if self.stribeck is not None:
+            positive(f"stribeck of {what}", self.stribeck)
+        if self.static is not None and positive(f"static of {what}", self.static) < coulomb:
+            raise UserError(f"static of {what} is {self.static!r}; allowed: at least coulomb, {self.coulomb!r}")
+        if self.static is not None and self.static > coulomb and self.stribeck is None:
+            raise UserError(
+                f"stribeck of {what} is not given; give the velocity at which static friction decreases to coulomb"
+            )
+
+    @property
+    def states(self) -> tuple[FirstOrderState, ...]:
+        """Return the force of the bristle over the Coulomb force."""
+        return (FirstOrderState(name="bristle", is_held_at_rest=True),)
+
+    def fill(self, record: Any, site: Attachment) -> None:
+        """Write where it acts too."""
+        first = self.coordinates[0]
+        record["v"], record["state"] = site.v + first, site.first_state
+        if self.uses:
+            law: QuantityLaw = vars(self)["_law"]
+            law.fill(record, site, {"q": site.q + first, "v": site.v + first})
+        else:
+            record["normal"] = site.signal(self.normal_force, f"normal_force of {site.name}")
+        record["coulomb"], record["viscous"] = self.coulomb, self.viscous
+        record["static"] = self.coulomb if self.static is None else self.static
+        record["stribeck"] = np.inf if self.stribeck is None else self.stribeck
+        record["deflection"] = self.deflection or 0.0
+
+    def fill_estimates(self, record: Any, inertia: float, size: float) -> None:
+        """Write the inertia, which damps the bristle, and the default of the deflection."""
+        record["estimated_inertia"], record["estimated_deflection"] = inertia, RELATIVE_DEFLECTION * size
+
+    def resolved_displacement(self, record: Any) -> float:
+        """Return the deflection of the bristle, rad or m."""
+        return float(record["deflection"] or record["estimated_deflection"])
