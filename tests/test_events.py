@@ -260,7 +260,7 @@ def test_events_without_actions_do_not_change_the_motion():
         ({"crosses": np.nan}, "value of event 'e' is nan"),
         ({"within": 0.0}, "within of event 'e' is 0.0"),
         ({"at": 1.0}, "allowed: one of the two"),
-        ({"then": "stop"}, "allowed: SetInput and EndRun"),
+        ({"then": "stop"}, "allowed: SetInput, Impulse and EndRun"),
         ({"then": mb.SetInput("force", np.inf)}, "value of input 'force' in event 'e' is inf"),
         ({"sensor": 3.0}, "sensor of event 'e' is 3.0"),
         ({"sensor": None}, "is given no sensor"),
@@ -279,3 +279,47 @@ def test_sensors_of_forces_and_unknown_inputs_are_refused():
     m.event("e", body.rate(), then=mb.SetInput("brake", 1.0))
     with pytest.raises(UserError, match="there is no input 'brake'"):
         mb.simulate(m, 1.0, solver="adams")
+
+
+@pytest.mark.parametrize("solver", SMALL)
+def test_an_impulse_on_a_double_pendulum(solver: str):
+    """Closed form: two rods of 1 kg and 1 m in one line, without gravity; the impulse acts at the second joint.
+
+    About the first joint and in relative angles the mass matrix is [[8/3, 5/6], [5/6, 1/3]] kg m^2. A first-order
+    state does not change.
+    """
+    m = mb.Mechanism()
+    first = m.body("first", m.ground, mb.Revolute(), **mb.rod(mass=1.0, length=1.0))
+    second = m.body("second", first, mb.Revolute(at=(1.0, 0.0, 0.0)), **mb.rod(mass=1.0, length=1.0))
+    z = m.state("z", "0", start=3.0)
+    m.event("hit", at=0.5, then=[mb.Impulse(second, 0.2), mb.EndRun()])
+    for name, sensor in (("first", first.rate()), ("second", second.rate()), ("z", z.value())):
+        m.output(name, sensor)
+    result = mb.simulate(m, 1.0, interval=0.5, solver=solver, tolerance=1e-8)
+    expected = np.linalg.solve([[8 / 3, 5 / 6], [5 / 6, 1 / 3]], [0.0, 0.2])
+    simulation = Simulation(m, Settings(solver=solver, tolerance=1e-8))
+    simulation.advance(1.0)
+    assert result.t[-1] == simulation.t == 0.5
+    np.testing.assert_allclose(simulation.outputs()[:3], [*expected, 3.0], rtol=1e-9)
+    assert simulation.discontinuity_work == pytest.approx(0.5 * 0.2 * expected[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("solver", SMALL)
+def test_an_impulse_on_a_parallelogram(solver: str):
+    """Closed form: massless cranks of 1 m, a coupler of 2 kg that only translates: the rate jumps by p / (m l^2)."""
+    m = mb.Mechanism()
+    crank = m.body("crank", m.ground, mb.Revolute(start=1.0, fixed=True))
+    coupler = m.body("coupler", crank, mb.Revolute(at=(1.0, 0.0, 0.0), start=-1.0), **mb.rod(mass=2.0, length=2.0))
+    rocker = m.body("rocker", coupler, mb.Revolute(at=(2.0, 0.0, 0.0), start=1.0))
+    m.cut("pivot", mb.RevoluteCutJoint(at_a=(-1.0, 0.0, 0.0), at_b=(2.0, 0.0, 0.0)), rocker, m.ground)
+    m.event("hit", at=0.25, then=mb.Impulse(crank, 0.5))
+    for name, body in (("crank", crank), ("coupler", coupler), ("rocker", rocker)):
+        m.output(name, body.rate())
+    m.output("angle", crank.angle())
+    m.output("residual", m.velocity_residual)
+    result = mb.simulate(m, 1.25, interval=0.25, solver=solver, tolerance=1e-7)
+    for name, sign in (("crank", 1.0), ("coupler", -1.0), ("rocker", 1.0)):
+        np.testing.assert_allclose(result[name][2:], sign * 0.25, rtol=0.0, atol=1e-6)
+    assert result["angle"][-1] == pytest.approx(1.25, abs=3e-6)
+    assert result["residual"].max() <= 1e-9
+    assert not result.warning

@@ -23,10 +23,11 @@ from .cuts import (
     RevoluteCutJoint,
     SphericalCutJoint,
     TranslationalCutJoint,
+    UniversalCutJoint,
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
-from .events import EndRun, SetInput
+from .events import EndRun, Impulse, SetInput
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -92,6 +93,7 @@ __all__ = [
     "Function",
     "Gear",
     "Harmonic",
+    "Impulse",
     "Input",
     "Joint",
     "JointForce",
@@ -133,6 +135,7 @@ __all__ = [
     "Translational",
     "TranslationalCutJoint",
     "Universal",
+    "UniversalCutJoint",
     "UserError",
     "Variable",
     "Weld",

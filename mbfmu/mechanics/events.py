@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.sensors import Sensor
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.builder.bodies import Body
 
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}  # by name: sign of the rate of the quantity; 0: any
 
@@ -30,7 +34,29 @@ class SetInput:
     value: float
 
 
-Action = EndRun | SetInput
+@dataclass(frozen=True)
+class Impulse:
+    """Action of an event: an impulse on a joint coordinate, between the body and its parent.
+
+    The velocities jump by dv with M dv + J^T Lambda = p and J dv = 0: p is the impulse in the direction of the
+    coordinate, and Lambda are the impulses of the loop-closing joints. Positions and first-order states do not change.
+
+    Parameters
+    ----------
+    body
+        Body whose joint has the coordinate, which is not driven.
+    value
+        Impulse, N s for a displacement or N m s for an angle.
+    coordinate
+        Number of the coordinate of the joint, from 0.
+    """
+
+    body: Body
+    value: float
+    coordinate: int = 0
+
+
+Action = EndRun | SetInput | Impulse
 
 
 @dataclass(frozen=True)

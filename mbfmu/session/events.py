@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism
-from mbfmu.mechanics.events import EndRun, Event, SetInput
+from mbfmu.mechanics.events import EndRun, Event, Impulse, SetInput
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.outcome import OK
 from solvers.system import Array
 
 from .event_search import EventSearch
-from .kernels.points import check_point
+from .kernels.points import account_discontinuity, check_point, energy_at
 from .stepper_run import SEQUENCE, StepperRun
 
 MAX_EVENTS, MIN_EVENTS_TIME_RATIO = (
@@ -129,6 +129,8 @@ class RunEvents:
                 if isinstance(action, SetInput):
                     self._set_input(action.name, action.value)
                     changed = True
+                elif isinstance(action, Impulse):
+                    self._apply_impulse(action)
                 elif isinstance(action, EndRun):
                     self.ended = True
         after, t = self._sensor_values(), run.stepper.t
@@ -141,6 +143,23 @@ class RunEvents:
                 self.records.append(EventRecord(event.name, t, direction, float(before[k]), float(after[k])))
         self._check_density(found[0])
         return changed
+
+    def _apply_impulse(self, action: Impulse) -> None:
+        """Let the velocities jump; the change of the energy is work of the impulse."""
+        run, system, session = self._run, self._compiled.system, self._run.session
+        dense = system if system.has_matrices else system.dense()
+        terms, moving = dense.allocate_terms(), system.n_velocities
+        dense.fill(run.stepper.t, run.q, run.v, terms)
+        M, J = terms.M[:moving, :moving], terms.J[:, :moving]
+        matrix = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
+        right = np.zeros(len(matrix))
+        right[int(self._compiled.data.arrays.bodies["vf"][action.body.index]) + action.coordinate] = action.value
+        run.dv[:] = 0.0
+        run.dv[:moving] = np.linalg.lstsq(matrix, right)[0][:moving]  # constraint equations may be redundant
+        before = energy_at(session, run.stepper.t, run.q, run.v)
+        run.stepper.jump(run.dv)
+        run.q, run.v, run.energy_account = run.stepper.reported
+        account_discontinuity(session, before, run.stepper.t, run.q, run.v)
 
     def _sensor_values(self) -> Array:
         run = self._run

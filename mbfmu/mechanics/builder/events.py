@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mbfmu.mechanics.events import DIRECTIONS, Action, Event, SetInput
+from mbfmu.mechanics.events import DIRECTIONS, Action, Event, Impulse, SetInput
 from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.numbers import finite, positive
 from mbfmu.mechanics.sensors import Sensor
 from mbfmu.util.errors import UserError, short
 
+from .bodies import coordinate_of
 from .states import States
 
 
@@ -48,8 +49,8 @@ class Events(States):
         at
             Time of the event, s, in place of a sensor.
         then
-            Action or actions, in their order: :class:`.SetInput`, :class:`.EndRun`. Without actions the event is
-            listed only, and the motion is not changed.
+            Action or actions, in their order: :class:`.SetInput`, :class:`.Impulse`, :class:`.EndRun`. Without actions
+            the event is listed only, and the motion is not changed.
         within
             Longest time between two evaluations of the sensor, s. Two crossings that are further apart are always
             detected. By default the sensor is evaluated at four points of every step, and where the values between
@@ -82,10 +83,21 @@ class Events(States):
             raise UserError(f"direction of {what} is {direction!r}; allowed: {', '.join(map(repr, DIRECTIONS))}")
         actions = (then,) if isinstance(then, Action) else then
         if not isinstance(actions, list | tuple) or not all(isinstance(action, Action) for action in actions):
-            raise UserError(f"actions of {what} are {short(then)}; allowed: SetInput and EndRun, or a list of these")
+            raise UserError(
+                f"actions of {what} are {short(then)}; allowed: SetInput, Impulse and EndRun, or a list of these"
+            )
         for action in actions:
             if isinstance(action, SetInput):
                 finite(f"value of input {action.name!r} in {what}", action.value)
+            elif isinstance(action, Impulse):
+                finite(f"value of the impulse in {what}", action.value)
+                self._member(action.body, f"body of the impulse in {what}")
+                coordinate_of(f"coordinate of the impulse in {what}", action.body, action.coordinate)
+                if action.body.joint.drive is not None:
+                    raise UserError(
+                        f"the impulse in {what} acts on the joint of body {action.body.name!r}, which is driven; "
+                        "allowed: a joint that is free to move"
+                    )
         self.events.append(
             Event(
                 name,
