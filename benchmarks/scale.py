@@ -1,6 +1,7 @@
 """Computing time and memory over the size of the model: ``python benchmarks/scale.py [-o FOLDER] [NAME ...]``.
 
-Open chains, loops in a row (benchmark A02 of the IFToMM library), ladders, sheets, and sheets in roller nips. The CPU
+Open chains, loops in a row (benchmark A02 of the IFToMM library), with an explicit and an implicit solver, ladders,
+sheets, and sheets in roller nips. The CPU
 time of an evaluation of the equations of motion (of a step for sheets) includes all work of the solver, divided by the
 number of evaluations. The exponent is that of a power of the number of coordinates, fitted to the models with more than
 100.
@@ -110,6 +111,7 @@ FAMILIES = {
     "open chain": Family(chain, (30, 100, 300, 1000, 3000), "adams", 0.05),
     "loops in a row, serial tree": Family(row, (10, 30, 100, 300, 1000), "adams", 0.2),
     "loops in a row, grounded tree": Family(partial(row, grounded=True), (10, 30, 100, 300, 1000), "adams", 0.2),
+    "loops in a row, implicit solver": Family(row, (40, 100, 300, 1000), "esdirk", 0.1),
     "ladder": Family(ladder, (10, 30, 100, 300, 1000), "adams", 0.1),
     "sheet": Family(sheet, (60, 150, 400, 1000, 2500), "esdirk", 0.05, per_step=True),
     "sheet in nips": Family(sheet_in_nips, (60, 150, 400, 1000, 2500), "esdirk", 0.01, per_step=True),

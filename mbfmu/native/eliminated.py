@@ -26,8 +26,8 @@ from solvers.projection.eliminated_crossing import UNRESOLVED_LENGTH, evaluate_c
 from solvers.steppers.adams import eliminated_loop
 from solvers.steppers.adams.pece import set_options
 from solvers.steppers.eliminated import begin_motion, find_rate, is_unresolved
+from solvers.steppers.eliminated_newton import ImplicitEquations, Work
 from solvers.steppers.ida import eliminated_memory
-from solvers.steppers.ida.eliminated_memory import ImplicitEquations, Work
 from solvers.system import AnySystem, Array, EliminationEquations, TangentCallbacks, Terms
 
 from .closing import close_positions, close_velocities

@@ -179,7 +179,8 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{system.coordinate_names[-1]!r}; set start_at_equilibrium to false, or export it with --python",
             "not-native",
         )
-    if not system.has_matrices and family not in (ELIMINATED_FAMILIES if system.m else TREE_FAMILIES):
+    is_large = not system.has_matrices or eliminates_implicitly(simulation.solver_choice.solver, system)
+    if is_large and family not in (ELIMINATED_FAMILIES if system.m else TREE_FAMILIES):
         implicit = "'adams', 'hybrid' and 'ida'" if eliminates_implicitly("ida", system) else "'adams' and 'hybrid'"
         allowed = implicit if system.m else "'adams', 'hybrid', 'ida' and 'esdirk'"
         raise UserError(

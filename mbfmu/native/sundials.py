@@ -7,6 +7,7 @@ from typing import Any
 
 from solvers.compiled.ffi import array_at
 from solvers.compiled.kernel import types
+from solvers.steppers import eliminated_newton
 from solvers.steppers.ida import eliminated_callbacks, tree_callbacks
 from solvers.steppers.ida.calls import CALLBACKS, FUNCTION_NAMES, N_WORDS, OBJECTS, RESIDUAL
 from solvers.steppers.ida.dense_callbacks import (
@@ -29,7 +30,7 @@ NO_CALLBACK = -1  # of a callback that a family does not have, so that IDA does 
 residual_of_tree, set_up_tree = tree_callbacks.evaluate_residual, tree_callbacks.set_up_preconditioner
 apply_to_tree, set_tree_weights = tree_callbacks.apply_preconditioner, tree_callbacks.set_error_weights
 residual_of_loops, set_up_loops = eliminated_callbacks.evaluate_residual, eliminated_callbacks.set_up_preconditioner
-apply_to_loops = eliminated_callbacks.apply_preconditioner
+apply_to_loops = eliminated_newton.apply_preconditioner
 
 
 def residual(instance: Any, t: float, y: Any, slopes: Any, out: Any) -> int:

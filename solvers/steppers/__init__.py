@@ -14,6 +14,7 @@ from solvers.system import MAX_SOLVER_DENSE_COORDINATES, AnySystem, Array, TreeS
 from .adams.dense import AdamsLUStepper, AdamsStepper, HybridStepper
 from .adams.eliminated import EliminatedAdamsStepper
 from .adams.tree import TreeAdamsStepper
+from .esdirk.eliminated import EliminatedESDIRKStepper
 from .esdirk.tree import TreeESDIRKStepper
 from .plugins import create_plugin, give_solver, load_plugin, plugin_names
 from .radau.dense import RadauStepper
@@ -40,6 +41,11 @@ def eliminated_ida(*arguments: Any) -> Stepper:
     return EliminatedIDAStepper(*arguments)
 
 
+# implicit methods with eliminated constraints
+IMPLICIT_ELIMINATION_SOLVERS: dict[str, Callable[..., Stepper]] = {
+    "ida": eliminated_ida,
+    "esdirk": EliminatedESDIRKStepper,
+}
 SOLVERS: dict[str, Callable[..., Stepper]] = {  # on a system's matrices
     "ida": dense_ida,
     "adams": AdamsStepper,
@@ -58,7 +64,7 @@ UNCONSTRAINED_SOLVERS: dict[str, Callable[..., Stepper]] = dict.fromkeys(
 # on those of a large mechanism whose constraints are eliminated along its structure
 ELIMINATION_SOLVERS: dict[str, Callable[..., Stepper]] = dict.fromkeys(("adams", "hybrid"), EliminatedAdamsStepper)
 MIN_ELIMINATION_COORDINATES = 60  # joint coordinates above which this is cheaper than matrices
-MIN_ELIMINATION_CONSTRAINTS = 30  # constraint equations above which IDA eliminates them too
+MIN_ELIMINATION_CONSTRAINTS = 30  # constraint equations above which implicit solvers eliminate them too
 SOLVER_NAMES = tuple(dict.fromkeys((*SOLVERS, *TREE_SOLVERS)))
 RESERVED_NAMES = (*SOLVER_NAMES, "auto")  # auto: a simulation takes the solver for its model
 UNLISTED_SOLVERS = ("adams-lu",)  # accepted by name, for comparison with a paper; in no list of solvers for users
@@ -81,9 +87,13 @@ def eliminates_constraints(name: str, system: AnySystem) -> bool:
 
 
 def eliminates_implicitly(name: str, system: AnySystem) -> bool:
-    """Whether IDA integrates a system with its constraints eliminated: there are many, and forces are smooth."""
+    """Whether this implicit solver integrates a system with its constraints eliminated: there are many, and forces are
+    smooth; for ``esdirk``, which measures errors of meshes at their nodes, there is no mesh.
+    """
+    meshed = name == "esdirk" and getattr(system, "mesh_length", 0.0) > 0.0
     many = system.m > MIN_ELIMINATION_CONSTRAINTS and system.n > MIN_ELIMINATION_COORDINATES
-    return name == "ida" and many and not system.nonsmooth_reason and hasattr(system.elimination, "tangent")
+    smooth = not system.nonsmooth_reason and not meshed
+    return name in IMPLICIT_ELIMINATION_SOLVERS and many and smooth and hasattr(system.elimination, "tangent")
 
 
 def drop_unlisted(names: Iterable[str]) -> tuple[str, ...]:
@@ -133,7 +143,7 @@ def describe_refusal(name: str, system: AnySystem) -> str:
     if system.stiffness_reason and name in UNCONSTRAINED_SOLVERS:
         return describe_stiffness(name, system)
     if not isinstance(system, TreeSystem):
-        if system.n and name not in SOLVERS:
+        if system.n and name not in SOLVERS and not eliminates_implicitly(name, system):
             return _refusal(
                 name, f"is for large models only, and this model has {system.n} joint coordinates; use 'radau'"
             )
@@ -228,7 +238,7 @@ def stepper(
     if eliminates_constraints(name, system):
         return ELIMINATION_SOLVERS[name](system, *arguments)
     if eliminates_implicitly(name, system):
-        return eliminated_ida(system, *arguments)
+        return IMPLICIT_ELIMINATION_SOLVERS[name](system, *arguments)
     if not isinstance(system, TreeSystem):
         if not system.n:
             name = "adams"  # IDA takes no empty system, and nothing is integrated

@@ -198,13 +198,13 @@ class LoopStepper(Stepper):
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """Whether the tolerance was larger than requested near a near miss."""
-        control = self._control
+        """Whether the tolerance was larger than requested, everywhere or near a near miss."""
+        control, found = self._control, super().diagnostics
         if not control["max_near_miss_factor"] > 1.0:
-            return ()
+            return found
         used, requested = control["max_near_miss_factor"] * self.options.rtol, self.options.rtol
         text = LIMITED_TOLERANCE.text.format(used=used, requested=requested, gap=control["min_gap"])
-        return (replace(LIMITED_TOLERANCE, text=text),)
+        return (*found, replace(LIMITED_TOLERANCE, text=text))
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""

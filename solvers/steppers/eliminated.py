@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
@@ -22,7 +22,7 @@ from solvers.projection.eliminated import (
 )
 from solvers.projection.eliminated_crossing import UNRESOLVED_LENGTH, evaluate_closed
 from solvers.stepper import require_resolution, start_rate
-from solvers.system import AnySystem, Array, EliminationEquations
+from solvers.system import AnySystem, Array, EliminationEquations, Tangent
 
 from .formulation import Formulation
 from .tree import RATE_TOLERANCE_RATIO
@@ -83,6 +83,17 @@ def find_rate(
 def is_unresolved(length: float, work: EliminationScratch) -> bool:
     """Whether the shortest equation where it was evaluated last is no longer than that."""
     return work.near[0].rank > 0 and work.near[0].shortest <= length
+
+
+@runtime_checkable
+class ImplicitElimination(Protocol):
+    """What :attr:`solvers.system.AnySystem.elimination` must be for implicit methods."""
+
+    def __call__(self) -> EliminationEquations:
+        """Return the equations with eliminated constraints, pinned."""
+
+    def tangent(self) -> Tangent:
+        """Return the structured tangent of the same mechanism."""
 
 
 class EliminatedFormulation(Formulation):

@@ -144,8 +144,8 @@ def test_a_near_miss_that_rounding_hides_is_refused() -> None:
     assert run.t < 0.2
 
 
-def test_the_work_of_drives_and_dampers_is_the_change_of_energy() -> None:
-    """A row of four-bars with dampers in its hinges, whose first column is driven."""
+def driven_row() -> tuple[CompiledMechanism, Any, Any]:
+    """A row of four-bars with dampers in its hinges, whose first column is driven; and its state at the start."""
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     drive = Harmonic(amplitude=0.4, frequency=0.5, mean=1.2)
     column, top = m.body("column0", m.ground, Revolute(drive=drive), **rod(mass=1.0, length=1.0)), (1.0, 0.0, 0.0)
@@ -157,6 +157,11 @@ def test_the_work_of_drives_and_dampers_is_the_change_of_energy() -> None:
         top = (0.0, 0.0, 0.0)
     compiled = CompiledMechanism(m)
     q, v = compiled.assembly.close(0.0, np.tile([-1.2, 1.2], 32), np.zeros(64, bool)), np.zeros(64)
+    return compiled, q, v
+
+
+def test_the_work_of_drives_and_dampers_is_the_change_of_energy() -> None:
+    compiled, q, v = driven_row()
     run = stepper("ida", compiled.system, 0.0, q, v, Options(rtol=1e-9))
     assert isinstance(run, EliminatedIDAStepper)
     before = compiled.energy(0.0, run.q, run.v)

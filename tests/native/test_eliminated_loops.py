@@ -132,9 +132,10 @@ def test_model_exchange_and_derivatives_are_supported() -> None:
     assert explain_missing_exchange(simulation) == explain_missing_derivatives(simulation) == ""
 
 
-def test_esdirk_is_refused() -> None:
+@pytest.mark.parametrize("loops", [25, 35])
+def test_esdirk_is_refused(loops: int) -> None:
     with pytest.raises(UserError, match=r"do not support solver 'esdirk' .* allowed: 'adams', 'hybrid' and 'ida'\."):
-        image_of(UnstartedSimulation(ladder(35).mechanism, Settings(solver="esdirk")))
+        image_of(UnstartedSimulation(ladder(loops).mechanism, Settings(solver="esdirk")))
 
 
 def test_ida_is_refused_with_few_constraints() -> None:

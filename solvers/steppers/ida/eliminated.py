@@ -9,18 +9,9 @@ Motions on the constraints are exact solutions, and errors across the constraint
 crossings and near misses are treated as by 'adams': f is evaluated at closed states only. A step that may have jumped
 to another branch is rejected, and IDA restarts from its beginning with a shorter step.
 
-Newton's linear systems go to GMRES. With c IDA's cj, r = (r1, r2) the residual and g = (c r1 + r2) / c^2 its solution
-without forces, the preconditioner separates g into the part that constraints allow and the other one (the least-norm
-correction of velocities), and solves for the first one with the structured tangent and stiff springs alpha in place of
-the constraints::
-
-    (c^2 M + c D + K + J^T alpha J) dtheta = c^2 M g_t + D r1_t,   dq = N (dtheta + g_n),   dv = c (dtheta + g_n) - r1
-
-The term D r1_t, with the allowed part of r1, is a difference of inverse dynamics. It is left out where damping is weak,
-compared with c M. The springs need not be much stiffer than what they hold, since g_t is allowed: their stiffness is
-that of inertia forces, or of all forces if these are larger. So the work is proportional to the number of bodies if
-loops are local. On 76 coordinates with springs of 1e6 Nm/rad the eigenvalues of the preconditioned matrix are within
-0.02 of one (c = 100 and 1000 1/s).
+Newton's linear systems, with c IDA's cj, go to GMRES; the preconditioner is :mod:`solvers.steppers.eliminated_newton`.
+The term of damping is left out where damping is weak, compared with c M. On 76 coordinates with springs of 1e6 Nm/rad
+the eigenvalues of the preconditioned matrix are within 0.02 of one (c = 100 and 1000 1/s).
 
 IDA's history cannot be saved: a restored run restarts at order one, so it agrees with the saved one to the tolerance,
 not bit for bit.
@@ -28,7 +19,7 @@ not bit for bit.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +30,10 @@ from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.energy_account import EnergyScales
 from solvers.options import Options
 from solvers.outcome import CODES, Code
-from solvers.steppers.eliminated import EliminatedFormulation
+from solvers.steppers.eliminated import EliminatedFormulation, ImplicitElimination
+from solvers.steppers.eliminated_newton import ImplicitEquations, Work, apply_preconditioner
 from solvers.steppers.step_loop import Integration
-from solvers.system import AnySystem, Array, EliminationEquations, Tangent
+from solvers.system import AnySystem, Array
 
 from . import eliminated_loop
 from .binding import BoundIDA
@@ -50,7 +42,6 @@ from .driver import IDADriver
 from .eliminated_c import ELIMINATED_CALLBACKS, step_until
 from .eliminated_callbacks import (
     accept_step,
-    apply_preconditioner,
     end_start,
     evaluate_residual,
     fill_start,
@@ -61,24 +52,11 @@ from .eliminated_memory import (
     SETTINGS,
     MIN_RTOL,
     EliminatedIDAMemory,
-    ImplicitEquations,
-    Work,
     set_options,
     set_up,
 )
 from .loop import MAX_CONVERGENCE_FAILURES
 from .sundials import DirectIDA, is_library_supported
-
-
-@runtime_checkable
-class ImplicitElimination(Protocol):
-    """What :attr:`solvers.system.AnySystem.elimination` must be so that IDA can use it."""
-
-    def __call__(self) -> EliminationEquations:
-        """Return the equations with eliminated constraints, pinned."""
-
-    def tangent(self) -> Tangent:
-        """Return the structured tangent of the same mechanism."""
 
 
 class EliminatedIDAStepper(IDADriver):

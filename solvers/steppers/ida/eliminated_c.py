@@ -7,9 +7,10 @@ from typing import Any
 from solvers.compiled.ffi import array_at
 from solvers.compiled.kernel import inlined
 from solvers.compiled.template import specialize
+from solvers.steppers.eliminated_newton import apply_preconditioner
 
 from . import loop
-from .eliminated_callbacks import accept_step, apply_preconditioner, evaluate_residual, set_up_preconditioner
+from .eliminated_callbacks import accept_step, evaluate_residual, set_up_preconditioner
 from .sundials import LOOP_CALLS, Callbacks, vector_data
 
 step_until = specialize(loop.step_until, __name__, {**LOOP_CALLS, "accept": accept_step})

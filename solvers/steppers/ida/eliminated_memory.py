@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import kernel, records
 from solvers.compiled.record import Record, f8, i8
-from solvers.compiled.tuple_pointer import unpin
 from solvers.energy_account import ENERGY_ACCOUNT, set_uniform_scales
-from solvers.positions import Positions
 from solvers.system import Array
 
 from .calls import IDAHandle
@@ -43,16 +41,6 @@ SETTINGS = SettingsRecord.dtype
 MIN_RTOL = 1e-8
 
 
-class ImplicitEquations(NamedTuple):
-    """The equations of motion, and the tangent with which Newton's matrix is approximated."""
-
-    loops: Any  # solvers.system.EliminationEquations, pinned
-    factor_tangent: Any  # as solvers.system.TangentCallbacks has them
-    solve_tangent: Any
-    multiply_mass_matrix: Any
-    tangent: Any
-
-
 class EliminatedIDAMemory(NamedTuple):
     """What is remembered from step to step; N = nq + n unknowns."""
 
@@ -74,51 +62,6 @@ class EliminatedIDAMemory(NamedTuple):
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save: IDA's history is not among them."""
         return [self.control, self.counts, self.energy_record]
-
-
-class Work(NamedTuple):
-    """A state, where the tangent was factored last, and scratch."""
-
-    loops: Any  # solvers.projection.eliminated.EliminationScratch, pinned
-    positions: Any  # solvers.positions.Positions, pinned
-    row_size: Array  # (m,) units of the constraint residuals
-    inertia: Array  # (1,) kinetic energy of a motion in units of the coordinates, by degree of freedom, J s^2
-    c: Array  # (1,) IDA's c_j where the tangent was factored, 1/s
-    t: Array  # (1,) s
-    speed: Array  # (1,) largest velocity there, in units, 1/s
-    refusal: Array  # (1,) code of singular configurations where the equations have no solution, since the last step
-    q_factored: Array  # (nq,) closed state there
-    v_factored: Array  # (n,)
-    a_factored: Array  # (n,)
-    lam_factored: Array  # (m,)
-    tau_factored: Array  # (n,) inverse dynamics there
-    stiffness: Array  # (1,) ratio of all forces to inertia forces, by which the springs are stiffer
-    is_damped: Array  # (1,) 1: forces that depend on velocities count in Newton's matrix
-    weight: Array  # (m,) stiffness of the springs
-    q: Array  # (nq,) closed state that is evaluated
-    v: Array  # (n,)
-    qdot: Array  # (nq,)
-    a: Array  # (n,)
-    lam: Array  # (m,)
-    motion: Array  # (n,) scratch, as those that follow
-    guess: Array  # (n,)
-    change: Array  # (n,)
-    load: Array  # (n,)
-    damping: Array  # (n,)
-    dtheta: Array  # (n,)
-
-    @staticmethod
-    def allocate(nq: int, n: int, m: int, loops: Any, positions: Positions) -> Work:
-        """Return zeroed arrays."""
-        z = np.zeros
-        return Work(
-            loops, positions, z(m), z(1), z(1), z(1), z(1), z(1), z(nq), z(n), z(n), z(m), z(n), z(1), z(1), z(m),
-            z(nq), z(n), z(nq), z(n), z(m), z(n), z(n), z(n), z(n), z(n), z(n),
-        )  # fmt: skip
-
-    def memory(self) -> list[NDArray[Any]]:
-        """Return the arrays that are needed to continue a motion."""
-        return [*unpin(self.loops).memory(), self.row_size, self.inertia, self.stiffness]
 
 
 @kernel
