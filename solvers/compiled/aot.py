@@ -14,26 +14,18 @@ from typing import Any
 
 from llvmlite import binding as llvm
 from numba import _dynfunc  # type: ignore[attr-defined]
-from numba.core import postproc, targetconfig, transforms, types
-from numba.core.codegen import CPUCodeLibrary
 from numba.core.registry import cpu_target
 
 from .cache import Cache
+from .pipeline import KernelLibrary, shorten_all
 from .symbols import SYMBOL_PREFIX, code_of, compiled_kernel_of
 
 OPTIMIZATION_LEVEL = 3  # level of optimization of what is emitted
 
 Module = Any  # of llvmlite
 
-# parts of numba without types, see compile_only
-_Flags: Any = targetconfig.TargetConfig
-_Function: Any = types.BaseFunction
-_PostProcessor: Any = postproc.PostProcessor
-_find_lifetimes: Any = postproc.VariableLifetime
-_canonicalize: Any = transforms.canonicalize_cfg
 
-
-class CodeLibrary(CPUCodeLibrary):
+class CodeLibrary(KernelLibrary):
     """LLVM code of a function that this process does not execute."""
 
     def _finalize_specific(self) -> None:
@@ -62,55 +54,7 @@ def compile_only(report: Callable[[], None]) -> None:
     context.create_cpython_wrapper = lambda *_, **__: None
     context.get_executable = get_executable
     Cache.is_enabled = False
-    _compare_flags_quickly()
-    _keep_types_of_operators()
-    _skip_lifetimes()
-
-
-# What numba does for every function, or for every operator in it, with the same result in less time.
-
-
-def _compare_flags_quickly() -> None:
-    """Compare flags of a compilation by those that are set; numba's comparison and hash go through all of them."""
-
-    def is_equal(own: Any, other: Any) -> Any:
-        if not isinstance(other, _Flags):
-            return NotImplemented
-        return own._values == other._values or own.values() == other.values()
-
-    _Flags.__eq__ = is_equal
-    _Flags.__hash__ = lambda own: hash(type(own))
-
-
-def _keep_types_of_operators() -> None:
-    """Find the type of an operator or function of numbers once; numba tries dozens of implementations at every call."""
-    found: dict[tuple[Any, ...], Any] = {}
-    numbers, find = (types.Float, types.Integer, types.Boolean, types.Complex), _Function.get_call_type
-
-    def get_call_type(function: Any, context: Any, arguments: Any, named: Any) -> Any:
-        if named or not all(type(argument) in numbers for argument in arguments):
-            return find(function, context, arguments, named)
-        key = function, *arguments
-        if key not in found:
-            found[key] = find(function, context, arguments, named)
-        return found[key]
-
-    _Function.get_call_type = get_call_type
-
-
-def _skip_lifetimes() -> None:
-    """Do not find the lifetimes of variables after every pass; only generators and deletions of variables need them."""
-    complete = _PostProcessor.run
-
-    def run(own: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
-        if emit_dels or own.func_ir.is_generator:
-            complete(own, emit_dels, extend_lifetimes)
-            return
-        own.func_ir.blocks = _canonicalize(own.func_ir.blocks)
-        own.func_ir.variable_lifetime = _find_lifetimes(own.func_ir.blocks)
-        own.func_ir.generator_info = None
-
-    _PostProcessor.run = run
+    shorten_all()
 
 
 def link_module(

@@ -30,7 +30,7 @@ _config: Any = numba.config
 COMPILED: bool = not _config.DISABLE_JIT
 
 # No kernel allocates or keeps an array, so none counts references: the counting costs more than most kernels do.
-_OPTIONS: dict[str, Any] = {"boundscheck": None, "error_model": "numpy", "_nrt": False}
+_OPTIONS: dict[str, Any] = {"boundscheck": None, "error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True}
 
 
 def kernel(function: F) -> F:

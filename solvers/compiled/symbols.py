@@ -20,7 +20,7 @@ from typing import Any
 
 from llvmlite import binding
 from numba.core import sigutils, types
-from numba.core.caching import CompileResultCacheImpl
+from numba.core.caching import CompileResultCacheImpl, NullCache
 from numba.core.ccallback import CFunc
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.funcdesc import ExternalFunctionDescriptor
@@ -28,6 +28,8 @@ from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps, loads
 
 from .cache import Cache, CacheOnDemand, Locator, source_hash
+from .pipeline import shortened
+from .python_call import WrapperCache, make_callable
 
 code_of = attrgetter("library")  # of what numba has compiled
 SYMBOL_PREFIX = "mbfmu_"
@@ -106,9 +108,45 @@ class LinkedCache(Cache):
 class Inlined(CPUDispatcher):
     """A function that is compiled into its callers."""
 
+    _wrappers: Any = NullCache()
+    _is_called = False  # whether what is compiled next is called from Python
+
+    def __init__(self, function: Any, *options: Any, **named: Any) -> None:
+        super().__init__(function, *options, **named)
+        self._entries: list[Any] = []  # what Python calls, which numba does not keep alive
+
     def enable_caching(self) -> None:
         """Store machine code on disk."""
         self._cache = CacheOnDemand(self.py_func, LinkedCache)
+        self._wrappers = CacheOnDemand(self.py_func, WrapperCache)
+
+    def compile(self, signature: Any) -> Any:
+        """Compile or load it."""
+        is_called, self._is_called = self._is_called, False
+        with global_compiler_lock, shortened():
+            entry = super().compile(signature)
+        return self.callable_for(signature) if is_called else entry
+
+    def add_overload(self, compiled: Any) -> None:
+        """Record what has been compiled; it cannot be called from Python yet."""
+        self.overloads[tuple(compiled.signature.args)] = compiled
+
+    def callable_for(self, signature: Any) -> Any:
+        """Return what Python calls for arguments of these types, for which it has been compiled."""
+        compiled: Any = self.overloads[tuple(sigutils.normalize_signature(signature)[0])]
+        with global_compiler_lock, shortened():
+            entry = make_callable(compiled, self._wrappers, bool(self.targetoptions.get("nogil")))
+        self._insert([argument._code for argument in compiled.signature.args], entry, False)
+        self._entries.append(entry)
+        return entry
+
+    def _compile_for_args(self, *arguments: Any, **named: Any) -> Any:
+        """Compile or load it for a call from Python."""
+        self._is_called = True
+        try:
+            return super()._compile_for_args(*arguments, **named)
+        finally:
+            self._is_called = False
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Type a call; constants have no literal types, for which all would be compiled once more."""
@@ -171,3 +209,8 @@ class Callback(CFunc):
     def enable_caching(self) -> None:
         """Store machine code on disk."""
         self._cache = CacheOnDemand(self.__wrapped__, LinkedCache)
+
+    def compile(self) -> None:
+        """Compile or load it."""
+        with global_compiler_lock, shortened():
+            super().compile()

@@ -150,7 +150,7 @@ def tuple_store(pointer: Any) -> Any:
     arguments = pointer.content, types.int64
     store: Any = store_tuple
     store.compile(arguments)
-    return store.overloads[arguments].entry_point
+    return store.callable_for(arguments)
 
 
 @kernel

@@ -1,0 +1,114 @@
+"""Compilation in less time, with the same result.
+
+Numba optimizes every function three times: alone, with what it calls by cheap passes, and with what it calls by all of
+them. The first two are for counts of references, of which kernels have none. Its types are found, and its variables
+analyzed, more often than kernels need. While a kernel is compiled these steps are left out or shortened; what others
+compile in the same process is not affected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import cache
+from typing import Any
+
+from numba.core import postproc, targetconfig, transforms, types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.registry import cpu_target
+
+# parts of numba without types
+_Flags: Any = targetconfig.TargetConfig
+_Function: Any = types.BaseFunction
+_PostProcessor: Any = postproc.PostProcessor
+_find_lifetimes: Any = postproc.VariableLifetime
+_canonicalize: Any = transforms.canonicalize_cfg
+_find_call_type: Callable[..., Any] = _Function.get_call_type
+_run_postprocessor: Callable[..., None] = _PostProcessor.run
+
+NUMBERS = types.Float, types.Integer, types.Boolean, types.Complex
+
+_call_types: dict[tuple[Any, ...], Any] = {}  # of operators and functions of numbers
+_depth = [0]  # of compilations that wait for others
+
+
+class KernelLibrary(JITCodeLibrary):
+    """Machine code of a kernel and of what is inlined into it."""
+
+    def _optimize_functions(self, module: Any) -> None:
+        module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        passes, builder = self._codegen._module_pass_manager()
+        passes.run(self._final_module, builder)
+
+
+@contextmanager
+def shortened() -> Iterator[None]:
+    """Shorten what is compiled in this block, in which the lock of the compiler is held."""
+    if _depth[0]:
+        yield
+        return
+    _depth[0] = 1
+    with ExitStack() as stack:
+        stack.callback(_depth.__setitem__, 0, 0)
+        for place, name, value in _replacements():
+            stack.callback(setattr, place, name, vars(place)[name])
+            setattr(place, name, value)
+        yield
+
+
+def shorten_all() -> None:
+    """Shorten every compilation of this process from now on."""
+    _depth[0] = 1
+    for place, name, value in _replacements():
+        setattr(place, name, value)
+
+
+@cache
+def _replacements() -> tuple[tuple[Any, str, Any], ...]:
+    """Return what is replaced in numba: place, name and value."""
+    return (
+        (type(cpu_target.target_context.codegen()), "_library_class", KernelLibrary),
+        (_Flags, "__eq__", _are_flags_equal),
+        (_Flags, "__hash__", _hash_flags),
+        (_Function, "get_call_type", _get_call_type),
+        (_PostProcessor, "run", _process),
+    )
+
+
+def _are_flags_equal(own: Any, other: Any) -> Any:
+    """Compare flags of a compilation by those that are set; numba goes through all of them."""
+    if not isinstance(other, _Flags):
+        return NotImplemented
+    return own._values == other._values or own.values() == other.values()
+
+
+def _hash_flags(own: Any) -> int:
+    """Return numba's hash, which is one for all flags of a kind."""
+    return _hash_kind(type(own))
+
+
+@cache
+def _hash_kind(kind: Any) -> int:
+    return hash(tuple(sorted(kind.options)))
+
+
+def _get_call_type(function: Any, context: Any, arguments: Any, named: Any) -> Any:
+    """Find the type of an operator or function of numbers once; numba tries dozens of implementations at every call."""
+    if named or not all(type(argument) in NUMBERS for argument in arguments):
+        return _find_call_type(function, context, arguments, named)
+    key = function, *arguments
+    if key not in _call_types:
+        _call_types[key] = _find_call_type(function, context, arguments, named)
+    return _call_types[key]
+
+
+def _process(own: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
+    """Do not find lifetimes of variables after every pass; only generators and deletions of variables need them."""
+    if emit_dels or own.func_ir.is_generator:
+        _run_postprocessor(own, emit_dels, extend_lifetimes)
+        return
+    own.func_ir.blocks = _canonicalize(own.func_ir.blocks)
+    own.func_ir.variable_lifetime = _find_lifetimes(own.func_ir.blocks)
+    own.func_ir.generator_info = None
