@@ -39,7 +39,8 @@ class KernelLibrary(JITCodeLibrary):
         module.data_layout = self._codegen._data_layout
 
     def _optimize_final_module(self) -> None:
-        passes, builder = self._codegen._module_pass_manager()
+        codegen: Any = self._codegen
+        passes, builder = codegen._module_pass_manager()
         passes.run(self._final_module, builder)
 
 
@@ -86,7 +87,8 @@ def _are_flags_equal(own: Any, other: Any) -> Any:
 
 def _hash_flags(own: Any) -> int:
     """Return numba's hash, which is one for all flags of a kind."""
-    return _hash_kind(type(own))
+    kind: Any = type(own)
+    return _hash_kind(kind)
 
 
 @cache

@@ -18,6 +18,8 @@ from numba.core.serialize import dumps, loads
 
 from .cache import Cache, Locator
 
+_PyCallWrapper: Any = PyCallWrapper  # a part of numba without types
+
 
 class Wrapper(NamedTuple):
     """Code that calls a kernel with Python objects.
@@ -60,7 +62,7 @@ class WrapperEntry(CacheImpl):
 
     def reduce(self, wrapper: Any) -> Any:
         """Return what is written."""
-        data = dumps(tuple(wrapper))
+        data: bytes = dumps(tuple(wrapper))  # type: ignore[no-untyped-call]
         return zlib.crc32(data), data
 
     def rebuild(self, _: Any, written: Any) -> Any:
@@ -92,9 +94,7 @@ def make_callable(compiled: Any, stored: Any, releases_gil: bool) -> Any:
         library = _compile(context, described, environment, releases_gil)
         constants = before, tuple(environment.consts[before:])
         code = library._get_compiled_object()
-        stored.save_overload(
-            compiled.signature, Wrapper(compiled.signature, described.llvm_func_name, constants, code)
-        )
+        stored.save_overload(compiled.signature, Wrapper(compiled.signature, described.llvm_func_name, constants, code))
     address = context.codegen()._engine._ee.get_function_address(described.llvm_cpython_wrapper_name)
     name = described.qualname.split(".")[-1]
     kept = compiled.library, library
@@ -102,7 +102,7 @@ def make_callable(compiled: Any, stored: Any, releases_gil: bool) -> Any:
 
 
 def _is_valid(wrapper: Wrapper, symbol: str, environment: Any) -> bool:
-    """Whether a wrapper from disk is of the kernel that this process has: another process may have compiled it again."""
+    """Whether a wrapper from disk is of the kernel as it is here: another process may have compiled it again."""
     return wrapper.symbol == symbol and wrapper.constants[0] == len(environment.consts)
 
 
@@ -112,7 +112,7 @@ def _compile(context: Any, described: Any, environment: Any, releases_gil: bool)
     module = context.create_module("wrapper")
     kind = context.call_conv.get_function_type(described.restype, described.argtypes)
     kernel = ir.Function(module, kind, described.llvm_func_name)
-    PyCallWrapper(context, module, kernel, described, environment, None, releases_gil).build()
+    _PyCallWrapper(context, module, kernel, described, environment, None, releases_gil).build()
     constants = module.globals[context.get_env_name(described)]
     constants.linkage, constants.initializer = "external", None  # those of the kernel
     library.add_ir_module(module)

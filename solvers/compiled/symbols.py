@@ -105,7 +105,10 @@ class LinkedCache(Cache):
     _impl_class: Any = CacheEntry
 
 
-class Inlined(CPUDispatcher):
+_Dispatcher: Any = CPUDispatcher  # a part of numba without types
+
+
+class Inlined(_Dispatcher):  # type: ignore[misc]
     """A function that is compiled into its callers."""
 
     _wrappers: Any = NullCache()

@@ -126,6 +126,30 @@ def test_code_of_another_signature_is_not_taken(tmp_path: Path) -> None:
     assert ended(start(script, home))["told"] == first == ["6", "3.0", "2j"]
 
 
+def test_a_kernel_that_was_compiled_again_is_called(tmp_path: Path) -> None:
+    """What calls it from Python is on disk for the symbol of another process."""
+    script, home = tmp_path / "demo.py", tmp_path / "home"
+    script.write_text(
+        "import json, os\n"
+        "from solvers.compiled.kernel import kernel\n\n"
+        "def other(x):\n"
+        "    return x\n\n"
+        "for _ in range(int(os.environ['KERNELS_BEFORE'])):\n"
+        "    kernel(other)(1)\n\n"
+        "@kernel\n"
+        "def half(x):\n"
+        "    return 0.5 * x\n\n"
+        "print(json.dumps({'found': 19.0, 'told': half(3.0)}))\n"
+    )
+    assert ended(start(script, home, KERNELS_BEFORE="0"))["told"] == 1.5
+    kept, gone = (sorted(home.rglob(f"demo.half-*{end}.py*")) for end in ("p", "[0-9]"))
+    assert len(kept) == len(gone) == 2
+    for file in gone:
+        file.unlink()
+    for count in ("3", "0", "1"):
+        assert ended(start(script, home, KERNELS_BEFORE=count))["told"] == 1.5
+
+
 def test_a_process_whose_sources_are_edited_keeps_nothing(tmp_path: Path) -> None:
     """It may have imported some of them before and some after the edit."""
     script, home = tmp_path / "demo.py", tmp_path / "home"
