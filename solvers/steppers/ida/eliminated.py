@@ -49,8 +49,8 @@ from .eliminated_callbacks import (
     set_up_preconditioner,
 )
 from .eliminated_memory import (
-    SETTINGS,
     MIN_RTOL,
+    SETTINGS,
     EliminatedIDAMemory,
     set_options,
     set_up,
