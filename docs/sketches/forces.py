@@ -64,6 +64,39 @@ def joint_spring() -> Sketch:
     return s
 
 
+def dashpot(s: Sketch, start: float, end: float, height: float) -> None:
+    """A cylinder on body a and a piston rod, along x."""
+    middle = 0.5 * (start + end) + 0.25
+    s.show(s.a, RUBBER, rod((start, 0.0, height), (middle, 0.0, height), 0.24))
+    s.show(s.a, DARK, rod((middle - 0.1, 0.0, height), (end, 0.0, height), 0.08))
+
+
+@element("Damper")
+def damper() -> Sketch:
+    """A cylinder with a piston rod between two free bodies."""
+    s = Sketch(20.0, 20.0)
+    b = s.other((1.2, 0.0, 0.0))
+    s.mechanism.force("f", mbm.Damper(damping=1.0), s.a, b)
+    s.show(s.a, GRAY, block((0.7, 0.7, 0.7), (-1.4, 0.0, 0.0)))
+    s.show(b, BLUE, block((0.7, 0.7, 0.7), (0.3, 0.0, 0.0)))
+    dashpot(s, -1.05, 1.15, 0.0)
+    s.push((-0.95, -0.3, 0.5), (-0.3, -0.3, 0.5))
+    s.push((1.05, -0.3, 0.5), (0.4, -0.3, 0.5))
+    s.slide("x", (1.5, 0.0, 0.65), 1.1)
+    return s
+
+
+@element("JointDamper")
+def joint_damper() -> Sketch:
+    """A cylinder with a piston rod along the rail of a slide."""
+    s, b = slider(0.9)
+    s.mechanism.force("f", mbm.JointDamper(damping=1.0), b)
+    dashpot(s, -1.6, 0.6, 0.42)
+    s.slide("x", (0.9, 0.0, 0.75), 1.2)
+    s.push((0.5, -0.4, 0.0), (-0.3, -0.4, 0.0))
+    return s
+
+
 def hinge(angle: float = 0.9) -> tuple[Sketch, Any]:
     """Return two bars on a pin."""
     s = Sketch(14.0, 22.0)

@@ -59,6 +59,9 @@ class ElementType:
         :class:`solvers.compiled.record.Record` or a dtype.
     kernels
         Of a role: names of the kernels and what they are called with after the record, see :mod:`.dispatch`.
+    variants
+        Types that have the record and the kernels of some objects of this type, see :meth:`become`: native FMUs
+        contain these kernels, too.
     records
         Of a role: further words that this may have, each a record with these fields.
     """
@@ -66,11 +69,18 @@ class ElementType:
     record: ClassVar[RecordType] = EMPTY_RECORD
     kernels: ClassVar[dict[str, str]]
     records: ClassVar[dict[str, np.dtype[Any]]] = {}
+    variants: ClassVar[tuple[type[ElementType], ...]] = ()
 
     def __new__(cls, *_: Any, **given: Any) -> Self:
         """Check the names of the parameters; raises UserError."""
         require_arguments(cls, given)
         return super().__new__(cls)
+
+    def become(self, variant: type[ElementType]) -> None:
+        """Take the record and the kernels of a variant: its parameters require others than those of the class."""
+        object.__setattr__(self, "record", variant.record)
+        for name in self.kernels:
+            object.__setattr__(self, name, kernel_of(variant, name))
 
     def check(self, what: str) -> None:
         """Raise UserError if a parameter is not allowed; ``what`` names the element."""

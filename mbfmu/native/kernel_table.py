@@ -56,7 +56,8 @@ def kernel_tables() -> dict[str, KernelTable]:
     tables, known = {}, set[CalledKernel]()
     for suffix, state in (("", float), ("-derivatives", complex)):
         for part, roles in COMPONENT_ROLES.items():
-            kinds = [kind for module, role in roles.items() for kind in element_types_of(module, role)]
+            own_kinds = [kind for module, role in roles.items() for kind in element_types_of(module, role)]
+            kinds = [kind for own in own_kinds for kind in (own, *own.variants)]
             used = [used_type(kind) for kind in (*kinds, *(CONTACT_TYPES if part == "sheets" else ()))]
             found = [
                 own for kind in used for n in (REAL, TANGENT_NUMBERS, LINEARIZED) for own in called_kernels(kind, n)

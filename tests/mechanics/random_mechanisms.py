@@ -15,7 +15,7 @@ from mbfmu.mechanics.cuts.base import AxisCut
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.joints.base import AxisJoint
 from mbfmu.mechanics.kind import element_types_of
-from mbfmu.mechanics.loads import DistanceStop, Force, JointStop, LineForce, Spring, TorsionSpring
+from mbfmu.mechanics.loads import Damper, DistanceStop, Force, JointStop, LineForce, Spring, TorsionSpring
 from mbfmu.mechanics.loads.bristle import BristleFriction
 from mbfmu.mechanics.signals import Harmonic, Polynomial
 from mbfmu.sheets import joints as sheet_joints
@@ -107,7 +107,7 @@ def smooth(case: Case) -> bool:
     """Whether no load is about to jump, to bend or to turn fast: differences would not be derivatives."""
     compiled, state = case.compiled, case.compiled.data.state
     compiled.energy(case.t, case.q, case.v)
-    lines = [f for kind in (Spring, LineForce, DistanceStop) for f in compiled.records(kind)]
+    lines = [f for kind in (Spring, Damper, LineForce, DistanceStop) for f in compiled.records(kind)]
     if any(line_velocity(f, *(state.bodies[int(f[k])] for k in "ab")) > 5.0 for f in lines):
         return False
     lengths = [(f, *distance(f, *(state.bodies[int(f[k])] for k in "ab"))) for f in compiled.records(DistanceStop)]

@@ -177,11 +177,11 @@ def non_conservative_power(case: Case) -> float:
         magnitude = (
             np.polyval(signals[int(f["signal"])].record["c"][::-1], case.t) if hasattr(force, "magnitude") else 0.0
         )
-        if name == "Spring":
+        if name in ("Spring", "Damper"):
             d = B["r"] + B["A"] @ f["Pb"] - A["r"] - A["A"] @ f["Pa"]
             rate = d @ (velocity(B, f["Pb"]) - velocity(A, f["Pa"])) / np.linalg.norm(d)
             power -= f["damping"] * rate**2
-        elif name == "JointSpring":
+        elif name in ("JointSpring", "JointDamper"):
             power -= f["damping"] * state.v[int(f["v"])] ** 2
         elif name == "JointForce":
             power += magnitude * state.v[int(f["v"])]

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Protocol
 from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import CutJoint
-from mbfmu.mechanics.loads import DistanceStop, LineForce, Load, Spring
+from mbfmu.mechanics.loads import Damper, DistanceStop, LineForce, Load, Spring
 from mbfmu.mechanics.numbers import is_whole
 from mbfmu.mechanics.sensors import (
     CouplingEffort,
@@ -26,7 +26,7 @@ from mbfmu.util.errors import UserError
 
 from .bodies import Body, effort_unit
 
-BETWEEN_POINTS = (DistanceStop, LineForce, Spring)  # forces along the line that joins their two points
+BETWEEN_POINTS = (Damper, DistanceStop, LineForce, Spring)  # forces along the line that joins their two points
 
 
 class Mesh(Protocol):
@@ -242,7 +242,8 @@ class ForceHandle:
         Raises
         ------
         UserError
-            The element is not a ``Spring``, a ``DistanceStop`` or a ``LineForce``; use :meth:`.Mechanism.distance`.
+            The element is not a ``Spring``, a ``Damper``, a ``DistanceStop`` or a ``LineForce``; use
+            :meth:`.Mechanism.distance`.
         """
         return Distance(unit="m", bodies=(self.a, self.b), **self._ends())
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from .base import Force, Load
 from .beam import BeamElement
 from .bushing import Bushing
+from .damper import Damper, JointDamper
 from .distance_stop import DistanceStop
 from .drag import Drag
 from .joint_force import JointForce
@@ -22,9 +23,11 @@ from .torsion_spring import TorsionSpring
 __all__ = [
     "BeamElement",
     "Bushing",
+    "Damper",
     "DistanceStop",
     "Drag",
     "Force",
+    "JointDamper",
     "JointForce",
     "JointFriction",
     "JointSpring",

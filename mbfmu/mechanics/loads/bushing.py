@@ -227,6 +227,15 @@ def power_coupled(force: CoupledBushingRecord, t: float, arrays: Arrays, state: 
     return total
 
 
+class CoupledBushing(Force):
+    """Record and kernels of a :class:`Bushing` with matrices or a preload."""
+
+    record = CoupledBushingRecord
+    apply = apply_coupled
+    potential = potential_coupled
+    power = power_coupled
+
+
 @dataclass(frozen=True, kw_only=True)
 class Bushing(Force):
     """Bushing: springs and dampers along and about the axes of a frame in body a, between points of bodies a and b.
@@ -260,6 +269,7 @@ class Bushing(Force):
     apply = apply
     potential = potential
     power = power
+    variants = (CoupledBushing,)
 
     stiffness: Any = 0.0
     damping: Any = 0.0
@@ -274,9 +284,7 @@ class Bushing(Force):
     def __post_init__(self) -> None:
         """Take the kernels of matrices and preloads."""
         if self._is_coupled():
-            object.__setattr__(self, "record", CoupledBushingRecord)
-            for name, function in COUPLED.items():
-                object.__setattr__(self, name, function)
+            self.become(CoupledBushing)
 
     def _is_coupled(self) -> bool:
         return self.preload is not None or _is_matrix(self.stiffness) or _is_matrix(self.damping)
@@ -333,7 +341,6 @@ class Bushing(Force):
         return self.at_a, self.at_b
 
 
-COUPLED = {"apply": apply_coupled, "potential": potential_coupled, "power": power_coupled}
 MAX_NEGATIVE_EIGENVALUE = 1e-9  # relative to the diagonal of the matrix
 
 

@@ -1,4 +1,7 @@
-"""Given force between two points, along the line that joins them: an actuator such as a cylinder or a cable."""
+"""Given force between two points, along the line that joins them: an actuator such as a cylinder or a cable.
+
+Its stroke may have limits; see :mod:`.stops` for what acts beyond them.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
+from mbfmu.mechanics.numbers import not_negative, positive
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import i8
 
 from .base import Force, PointPairRecord, Points, fill_points
+from .distance_stop import DistanceStop
 from .spring import connecting_line, pull_together
+from .stops import LimitRecord, dissipated_power, stop_energy, stop_force
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -21,6 +28,10 @@ class LineForceRecord(PointPairRecord):
     """Parameters of :class:`LineForce`."""
 
     signal: i8
+
+
+class StrokeRecord(LimitRecord, LineForceRecord):
+    """Parameters of :class:`LineForce` with limits of the stroke."""
 
 
 @kernel
@@ -39,6 +50,40 @@ def power(force: LineForceRecord, t: float, arrays: Arrays, state: State) -> flo
     return signal_value(force.signal, t, arrays) * rate if length != 0.0 else 0.0 * length
 
 
+@kernel
+def apply_limited(force: StrokeRecord, t: float, arrays: Arrays, state: State) -> None:
+    """See :mod:`.base`. Points that coincide have no line of action: there is no force."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    line = connecting_line(force, A, B)
+    _, _, _, length, rate = line
+    push = signal_value(force.signal, t, arrays) + stop_force(force, length, rate) if length != 0.0 else 0.0 * length
+    pull_together(A, B, line, -push)
+
+
+@kernel
+def potential_limited(force: StrokeRecord, arrays: Arrays, state: State) -> float:
+    """Energy of the stops."""
+    _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
+    return stop_energy(force, length)
+
+
+@kernel
+def power_limited(force: StrokeRecord, t: float, arrays: Arrays, state: State) -> float:
+    """Force times rate of the distance, and what the stops dissipate."""
+    _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
+    given = signal_value(force.signal, t, arrays) * rate
+    return given + dissipated_power(force, length, rate) if length != 0.0 else 0.0 * length
+
+
+class LimitedLineForce(Force):
+    """Record and kernels of a :class:`LineForce` with limits of the stroke."""
+
+    record = StrokeRecord
+    apply = apply_limited
+    potential = potential_limited
+    power = power_limited
+
+
 @dataclass(frozen=True, kw_only=True)
 class LineForce(Force):
     """Force between a point of body a and a point of body b, along the line that joins them.
@@ -52,9 +97,16 @@ class LineForce(Force):
         cylinder does; a negative one pulls them together, as a cable does.
     at_a, at_b
         Points in the frames of bodies a and b, m.
+    lower, upper
+        Smallest and largest distance of the points, m: the ends of the stroke. None: no limit on that side.
+    stop_stiffness, stop_damping
+        Stiffness, N/m, and damping, s/m, of the end stops, as those of a :class:`.DistanceStop`. The stiffness is
+        required if there is a limit.
 
     Notes
     -----
+    The sensors ``force`` and ``moment`` contain the force of the end stops. Friction of the actuator is a
+    :class:`.Damper` between the same points, for example with the law ``"40 * tanh(v / 0.01)"``.
     Points that coincide have no line of action, and the force is omitted; a message reports this if it occurs at the
     start. Outputs of distance and rate: ``ForceHandle.length`` and ``ForceHandle.length_rate``.
     """
@@ -62,13 +114,51 @@ class LineForce(Force):
     record = LineForceRecord
     apply = apply
     power = power
+    variants = (LimitedLineForce,)
 
     magnitude: Any
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
+    lower: float | None = None
+    upper: float | None = None
+    stop_stiffness: float = 0.0
+    stop_damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Take the kernels of a limited stroke."""
+        if self._is_limited:
+            self.become(LimitedLineForce)
+
+    @property
+    def _is_limited(self) -> bool:
+        return self.lower is not None or self.upper is not None
+
+    def _stop(self) -> DistanceStop:
+        return DistanceStop(
+            lower=self.lower,
+            upper=self.upper,
+            stiffness=self.stop_stiffness,
+            damping=self.stop_damping,
+            at_a=self.at_a,
+            at_b=self.at_b,
+        )
+
+    def check(self, what: str) -> None:
+        """Refuse what is no limit, limits without a stiffness, and stops without a limit."""
+        if self._is_limited:
+            positive(f"stop_stiffness of {what}", self.stop_stiffness)
+            not_negative(f"stop_damping of {what}", self.stop_damping)
+            self._stop().check(what)
+        elif self.stop_stiffness or self.stop_damping:
+            raise UserError(
+                f"{what} has stop_stiffness {self.stop_stiffness!r} and stop_damping {self.stop_damping!r} without a "
+                "limit; give it lower or upper, or leave them out"
+            )
 
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write the two points and the signal."""
+        """Write the two points, the signal and the limits."""
+        if self._is_limited:
+            self._stop().fill(record, site)
         fill_points(self, record, site)
         record["signal"] = site.signal(self.magnitude, f"magnitude of {site.name}")
 
