@@ -13,10 +13,12 @@ from .mechanics import (
     CylindricalCutJoint,
     DistanceCutJoint,
     DistanceStop,
+    EndRun,
     Floating,
     Function,
     Gear,
     Harmonic,
+    Impulse,
     Input,
     JointForce,
     JointFriction,
@@ -36,6 +38,7 @@ from .mechanics import (
     RevoluteCutJoint,
     RunUp,
     Screw,
+    SetInput,
     SpeedInput,
     Sphere,
     Spherical,
@@ -50,6 +53,7 @@ from .mechanics import (
     Translational,
     TranslationalCutJoint,
     Universal,
+    UniversalCutJoint,
     Weld,
     WeldCutJoint,
     add_chain,
@@ -61,6 +65,7 @@ from .mechanics import (
 )
 from .modeling import Model, find, models, parameter
 from .modeling.settings import Settings
+from .session.events import EventRecord
 from .session.result import Result
 from .session.run import simulate
 from .session.simulation import Simulation
@@ -93,17 +98,17 @@ from .viewer.show import view
 
 __all__ = [
     "AssemblyError", "Batch", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Comparison", "Crease", "Cylinder",
-    "Cylindrical", "CylindricalCutJoint", "Diagnostic", "DistanceCutJoint", "DistanceStop", "Drum", "Equilibrium",
-    "EquilibriumError", "EquilibriumPath", "Findings", "Floating", "Function", "Gear", "Geodesic", "Guide", "Harmonic",
-    "Input", "JointForce", "JointFriction", "JointSpring", "JointStop", "LineForce", "Mechanism", "Model",
-    "OutOfPlane", "Panel", "Planar", "PlanarCutJoint", "PlaneCutJoint", "Plate", "PointForce", "Polynomial", "Product",
-    "Ramp", "Recommendation", "Result", "Revolute", "RevoluteCutJoint", "RunUp", "Screw", "Settings", "Shell",
-    "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCutJoint", "SphericalFriction", "Spring",
-    "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational",
-    "TranslationalCutJoint", "Trough", "Universal", "UserError", "Wall", "Weld", "WeldCutJoint", "add_chain",
-    "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder", "equilibrium", "equilibrium_path",
-    "export", "find", "linearize", "load_study", "models", "modes", "parameter", "recommend_solver", "rod", "simulate",
-    "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
+    "Cylindrical", "CylindricalCutJoint", "Diagnostic", "DistanceCutJoint", "DistanceStop", "Drum", "EndRun",
+    "Equilibrium", "EquilibriumError", "EquilibriumPath", "EventRecord", "Findings", "Floating", "Function", "Gear",
+    "Geodesic", "Guide", "Harmonic", "Impulse", "Input", "JointForce", "JointFriction", "JointSpring", "JointStop",
+    "LineForce", "Mechanism", "Model", "OutOfPlane", "Panel", "Planar", "PlanarCutJoint", "PlaneCutJoint", "Plate",
+    "PointForce", "Polynomial", "Product", "Ramp", "Recommendation", "Result", "Revolute", "RevoluteCutJoint", "RunUp",
+    "Screw", "SetInput", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCutJoint",
+    "SphericalFriction", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "Torque",
+    "TorsionSpring", "Translational", "TranslationalCutJoint", "Trough", "Universal", "UniversalCutJoint", "UserError",
+    "Wall", "Weld", "WeldCutJoint", "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare",
+    "cylinder", "equilibrium", "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes",
+    "parameter", "recommend_solver", "rod", "simulate", "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
 ]  # fmt: skip
 
 __version__: str

@@ -210,6 +210,8 @@ class Stepper(ABC):
         it.
     clock
         The reported time in an array (1,), s, as saved last.
+    max_steps
+        Largest number of steps in one call of :meth:`advance_to`.
     """
 
     fallback_solvers: tuple[str, ...] = ()
@@ -220,6 +222,7 @@ class Stepper(ABC):
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         self.options = options or Options()
+        self.max_steps = min(self.options.max_steps, np.iinfo(np.int64).max)
         self._t = float(t0)
         self._q = validated_vector("q0", q0, system.nq)
         self._v = validated_vector("v0", v0, system.n)
@@ -280,6 +283,74 @@ class Stepper(ABC):
         if t > self._t or not self.status.ok:
             self.status = self._status(_advance_in_pieces(self, self._t, float(t)))
         return self.status
+
+    def advance_one_step(self, t: float) -> Status:
+        """Advance by at most one step of the solver, or to the end of the step in which the reported time lies.
+
+        Parameters
+        ----------
+        t
+            Time that is not passed, later than the reported one, s.
+
+        Returns
+        -------
+        Status
+            As of :meth:`advance`. The reported time is later than before, except after a failure.
+        """
+        target = min(t, self._limit_steps(self._t))
+        end = self.own_time
+        if end > self._t:
+            code = self.advance_to(min(end, target))
+        else:
+            code = self._take_one_step(target)
+        self.status = self._status(code)
+        return self.status
+
+    def _take_one_step(self, t: float) -> Code:
+        """Advance towards t (s) until the solver has taken a step."""
+        begin, allowed, taken = self._t, self.max_steps, 0
+        self.max_steps = 1
+        try:
+            code = self.advance_to(t)
+            while code is Code.MAX_STEPS and not self.own_time > begin and taken < allowed:  # the step was rejected
+                taken += 1
+                code = self.advance_to(t)
+        finally:
+            self.max_steps = allowed
+        return self.advance_to(self.own_time) if code is Code.MAX_STEPS and self.own_time > begin else code
+
+    def return_to(self, t: float, saved: bytes | None) -> Status:
+        """Make an earlier time of the last step of :meth:`advance_one_step` the reported one.
+
+        Parameters
+        ----------
+        t
+            Time, s.
+        saved
+            What :meth:`save` returned before that step, to repeat it; None: the step has a dense output.
+
+        Returns
+        -------
+        Status
+            Whether the state there is the reported one.
+        """
+        if saved is not None:
+            self.restore(saved)
+            return self.advance(t)
+        self.status = self._status(self.advance_to(t))
+        return self.status
+
+    @property
+    def has_dense_output(self) -> bool:
+        """Whether any time of the last step, or of the next one if there is none, can be reported again by
+        :meth:`advance_to`, without integrating again.
+        """
+        return False
+
+    @property
+    def own_time(self) -> float:
+        """Time that the solver has reached itself, s: the reported one, or later."""
+        return self._t
 
     def _limit_steps(self, t: float) -> float:
         """Apply the step-size limit of time-dependent inputs at the reported time t; return when it expires, s."""

@@ -201,7 +201,7 @@ class AnySystem(ABC):
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
     nonsmooth_reason: str = ""  # why forces change sharply within the tolerance, as where bodies touch; empty: smooth
     stiffness_reason: str = ""  # why explicit solvers are unsuitable; empty: they are suitable
-    stick_reason: str = ""  # why explicit solvers need many steps at times; empty: they do not
+    stick_reason: str = ""  # why explicit solvers need many steps, but are allowed; empty: they do not
     # of each first-order state whether it keeps its start value in steady states; none: they are unknowns
     held_states: tuple[bool, ...] = ()
     coordinate_names: tuple[str, ...] = ()  # (n,)

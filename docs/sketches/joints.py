@@ -164,7 +164,12 @@ def screw() -> Sketch:
 def universal() -> Sketch:
     """A cross between two forks."""
     s = Sketch(28.0, 22.0)
-    b = s.body("b", s.a, mbm.Universal(axis="z", second="y", start=(-0.1, -0.35)))
+    cross(s, s.body("b", s.a, mbm.Universal(axis="z", second="y", start=(-0.1, -0.35))))
+    return s
+
+
+def cross(s: Sketch, b: Any) -> None:
+    """Two forks and the axes of the cross between them."""
     for side in (-0.5, 0.5):
         s.show(s.a, GRAY, block((0.75, 0.34, 0.16), (-0.3, 0.0, side)))
         s.show(b, BLUE, block((0.75, 0.16, 0.34), (0.3, side, 0.0)))
@@ -175,6 +180,17 @@ def universal() -> Sketch:
     s.axis("y", length=2.8)
     s.turn("z", (0.0, 0.0, 0.85), 0.45)
     s.turn("y", (0.0, -0.9, 0.0), 0.45, (-60.0, 200.0))
+
+
+@element("UniversalCutJoint")
+def universal_cut() -> Sketch:
+    """The same cross, in a loop."""
+    s = Sketch(28.0, 22.0)
+    origin, axes = pose(mbm.Universal(axis="z", second="y", start=(-0.1, -0.35)))
+    b = s.other(origin, Rotation.from_matrix(axes).as_rotvec())
+    s.mechanism.cut("c", mbm.UniversalCutJoint(axis="z", second="y"), s.a, b)
+    cross(s, b)
+    s.loop((-1.9, 0.0, 0.0), (1.8, 0.2, 0.7), DOWN)
     return s
 
 

@@ -190,6 +190,9 @@ class ModelSlave(Values):
             simulation.advance(max(simulation.t, current_time + step_size))  # the host's clock may be a little slow
             if simulation.failed:
                 raise UserError(simulation.failure)
+            if simulation.ended:
+                last = simulation.events[-1]
+                raise UserError(f"event {last.name!r} ends the run at t = {last.time:.9g} s; step to this time at most")
         except Exception:
             simulation.rollback(checkpoint)
             raise

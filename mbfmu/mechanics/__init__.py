@@ -23,9 +23,11 @@ from .cuts import (
     RevoluteCutJoint,
     SphericalCutJoint,
     TranslationalCutJoint,
+    UniversalCutJoint,
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
+from .events import EndRun, Impulse, SetInput
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -82,6 +84,7 @@ __all__ = [
     "CylindricalCutJoint",
     "DistanceCutJoint",
     "DistanceStop",
+    "EndRun",
     "FirstOrderState",
     "FlexibleBody",
     "Floating",
@@ -90,6 +93,7 @@ __all__ = [
     "Function",
     "Gear",
     "Harmonic",
+    "Impulse",
     "Input",
     "Joint",
     "JointForce",
@@ -114,6 +118,7 @@ __all__ = [
     "RunUp",
     "Screw",
     "Sensor",
+    "SetInput",
     "Signal",
     "SpeedInput",
     "Sphere",
@@ -130,6 +135,7 @@ __all__ = [
     "Translational",
     "TranslationalCutJoint",
     "Universal",
+    "UniversalCutJoint",
     "UserError",
     "Variable",
     "Weld",

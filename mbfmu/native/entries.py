@@ -167,6 +167,12 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
             "not-native",
         )
+    if events := simulation.compiled.mechanism.events:
+        raise UserError(
+            f"native FMUs do not support events, such as {events[0].name!r}; remove the events, or export the model "
+            "with --python",
+            "not-native",
+        )
     if system.n_states and simulation.steady_state is not None:
         raise UserError(
             f"native FMUs do not start in the steady state of a model with first-order states, such as "

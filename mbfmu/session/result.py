@@ -21,6 +21,8 @@ from mbfmu.util.text_table import format_tolerance
 from solvers import Statistics
 from solvers.system import Array
 
+from .events import EventRecord
+
 RESULT_FORMAT = 2  # of a saved result; format 1, until version 0.2, had texts in place of diagnostics
 
 
@@ -50,6 +52,9 @@ class Result(Diagnosed):
         Notes, warnings and errors of the run.
     inputs
         One message per given input: how it was interpolated.
+    events
+        Events that have occurred, with name, time, direction and values of the sensor before and after the actions; see
+        :class:`.EventRecord`.
     """
 
     t: Array
@@ -61,6 +66,7 @@ class Result(Diagnosed):
     settings: Settings | None = None
     diagnostics: tuple[Diagnostic, ...] = ()
     inputs: tuple[str, ...] = ()
+    events: tuple[EventRecord, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -256,7 +262,9 @@ class Result(Diagnosed):
                 or t.dtype.kind + values.dtype.kind != "ff"
             ):
                 raise ValueError(f"times {t.shape} and values {values.shape} do not belong together")
-            return cls(t, values, **header | {"inputs": tuple(header.get("inputs", ()))})
+            header["inputs"] = tuple(header.get("inputs", ()))
+            header["events"] = tuple(EventRecord(*event) for event in header.get("events", ()))
+            return cls(t, values, **header)
         except Exception as error:  # a file of another kind fails in any of these
             raise UserError(f"{str(path)!r} is not a saved result: {error}") from error
 

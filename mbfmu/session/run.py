@@ -172,16 +172,21 @@ def run(
             if warn is not None and not warned and simulation.inaccurate:
                 warned = True
                 warn(next(d for d in simulation.diagnostics if d.code in INACCURATE_CODES))
-            if simulation.failed:
+            if simulation.failed or simulation.ended:
                 break
             if watch is not None:
                 watch(simulation)
             if progress is not None:
                 progress(float(times[done - 1]))
     wall_time = time.perf_counter() - begin
+    times, values = times[:done], values[:done]
+    if simulation.ended and not simulation.failed and simulation.t > times[-1]:
+        times, values = np.append(times, simulation.t), np.vstack([values, simulation.outputs()])
+        if watch is not None:
+            watch(simulation)
     return Result(
-        t=times[:done],
-        values=values[:done],
+        t=times,
+        values=values,
         variables=simulation.variables,
         statistics=simulation.statistics,
         wall_time=wall_time,
@@ -189,4 +194,5 @@ def run(
         settings=settings,
         diagnostics=without_repeats([*simulation.diagnostics, *given_inputs.diagnostics()]),
         inputs=given_inputs.summary(settings.input_interpolation),
+        events=simulation.events,
     )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.arrays.given_inputs import GivenInputs
+from mbfmu.mechanics.events import SetInput
 from mbfmu.mechanics.numbers import ascending_times, finite
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
@@ -31,6 +32,7 @@ from solvers.steppers.guard import GuardedStepper
 
 from .element_monitor import ElementMonitor, Furthest
 from .energy_check import EnergyCheck
+from .events import EventRecord, RunEvents
 from .failure_diagnosis import explain_failure, explain_rates, find_undetermined_rates, free_rates
 from .kernels.points import Session, begin_session
 from .run_messages import INPUT_JUMP, SINGULAR_START, UNDETERMINED_FORCES, filled
@@ -59,6 +61,7 @@ class Checkpoint(NamedTuple):
     reported_jumps: frozenset[str]  # names of inputs
     reported_undetermined: bool
     model: Model  # with the parameters of that time
+    events: dict[str, Any]  # that have occurred; empty: the model has none
 
 
 class Simulation(Diagnosed):
@@ -170,6 +173,8 @@ class Simulation(Diagnosed):
         self.energy_check = EnergyCheck(self.compiled, self.session.status) if is_checked else None
         self._element_monitor = ElementMonitor(self.compiled, float(self._limit_ratio[0]), t0, self.stepper.q)
         self._reported_undetermined, self._end = False, t0
+        self._events = RunEvents.of(self.compiled, self._run, self.set_input)
+        self._check_actions()
         self._warm_up(t0, q, v)
 
     def _start_diagnostics(
@@ -234,6 +239,13 @@ class Simulation(Diagnosed):
         name, system = self.solver_choice.solver, self.compiled.system
         created = stepper(name, system, t, q, v, options)
         return created if name in SOLVER_NAMES else GuardedStepper(name, created, system, t, q, v)
+
+    def _check_actions(self) -> None:
+        """Refuse events that set an input which does not exist, or whose values are not allowed."""
+        for event in self.compiled.mechanism.events:
+            for action in event.actions:
+                if isinstance(action, SetInput):
+                    self.compiled.inputs.checked(self._input(action.name), action.value)
 
     def _copy_compiled(self) -> CompiledMechanism:
         """Return another compiled mechanism of the same model, whose inputs are what they are now."""
@@ -304,13 +316,13 @@ class Simulation(Diagnosed):
         """Why the last :meth:`advance` or :meth:`record` ended early; None: it did not."""
         stepper = self.stepper
         if stepper.status.ok:
-            return self._element_monitor.folded
+            return self._element_monitor.folded or (self._events.stop if self._events else None)
         return explain_failure(self.compiled, stepper.status, stepper.q, self._end, stepper.starts_singular)
 
     @property
     def failed(self) -> bool:
         """Whether the last :meth:`advance` or :meth:`record` ended early."""
-        return not self.stepper.status.ok or self._element_monitor.folded is not None
+        return not self.stepper.status.ok or self._stop is not None
 
     @property
     def inaccurate(self) -> bool:
@@ -327,6 +339,16 @@ class Simulation(Diagnosed):
         """Reason why the last :meth:`advance` or :meth:`record` ended early, and advice; empty: it did not."""
         return str(self._stop or "")
 
+    @property
+    def events(self) -> tuple[EventRecord, ...]:
+        """Events that have occurred, see :meth:`.Mechanism.event`."""
+        return tuple(self._events.records) if self._events else ()
+
+    @property
+    def ended(self) -> bool:
+        """Whether an event has ended the run: :meth:`advance` stays at the time of the event."""
+        return self._events is not None and self._events.ended
+
     def advance(self, t: float) -> Status:
         """Advance to a communication point.
 
@@ -339,7 +361,8 @@ class Simulation(Diagnosed):
         -------
         Status
             Whether the solver has reached t. If it has not, the last good state remains. :attr:`failure` contains the
-            reason; it also reports a folded sheet, which the status does not.
+            reason; it also reports a folded sheet and too many events, which the status does not. If an event ends the
+            run (:attr:`ended`), the status is that of the solver there.
 
         Raises
         ------
@@ -354,7 +377,10 @@ class Simulation(Diagnosed):
                 "to go back"
             )
         self._end = t
-        SEQUENCE.step(run, t)
+        if self._events is None:
+            SEQUENCE.step(run, t)
+        else:
+            self._events.step(t)
         if self._has_supports:
             self._report_support_motions(begin)
         t, q = stepper.t, stepper.q
@@ -433,6 +459,8 @@ class Simulation(Diagnosed):
         if np.shape(values) != (len(times), len(self.variables)):
             wanted = (len(times), len(self.variables))
             raise UserError(f"values have the shape {np.shape(values)}; allowed: {wanted} (times, outputs)")
+        if self._events is not None:
+            return self._record_each(times, values)
         done, self._end, rows = 0, float(max(times, default=self._end)), np.ascontiguousarray(values)
         while done < len(times):
             begin, ahead = self.t, times[done:]
@@ -451,6 +479,20 @@ class Simulation(Diagnosed):
             self._out[:] = rows[done - 1]
         self._report_undetermined()
         return done
+
+    def _record_each(self, times: Array, values: Array) -> int:
+        """As :meth:`record`, one point after the other; an event that ends the run before a point ends it, too."""
+        for done, t in enumerate(times):
+            self.advance(float(t))
+            if self.failed or self.t < t:
+                return done
+            if SEQUENCE.read(self._run) != OK:
+                assert self._run.error is not None
+                self.stepper.status = self._run.error.status
+                return done
+            self._report_undetermined()
+            values[done] = self._out
+        return len(times)
 
     def _report_undetermined(self) -> None:
         """Warn once that forces were read at a time at which they are not determined."""
@@ -534,7 +576,8 @@ class Simulation(Diagnosed):
         """Return a checkpoint of the present state for :meth:`rollback`; it costs less than :meth:`save`."""
         session, place = pack(self._session_arrays), self.stepper.save()
         reported = len(self._noted), frozenset(self._reported_jumps), self._reported_undetermined
-        return Checkpoint(place, session, self._lost, self._element_monitor.furthest, *reported, self.model)
+        events = self._events.state() if self._events else {}
+        return Checkpoint(place, session, self._lost, self._element_monitor.furthest, *reported, self.model, events)
 
     def rollback(self, checkpoint: Checkpoint) -> None:
         """Return to a checkpoint and discard everything after it, values of inputs and of parameters among it.
@@ -562,6 +605,8 @@ class Simulation(Diagnosed):
         self._reported_undetermined = checkpoint.reported_undetermined
         self._element_monitor.rewind(checkpoint.furthest)
         self._restore_session(checkpoint.session, checkpoint.lost)
+        if self._events:
+            self._events.restore(checkpoint.events)
 
     def _adopt(self, model: Model) -> bool:
         """Take the parameters of a model; return whether they differ from the present ones."""
@@ -600,6 +645,8 @@ class Simulation(Diagnosed):
             "bent": self._element_monitor.state(),
             "pick": self.solver_choice,
         }
+        if self._events:
+            head["events"] = self._events.state()
         return encode_state(self._state_key, head, self.stepper.save())
 
     def restore(self, state: bytes) -> None:
@@ -620,6 +667,8 @@ class Simulation(Diagnosed):
         head, body = decode_state(self._state_key, state)
         self._adopt(self.model.with_values(head["parameters"]))
         self._restore_session(bytes.fromhex(head["session"]), from_saved(head["lost"]))
+        if self._events:
+            self._events.restore(head["events"])
         previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])
         if self.solver_choice.solver != previous.solver:  # auto takes another one at other parameters
             self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)

@@ -52,7 +52,7 @@ def describe_sticking(compiled: CompiledMechanism, solver: str, tolerance: float
         remedy = f"Use a tolerance of {tolerance * deflection / allowed:.2g} or less, or a larger `deflection`"
         found.append(Diagnostic.warning("unresolved-friction", text, remedy, subject=what))
     if (reason := compiled.system.stick_reason) and solver in UNCONSTRAINED_SOLVERS:
-        text = f"{solver!r} is explicit, and needs very many steps at times: {reason}"
+        text = f"{solver!r} is explicit, and needs very many steps: {reason}"
         remedy = "Use 'ida' or 'radau' if the run is slow"
         found.append(Diagnostic.note("explicit-friction", text, remedy, subject=solver))
     return found

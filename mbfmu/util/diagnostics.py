@@ -49,6 +49,7 @@ MESSAGE_TITLES = OF_SOLVERS | {
     "slow-passage": "The energy error decides on which side of an unstable equilibrium the motion continues",
     "coarse-mesh": "The mesh of a sheet is too coarse for its deformation",
     "folded-cell": "A mesh cell of a sheet is folded",
+    "too-many-events": "Too many events follow each other",
     "unresolved-friction": "The tolerance does not resolve the deflection of a joint with friction",
     "explicit-friction": "An explicit solver is used for a joint that sticks",
     "loose-tolerance": "The tolerance is too large for an output",

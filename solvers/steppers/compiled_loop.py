@@ -72,6 +72,11 @@ class CompiledMethod(ABC):
         self.memory, self.settings = memory, settings
         self.pinned, self.control = pin(memory), memory.control[0]
 
+    @property
+    def has_dense_output(self) -> bool:
+        """See :attr:`solvers.stepper.Stepper.has_dense_output`."""
+        return True
+
     def counts(self) -> dict[str, Any]:
         """Return counters by the names of :class:`solvers.options.Statistics`."""
         counts = np.zeros(len(COUNTED), np.int64)
@@ -117,6 +122,24 @@ class LoopStepper(Stepper):
         code = CODES[self.loop.advance_reported(self.integration, t)]
         self._t = t if code is Code.OK else float(self._control["t"])
         return code
+
+    def _take_one_step(self, t: float) -> Code:
+        allowed = int(self._settings["max_steps"][0])
+        self._settings["max_steps"] = 1
+        try:
+            return super()._take_one_step(t)
+        finally:
+            self._settings["max_steps"] = allowed
+
+    @property
+    def has_dense_output(self) -> bool:
+        """As :attr:`solvers.stepper.Stepper.has_dense_output`."""
+        return self.method.has_dense_output
+
+    @property
+    def own_time(self) -> float:
+        """As :attr:`solvers.stepper.Stepper.own_time`."""
+        return float(self._control["t"])
 
     def evaluate(self) -> tuple[Code, Array, Array]:
         """As :meth:`solvers.stepper.Stepper.evaluate`."""

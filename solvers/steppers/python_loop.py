@@ -38,13 +38,18 @@ class PythonLoopStepper(Stepper):
         code, taken = Code.OK, 0
         with one_thread():
             while code is Code.OK and self._control["t"] < t:
-                if taken >= self.options.max_steps:
+                if taken >= self.max_steps:
                     code = Code.MAX_STEPS
                     break
                 code = self._prepare() if self._control["start"] else Code.OK
                 code = self._take_step(t) if code is Code.OK else code
                 taken += 1
             return self._report(t, code)
+
+    @property
+    def own_time(self) -> float:
+        """As :attr:`solvers.stepper.Stepper.own_time`."""
+        return float(self._control["t"])
 
     def limit_step(self, longest: float) -> None:
         """As :meth:`solvers.stepper.Stepper.limit_step`."""

@@ -52,6 +52,8 @@ class CompiledElements:
         By number.
     sensors
         What can be observed: the outputs, and last the energy and the kinetic energy.
+    watched
+        Numbers of the parts that are the sensors of events.
     magnitudes
         Numbers of the signals of loads, by what each is in messages.
     used
@@ -87,6 +89,9 @@ class CompiledElements:
             sites.append((signal, CompiledAttachment("a signal", (), numbering, {})))
             filled.append(filled_record(*sites[-1]))
         self.ends = np.append(self.ends, len(sites))
+        watching = CompiledAttachment("an event", (), numbering, {})
+        watched = [event.sensor for event in mechanism.events if event.sensor is not None]
+        self.watched = np.array([watching.part(sensor) for sensor in watched], np.int64)
         for part in numbering.parts:
             observed = observed_sensors(part) if isinstance(part, Sensor) else ()
             sites.append((part, CompiledAttachment(f"part {type(part).__name__}", observed, numbering, {})))

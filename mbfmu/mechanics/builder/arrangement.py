@@ -17,9 +17,10 @@ from mbfmu.mechanics.cuts import (
     RevoluteCutJoint,
     SphericalCutJoint,
     TranslationalCutJoint,
+    UniversalCutJoint,
     WeldCutJoint,
 )
-from mbfmu.mechanics.joints import Cylindrical, Joint, Planar, Revolute, Spherical, Translational, Weld
+from mbfmu.mechanics.joints import Cylindrical, Joint, Planar, Revolute, Spherical, Translational, Universal, Weld
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 
@@ -35,6 +36,7 @@ CUT_JOINTS: dict[type[Joint], type[CutJoint]] = {
     Revolute: RevoluteCutJoint,
     Spherical: SphericalCutJoint,
     Translational: TranslationalCutJoint,
+    Universal: UniversalCutJoint,
     Weld: WeldCutJoint,
 }
 MAX_NOTED_JOINTS = 8  # names of joints in a note
@@ -202,7 +204,7 @@ def _close(m: Mechanism, handles: Sequence[JointHandle], parts: Sequence[_Part])
         joint = handle.joint
         if handle.carrier is not None or joint.nv == 6:
             continue
-        axis = {"axis": joint.axis} if hasattr(joint, "axis") else {}
+        axis = {key: getattr(joint, key) for key in ("axis", "second") if hasattr(joint, key)}
         cut = CUT_JOINTS[type(joint)](
             at_a=joint.at, at_b=handle.at_b, rotation_a=joint.rotation, rotation_b=handle.rotation_b, **axis
         )

@@ -36,17 +36,17 @@ from mbfmu.util.errors import UserError, missing_attribute
 
 from .appearance import Appearance
 from .bodies import UNPLACED, Body, FlexibleBody, coordinate_of
+from .events import Events
 from .graph import check_joint
 from .handles import CouplingHandle, CutHandle, ForceHandle, Mesh
 from .joint_handle import JointHandle
 from .measurements import Measurements
-from .states import States
 
 # Numbers of five digits: 1.5708 for a right angle is off by 3.7e-6 rad, and a loop has several.
 ASSEMBLY_TOLERANCE, MAX_ASSEMBLY_TOLERANCE = 2e-5, 1e-2
 
 
-class Mechanism(Appearance, States, Measurements):
+class Mechanism(Appearance, Events, Measurements):
     """Mechanism: bodies connected by tree joints from the ground, loop-closing (cut) joints, forces and drives.
 
     Parameters

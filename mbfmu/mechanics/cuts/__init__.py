@@ -10,6 +10,7 @@ from .plane import PlaneCutJoint
 from .revolute import RevoluteCutJoint
 from .spherical import SphericalCutJoint
 from .translational import TranslationalCutJoint
+from .universal import UniversalCutJoint
 from .weld import WeldCutJoint
 
 __all__ = [
@@ -21,5 +22,6 @@ __all__ = [
     "RevoluteCutJoint",
     "SphericalCutJoint",
     "TranslationalCutJoint",
+    "UniversalCutJoint",
     "WeldCutJoint",
 ]

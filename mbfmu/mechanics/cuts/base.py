@@ -124,12 +124,15 @@ class AxisCut(CutJoint):
     def frames(self, what: str = "a cut joint") -> tuple[Matrix, Matrix]:
         """Return the axes of the cut frames as columns in bodies a and b, as kernels have them."""
         Ra, Rb = super().frames(what)
-        if isinstance(self.axis, str):
-            order = ["xyz".index(axis) for axis in self.letters]
-            return Ra[:, order], Rb[:, order]
-        normal = unit_axis(self.axis, f"axis of {what}")
-        turn = np.column_stack((*plane_axes(normal), normal))
-        return Ra @ turn, Rb @ turn
+        return with_axis_last(Ra, self.axis, what), with_axis_last(Rb, self.axis, what)
+
+
+def with_axis_last(R: Matrix, axis: Any, what: str) -> Matrix:
+    """Return the axes R of a frame, as columns, rotated so that the last one is an axis of the frame."""
+    if isinstance(axis, str):
+        return R[:, ["xyz".index(letter) for letter in FRAME_ORDERS[axis]]]
+    normal = unit_axis(axis, f"axis of {what}")
+    return R @ np.column_stack((*plane_axes(normal), normal))
 
 
 @kernel

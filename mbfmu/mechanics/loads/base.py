@@ -165,7 +165,7 @@ class Load(ElementType):
     title: ClassVar[str] = "an element"  # as messages call one that the mechanism gives no name
     nonsmooth_reason: ClassVar[str] = ""  # why its force changes sharply within the tolerance; empty: it does not
     stiffness_reason: ClassVar[str] = ""  # why it makes explicit solvers unsuitable; empty: it does not
-    stick_reason: ClassVar[str] = ""  # why explicit solvers need many steps at times; empty: they do not
+    stick_reason: ClassVar[str] = ""  # why explicit solvers need many steps, but are allowed; empty: they do not
 
     @property
     def is_nonconservative(self) -> bool:

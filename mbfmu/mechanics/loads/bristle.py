@@ -111,7 +111,7 @@ class BristleFriction(Force):
 
     record = BristleRecord
     on_joint = True
-    stick_reason = "joints with friction stick, and their bristles vibrate fast then"
+    stick_reason = "the bristles of joints with friction are stiff"
     kernels_of_normal: ClassVar[Any]
     law_quantities: ClassVar[Mapping[str, int]] = {"t": TIME, "q": POSITION, "v": VELOCITY}  # names in a normal force
 

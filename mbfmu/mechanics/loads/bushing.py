@@ -8,6 +8,12 @@ attitude of the frame in b, E^T E_b, and p = 2 v its turn: along its axis, twice
 
 and p' = w u + u x v with the angular velocity u of b in a. Moments are thus the gradient of U however far b turns, and
 the same of e and -e: there is no attitude at which anything jumps. The force acts on both bodies at the point of b.
+
+With matrices K, C of 6 x 6 and a preload f, s = (d, p) and e with w >= 0:
+
+    U = s^T K s / 2 - f^T s,    force and moment K s + C s' - f.
+
+What is linear in p changes its sign with e: at half a turn, w = 0, such a bushing jumps.
 """
 
 from __future__ import annotations
@@ -24,7 +30,7 @@ from mbfmu.mechanics.numbers import array_of
 from mbfmu.mechanics.spatial import add_force, arm, point_offset, point_offset_rate, quaternion_of
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
-from solvers.compiled.record import Mat3, Record, Vec3, Vec6, i8
+from solvers.compiled.record import Mat3, Mat6, Record, Vec3, Vec6, i8
 
 from .base import Force, Points, fill_points
 
@@ -33,8 +39,8 @@ if TYPE_CHECKING:
     from solvers.compiled.record import Reals
 
 
-class BushingRecord(Record):
-    """Parameters of :class:`Bushing`."""
+class FramePairRecord(Record):
+    """Parameters of a force between frames of two bodies."""
 
     a: i8
     b: i8
@@ -42,8 +48,21 @@ class BushingRecord(Record):
     Pb: Vec3
     Ea: Mat3  # rows: x, y, z of the frame in body axes
     Eb: Mat3
+
+
+class BushingRecord(FramePairRecord):
+    """Parameters of :class:`Bushing`."""
+
     stiffness: Vec6  # along x, y, z, about x, y, z
     damping: Vec6
+
+
+class CoupledBushingRecord(FramePairRecord):
+    """Parameters of :class:`Bushing` with matrices or a preload."""
+
+    stiffness: Mat6
+    damping: Mat6
+    preload: Vec6
 
 
 @kernel
@@ -58,7 +77,7 @@ def _dot(a: Any, b: Any) -> float:
 
 
 @kernel
-def _attitude(force: BushingRecord, A: MotionRecord, B: MotionRecord) -> Any:
+def _attitude(force: FramePairRecord, A: MotionRecord, B: MotionRecord) -> Any:
     """Quaternion of the frame in b, in the one in a."""
     fx, fy, fz = _axes(B, force.Eb)
     ex, ey, ez = _axes(A, force.Ea)
@@ -70,25 +89,32 @@ def _attitude(force: BushingRecord, A: MotionRecord, B: MotionRecord) -> Any:
 
 
 @kernel
-def _stretch(force: BushingRecord, A: MotionRecord, B: MotionRecord) -> tuple[float, float, float, float, float, float]:
+def _half_turn_attitude(force: FramePairRecord, A: MotionRecord, B: MotionRecord) -> Any:
+    """The one with w >= 0."""
+    w, x, y, z = _attitude(force, A, B)
+    if w.real < 0.0:
+        return -w, -x, -y, -z
+    return w, x, y, z
+
+
+@kernel
+def _stretch(force: FramePairRecord, A: MotionRecord, B: MotionRecord, attitude: Any) -> Any:
     """(d, p)."""
     d, _, _ = point_offset(A, B, force.Pa, force.Pb)
     ex, ey, ez = _axes(A, force.Ea)
-    _, x, y, z = _attitude(force, A, B)
+    _, x, y, z = attitude
     return _dot(ex, d), _dot(ey, d), _dot(ez, d), 2.0 * x, 2.0 * y, 2.0 * z
 
 
 @kernel
-def _stretch_rate(
-    force: BushingRecord, A: MotionRecord, B: MotionRecord
-) -> tuple[float, float, float, float, float, float]:
+def _stretch_rate(force: FramePairRecord, A: MotionRecord, B: MotionRecord, attitude: Any) -> Any:
     """(d, p)', seen from the frame."""
     rise = point_offset_rate(A, B, force.Pa, force.Pb)
     ex, ey, ez = _axes(A, force.Ea)
     Ya, Yb = A.Y, B.Y
     spin = (Yb[3] - Ya[3], Yb[4] - Ya[4], Yb[5] - Ya[5])
     ux, uy, uz = _dot(ex, spin), _dot(ey, spin), _dot(ez, spin)
-    w, vx, vy, vz = _attitude(force, A, B)
+    w, vx, vy, vz = attitude
     return (
         _dot(ex, rise),
         _dot(ey, rise),
@@ -100,14 +126,10 @@ def _stretch_rate(
 
 
 @kernel
-def apply(force: BushingRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
-    k, c = force.stiffness, force.damping
-    s, rate = _stretch(force, A, B), _stretch_rate(force, A, B)
-    px, py, pz = k[0] * s[0] + c[0] * rate[0], k[1] * s[1] + c[1] * rate[1], k[2] * s[2] + c[2] * rate[2]
-    mx, my, mz = k[3] * s[3] + c[3] * rate[3], k[4] * s[4] + c[4] * rate[4], k[5] * s[5] + c[5] * rate[5]
-    w, vx, vy, vz = _attitude(force, A, B)
+def _exert(force: FramePairRecord, A: MotionRecord, B: MotionRecord, attitude: Any, load: Any) -> None:
+    """Load both bodies with what resists (d, p), the forces and moments ``load`` along them."""
+    px, py, pz, mx, my, mz = load
+    w, vx, vy, vz = attitude
     # on a, in its frame: what u does to p, transposed
     nx, ny, nz = w * mx + vy * mz - vz * my, w * my + vz * mx - vx * mz, w * mz + vx * my - vy * mx
     ex, ey, ez = _axes(A, force.Ea)
@@ -124,9 +146,22 @@ def apply(force: BushingRecord, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
+def apply(force: BushingRecord, t: float, arrays: Arrays, state: State) -> None:
+    """See :mod:`.base`."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    attitude = _attitude(force, A, B)
+    k, c = force.stiffness, force.damping
+    s, rate = _stretch(force, A, B, attitude), _stretch_rate(force, A, B, attitude)
+    px, py, pz = k[0] * s[0] + c[0] * rate[0], k[1] * s[1] + c[1] * rate[1], k[2] * s[2] + c[2] * rate[2]
+    mx, my, mz = k[3] * s[3] + c[3] * rate[3], k[4] * s[4] + c[4] * rate[4], k[5] * s[5] + c[5] * rate[5]
+    _exert(force, A, B, attitude, (px, py, pz, mx, my, mz))
+
+
+@kernel
 def potential(force: BushingRecord, arrays: Arrays, state: State) -> float:
     """U."""
-    s, k = _stretch(force, state.bodies[force.a], state.bodies[force.b]), force.stiffness
+    A, B, k = state.bodies[force.a], state.bodies[force.b], force.stiffness
+    s = _stretch(force, A, B, _attitude(force, A, B))
     total = 0.0 * s[0]
     for i in range(6):
         total += 0.5 * k[i] * s[i] * s[i]
@@ -136,10 +171,59 @@ def potential(force: BushingRecord, arrays: Arrays, state: State) -> float:
 @kernel
 def power(force: BushingRecord, t: float, arrays: Arrays, state: State) -> float:
     """-sum c_i d_i'^2 - sum gamma_i p_i'^2."""
-    rate, c = _stretch_rate(force, state.bodies[force.a], state.bodies[force.b]), force.damping
+    A, B, c = state.bodies[force.a], state.bodies[force.b], force.damping
+    rate = _stretch_rate(force, A, B, _attitude(force, A, B))
     total = 0.0 * rate[0]
     for i in range(6):
         total -= c[i] * rate[i] * rate[i]
+    return total
+
+
+@kernel
+def _row(M: Reals, i: int, x: Any) -> float:
+    """(M x)_i."""
+    total = 0.0 * x[0]
+    for j in range(6):
+        total += M[i, j] * x[j]
+    return total
+
+
+@kernel
+def _coupled(force: CoupledBushingRecord, i: int, stretch: Any, rate: Any) -> float:
+    """(K s + C s' - f)_i."""
+    return _row(force.stiffness, i, stretch) + _row(force.damping, i, rate) - force.preload[i]
+
+
+@kernel
+def apply_coupled(force: CoupledBushingRecord, t: float, arrays: Arrays, state: State) -> None:
+    """See :mod:`.base`."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    attitude = _half_turn_attitude(force, A, B)
+    s, rate = _stretch(force, A, B, attitude), _stretch_rate(force, A, B, attitude)
+    px, py, pz = _coupled(force, 0, s, rate), _coupled(force, 1, s, rate), _coupled(force, 2, s, rate)
+    mx, my, mz = _coupled(force, 3, s, rate), _coupled(force, 4, s, rate), _coupled(force, 5, s, rate)
+    _exert(force, A, B, attitude, (px, py, pz, mx, my, mz))
+
+
+@kernel
+def potential_coupled(force: CoupledBushingRecord, arrays: Arrays, state: State) -> float:
+    """s^T K s / 2 - f^T s."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    s = _stretch(force, A, B, _half_turn_attitude(force, A, B))
+    total = 0.0 * s[0]
+    for i in range(6):
+        total += s[i] * (0.5 * _row(force.stiffness, i, s) - force.preload[i])
+    return total
+
+
+@kernel
+def power_coupled(force: CoupledBushingRecord, t: float, arrays: Arrays, state: State) -> float:
+    """-s'^T C s'."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    rate = _stretch_rate(force, A, B, _half_turn_attitude(force, A, B))
+    total = 0.0 * rate[0]
+    for i in range(6):
+        total -= rate[i] * _row(force.damping, i, rate)
     return total
 
 
@@ -147,20 +231,29 @@ def power(force: BushingRecord, t: float, arrays: Arrays, state: State) -> float
 class Bushing(Force):
     """Bushing: springs and dampers along and about the axes of a frame in body a, between points of bodies a and b.
 
-    It is unloaded if the points and the frames coincide. The moment has a potential at any rotation and is
-    proportional to the
-    sine of the rotation angle: it is largest at 90 degrees and zero at 180 degrees.
+    Without a preload it is unloaded if the points and the frames coincide. The moment has a potential at any rotation
+    and is proportional to the sine of the rotation angle: it is largest at 90 degrees and zero at 180 degrees.
 
     Parameters
     ----------
     stiffness, damping
         Translational stiffness, N/m, and damping, N s/m, along x, y, z of the frame; a single number applies to all.
+        Or a symmetric 6 x 6 matrix without negative eigenvalues for displacements along and rotations about x, y, z:
+        N/m, N/rad and N m/m, N m/rad. Rotations are the components of the rotation axis times 2 sin(angle / 2).
     rotational_stiffness, rotational_damping
-        Rotational stiffness, N m/rad, and damping, N m s/rad, about x, y, z of the frame.
+        Rotational stiffness, N m/rad, and damping, N m s/rad, about x, y, z of the frame; not with a matrix.
+    preload
+        Force (N) and moment (N m) on body b along and about x, y, z of the frame if the points and the frames
+        coincide: six numbers. The force on body a is opposite.
     at_a, at_b
         Points in the frames of the bodies, m.
     rotation_a, rotation_b
         3x3 axes of the frame in the two bodies; identity by default.
+
+    Notes
+    -----
+    With a preloaded moment, or with a matrix that couples displacements and rotations, force and moment are
+    discontinuous at a rotation of 180 degrees.
     """
 
     record = BushingRecord
@@ -172,25 +265,63 @@ class Bushing(Force):
     damping: Any = 0.0
     rotational_stiffness: Any = 0.0
     rotational_damping: Any = 0.0
+    preload: Any = None
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
     rotation_a: Any = None
     rotation_b: Any = None
 
+    def __post_init__(self) -> None:
+        """Take the kernels of matrices and preloads."""
+        if self._is_coupled():
+            object.__setattr__(self, "record", CoupledBushingRecord)
+            for name, function in COUPLED.items():
+                object.__setattr__(self, name, function)
+
+    def _is_coupled(self) -> bool:
+        return self.preload is not None or _is_matrix(self.stiffness) or _is_matrix(self.damping)
+
     def check(self, what: str) -> None:
-        """Refuse what is no stiffness."""
-        for key in ("stiffness", "damping", "rotational_stiffness", "rotational_damping"):
-            _along_axes(f"{key} of {what}", getattr(self, key))
+        """Refuse what is no stiffness, and what is no preload."""
+        for key in ("stiffness", "damping"):
+            self._values(key, what)
+        self._preload(what)
+
+    def _values(self, key: str, what: str) -> NDArray[np.float64]:
+        """Return the stiffness or damping along and about the axes (6,), or a matrix (6, 6)."""
+        onward, about = getattr(self, key), getattr(self, f"rotational_{key}")
+        if not _is_matrix(onward):
+            parts = _along_axes(f"{key} of {what}", onward), _along_axes(f"rotational_{key} of {what}", about)
+            return np.concatenate(parts)
+        if np.any(about):
+            raise UserError(
+                f"{what} has a matrix as {key}, and rotational_{key} {about!r}; leave out rotational_{key}, which the "
+                "matrix contains"
+            )
+        return _symmetric(f"{key} of {what}", onward)
+
+    def _preload(self, what: str) -> NDArray[np.float64]:
+        """Return the preload (6,)."""
+        if self.preload is None:
+            return np.zeros(6)
+        array = array_of(f"preload of {what}", self.preload)
+        if array.shape != (6,) or not np.all(np.isfinite(array)):
+            raise UserError(
+                f"preload of {what} is {self.preload!r}; allowed: six finite numbers, three forces and three moments"
+            )
+        return array
 
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write points, frames, stiffness and damping."""
+        """Write points, frames, stiffness, damping and preload."""
         name = site.name
         fill_points(self, record, site)
         record["Ea"] = rotation(f"rotation_a of {name}", self.rotation_a).T
         record["Eb"] = rotation(f"rotation_b of {name}", self.rotation_b).T
         for key in ("stiffness", "damping"):
-            onward, about = getattr(self, key), getattr(self, f"rotational_{key}")
-            record[key] = [*_along_axes(f"{key} of {name}", onward), *_along_axes(f"rotational_{key} of {name}", about)]
+            values = self._values(key, name)
+            record[key] = np.diag(values) if self._is_coupled() and values.ndim == 1 else values
+        if self._is_coupled():
+            record["preload"] = self._preload(name)
 
     @property
     def is_nonconservative(self) -> bool:
@@ -200,6 +331,33 @@ class Bushing(Force):
     def points(self) -> Points:
         """Return its two points."""
         return self.at_a, self.at_b
+
+
+COUPLED = {"apply": apply_coupled, "potential": potential_coupled, "power": power_coupled}
+MAX_NEGATIVE_EIGENVALUE = 1e-9  # relative to the diagonal of the matrix
+
+
+def _is_matrix(value: Any) -> bool:
+    try:
+        return np.ndim(value) == 2
+    except ValueError:  # rows of different lengths
+        return False
+
+
+def _symmetric(what: str, value: Any) -> NDArray[np.float64]:
+    """Return a symmetric matrix (6, 6) without negative eigenvalues."""
+    M = array_of(what, value)
+    allowed = "allowed: a symmetric 6 x 6 matrix of finite numbers without negative eigenvalues"
+    if M.shape != (6, 6) or not np.all(np.isfinite(M)) or np.any(np.diag(M) < 0.0):
+        raise UserError(f"{what} is {value!r}; {allowed}")
+    unit = np.sqrt(np.where(np.diag(M) > 0.0, np.diag(M), 1.0))
+    scaled = M / np.outer(unit, unit)  # without units
+    if np.abs(scaled - scaled.T).max() > MAX_NEGATIVE_EIGENVALUE:
+        raise UserError(f"{what} is {value!r}, which is not symmetric; {allowed}")
+    least = float(np.linalg.eigvalsh(scaled)[0])
+    if least < -MAX_NEGATIVE_EIGENVALUE or np.any(M[np.diag(M) == 0.0]):
+        raise UserError(f"{what} is {value!r}, which drives some displacements away from zero; {allowed}")
+    return 0.5 * (M + M.T)
 
 
 def _along_axes(what: str, value: Any) -> NDArray[np.float64]:

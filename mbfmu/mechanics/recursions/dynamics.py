@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from mbfmu.mechanics.dispatch import longest_step, read_sensor, signal
+from mbfmu.mechanics.dispatch import longest_step, part_sensor_value, read_sensor, signal
 from mbfmu.mechanics.records import Data, empty_data, to_complex_data, to_complex_state
 from mbfmu.mechanics.spatial import quaternion_rate
 from solvers.compiled.kernel import COMPILED, callback, inlined, kernel, types
@@ -185,6 +185,18 @@ def placed_energy(data: Data) -> float:
     """Kinetic and potential energy of the bodies as they are placed and move, J."""
     arrays, state = data.arrays, data.state
     return kinetic_energy(arrays, state) + potential_energy(arrays, state)
+
+
+@kernel
+def watch_sensors(t: float, q: Reals, v: Reals, parts: Any, data: Data, values: Reals) -> None:
+    """Values of parts that are sensors of positions, velocities and states, at (t, q, v)."""
+    arrays, state = data.arrays, data.state
+    scatter_coordinates(t, q, v, arrays, state)
+    update_positions(arrays, state)
+    rotate_inertia(arrays, state)
+    update_velocities(arrays, state)
+    for k in range(parts.shape[0]):
+        values[k] = part_sensor_value(parts[k], arrays, state)
 
 
 def power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:

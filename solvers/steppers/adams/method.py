@@ -28,6 +28,13 @@ class AdamsMethod(CompiledMethod):
 
     kernels: ClassVar = ADAMS_KERNELS
 
+    @property
+    def has_dense_output(self) -> bool:
+        """See :attr:`solvers.stepper.Stepper.has_dense_output`: one-step formulas have none."""
+        control = self.control
+        takes_one_step_formulas = control["start"] == 1 and control["rk_steps"] > 0
+        return bool(control["is_projected"] == 0 and not takes_one_step_formulas)
+
     def details(self) -> dict[str, Any]:
         """As :meth:`solvers.steppers.compiled_loop.CompiledMethod.details`."""
         control = self.control

@@ -88,6 +88,24 @@ class TreeESDIRKStepper(Stepper):
         self._t = t if code is Code.OK else float(self._memory.control["t"][0])
         return code
 
+    def _take_one_step(self, t: float) -> Code:
+        allowed = int(self._settings["max_steps"][0])
+        self._settings["max_steps"] = 1
+        try:
+            return super()._take_one_step(t)
+        finally:
+            self._settings["max_steps"] = allowed
+
+    @property
+    def has_dense_output(self) -> bool:
+        """As :attr:`solvers.stepper.Stepper.has_dense_output`."""
+        return True
+
+    @property
+    def own_time(self) -> float:
+        """As :attr:`solvers.stepper.Stepper.own_time`."""
+        return float(self._memory.control["t"][0])
+
     def limit_step(self, longest: float) -> None:
         """As :meth:`solvers.stepper.Stepper.limit_step`."""
         self._settings["max_step"] = longest

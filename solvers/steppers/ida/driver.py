@@ -52,7 +52,6 @@ class IDADriver(Stepper):
         super().__init__(system, t0, q0, v0, options)
         self._check_at: float = np.inf  # steps since construction at which ``_check`` is called
         self._check: Callable[[], float] = lambda: np.inf
-        self._max_steps = min(self.options.max_steps, np.iinfo(np.int64).max)
         self._set_records(np.zeros(N_COUNTERS), records(1, ENERGY_ACCOUNT), records(1, PROGRESS))
 
     def _set_records(self, counts: Array, energy_record: NDArray[Any], progress: NDArray[Any]) -> None:
@@ -61,7 +60,7 @@ class IDADriver(Stepper):
         self._progress, self._progress_fields = progress[0], progress.view(np.recarray)
         self._progress["t_reached"] = self._progress["t_begun"] = self._t
         self._progress["max_next_step"] = self._progress["max_step"] = np.inf
-        self._progress["max_steps"], self._progress["is_pending"] = self._max_steps, 1
+        self._progress["max_steps"], self._progress["is_pending"] = self.max_steps, 1
         self._progress["energy_check"] = int(self.options.energy_check)
 
     @abstractmethod
@@ -88,7 +87,7 @@ class IDADriver(Stepper):
     def _steps_until_check(self) -> int:
         """Return how many steps of this call may be taken until the next check is due."""
         left = max(0.0, self._check_at - float(self._counts[STEPS]))
-        return int(min(self._max_steps, self._progress["steps"] + left))
+        return int(min(self.max_steps, self._progress["steps"] + left))
 
     def _resume(self) -> Code:
         """Restart at the end of the last good step, after IDA could not continue."""
@@ -116,10 +115,20 @@ class IDADriver(Stepper):
 
     def _may_take_more(self) -> bool:
         """Whether more steps may follow; if a check is due it is made."""
-        if self._progress["steps"] >= self._max_steps:
+        if self._progress["steps"] >= self.max_steps:
             return False
         self._check_at = self._check()
         return True
+
+    @property
+    def has_dense_output(self) -> bool:
+        """As :attr:`solvers.stepper.Stepper.has_dense_output`."""
+        return True
+
+    @property
+    def own_time(self) -> float:
+        """As :attr:`solvers.stepper.Stepper.own_time`."""
+        return float(self._t if self._progress["is_pending"] else self._progress["t_reached"])
 
     def _report(self, t: float) -> Code:
         """Make the motion at t the reported state."""

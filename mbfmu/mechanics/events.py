@@ -1,0 +1,90 @@
+"""Events: instants at which a quantity crosses a value, or given times, and what happens at them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mbfmu.mechanics.sensors import Sensor
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.builder.bodies import Body
+
+DIRECTIONS = {"up": 1, "down": -1, "both": 0}  # by name: sign of the rate of the quantity; 0: any
+
+
+@dataclass(frozen=True)
+class EndRun:
+    """Action of an event: the run ends at the event."""
+
+
+@dataclass(frozen=True)
+class SetInput:
+    """Action of an event: set an input, as :meth:`.Simulation.set_input` does.
+
+    Parameters
+    ----------
+    name
+        Name of the input.
+    value
+        Value from the event on, in the unit of the input.
+    """
+
+    name: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Impulse:
+    """Action of an event: an impulse on a joint coordinate, between the body and its parent.
+
+    The velocities jump by dv with M dv + J^T Lambda = p and J dv = 0: p is the impulse in the direction of the
+    coordinate, and Lambda are the impulses of the loop-closing joints. Positions and first-order states do not change.
+
+    Parameters
+    ----------
+    body
+        Body whose joint has the coordinate, which is not driven.
+    value
+        Impulse, N s for a displacement or N m s for an angle.
+    coordinate
+        Number of the coordinate of the joint, from 0.
+    """
+
+    body: Body
+    value: float
+    coordinate: int = 0
+
+
+Action = EndRun | SetInput | Impulse
+
+
+@dataclass(frozen=True)
+class Event:
+    """An event of a mechanism, which :meth:`.Mechanism.event` adds.
+
+    Parameters
+    ----------
+    name
+        Name, unique among the events.
+    actions
+        What happens, in this order.
+    sensor
+        Quantity that crosses a value; None: the event has a given time.
+    value
+        The value, in the unit of the sensor.
+    direction
+        Sign of the rate of the quantity at the crossing; 0: any.
+    time
+        Given time, s.
+    within
+        Longest time between two evaluations of the sensor, s; None: as the solver's steps need.
+    """
+
+    name: str
+    actions: tuple[Action, ...]
+    sensor: Sensor | None = None
+    value: float = 0.0
+    direction: int = 0
+    time: float = 0.0
+    within: float | None = None

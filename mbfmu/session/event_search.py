@@ -1,0 +1,216 @@
+"""Location of events: the first time at which a sensor crosses a value, in the steps of any solver.
+
+After every step the sensors are evaluated at points of the solver's dense output, and where the values between the
+points may have an extremum. A change of sign is located by the Illinois variant of the rule of false position (Dowell
+and Jarratt, *BIT* 11, 1971, 168-174). The time that is reported is the end of the bracket at which the sign has
+changed, so that the motion continues on the other side.
+
+A step without dense output is repeated from its beginning to the time that is examined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.outcome import Code, Status
+from solvers.stepper import Stepper, spacing
+from solvers.system import Array
+
+POINTS_PER_STEP = 4  # evaluations of the sensors in a step with dense output, its end included
+TIME_ACCURACY_RATIO = 1e-3  # of a located time, in units of the tolerance times the step
+MAX_ROOT_ITERATIONS = 100  # of the search for a root; bisection alone needs 60
+MAX_EXTREMUM_ITERATIONS = 6
+MAX_EXTREMUM_RATIO = 0.3  # of the values of three points: a parabola with a larger least value does not reach zero
+
+
+class Point(NamedTuple):
+    """Sensors minus the values that they may cross (k,), at a time, s."""
+
+    t: float
+    g: Array
+
+
+class EventSearch:
+    """Search for the crossings of several sensors.
+
+    Parameters
+    ----------
+    evaluate
+        (t, q, v) -> g: sensors minus the values that they may cross (k,).
+    directions
+        Sign of the rate at a crossing (k,); 0: any.
+    within
+        Longest time between two evaluations, s.
+
+    Attributes
+    ----------
+    sides
+        Sign of every sensor minus its value (k,) before the next crossing; 0: not known yet.
+    """
+
+    def __init__(
+        self, evaluate: Callable[[float, Array, Array], Array], directions: NDArray[np.int64], within: float
+    ) -> None:
+        self._evaluate, self._directions, self._within = evaluate, directions, within
+        self.sides = np.zeros(len(directions), np.int64)
+
+    def begin(self, stepper: Stepper) -> Point:
+        """Note the sides at the reported state, at which nothing is a crossing; return the values there."""
+        point = self._point(stepper)
+        self._note(point)
+        return point
+
+    def advance(self, stepper: Stepper, end: float) -> list[int]:
+        """Advance to the first crossing before or at ``end`` (s), or to it; return the numbers of the sensors that
+        cross there. ``stepper.status`` contains why neither is reached.
+        """
+        before, taken, earlier = self.begin(stepper), 0, list[Point]()
+        while stepper.t < end:
+            if taken >= stepper.options.max_steps:
+                stepper.status = Status(Code.MAX_STEPS, stepper.t, stepper.fallback_solvers)
+                return []
+            is_dense = stepper.has_dense_output
+            saved = None if is_dense else stepper.save()
+            target = end if is_dense else min(end, before.t + self._within)
+            if not stepper.advance_one_step(target).ok:
+                return []
+            taken += 1
+            step = ExaminedStep(self, stepper, (saved, target), before, self._point(stepper))
+            if (found := step.search(earlier)) or not stepper.status.ok:
+                return found
+            before, earlier = step.end, [before]
+        return []
+
+    def _point(self, stepper: Stepper) -> Point:
+        q, v, _ = stepper.reported
+        return Point(stepper.t, self._evaluate(stepper.t, q, v))
+
+    def _note(self, point: Point) -> None:
+        signs = np.sign(point.g).astype(np.int64)
+        self.sides = np.where(signs == 0, self.sides, signs)
+
+    def _crossed(self, point: Point) -> NDArray[np.bool_]:
+        """Return which sensors (k,) have crossed their values in their directions at a point."""
+        signs = np.sign(point.g).astype(np.int64)
+        changed = (signs == -self.sides) & (signs != 0)
+        return np.asarray(changed & ((self._directions == 0) | (self._directions == signs)))
+
+
+class ExaminedStep:
+    """A part of one step of a solver, in which the motion can be reported at any time again."""
+
+    def __init__(
+        self, search: EventSearch, stepper: Stepper, taken: tuple[bytes | None, float], begin: Point, end: Point
+    ) -> None:
+        self._search, self._stepper = search, stepper
+        saved, self._target = taken
+        self._saved = None if stepper.has_dense_output else saved
+        self.begin, self.end = begin, end
+        self._min_width = max(4.0 * spacing(end.t), TIME_ACCURACY_RATIO * stepper.options.rtol * (end.t - begin.t))
+
+    def search(self, earlier: list[Point]) -> list[int]:
+        """Make the first crossing the reported state and return which sensors cross there, or report the end.
+
+        ``earlier`` is the point before this step, if there is one.
+        """
+        points, search = self._points(earlier), self._search
+        for a, b in pairwise(points):
+            crossed = search._crossed(b)
+            if crossed.any():
+                first = b
+                for k in np.flatnonzero(crossed):
+                    located = self._locate(int(k), a, b)
+                    first = located if located.t < first.t else first
+                first = self._at(first.t)
+                found = np.flatnonzero(search._crossed(first)).tolist()
+                search._note(first)
+                return [int(k) for k in found]
+            search._note(b)
+        if self._stepper.t != self.end.t:
+            self._report_end()
+        return []
+
+    def _report_end(self) -> None:
+        stepper = self._stepper
+        if self._saved is None:
+            self._at(self.end.t)
+        else:  # the same step again
+            stepper.restore(self._saved)
+            stepper.advance_one_step(self._target)
+
+    def _at(self, t: float) -> Point:
+        if self._stepper.t != t:
+            self._stepper.return_to(t, self._saved)
+        return self._search._point(self._stepper)
+
+    def _points(self, earlier: list[Point]) -> list[Point]:
+        """Return the values at points of the step, in which no two crossings of one sensor are between two points."""
+        begin, end = self.begin, self.end
+        count = POINTS_PER_STEP if self._saved is None else 1
+        if self._search._within < np.inf and self._saved is None:
+            count = max(count, int(np.ceil((end.t - begin.t) / self._search._within)))
+        times = np.linspace(begin.t, end.t, count + 1)[1:-1]
+        points = [begin, *(self._at(float(t)) for t in times), end]
+        added = list[Point]()
+        known = [*earlier, *points]
+        for k in range(len(self._search.sides)):
+            for three in zip(known, known[1:], known[2:], strict=False):
+                added += self._extremum(k, three)
+        return sorted([*points, *added], key=lambda point: point.t)
+
+    def _extremum(self, k: int, three: tuple[Point, Point, Point]) -> list[Point]:
+        """Return a point between three in which sensor k has another sign than in all of them, if there is one.
+
+        It is searched for by parabolas through three points, of which the two at the least value remain.
+        """
+        side = np.sign(three[1].g[k])
+        for _ in range(MAX_EXTREMUM_ITERATIONS):
+            (t0, g0), (t1, g1), (t2, g2) = ((p.t, side * p.g[k]) for p in three)
+            if not min(g0, g1, g2) > 0.0:
+                break
+            left, right = (g1 - g0) / (t1 - t0), (g2 - g1) / (t2 - t1)
+            bend = (right - left) / (t2 - t0)
+            if not bend > 0.0:
+                break
+            t = 0.5 * (t0 + t1 - left / bend)
+            least = g0 + left * (t - t0) + bend * (t - t0) * (t - t1)
+            known = (t0, t1, t2)
+            if not max(t0, self.begin.t) < t < t2 or least > MAX_EXTREMUM_RATIO * (
+                max(g0, g1, g2) - min(g0, g1, g2, least)
+            ):
+                break
+            if min(abs(t - other) for other in known) <= self._min_width:
+                break
+            point = self._at(float(t))
+            if not side * point.g[k] > 0.0:
+                return [point]
+            nearest = sorted([*three, point], key=lambda p: abs(p.t - t))[:3]
+            first, second, third = sorted(nearest, key=lambda p: p.t)
+            three = first, second, third
+        return []
+
+    def _locate(self, k: int, a: Point, b: Point) -> Point:
+        """Return the point after which sensor k has another sign than in a, from its bracket (a, b)."""
+        ga, gb, kept = float(a.g[k]), float(b.g[k]), 0
+        for i in range(MAX_ROOT_ITERATIONS):
+            if b.t - a.t <= self._min_width:
+                break
+            t = b.t - gb * (b.t - a.t) / (gb - ga) if i % 3 != 2 else 0.5 * (a.t + b.t)
+            margin = 0.5 * self._min_width  # so that the bracket closes from both sides
+            t = min(max(t, a.t + margin), b.t - margin)
+            point = self._at(t)
+            g = float(point.g[k])
+            if np.sign(g) == np.sign(b.g[k]):
+                b, gb = point, g
+                ga *= 0.5 if kept == 1 else 1.0
+                kept = 1
+            else:
+                a, ga = point, g
+                gb *= 0.5 if kept == -1 else 1.0
+                kept = -1
+        return b

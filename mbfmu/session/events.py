@@ -1,0 +1,193 @@
+"""Events of a run: their search, their actions and their list."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import isnan
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics.events import EndRun, Event, Impulse, SetInput
+from mbfmu.mechanics.recursions.dynamics import watch_sensors
+from mbfmu.util.diagnostics import Diagnostic
+from solvers.outcome import OK
+from solvers.system import Array
+
+from .event_search import EventSearch
+from .kernels.points import account_discontinuity, check_point, energy_at
+from .stepper_run import SEQUENCE, StepperRun
+
+MAX_EVENTS, MIN_EVENTS_TIME_RATIO = (
+    100,
+    1e-6,
+)  # number of events that need at least this part of the duration of the run
+
+
+class EventRecord(NamedTuple):
+    """An event that has occurred.
+
+    Attributes
+    ----------
+    name
+        Name of the event.
+    time
+        Time, s, at which the crossing is located.
+    direction
+        ``"up"`` or ``"down"``; empty: an event of a given time.
+    value
+        Value of its sensor before the actions, in the unit of the sensor; NaN: it has none.
+    after
+        Value of its sensor after the actions of all events of this time.
+    """
+
+    name: str
+    time: float
+    direction: str
+    value: float
+    after: float
+
+
+class RunEvents:
+    """The events of one run.
+
+    Attributes
+    ----------
+    records
+        Events that have occurred.
+    ended
+        Whether an event has ended the run.
+    stop
+        Why the run cannot continue: too many events; None: it can.
+    """
+
+    def __init__(self, compiled: CompiledMechanism, run: StepperRun, set_input: Callable[[str, float], None]) -> None:
+        declared, self._compiled = compiled.mechanism.events, compiled
+        self._run, self._set_input = run, set_input
+        self._watching = [event for event in declared if event.sensor is not None]
+        self._timed = sorted((e for e in declared if e.sensor is None), key=lambda event: event.time)
+        self._order = {event.name: k for k, event in enumerate(declared)}
+        self._values = np.array([event.value for event in self._watching])
+        directions = np.array([event.direction for event in self._watching], np.int64)
+        within = min((event.within for event in self._watching if event.within is not None), default=np.inf)
+        self._search = EventSearch(self._differences, directions, within)
+        t = run.stepper.t
+        self._next_timed = sum(event.time < t for event in self._timed)
+        self.records: list[EventRecord] = []
+        self.ended = False
+        self.stop: Diagnostic | None = None
+        self._search.begin(run.stepper)
+
+    @classmethod
+    def of(
+        cls, compiled: CompiledMechanism, run: StepperRun, set_input: Callable[[str, float], None]
+    ) -> RunEvents | None:
+        """Return the events of a run; None: the mechanism has none."""
+        return cls(compiled, run, set_input) if compiled.mechanism.events else None
+
+    def _differences(self, t: float, q: Array, v: Array) -> Array:
+        values = np.zeros(len(self._watching))
+        watch_sensors(t, q, v, self._compiled.watched, self._compiled.system.pinned_data, values)
+        found: Array = values - self._values
+        return found
+
+    def step(self, end: float) -> None:
+        """Advance to the communication point at ``end`` (s) with all events before it, or to one that ends the run."""
+        run = self._run
+        code = OK if self.ended or self.stop else SEQUENCE.begin_step(run, end)
+        while code == OK and not self.ended and self.stop is None:
+            found = self._advance(end)
+            if not run.stepper.status.ok:
+                break
+            changed = bool(found) and self._act(found)
+            if run.stepper.t >= end and not found:
+                break
+            if changed:
+                code = SEQUENCE.begin_step(run, end)
+
+    def _advance(self, end: float) -> list[Event]:
+        """Advance to the next event or to ``end``, s; return the events there."""
+        run, timed = self._run, self._timed[self._next_timed :]
+        stepper, due = run.stepper, min(end, timed[0].time if timed else np.inf)
+        found = [self._watching[k] for k in self._search.advance(stepper, due)]
+        run.q, run.v, run.energy_account = stepper.reported
+        state = stepper.t, run.q, run.v, run.energy_account
+        check_point(run.session, *state, False)
+        if stepper.status.ok and timed and stepper.t >= timed[0].time:
+            here = [event for event in timed if event.time <= stepper.t]
+            self._next_timed += len(here)
+            found += here
+        return sorted(found, key=lambda event: self._order[event.name])
+
+    def _act(self, found: list[Event]) -> bool:
+        """Execute the actions of the events at the reported state; return whether an input was set."""
+        run, changed = self._run, False
+        before = self._sensor_values()
+        for event in found:
+            for action in event.actions:
+                if isinstance(action, SetInput):
+                    self._set_input(action.name, action.value)
+                    changed = True
+                elif isinstance(action, Impulse):
+                    self._apply_impulse(action)
+                elif isinstance(action, EndRun):
+                    self.ended = True
+        after, t = self._sensor_values(), run.stepper.t
+        for event in found:
+            if event.sensor is None:
+                self.records.append(EventRecord(event.name, t, "", np.nan, np.nan))
+            else:
+                k = self._watching.index(event)
+                direction = "up" if self._search.sides[k] > 0 else "down"
+                self.records.append(EventRecord(event.name, t, direction, float(before[k]), float(after[k])))
+        self._check_density(found[0])
+        return changed
+
+    def _apply_impulse(self, action: Impulse) -> None:
+        """Let the velocities jump; the change of the energy is work of the impulse."""
+        run, system, session = self._run, self._compiled.system, self._run.session
+        dense = system if system.has_matrices else system.dense()
+        terms, moving = dense.allocate_terms(), system.n_velocities
+        dense.fill(run.stepper.t, run.q, run.v, terms)
+        M, J = terms.M[:moving, :moving], terms.J[:, :moving]
+        matrix = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
+        right = np.zeros(len(matrix))
+        right[int(self._compiled.data.arrays.bodies["vf"][action.body.index]) + action.coordinate] = action.value
+        run.dv[:] = 0.0
+        run.dv[:moving] = np.linalg.lstsq(matrix, right)[0][:moving]  # constraint equations may be redundant
+        before = energy_at(session, run.stepper.t, run.q, run.v)
+        run.stepper.jump(run.dv)
+        run.q, run.v, run.energy_account = run.stepper.reported
+        account_discontinuity(session, before, run.stepper.t, run.q, run.v)
+
+    def _sensor_values(self) -> Array:
+        run = self._run
+        found: Array = self._differences(run.stepper.t, run.q, run.v) + self._values
+        return found
+
+    def _check_density(self, last: Event) -> None:
+        """Stop the run if too many events follow each other in too short a time."""
+        if len(self.records) <= MAX_EVENTS:
+            return
+        t, first = self.records[-1].time, self.records[-1 - MAX_EVENTS].time
+        if t - first < MIN_EVENTS_TIME_RATIO * self._run.stepper.options.duration:
+            self.stop = Diagnostic.error(
+                "too-many-events",
+                f"event {last.name!r} is the last of {MAX_EVENTS} events within {t - first:.2g} s at t = {t:.9g} s",
+                "Use two events at different values (hysteresis), or let an action change the motion so that the "
+                "quantity does not cross the value again at once",
+                time=t,
+                subject=last.name,
+            )
+
+    def state(self) -> dict[str, Any]:
+        """Return what a saved run must contain."""
+        records = [[r.name, r.time, r.direction, *(None if isnan(x) else x for x in r[3:])] for r in self.records]
+        return {"sides": self._search.sides.tolist(), "timed": self._next_timed, "ended": self.ended, "list": records}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Return to a state of :meth:`state`."""
+        self._search.sides = np.array(state["sides"], np.int64)
+        self._next_timed, self.ended, self.stop = state["timed"], state["ended"], None
+        self.records = [EventRecord(*r[:3], *(np.nan if x is None else x for x in r[3:])) for r in state["list"]]
