@@ -40,6 +40,20 @@ def test_every_name_is_there_and_nothing_is_loaded_before_it_is_used() -> None:
     assert subprocess.check_output([sys.executable, "-c", heavy], text=True).strip() == "[]"
 
 
+def test_the_command_imports_no_package_before_it_is_needed() -> None:
+    """Each of these packages takes 0.1 s or more to import; all commands would need this time."""
+    code = """
+import contextlib, io, sys
+from mbfmu.cli import main
+with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
+    main(["--help"])
+heavy = ("matplotlib", "fmpy", "pandas", "pyarrow", "sksundae", "dask")
+parts = ("integrate", "interpolate", "io", "linalg", "optimize", "sparse", "spatial", "special", "stats")
+print([m for m in (*heavy, *(f"scipy.{part}" for part in parts)) if m in sys.modules])
+"""
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
+
+
 def test_a_mechanism_is_simulated_as_it_is(result: mb.Result) -> None:
     assert not result.failure
     np.testing.assert_allclose(result["arm.angle"], 1.5 * result.t**2, atol=1e-7)

@@ -17,8 +17,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from mbfmu.mechanics import MODES, Beam, Body, CutHandle, Input, JointForce, Mechanism, Revolute, RevoluteCutJoint, rod
 from mbfmu.modeling import Model, parameter
@@ -201,7 +201,9 @@ class FourBar(Model):
 
         start = [self.start_angle, self.start_rate]
         span = (float(times[0]), float(times[-1]))
-        solution = solve_ivp(pendulum, span, start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-14)
+        solution = scipy.integrate.solve_ivp(
+            pendulum, span, start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-14
+        )
         angle = solution.y[0]
         return {"crank.angle": angle, "coupler.angle": np.zeros_like(angle), "rocker.angle": angle}
 

@@ -23,9 +23,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 
 from mbfmu.mechanics import (
     DistanceCutJoint,
@@ -159,13 +158,19 @@ class Governor(Model):
             return None
         start = [self.start_angle, 0.0]
         span = (float(times[0]), float(times[-1]))
-        solution = solve_ivp(self.minimal, span, start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-14)
+        solution = scipy.integrate.solve_ivp(
+            self.minimal, span, start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-14
+        )
         angle = solution.y[0]
         return {"arm1.angle": angle, "arm2.angle": angle}
 
     def exact_equilibrium(self) -> dict[str, float]:
         """Return the stable state between arms horizontal and vertical, from the stationary potential."""
-        phi = float(brentq(lambda x: self.minimal(0.0, [x, 0.0])[1], 0.0, 0.5 * pi - 1e-6, xtol=1e-15, rtol=1e-15))
+        phi = float(
+            scipy.optimize.brentq(
+                lambda x: self.minimal(0.0, [x, 0.0])[1], 0.0, 0.5 * pi - 1e-6, xtol=1e-15, rtol=1e-15
+            )
+        )
         return {"arm1.angle": phi, "arm2.angle": phi, "collar.distance": self.below_pivot(phi)}
 
     def minimal(self, _: float, y: Any) -> list[float]:

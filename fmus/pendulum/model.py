@@ -18,8 +18,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from mbfmu.mechanics import JointSpring, Mechanism, Revolute, SpeedInput, Translational
 from mbfmu.modeling import Model, parameter
@@ -103,7 +103,9 @@ class SwingPendulum(Model):
             return None
         start = [self.start_angle, self.start_distance, 0.0, 0.0]
         span = (float(times[0]), float(times[-1]))
-        solution = solve_ivp(self.minimal, span, start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-14)
+        solution = scipy.integrate.solve_ivp(
+            self.minimal, span, start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-14
+        )
         return {"rod.angle": solution.y[0], "slider.distance": solution.y[1]}
 
     def exact_equilibrium(self) -> dict[str, float] | None:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from mbfmu.util.errors import UserError
 
@@ -46,7 +45,7 @@ def rotation(what: str, value: Any) -> Matrix:
     """Check a 3x3 rotation matrix or a ``scipy.spatial.transform.Rotation``; None is the identity."""
     if value is None:
         return np.eye(3)
-    R = array_of(what, value.as_matrix() if isinstance(value, Rotation) else value)
+    R = array_of(what, value.as_matrix() if hasattr(value, "as_matrix") else value)
     if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0.0:
         raise UserError(f"{what} is {value!r}; allowed: a 3x3 rotation matrix or one scipy.spatial.transform.Rotation")
     return R

@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolator, PPoly
 
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
@@ -113,10 +113,10 @@ def _pieces(xs: NDArray[np.float64], ys: NDArray[np.float64], kind: str, beyond:
     if kind == "linear" or (len(xs) == 2 and beyond != "hold"):
         c = np.zeros((4, len(xs) - 1))
         c[2], c[3] = np.diff(ys) / np.diff(xs), ys[:-1]
-        return PPoly(c, xs)
+        return scipy.interpolate.PPoly(c, xs)
     if kind == "spline":
-        return CubicSpline(xs, ys, bc_type=END_CONDITIONS[beyond])
-    make = PchipInterpolator if kind == "monotone" else Akima1DInterpolator
+        return scipy.interpolate.CubicSpline(xs, ys, bc_type=END_CONDITIONS[beyond])
+    make = scipy.interpolate.PchipInterpolator if kind == "monotone" else scipy.interpolate.Akima1DInterpolator
     if beyond == "linear":
         return make(xs, ys)
     period, gap = xs[-1] - xs[0], np.diff(xs).min()
@@ -129,4 +129,4 @@ def _pieces(xs: NDArray[np.float64], ys: NDArray[np.float64], kind: str, beyond:
         )
     whole = make(*(np.concatenate(part) for part in zip(before, (xs, ys), after, strict=True)))
     first = len(before[0])
-    return PPoly(whole.c[:, first : first + len(xs) - 1], xs)
+    return scipy.interpolate.PPoly(whole.c[:, first : first + len(xs) - 1], xs)

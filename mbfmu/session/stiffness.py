@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
 
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.util.errors import UserError
@@ -216,7 +216,7 @@ def _all_eigenvalues(dynamics: PerturbedDynamics, a: Array) -> Found:
         A[f:, k], A[f:, f + k] = dynamics.change(unit[k], none), dynamics.change(none, unit[k])
     if not np.isfinite(A).all():
         raise UserError("the accelerations of perturbed states are not finite")
-    values, left, right = linalg.eig(A, left=True)
+    values, left, right = scipy.linalg.eig(A, left=True)
     y = dynamics.as_changes(dynamics.v / dynamics.system.size)
     rates = np.concatenate((y, dynamics.as_changes(a)))
     along, share = left.conj().T @ rates, np.einsum("ij,ij->j", left.conj(), right)
@@ -274,5 +274,5 @@ def _arnoldi(
             turns = k + 1
             break
         basis[k + 1] = new / left
-    values, shares = linalg.eig(H[:turns, :turns])
+    values, shares = scipy.linalg.eig(H[:turns, :turns])
     return values, basis[:turns].T @ shares

@@ -16,7 +16,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from mbfmu.mechanics.checks import one_of
 from mbfmu.mechanics.numbers import array_of, finite, positive
@@ -168,7 +168,7 @@ def shell_of(plate: Plate) -> Shell:
         x, z = corners[:, 0] - 0.5 * a, corners[:, 2] - 0.5 * b
         corners[:, 1] = kxz * x * z
         turns = np.column_stack((-kz * z - kxz * x, 0.0 * x, kx * x + kxz * z))  # (-w,z, 0, w,x)
-        attitudes = Rotation.from_rotvec(turns).as_matrix()
+        attitudes = scipy.spatial.transform.Rotation.from_rotvec(turns).as_matrix()
     return Shell(
         corners=corners,
         attitudes=attitudes,

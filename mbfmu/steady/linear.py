@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
-from scipy.io import savemat
 
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays.closing import check_inertia
@@ -78,12 +77,12 @@ class StateSpace:
 
     def modes(self) -> list[Mode]:
         """Return the eigenvalues, slowest first; for a conjugate pair the one with positive imaginary part."""
-        values = linalg.eigvals(self.free) if self.free.size else np.zeros(0)
+        values = scipy.linalg.eigvals(self.free) if self.free.size else np.zeros(0)
         return [Mode(complex(values[k])) for k in slowest_first(values)]
 
     def shapes(self) -> list[tuple[Mode, NDArray[np.complex128]]]:
         """Return the modes in the order of :meth:`modes` with their shapes (n,), arbitrarily scaled."""
-        values, vectors = linalg.eig(self.free) if self.free.size else (np.zeros(0), np.zeros((0, 0)))
+        values, vectors = scipy.linalg.eig(self.free) if self.free.size else (np.zeros(0), np.zeros((0, 0)))
         freedom = self.coordinates.shape[1]
         motions = self.coordinates @ vectors[:freedom]
         motions[len(motions) - self.n_states :] = vectors[2 * freedom :]
@@ -127,7 +126,7 @@ class StateSpace:
             if path.suffix == ".npz":
                 np.savez(file, allow_pickle=False, **matrices, **{k: np.array(v, str) for k, v in names.items()})
             else:
-                savemat(file, {**matrices, **{k: np.array(v, object) for k, v in names.items()}})
+                scipy.io.savemat(file, {**matrices, **{k: np.array(v, object) for k, v in names.items()}})
 
 
 def slowest_first(values: Any) -> list[int]:
@@ -268,7 +267,7 @@ class LinearizedPlant:
         system.fill(t, self.q, self.v, self.terms)
         J = self.terms.J.real[rows]
         # dependent coordinates by column pivoting, as the LU partition chooses them
-        columns = linalg.qr(J, pivoting=True, mode="r")[1] if len(rows) else np.arange(system.n)
+        columns = scipy.linalg.qr(J, pivoting=True, mode="r")[1] if len(rows) else np.arange(system.n)
         self._moving = system.n - len(rows) - system.n_states  # independent coordinates; states are the last ones
         self.dependent, self.independent = np.sort(columns[: len(rows)]), np.sort(columns[len(rows) :])
         if independent is not None:

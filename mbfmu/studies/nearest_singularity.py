@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from math import inf, nan
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.session.energy_check import NEAR_SINGULAR_RATIO, distance, loops_of
@@ -128,5 +128,5 @@ class SingularityMonitor:
             return self._ratio(simulation) if self._go_to(simulation, first, float(t)) else inf
 
         between, exact = (times[first], times[last]), MINIMUM_TIME_TOLERANCE * (times[last] - times[first])
-        best = minimize_scalar(ratio, bounds=between, method="bounded", options={"xatol": exact})
+        best = scipy.optimize.minimize_scalar(ratio, bounds=between, method="bounded", options={"xatol": exact})
         return (float(best.x), float(best.fun)) if best.fun < (1.0 - RATIO_NOISE) * here[1] else here

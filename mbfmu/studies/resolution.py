@@ -9,8 +9,8 @@ from math import prod
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from mbfmu.modeling.model import Model
 from mbfmu.util.errors import UserError
@@ -106,4 +106,4 @@ def observed_order(values: Sequence[Array], sizes: Sequence[float]) -> float | N
         return float((a - b) / (b - c) - first / last)
 
     low, high = PLAUSIBLE_ORDERS
-    return float(brentq(off, low, high)) if off(low) * off(high) < 0.0 else None
+    return float(scipy.optimize.brentq(off, low, high)) if off(low) * off(high) < 0.0 else None

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.builder.bodies import Body
@@ -199,7 +199,7 @@ class Recorder:
         mechanism = self._mechanism
         assert mechanism is not None
         r, A = np.stack(self._r), np.stack(self._A)
-        e = Rotation.from_matrix(A.reshape(-1, 3, 3)).as_quat().reshape(*A.shape[:2], 4)
+        e = scipy.spatial.transform.Rotation.from_matrix(A.reshape(-1, 3, 3)).as_quat().reshape(*A.shape[:2], 4)
         span = float(np.linalg.norm(np.ptp(r[:, 1:].reshape(-1, 3), axis=0)))
         arrows, forces = shown(self._sources, np.stack(self._forces), span)
         return Motion(

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, gmres
+import scipy
 
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.outcome import CODES, Code
@@ -200,9 +200,9 @@ def solve_gmres(operator: Callable[[Array], Array], b: Array) -> Array:
     """
     if not np.isfinite(b).all():
         return b
-    A = LinearOperator((len(b), len(b)), matvec=operator, dtype=float)
+    A = scipy.sparse.linalg.LinearOperator((len(b), len(b)), matvec=operator, dtype=float)
     restart = min(MAX_KRYLOV_DIMENSION, len(b))
-    return np.asarray(gmres(A, b, rtol=GMRES_TOLERANCE, restart=restart, maxiter=1)[0])
+    return np.asarray(scipy.sparse.linalg.gmres(A, b, rtol=GMRES_TOLERANCE, restart=restart, maxiter=1)[0])
 
 
 def project(system: TreeSystem, t: float, q: Array, v: Array) -> Code:

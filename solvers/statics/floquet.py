@@ -12,8 +12,8 @@ from math import pi, sqrt
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
 
 from solvers.system import Array
 
@@ -97,7 +97,7 @@ def _product(A: Callable[[float], Array], period: float, steps: int) -> Array:
     for k in range(steps):
         first, second = (A((k + 0.5 + side * sqrt(3.0) / 6.0) * h) for side in (-1.0, 1.0))
         turned = sqrt(3.0) / 12.0 * h**2 * (second @ first - first @ second)
-        found = linalg.expm(0.5 * h * (first + second) + turned) @ found
+        found = scipy.linalg.expm(0.5 * h * (first + second) + turned) @ found
     return np.asarray(found)
 
 
@@ -116,7 +116,7 @@ def characteristic_exponents(A: Callable[[float], Array], period: float, cycles:
         (n, f) change of all coordinates by these.
     """
     Phi, error = monodromy_matrix(A, period, cycles)
-    multipliers, left, right = linalg.eig(Phi, left=True)
+    multipliers, left, right = scipy.linalg.eig(Phi, left=True)
     values, doubts = np.zeros(len(Phi), complex), np.zeros(len(Phi))
     for k, mu in enumerate(multipliers):
         along = abs(np.vdot(left[:, k], right[:, k]))

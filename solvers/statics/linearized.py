@@ -10,8 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
-from scipy import linalg
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+import scipy
 
 from solvers.projection.saddle import Saddle
 from solvers.system import Array, TreeSystem
@@ -98,7 +97,7 @@ class DenseLinearized(Linearized):
         """See the base."""
         self.factor(q, lam)
         n = len(self.size)
-        free = linalg.null_space(self._K[n:, :n]) if len(self._row) else np.eye(n)
+        free = scipy.linalg.null_space(self._K[n:, :n]) if len(self._row) else np.eye(n)
         return count_negative_eigenvalues(free.T @ self._K[:n, :n] @ free, UNDETERMINED_PIVOT_RATIO)
 
     def solve(self, f: Array, g: Array) -> tuple[Array, Array]:
@@ -162,14 +161,14 @@ class TreeLinearized(Linearized):
     def _count_by_arnoldi(self) -> int:
         """Return the negative eigenvalues of the inverse in units."""
         n, none = self._system.n, np.zeros(self._system.m)
-        inverse = LinearOperator(
+        inverse = scipy.sparse.linalg.LinearOperator(
             (n, n), matvec=lambda z: self._saddle.solve(z / self.size, none)[0] / self.size, dtype=float
         )
         negative = 0
         for count in REQUESTED_EIGENVALUES:
             dimension = min(max(MIN_KRYLOV_DIMENSION, 2 * count + 1), n)
             try:
-                values = eigs(
+                values = scipy.sparse.linalg.eigs(
                     inverse,
                     k=min(count, dimension - 2),
                     which="SR",
@@ -179,7 +178,7 @@ class TreeLinearized(Linearized):
                     tol=EIGENVALUE_SIGN_TOLERANCE,
                     return_eigenvectors=False,
                 )
-            except ArpackNoConvergence as partial:
+            except scipy.sparse.linalg.ArpackNoConvergence as partial:
                 values = partial.eigenvalues
             is_left = values.real < -ZERO_EIGENVALUE_RATIO * np.abs(values).max(initial=0.0)
             negative = int(np.sum(is_left & (values.imag == 0.0)))

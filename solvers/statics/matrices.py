@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from solvers.projection.products import PRODUCT_STEP_SIZE, Products
 from solvers.system import Array, System, TreeSystem
@@ -62,10 +62,10 @@ def allowed_motions(J: Array, size: Array, row_size: Array, states: int = 0) -> 
         return np.diag(size)
     moving = n - states
     scaled = (J * size / row_size[:, np.newaxis])[:, :moving]
-    _, sigma, Vt = linalg.svd(scaled)
+    _, sigma, Vt = scipy.linalg.svd(scaled)
     rank = int(np.sum(sigma > REDUNDANT_SINGULAR_RATIO * sigma.max(initial=0.0)))
     found = np.asarray(size[:moving, np.newaxis] * Vt[rank:moving].T)
-    return np.asarray(linalg.block_diag(found, np.diag(size[moving:]))) if states else found
+    return np.asarray(scipy.linalg.block_diag(found, np.diag(size[moving:]))) if states else found
 
 
 def linearized_matrices(

@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from solvers.system import Array
 
@@ -298,7 +298,7 @@ class Follower:
             return seen[arclength][1]
 
         with suppress(CorrectorFailedError):
-            brentq(at, 0.0, there.arclength, xtol=POINT_TOLERANCE * there.arclength)
+            scipy.optimize.brentq(at, 0.0, there.arclength, xtol=POINT_TOLERANCE * there.arclength)
         return min(seen.values(), key=lambda one: abs(one[1]))[0]
 
 

@@ -18,8 +18,8 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
 
 from solvers.system import Array
 
@@ -111,7 +111,7 @@ def solve_conservative(matrices: Matrices) -> Spectrum:
     if not np.isfinite(unit).all():
         raise np.linalg.LinAlgError("a motion has no inertia")
     scale = np.outer(unit, unit)
-    x = unit[:, np.newaxis] * linalg.eigh(K * scale, M * scale)[1]
+    x = unit[:, np.newaxis] * scipy.linalg.eigh(K * scale, M * scale)[1]
     squares = np.einsum("ik,ij,jk->k", x, K, x, optimize=True)
     parts = np.abs(x)
     open_by = np.einsum("ik,ij,jk->k", parts, matrices.rounding[0], parts, optimize=True)
@@ -135,8 +135,8 @@ def solve_general(matrices: Matrices) -> Spectrum:
 
     Of a first-order state x' = z neither x nor the eigenvalue zero that it would add is part of the state matrix.
     """
-    L = linalg.cholesky(matrices.M, lower=True)
-    K, C = (linalg.solve_triangular(L, linalg.solve_triangular(L, A, lower=True).T, lower=True).T
+    L = scipy.linalg.cholesky(matrices.M, lower=True)
+    K, C = (scipy.linalg.solve_triangular(L, scipy.linalg.solve_triangular(L, A, lower=True).T, lower=True).T
             for A in (matrices.K, matrices.C))  # fmt: skip
     f = len(K)
     unit = float(np.sqrt(np.linalg.norm(K, 2))) or 1.0  # of time
@@ -144,13 +144,13 @@ def solve_general(matrices: Matrices) -> Spectrum:
     moving = f - matrices.n_states
     if matrices.n_states:
         state = np.delete(np.delete(state, np.s_[moving:f], 0), np.s_[moving:f], 1)
-    values, left, right = linalg.eig(state, left=True)
+    values, left, right = scipy.linalg.eig(state, left=True)
     motions = np.vstack((right[:moving], unit * right[2 * moving :]))  # of coordinates, and z of states
     x, y = motions, left[moving:]
     if matrices.n_states:  # x = z / s of states, and all of it times s
         changes = np.any(motions[moving:] != 0.0, axis=0)
         x = np.vstack((motions[:moving] * np.where(changes, values, 1.0), motions[moving:]))
-    motions, x, y = (linalg.solve_triangular(L, part, lower=True, trans="T") for part in (motions, x, y))
+    motions, x, y = (scipy.linalg.solve_triangular(L, part, lower=True, trans="T") for part in (motions, x, y))
     values, doubts = improve_eigenvalues(matrices, values, x, y, float(np.abs(values).max()))
     upper = values.imag >= 0.0
     return order_spectrum(values[upper], matrices.basis @ motions[:, upper], doubts[upper])

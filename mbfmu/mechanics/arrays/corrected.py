@@ -15,8 +15,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
 
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
@@ -123,7 +123,7 @@ class Placements:
         """Shift and turn the frames by p (6 places,)."""
         for place, (shift, turn) in zip(self.places, p.reshape(-1, 2, 3), strict=True):
             place.point[:] += length * shift
-            place.axes[:] = linalg.expm(_cross_matrix(turn)) @ place.axes
+            place.axes[:] = scipy.linalg.expm(_cross_matrix(turn)) @ place.axes
 
     def corrected(self, given: Saved) -> Correction:
         """Return the largest differences from the frames as given."""
@@ -217,7 +217,7 @@ def _close(
         for old in positions:
             at = search.position_at(old.q, part.rows, part.coordinates, part.rank, old.drive_motion, old.step)
             if at is not None:
-                U = linalg.svd(at.J)[0][:, part.rank :] * near_singular(at, positions[0])
+                U = scipy.linalg.svd(at.J)[0][:, part.rank :] * near_singular(at, positions[0])
                 gaps.append(U.T @ at.gaps)
                 slopes.append(U.T @ placements.slopes(units, length, kept))
                 found.append(at)
@@ -231,7 +231,7 @@ def _close(
         if not CLOSURE_TARGET < largest < np.inf:
             break
         before = placements.save()
-        left, sigma, right = linalg.svd(now.slopes, full_matrices=False)
+        left, sigma, right = scipy.linalg.svd(now.slopes, full_matrices=False)
         damping = max(damping, largest, least)
         placements.change(-right.T @ (left.T @ now.gaps * sigma / (sigma**2 + damping**2)), length)
         then = measure()

@@ -14,8 +14,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from mbfmu.mechanics import law
 from mbfmu.mechanics.checks import signal_of
@@ -127,7 +127,7 @@ class GivenInput:
     def spline(self) -> Pieces:
         """Return a cubic spline through the points it is given by; with natural ends where there are less than four."""
         table = self._table("linear")
-        found = CubicSpline(table.x, table.y, bc_type="not-a-knot" if len(table.x) > 3 else "natural")
+        found = scipy.interpolate.CubicSpline(table.x, table.y, bc_type="not-a-knot" if len(table.x) > 3 else "natural")
         return Pieces.of_cubics(found.x, found.c)
 
     def pieces(self, tolerance: float, *, smooth: bool) -> Pieces:

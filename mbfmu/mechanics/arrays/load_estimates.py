@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from mbfmu.mechanics.builder.loading import Acting
 from mbfmu.mechanics.builder.mechanism import Mechanism
@@ -69,9 +69,9 @@ def coordinate_inertias(system: System, q: Array) -> Array:
     scaled = terms.M[:moving, :moving] * np.outer(size, size)
     found = np.diag(scaled).copy()
     if system.m:
-        _, sigma, motions = linalg.svd(terms.J[:, :moving] * size / system.row_size[:, np.newaxis])
+        _, sigma, motions = scipy.linalg.svd(terms.J[:, :moving] * size / system.row_size[:, np.newaxis])
         motions = motions[int(np.sum(sigma > REDUNDANT_SINGULAR_RATIO * sigma.max(initial=0.0))) :]
-    values, vectors = linalg.eigh(motions @ scaled @ motions.T)
+    values, vectors = scipy.linalg.eigh(motions @ scaled @ motions.T)
     inert = values > REDUNDANT_SINGULAR_RATIO * values.max(initial=0.0)
     mobility = np.sum((vectors[:, inert].T @ motions) ** 2 / values[inert, np.newaxis], axis=0)
     allowed = mobility * found > REDUNDANT_SINGULAR_RATIO

@@ -18,9 +18,8 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
-from scipy.sparse.csgraph import connected_components
 
 from mbfmu.mechanics.signals import InUse
 from solvers.system import AnySystem, Array
@@ -132,7 +131,7 @@ class Redundancy:
             J, gaps = self.evaluate(q, t)
             if not (np.isfinite(J).all() and np.isfinite(gaps).all()):
                 return False
-            U, sigma, Vt = linalg.svd(J[np.ix_(rows, columns)], full_matrices=False)
+            U, sigma, Vt = scipy.linalg.svd(J[np.ix_(rows, columns)], full_matrices=False)
             r = int(np.count_nonzero(sigma > self._regular)) if rank is None else min(rank, len(sigma))
             step = np.zeros(self._system.n)
             step[columns] = -Vt[:r].T @ ((U[:, :r].T @ gaps[rows]) / np.maximum(sigma[:r], ROUNDING_TOLERANCE))
@@ -184,7 +183,7 @@ class Redundancy:
         if not closed:
             return None
         own = J[np.ix_(rows, columns)]
-        regular = linalg.svdvals(own)[rank - 1] if rank else 1.0
+        regular = scipy.linalg.svdvals(own)[rank - 1] if rank else 1.0
         return Position(near, drive_motion, step, own, gaps[rows], float(regular))
 
     def parts(self, q: Array) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
@@ -197,7 +196,7 @@ class Redundancy:
             tied |= np.abs(self.evaluate(near, 0.0)[0]) > ENTRY_TOLERANCE
         graph = np.zeros((m + n, m + n), bool)
         graph[:m, m:] = tied
-        _, labels = connected_components(graph, directed=False)
+        _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
         for label in np.unique(labels[:m]):
             yield np.flatnonzero(labels[:m] == label), np.flatnonzero(labels[m:] == label)
 
@@ -205,7 +204,7 @@ class Redundancy:
         """Return a part with redundant equations; None if none is redundant, or if they close exactly."""
         J, gaps = self.evaluate(q, 0.0)
         sigma = np.zeros(len(rows))
-        own = linalg.svdvals(J[np.ix_(rows, columns)])
+        own = scipy.linalg.svdvals(J[np.ix_(rows, columns)])
         sigma[: len(own)] = own
         first = int(np.count_nonzero(sigma > self._regular))
         if first == len(rows) or (
@@ -221,7 +220,7 @@ class Redundancy:
 
     def _move(self, q: Array, J: Array, columns: NDArray[np.int64], rank: int, along: Array) -> Array:
         """Move q in place by ``WALK_STEP`` in the allowed direction nearest to ``along``; return that."""
-        T = linalg.svd(J)[2][rank:]
+        T = scipy.linalg.svd(J)[2][rank:]
         direction = T.T @ (T @ along)
         largest = float(np.abs(direction).max(initial=0.0))
         if not largest > 0.0:

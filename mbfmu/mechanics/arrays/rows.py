@@ -12,8 +12,8 @@ from collections.abc import Collection, Iterable
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
 
 from mbfmu.mechanics.builder.handles import CouplingHandle, CutHandle
 from mbfmu.mechanics.signals import InUse
@@ -146,7 +146,7 @@ def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:
     if system.m == 0 or system.n == 0:
         return np.arange(system.m)
     scaled = terms.J * system.size / system.row_size[:, np.newaxis]
-    R, order = linalg.qr(scaled.T, mode="r", pivoting=True)
+    R, order = scipy.linalg.qr(scaled.T, mode="r", pivoting=True)
     pivots = np.abs(np.diag(R))
     rank = int(np.sum(pivots > DEPENDENT_ROW_PIVOT_RATIO * pivots[0]))
     return np.sort(order[rank:])

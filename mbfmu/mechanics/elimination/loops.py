@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
 
 from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import unpin
@@ -180,7 +180,7 @@ class EliminatedLoops:
             numbers = np.array([*(number for those, _ in senders for number in those), *own], np.int64)
             rank, rows = int(front["rank"]), len(numbers)
             kept, blocks = rank + int(front["left"]), [*(B for _, B in senders), np.eye(len(own))]
-            E = values[front["E"] : front["E"] + kept * rows].reshape(kept, rows) @ linalg.block_diag(*blocks)
+            E = values[front["E"] : front["E"] + kept * rows].reshape(kept, rows) @ scipy.linalg.block_diag(*blocks)
             if kept < rows:
                 chosen = _independent_columns(E)
                 dropped += np.delete(numbers, chosen).tolist()
@@ -194,7 +194,7 @@ def _independent_columns(E: Array) -> NDArray[np.int64]:
     """Return as many columns of E (k, n) as it has rows, in order, which are independent as far as possible."""
     if not len(E):
         return np.zeros(0, np.int64)
-    return np.sort(linalg.qr(E, mode="r", pivoting=True)[-1][: len(E)])
+    return np.sort(scipy.linalg.qr(E, mode="r", pivoting=True)[-1][: len(E)])
 
 
 def _stages(held: NDArray[np.bool_], given: NDArray[np.bool_] | None) -> list[Array]:

@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 
 from mbfmu.mechanics.checks import flag, whole
 from mbfmu.mechanics.numbers import finite, not_negative, positive
@@ -136,7 +136,7 @@ class Beam:
             K[at, at] += Ke
             M[at, at] += Me
         free = self._free
-        squares, vectors = eigh(K[np.ix_(free, free)], M[np.ix_(free, free)])
+        squares, vectors = scipy.linalg.eigh(K[np.ix_(free, free)], M[np.ix_(free, free)])
         elastic = slice(self._rigid, self._rigid + self.modes)
         shapes = np.zeros((size, self.modes))
         shapes[free] = vectors[:, elastic]

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import sksundae.ida
 from numpy.typing import NDArray
 
 from solvers.compiled.template import substitute
@@ -44,7 +43,9 @@ class BoundIDA:
 
     def begin(self, t: float, y: Array, slopes: Array) -> None:
         """Begin a history at t (s) with unknowns and their derivatives (N,), tolerances as they are now."""
-        self._ida = sksundae.ida.IDA(self._residual, **self._options)  # which copies them
+        from sksundae.ida import IDA
+
+        self._ida = IDA(self._residual, **self._options)  # which copies them
         with discard_logs():
             self._ida.init_step(t, y, slopes)
 

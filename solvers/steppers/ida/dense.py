@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sksundae.ida import IDAJacTimes, IDAPrecond
 
 from solvers.compiled.kernel import records
 from solvers.compiled.tuple_pointer import pin, unpin
@@ -94,6 +93,8 @@ class IDAStepper(IDADriver, DenseStepper):
 
     def _bound_ida(self, ida_options: dict[str, Any]) -> BoundIDA:
         """Return IDA with the same kernels for callbacks, called through Python."""
+        from sksundae.ida import IDAJacTimes, IDAPrecond
+
         problem, unknowns, work, eqs = self.integration, self._memory.unknowns, self._work, self._eqs
         pinned = unpin(unpin(problem).memory).unknowns
 

@@ -23,7 +23,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from sksundae.ida import IDAPrecond
 
 from solvers.compiled.kernel import records
 from solvers.compiled.tuple_pointer import pin, unpin
@@ -94,6 +93,8 @@ class EliminatedIDAStepper(IDADriver):
                 ELIMINATED_CALLBACKS, step_until, problem, memory.progress, memory.counts,
                 unpin(unpin(problem).memory).ida, rtol=rtol, max_order=order, max_step=options.max_step,
             )  # fmt: skip
+
+        from sksundae.ida import IDAPrecond
 
         def residual(t: float, y: Array, yp: Array, res: Array) -> None:
             evaluate_residual(t, y, yp, res, problem)

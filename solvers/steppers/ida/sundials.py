@@ -18,7 +18,6 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from sksundae import _cy_common, _cy_ida
 
 from solvers.compiled.ffi import Library, compile_c_callback, external_function
 from solvers.compiled.kernel import COMPILED
@@ -59,6 +58,8 @@ CONTEXT_SIGNATURES = {  # in the letters of solvers.compiled.ffi
 @cache
 def library() -> Library:
     """Return SUNDIALS as the extension module of scikit-sundae has loaded it."""
+    from sksundae import _cy_ida  # imports most of SciPy: only where IDA integrates
+
     return Library(
         _cy_ida.__file__, {**SIGNATURES, **CONTEXT_SIGNATURES}, ("N_VGetArrayPointer", "SUNDenseMatrix_Data")
     )
@@ -66,6 +67,8 @@ def library() -> Library:
 
 def is_library_supported() -> bool:
     """Whether kernels are compiled, and the library is one whose interface is known."""
+    from sksundae import _cy_common
+
     config = getattr(_cy_common, "config", {})
     known = config.get("SUNDIALS_FLOAT_TYPE") == "double" and config.get("SUNDIALS_INT_TYPE") == "int"
     return bool(COMPILED and known and config["SUNDIALS_VERSION"].startswith("7.") and library().complete)

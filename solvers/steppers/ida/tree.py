@@ -43,7 +43,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from sksundae.ida import IDAPrecond
 
 from solvers.compiled.kernel import records
 from solvers.compiled.tuple_pointer import pin, unpin
@@ -141,6 +140,8 @@ class TreeIDAStepper(IDADriver):
                     subject="ida",
                 )
             )
+
+        from sksundae.ida import IDAPrecond
 
         def residual(t: float, y: Array, yp: Array, res: Array) -> None:
             evaluate_residual(t, y, yp, res, problem)
