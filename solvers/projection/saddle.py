@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import scipy
 
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.outcome import CODES, Code
@@ -198,11 +197,13 @@ def solve_gmres(operator: Callable[[Array], Array], b: Array) -> Array:
 
     It is as good as rounding allows, or as MAX_KRYLOV_DIMENSION products.
     """
+    from scipy.sparse.linalg import LinearOperator, gmres
+
     if not np.isfinite(b).all():
         return b
-    A = scipy.sparse.linalg.LinearOperator((len(b), len(b)), matvec=operator, dtype=float)
+    A = LinearOperator((len(b), len(b)), matvec=operator, dtype=float)
     restart = min(MAX_KRYLOV_DIMENSION, len(b))
-    return np.asarray(scipy.sparse.linalg.gmres(A, b, rtol=GMRES_TOLERANCE, restart=restart, maxiter=1)[0])
+    return np.asarray(gmres(A, b, rtol=GMRES_TOLERANCE, restart=restart, maxiter=1)[0])
 
 
 def project(system: TreeSystem, t: float, q: Array, v: Array) -> Code:

@@ -160,15 +160,17 @@ class TreeLinearized(Linearized):
 
     def _count_by_arnoldi(self) -> int:
         """Return the negative eigenvalues of the inverse in units."""
+        from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+
         n, none = self._system.n, np.zeros(self._system.m)
-        inverse = scipy.sparse.linalg.LinearOperator(
+        inverse = LinearOperator(
             (n, n), matvec=lambda z: self._saddle.solve(z / self.size, none)[0] / self.size, dtype=float
         )
         negative = 0
         for count in REQUESTED_EIGENVALUES:
             dimension = min(max(MIN_KRYLOV_DIMENSION, 2 * count + 1), n)
             try:
-                values = scipy.sparse.linalg.eigs(
+                values = eigs(
                     inverse,
                     k=min(count, dimension - 2),
                     which="SR",
@@ -178,7 +180,7 @@ class TreeLinearized(Linearized):
                     tol=EIGENVALUE_SIGN_TOLERANCE,
                     return_eigenvectors=False,
                 )
-            except scipy.sparse.linalg.ArpackNoConvergence as partial:
+            except ArpackNoConvergence as partial:
                 values = partial.eigenvalues
             is_left = values.real < -ZERO_EIGENVALUE_RATIO * np.abs(values).max(initial=0.0)
             negative = int(np.sum(is_left & (values.imag == 0.0)))

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import scipy
 
 from solvers.projection.products import Products
 from solvers.projection.saddle import Saddle
@@ -127,19 +126,17 @@ class LowestModes:
 
     def solve_conservative(self, count: int, shift: float) -> tuple[Array, Array]:
         """Return the ``count`` values of omega^2 nearest to -shift, and the motions (n, count) of unit modal mass."""
+        from scipy.sparse.linalg import LinearOperator, eigsh
+
         system = self.system
         tangent, n, none = system.tangent, system.n, np.zeros(system.m)
         if not self.factor(0.0, shift):
             raise np.linalg.LinAlgError("stiffness and mass are singular together")
-        mass = scipy.sparse.linalg.LinearOperator((n, n), matvec=tangent.inertia, dtype=float)
-        inverse = scipy.sparse.linalg.LinearOperator(
-            (n, n), matvec=lambda f: self.saddle.solve(f, none)[0], dtype=float
-        )
+        mass = LinearOperator((n, n), matvec=tangent.inertia, dtype=float)
+        inverse = LinearOperator((n, n), matvec=lambda f: self.saddle.solve(f, none)[0], dtype=float)
         start = self.saddle.solve(tangent.inertia(np.random.default_rng(0).normal(size=n)), none)[0]
         options = {"sigma": -shift, "OPinv": inverse, "which": "LM", "v0": start, "tol": INVERSE_EIGENVALUE_TOLERANCE}
-        return solve_eigenproblem(
-            lambda: scipy.sparse.linalg.eigsh(mass, k=count, M=mass, maxiter=MAX_RESTARTS, **options), count
-        )
+        return solve_eigenproblem(lambda: eigsh(mass, k=count, M=mass, maxiter=MAX_RESTARTS, **options), count)
 
     def classify(self, motions: Array, shift: float, growing: int) -> Spectrum:
         """Return a spectrum of motions of unit modal mass, each by its Rayleigh quotient."""
@@ -162,6 +159,8 @@ class LowestModes:
 
     def solve_damped(self, count: int, shift: float, growing: int | None) -> Spectrum:
         """Return the eigenvalues of the state matrix nearest to a shift to the right of the origin, 1/s."""
+        from scipy.sparse.linalg import LinearOperator, eigs
+
         system, n = self.system, self.system.n
         none, size = np.zeros(system.m), system.size
         if not self.factor(shift, shift**2):
@@ -176,12 +175,9 @@ class LowestModes:
 
         k = min(2 * count + EXTRA_EIGENVALUES, 2 * n - 2)
         start = inverse(np.random.default_rng(0).normal(size=2 * n))
-        OP: Any = scipy.sparse.linalg.LinearOperator((2 * n, 2 * n), matvec=inverse, dtype=float)
+        OP: Any = LinearOperator((2 * n, 2 * n), matvec=inverse, dtype=float)
         inverses, vectors = solve_eigenproblem(
-            lambda: scipy.sparse.linalg.eigs(
-                OP, k=k, which="LM", v0=start, tol=ARNOLDI_TOLERANCE, maxiter=MAX_RESTARTS
-            ),
-            2 * count,
+            lambda: eigs(OP, k=k, which="LM", v0=start, tol=ARNOLDI_TOLERANCE, maxiter=MAX_RESTARTS), 2 * count
         )
         found = [
             self.classify_eigenvalue(shift + 1.0 / nu, x * size) for nu, x in zip(inverses, vectors[:n].T, strict=True)
@@ -209,13 +205,15 @@ class LowestModes:
 
 def solve_eigenproblem(find: Any, count: int) -> tuple[Array, Array]:
     """Return eigenvalues and vectors that ARPACK finds; LinAlgError where they are fewer than ``count``."""
+    from scipy.sparse.linalg import ArpackError, ArpackNoConvergence
+
     try:
         values, vectors = find()
-    except scipy.sparse.linalg.ArpackNoConvergence as stuck:
+    except ArpackNoConvergence as stuck:
         values, vectors = stuck.eigenvalues, stuck.eigenvectors
         if len(values) < count:
             raise np.linalg.LinAlgError(f"{len(values)} of {count} converged; ask for fewer") from stuck
-    except scipy.sparse.linalg.ArpackError as error:
+    except ArpackError as error:
         raise np.linalg.LinAlgError("stiffness and mass are too far apart; ask for fewer modes") from error
     order = np.argsort(np.abs(values), kind="stable")
     return values[order], vectors[:, order]
