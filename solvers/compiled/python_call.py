@@ -48,7 +48,7 @@ class Wrapper(NamedTuple):
 
 
 class WrapperLocator(Locator):
-    """The folder of one module, where files of wrappers have names of their own."""
+    """The folder of one module, where files of wrappers have other names than those of kernels."""
 
     def get_disambiguator(self) -> str:
         """Return what distinguishes a wrapper from its kernel, and from those of functions of one name."""

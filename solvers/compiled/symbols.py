@@ -26,6 +26,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.funcdesc import ExternalFunctionDescriptor
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps, loads
+from numba.core.typing.templates import make_concrete_template
 
 from .cache import Cache, CacheOnDemand, Locator, source_hash
 from .pipeline import shortened
@@ -152,8 +153,11 @@ class Inlined(_Dispatcher):  # type: ignore[misc]
             self._is_called = False
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Type a call; constants have no literal types, for which all would be compiled once more."""
-        return super().get_call_template([types.unliteral(a) for a in args], kws)
+        """Type a call of these types alone; constants have no literal types, for which all would be compiled again."""
+        _, parameters, folded, named = super().get_call_template([types.unliteral(a) for a in args], kws)
+        exact = self.overloads[tuple(folded)].signature
+        name = self.py_func.__name__
+        return make_concrete_template(name, key=name, signatures=[exact]), parameters, folded, named
 
 
 class Kernel(Inlined):
