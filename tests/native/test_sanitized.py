@@ -112,6 +112,7 @@ def test_a_damaged_file_is_refused_before_anything_beyond_it_is_read(told: list[
         assert done.returncode == NO_INSTANCE, done.stderr
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(shutil.which("valgrind") is None, reason="needs valgrind")
 def test_valgrind_finds_nothing(each_told: list[str], tmp_path: Path):
     family, resources, token, count = each_told
