@@ -73,6 +73,7 @@ def build(folder: Path, family: str, *flags: str) -> Path:
     return program
 
 
+@pytest.mark.campaign
 def test_any_calls_leave_memory_and_numbers_whole(each_told: list[str], tmp_path: Path):
     family, resources, token, count = each_told
     program = build(tmp_path, family, *SANITIZED)
