@@ -17,8 +17,8 @@ from numba import _dynfunc  # type: ignore[attr-defined]
 from numba.core.registry import cpu_target
 
 from .cache import Cache
-from .pipeline import KernelLibrary, shorten_all
-from .symbols import SYMBOL_PREFIX, code_of, compiled_kernel_of
+from .pipeline import KernelLibrary, code_of, shorten_all
+from .symbols import SYMBOL_PREFIX, compiled_kernel_of
 
 OPTIMIZATION_LEVEL = 3  # level of optimization of what is emitted
 

@@ -24,7 +24,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from .kernel import COMPILED
-from .symbols import code_of
+from .pipeline import code_of
 
 RECORD_ALIGNMENT = 16  # bytes, of every record: two real numbers, or one complex
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
+from operator import attrgetter
 from typing import Any
 
 from numba.core import postproc, targetconfig, transforms, types
@@ -26,10 +27,12 @@ _canonicalize: Any = transforms.canonicalize_cfg
 _find_call_type: Callable[..., Any] = _Function.get_call_type
 _run_postprocessor: Callable[..., None] = _PostProcessor.run
 
+code_of = attrgetter("library")  # of what numba has compiled
+
 NUMBERS = types.Float, types.Integer, types.Boolean, types.Complex
 
 _call_types: dict[tuple[Any, ...], Any] = {}  # of operators and functions of numbers
-_depth = [0]  # of compilations that wait for others
+_is_shortened = [False]  # whether numba is replaced in part now
 
 
 class KernelLibrary(JITCodeLibrary):
@@ -47,12 +50,12 @@ class KernelLibrary(JITCodeLibrary):
 @contextmanager
 def shortened() -> Iterator[None]:
     """Shorten what is compiled in this block, in which the lock of the compiler is held."""
-    if _depth[0]:
+    if _is_shortened[0]:
         yield
         return
-    _depth[0] = 1
+    _is_shortened[0] = True
     with ExitStack() as stack:
-        stack.callback(_depth.__setitem__, 0, 0)
+        stack.callback(_is_shortened.__setitem__, 0, False)
         for place, name, value in _replacements():
             stack.callback(setattr, place, name, vars(place)[name])
             setattr(place, name, value)
@@ -61,7 +64,7 @@ def shortened() -> Iterator[None]:
 
 def shorten_all() -> None:
     """Shorten every compilation of this process from now on."""
-    _depth[0] = 1
+    _is_shortened[0] = True
     for place, name, value in _replacements():
         setattr(place, name, value)
 

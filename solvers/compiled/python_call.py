@@ -17,6 +17,7 @@ from numba.core.registry import cpu_target
 from numba.core.serialize import dumps, loads
 
 from .cache import Cache, Locator
+from .pipeline import code_of
 
 _PyCallWrapper: Any = PyCallWrapper  # a part of numba without types
 
@@ -96,9 +97,8 @@ def make_callable(compiled: Any, stored: Any, releases_gil: bool) -> Any:
         code = library._get_compiled_object()
         stored.save_overload(compiled.signature, Wrapper(compiled.signature, described.llvm_func_name, constants, code))
     address = context.codegen()._engine._ee.get_function_address(described.llvm_cpython_wrapper_name)
-    name = described.qualname.split(".")[-1]
-    kept = compiled.library, library
-    return _dynfunc.make_function(described.lookup_module(), name, "", address, environment, kept)
+    name, kept_alive = described.qualname.split(".")[-1], (code_of(compiled), library)
+    return _dynfunc.make_function(described.lookup_module(), name, "", address, environment, kept_alive)
 
 
 def _is_valid(wrapper: Wrapper, symbol: str, environment: Any) -> bool:

@@ -13,7 +13,6 @@ import importlib
 import zlib
 from collections.abc import Iterable
 from hashlib import sha256
-from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -29,10 +28,9 @@ from numba.core.serialize import dumps, loads
 from numba.core.typing.templates import make_concrete_template
 
 from .cache import Cache, CacheOnDemand, Locator, source_hash
-from .pipeline import shortened
+from .pipeline import code_of, shortened
 from .python_call import WrapperCache, make_callable
 
-code_of = attrgetter("library")  # of what numba has compiled
 SYMBOL_PREFIX = "mbfmu_"
 # bytes of bitcode, a quarter of them names, up to which a kernel goes into its callers
 MAX_INLINED_BITCODE_SIZE = 20_000
@@ -117,7 +115,7 @@ class Inlined(_Dispatcher):  # type: ignore[misc]
 
     def __init__(self, function: Any, *options: Any, **named: Any) -> None:
         super().__init__(function, *options, **named)
-        self._entries: list[Any] = []  # what Python calls, which numba does not keep alive
+        self._entries: dict[Any, Any] = {}  # what Python calls, by types of arguments; numba does not keep it alive
 
     def enable_caching(self) -> None:
         """Store machine code on disk."""
@@ -137,20 +135,23 @@ class Inlined(_Dispatcher):  # type: ignore[misc]
 
     def callable_for(self, signature: Any) -> Any:
         """Return what Python calls for arguments of these types, for which it has been compiled."""
-        compiled: Any = self.overloads[tuple(sigutils.normalize_signature(signature)[0])]
+        arguments = tuple(sigutils.normalize_signature(signature)[0])
         with global_compiler_lock, shortened():
-            entry = make_callable(compiled, self._wrappers, bool(self.targetoptions.get("nogil")))
-        self._insert([argument._code for argument in compiled.signature.args], entry, False)
-        self._entries.append(entry)
-        return entry
+            if arguments not in self._entries:
+                compiled = self.overloads[arguments]
+                entry = make_callable(compiled, self._wrappers, bool(self.targetoptions.get("nogil")))
+                self._insert([argument._code for argument in arguments], entry, False)
+                self._entries[arguments] = entry
+            return self._entries[arguments]
 
     def _compile_for_args(self, *arguments: Any, **named: Any) -> Any:
         """Compile or load it for a call from Python."""
-        self._is_called = True
-        try:
-            return super()._compile_for_args(*arguments, **named)
-        finally:
-            self._is_called = False
+        with global_compiler_lock:  # else another thread that compiles it would take the flag
+            self._is_called = True
+            try:
+                return super()._compile_for_args(*arguments, **named)
+            finally:
+                self._is_called = False
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Type a call of these types alone; constants have no literal types, for which all would be compiled again."""

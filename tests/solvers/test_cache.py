@@ -8,13 +8,15 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from solvers.compiled import cache
-from solvers.compiled.kernel import COMPILED
+from solvers.compiled.kernel import COMPILED, jit_uncached
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="nothing is compiled")
 
@@ -148,6 +150,29 @@ def test_a_kernel_that_was_compiled_again_is_called(tmp_path: Path) -> None:
         file.unlink()
     for count in ("3", "0", "1"):
         assert ended(start(script, home, KERNELS_BEFORE=count))["told"] == 1.5
+
+
+def test_threads_that_call_a_new_kernel_at_once() -> None:
+    """One of them compiles it, for its own call or as what another kernel calls."""
+
+    def twice(x: float) -> float:
+        return 2.0 * x
+
+    for _ in range(5):
+        double = jit_uncached(twice)
+
+        def outer(x: float, double: Any = double) -> float:
+            result: float = double(x) + 1.0
+            return result
+
+        calls, together = (double, jit_uncached(outer)) * 4, threading.Barrier(8)
+
+        def call(kernel: Any, together: threading.Barrier = together) -> Any:
+            together.wait()
+            return kernel(3.0)
+
+        with ThreadPoolExecutor(8) as pool:
+            assert list(pool.map(call, calls)) == [6.0, 7.0] * 4
 
 
 def test_a_process_whose_sources_are_edited_keeps_nothing(tmp_path: Path) -> None:
