@@ -8,6 +8,7 @@ from scipy.special import ellipk, ellipkinc
 
 import mbfmu as mb
 from mbfmu.modeling.settings import Settings
+from mbfmu.session.events import velocity_jump
 from mbfmu.session.result import Result
 from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import UserError
@@ -323,3 +324,35 @@ def test_an_impulse_on_a_parallelogram(solver: str):
     assert result["angle"][-1] == pytest.approx(1.25, abs=3e-6)
     assert result["residual"].max() <= 1e-9
     assert not result.warning
+
+
+@pytest.mark.parametrize("density", [1e-9, 1.0, 1e6])  # kg/m
+@pytest.mark.parametrize("length", [1e-6, 1.0, 1e3])
+def test_an_impulse_in_a_redundant_loop_of_any_size(length: float, density: float) -> None:
+    """Closed form: rods on three parallel cranks, one of them redundant, have the inertia 3 m l^2 / 3 + 2 m l^2."""
+    mass = density * length
+    m = mb.Mechanism()
+    cranks = [
+        m.body(f"crank{k}", m.ground, mb.Revolute(at=(k * length, 0, 0), start=1.0), **mb.rod(mass=mass, length=length))
+        for k in range(3)
+    ]
+    at = {"at": (length, 0, 0), "start": -1.0}
+    coupler = m.body("coupler", cranks[0], mb.Revolute(**at), **mb.rod(mass=2.0 * mass, length=2.0 * length))
+    for k in (1, 2):
+        joint = mb.RevoluteCutJoint(at_a=(k * length, 0, 0), at_b=(length, 0, 0))
+        m.cut(f"pin{k}", joint, coupler, cranks[k])
+    m.event("kick", at=0.1, then=mb.Impulse(cranks[0], 0.7 * 3.0 * mass * length**2))
+    for crank in cranks:
+        m.output(f"{crank.name}.rate", crank.rate())
+    result = mb.simulate(m, 0.3, interval=0.1, solver="adams", tolerance=1e-8)
+    assert not result.warning
+    for crank in cranks:
+        assert result[f"{crank.name}.rate"][-1] == pytest.approx(0.7, rel=1e-7)
+
+
+def test_an_impulse_on_what_has_no_mass_has_no_jump() -> None:
+    m = mb.Mechanism()
+    arm = m.body("arm", m.ground, mb.Revolute(), **mb.rod(mass=1.0, length=1.0))
+    m.body("nothing", arm, mb.Translational(axis="x"))
+    compiled = mb.mechanics.CompiledMechanism(m)
+    assert velocity_jump(compiled, 0.0, np.zeros(2), np.zeros(2), np.array([0.0, 1.0])) is None

@@ -7,6 +7,7 @@ from math import isnan
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.events import EndRun, Event, Impulse, SetInput
@@ -19,10 +20,8 @@ from .event_search import EventSearch
 from .kernels.points import account_discontinuity, check_point, energy_at
 from .stepper_run import SEQUENCE, StepperRun
 
-MAX_EVENTS, MIN_EVENTS_TIME_RATIO = (
-    100,
-    1e-6,
-)  # number of events that need at least this part of the duration of the run
+MAX_EVENTS, MIN_EVENTS_TIME_RATIO = 100, 1e-6  # so many events need at least this part of the duration of the run
+DEPENDENT_ROW_RATIO = 1e-10  # singular value of the scaled constraint Jacobian, relative to the largest: it is none
 
 
 class EventRecord(NamedTuple):
@@ -59,7 +58,7 @@ class RunEvents:
     ended
         Whether an event has ended the run.
     stop
-        Why the run cannot continue: too many events; None: it can.
+        Why the run cannot continue: too many events, or an impulse on what has no mass; None: it can.
     """
 
     def __init__(self, compiled: CompiledMechanism, run: StepperRun, set_input: Callable[[str, float], None]) -> None:
@@ -146,16 +145,21 @@ class RunEvents:
 
     def _apply_impulse(self, action: Impulse) -> None:
         """Let the velocities jump; the change of the energy is work of the impulse."""
-        run, system, session = self._run, self._compiled.system, self._run.session
-        dense = system if system.has_matrices else system.dense()
-        terms, moving = dense.allocate_terms(), system.n_velocities
-        dense.fill(run.stepper.t, run.q, run.v, terms)
-        M, J = terms.M[:moving, :moving], terms.J[:, :moving]
-        matrix = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
-        right = np.zeros(len(matrix))
-        right[int(self._compiled.data.arrays.bodies["vf"][action.body.index]) + action.coordinate] = action.value
-        run.dv[:] = 0.0
-        run.dv[:moving] = np.linalg.lstsq(matrix, right)[0][:moving]  # constraint equations may be redundant
+        run, session = self._run, self._run.session
+        impulses = np.zeros(len(run.v))
+        impulses[int(self._compiled.data.arrays.bodies["vf"][action.body.index]) + action.coordinate] = action.value
+        dv = velocity_jump(self._compiled, run.stepper.t, run.q, run.v, impulses)
+        if dv is None:
+            self.stop = Diagnostic.error(
+                "no-inertia",
+                f"an impulse on the joint of body {action.body.name!r} moves a coordinate without mass at "
+                f"t = {run.stepper.t:.9g} s",
+                "Give a mass or inertia to the bodies that move freely",
+                time=run.stepper.t,
+                subject=action.body.name,
+            )
+            return
+        run.dv[:] = dv
         before = energy_at(session, run.stepper.t, run.q, run.v)
         run.stepper.jump(run.dv)
         run.q, run.v, run.energy_account = run.stepper.reported
@@ -191,3 +195,30 @@ class RunEvents:
         self._search.sides = np.array(state["sides"], np.int64)
         self._next_timed, self.ended, self.stop = state["timed"], state["ended"], None
         self.records = [EventRecord(*r[:3], *(np.nan if x is None else x for x in r[3:])) for r in state["list"]]
+
+
+def velocity_jump(compiled: CompiledMechanism, t: float, q: Array, v: Array, impulses: Array) -> Array | None:
+    """Return the jump of the velocities (n,) by impulses (n,) on the coordinates; None: what they move has no mass.
+
+    The jump is N (N^T M N)^-1 N^T p with a basis N of the motions that the constraints allow (J N = 0), in units of the
+    coordinates and of the rows of J, so that redundant equations are recognized in mechanisms of any size.
+    """
+    system = compiled.system
+    dense = system if system.has_matrices else system.dense()
+    terms, moving = dense.allocate_terms(), system.n_velocities
+    dense.fill(t, q, v, terms)
+    size = system.size[:moving]
+    J, jump = terms.J[:, :moving] * size, np.zeros(len(v))
+    lengths = np.linalg.norm(J, axis=1)
+    J = J[lengths > 0.0] / lengths[lengths > 0.0, None]
+    free = scipy.linalg.null_space(J, rcond=DEPENDENT_ROW_RATIO) if len(J) else np.eye(moving)
+    M = free.T @ (terms.M[:moving, :moving] * size * size[:, None]) @ free
+    unit = np.sqrt(np.diag(M))
+    if not np.all(unit > 0.0):
+        return None
+    values, vectors = np.linalg.eigh(M / (unit * unit[:, None]))
+    if len(values) and values[0] <= len(values) * np.finfo(float).eps:
+        return None
+    moved = vectors @ ((vectors.T @ (free.T @ (size * impulses[:moving]) / unit)) / values)
+    jump[:moving] = size * (free @ (moved / unit))
+    return jump
