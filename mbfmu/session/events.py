@@ -20,7 +20,7 @@ from .event_search import EventSearch
 from .kernels.points import account_discontinuity, check_point, energy_at
 from .stepper_run import SEQUENCE, StepperRun
 
-MAX_EVENTS, MIN_EVENTS_TIME_RATIO = 100, 1e-6  # so many events need at least this part of the duration of the run
+MAX_EVENTS, MIN_EVENTS_TIME_RATIO = 100, 1e-6  # 100 events need at least this part of the duration of the run
 DEPENDENT_ROW_RATIO = 1e-10  # singular value of the scaled constraint Jacobian, relative to the largest: it is none
 
 
