@@ -56,7 +56,26 @@ class Impulse:
     coordinate: int = 0
 
 
-Action = EndRun | SetInput | Impulse
+@dataclass(frozen=True)
+class Bounce:
+    """Action of an event: its sensor hits a stop, and its rate is reversed.
+
+    The rate g' = G v + g_t of the sensor g(t, q) becomes -restitution times what it was (Newton's law of restitution).
+    The velocities jump by dv with M dv + J^T Lambda = G^T p and J dv = 0: the impulse p acts on what the sensor
+    measures, without friction, and Lambda are the impulses of the loop-closing joints. Positions and first-order states
+    do not change. The impulses of all stops that are hit at one time are determined together and push only, before
+    other actions.
+
+    Parameters
+    ----------
+    restitution
+        Coefficient of restitution, 0 to 1; 1: the impact does not change the energy.
+    """
+
+    restitution: float
+
+
+Action = EndRun | SetInput | Impulse | Bounce
 
 
 @dataclass(frozen=True)
@@ -88,3 +107,8 @@ class Event:
     direction: int = 0
     time: float = 0.0
     within: float | None = None
+
+    @property
+    def bounce(self) -> Bounce | None:
+        """The action at which its value is a stop; None: it has none."""
+        return next((action for action in self.actions if isinstance(action, Bounce)), None)

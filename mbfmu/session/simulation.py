@@ -175,6 +175,8 @@ class Simulation(Diagnosed):
         self._reported_undetermined, self._end = False, t0
         self._events = RunEvents.of(self.compiled, self._run, self.set_input)
         self._check_actions()
+        if self._events and begins:
+            self._events.check_start()
         self._warm_up(t0, q, v)
 
     def _start_diagnostics(
