@@ -27,7 +27,7 @@ from .cuts import (
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
-from .events import Bounce, EndRun, Impulse, SetInput
+from .events import Bounce, EndRun, Impulse, SetInput, SetParameter
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -124,6 +124,7 @@ __all__ = [
     "Screw",
     "Sensor",
     "SetInput",
+    "SetParameter",
     "Signal",
     "SpeedInput",
     "Sphere",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.sensors import Sensor
 
@@ -32,6 +32,23 @@ class SetInput:
 
     name: str
     value: float
+
+
+@dataclass(frozen=True)
+class SetParameter:
+    """Action of an event: change a tunable parameter of the model, as :meth:`.Simulation.retune` does.
+
+    Parameters
+    ----------
+    name
+        Name of the parameter, which is tunable.
+    value
+        Value from the event on, in the unit of the parameter. The run continues with the mechanism that the model
+        builds with it, at the same positions and velocities.
+    """
+
+    name: str
+    value: Any
 
 
 @dataclass(frozen=True)
@@ -75,7 +92,7 @@ class Bounce:
     restitution: float
 
 
-Action = EndRun | SetInput | Impulse | Bounce
+Action = EndRun | SetInput | SetParameter | Impulse | Bounce
 
 
 @dataclass(frozen=True)

@@ -46,8 +46,6 @@ class EventSearch:
         (t, q, v) -> g: sensors minus the values that they may cross (k,).
     directions
         Sign of the rate at a crossing (k,); 0: any.
-    within
-        Longest time between two evaluations, s.
     stops
         Which sensors have their values as stops (k,), which are hit in their directions.
 
@@ -55,16 +53,19 @@ class EventSearch:
     ----------
     sides
         Sign of every sensor minus its value (k,) before the next crossing; 0: not known yet. At a stop it is constant.
+    within
+        Longest time between two evaluations, s.
     """
+
+    within: float = np.inf
 
     def __init__(
         self,
         evaluate: Callable[[float, Array, Array], Array],
         directions: NDArray[np.int64],
-        within: float,
         stops: NDArray[np.bool_],
     ) -> None:
-        self._evaluate, self._directions, self._within, self._stops = evaluate, directions, within, stops
+        self._evaluate, self._directions, self._stops = evaluate, directions, stops
         self.sides = np.where(stops, -directions, 0)
 
     def begin(self, stepper: Stepper) -> Point:
@@ -84,7 +85,7 @@ class EventSearch:
                 return []
             is_dense = stepper.has_dense_output
             saved = None if is_dense else stepper.save()
-            target = end if is_dense else min(end, before.t + self._within)
+            target = end if is_dense else min(end, before.t + self.within)
             if not stepper.advance_one_step(target).ok:
                 return []
             taken += 1
@@ -162,8 +163,8 @@ class ExaminedStep:
         """Return the values at points of the step, in which no two crossings of one sensor are between two points."""
         begin, end = self.begin, self.end
         count = POINTS_PER_STEP if self._saved is None else 1
-        if self._search._within < np.inf and self._saved is None:
-            count = max(count, int(np.ceil((end.t - begin.t) / self._search._within)))
+        if self._search.within < np.inf and self._saved is None:
+            count = max(count, int(np.ceil((end.t - begin.t) / self._search.within)))
         times = np.linspace(begin.t, end.t, count + 1)[1:-1]
         points = [begin, *(self._at(float(t)) for t in times), end]
         added = list[Point]()

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism
-from mbfmu.mechanics.events import EndRun, Event, Impulse, SetInput
+from mbfmu.mechanics.events import EndRun, Event, Impulse, SetInput, SetParameter
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
@@ -23,6 +23,8 @@ from .stepper_run import SEQUENCE, StepperRun
 
 MAX_EVENTS, MIN_EVENTS_TIME_RATIO = 100, 1e-6  # 100 events need at least this part of the duration of the run
 RESTING_BOUNCES = 3  # number of bounces at rest, each within MIN_EVENTS_TIME_RATIO of the duration after another one
+
+Setters = dict[type, Callable[[str, Any], None]]  # by the class of the action: sets a value by its name
 
 
 class EventRecord(NamedTuple):
@@ -63,21 +65,18 @@ class RunEvents:
         it can.
     """
 
-    def __init__(self, compiled: CompiledMechanism, run: StepperRun, set_input: Callable[[str, float], None]) -> None:
+    def __init__(self, compiled: CompiledMechanism, run: StepperRun, setters: Setters) -> None:
         declared, self._compiled = compiled.mechanism.events, compiled
-        self._run, self._set_input = run, set_input
-        self._watching = [event for event in declared if event.sensor is not None]
-        self._timed = sorted((e for e in declared if e.sensor is None), key=lambda event: event.time)
+        self._run, self._setters = run, setters
         self._order = {event.name: k for k, event in enumerate(declared)}
-        self._values = np.array([event.value for event in self._watching])
-        directions = np.array([event.direction for event in self._watching], np.int64)
-        within = min((event.within for event in self._watching if event.within is not None), default=np.inf)
-        stops = [event for event in self._watching if event.bounce]
-        self._stops = {event.name: k for k, event in enumerate(stops)}
-        restitutions = np.array([event.bounce.restitution for event in stops if event.bounce])
-        self._impacts = Impacts(compiled, np.array([float(event.direction) for event in stops]), restitutions)
-        are_stops = np.array([event.name in self._stops for event in self._watching], np.bool_)
-        self._search = EventSearch(self._differences, directions, within, are_stops)
+        watching = [event for event in declared if event.sensor is not None]
+        self._places = {event.name: k for k, event in enumerate(watching)}
+        self._stops = {event.name: k for k, event in enumerate(event for event in watching if event.bounce)}
+        directions = np.array([event.direction for event in watching], np.int64)
+        are_stops = np.array([event.name in self._stops for event in watching], np.bool_)
+        self._search = EventSearch(self._differences, directions, are_stops)
+        self._impacts = Impacts(compiled, directions[are_stops].astype(float))
+        self._declare(declared)
         t = run.stepper.t
         self._next_timed = sum(event.time < t for event in self._timed)
         self.records: list[EventRecord] = []
@@ -86,11 +85,38 @@ class RunEvents:
         self._search.begin(run.stepper)
 
     @classmethod
-    def of(
-        cls, compiled: CompiledMechanism, run: StepperRun, set_input: Callable[[str, float], None]
-    ) -> RunEvents | None:
+    def of(cls, compiled: CompiledMechanism, run: StepperRun, setters: Setters) -> RunEvents | None:
         """Return the events of a run; None: the mechanism has none."""
-        return cls(compiled, run, set_input) if compiled.mechanism.events else None
+        return cls(compiled, run, setters) if compiled.mechanism.events else None
+
+    def _declare(self, declared: list[Event]) -> None:
+        self._declared = declared
+        self._watching = [event for event in declared if event.sensor is not None]
+        self._timed = sorted((e for e in declared if e.sensor is None), key=lambda event: event.time)
+        self._values = np.array([event.value for event in self._watching])
+        bounces = [event.bounce for event in self._watching]
+        self._impacts.restitutions = np.array([bounce.restitution for bounce in bounces if bounce])
+        self._search.within = min((e.within for e in self._watching if e.within is not None), default=np.inf)
+
+    def adopt(self, declared: list[Event]) -> None:
+        """Use the values and actions of the same events with other parameters of the model.
+
+        Raises
+        ------
+        UserError
+            They are other events: their names, times, directions or stops differ.
+        """
+        before, after = (
+            [(event.name, event.time, event.direction, event.bounce is None) for event in events]
+            for events in (self._declared, declared)
+        )
+        if before != after:
+            name = next((b[0] for a, b in zip(before, after, strict=False) if a != b), "")
+            raise UserError(
+                f"a parameter changes the number, time or direction of events{f', such as {name!r}' if name else ''}; "
+                "allowed during a run: other values and actions. Use a parameter that is not tunable"
+            )
+        self._declare(declared)
 
     def _differences(self, t: float, q: Array, v: Array) -> Array:
         values = np.zeros(len(self._watching))
@@ -127,14 +153,14 @@ class RunEvents:
         return sorted(found, key=lambda event: self._order[event.name])
 
     def _act(self, found: list[Event]) -> bool:
-        """Execute the actions of the events at the reported state; return whether an input was set."""
+        """Execute the actions of the events at the reported state; return whether an input or a parameter was set."""
         run, changed = self._run, False
         before = self._sensor_values()
         self._bounce([event for event in found if event.bounce])
         for event in found:
             for action in event.actions:
-                if isinstance(action, SetInput):
-                    self._set_input(action.name, action.value)
+                if isinstance(action, SetInput | SetParameter):
+                    self._setters[type(action)](action.name, action.value)
                     changed = True
                 elif isinstance(action, Impulse):
                     self._apply_impulse(action)
@@ -145,7 +171,7 @@ class RunEvents:
             if event.sensor is None:
                 self.records.append(EventRecord(event.name, t, "", np.nan, np.nan))
             else:
-                k = self._watching.index(event)
+                k = self._places[event.name]
                 rises = event.direction > 0 if event.bounce else self._search.sides[k] > 0
                 direction = "up" if rises else "down"
                 self.records.append(EventRecord(event.name, t, direction, float(before[k]), float(after[k])))

@@ -24,12 +24,17 @@ class Impacts:
         Mechanism, whose rates of these quantities are ``watched_rates``.
     directions
         Sign of each rate (k,) towards the stop.
+
+    Attributes
+    ----------
     restitutions
         Coefficients of restitution (k,).
     """
 
-    def __init__(self, compiled: CompiledMechanism, directions: Array, restitutions: Array) -> None:
-        self._compiled, self._directions, self._restitutions = compiled, directions, restitutions
+    restitutions: Array
+
+    def __init__(self, compiled: CompiledMechanism, directions: Array) -> None:
+        self._compiled, self._directions = compiled, directions
 
     def _rates(self, t: float, q: Array, v: Array) -> Array:
         """Return the rates (k,) towards the stops."""
@@ -59,7 +64,7 @@ class Impacts:
         responses = velocity_jump(self._compiled, t, q, v, -slopes)
         if responses is None:
             return None
-        demand = approach + self._restitutions[hit] * np.maximum(approach, 0.0)
+        demand = approach + self.restitutions[hit] * np.maximum(approach, 0.0)
         effects = -slopes @ responses.T
         fixed = np.flatnonzero((np.diag(effects) <= 0.0) & (demand > 0.0))
         if len(fixed):
