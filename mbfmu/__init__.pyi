@@ -5,6 +5,7 @@ from .fmi import Batch, export, simulate_many, write_ssp
 from .mechanics import (
     Beam,
     BeamElement,
+    Bounce,
     Box,
     Bushing,
     Cam,
@@ -41,6 +42,7 @@ from .mechanics import (
     RunUp,
     Screw,
     SetInput,
+    SetParameter,
     SpeedInput,
     Sphere,
     Spherical,
@@ -100,19 +102,19 @@ from .util.errors import AssemblyError, EquilibriumError, UserError
 from .viewer.show import view
 
 __all__ = [
-    "AssemblyError", "Batch", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Comparison", "Crease", "Cylinder",
-    "Cylindrical", "CylindricalCutJoint", "Damper", "Diagnostic", "DistanceCutJoint", "DistanceStop", "Drum", "EndRun",
-    "Equilibrium", "EquilibriumError", "EquilibriumPath", "EventRecord", "Findings", "Floating", "Function", "Gear",
-    "Geodesic", "Guide", "Harmonic", "Impulse", "Input", "JointDamper", "JointForce", "JointFriction", "JointSpring",
-    "JointStop", "LineForce", "Mechanism", "Model", "OutOfPlane", "Panel", "Planar", "PlanarCutJoint", "PlaneCutJoint",
-    "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Recommendation", "Result", "Revolute", "RevoluteCutJoint",
-    "RunUp", "Screw", "SetInput", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical",
-    "SphericalCutJoint", "SphericalFriction", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support",
-    "Table", "Torque", "TorsionSpring", "Translational", "TranslationalCutJoint", "Trough", "Universal",
-    "UniversalCutJoint", "UserError", "Wall", "Weld", "WeldCutJoint", "add_chain", "add_contact", "add_nip",
-    "add_sheet", "box", "check", "compare", "cylinder", "equilibrium", "equilibrium_path", "export", "find",
-    "linearize", "load_study", "models", "modes", "parameter", "read_table", "recommend_solver", "rod", "simulate",
-    "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
+    "AssemblyError", "Batch", "Beam", "BeamElement", "Bounce", "Box", "Bushing", "Cam", "Comparison", "Crease",
+    "Cylinder", "Cylindrical", "CylindricalCutJoint", "Damper", "Diagnostic", "DistanceCutJoint", "DistanceStop",
+    "Drum", "EndRun", "Equilibrium", "EquilibriumError", "EquilibriumPath", "EventRecord", "Findings", "Floating",
+    "Function", "Gear", "Geodesic", "Guide", "Harmonic", "Impulse", "Input", "JointDamper", "JointForce",
+    "JointFriction", "JointSpring", "JointStop", "LineForce", "Mechanism", "Model", "OutOfPlane", "Panel", "Planar",
+    "PlanarCutJoint", "PlaneCutJoint", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Recommendation",
+    "Result", "Revolute", "RevoluteCutJoint", "RunUp", "Screw", "SetInput", "SetParameter", "Settings", "Shell",
+    "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCutJoint", "SphericalFriction", "Spring", "StateSpace",
+    "Step", "Stretching", "Study", "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational",
+    "TranslationalCutJoint", "Trough", "Universal", "UniversalCutJoint", "UserError", "Wall", "Weld", "WeldCutJoint",
+    "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder", "equilibrium",
+    "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes", "parameter", "read_table",
+    "recommend_solver", "rod", "simulate", "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
 ]  # fmt: skip
 
 __version__: str

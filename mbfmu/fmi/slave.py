@@ -244,8 +244,10 @@ class ModelSlave(Values):
         assert simulation is not None
         if not self._changed_references:
             return
-        if any(reference in self._parameters for reference in self._changed_references):
-            simulation.retune(self._model_of(self._buffer))
+        parameters = [r for r in sorted(self._changed_references) if r in self._parameters]
+        if parameters:  # others may have been changed by events
+            given = {self._parameters[r]: self.variables[r].value_of(self._buffer[r].item()) for r in parameters}
+            simulation.retune(simulation.model.with_values(given))
         for index, reference in enumerate(self._inputs):
             if reference in self._changed_references:
                 simulation.set_input(index, float(self._buffer[reference]))

@@ -27,7 +27,7 @@ from .cuts import (
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
-from .events import EndRun, Impulse, SetInput
+from .events import Bounce, EndRun, Impulse, SetInput, SetParameter
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -73,6 +73,7 @@ __all__ = [
     "Beam",
     "BeamElement",
     "Body",
+    "Bounce",
     "Box",
     "Bushing",
     "Cam",
@@ -123,6 +124,7 @@ __all__ = [
     "Screw",
     "Sensor",
     "SetInput",
+    "SetParameter",
     "Signal",
     "SpeedInput",
     "Sphere",

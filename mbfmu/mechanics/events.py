@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.sensors import Sensor
 
@@ -35,6 +35,23 @@ class SetInput:
 
 
 @dataclass(frozen=True)
+class SetParameter:
+    """Action of an event: change a tunable parameter of the model, as :meth:`.Simulation.retune` does.
+
+    Parameters
+    ----------
+    name
+        Name of the parameter, which is tunable.
+    value
+        Value from the event on, in the unit of the parameter. The run continues with the mechanism that the model
+        builds with it, at the same positions and velocities.
+    """
+
+    name: str
+    value: Any
+
+
+@dataclass(frozen=True)
 class Impulse:
     """Action of an event: an impulse on a joint coordinate, between the body and its parent.
 
@@ -56,7 +73,26 @@ class Impulse:
     coordinate: int = 0
 
 
-Action = EndRun | SetInput | Impulse
+@dataclass(frozen=True)
+class Bounce:
+    """Action of an event: its sensor hits a stop, and its rate is reversed.
+
+    The rate g' = G v + g_t of the sensor g(t, q) becomes -restitution times what it was (Newton's law of restitution).
+    The velocities jump by dv with M dv + J^T Lambda = G^T p and J dv = 0: the impulse p acts on what the sensor
+    measures, without friction, and Lambda are the impulses of the loop-closing joints. Positions and first-order states
+    do not change. The impulses of all stops that are hit at one time are determined together and push only, before
+    other actions.
+
+    Parameters
+    ----------
+    restitution
+        Coefficient of restitution, 0 to 1; 1: the impact does not change the energy.
+    """
+
+    restitution: float
+
+
+Action = EndRun | SetInput | SetParameter | Impulse | Bounce
 
 
 @dataclass(frozen=True)
@@ -88,3 +124,8 @@ class Event:
     direction: int = 0
     time: float = 0.0
     within: float | None = None
+
+    @property
+    def bounce(self) -> Bounce | None:
+        """The action at which its value is a stop; None: it has none."""
+        return next((action for action in self.actions if isinstance(action, Bounce)), None)

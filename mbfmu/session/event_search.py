@@ -3,7 +3,8 @@
 After every step the sensors are evaluated at points of the solver's dense output, and where the values between the
 points may have an extremum. A change of sign is located by the Illinois variant of the rule of false position (Dowell
 and Jarratt, *BIT* 11, 1971, 168-174). The time that is reported is the end of the bracket at which the sign has
-changed, so that the motion continues on the other side.
+changed, so that the motion continues on the other side. At a stop it is the other end: there the motion returns to the
+side that it comes from, and a value beyond the stop is a crossing at any time.
 
 A step without dense output is repeated from its beginning to the time that is examined.
 """
@@ -24,6 +25,7 @@ from solvers.system import Array
 POINTS_PER_STEP = 4  # evaluations of the sensors in a step with dense output, its end included
 TIME_ACCURACY_RATIO = 1e-3  # of a located time, in units of the tolerance times the step
 MAX_ROOT_ITERATIONS = 100  # of the search for a root; bisection alone needs 60
+MIN_BRACKET_RATIO = 1e-3  # of the values of a bracket, else bisection: the first may be the crossing before
 MAX_EXTREMUM_ITERATIONS = 6
 MAX_EXTREMUM_RATIO = 0.3  # of the values of three points: a parabola with a larger least value does not reach zero
 
@@ -44,20 +46,27 @@ class EventSearch:
         (t, q, v) -> g: sensors minus the values that they may cross (k,).
     directions
         Sign of the rate at a crossing (k,); 0: any.
-    within
-        Longest time between two evaluations, s.
+    stops
+        Which sensors have their values as stops (k,), which are hit in their directions.
 
     Attributes
     ----------
     sides
-        Sign of every sensor minus its value (k,) before the next crossing; 0: not known yet.
+        Sign of every sensor minus its value (k,) before the next crossing; 0: not known yet. At a stop it is constant.
+    within
+        Longest time between two evaluations, s.
     """
 
+    within: float = np.inf
+
     def __init__(
-        self, evaluate: Callable[[float, Array, Array], Array], directions: NDArray[np.int64], within: float
+        self,
+        evaluate: Callable[[float, Array, Array], Array],
+        directions: NDArray[np.int64],
+        stops: NDArray[np.bool_],
     ) -> None:
-        self._evaluate, self._directions, self._within = evaluate, directions, within
-        self.sides = np.zeros(len(directions), np.int64)
+        self._evaluate, self._directions, self._stops = evaluate, directions, stops
+        self.sides = np.where(stops, -directions, 0)
 
     def begin(self, stepper: Stepper) -> Point:
         """Note the sides at the reported state, at which nothing is a crossing; return the values there."""
@@ -76,7 +85,7 @@ class EventSearch:
                 return []
             is_dense = stepper.has_dense_output
             saved = None if is_dense else stepper.save()
-            target = end if is_dense else min(end, before.t + self._within)
+            target = end if is_dense else min(end, before.t + self.within)
             if not stepper.advance_one_step(target).ok:
                 return []
             taken += 1
@@ -92,7 +101,7 @@ class EventSearch:
 
     def _note(self, point: Point) -> None:
         signs = np.sign(point.g).astype(np.int64)
-        self.sides = np.where(signs == 0, self.sides, signs)
+        self.sides = np.where((signs == 0) | self._stops, self.sides, signs)
 
     def _crossed(self, point: Point) -> NDArray[np.bool_]:
         """Return which sensors (k,) have crossed their values in their directions at a point."""
@@ -122,14 +131,16 @@ class ExaminedStep:
         for a, b in pairwise(points):
             crossed = search._crossed(b)
             if crossed.any():
-                first = b
-                for k in np.flatnonzero(crossed):
-                    located = self._locate(int(k), a, b)
-                    first = located if located.t < first.t else first
-                first = self._at(first.t)
-                found = np.flatnonzero(search._crossed(first)).tolist()
-                search._note(first)
-                return [int(k) for k in found]
+                brackets = {int(k): self._locate(int(k), a, b) for k in np.flatnonzero(crossed)}
+                first = min(after.t for _, after in brackets.values())
+                hit = [k for k, (before, _) in brackets.items() if search._stops[k] and before.t < first]
+                if hit:
+                    self._at(min(brackets[k][0].t for k in hit))
+                    return hit
+                point = self._at(first)
+                passed = np.flatnonzero(search._crossed(point) & ~search._stops)
+                search._note(point)
+                return [int(k) for k in passed]
             search._note(b)
         if self._stepper.t != self.end.t:
             self._report_end()
@@ -152,8 +163,8 @@ class ExaminedStep:
         """Return the values at points of the step, in which no two crossings of one sensor are between two points."""
         begin, end = self.begin, self.end
         count = POINTS_PER_STEP if self._saved is None else 1
-        if self._search._within < np.inf and self._saved is None:
-            count = max(count, int(np.ceil((end.t - begin.t) / self._search._within)))
+        if self._search.within < np.inf and self._saved is None:
+            count = max(count, int(np.ceil((end.t - begin.t) / self._search.within)))
         times = np.linspace(begin.t, end.t, count + 1)[1:-1]
         points = [begin, *(self._at(float(t)) for t in times), end]
         added = list[Point]()
@@ -194,13 +205,16 @@ class ExaminedStep:
             three = first, second, third
         return []
 
-    def _locate(self, k: int, a: Point, b: Point) -> Point:
-        """Return the point after which sensor k has another sign than in a, from its bracket (a, b)."""
+    def _locate(self, k: int, a: Point, b: Point) -> tuple[Point, Point]:
+        """Return the narrowest bracket (a, b) in which sensor k gets the sign that it has in b; all if a has it too."""
         ga, gb, kept = float(a.g[k]), float(b.g[k]), 0
+        if np.sign(ga) == np.sign(gb):
+            return a, b
         for i in range(MAX_ROOT_ITERATIONS):
             if b.t - a.t <= self._min_width:
                 break
-            t = b.t - gb * (b.t - a.t) / (gb - ga) if i % 3 != 2 else 0.5 * (a.t + b.t)
+            halves = i % 3 == 2 or abs(ga) < MIN_BRACKET_RATIO * abs(gb)
+            t = 0.5 * (a.t + b.t) if halves else b.t - gb * (b.t - a.t) / (gb - ga)
             margin = 0.5 * self._min_width  # so that the bracket closes from both sides
             t = min(max(t, a.t + margin), b.t - margin)
             point = self._at(t)
@@ -213,4 +227,4 @@ class ExaminedStep:
                 a, ga = point, g
                 gb *= 0.5 if kept == -1 else 1.0
                 kept = -1
-        return b
+        return a, b

@@ -7,21 +7,24 @@ from math import isnan
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 
 from mbfmu.mechanics import CompiledMechanism
-from mbfmu.mechanics.events import EndRun, Event, Impulse, SetInput
+from mbfmu.mechanics.events import EndRun, Event, Impulse, SetInput, SetParameter
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.util.diagnostics import Diagnostic
+from mbfmu.util.errors import UserError
 from solvers.outcome import OK
 from solvers.system import Array
 
 from .event_search import EventSearch
+from .impulses import Impacts, velocity_jump
 from .kernels.points import account_discontinuity, check_point, energy_at
 from .stepper_run import SEQUENCE, StepperRun
 
 MAX_EVENTS, MIN_EVENTS_TIME_RATIO = 100, 1e-6  # 100 events need at least this part of the duration of the run
-DEPENDENT_ROW_RATIO = 1e-10  # singular value of the scaled constraint Jacobian, relative to the largest: it is none
+RESTING_BOUNCES = 3  # number of bounces at rest, each within MIN_EVENTS_TIME_RATIO of the duration after another one
+
+Setters = dict[type, Callable[[str, Any], None]]  # by the class of the action: sets a value by its name
 
 
 class EventRecord(NamedTuple):
@@ -58,19 +61,22 @@ class RunEvents:
     ended
         Whether an event has ended the run.
     stop
-        Why the run cannot continue: too many events, or an impulse on what has no mass; None: it can.
+        Why the run cannot continue: too many events, a stop that is rested on, or an impulse on what has no mass; None:
+        it can.
     """
 
-    def __init__(self, compiled: CompiledMechanism, run: StepperRun, set_input: Callable[[str, float], None]) -> None:
+    def __init__(self, compiled: CompiledMechanism, run: StepperRun, setters: Setters) -> None:
         declared, self._compiled = compiled.mechanism.events, compiled
-        self._run, self._set_input = run, set_input
-        self._watching = [event for event in declared if event.sensor is not None]
-        self._timed = sorted((e for e in declared if e.sensor is None), key=lambda event: event.time)
+        self._run, self._setters = run, setters
         self._order = {event.name: k for k, event in enumerate(declared)}
-        self._values = np.array([event.value for event in self._watching])
-        directions = np.array([event.direction for event in self._watching], np.int64)
-        within = min((event.within for event in self._watching if event.within is not None), default=np.inf)
-        self._search = EventSearch(self._differences, directions, within)
+        watching = [event for event in declared if event.sensor is not None]
+        self._places = {event.name: k for k, event in enumerate(watching)}
+        self._stops = {event.name: k for k, event in enumerate(event for event in watching if event.bounce)}
+        directions = np.array([event.direction for event in watching], np.int64)
+        are_stops = np.array([event.name in self._stops for event in watching], np.bool_)
+        self._search = EventSearch(self._differences, directions, are_stops)
+        self._impacts = Impacts(compiled, directions[are_stops].astype(float))
+        self._declare(declared)
         t = run.stepper.t
         self._next_timed = sum(event.time < t for event in self._timed)
         self.records: list[EventRecord] = []
@@ -79,11 +85,38 @@ class RunEvents:
         self._search.begin(run.stepper)
 
     @classmethod
-    def of(
-        cls, compiled: CompiledMechanism, run: StepperRun, set_input: Callable[[str, float], None]
-    ) -> RunEvents | None:
+    def of(cls, compiled: CompiledMechanism, run: StepperRun, setters: Setters) -> RunEvents | None:
         """Return the events of a run; None: the mechanism has none."""
-        return cls(compiled, run, set_input) if compiled.mechanism.events else None
+        return cls(compiled, run, setters) if compiled.mechanism.events else None
+
+    def _declare(self, declared: list[Event]) -> None:
+        self._declared = declared
+        self._watching = [event for event in declared if event.sensor is not None]
+        self._timed = sorted((e for e in declared if e.sensor is None), key=lambda event: event.time)
+        self._values = np.array([event.value for event in self._watching])
+        bounces = [event.bounce for event in self._watching]
+        self._impacts.restitutions = np.array([bounce.restitution for bounce in bounces if bounce])
+        self._search.within = min((e.within for e in self._watching if e.within is not None), default=np.inf)
+
+    def adopt(self, declared: list[Event]) -> None:
+        """Use the values and actions of the same events with other parameters of the model.
+
+        Raises
+        ------
+        UserError
+            They are other events: their names, times, directions or stops differ.
+        """
+        before, after = (
+            [(event.name, event.time, event.direction, event.bounce is None) for event in events]
+            for events in (self._declared, declared)
+        )
+        if before != after:
+            name = next((b[0] for a, b in zip(before, after, strict=False) if a != b), "")
+            raise UserError(
+                f"a parameter changes the number, time or direction of events{f', such as {name!r}' if name else ''}; "
+                "allowed during a run: other values and actions. Use a parameter that is not tunable"
+            )
+        self._declare(declared)
 
     def _differences(self, t: float, q: Array, v: Array) -> Array:
         values = np.zeros(len(self._watching))
@@ -120,13 +153,14 @@ class RunEvents:
         return sorted(found, key=lambda event: self._order[event.name])
 
     def _act(self, found: list[Event]) -> bool:
-        """Execute the actions of the events at the reported state; return whether an input was set."""
+        """Execute the actions of the events at the reported state; return whether an input or a parameter was set."""
         run, changed = self._run, False
         before = self._sensor_values()
+        self._bounce([event for event in found if event.bounce])
         for event in found:
             for action in event.actions:
-                if isinstance(action, SetInput):
-                    self._set_input(action.name, action.value)
+                if isinstance(action, SetInput | SetParameter):
+                    self._setters[type(action)](action.name, action.value)
                     changed = True
                 elif isinstance(action, Impulse):
                     self._apply_impulse(action)
@@ -137,15 +171,44 @@ class RunEvents:
             if event.sensor is None:
                 self.records.append(EventRecord(event.name, t, "", np.nan, np.nan))
             else:
-                k = self._watching.index(event)
-                direction = "up" if self._search.sides[k] > 0 else "down"
+                k = self._places[event.name]
+                rises = event.direction > 0 if event.bounce else self._search.sides[k] > 0
+                direction = "up" if rises else "down"
                 self.records.append(EventRecord(event.name, t, direction, float(before[k]), float(after[k])))
+        self._check_rest(found)
         self._check_density(found[0])
         return changed
 
+    def _bounce(self, found: list[Event]) -> None:
+        """Let the sensors of events bounce off their stops."""
+        if not found or self.stop is not None:
+            return
+        run, t = self._run, self._run.stepper.t
+        names = ", ".join(repr(event.name) for event in found)
+        dv = self._impacts.jump(t, run.q, run.v, np.array([self._stops[event.name] for event in found]))
+        if dv is None:
+            self.stop = Diagnostic.error(
+                "no-inertia",
+                f"the bounce of event {names} moves a coordinate without mass at t = {t:.9g} s",
+                "Give a mass or inertia to the bodies that move freely",
+                time=t,
+                subject=found[0].name,
+            )
+        elif isinstance(dv, int):
+            event = next(event for event in found if self._stops[event.name] == dv)
+            self.stop = Diagnostic.error(
+                "prescribed-bounce",
+                f"event {event.name!r} cannot bounce at t = {t:.9g} s: drives or loop-closing joints prescribe the "
+                "rate of its sensor",
+                "Use a sensor that can move freely, or remove the Bounce",
+                time=t,
+                subject=event.name,
+            )
+        else:
+            self._let_jump(dv)
+
     def _apply_impulse(self, action: Impulse) -> None:
-        """Let the velocities jump; the change of the energy is work of the impulse."""
-        run, session = self._run, self._run.session
+        run = self._run
         impulses = np.zeros(len(run.v))
         impulses[int(self._compiled.data.arrays.bodies["vf"][action.body.index]) + action.coordinate] = action.value
         dv = velocity_jump(self._compiled, run.stepper.t, run.q, run.v, impulses)
@@ -159,6 +222,11 @@ class RunEvents:
                 subject=action.body.name,
             )
             return
+        self._let_jump(dv)
+
+    def _let_jump(self, dv: Array) -> None:
+        """Let the velocities jump by dv (n,); the change of the energy is work of an impulse."""
+        run, session = self._run, self._run.session
         run.dv[:] = dv
         before = energy_at(session, run.stepper.t, run.q, run.v)
         run.stepper.jump(run.dv)
@@ -185,6 +253,41 @@ class RunEvents:
                 subject=last.name,
             )
 
+    def _check_rest(self, found: list[Event]) -> None:
+        """Stop the run if a quantity remains at its stop: its bounces follow each other in times that tend to zero."""
+        shortest = MIN_EVENTS_TIME_RATIO * self._run.stepper.options.duration
+        for event in found if self.stop is None else []:
+            times = [record.time for record in self.records if event.bounce and record.name == event.name]
+            last = np.diff(times[-1 - RESTING_BOUNCES :])
+            if len(last) == RESTING_BOUNCES and np.all(last < shortest):
+                self.stop = Diagnostic.error(
+                    "resting-bounce",
+                    f"event {event.name!r} comes to rest at its stop at t = {times[-1]:.9g} s: its last "
+                    f"{RESTING_BOUNCES + 1} bounces are within {times[-1] - times[-1 - RESTING_BOUNCES]:.2g} s",
+                    "A Bounce does not hold what rests on the stop: use an elastic stop, such as JointStop or "
+                    "DistanceStop, or a shorter stop time",
+                    time=times[-1],
+                    subject=event.name,
+                )
+
+    def check_start(self) -> None:
+        """Raise UserError if the sensor of a :class:`.Bounce` is beyond its stop."""
+        run = self._run
+        if not self._stops:
+            return
+        t, size = run.stepper.t, self._compiled.system.size
+        beyond = np.array([e.direction for e in self._watching]) * self._differences(t, run.q, run.v)
+        slopes, values = self._impacts.slopes(t, run.q), self._sensor_values()
+        for k, event in enumerate(self._watching):
+            if event.bounce:
+                unit = np.linalg.norm(slopes[self._stops[event.name]] * size)
+                if beyond[k] > run.stepper.options.rtol * unit:
+                    raise UserError(
+                        f"sensor of event {event.name!r} is {values[k]:.9g} at the start; allowed: at "
+                        f"{'most' if event.direction > 0 else 'least'} {event.value:g}, since the event is a stop by "
+                        "its Bounce. Start on the other side of the stop"
+                    )
+
     def state(self) -> dict[str, Any]:
         """Return what a saved run must contain."""
         records = [[r.name, r.time, r.direction, *(None if isnan(x) else x for x in r[3:])] for r in self.records]
@@ -195,30 +298,3 @@ class RunEvents:
         self._search.sides = np.array(state["sides"], np.int64)
         self._next_timed, self.ended, self.stop = state["timed"], state["ended"], None
         self.records = [EventRecord(*r[:3], *(np.nan if x is None else x for x in r[3:])) for r in state["list"]]
-
-
-def velocity_jump(compiled: CompiledMechanism, t: float, q: Array, v: Array, impulses: Array) -> Array | None:
-    """Return the jump of the velocities (n,) by impulses (n,) on the coordinates; None: what they move has no mass.
-
-    The jump is N (N^T M N)^-1 N^T p with a basis N of the motions that the constraints allow (J N = 0), in units of the
-    coordinates and of the rows of J, so that redundant equations are recognized in mechanisms of any size.
-    """
-    system = compiled.system
-    dense = system if system.has_matrices else system.dense()
-    terms, moving = dense.allocate_terms(), system.n_velocities
-    dense.fill(t, q, v, terms)
-    size = system.size[:moving]
-    J, jump = terms.J[:, :moving] * size, np.zeros(len(v))
-    lengths = np.linalg.norm(J, axis=1)
-    J = J[lengths > 0.0] / lengths[lengths > 0.0, None]
-    free = scipy.linalg.null_space(J, rcond=DEPENDENT_ROW_RATIO) if len(J) else np.eye(moving)
-    M = free.T @ (terms.M[:moving, :moving] * size * size[:, None]) @ free
-    unit = np.sqrt(np.diag(M))
-    if not np.all(unit > 0.0):
-        return None
-    values, vectors = np.linalg.eigh(M / (unit * unit[:, None]))
-    if len(values) and values[0] <= len(values) * np.finfo(float).eps:
-        return None
-    moved = vectors @ ((vectors.T @ (free.T @ (size * impulses[:moving]) / unit)) / values)
-    jump[:moving] = size * (free @ (moved / unit))
-    return jump

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.arrays.given_inputs import GivenInputs
-from mbfmu.mechanics.events import SetInput
+from mbfmu.mechanics.events import SetInput, SetParameter
 from mbfmu.mechanics.numbers import ascending_times, finite
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
@@ -32,7 +32,7 @@ from solvers.steppers.guard import GuardedStepper
 
 from .element_monitor import ElementMonitor, Furthest
 from .energy_check import EnergyCheck
-from .events import EventRecord, RunEvents
+from .events import EventRecord, RunEvents, Setters
 from .failure_diagnosis import explain_failure, explain_rates, find_undetermined_rates, free_rates
 from .kernels.points import Session, begin_session
 from .run_messages import INPUT_JUMP, SINGULAR_START, UNDETERMINED_FORCES, filled
@@ -173,8 +173,11 @@ class Simulation(Diagnosed):
         self.energy_check = EnergyCheck(self.compiled, self.session.status) if is_checked else None
         self._element_monitor = ElementMonitor(self.compiled, float(self._limit_ratio[0]), t0, self.stepper.q)
         self._reported_undetermined, self._end = False, t0
-        self._events = RunEvents.of(self.compiled, self._run, self.set_input)
+        setters: Setters = {SetInput: self.set_input, SetParameter: self._set_parameter}
+        self._events = RunEvents.of(self.compiled, self._run, setters)
         self._check_actions()
+        if self._events and begins:
+            self._events.check_start()
         self._warm_up(t0, q, v)
 
     def _start_diagnostics(
@@ -241,11 +244,14 @@ class Simulation(Diagnosed):
         return created if name in SOLVER_NAMES else GuardedStepper(name, created, system, t, q, v)
 
     def _check_actions(self) -> None:
-        """Refuse events that set an input which does not exist, or whose values are not allowed."""
+        """Refuse events that set an input or a parameter which does not exist, or to a value that is not allowed."""
         for event in self.compiled.mechanism.events:
             for action in event.actions:
                 if isinstance(action, SetInput):
                     self.compiled.inputs.checked(self._input(action.name), action.value)
+                elif isinstance(action, SetParameter):
+                    self._adopt_compiled(self._compile_tuned(self.model.with_values({action.name: action.value})))
+                    self._adopt_compiled(self.model.compile(self._given_inputs))
 
     def _copy_compiled(self) -> CompiledMechanism:
         """Return another compiled mechanism of the same model, whose inputs are what they are now."""
@@ -561,16 +567,30 @@ class Simulation(Diagnosed):
         """
         if type(model) is not type(self.model):
             raise UserError(f"the model with new parameters is {short(model)}; allowed: a {type(self.model).__name__}")
+        compiled = self._compile_tuned(model)
+        SEQUENCE.note_energy(self._run)
+        self._adopt_compiled(compiled)
+        SEQUENCE.retune(self._run)
+        self.model = model
+
+    def _compile_tuned(self, model: Model) -> CompiledMechanism:
+        """Return the compiled mechanism of a model that differs from the present one in tunable parameters alone."""
         for p in model.parameters():
             before, after = getattr(self.model, p.name), getattr(model, p.name)
             if before != after and not (p.varies(before) and p.varies(after)):
                 why = f", from {before!r} to {after!r}" if p.tunable else ": it is not tunable"
                 raise UserError(f"parameter {p.name!r} cannot change during a run{why}")
-        compiled = model.compile(self._given_inputs)
-        SEQUENCE.note_energy(self._run)
+        return model.compile(self._given_inputs)
+
+    def _adopt_compiled(self, compiled: CompiledMechanism) -> None:
+        """Take the numbers of a compiled mechanism of the same structure, those of its events included."""
+        if self._events:
+            self._events.adopt(compiled.mechanism.events)
         self.compiled.adopt(compiled)
-        SEQUENCE.retune(self._run)
-        self.model = model
+
+    def _set_parameter(self, name: str, value: Any) -> None:
+        """Set a parameter at the time reached."""
+        self.retune(self.model.with_values({name: value}))
 
     def checkpoint(self) -> Checkpoint:
         """Return a checkpoint of the present state for :meth:`rollback`; it costs less than :meth:`save`."""
@@ -612,7 +632,7 @@ class Simulation(Diagnosed):
         """Take the parameters of a model; return whether they differ from the present ones."""
         differs = model != self.model
         if differs:
-            self.compiled.adopt(model.compile(self._given_inputs))
+            self._adopt_compiled(model.compile(self._given_inputs))
             self.model = model
         return differs
 

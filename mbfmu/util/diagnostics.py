@@ -50,6 +50,8 @@ MESSAGE_TITLES = OF_SOLVERS | {
     "coarse-mesh": "The mesh of a sheet is too coarse for its deformation",
     "folded-cell": "A mesh cell of a sheet is folded",
     "too-many-events": "Too many events follow each other",
+    "resting-bounce": "A quantity that bounces comes to rest at its stop",
+    "prescribed-bounce": "The rate of a quantity that hits a stop cannot change",
     "unresolved-friction": "The tolerance does not resolve the deflection of a joint with friction",
     "explicit-friction": "An explicit solver is used for a joint that sticks",
     "loose-tolerance": "The tolerance is too large for an output",

@@ -21,7 +21,7 @@ from solvers.system import AnySystem, Array
 
 from .formulation import Formulation
 from .step_control import TRUNCATED_STEPS
-from .step_loop import Integration
+from .step_loop import Integration, one_step_at_most
 
 LIMITED_TOLERANCE = Diagnostic.warning(  # its text is filled by native FMUs too, see mbfmu.session.run_messages
     "limited-tolerance",
@@ -124,12 +124,8 @@ class LoopStepper(Stepper):
         return code
 
     def _take_one_step(self, t: float) -> Code:
-        allowed = int(self._settings["max_steps"][0])
-        self._settings["max_steps"] = 1
-        try:
+        with one_step_at_most(self._settings):
             return super()._take_one_step(t)
-        finally:
-            self._settings["max_steps"] = allowed
 
     @property
     def has_dense_output(self) -> bool:

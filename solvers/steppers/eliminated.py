@@ -6,7 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import EnergyScales, update_energy_bound
 from solvers.options import Options
@@ -17,15 +17,21 @@ from solvers.projection.eliminated import (
     REDUNDANT_LENGTH,
     EliminationScratch,
     find_normal_rank,
+    largest_distance,
     project,
     shortest_of,
 )
 from solvers.projection.eliminated_crossing import UNRESOLVED_LENGTH, evaluate_closed
+from solvers.projection.singular import BIFURCATION, IMPERFECT
 from solvers.stepper import require_resolution, start_rate
 from solvers.system import AnySystem, Array, EliminationEquations, Tangent
 
 from .formulation import Formulation
+from .step_control import set_near_miss_factor
 from .tree import RATE_TOLERANCE_RATIO
+
+MIN_CROSSING_RTOL = 1e-8  # near a crossing: of many loops at once, accelerations have larger rounding errors there
+NEAR_MISS_ERROR_RATIO = 3e-3  # largest error of a step near a near miss, in distances from it
 
 
 @kernel
@@ -77,6 +83,23 @@ def find_rate(
     for i in range(work.coordinate_rates.shape[0]):
         work.coordinate_rates[i] = RATE_TOLERANCE_RATIO * rate
     return rate
+
+
+@inlined
+def tolerance_scale(record: Any, settings: Any, q: Any, loops: Any) -> float:
+    """Factor of the tolerances at positions q (nq,): near a near miss errors must be smaller than the distance of the
+    branches, as far as rounding allows, and near a crossing they need not be smaller than it allows. What rounding
+    requires is recorded in ``record`` (see :func:`.step_control.set_near_miss_factor`).
+    """
+    near, scale = loops.near[0], 1.0
+    set_near_miss_factor(record, settings.rtol, near.kind, near.gap)
+    if near.kind == BIFURCATION and settings.rtol < MIN_CROSSING_RTOL:
+        record.near_miss_factor = MIN_CROSSING_RTOL / settings.rtol
+        record.max_near_miss_factor = max(record.max_near_miss_factor, record.near_miss_factor)
+    if near.kind == IMPERFECT:
+        far = max(near.accepted, largest_distance(loops.q_c, q, loops.size_q))
+        scale = min(1.0, NEAR_MISS_ERROR_RATIO * far / max(settings.rtol, settings.atol))
+    return max(scale, record.near_miss_factor)
 
 
 @kernel

@@ -7,7 +7,8 @@ there is interpolated, so that the motion does not depend on the output times.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
@@ -38,6 +39,17 @@ def set_step_options(options: Any, settings_array: Any) -> None:
     requested, settings = options[0], settings_array[0]
     settings.rtol, settings.atol, settings.energy_check = requested.rtol, requested.absolute, requested.energy_check
     settings.max_step, settings.max_steps = requested.max_step, requested.max_steps
+
+
+@contextmanager
+def one_step_at_most(settings: Any) -> Iterator[None]:
+    """Limit the loop with these settings (1,) to one step in this block."""
+    allowed = int(settings["max_steps"][0])
+    settings["max_steps"] = 1
+    try:
+        yield
+    finally:
+        settings["max_steps"] = allowed
 
 
 class Loop(NamedTuple):

@@ -52,8 +52,8 @@ class CompiledElements:
         By number.
     sensors
         What can be observed: the outputs, and last the energy and the kinetic energy.
-    watched
-        Numbers of the parts that are the sensors of events.
+    watched, watched_rates
+        Numbers of the parts that are the sensors of events, and the rates of those that are stops.
     magnitudes
         Numbers of the signals of loads, by what each is in messages.
     used
@@ -91,7 +91,11 @@ class CompiledElements:
         self.ends = np.append(self.ends, len(sites))
         watching = CompiledAttachment("an event", (), numbering, {})
         watched = [event.sensor for event in mechanism.events if event.sensor is not None]
-        self.watched = np.array([watching.part(sensor) for sensor in watched], np.int64)
+        stopped = [event.sensor for event in mechanism.events if event.bounce and event.sensor]
+        rates = [rate for sensor in stopped if (rate := sensor.rate_sensor())]
+        self.watched, self.watched_rates = (
+            np.array([watching.part(sensor) for sensor in sensors], np.int64) for sensors in (watched, rates)
+        )
         for part in numbering.parts:
             observed = observed_sensors(part) if isinstance(part, Sensor) else ()
             sites.append((part, CompiledAttachment(f"part {type(part).__name__}", observed, numbering, {})))

@@ -65,8 +65,8 @@ class CompiledMechanism:
         Drives and inputs of the mechanism.
     outputs
         Variables in the order of :meth:`observe`.
-    watched
-        Numbers of the parts that are the sensors of events.
+    watched, watched_rates
+        Numbers of the parts that are the sensors of events, and the rates of those that are stops.
     length
         Characteristic length, m; see :func:`.scale.characteristic_length`.
     vanishing_rows
@@ -92,7 +92,7 @@ class CompiledMechanism:
             raise UserError(
                 f"a mechanism of {count} bodies needs more memory than is available; use fewer bodies"
             ) from error
-        self.data, self.watched = elements.data, elements.watched
+        self.data, self.watched, self.watched_rates = elements.data, elements.watched, elements.watched_rates
         check_bounds(mechanism, elements.called(), self.data)
         self.length = characteristic_length(mechanism, self.data.arrays)
         self.drives = Drives(mechanism, numbering, elements.signals, self.length)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mbfmu.mechanics.events import DIRECTIONS, Action, Event, Impulse, SetInput
+from mbfmu.mechanics.events import DIRECTIONS, Action, Bounce, Event, Impulse, SetInput
 from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.numbers import finite, positive
 from mbfmu.mechanics.sensors import Sensor
@@ -49,8 +49,8 @@ class Events(States):
         at
             Time of the event, s, in place of a sensor.
         then
-            Action or actions, in their order: :class:`.SetInput`, :class:`.Impulse`, :class:`.EndRun`. Without actions
-            the event is listed only, and the motion is not changed.
+            Action or actions, in their order: :class:`.SetInput`, :class:`.SetParameter`, :class:`.Impulse`,
+            :class:`.Bounce`, :class:`.EndRun`. Without actions the event is listed only, and the motion is not changed.
         within
             Longest time between two evaluations of the sensor, s. Two crossings that are further apart are always
             detected. By default the sensor is evaluated at four points of every step, and where the values between
@@ -60,7 +60,8 @@ class Events(States):
         ------
         UserError
             The name is used already, a number or the direction is invalid, both or none of ``sensor`` and ``at`` are
-            given, or the sensor is not one of positions, velocities and states of this mechanism.
+            given, or the sensor is not one of positions, velocities and states of this mechanism, at a
+            :class:`.Bounce` one of positions.
         """
         self._new_name("event", name, [event.name for event in self.events])
         what = f"event {name!r}"
@@ -84,7 +85,8 @@ class Events(States):
         actions = (then,) if isinstance(then, Action) else then
         if not isinstance(actions, list | tuple) or not all(isinstance(action, Action) for action in actions):
             raise UserError(
-                f"actions of {what} are {short(then)}; allowed: SetInput, Impulse and EndRun, or a list of these"
+                f"actions of {what} are {short(then)}; allowed: SetInput, SetParameter, Impulse, Bounce and EndRun, "
+                "or a list of these"
             )
         for action in actions:
             if isinstance(action, SetInput):
@@ -98,6 +100,8 @@ class Events(States):
                         f"the impulse in {what} acts on the joint of body {action.body.name!r}, which is driven; "
                         "allowed: a joint that is free to move"
                     )
+            elif isinstance(action, Bounce):
+                _check_bounce(what, action, sensor, direction)
         self.events.append(
             Event(
                 name,
@@ -108,4 +112,21 @@ class Events(States):
                 0.0 if at is None else finite(f"time of {what}", at),
                 None if within is None else positive(f"within of {what}", within),
             )
+        )
+
+
+def _check_bounce(what: str, action: Bounce, sensor: Sensor | None, direction: str) -> None:
+    """Raise UserError if the event cannot be one at which its sensor bounces."""
+    if not 0.0 <= finite(f"restitution in {what}", action.restitution) <= 1.0:
+        raise UserError(f"restitution in {what} is {action.restitution!r}; allowed: 0 to 1")
+    if sensor is None or sensor.rate_sensor() is None:
+        given = "no sensor" if sensor is None else f"a sensor of class {type(sensor).__name__}"
+        raise UserError(
+            f"{what} has a Bounce and {given}; allowed: sensors of positions whose rate is known. Use coordinate(), "
+            "position(), distance(), length(), relative_position() or turn()"
+        )
+    if direction == "both":
+        raise UserError(
+            f"direction of {what} is 'both'; allowed with a Bounce: 'up', a stop above which the quantity does not go, "
+            "or 'down', one below which it does not"
         )

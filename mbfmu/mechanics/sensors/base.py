@@ -69,6 +69,10 @@ class Sensor(ElementType):
         """Return the numbers of the loads on which the quantity depends at a given motion; None: all."""
         return None
 
+    def rate_sensor(self) -> Sensor | None:
+        """Return the sensor of the rate of this quantity, if it is one of positions and there is one; else None."""
+        return None
+
     def fill(self, record: Any, site: Attachment) -> None:
         """Write which body, cut joint or force too."""
         super().fill(record, site)

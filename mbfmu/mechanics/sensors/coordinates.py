@@ -68,6 +68,13 @@ class Coordinate(Sensor):
         """Write where it is in State.q."""
         record["index"] = site.q + self.component
 
+    def rate_sensor(self) -> Sensor | None:
+        """See :class:`.Sensor`; components of a quaternion have none."""
+        joint = self.item.joint
+        if self.component >= joint.nv - 3 * joint.quaternion:
+            return None
+        return Rate(unit=self.unit + "/s", item=self.item, component=self.component, bodies=self.bodies)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Rate(Sensor):
@@ -105,3 +112,7 @@ class Turn(Sensor):
 
     read = turn
     is_kinematic = True
+
+    def rate_sensor(self) -> Sensor | None:
+        """See :class:`.Sensor`."""
+        return None if self.component == 1 else Turn(unit="rad/s", item=self.item, component=1)

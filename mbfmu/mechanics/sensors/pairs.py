@@ -72,11 +72,10 @@ def relative_velocity(sensor: DistanceRecord, lam: Reals, arrays: Arrays, state:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Distance(Sensor):
-    """Distance between ``at_a`` on the first and ``at_b`` on the second of ``bodies`` (m, body axes)."""
+class PairSensor(Sensor):
+    """Quantity of a point or an axis ``at_a`` on the first and ``at_b`` on the second of ``bodies`` (body axes)."""
 
     record = DistanceRecord
-    read = distance
     is_kinematic = True
 
     at_a: Any = (0.0, 0.0, 0.0)
@@ -89,14 +88,25 @@ class Distance(Sensor):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DistanceRate(Distance):
+class Distance(PairSensor):
+    """Distance between the points (m, body axes)."""
+
+    read = distance
+
+    def rate_sensor(self) -> Sensor | None:
+        """See :class:`.Sensor`."""
+        return DistanceRate(unit="m/s", bodies=self.bodies, at_a=self.at_a, at_b=self.at_b)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistanceRate(PairSensor):
     """Its rate."""
 
     read = distance_rate
 
 
 @dataclass(frozen=True, kw_only=True)
-class AngleBetween(Distance):
+class AngleBetween(PairSensor):
     """Angle between unit vectors ``at_a`` and ``at_b`` of the two bodies, from 0 to pi."""
 
     unit: str = "rad"
@@ -104,14 +114,19 @@ class AngleBetween(Distance):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RelativePosition(Distance):
+class RelativePosition(PairSensor):
     """Component of the way from a's point to b's along an axis of a."""
 
     read = relative_position
 
+    def rate_sensor(self) -> Sensor | None:
+        """See :class:`.Sensor`."""
+        at = {"at_a": self.at_a, "at_b": self.at_b, "component": self.component}
+        return RelativeVelocity(unit="m/s", bodies=self.bodies, **at)
+
 
 @dataclass(frozen=True, kw_only=True)
-class RelativeVelocity(Distance):
+class RelativeVelocity(PairSensor):
     """Its rate: the velocity of b's point relative to body a."""
 
     read = relative_velocity

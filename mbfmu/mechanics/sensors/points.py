@@ -47,27 +47,37 @@ def acceleration(sensor: PointPositionRecord, lam: Reals, arrays: Arrays, state:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PointPosition(Sensor):
-    """Component of the position of ``point`` (m, body axes)."""
+class PointSensor(Sensor):
+    """Quantity of ``point`` (m, body axes), a component along a global axis."""
 
     record = PointPositionRecord
-    read = position
-    is_kinematic = True
 
     point: Any = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PointVelocity(PointPosition):
-    """... of its velocity."""
+class PointPosition(PointSensor):
+    """Component of its position."""
 
-    read = velocity
+    read = position
+    is_kinematic = True
+
+    def rate_sensor(self) -> Sensor | None:
+        """See :class:`.Sensor`."""
+        return PointVelocity(unit="m/s", item=self.item, component=self.component, point=self.point)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PointAcceleration(PointPosition):
-    """... of its acceleration."""
+class PointVelocity(PointSensor):
+    """Component of its velocity."""
+
+    read = velocity
+    is_kinematic = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointAcceleration(PointSensor):
+    """Component of its acceleration."""
 
     read = acceleration
-    is_kinematic = False
     follows = Follows.LOADS

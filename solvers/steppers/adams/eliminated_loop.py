@@ -20,7 +20,6 @@ from solvers.projection.eliminated import (
     CLOSED_RESIDUAL,
     FROZEN_RESIDUAL_RATIO,
     SINGULAR_LENGTH,
-    largest_distance,
     project,
 )
 from solvers.projection.eliminated_crossing import (
@@ -29,8 +28,8 @@ from solvers.projection.eliminated_crossing import (
     record_accepted,
     stays_on_branch,
 )
-from solvers.projection.singular import BIFURCATION, IMPERFECT
-from solvers.steppers.step_control import set_near_miss_factor
+from solvers.projection.singular import IMPERFECT
+from solvers.steppers.eliminated import tolerance_scale
 from solvers.steppers.step_loop import StepSettingsRecord
 
 from .formulas import pack_state, set_tolerance_units, unpack_state
@@ -49,8 +48,6 @@ class SettingsRecord(StepSettingsRecord):
 
 
 SETTINGS = SettingsRecord.dtype
-MIN_CROSSING_RTOL = 1e-8  # near a crossing: of many loops at once, accelerations have larger rounding errors there
-NEAR_MISS_ERROR_RATIO = 3e-3  # largest error of a step near a near miss, in distances from it
 CLEARANCE_FACTOR = 2.0  # of nearly singular configurations, and of the time to them: Runge-Kutta steps are possible
 
 
@@ -77,19 +74,9 @@ def motion_rate(integration: Integration) -> float:
 
 @inlined
 def set_error_weights(integration: Integration) -> None:
-    """Error weights 1 / (rtol |y| + atol unit) at y; near a near miss errors must be smaller than the distance of the
-    branches, as far as rounding allows, and near a crossing they need not be smaller than it allows.
-    """
+    """Error weights 1 / (rtol |y| + atol unit) at y, near singular configurations as these require."""
     history, work, settings = integration.memory, integration.work, integration.settings[0]
-    control, near, scale = history.control[0], work.near[0], 1.0
-    set_near_miss_factor(control, settings.rtol, near.kind, near.gap)
-    if near.kind == BIFURCATION and settings.rtol < MIN_CROSSING_RTOL:
-        control.near_miss_factor = MIN_CROSSING_RTOL / settings.rtol
-        control.max_near_miss_factor = max(control.max_near_miss_factor, control.near_miss_factor)
-    if near.kind == IMPERFECT:
-        far = max(near.accepted, largest_distance(work.q_c, history.y[: work.q_c.shape[0]], work.size_q))
-        scale = min(1.0, NEAR_MISS_ERROR_RATIO * far / max(settings.rtol, settings.atol))
-    scale = max(scale, control.near_miss_factor)
+    scale = tolerance_scale(history.control[0], settings, history.y[: work.q_c.shape[0]], work)
     for i in range(history.y.shape[0] - 1):
         history.weight[i] = 1.0 / (scale * (settings.rtol * abs(history.y[i]) + settings.atol * history.unit[i]))
 

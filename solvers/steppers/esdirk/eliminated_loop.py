@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.kernel import kernel
 from solvers.energy_account import fill_account_row, set_uniform_scales
 from solvers.inertia import clear_growth
 from solvers.outcome import OK
 from solvers.projection.eliminated import CLOSED_RESIDUAL, project
+from solvers.projection.eliminated_crossing import record_accepted
 from solvers.stepper import start_rate
 from solvers.steppers.eliminated_newton import close_state, factor_with_springs, measure_inertia
 from solvers.steppers.step_control import FIRST_STEP_RATIO
@@ -61,9 +62,13 @@ def prepare(integration: Integration) -> int:
     return OK
 
 
-@inlined
-def end_step(integration: Any) -> None:
-    """There is nothing more to record."""
+@kernel
+def end_step(integration: Integration) -> None:
+    """Record the branch of the accepted step, and limit the next one before a critical point."""
+    control, own = integration.memory.control[0], integration.work.newton.work
+    h = control.hold
+    longest = record_accepted(integration.eqs, control.t, own.q, own.v, own.a, h, control.h, own.loops)
+    control.h = min(control.h, longest)
 
 
 @kernel

@@ -19,50 +19,36 @@ import numpy as np
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import f8
 from solvers.outcome import COLLAPSED, NOT_FINITE, OK
-from solvers.projection.eliminated import largest_distance
-from solvers.projection.eliminated_crossing import record_accepted
-from solvers.projection.singular import IMPERFECT
+from solvers.steppers.eliminated import tolerance_scale
 from solvers.steppers.eliminated_newton import (
     apply_preconditioner,
     close_state,
     factor_tangent,
     is_on_branch,
 )
-from solvers.steppers.step_control import (
-    MIN_RECORDED_ERROR,
-    end_of_step,
-    retry_step,
-    set_near_miss_factor,
-    step_factor,
-    truncated_step,
-)
 from solvers.system import Array
 
 from . import steps
+from .attempts import make_take_step
 from .formulas import (
     GAMMA,
     MAX_STAGE_CORRECTIONS,
     N_STAGES,
     A,
     C,
-    accept_step,
     estimate_error,
     record_energy,
 )
 from .steps import (
     DRIFT_FACTOR,
     ERROR_TOLERANCE_RATIO,
-    ESDIRK_EXPONENT,
     FACTOR_REUSE_TOLERANCE,
     FIRST_CONTRACTION,
     MAX_REFACTORIZATIONS,
-    MAX_STEP_CHANGE,
     MIN_CONTRACTION,
     MIN_SQUARED_MOTION,
     NEGLIGIBLE_CORRECTION,
-    RETRY_STEPS,
     ROUNDING_OF_CORRECTIONS,
-    next_step_size,
 )
 
 if TYPE_CHECKING:
@@ -70,7 +56,6 @@ if TYPE_CHECKING:
     from solvers.steppers.step_loop import Integration
 
 MAX_KEPT_CONTRACTION = 0.3  # above this rate of convergence the matrix is renewed
-NEAR_MISS_ERROR_RATIO = 3e-3  # largest error of a step near a near miss, in distances from it
 
 
 class SettingsRecord(steps.SettingsRecord):
@@ -124,56 +109,15 @@ def copy_closed(integration: Integration) -> None:
 
 @kernel
 def set_tolerances(integration: Integration) -> None:
-    """Tolerances of the positions in this step; near a near miss they are smaller than the distance of the branches, as
-    far as rounding allows.
-    """
+    """Tolerances of the positions in this step, near singular configurations as these require."""
     settings, memory, work = integration.settings[0], integration.memory, integration.work
-    loops, stage, control, scale = work.newton.work.loops, work.stage, memory.control[0], 1.0
-    near = loops.near[0]
-    set_near_miss_factor(settings, settings.rtol, near.kind, near.gap)
+    loops, stage, control = work.newton.work.loops, work.stage, memory.control[0]
+    scale = ERROR_TOLERANCE_RATIO * tolerance_scale(settings, settings, memory.q, loops)
     control.max_near_miss_factor, control.min_gap = settings.max_near_miss_factor, settings.min_gap
-    if near.kind == IMPERFECT:
-        far = max(near.accepted, largest_distance(loops.q_c, memory.q, loops.size_q))
-        scale = min(1.0, NEAR_MISS_ERROR_RATIO * far / max(settings.rtol, settings.atol))
-    scale = ERROR_TOLERANCE_RATIO * max(scale, settings.near_miss_factor)
     for k in range(stage.tol.shape[0]):
         stage.tol[k] = scale * (settings.atol * loops.size[k])
     for k in range(stage.in_q.shape[0]):
         stage.tol[stage.in_v[k]] += scale * settings.rtol * abs(memory.q[stage.in_q[k]])
-
-
-@kernel
-def take_step(integration: Integration, target: float) -> int:
-    """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
-    settings, memory, work = integration.settings[0], integration.memory, integration.work
-    control, own = memory.control[0], work.newton.work
-    set_tolerances(integration)
-    while True:
-        control.h = min(control.h, settings.max_step)
-        h, after = control.h, control.t + control.h
-        if control.truncated_steps > 0:
-            h = truncated_step(control.t, control.h, target)
-            after = end_of_step(control.t, h, target)
-        code, error = try_step(h, after, integration)
-        if code == OK and error <= 1.0:
-            break
-        control.rejected += 1
-        if code == OK:
-            control.h = h * step_factor(h, error, 0.0, 0.0, ESDIRK_EXPONENT, MAX_STEP_CHANGE)
-        else:
-            control.h, control.failed_step, control.retry_steps = 0.5 * h, h, RETRY_STEPS
-        if retry_step(control.h, settings.rate, settings.max_step, control.t, False)[0] == 0.0:
-            return COLLAPSED if code == OK else code
-    whole, longer = h >= control.h, next_step_size(h, error, control)
-    control.last_error, control.last_error_step = max(error, MIN_RECORDED_ERROR), h
-    accept_step(h, after, memory, work.stage)
-    if settings.energy_check == 1:
-        record_energy(integration.eqs, memory, work.stage, integration.scales)
-    control.h = longer if whole else max(control.h, longer)
-    control.truncated_steps = max(0, control.truncated_steps - 1)
-    longest = record_accepted(integration.eqs, after, own.q, own.v, own.a, h, control.h, own.loops)
-    control.h = min(control.h, longest)
-    return OK
 
 
 @kernel
@@ -308,3 +252,13 @@ def filter_error(c: float, integration: Integration) -> float:
         if not part <= largest:
             largest = part
     return largest
+
+
+@inlined
+def record_state(integration: Integration) -> None:
+    """Record the energy where the last step ended."""
+    if integration.settings[0].energy_check == 1:
+        record_energy(integration.eqs, integration.memory, integration.work.stage, integration.scales)
+
+
+take_step = make_take_step(__name__, set_tolerances=set_tolerances, try_step=try_step, record_state=record_state)

@@ -24,23 +24,16 @@ from solvers.projection.tree_constraints import (
     set_penalties,
     solve_saddle,
 )
-from solvers.steppers.step_control import (
-    MIN_RECORDED_ERROR,
-    end_of_step,
-    retry_step,
-    step_factor,
-    truncated_step,
-)
 from solvers.steppers.step_loop import StepSettingsRecord
 from solvers.system import Array
 
+from .attempts import make_take_step
 from .formulas import (
     GAMMA,
     MAX_STAGE_CORRECTIONS,
     N_STAGES,
     C,
     Stage,
-    accept_step,
     correct_stage,
     estimate_error,
     predict_residual,
@@ -65,16 +58,12 @@ MIN_SQUARED_MOTION = 1e-16  # square of rate times step: in shorter steps all co
 PROJECTION_ITERATIONS = 2  # of the projection onto the constraints with the factors of the stages
 MAX_CONTRACTION = 0.7  # above this rate of convergence factors are renewed
 MAX_REFACTORIZATIONS = 8  # within a stage
-# After a failure of Newton at a step size this many steps are not longer than this part of it.
-RETRY_STEPS, RETRY_STEP_RATIO = 8, 0.6
 FIRST_CONTRACTION, MIN_CONTRACTION = 0.5, 0.1  # rate of convergence before the second correction; the least assumed
 NEGLIGIBLE_CORRECTION = 0.02  # of the tolerance of a stage: a correction that need not decrease
 FACTOR_REUSE_TOLERANCE = 1e-3  # part by which 1 / (h gamma) may be off that of the factors
 # Of the tolerance of a coordinate that of a node, whose error is the sum of those of all joints before it.
 NODE_TOLERANCE_FACTOR = 0.4
 RTOL_EXPONENT = 1.3  # of the tolerance of a step, as that of the motion
-ESDIRK_EXPONENT = 1.0 / 3.0  # of the estimate, of order 2
-MIN_STEP_INCREASE, MAX_STEP_CHANGE = 2.0, 4.0  # next step in units of this one, if it is longer
 
 
 class SettingsRecord(StepSettingsRecord):
@@ -126,37 +115,6 @@ class Work(NamedTuple):
 
 
 @kernel
-def take_step(integration: Integration, target: float) -> int:
-    """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
-    settings, memory, work = integration.settings[0], integration.memory, integration.work
-    control, stage = memory.control[0], work.stage
-    set_tolerances(integration)
-    while True:
-        control.h = min(control.h, settings.max_step)
-        h, after = control.h, control.t + control.h
-        if control.truncated_steps > 0:
-            h = truncated_step(control.t, control.h, target)
-            after = end_of_step(control.t, h, target)
-        code, error = try_step(h, after, integration)
-        if code == OK and error <= 1.0:
-            break
-        control.rejected += 1
-        if code == OK:
-            control.h = h * step_factor(h, error, 0.0, 0.0, ESDIRK_EXPONENT, MAX_STEP_CHANGE)
-        else:
-            control.h, control.failed_step, control.retry_steps = 0.5 * h, h, RETRY_STEPS
-        if retry_step(control.h, settings.rate, settings.max_step, control.t, False)[0] == 0.0:
-            return COLLAPSED if code == OK else code
-    whole, longer = h >= control.h, next_step_size(h, error, control)
-    control.last_error, control.last_error_step = max(error, MIN_RECORDED_ERROR), h
-    accept_step(h, after, memory, stage)
-    record_state(integration)
-    control.h = longer if whole else max(control.h, longer)
-    control.truncated_steps = max(0, control.truncated_steps - 1)
-    return OK
-
-
-@kernel
 def record_state(integration: Integration) -> None:
     """Record rate growth and energy where the last step ended."""
     eqs, memory, work = integration.eqs, integration.memory, integration.work
@@ -182,16 +140,6 @@ def set_tolerances(integration: Integration) -> None:
         if work.mesh_mask[k] == 1.0:
             bend = max(bend, stage.tol[k] / work.size[k])
     settings.node_tolerance = NODE_TOLERANCE_FACTOR * bend
-
-
-@inlined
-def next_step_size(h: float, error: float, control: Any) -> float:
-    """The next step after one of h from its error and that of the step before."""
-    factor = step_factor(h, error, control.last_error, control.last_error_step, ESDIRK_EXPONENT, MAX_STEP_CHANGE)
-    if control.retry_steps > 0:
-        control.retry_steps -= 1
-        factor = min(factor, max(1.0, RETRY_STEP_RATIO * control.failed_step / h))
-    return h if 1.0 <= factor < MIN_STEP_INCREASE else h * factor
 
 
 @kernel
@@ -412,3 +360,6 @@ def factor(integration: Integration) -> bool:
     if not good:
         control.factored_c = 0.0
     return good
+
+
+take_step = make_take_step(__name__, set_tolerances=set_tolerances, try_step=try_step, record_state=record_state)

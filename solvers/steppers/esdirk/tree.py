@@ -43,7 +43,7 @@ from solvers.projection.saddle import Accelerations, count_freedom
 from solvers.stepper import Stepper, require_resolution, validated_vector
 from solvers.steppers.compiled_loop import COUNTED, MethodKernels
 from solvers.steppers.step_control import TRUNCATED_STEPS
-from solvers.steppers.step_loop import Integration
+from solvers.steppers.step_loop import Integration, one_step_at_most
 from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array, TreeSystem
 
 from . import loop
@@ -90,12 +90,8 @@ class TreeESDIRKStepper(Stepper):
         return code
 
     def _take_one_step(self, t: float) -> Code:
-        allowed = int(self._settings["max_steps"][0])
-        self._settings["max_steps"] = 1
-        try:
+        with one_step_at_most(self._settings):
             return super()._take_one_step(t)
-        finally:
-            self._settings["max_steps"] = allowed
 
     @property
     def has_dense_output(self) -> bool:

@@ -1,0 +1,84 @@
+"""Events in FMUs that call Python: they occur within communication steps, and importing tools may repeat steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmpy import simulate_fmu
+
+import mbfmu as mb
+from mbfmu.fmi import Fmu, export
+from mbfmu.util.errors import UserError
+
+G, RESTITUTION, END = 9.81, 0.8, 2.8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ball(mb.Model):
+    """A ball that falls from 1 m and bounces, until a given time."""
+
+    name = "bouncing_ball"
+
+    def build(self) -> mb.Mechanism:
+        m = mb.Mechanism(gravity=(0.0, -G, 0.0))
+        push = mb.Input(name="push", unit="N", start=0.0)
+        ball = m.body("ball", m.ground, mb.Translational(axis="y", start=1.0, fixed=True), mass=1.0)
+        m.force("jet", mb.JointForce(push), ball)
+        m.event("floor", ball.coordinate(), direction="down", then=mb.Bounce(RESTITUTION))
+        m.event("end", at=END, then=mb.EndRun())
+        m.output("height", ball.coordinate())
+        m.output("rate", ball.rate())
+        return m
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    settings = mb.Settings(solver="adams", tolerance=1e-8)
+    return export(Ball(), tmp_path_factory.mktemp("fmu") / "ball.fmu", settings, native=False)
+
+
+def motion(t: float) -> tuple[float, float]:
+    """Return height and rate: a parabola from 1 m, then flights that start with e^n times the first speed."""
+    fall, speed = np.sqrt(2.0 / G), np.sqrt(2.0 * G)
+    t, speed = (t - fall, RESTITUTION * speed) if t > fall else (t + fall, speed)
+    while t > 2.0 * speed / G:
+        t, speed = t - 2.0 * speed / G, RESTITUTION * speed
+    return speed * t - 0.5 * G * t * t, speed - G * t
+
+
+def test_bounces_within_communication_steps(path: Path) -> None:
+    """Closed form; steps of 0.4 s contain up to two bounces."""
+    found = simulate_fmu(str(path), stop_time=2.4, output_interval=0.4, output=["height", "rate"])
+    assert found["time"][-1] == pytest.approx(2.4)
+    expected = np.array([motion(t) for t in found["time"]])
+    np.testing.assert_allclose(found["height"], expected[:, 0], rtol=0.0, atol=2e-7)
+    np.testing.assert_allclose(found["rate"], expected[:, 1], rtol=0.0, atol=2e-6)
+
+
+def test_a_step_with_events_is_repeated(path: Path) -> None:
+    """An importing tool returns to the state before two bounces; a second instance continues from there, too."""
+    with Fmu(path) as first, Fmu(path) as second:
+        first.step(0.9)
+        state, t = first.save(), first.t
+        first.step(0.9)
+        reached = first.reals().tolist()
+        for fmu in (first, second):
+            fmu.restore(state)
+            fmu.t = t
+            fmu.step(0.9)
+            assert fmu.reals().tolist() == reached
+
+
+def test_a_step_beyond_the_end_is_refused_and_leaves_the_state(path: Path) -> None:
+    with Fmu(path) as fmu:
+        fmu.step(2.6)
+        before = fmu.reals().tolist()
+        with pytest.raises(UserError, match=r"event 'end' ends the run at t = 2.8 s; step to this time at most"):
+            fmu.step(0.4)
+        assert fmu.reals().tolist() == before
+        fmu.t = 2.6
+        fmu.step(0.15)
+        np.testing.assert_allclose([fmu["height"], fmu["rate"]], motion(2.75), rtol=0.0, atol=2e-6)
