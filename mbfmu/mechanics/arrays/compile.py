@@ -218,7 +218,7 @@ def body_records(mechanism: Mechanism, numbering: Numbering, joints: NDArray[np.
         record["nq"], record["nv"], record["quaternion"] = joint.nq, joint.nv, int(joint.quaternion)
         record["qi"], record["vi"], record["si"] = numbering.q[i], numbering.v[i], numbering.s[i]
         record["qf"], record["vf"], record["drive"] = numbering.qf[i], numbering.vf[i], numbering.drive[i]
-        record["mass"] = body.mass
+        record["armature"], record["mass"] = joint.armature, body.mass
         record["com"], record["inertia"] = body.com, body.inertia
         record["s"] = vector(f"placement of body {body.name!r}", joint.at)
         record["R"] = rotation(f"rotation of body {body.name!r}", joint.rotation)
