@@ -45,6 +45,7 @@ class BodyRecord(Record):
     node: i8  # of a section: its node; -1: rigid
     attached: i8  # 1: the joint is reversed, or its frame on this body is not the body's frame; see child_frame
     reversed: i8  # 1: the second frame of the joint is in the parent
+    armature: f8  # inertia of a drive's rotor as seen at the joint, kg m^2 or kg
     mass: f8  # kg
     com: Vec3  # center of mass from the body's origin, body axes, m
     inertia: Mat3  # about the center of mass, body axes, kg m^2

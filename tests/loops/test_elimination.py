@@ -137,6 +137,8 @@ def random_mechanism(seed: int) -> Mechanism:
         options: dict[str, Any] = {"at": rng.normal(size=3), "rotation": turned(rng)}
         if kind is Revolute and not any(body.joint.drive for body in m.bodies[1:]):
             options["drive"] = Harmonic(amplitude=0.5, frequency=0.3, phase=rng.normal())
+        if kind is Revolute:
+            options["armature"] = abs(options["at"][0])
         points = rng.normal(size=(4, 3))
         inertia = sum((p @ p) * np.eye(3) - np.outer(p, p) for p in points)
         massless = i == 3 and kind is Revolute

@@ -58,6 +58,8 @@ def random_inertia(rng: Generator) -> Any:
 def random_joint(kind: type[Joint], rng: Generator, driven: bool) -> Joint:
     """A joint of this kind at a random placement."""
     options: dict[str, Any] = {"at": rng.normal(size=3), "rotation": random_rotation(rng)}
+    if kind.nv == 1:
+        options["armature"] = abs(options["at"][0])
     if issubclass(kind, AxisJoint):
         options["axis"] = rng.normal(size=3)
         if kind is Universal:

@@ -123,7 +123,7 @@ def many_loops(
     base = m.body("base", m.ground, Translational(axis="x", drive=along), mass=1.0) if moved else m.ground
     for i in range(1, loops + 1):
         coupler = m.body(f"coupler{i}", column, Revolute(at=top, start=-1.2), **rod(mass=1.0, length=length))
-        hinge = Revolute(at=(length, 0.0, 0.0), start=1.2)
+        hinge = Revolute(at=(length, 0.0, 0.0), start=1.2, armature=0.05 * length**2)
         column = m.body(f"column{i}", coupler, hinge, **rod(mass=1.0, length=-length))
         m.force(f"damper{i}", JointSpring(damping=0.1), coupler)
         feet = {"at_a": (-length, 0.0, 0.0), "at_b": (i * length, 0.0, 0.0)}

@@ -27,7 +27,7 @@ def chain(links: int, joint: Any = Revolute, gravity: float = -9.81) -> Mechanis
     m = Mechanism(gravity=(0.0, gravity, 0.0))
     on = m.ground
     for k in range(links):
-        own = {"start": 0.3} if joint is Revolute and not k else {}
+        own = {"start": 0.0 if k else 0.3, "armature": 1e-4} if joint is Revolute else {}
         turning = {} if gravity or k else {"rate": 2.0 if joint is Revolute else (0.5, -1.0, 2.0)}
         at = (0.1 if k else 0.0, 0.0, 0.0)
         on = m.body(f"link {k}", on, joint(at=at, **own, **turning), **LINK)

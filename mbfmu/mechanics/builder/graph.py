@@ -24,6 +24,7 @@ import numpy as np
 from mbfmu.mechanics.checks import Vector, rotation, vector
 from mbfmu.mechanics.joints import Joint, Section
 from mbfmu.mechanics.kind import check_element_type
+from mbfmu.mechanics.numbers import not_negative
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 
@@ -76,8 +77,8 @@ class Graph(Members):
             Bodies of this mechanism or its ground.
         joint
             Type of the joint, such as ``Revolute(at=(1, 0, 0))``; ``at`` and ``rotation`` are its frame in body a. A
-            joint with a drive, with ``fixed`` start values, or whose coordinates are used by a force, a coupling or an
-            output is in the tree. Other start values are used if the joint is in the tree.
+            joint with a drive, an armature or ``fixed`` start values, or whose coordinates are used by a force, a
+            coupling or an output is in the tree. Other start values are used if the joint is in the tree.
         at_b, rotation_b
             Origin (3,) of the frame of the joint in body b, m, and its axes there as columns of a 3x3 matrix or as a
             SciPy ``Rotation``; None: the frame of body b.
@@ -104,7 +105,7 @@ class Graph(Members):
         axes = rotation(f"rotation_b of {what}", rotation_b)
         vector(f"at of {what}", joint.at)
         rotation(f"rotation of {what}", joint.rotation)
-        is_needed = joint.drive is not None or joint.fixed
+        is_needed = joint.drive is not None or joint.fixed or joint.armature > 0.0
         self.joints.append(JointHandle(name, a, b, joint, at, axes, given, is_needed))
         return self.joints[-1]
 
@@ -135,4 +136,9 @@ def check_joint(what: str, joint: Joint) -> None:
         raise UserError(
             f"{what} has {joint.nv} coordinates and cannot be driven; allowed: a joint of one coordinate, or a chain "
             "of such joints through bodies without mass"
+        )
+    if not_negative(f"armature of {what}", joint.armature) and joint.nv != 1:
+        raise UserError(
+            f"armature of {what} is {joint.armature!r}, and the joint has {joint.nv} coordinates; allowed: an armature "
+            "of a joint of one coordinate. Use a chain of such joints through bodies without mass"
         )

@@ -83,9 +83,12 @@ def add_messages(front: FrontRecord, own: EliminationArrays, memory: Elimination
 
 @kernel
 def add_body(
-    front: FrontRecord, here: MotionRecord, state: State, own: EliminationArrays, memory: EliminationMemory
-) -> None:
-    """Add inertia and bias of the body, columns from ``n`` on, and the forces along the coordinates of its joint."""
+    front: FrontRecord, armature: float, here: MotionRecord, state: State, own: EliminationArrays,
+    memory: EliminationMemory,
+) -> None:  # fmt: skip
+    """Add inertia and bias of the body, columns from ``n`` on, and the inertia (``armature``) and the forces along the
+    coordinates of its joint.
+    """
     H, g, length, begin = memory.H, memory.g, own.length[0], front.ny - front.nv
     n = front.ny + front.np
     for i in range(6):
@@ -95,6 +98,8 @@ def add_body(
             H[n + i, n + j] += unit * (length if j < 3 else 1.0) * here.IA[i, j]
     for k in range(front.nv):
         g[begin + k] -= own.size[front.vf + k] * state.Q[front.vi + k]
+    if front.nv > 0 and armature != 0.0:
+        H[begin, begin] += own.size[front.vf] * own.size[front.vf] * armature
 
 
 @kernel

@@ -48,6 +48,11 @@ class Joint(ElementType):
     nominal
         Typical size of the coordinates, one number or (nv,), for tolerances; None: 1 rad, and for m the
         characteristic length of the mechanism.
+    armature
+        Inertia of the rotor of a geared drive as seen at the joint (reflected inertia), kg m^2, or kg for a
+        displacement; joints of one coordinate. If the rotor turns by n rad per unit of the coordinate v, its kinetic
+        energy is J (n v)^2 / 2, so that the armature is n^2 J. It is added to the diagonal of the mass matrix. The
+        reaction of the angular momentum of the rotor on the parent, which is smaller by the factor 1 / n, is neglected.
     """
 
     at: Vector = (0.0, 0.0, 0.0)
@@ -57,6 +62,7 @@ class Joint(ElementType):
     fixed: bool = False
     drive: Any = None
     nominal: float | Vector | None = None
+    armature: float = 0.0
 
     kernels: ClassVar = {"place": "index, state", "bias": "index, index, state"}
     place: ClassVar[Any]

@@ -62,6 +62,8 @@ def drive_efforts(arrays: Arrays, state: State) -> None:
             shift_wrench(parent, here, f)
         for c in range(body.nv):
             state.tau[body.vi + c] = dot6(state.S[body.si + c], f) - state.Q[body.vi + c]
+        if body.armature != 0.0:
+            state.tau[body.vi] += body.armature * state.a[body.vi]
 
 
 @kernel
@@ -198,6 +200,8 @@ def backward_pass(i: int, arrays: Arrays, state: State) -> int:
             for e in range(nv):
                 D[vi + c, e] += dot6(S[si + c], U[vi + e])
             D[vi + c, RHS_COLUMN] += state.Q[vi + c] - dot6(S[si + c], pA)
+        if body.armature != 0.0:
+            D[vi, 0] += body.armature
         if factorize_joint_inertia(D, nv, U, vi) != 0:
             return 1
         for c in range(nv):

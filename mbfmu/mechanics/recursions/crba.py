@@ -121,3 +121,5 @@ def mass_matrix(arrays: Arrays, state: State, M: Reals) -> None:
             for j in range(k + 1):
                 set_symmetric(row, body.vf + j, row_dot6(state.S, body.si + j, f), shared, M)
             propagate_force(i, row, f, shared, arrays, state, M)
+        if body.armature != 0.0:
+            M[body.vf, body.vf] += body.armature

@@ -35,7 +35,10 @@ def kinetic_energy(arrays: Arrays, state: State) -> float:
     """sum m v_c.v_c / 2 + w.Jc w / 2, J."""
     total = 0.0
     for i in range(1, arrays.bodies.shape[0]):
-        total += 0.5 * twice_energy(arrays.bodies[i].mass, state.bodies[i], state.bodies[i].Y)
+        body = arrays.bodies[i]
+        total += 0.5 * twice_energy(body.mass, state.bodies[i], state.bodies[i].Y)
+        if body.armature != 0.0:
+            total += 0.5 * body.armature * state.v[body.vi] * state.v[body.vi]
     for i in range(arrays.flexibles.shape[0]):
         total += modal.kinetic(arrays.flexibles[i], state.bodies[arrays.flexibles[i].body], state, state.wrench)
     return total
@@ -88,6 +91,8 @@ def generalized_momenta(arrays: Arrays, state: State) -> float:
                 state.tau[body.vi + k] = p
             else:  # sections share their coordinates
                 state.tau[body.vi + k] += p
+        if body.armature != 0.0:
+            state.tau[body.vi] += body.armature * state.v[body.vi]
         if body.parent > 0:
             parent = state.bodies[body.parent]
             x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
@@ -190,6 +195,9 @@ def inertia_parts(arrays: Arrays, state: State, out: Reals) -> None:
                 out[1 + body.vf + c] = row_dot6(state.S, body.si + c, f)
                 for k in range(6):
                     here.dY[k] += state.S[body.si + c, k] * state.v[body.vi + c]
+            if body.armature != 0.0:
+                out[1 + body.vf] += body.armature
+                out[0] += body.armature * state.v[body.vi] * state.v[body.vi]
         out[0] += twice_energy(body.mass, here, here.dY)
 
 
@@ -215,8 +223,11 @@ def driven_action(arrays: Arrays, state: State) -> float:
     total = 0.0
     for i in range(1, arrays.bodies.shape[0]):
         p = state.wrench
-        body_momentum(arrays.bodies[i].mass, state.bodies[i], p)
+        body = arrays.bodies[i]
+        body_momentum(body.mass, state.bodies[i], p)
         total += power_on_drives(i, p, arrays, state)
+        if body.armature != 0.0 and body.drive >= 0:
+            total += body.armature * state.v[body.vi] * state.v[body.vi]
     for e in range(arrays.flexibles.shape[0]):
         p = state.wrench
         for k in range(6):

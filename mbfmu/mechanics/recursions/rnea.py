@@ -63,6 +63,8 @@ def inverse_dynamics(arrays: Arrays, state: State) -> None:
                 state.tau[body.vi + k] = power - state.Q[body.vi + k]
             else:  # sections share their coordinates
                 state.tau[body.vi + k] += power
+        if body.armature != 0.0:
+            state.tau[body.vi] += body.armature * state.a[body.vi]
         if body.parent > 0:
             parent = state.bodies[body.parent]
             x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]

@@ -89,7 +89,7 @@ def factor(c1: float, c2: float, symmetric: bool, averaged: bool, tangent: Tange
         perturbed.q[i] = state.q[i]
     for i in range(state.v.shape[0]):
         perturbed.v[i] = state.v[i]
-    joint_stiffness(c1, tangent.layout, tangent.arrays, state, perturbed, scratch.along)
+    joint_stiffness(c1, c2, tangent.layout, tangent.arrays, state, perturbed, scratch.along)
     clear_coupling_block(scratch.coupling_block)
     reset(symmetric, averaged, tangent.factors)
     tangent.n_factored[0] += 1

@@ -200,6 +200,8 @@ def inertia_forces(arrays: Arrays, state: State, a: Reals, tau: Reals) -> None:
         if body.vf >= 0:
             for k in range(body.nv):
                 tau[body.vf + k] = row_dot6(state.S, body.vi + k, here.W)
+            if body.armature != 0.0:
+                tau[body.vf] += body.armature * a[body.vf]
         if body.parent > 0:
             parent = state.bodies[body.parent]
             add_wrench(parent.W, here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2], here.W)

@@ -33,10 +33,17 @@ def stiffness(e: int, c1: float, layout: Layout, arrays: Arrays, state: State, p
 
 
 @kernel
-def joint_stiffness(c1: float, layout: Layout, arrays: Arrays, state: State, perturbed: State, along: Reals) -> None:
-    """along (nv,): stiffness of the loads that act along coordinates, by the coordinate itself."""
+def joint_stiffness(
+    c1: float, c2: float, layout: Layout, arrays: Arrays, state: State, perturbed: State, along: Reals
+) -> None:
+    """along (nv,): stiffness of the loads that act along coordinates, by the coordinate itself, and c2 times the
+    armature of the joint.
+    """
     for i in range(along.shape[0]):
         along[i] = 0.0
+    for i in range(1, arrays.bodies.shape[0]):
+        if arrays.bodies[i].armature != 0.0:
+            along[arrays.bodies[i].vi] = c2 * arrays.bodies[i].armature
     for k in range(layout.along.shape[0]):
         body = arrays.bodies[layout.along[k, 1]]
         q, v = body.qi, body.vi
