@@ -111,7 +111,7 @@ def evaluate_on_line(line: Reals, zeta: float, r: Reals) -> None:
 
 @kernel
 def evaluate_center(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> None:
-    """r (3,) <- the mean of the nodes; the patch lies within :func:`bounding_radius` of it."""
+    """r (3,) <- the mean of the nodes; the patch lies within :func:`hull_radius` of it."""
     for k in range(3):
         r[k] = 0.0
         for i in range(4):
@@ -120,8 +120,42 @@ def evaluate_center(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> N
 
 @kernel
 def bounding_radius(cell: CellSides) -> float:
-    """Radius of a ball about the middle of a cell that holds all of it, m: half a diagonal and some for bending."""
+    """Radius of a ball about the middle of a cell in a nip that holds all of it, m: half a diagonal and some for
+    bending.
+    """
     return 0.6 * np.sqrt(cell.a * cell.a + cell.b * cell.b)
+
+
+@kernel
+def corner_distance(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> float:
+    """Largest distance of a node from the middle r of a patch, m."""
+    largest = 0.0
+    for i in range(4):
+        square = 0.0
+        for k in range(3):
+            off = bodies[cell.node[i]].r[k].real - r[k].real
+            square += off * off
+        largest = max(largest, square)
+    return np.sqrt(largest)
+
+
+@kernel
+def hull_radius(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> float:
+    """Radius of a ball about the middle r of a patch that holds all of it, m: that of its sixteen Bezier points, whose
+    convex hull does: r_i, and a third of a side on into the cell along t_x, along t_z and along both.
+    """
+    largest, p, q = 0.0, cell.a.real / 3.0, cell.b.real / 3.0
+    for i in range(4):
+        node = bodies[cell.node[i]]
+        square, along, across = 0.0, 0.0, 0.0
+        for k in range(3):
+            off = node.r[k].real - r[k].real
+            square += off * off
+            along += off * node.A[k, 0].real
+            across += off * node.A[k, 2].real
+        along, across = (-along if i in (1, 2) else along), (-across if i in (2, 3) else across)
+        largest = max(largest, square + max(p * (p + 2.0 * along), 0.0) + max(q * (q + 2.0 * across), 0.0))
+    return np.sqrt(largest)
 
 
 @kernel

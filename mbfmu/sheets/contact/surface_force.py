@@ -28,11 +28,12 @@ from solvers.compiled.record import Integers, Record, f8, i8
 from .patch import (
     apply_reaction,
     apply_to_nodes,
-    bounding_radius,
+    corner_distance,
     evaluate_center,
     evaluate_line,
     evaluate_on_line,
     evaluate_weights,
+    hull_radius,
     moment_arm,
     point_velocity,
     sagitta,
@@ -97,11 +98,15 @@ def is_separated(
     """Broad-phase test: whether a cell is separated, by the distance ``distance`` and the normal here.f at its center
     here.r.
 
-    The cell is within a ball about its center; a convex surface lies behind its tangent plane at the nearest point.
+    The cell is in the convex hull of its Bezier points, which is within a ball about its center. A convex surface lies
+    behind its tangent plane at the nearest point. Of most cells the distances of the nodes are sufficient.
     """
-    if distance.real > bounding_radius(contact).real:
+    a, b = contact.a.real, contact.b.real
+    if distance.real > corner_distance(contact, bodies, here.r) + np.sqrt(a * a + b * b) / 3.0:
         return True
-    return contact.convex == 1 and distance.real > sagitta(contact, bodies, here.r, here.f)
+    if contact.convex == 1:
+        return distance.real > sagitta(contact, bodies, here.r, here.f)
+    return distance.real > hull_radius(contact, bodies, here.r)
 
 
 @kernel
@@ -200,10 +205,16 @@ def tangent(
                 evaluate_weights(contact, i / nx, k / nz, here.c)
                 share = point_area(contact, i, k, False)
                 point_velocity(contact, here.c, bodies, here.v)
+                nx0, ny0, nz0 = there.f[0], there.f[1], there.f[2]
                 for j in range(6):
-                    point_force_perturbed(contact, share, j, arrays, here, perturbed)
+                    if j < 3:  # by the velocity: depth and normal stay
+                        step_point(3 + j, here, there)
+                        there.f[0], there.f[1], there.f[2] = nx0, ny0, nz0
+                        point_force(contact, share, d, moved, there)
+                    else:
+                        point_force_perturbed(contact, share, j - 3, arrays, here, perturbed)
                     for row in range(3):
-                        here.by[row, j] = -there.f[row].imag / COMPLEX_STEP_SIZE
+                        here.by[row, (j + 3) % 6] = -there.f[row].imag / COMPLEX_STEP_SIZE
                         here.f[row] = there.f[row].real
                 if contact.body > 0:
                     for j in range(6):
@@ -220,14 +231,22 @@ def tangent(
 
 
 @kernel
+def step_point(j: int, here: ContactScratch, there: ContactScratch) -> None:
+    """Point and velocity in ``there`` <- those in ``here``, with an imaginary step of the position (j < 3), of the
+    velocity (j < 6) or none.
+    """
+    for k in range(3):
+        there.r[k] = here.r[k] + (COMPLEX_STEP_SIZE * 1j if k == j else 0.0)
+        there.v[k] = here.v[k] + (COMPLEX_STEP_SIZE * 1j if k + 3 == j else 0.0)
+
+
+@kernel
 def point_force_perturbed(
     contact: SurfaceContactRecord, share: float, j: int, arrays: Arrays, here: Any, perturbed: State
 ) -> None:
     """perturbed.contact.f <- force at a point after an imaginary step of position (j < 3), velocity (j < 6) or none."""
     there = contact_scratch(contact, perturbed)
-    for k in range(3):
-        there.r[k] = here.r[k] + (COMPLEX_STEP_SIZE * 1j if k == j else 0.0)
-        there.v[k] = here.v[k] + (COMPLEX_STEP_SIZE * 1j if k + 3 == j else 0.0)
+    step_point(j, here, there)
     point_force(contact, share, -gap(contact, arrays, perturbed), perturbed.bodies[contact.body], there)
 
 
@@ -317,7 +336,7 @@ def find_max_penetration(
         for j in range(4):
             found[e, j] = 0.0
         evaluate_center(contact, bodies, here.r)
-        if gap(contact, arrays, state) > bounding_radius(contact):
+        if gap(contact, arrays, state) > hull_radius(contact, bodies, here.r):
             continue
         for i in range(nx + 1):
             evaluate_line(contact, i / nx, bodies, here.line)
