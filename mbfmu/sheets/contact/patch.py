@@ -127,8 +127,8 @@ def bounding_radius(cell: CellSides) -> float:
 
 
 @kernel
-def corner_distance(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> float:
-    """Largest distance of a node from the middle r of a patch, m."""
+def squared_corner_distance(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> float:
+    """Square of the largest distance of a node from the middle r of a patch, m^2."""
     largest = 0.0
     for i in range(4):
         square = 0.0
@@ -136,7 +136,7 @@ def corner_distance(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> f
             off = bodies[cell.node[i]].r[k].real - r[k].real
             square += off * off
         largest = max(largest, square)
-    return np.sqrt(largest)
+    return largest
 
 
 @kernel
@@ -161,7 +161,7 @@ def hull_radius(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> float
 @kernel
 def sagitta(cell: CellSides, bodies: Table[MotionRecord], r: Reals, n: Reals) -> float:
     """How far, at most, the patch reaches from its middle r against the unit vector n, m: as far as its Bezier points
-    do, r_i and a third of a side on from there along t_x and t_z.
+    do, see :func:`hull_radius`.
     """
     deepest = 0.0
     for i in range(4):
@@ -171,7 +171,8 @@ def sagitta(cell: CellSides, bodies: Table[MotionRecord], r: Reals, n: Reals) ->
             down += n[k].real * (r[k].real - node.r[k].real)
             along += n[k].real * node.A[k, 0].real
             across += n[k].real * node.A[k, 2].real
-        down += (abs(cell.a.real * along) + abs(cell.b.real * across)) / 3.0
+        along, across = (along if i in (1, 2) else -along), (across if i in (2, 3) else -across)
+        down += max(cell.a.real * along, 0.0) / 3.0 + max(cell.b.real * across, 0.0) / 3.0
         deepest = max(deepest, down)
     return deepest
 

@@ -28,7 +28,6 @@ from solvers.compiled.record import Integers, Record, f8, i8
 from .patch import (
     apply_reaction,
     apply_to_nodes,
-    corner_distance,
     evaluate_center,
     evaluate_line,
     evaluate_on_line,
@@ -37,6 +36,7 @@ from .patch import (
     moment_arm,
     point_velocity,
     sagitta,
+    squared_corner_distance,
 )
 from .scratch import ALL_POINTS, OWN_SHARE, contact_scratch
 
@@ -101,8 +101,8 @@ def is_separated(
     The cell is in the convex hull of its Bezier points, which is within a ball about its center. A convex surface lies
     behind its tangent plane at the nearest point. Of most cells the distances of the nodes are sufficient.
     """
-    a, b = contact.a.real, contact.b.real
-    if distance.real > corner_distance(contact, bodies, here.r) + np.sqrt(a * a + b * b) / 3.0:
+    beyond = distance.real - (contact.a.real + contact.b.real) / 3.0
+    if beyond > 0.0 and beyond * beyond > squared_corner_distance(contact, bodies, here.r):
         return True
     if contact.convex == 1:
         return distance.real > sagitta(contact, bodies, here.r, here.f)
@@ -268,10 +268,11 @@ def add_node_stiffness(
             # by the velocity, which changes with c1 dr, and as the lever turns with w x dr
             gx, gy, gz = by[i, 0] + c1 * vx, by[i, 1] + c1 * vy, by[i, 2] + c1 * vz
             tx, ty, tz = vy * w[2] - vz * w[1], vz * w[0] - vx * w[2], vx * w[1] - vy * w[0]
-            for k in range(3):
-                df[i, k] = gx * dr[0, k] + gy * dr[1, k] + gz * dr[2, k]
-                k3 = 3 + k
-                df[i, k3] = (gx + tx) * dr[0, k3] + (gy + ty) * dr[1, k3] + (gz + tz) * dr[2, k3]
+            df[i, 0], df[i, 1], df[i, 2] = here.c[j, 0] * gx, here.c[j, 0] * gy, here.c[j, 0] * gz
+            gx, gy, gz = gx + tx, gy + ty, gz + tz
+            df[i, 3] = gz * arm[1] - gy * arm[2]
+            df[i, 4] = gx * arm[2] - gz * arm[0]
+            df[i, 5] = gy * arm[0] - gx * arm[1]
         add_columns(contact, 6 * j, bodies, here, K)
         for k in range(3, 6):  # the moment L x f turns with the node
             K[6 * j + 3, 6 * j + k] -= dr[1, k] * f[2] - dr[2, k] * f[1]
