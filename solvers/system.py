@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import COMPILED, callback, kernel, types
 from solvers.compiled.tuple_pointer import pin, pointer_type
+from solvers.extrapolation import StressExtrapolation
 from solvers.positions import Positions, place_states, position_sizes
 
 Array = NDArray[np.float64]
@@ -416,6 +417,7 @@ class TreeSystem(AnySystem):
     friction_velocity: Array | None = None  # (n,) rates at which friction turns over; infinite: at none
     inertia_parts: Callable[..., None] | None = None  # (data, out): v . M v and the diagonal of M where inverse or
     # forward was called for last; it may overwrite their results
+    stress_extrapolation: StressExtrapolation | None = None  # None: no element has strains
     moves: Callable[[], bool] = is_never_true  # (): whether drives move: then inertia forces change with the positions
 
     @cached_property

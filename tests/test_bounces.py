@@ -201,6 +201,35 @@ def fourbar(restitution: float, of_pin: bool) -> mb.Mechanism:
     return m
 
 
+@pytest.mark.parametrize("solver", SMALL)
+def test_a_stop_that_is_barely_reached(solver: str):
+    """Closed form: a ball is thrown to a ceiling 1 nm below its highest point; one 1 nm above it is not reached."""
+    top = 12.5 / G
+    for off in (-1e-9, 1e-9):
+        m = ball(0.0, rate=5.0)
+        m.events.clear()
+        m.event("ceiling", m.bodies[1].coordinate(), crosses=1.0 + top + off, direction="up", then=mb.Bounce(1.0))
+        result = mb.simulate(m, 1.0, interval=1.0, solver=solver, tolerance=1e-10)
+        hits = [5.0 / G - np.sqrt(2e-9 / G)] if off < 0.0 else []
+        np.testing.assert_allclose(times(result, "ceiling"), hits, rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("solver", ["adams", "ida", Midpoint])
+def test_an_arm_hits_a_thin_stop_from_both_sides(solver):
+    """Closed form: its end turns with 20 rad/s and hits a stop of 0.001 m depth, 0.0022 s long, in every turn."""
+    m = mb.Mechanism()
+    arm = m.body("arm", m.ground, mb.Revolute(rate=20.0), **mb.rod(mass=1.0, length=1.0))
+    end = arm.position("y", point=(1.0, 0.0, 0.0))
+    m.event("stop", end, crosses=0.999, direction="up", then=mb.Bounce(1.0))
+    m.output("rate", arm.rate())
+    result = mb.simulate(m, 1.2, interval=0.4, solver=solver, tolerance=1e-6)
+    half = np.arccos(0.999)
+    expected = (0.5 * np.pi - half + np.arange(4) * 2.0 * (np.pi - half)) / 20.0
+    np.testing.assert_allclose(times(result, "stop"), expected[expected < 1.2], rtol=0.0, atol=1e-6)
+    assert result["rate"][-1] == pytest.approx(20.0, rel=1e-6)
+    assert not result.warning
+
+
 @pytest.mark.parametrize(("solver", "of_pin"), [("adams", False), ("adams", True), ("ida", True)])
 def test_a_fourbar_hits_a_stop(solver: str, of_pin: bool):
     """Reference: SciPy integrates the time over the angle of the crank, whose rate follows from the energy."""

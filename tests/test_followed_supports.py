@@ -76,7 +76,8 @@ def test_a_strip_sags_between_clamps_that_came_together(moved: float) -> None:
     found = mb.equilibrium(strip(moved, 9.81))
     assert found.stability == "undamped"
     assert found.outputs["sag"] == pytest.approx(sag(moved, 9.81), rel=0.015)
-    assert "following their motion" in found.found_from
+    if moved > 0.1 * LENGTH:  # farther than a search from the start finds
+        assert "following their motion" in found.found_from
 
 
 def test_a_strip_without_weight_buckles() -> None:

@@ -79,7 +79,8 @@ def test_plates_buckle_at_one_load_whatever_the_tree(edges: str) -> None:
 
 def test_a_clamp_that_ends_inside_an_edge() -> None:
     """The same third is held on both grids: the corners hang alike, as far down on the one as on the other."""
-    coarse, fine = (mb.equilibrium(problems.held_sheet(cells)).outputs for cells in ((14, 12), (17, 15)))
+    coarse, fine = (mb.equilibrium(problems.held_sheet(cells)) for cells in ((14, 12), (17, 15)))
     for found in (coarse, fine):
-        assert found["corner"] == pytest.approx(found["other"], rel=1e-7)
-    assert fine["corner"] == pytest.approx(coarse["corner"], rel=5e-3)
+        assert found.outputs["corner"] == pytest.approx(found.outputs["other"], rel=1e-7)
+        assert found.iterations < 40  # 90 with the stress of the present strain
+    assert fine.outputs["corner"] == pytest.approx(coarse.outputs["corner"], rel=5e-3)

@@ -1,10 +1,11 @@
 """Location of events: the first time at which a sensor crosses a value, in the steps of any solver.
 
-After every step the sensors are evaluated at points of the solver's dense output, and where the values between the
-points may have an extremum. A change of sign is located by the Illinois variant of the rule of false position (Dowell
-and Jarratt, *BIT* 11, 1971, 168-174). The time that is reported is the end of the bracket at which the sign has
-changed, so that the motion continues on the other side. At a stop it is the other end: there the motion returns to the
-side that it comes from, and a value beyond the stop is a crossing at any time.
+After every step the sensors are evaluated at points of the solver's dense output, between which no coordinate moves
+far, and where the values between the points may have an extremum, by their rates or by their values. A change of sign
+is located by the Illinois variant of the rule of false position (Dowell and Jarratt, *BIT* 11, 1971, 168-174). The time
+that is reported is the end of the bracket at which the sign has changed, so that the motion continues on the other
+side. At a stop it is the other end: there the motion returns to the side that it comes from, and a value beyond the
+stop is a crossing at any time.
 
 A step without dense output is repeated from its beginning to the time that is examined.
 """
@@ -23,6 +24,10 @@ from solvers.stepper import Stepper, spacing
 from solvers.system import Array
 
 POINTS_PER_STEP = 4  # evaluations of the sensors in a step with dense output, its end included
+MAX_MOTION, MAX_POINTS_PER_STEP = (
+    0.25,
+    1000,
+)  # of a coordinate between two evaluations, in its unit; but not more points
 TIME_ACCURACY_RATIO = 1e-3  # of a located time, in units of the tolerance times the step
 MAX_ROOT_ITERATIONS = 100  # of the search for a root; bisection alone needs 60
 MIN_BRACKET_RATIO = 1e-3  # of the values of a bracket, else bisection: the first may be the crossing before
@@ -31,10 +36,12 @@ MAX_EXTREMUM_RATIO = 0.3  # of the values of three points: a parabola with a lar
 
 
 class Point(NamedTuple):
-    """Sensors minus the values that they may cross (k,), at a time, s."""
+    """Sensors minus the values that they may cross (k,) at a time, s."""
 
     t: float
     g: Array
+    rates: Array  # (k,) of the sensors, nan where they are not known
+    speed: float  # 1/s, largest rate of a coordinate in its unit
 
 
 class EventSearch:
@@ -43,7 +50,9 @@ class EventSearch:
     Parameters
     ----------
     evaluate
-        (t, q, v) -> g: sensors minus the values that they may cross (k,).
+        (t, q, v) -> g, rates: sensors minus the values that they may cross (k,), and their rates (k,); nan: not known.
+    size
+        Unit of each coordinate (n,).
     directions
         Sign of the rate at a crossing (k,); 0: any.
     stops
@@ -61,11 +70,12 @@ class EventSearch:
 
     def __init__(
         self,
-        evaluate: Callable[[float, Array, Array], Array],
+        evaluate: Callable[[float, Array, Array], tuple[Array, Array]],
+        size: Array,
         directions: NDArray[np.int64],
         stops: NDArray[np.bool_],
     ) -> None:
-        self._evaluate, self._directions, self._stops = evaluate, directions, stops
+        self._evaluate, self._size, self._directions, self._stops = evaluate, size, directions, stops
         self.sides = np.where(stops, -directions, 0)
 
     def begin(self, stepper: Stepper) -> Point:
@@ -97,7 +107,8 @@ class EventSearch:
 
     def _point(self, stepper: Stepper) -> Point:
         q, v, _ = stepper.reported
-        return Point(stepper.t, self._evaluate(stepper.t, q, v))
+        speed = float(np.abs(v[: len(self._size)] / self._size).max(initial=0.0))
+        return Point(stepper.t, *self._evaluate(stepper.t, q, v), speed)
 
     def _note(self, point: Point) -> None:
         signs = np.sign(point.g).astype(np.int64)
@@ -161,18 +172,47 @@ class ExaminedStep:
 
     def _points(self, earlier: list[Point]) -> list[Point]:
         """Return the values at points of the step, in which no two crossings of one sensor are between two points."""
-        begin, end = self.begin, self.end
-        count = POINTS_PER_STEP if self._saved is None else 1
-        if self._search.within < np.inf and self._saved is None:
-            count = max(count, int(np.ceil((end.t - begin.t) / self._search.within)))
-        times = np.linspace(begin.t, end.t, count + 1)[1:-1]
-        points = [begin, *(self._at(float(t)) for t in times), end]
+        begin, end, search = self.begin, self.end, self._search
+        duration = end.t - begin.t
+        motion = duration * max(begin.speed, end.speed) / MAX_MOTION
+        if self._saved is None:
+            motion = max(motion, POINTS_PER_STEP, duration / search.within)
+        times = np.linspace(begin.t, end.t, 1 + int(np.ceil(max(1.0, min(motion, MAX_POINTS_PER_STEP)))))
+        points = [begin, *(self._at(float(t)) for t in np.unique(times) if begin.t < t < end.t), end]
         added = list[Point]()
         known = [*earlier, *points]
-        for k in range(len(self._search.sides)):
-            for three in zip(known, known[1:], known[2:], strict=False):
-                added += self._extremum(k, three)
+        for k in range(len(search.sides)):
+            if np.isnan(end.rates[k]):
+                for three in zip(known, known[1:], known[2:], strict=False):
+                    added += self._extremum(k, three)
+            else:
+                for two in pairwise(points):
+                    added += self._extremum_by_rates(k, *two)
         return sorted([*points, *added], key=lambda point: point.t)
+
+    def _extremum_by_rates(self, k: int, a: Point, b: Point) -> list[Point]:
+        """Return a point between two in which sensor k has another sign than in both, if there is one.
+
+        It is the minimum of cubics through the values and rates of two points, which remain on both sides of it
+        (Nocedal and Wright, *Numerical Optimization*, 2006, eq. 3.59).
+        """
+        side = np.sign(b.g[k])
+        for _ in range(MAX_EXTREMUM_ITERATIONS):
+            (ga, ra), (gb, rb), h = (side * a.g[k], side * a.rates[k]), (side * b.g[k], side * b.rates[k]), b.t - a.t
+            if not (min(ga, gb) >= 0.0 and ra < 0.0 < rb):
+                break
+            d = ra + rb - 3.0 * (gb - ga) / h
+            e = np.sqrt(d * d - ra * rb)
+            x = 1.0 - (rb + e - d) / (rb - ra + 2.0 * e)
+            y = 1.0 - x
+            least = y * y * (ga * (1.0 + 2.0 * x) + x * h * ra) + x * x * (gb * (1.0 + 2.0 * y) - y * h * rb)
+            if least > MAX_EXTREMUM_RATIO * (max(ga, gb) - min(ga, gb, least)) or min(x, y) * h <= self._min_width:
+                break
+            point = self._at(float(a.t + x * h))
+            if not side * point.g[k] > 0.0:
+                return [point]
+            a, b = (point, b) if side * point.rates[k] < 0.0 else (a, point)
+        return []
 
     def _extremum(self, k: int, three: tuple[Point, Point, Point]) -> list[Point]:
         """Return a point between three in which sensor k has another sign than in all of them, if there is one.

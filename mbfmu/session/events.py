@@ -74,8 +74,11 @@ class RunEvents:
         self._stops = {event.name: k for k, event in enumerate(event for event in watching if event.bounce)}
         directions = np.array([event.direction for event in watching], np.int64)
         are_stops = np.array([event.name in self._stops for event in watching], np.bool_)
-        self._search = EventSearch(self._differences, directions, are_stops)
-        self._impacts = Impacts(compiled, directions[are_stops].astype(float))
+        self._has_rate = np.array([e.sensor is not None and e.sensor.rate_sensor() is not None for e in watching], bool)
+        self._parts, size = np.append(compiled.watched, compiled.watched_rates), compiled.system.size
+        self._search = EventSearch(self._differences, size[: compiled.system.n_velocities], directions, are_stops)
+        rates = compiled.watched_rates[are_stops[self._has_rate]]
+        self._impacts = Impacts(compiled, rates, directions[are_stops].astype(float))
         self._declare(declared)
         t = run.stepper.t
         self._next_timed = sum(event.time < t for event in self._timed)
@@ -118,11 +121,13 @@ class RunEvents:
             )
         self._declare(declared)
 
-    def _differences(self, t: float, q: Array, v: Array) -> Array:
-        values = np.zeros(len(self._watching))
-        watch_sensors(t, q, v, self._compiled.watched, self._compiled.system.pinned_data, values)
-        found: Array = values - self._values
-        return found
+    def _differences(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the sensors minus the values that they may cross, and their rates; nan: not known."""
+        values, count = np.zeros(len(self._parts)), len(self._watching)
+        watch_sensors(t, q, v, self._parts, self._compiled.system.pinned_data, values)
+        rates = np.full(count, np.nan)
+        rates[self._has_rate] = values[count:]
+        return values[:count] - self._values, rates
 
     def step(self, end: float) -> None:
         """Advance to the communication point at ``end`` (s) with all events before it, or to one that ends the run."""
@@ -235,7 +240,7 @@ class RunEvents:
 
     def _sensor_values(self) -> Array:
         run = self._run
-        found: Array = self._differences(run.stepper.t, run.q, run.v) + self._values
+        found: Array = self._differences(run.stepper.t, run.q, run.v)[0] + self._values
         return found
 
     def _check_density(self, last: Event) -> None:
@@ -276,7 +281,7 @@ class RunEvents:
         if not self._stops:
             return
         t, size = run.stepper.t, self._compiled.system.size
-        beyond = np.array([e.direction for e in self._watching]) * self._differences(t, run.q, run.v)
+        beyond = np.array([e.direction for e in self._watching]) * self._differences(t, run.q, run.v)[0]
         slopes, values = self._impacts.slopes(t, run.q), self._sensor_values()
         for k, event in enumerate(self._watching):
             if event.bounce:

@@ -21,7 +21,9 @@ class Impacts:
     Parameters
     ----------
     compiled
-        Mechanism, whose rates of these quantities are ``watched_rates``.
+        Mechanism.
+    parts
+        Numbers of the parts that are the rates of these quantities (k,).
     directions
         Sign of each rate (k,) towards the stop.
 
@@ -33,13 +35,13 @@ class Impacts:
 
     restitutions: Array
 
-    def __init__(self, compiled: CompiledMechanism, directions: Array) -> None:
-        self._compiled, self._directions = compiled, directions
+    def __init__(self, compiled: CompiledMechanism, parts: NDArray[np.int64], directions: Array) -> None:
+        self._compiled, self._parts, self._directions = compiled, parts, directions
 
     def _rates(self, t: float, q: Array, v: Array) -> Array:
         """Return the rates (k,) towards the stops."""
         values, compiled = np.zeros(len(self._directions)), self._compiled
-        watch_sensors(t, q, v, compiled.watched_rates, compiled.system.pinned_data, values)
+        watch_sensors(t, q, v, self._parts, compiled.system.pinned_data, values)
         found: Array = self._directions * values
         return found
 

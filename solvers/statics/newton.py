@@ -17,7 +17,15 @@ each solved by Newton: exactly where that is cheap, on a large tree as far as th
 finds a step easy, and shrinks where it fails. A step against which the forces do work, by the trapezoidal rule, does
 not count: where it is long, Newton may find a root uphill. The continuation mostly ends at a stable state where there
 is one, and Newton finishes there. A thin strip, whose stiffness against stretching is a million times that against
-bending, gets from flat to hanging straight down in some thirty factorizations.
+bending, gets from flat to hanging straight down in some twenty factorizations.
+
+**Extrapolated stresses.** A correction that bends a thin body also stretches it, by the square of the rotations. The
+stress of this strain is large, and the tangent with it has little in common with that of the step's end. Therefore the
+tangent of a pseudo-transient step has the stress K (e + B dq) of the strain that is linearized about the position
+before the correction dq, and the residual has the stress K e of the present strain. This is Newton's method for
+strains e and stresses as independent unknowns (mixed integration points: Magisano, Leonetti and Garcea 2017), and has
+the same solutions. Forces at the end of a step are compared with these stresses, too. They are not used where the
+structured tangent is corrected by products, and Newton's method alone does not use them.
 
 **Families of states.** If a motion changes no force, such as that of a free spindle, the Jacobian is singular at every
 state of the family and nearly so near it. If Newton then fails after the continuation, a small part of the mass

@@ -53,7 +53,7 @@ class CompiledElements:
     sensors
         What can be observed: the outputs, and last the energy and the kinetic energy.
     watched, watched_rates
-        Numbers of the parts that are the sensors of events, and the rates of those that are stops.
+        Numbers of the parts that are the sensors of events, and their rates as far as they are known.
     magnitudes
         Numbers of the signals of loads, by what each is in messages.
     used
@@ -91,8 +91,7 @@ class CompiledElements:
         self.ends = np.append(self.ends, len(sites))
         watching = CompiledAttachment("an event", (), numbering, {})
         watched = [event.sensor for event in mechanism.events if event.sensor is not None]
-        stopped = [event.sensor for event in mechanism.events if event.bounce and event.sensor]
-        rates = [rate for sensor in stopped if (rate := sensor.rate_sensor())]
+        rates = [rate for sensor in watched if (rate := sensor.rate_sensor())]
         self.watched, self.watched_rates = (
             np.array([watching.part(sensor) for sensor in sensors], np.int64) for sensors in (watched, rates)
         )

@@ -65,7 +65,7 @@ class CompiledMechanism:
     outputs
         Variables in the order of :meth:`observe`.
     watched, watched_rates
-        Numbers of the parts that are the sensors of events, and the rates of those that are stops.
+        Numbers of the parts that are the sensors of events, and their rates as far as they are known.
     length
         Characteristic length, m; see :func:`.scale.characteristic_length`.
     vanishing_rows

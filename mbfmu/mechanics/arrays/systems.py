@@ -26,7 +26,7 @@ from mbfmu.mechanics.recursions.dynamics import (
 )
 from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
 from mbfmu.util.errors import UserError
-from solvers.compiled.tuple_pointer import pin
+from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.positions import Positions, place_states
 from solvers.system import (
     MAX_SOLVER_DENSE_COORDINATES,
@@ -40,6 +40,7 @@ from solvers.system import (
 
 from .assembly import free_bodies
 from .compile import CompiledElements
+from .extrapolation import ExtrapolatedStress
 from .inputs import Drives
 from .numbering import Numbering, held_states
 from .scale import coordinate_sizes, row_sizes, spans
@@ -140,6 +141,7 @@ class Systems:
             mesh_length=self._mesh_length(),
             friction_velocity=self._slip(),
             moves=self._moves,
+            stress_extrapolation=ExtrapolatedStress(self._mechanism, self._elements, unpin(self._held)) or None,
             inertia_parts=inertia_callback(),
             power=power,
             evaluate_energy_bound=evaluate_energy_bound,

@@ -53,8 +53,9 @@ class Events(States):
             :class:`.Bounce`, :class:`.EndRun`. Without actions the event is listed only, and the motion is not changed.
         within
             Longest time between two evaluations of the sensor, s. Two crossings that are further apart are always
-            detected. By default the sensor is evaluated at four points of every step, and where the values between
-            them may have an extremum.
+            detected. By default the sensor is evaluated at four or more points of every step, between which no
+            coordinate moves by more than a quarter of its unit (1 rad, or the size of the mechanism), and where the
+            values or rates at the points show an extremum between them.
 
         Raises
         ------

@@ -16,6 +16,10 @@ Its kernels:
                                              :func:`limit_ratio`; None: it does not say
     misplacement(load, arrays, state)        returns how far its bodies are from where it requires them at the start:
                                              more than MAX_MISPLACEMENT is refused; None: it requires nothing
+    extrapolate(loads, arrays, state)        writes to the records of all loads of its type the strains e + e', by
+                                             positions and velocities; ``apply`` and ``tangent`` use them instead of
+                                             e if the field ``is_extrapolated`` of the record is 1; None: they have
+                                             no strains. Called by statics alone (:mod:`solvers.statics.newton`)
 
 A load without ``tangent`` is differentiated by complex steps, so ``apply`` is analytic in every real
 number it reads. A load whose tangent is negligible has ``zero_tangent``. A load that a scene does not call for has no
@@ -157,6 +161,7 @@ class Load(ElementType):
     tangent: ClassVar[Any] = None
     monitor: ClassVar[Any] = None
     misplacement: ClassVar[Any] = None
+    extrapolate: ClassVar[Any] = None
     drawings: ClassVar = ("", "coil")
     drawn: ClassVar[str] = ""  # how pictures show it: one of these; a coil is between its points, or along its joint
     symmetric: ClassVar[bool] = True  # its tangent is, so nearly that who takes it to be so is corrected soon

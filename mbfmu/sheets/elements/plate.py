@@ -15,6 +15,7 @@ from mbfmu.util.errors import UserError
 
 from .base import PlaneElement
 from .corners import plate_edge_angle, plate_misplacement
+from .extrapolation import extrapolate_plates
 from .material import Matrix, PlaneStress, add_crease_compliance
 from .plate_curvature import curvature
 from .plate_energy import PLATE_SCRATCH, PlateRecord, apply, potential
@@ -52,6 +53,7 @@ class Plate(PlaneElement):
     apply = apply
     potential = potential
     tangent = tangent
+    extrapolate = extrapolate_plates
     misplacement = plate_misplacement
     edge_angle = plate_edge_angle
 

@@ -89,6 +89,8 @@ class PlateRecord(Record):
     damping: f8  # beta of stress = K (e + beta e'), s
     oblique: Annotated[Reals, (7,)]  # between e0 e8, e1 e8, e2 e5, e3 e4, e3 e5; E_xx gamma, E_zz gamma
     curl: Annotated[Reals, (12,)]  # natural strains; of the membrane none
+    is_extrapolated: i8  # 1: stresses by the extrapolated strains, in the tangent of statics
+    extrapolated: Annotated[Reals, (12,)]  # generalized strains
 
 
 class PlateScratch(Record):
@@ -277,7 +279,10 @@ def add_oblique(plate: PlateRecord, e: Reals, part: Any, out: Reals) -> None:
 @kernel
 def resist(plate: PlateRecord, here: PlateScratch) -> None:
     """Add the elastic stresses, K (e - e of the natural shape)."""
-    stress(plate, here.strain, 1.0, here.stress)
+    if plate.is_extrapolated == 1:
+        stress(plate, plate.extrapolated, 1.0, here.stress)
+    else:
+        stress(plate, here.strain, 1.0, here.stress)
     if plate.curled == 1:
         stress(plate, plate.curl, -1.0, here.stress)
 

@@ -16,6 +16,7 @@ from mbfmu.util.errors import UserError
 
 from .base import PlaneElement
 from .corners import shell_edge_angle, shell_misplacement
+from .extrapolation import extrapolate_shells
 from .shell_energy import SHELL_SCRATCH, ShellRecord, apply, potential
 from .shell_stiffness import Matrix, assumed_strains, bending, curvature, drilling, flat_axes, membrane, stresses
 from .shell_tangent import tangent
@@ -51,6 +52,7 @@ class Shell(PlaneElement):
     apply = apply
     potential = potential
     tangent = tangent
+    extrapolate = extrapolate_shells
     misplacement = shell_misplacement
     edge_angle = shell_edge_angle
     stiffness_reason = "shell elements vibrate in their plane hundreds of times faster than in bending"

@@ -46,6 +46,8 @@ class ShellRecord(Record):
     B: Annotated[Reals, (4, 3, 3)]  # natural element axes in the bodies' axes
     plane: Annotated[Reals, (12, 12)]  # stiffness over (x, z, turn about y) of every corner
     bent: Annotated[Reals, (12, 12)]  # ... over (y, turn about x, about z)
+    is_extrapolated: i8  # 1: forces by the extrapolated deformation, in the tangent of statics
+    extrapolated: Annotated[Reals, (4, 6)]  # displacements and turns
 
 
 class ShellScratch(Record):
@@ -259,6 +261,14 @@ def clear_vector(f: Reals) -> None:
 
 
 @kernel
+def use_extrapolated(shell: ShellRecord, here: ShellScratch) -> None:
+    """d <- the extrapolated deformation."""
+    for i in range(4):
+        for k in range(6):
+            here.d[i, k] = shell.extrapolated[i, k]
+
+
+@kernel
 def apply(shell: ShellRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta d'^T K d', is a by-product."""
     bodies, here = state.bodies, shell_scratch(shell, state)
@@ -269,6 +279,8 @@ def apply(shell: ShellRecord, t: float, arrays: Arrays, state: State) -> None:
         differentiate(shell, here)
         resist(shell, here.rate, shell.damping, here.f)
         state.cached_power[0] -= strain_work(here.f, here.rate)
+    if shell.is_extrapolated == 1:
+        use_extrapolated(shell, here)
     resist(shell, here.d, 1.0, here.f)
     gradient(shell, here)
     load(shell, here, bodies)

@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING
 from solvers.compiled.kernel import kernel
 
 from .plate_tangent import rotated_column
-from .shell_energy import assemble, clear_vector, deform, differentiate, gradient, resist, shell_scratch
+from .shell_energy import (
+    assemble,
+    clear_vector,
+    deform,
+    differentiate,
+    gradient,
+    resist,
+    shell_scratch,
+    use_extrapolated,
+)
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -26,6 +35,8 @@ def tangent(shell: ShellRecord, c1: float, arrays: Arrays, state: State, perturb
     """See :mod:`mbfmu.mechanics.loads.base`."""
     here = shell_scratch(shell, state)
     deform(shell, state.bodies, here)
+    if shell.is_extrapolated == 1:
+        use_extrapolated(shell, here)
     clear_vector(here.f)
     resist(shell, here.d, 1.0, here.f)
     gradient(shell, here)
