@@ -8,7 +8,7 @@ from .arrays.load_groups import LoadGroup
 from .arrays.numbering import Variable
 from .builder.bodies import Body, FlexibleBody
 from .builder.chain import add_chain
-from .builder.handles import CouplingHandle, CutHandle, ForceHandle
+from .builder.handles import CouplingHandle, CutHandle, ForceHandle, RopeHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.joint_handle import JointHandle
 from .builder.mechanism import Mechanism
@@ -121,6 +121,7 @@ __all__ = [
     "Restart",
     "Revolute",
     "RevoluteCutJoint",
+    "RopeHandle",
     "RunUp",
     "Screw",
     "Sensor",
