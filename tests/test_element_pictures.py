@@ -23,7 +23,7 @@ ELEMENTS = {
     for package in (mechanics, sheets)
     for name, item in vars(package).items()
     if name in package.__all__ and inspect.isclass(item) and issubclass(item, BASES) and item not in BASES
-} | {"Plate", "Shell", "pressure", "nip"}
+} | {"Plate", "Shell", "pressure", "nip", "rope"}
 
 
 def test_every_element_has_a_picture_on_the_page() -> None:

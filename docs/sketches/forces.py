@@ -367,3 +367,25 @@ def nip() -> Sketch:
     s.push((0.0, 0.0, 1.55), (0.0, 0.0, 0.85))
     s.line([(1.0, -0.3, 0.1), (1.9, -0.3, 0.1)], MOTION, heads="end")
     return s
+
+
+@element("rope")
+def rope() -> Sketch:
+    """A rope from a ceiling about a pulley with a load, over a second pulley, to a weight."""
+    s = Sketch(14.0, 14.0)
+    low, weight = s.other((-0.45, 0.0, -0.5), name="b"), s.other((1.15, 0.0, -0.2), name="c")
+    path = [(s.a, (-0.8, 0.0, 1.4)), (low, (-0.35, 0.0, 0.0)), (low, (0.35, 0.0, 0.0)), (s.a, (0.0, 0.0, 0.8))]
+    path += [(s.a, (0.8, 0.0, 0.8)), (weight, (-0.35, 0.0, -0.25))]
+    s.mechanism.rope("rope", path, length=5.0, stiffness=1.0)
+    s.show(s.a, GRAY, block((3.2, 0.7, 0.2), (0.2, 0.0, 1.5)), disc(0.4, 0.2, (0.4, 0.0, 0.8), axis="y"))
+    s.show(low, BLUE, disc(0.35, 0.2, axis="y"), block((0.6, 0.5, 0.5), (0.0, 0.0, -0.85)))
+    s.show(weight, BLUE, block((0.5, 0.5, 0.5), (-0.35, 0.0, -0.5)))
+    arc = np.linspace(0.0, np.pi, 40)
+    under = np.column_stack((-0.45 - 0.35 * np.cos(arc), np.full(40, -0.13), -0.5 - 0.35 * np.sin(arc)))
+    over = np.column_stack((0.4 - 0.4 * np.cos(arc), np.full(40, -0.13), 0.8 + 0.4 * np.sin(arc)))
+    ends = ((-0.8, -0.13, 1.4), (0.8, -0.13, -0.45))
+    s.line((ends[0], *under, *over, ends[1]), LINE, width=2.6)
+    s.push((-0.8, -0.2, -0.2), (-0.8, -0.2, 0.6))
+    s.push((-0.05, -0.2, -0.2), (-0.05, -0.2, 0.45))
+    s.push((0.8, -0.2, -0.4), (0.8, -0.2, 0.35))
+    return s

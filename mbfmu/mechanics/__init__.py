@@ -8,7 +8,7 @@ from .arrays.load_groups import LoadGroup
 from .arrays.numbering import Variable
 from .builder.bodies import Body, FlexibleBody
 from .builder.chain import add_chain
-from .builder.handles import CouplingHandle, CutHandle, ForceHandle
+from .builder.handles import CouplingHandle, CutHandle, ForceHandle, RopeHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.joint_handle import JointHandle
 from .builder.mechanism import Mechanism
@@ -27,7 +27,7 @@ from .cuts import (
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
-from .events import Bounce, EndRun, Impulse, SetInput, SetParameter
+from .events import Bounce, EndRun, Impulse, Restart, SetInput, SetParameter
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -118,8 +118,10 @@ __all__ = [
     "Polynomial",
     "Product",
     "Ramp",
+    "Restart",
     "Revolute",
     "RevoluteCutJoint",
+    "RopeHandle",
     "RunUp",
     "Screw",
     "Sensor",

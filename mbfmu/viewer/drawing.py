@@ -7,6 +7,7 @@ of mass with a volume proportional to the mass.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from mbfmu.mechanics.builder.bodies import Body, FlexibleBody
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.cuts import CutJoint
 from mbfmu.mechanics.joints.section import Section
+from mbfmu.mechanics.loads import Rope
 from mbfmu.util.errors import UserError
 
 from .contacts import Poses, contact_shapes
@@ -83,6 +85,11 @@ class _Artist:
             self._part(shape.solid, body, shape.at, shape.axes(), shape.color or color_of(body), shape.opacity)
         for handle in self.mechanism.cuts:
             self._cut(handle)
+        for acting in self.mechanism.loads():
+            if isinstance(acting.load, Rope):
+                points = [(acting.bodies[k], point) for k, point in acting.load.path]
+                for (a, at_a), (b, at_b) in pairwise(points):
+                    self._link("cylinder", a, at_a, b, at_b, 0.3 * self.radius, STEEL_COLOR)
         for a, at_a, b, at_b in self.coils:
             if not {a.index, b.index} <= self.skinned:
                 self._link("coil", a, at_a, b, at_b, 2.5 * self.radius, STEEL_COLOR)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,10 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.loads import LineForce, Load, Spring
+from mbfmu.mechanics.loads import LineForce, Load, Rope, Spring
 from mbfmu.util.diagnostics import Diagnostic
 
+WITH_DIRECTION = (*BETWEEN_POINTS, Rope)  # loads that act along lines between points
 COINCIDENT_POINT_TOLERANCE = 1e-14  # distance relative to the length of the mechanism
 
 
@@ -19,18 +21,23 @@ def find_coincident(mechanism: Mechanism, bodies: NDArray[Any], length: float) -
     """Return a warning for every force without direction where ``bodies`` are; ``length`` is in m."""
     found = []
     for acting in mechanism.loads():
-        load = acting.load
-        if not isinstance(load, BETWEEN_POINTS) or not (omitted := _omitted(load)):
+        if isinstance(acting.load, Rope):
+            path, omitted, ends = acting.load.path, ": its pull between them", "two neighboring points"
+        elif isinstance(acting.load, BETWEEN_POINTS) and (omitted := _omitted(acting.load)):
+            path, ends = tuple(enumerate(acting.load.points())), "the ends"
+        else:
             continue
-        ends = [
-            bodies["r"][body.index] + bodies["A"][body.index] @ np.asarray(point, float)
-            for body, point in zip(acting.bodies, load.points(), strict=True)
+        indices = [acting.bodies[k].index for k, _ in path]
+        places = [
+            bodies["r"][i] + bodies["A"][i] @ np.asarray(point, float)
+            for i, (_, point) in zip(indices, path, strict=True)
         ]
-        if np.linalg.norm(ends[1] - ends[0]) <= COINCIDENT_POINT_TOLERANCE * length:
+        pairs = zip(pairwise(places), pairwise(indices), strict=True)
+        if min(np.linalg.norm(b - a) for (a, b), (i, j) in pairs if i != j) <= COINCIDENT_POINT_TOLERANCE * length:
             found.append(
                 Diagnostic.warning(
                     "coincident-ends",
-                    f"the ends of {acting.what} coincide at the start{omitted} has no direction there and is omitted",
+                    f"{ends} of {acting.what} coincide at the start{omitted} has no direction there and is omitted",
                     "Choose start positions with a distance between the ends",
                     subject=acting.what.partition("'")[2].rstrip("'"),
                 )

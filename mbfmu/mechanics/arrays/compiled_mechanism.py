@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.arrangement import arrange
-from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.elimination import EliminatedLoops
 from mbfmu.mechanics.kind import ElementType
@@ -28,7 +27,7 @@ from solvers.system import Array, System
 
 from .assembly import Assembly, free_bodies, start_positions
 from .bounds import check_bounds
-from .coincident import find_coincident
+from .coincident import WITH_DIRECTION, find_coincident
 from .compile import CompiledElements, check_rows
 from .given_inputs import GivenInputs
 from .inputs import Drives, Inputs
@@ -327,7 +326,7 @@ class CompiledMechanism:
 
     def coincident(self, t: float, q: Array) -> list[Diagnostic]:
         """Return a warning about every force between points that has no direction at free positions q (nq,)."""
-        if not any(isinstance(acting.load, BETWEEN_POINTS) for acting in self.mechanism.loads()):
+        if not any(isinstance(acting.load, WITH_DIRECTION) for acting in self.mechanism.loads()):
             return []
         self.place_bodies(t, q)
         return find_coincident(self.mechanism, self.data.state.bodies, self.length)

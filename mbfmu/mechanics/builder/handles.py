@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Protocol
 from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import CutJoint
-from mbfmu.mechanics.loads import Damper, DistanceStop, LineForce, Load, Spring
+from mbfmu.mechanics.loads import Damper, DistanceStop, LineForce, Load, Rope, Spring
 from mbfmu.mechanics.numbers import is_whole
 from mbfmu.mechanics.sensors import (
     CouplingEffort,
@@ -18,6 +18,9 @@ from mbfmu.mechanics.sensors import (
     DistanceRate,
     LoadEffort,
     LoadWrench,
+    RopeLength,
+    RopeLengthRate,
+    RopeTension,
     RowForce,
     Sensor,
     axis_index,
@@ -269,3 +272,34 @@ class ForceHandle:
         if self.load.on_joint:
             raise UserError(f"force {self.name!r} acts along a joint coordinate; use effort()")
         return LoadWrench(unit=unit, item=self, component=component + (6 if on == "b" else 0), bodies=(self.a, self.b))
+
+
+@dataclass(frozen=True, eq=False)
+class RopeHandle:
+    """Rope of a mechanism, as returned by :meth:`Mechanism.rope`.
+
+    Attributes
+    ----------
+    name
+        Name, unique among the forces and loads.
+    load
+        The rope and its path.
+    bodies
+        Bodies on which it acts.
+    """
+
+    name: str
+    load: Rope
+    bodies: tuple[Body, ...]
+
+    def tension(self) -> Sensor:
+        """Tension, N, the same in the whole rope; zero if it is slack."""
+        return RopeTension(unit="N", item=self, bodies=self.bodies)
+
+    def length(self) -> Sensor:
+        """Length of the path, m: less than the unloaded length if the rope is slack."""
+        return RopeLength(unit="m", item=self, bodies=self.bodies)
+
+    def length_rate(self) -> Sensor:
+        """Rate of :meth:`length`, m/s."""
+        return RopeLengthRate(unit="m/s", item=self, bodies=self.bodies)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import check_element_type
-from mbfmu.mechanics.loads import Force, Load, Pressure
+from mbfmu.mechanics.loads import Force, Load, Pressure, Rope
 from mbfmu.mechanics.sensors import Sensor
 from mbfmu.util.errors import UserError
 
 from .bodies import UNPLACED, Body
 from .graph import Graph
-from .handles import CouplingHandle, CutHandle, ForceHandle
+from .handles import CouplingHandle, CutHandle, ForceHandle, RopeHandle
 from .joint_handle import JointHandle
 
 MAX_COMPANION_LEVELS = 10  # of loads that come with loads
@@ -127,6 +128,61 @@ class Loading(Graph):
         for corners in quads:
             self._check_nodes(f"a face of pressure {name!r}", corners, 4)
         self.pressures.append((name, Pressure(magnitude=magnitude), quads))
+
+    def rope(
+        self,
+        name: str,
+        path: Sequence[tuple[Body, Vector]],
+        *,
+        length: float,
+        stiffness: float,
+        damping: float = 0.0,
+    ) -> RopeHandle:
+        """Add an elastic rope that slides without friction over points of bodies, such as pulleys.
+
+        The rope pulls if its path is longer than its unloaded length, and is slack otherwise. All segments have one
+        tension.
+
+        Parameters
+        ----------
+        name
+            Unique name among the forces and loads.
+        path
+            Points in their order along the rope, two or more: pairs of a body of this mechanism or its ground and a
+            point in the frame of this body (3,), m. A body may occur several times.
+        length
+            Unloaded length, m.
+        stiffness
+            Stiffness of the whole rope, N/m: axial stiffness E A divided by the unloaded length.
+        damping
+            Damping c, s/m: the tension is k x (1 + c x') at the elongation x, with the stiffness k, and not negative.
+
+        Returns
+        -------
+        RopeHandle
+            Handle whose sensors give tension and length.
+
+        Raises
+        ------
+        UserError
+            The name is used already, the path is none of two or more bodies, or a value is invalid.
+        """
+        what = f"rope {name!r}"
+        pairs = [own for own in path if isinstance(own, Sequence) and len(own) == 2]
+        if len(pairs) < max(2, len(path)):
+            raise UserError(
+                f"path of {what} has {len(path)} points, {len(pairs)} of them pairs; allowed: two or more pairs of a "
+                "body and a point in its frame"
+            )
+        for body, _ in path:
+            self._member(body, f"a body of {what}")
+        bodies = tuple(dict.fromkeys(body for body, _ in path))
+        if len(bodies) < 2:
+            raise UserError(f"path of {what} has points of body {bodies[0].name!r} alone; allowed: two or more bodies")
+        points = tuple((bodies.index(body), vector(f"a point of {what}", point)) for body, point in path)
+        rope = Rope(path=points, length=length, stiffness=stiffness, damping=damping)
+        self.load(name, rope, *bodies)
+        return RopeHandle(name, rope, bodies)
 
     def load(self, name: str, load: Load, *bodies: Body) -> None:
         """Add a load of any type on the required number of bodies; :meth:`force` and :meth:`element` are shorter.

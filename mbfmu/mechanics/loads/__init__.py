@@ -15,6 +15,7 @@ from .joint_stop import JointStop
 from .line_force import LineForce
 from .point_force import PointForce
 from .pressure import Pressure
+from .rope import Rope
 from .spherical_friction import SphericalFriction
 from .spring import Spring
 from .torque import Torque
@@ -36,6 +37,7 @@ __all__ = [
     "Load",
     "PointForce",
     "Pressure",
+    "Rope",
     "SphericalFriction",
     "Spring",
     "Torque",

@@ -10,6 +10,7 @@ from .forces import CouplingEffort, CutForce, DeclaredJointForce, JointForce, Ro
 from .loads import LoadEffort, LoadWrench
 from .pairs import AngleBetween, Distance, DistanceRate, RelativePosition, RelativeVelocity
 from .points import PointAcceleration, PointPosition, PointVelocity
+from .ropes import RopeLength, RopeLengthRate, RopeTension
 from .sections import BendingMoment, Deflection
 from .states import StateRate, StateValue
 
@@ -43,6 +44,9 @@ __all__ = [
     "RelativePosition",
     "RelativeVelocity",
     "Residual",
+    "RopeLength",
+    "RopeLengthRate",
+    "RopeTension",
     "RowForce",
     "Sensor",
     "StateRate",
