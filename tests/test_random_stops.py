@@ -138,7 +138,10 @@ class Pendulum:
         return m
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.campaign) for seed in range(1, 300))])
+SEEDS = [pytest.param(seed, marks=() if seed in (19, 24) else pytest.mark.campaign) for seed in range(300)]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_impacts_of_a_random_pendulum(seed: int) -> None:
     pendulum = Pendulum(np.random.default_rng(seed))
     solver = SMALL[seed % len(SMALL)]
