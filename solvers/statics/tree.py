@@ -24,11 +24,11 @@ from .newton import (
     Unknowns,
 )
 
-STEP_TOLERANCE_RATIO = 0.1  # a pseudo-transient step ends with a correction this small against its first
+STEP_TOLERANCE_RATIO = 0.2  # a pseudo-transient step ends with a correction this small against its first
 # Where a correction is this part of the one before, the next step is as long as this one; this part is assumed to be in
 # proportion to a power of the duration. Measured on thin meshes held by a third of an edge, which crease where the
 # clamp ends, and on thin bodies with large displacements.
-TARGET_CONTRACTION, CONTRACTION_ORDER = 0.5, 2.0
+TARGET_CONTRACTION, CONTRACTION_ORDER = 0.3, 2.0
 MIN_CONTINUATION_DAMPING = 0.01  # damping of Newton alone, below which the continuation is cheaper
 
 
