@@ -220,6 +220,8 @@ class Stepper(ABC):
         Smallest tolerance: a smaller ``options.rtol`` is run as this one, with a warning.
     max_steps
         Largest number of steps in one call of :meth:`advance_to`.
+    step_limit
+        Largest length of the next steps, s, in addition to that of the options.
     """
 
     fallback_solvers: tuple[str, ...] = ()
@@ -228,6 +230,7 @@ class Stepper(ABC):
     starts_singular: bool = False
     undetermined_at: float = math.nan
     min_rtol: float = 0.0
+    step_limit: float = math.inf
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         self.options = options or Options()
@@ -367,7 +370,7 @@ class Stepper(ABC):
     def _limit_steps(self, t: float) -> float:
         """Apply the step-size limit of time-dependent inputs at the reported time t; return when it expires, s."""
         longest, until = self._input_step_limit(t)
-        self.limit_step(min(longest, self.options.max_step))
+        self.limit_step(min(longest, self.options.max_step, self.step_limit))
         return until
 
     @abstractmethod

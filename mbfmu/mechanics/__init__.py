@@ -27,7 +27,7 @@ from .cuts import (
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
-from .events import Bounce, EndRun, Impulse, SetInput, SetParameter
+from .events import Bounce, EndRun, Impulse, Restart, SetInput, SetParameter
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -118,6 +118,7 @@ __all__ = [
     "Polynomial",
     "Product",
     "Ramp",
+    "Restart",
     "Revolute",
     "RevoluteCutJoint",
     "RopeHandle",

@@ -74,6 +74,15 @@ class Impulse:
 
 
 @dataclass(frozen=True)
+class Restart:
+    """Action of an event: forces begin or end abruptly here, and the solver restarts.
+
+    It takes at least eight steps from here to the next event with a Restart, so that a short force is not passed within
+    one step, such as a thin elastic stop or a spike in a law of force. The motion is otherwise not changed.
+    """
+
+
+@dataclass(frozen=True)
 class Bounce:
     """Action of an event: its sensor hits a stop, and its rate is reversed.
 
@@ -92,7 +101,7 @@ class Bounce:
     restitution: float
 
 
-Action = EndRun | SetInput | SetParameter | Impulse | Bounce
+Action = EndRun | SetInput | SetParameter | Impulse | Restart | Bounce
 
 
 @dataclass(frozen=True)
@@ -124,6 +133,11 @@ class Event:
     direction: int = 0
     time: float = 0.0
     within: float | None = None
+
+    @property
+    def restarts(self) -> bool:
+        """Whether the solver restarts."""
+        return any(isinstance(action, Restart) for action in self.actions)
 
     @property
     def bounce(self) -> Bounce | None:

@@ -31,7 +31,8 @@ MAX_MOTION, MAX_POINTS_PER_STEP = (
 TIME_ACCURACY_RATIO = 1e-3  # of a located time, in units of the tolerance times the step
 MAX_ROOT_ITERATIONS = 100  # of the search for a root; bisection alone needs 60
 MIN_BRACKET_RATIO = 1e-3  # of the values of a bracket, else bisection: the first may be the crossing before
-MAX_EXTREMUM_ITERATIONS = 6
+MIN_STEPS_AFTER_RESTART = 8  # to the next event at which the solver restarts
+MAX_EXTREMUM_ITERATIONS, MAX_MINIMUM_ITERATIONS = 6, 20  # by values; by values and rates
 MAX_EXTREMUM_RATIO = 0.3  # of the values of three points: a parabola with a larger least value does not reach zero
 
 
@@ -64,9 +65,13 @@ class EventSearch:
         Sign of every sensor minus its value (k,) before the next crossing; 0: not known yet. At a stop it is constant.
     within
         Longest time between two evaluations, s.
+    limit, limited
+        Longest step, s, and number of the next steps for which it holds.
     """
 
     within: float = np.inf
+    limit: float = np.inf
+    limited: int = 0
 
     def __init__(
         self,
@@ -93,6 +98,7 @@ class EventSearch:
             if taken >= stepper.options.max_steps:
                 stepper.status = Status(Code.MAX_STEPS, stepper.t, stepper.fallback_solvers)
                 return []
+            stepper.step_limit, self.limited = (self.limit, self.limited - 1) if self.limited > 0 else (np.inf, 0)
             is_dense = stepper.has_dense_output
             saved = None if is_dense else stepper.save()
             target = end if is_dense else min(end, before.t + self.within)
@@ -104,6 +110,26 @@ class EventSearch:
                 return found
             before, earlier = step.end, [before]
         return []
+
+    def restart(self, stepper: Stepper, end: float, restarting: NDArray[np.bool_]) -> None:
+        """Restart the solver, and limit its steps so that several lead to the next crossing of sensors at which it
+        restarts (k,), or to ``end``, s. A trial shows when that is.
+        """
+        stepper.restart()
+        self.limited, begin, saved, sides, taken = 0, stepper.t, stepper.save(), self.sides, 0
+        found, before = list[int](), self._point(stepper)
+        while stepper.t < end and taken < MIN_STEPS_AFTER_RESTART and not restarting[found].any():
+            stepper.step_limit, step_saved = np.inf, None if stepper.has_dense_output else stepper.save()
+            if not stepper.advance_one_step(end).ok:
+                break
+            taken += 1
+            step = ExaminedStep(self, stepper, (step_saved, end), before, self._point(stepper))
+            found = step.search([])
+            before = self._point(stepper)
+        if taken < MIN_STEPS_AFTER_RESTART and stepper.t > begin:
+            self.limit, self.limited = (stepper.t - begin) / MIN_STEPS_AFTER_RESTART, MIN_STEPS_AFTER_RESTART
+        stepper.restore(saved)
+        stepper.status, self.sides = Status(Code.OK, begin, stepper.fallback_solvers), sides
 
     def _point(self, stepper: Stepper) -> Point:
         q, v, _ = stepper.reported
@@ -193,20 +219,24 @@ class ExaminedStep:
     def _extremum_by_rates(self, k: int, a: Point, b: Point) -> list[Point]:
         """Return a point between two in which sensor k has another sign than in both, if there is one.
 
-        It is the minimum of cubics through the values and rates of two points, which remain on both sides of it
-        (Nocedal and Wright, *Numerical Optimization*, 2006, eq. 3.59).
+        There is a minimum between them if the rates are of different signs; it is not below the intersection of the
+        tangents, if the curve is convex. The intersection, which finds the tip of a distance, and the minimum of the
+        cubic through values and rates (Nocedal and Wright, *Numerical Optimization*, 2006, eq. 3.59) are tried by
+        turns, and two points on both sides of the minimum remain.
         """
         side = np.sign(b.g[k])
-        for _ in range(MAX_EXTREMUM_ITERATIONS):
+        for i in range(MAX_MINIMUM_ITERATIONS):
             (ga, ra), (gb, rb), h = (side * a.g[k], side * a.rates[k]), (side * b.g[k], side * b.rates[k]), b.t - a.t
             if not (min(ga, gb) >= 0.0 and ra < 0.0 < rb):
                 break
-            d = ra + rb - 3.0 * (gb - ga) / h
-            e = np.sqrt(d * d - ra * rb)
-            x = 1.0 - (rb + e - d) / (rb - ra + 2.0 * e)
-            y = 1.0 - x
-            least = y * y * (ga * (1.0 + 2.0 * x) + x * h * ra) + x * x * (gb * (1.0 + 2.0 * y) - y * h * rb)
-            if least > MAX_EXTREMUM_RATIO * (max(ga, gb) - min(ga, gb, least)) or min(x, y) * h <= self._min_width:
+            x = (gb - ga - rb * h) / ((ra - rb) * h)
+            if ga + ra * x * h > 0.0:
+                break
+            if i % 2:
+                d = ra + rb - 3.0 * (gb - ga) / h
+                e = np.sqrt(d * d - ra * rb)
+                x = 1.0 - (rb + e - d) / (rb - ra + 2.0 * e)
+            if not min(x, 1.0 - x) * h > self._min_width:
                 break
             point = self._at(float(a.t + x * h))
             if not side * point.g[k] > 0.0:

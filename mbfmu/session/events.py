@@ -75,6 +75,7 @@ class RunEvents:
         directions = np.array([event.direction for event in watching], np.int64)
         are_stops = np.array([event.name in self._stops for event in watching], np.bool_)
         self._has_rate = np.array([e.sensor is not None and e.sensor.rate_sensor() is not None for e in watching], bool)
+        self._restarting = np.array([event.restarts for event in watching], bool)
         self._parts, size = np.append(compiled.watched, compiled.watched_rates), compiled.system.size
         self._search = EventSearch(self._differences, size[: compiled.system.n_velocities], directions, are_stops)
         rates = compiled.watched_rates[are_stops[self._has_rate]]
@@ -138,6 +139,9 @@ class RunEvents:
             if not run.stepper.status.ok:
                 break
             changed = bool(found) and self._act(found)
+            if any(event.restarts for event in found) and run.stepper.t < end:
+                self._search.restart(run.stepper, end, self._restarting)
+                run.q, run.v, run.energy_account = run.stepper.reported
             if run.stepper.t >= end and not found:
                 break
             if changed:
@@ -296,10 +300,18 @@ class RunEvents:
     def state(self) -> dict[str, Any]:
         """Return what a saved run must contain."""
         records = [[r.name, r.time, r.direction, *(None if isnan(x) else x for x in r[3:])] for r in self.records]
-        return {"sides": self._search.sides.tolist(), "timed": self._next_timed, "ended": self.ended, "list": records}
+        search = self._search
+        limits = {"limit": search.limit if search.limited else 0.0, "limited": search.limited}
+        return {
+            "sides": search.sides.tolist(),
+            "timed": self._next_timed,
+            "ended": self.ended,
+            "list": records,
+        } | limits
 
     def restore(self, state: dict[str, Any]) -> None:
         """Return to a state of :meth:`state`."""
         self._search.sides = np.array(state["sides"], np.int64)
+        self._search.limit, self._search.limited = state["limit"], state["limited"]
         self._next_timed, self.ended, self.stop = state["timed"], state["ended"], None
         self.records = [EventRecord(*r[:3], *(np.nan if x is None else x for x in r[3:])) for r in state["list"]]

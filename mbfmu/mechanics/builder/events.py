@@ -50,7 +50,8 @@ class Events(States):
             Time of the event, s, in place of a sensor.
         then
             Action or actions, in their order: :class:`.SetInput`, :class:`.SetParameter`, :class:`.Impulse`,
-            :class:`.Bounce`, :class:`.EndRun`. Without actions the event is listed only, and the motion is not changed.
+            :class:`.Bounce`, :class:`.Restart`, :class:`.EndRun`. Without actions the event is listed only, and the
+            motion is not changed.
         within
             Longest time between two evaluations of the sensor, s. Two crossings that are further apart are always
             detected. By default the sensor is evaluated at four or more points of every step, between which no
@@ -86,8 +87,8 @@ class Events(States):
         actions = (then,) if isinstance(then, Action) else then
         if not isinstance(actions, list | tuple) or not all(isinstance(action, Action) for action in actions):
             raise UserError(
-                f"actions of {what} are {short(then)}; allowed: SetInput, SetParameter, Impulse, Bounce and EndRun, "
-                "or a list of these"
+                f"actions of {what} are {short(then)}; allowed: SetInput, SetParameter, Impulse, Bounce, Restart "
+                "and EndRun, or a list of these"
             )
         for action in actions:
             if isinstance(action, SetInput):
