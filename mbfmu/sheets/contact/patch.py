@@ -111,7 +111,7 @@ def evaluate_on_line(line: Reals, zeta: float, r: Reals) -> None:
 
 @kernel
 def evaluate_center(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> None:
-    """r (3,) <- the mean of the nodes; the patch lies within :func:`bounding_radius` of it."""
+    """r (3,) <- the mean of the nodes; the patch lies within :func:`hull_radius` of it."""
     for k in range(3):
         r[k] = 0.0
         for i in range(4):
@@ -120,14 +120,48 @@ def evaluate_center(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> N
 
 @kernel
 def bounding_radius(cell: CellSides) -> float:
-    """Radius of a ball about the middle of a cell that holds all of it, m: half a diagonal and some for bending."""
+    """Radius of a ball about the middle of a cell in a nip that holds all of it, m: half a diagonal and some for
+    bending.
+    """
     return 0.6 * np.sqrt(cell.a * cell.a + cell.b * cell.b)
+
+
+@kernel
+def squared_corner_distance(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> float:
+    """Square of the largest distance of a node from the middle r of a patch, m^2."""
+    largest = 0.0
+    for i in range(4):
+        square = 0.0
+        for k in range(3):
+            off = bodies[cell.node[i]].r[k].real - r[k].real
+            square += off * off
+        largest = max(largest, square)
+    return largest
+
+
+@kernel
+def hull_radius(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> float:
+    """Radius of a ball about the middle r of a patch that holds all of it, m: that of its sixteen Bezier points, whose
+    convex hull does: r_i, and a third of a side on into the cell along t_x, along t_z and along both.
+    """
+    largest, p, q = 0.0, cell.a.real / 3.0, cell.b.real / 3.0
+    for i in range(4):
+        node = bodies[cell.node[i]]
+        square, along, across = 0.0, 0.0, 0.0
+        for k in range(3):
+            off = node.r[k].real - r[k].real
+            square += off * off
+            along += off * node.A[k, 0].real
+            across += off * node.A[k, 2].real
+        along, across = (-along if i in (1, 2) else along), (-across if i in (2, 3) else across)
+        largest = max(largest, square + max(p * (p + 2.0 * along), 0.0) + max(q * (q + 2.0 * across), 0.0))
+    return np.sqrt(largest)
 
 
 @kernel
 def sagitta(cell: CellSides, bodies: Table[MotionRecord], r: Reals, n: Reals) -> float:
     """How far, at most, the patch reaches from its middle r against the unit vector n, m: as far as its Bezier points
-    do, r_i and a third of a side on from there along t_x and t_z.
+    do, see :func:`hull_radius`.
     """
     deepest = 0.0
     for i in range(4):
@@ -137,7 +171,8 @@ def sagitta(cell: CellSides, bodies: Table[MotionRecord], r: Reals, n: Reals) ->
             down += n[k].real * (r[k].real - node.r[k].real)
             along += n[k].real * node.A[k, 0].real
             across += n[k].real * node.A[k, 2].real
-        down += (abs(cell.a.real * along) + abs(cell.b.real * across)) / 3.0
+        along, across = (along if i in (1, 2) else -along), (across if i in (2, 3) else -across)
+        down += max(cell.a.real * along, 0.0) / 3.0 + max(cell.b.real * across, 0.0) / 3.0
         deepest = max(deepest, down)
     return deepest
 

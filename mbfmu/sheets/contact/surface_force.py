@@ -28,14 +28,15 @@ from solvers.compiled.record import Integers, Record, f8, i8
 from .patch import (
     apply_reaction,
     apply_to_nodes,
-    bounding_radius,
     evaluate_center,
     evaluate_line,
     evaluate_on_line,
     evaluate_weights,
+    hull_radius,
     moment_arm,
     point_velocity,
     sagitta,
+    squared_corner_distance,
 )
 from .scratch import ALL_POINTS, OWN_SHARE, contact_scratch
 
@@ -97,11 +98,15 @@ def is_separated(
     """Broad-phase test: whether a cell is separated, by the distance ``distance`` and the normal here.f at its center
     here.r.
 
-    The cell is within a ball about its center; a convex surface lies behind its tangent plane at the nearest point.
+    The cell is in the convex hull of its Bezier points, which is within a ball about its center. A convex surface lies
+    behind its tangent plane at the nearest point. Of most cells the distances of the nodes are sufficient.
     """
-    if distance.real > bounding_radius(contact).real:
+    beyond = distance.real - (contact.a.real + contact.b.real) / 3.0
+    if beyond > 0.0 and beyond * beyond > squared_corner_distance(contact, bodies, here.r):
         return True
-    return contact.convex == 1 and distance.real > sagitta(contact, bodies, here.r, here.f)
+    if contact.convex == 1:
+        return distance.real > sagitta(contact, bodies, here.r, here.f)
+    return distance.real > hull_radius(contact, bodies, here.r)
 
 
 @kernel
@@ -200,10 +205,16 @@ def tangent(
                 evaluate_weights(contact, i / nx, k / nz, here.c)
                 share = point_area(contact, i, k, False)
                 point_velocity(contact, here.c, bodies, here.v)
+                nx0, ny0, nz0 = there.f[0], there.f[1], there.f[2]
                 for j in range(6):
-                    point_force_perturbed(contact, share, j, arrays, here, perturbed)
+                    if j < 3:  # by the velocity: depth and normal stay
+                        step_point(3 + j, here, there)
+                        there.f[0], there.f[1], there.f[2] = nx0, ny0, nz0
+                        point_force(contact, share, d, moved, there)
+                    else:
+                        point_force_perturbed(contact, share, j - 3, arrays, here, perturbed)
                     for row in range(3):
-                        here.by[row, j] = -there.f[row].imag / COMPLEX_STEP_SIZE
+                        here.by[row, (j + 3) % 6] = -there.f[row].imag / COMPLEX_STEP_SIZE
                         here.f[row] = there.f[row].real
                 if contact.body > 0:
                     for j in range(6):
@@ -220,14 +231,22 @@ def tangent(
 
 
 @kernel
+def step_point(j: int, here: ContactScratch, there: ContactScratch) -> None:
+    """Point and velocity in ``there`` <- those in ``here``, with an imaginary step of the position (j < 3), of the
+    velocity (j < 6) or none.
+    """
+    for k in range(3):
+        there.r[k] = here.r[k] + (COMPLEX_STEP_SIZE * 1j if k == j else 0.0)
+        there.v[k] = here.v[k] + (COMPLEX_STEP_SIZE * 1j if k + 3 == j else 0.0)
+
+
+@kernel
 def point_force_perturbed(
     contact: SurfaceContactRecord, share: float, j: int, arrays: Arrays, here: Any, perturbed: State
 ) -> None:
     """perturbed.contact.f <- force at a point after an imaginary step of position (j < 3), velocity (j < 6) or none."""
     there = contact_scratch(contact, perturbed)
-    for k in range(3):
-        there.r[k] = here.r[k] + (COMPLEX_STEP_SIZE * 1j if k == j else 0.0)
-        there.v[k] = here.v[k] + (COMPLEX_STEP_SIZE * 1j if k + 3 == j else 0.0)
+    step_point(j, here, there)
     point_force(contact, share, -gap(contact, arrays, perturbed), perturbed.bodies[contact.body], there)
 
 
@@ -249,10 +268,11 @@ def add_node_stiffness(
             # by the velocity, which changes with c1 dr, and as the lever turns with w x dr
             gx, gy, gz = by[i, 0] + c1 * vx, by[i, 1] + c1 * vy, by[i, 2] + c1 * vz
             tx, ty, tz = vy * w[2] - vz * w[1], vz * w[0] - vx * w[2], vx * w[1] - vy * w[0]
-            for k in range(3):
-                df[i, k] = gx * dr[0, k] + gy * dr[1, k] + gz * dr[2, k]
-                k3 = 3 + k
-                df[i, k3] = (gx + tx) * dr[0, k3] + (gy + ty) * dr[1, k3] + (gz + tz) * dr[2, k3]
+            df[i, 0], df[i, 1], df[i, 2] = here.c[j, 0] * gx, here.c[j, 0] * gy, here.c[j, 0] * gz
+            gx, gy, gz = gx + tx, gy + ty, gz + tz
+            df[i, 3] = gz * arm[1] - gy * arm[2]
+            df[i, 4] = gx * arm[2] - gz * arm[0]
+            df[i, 5] = gy * arm[0] - gx * arm[1]
         add_columns(contact, 6 * j, bodies, here, K)
         for k in range(3, 6):  # the moment L x f turns with the node
             K[6 * j + 3, 6 * j + k] -= dr[1, k] * f[2] - dr[2, k] * f[1]
@@ -317,7 +337,7 @@ def find_max_penetration(
         for j in range(4):
             found[e, j] = 0.0
         evaluate_center(contact, bodies, here.r)
-        if gap(contact, arrays, state) > bounding_radius(contact):
+        if gap(contact, arrays, state) > hull_radius(contact, bodies, here.r):
             continue
         for i in range(nx + 1):
             evaluate_line(contact, i / nx, bodies, here.line)
