@@ -30,7 +30,7 @@ def sled_with_spike() -> mb.Mechanism:
 @pytest.mark.parametrize(("solver", "tolerance"), [*((solver, 1e-6) for solver in SMALL), (Midpoint, 1e-4)])
 def test_a_spike_of_a_force_is_not_passed(solver, tolerance: float):
     """Closed form: the work of the force is its integral over the path, F w sqrt(pi)."""
-    result = mb.simulate(sled_with_spike(), 8.0, interval=8.0, solver=solver, tolerance=tolerance)
+    result = mb.simulate(sled_with_spike(), 5.1, interval=5.1, solver=solver, tolerance=tolerance)
     assert [event.name for event in result.events] == ["enter", "leave"]
     assert result.events[0].time == pytest.approx(
         PLACE - EDGE, abs=1e-2 * tolerance

@@ -138,7 +138,7 @@ def random_mechanism(seed: int) -> Mechanism:
         if kind is Revolute and not any(body.joint.drive for body in m.bodies[1:]):
             options["drive"] = Harmonic(amplitude=0.5, frequency=0.3, phase=rng.normal())
         if kind is Revolute:
-            options["armature"] = abs(options["at"][0])
+            options |= {"armature": abs(options["at"][0]), "nominal": 0.3}
         points = rng.normal(size=(4, 3))
         inertia = sum((p @ p) * np.eye(3) - np.outer(p, p) for p in points)
         massless = i == 3 and kind is Revolute
