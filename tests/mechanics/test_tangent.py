@@ -75,6 +75,8 @@ def test_solves_the_linearized_inverse_dynamics(case: Case, c2: float, how: int 
     assert tangent.factor(0.0, c2)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))
+    moved, rest = inverse(compiled, case.q, case.a), inverse(compiled, case.q, 0.0 * case.a)
+    np.testing.assert_allclose(tangent.inertia(case.a), moved - rest, atol=1e-12 * np.abs((moved, rest)).max())
 
 
 @pytest.mark.parametrize("how", [None, 1, 2])
