@@ -9,10 +9,12 @@ from mbfmu.util.diagnostics import render
 
 from .common import (
     Commands,
+    add_input,
     add_json,
     add_scene,
     add_set,
     add_solver,
+    print_inputs,
     print_unless_quiet,
     reader,
     scene_of,
@@ -44,6 +46,7 @@ otherwise: difficulties are findings and no failures, and neither is the end of 
     )
     add_scene(p)
     add_set(p)
+    add_input(p)
     p.add_argument("--stop-time", type=reader(float), metavar="S", help="stop time, s")
     p.add_argument(
         "--patience",
@@ -62,10 +65,12 @@ def command_check(options: argparse.Namespace) -> int:
 
     if options.json:
         writable(options.json)
-    found = check(scene_of(options), patience=DEFAULT_PATIENCE if options.patience is None else options.patience)
+    scene = scene_of(options)
+    found = check(scene, patience=DEFAULT_PATIENCE if options.patience is None else options.patience)
     if options.json:
         write_json(found.as_dict(), options.json)
     if not options.json or str(options.json) != "-":
+        print_inputs(options, scene)
         print_unless_quiet(options, found.as_text())
     for line in render(d for d in found.diagnostics if options.quiet and d.severity == "error"):
         print(f"mbfmu: {line}", file=sys.stderr)

@@ -14,6 +14,7 @@ from typing import Any
 from tqdm import tqdm
 
 from mbfmu.modeling.parameters import Parameter, declared
+from mbfmu.modeling.replaced_inputs import check_end, describe, read_value
 from mbfmu.modeling.scene import SETTING_NAMES, Scene, load_scene
 from mbfmu.modeling.settings import Settings, offered_solvers
 from mbfmu.session.run import check_interval
@@ -40,6 +41,18 @@ def add_set(parser: argparse.ArgumentParser) -> None:
         help="value of a parameter of the model, as in --set crank_mass=2; may be repeated",
     )
     complete(given, parameter_names)
+
+
+def add_input(parser: argparse.ArgumentParser) -> None:
+    """Add ``--input``."""
+    parser.add_argument(
+        "--input",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="signal that replaces an input of the model: a number, an expression of the time t (s) such as "
+        "--input 'force=10*sin(30*t)', or a CSV or Parquet file such as --input road.height=road.csv; may be repeated",
+    )
 
 
 def add_solver(parser: argparse.ArgumentParser) -> None:
@@ -185,6 +198,11 @@ def scene_of(options: argparse.Namespace) -> Scene:
         stop_time=getattr(options, "stop_time", None),
         output_interval=getattr(options, "interval", None),
     )
+    given = assignments("--input", getattr(options, "input", []))
+    if given:
+        values = {name: read_value(name, text) for name, text in given.items()}
+        changed = changed.changed(model=changed.model.with_inputs(values))
+        check_end(changed.model.replaced_inputs, changed.stop_time)
     if getattr(options, "interval", None) is not None:
         check_interval(changed.stop_time, changed.output_interval)
     return changed
@@ -222,6 +240,12 @@ def progress(scene: Scene, quiet: bool = False) -> Iterator[Callable[[float], No
 def bar(total: float, what: str, quiet: bool, unit: str = "it") -> Any:
     """Return a bar on a terminal; none shows where nobody looks or wants one."""
     return tqdm(total=total, unit=unit, desc=what, leave=False, disable=quiet or not sys.stderr.isatty())
+
+
+def print_inputs(options: argparse.Namespace, scene: Scene) -> None:
+    """Print the signals that replace inputs of the model."""
+    for line in describe(scene.model.replaced_inputs):
+        print_unless_quiet(options, line)
 
 
 def print_unless_quiet(options: argparse.Namespace, text: str) -> None:

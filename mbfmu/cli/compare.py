@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from mbfmu.modeling.replaced_inputs import describe
 from mbfmu.modeling.scene import Scene, as_toml
 from mbfmu.modeling.settings import offered_solvers
 from mbfmu.util.diagnostics import render
@@ -17,12 +18,14 @@ from .common import (
     EXISTING_FOLDER_TEXT,
     RESULTS_FOLDER,
     Commands,
+    add_input,
     add_scene,
     add_set,
     add_times,
     assignments,
     bar,
     print_if_verbose,
+    print_inputs,
     print_paths,
     print_unless_quiet,
     reader,
@@ -72,6 +75,7 @@ and the expected error; --save writes the recommendation as a scene.""",
     )
     add_scene(p)
     add_set(p)
+    add_input(p)
     add_times(p, "stop time", "interval between outputs")
     names = offered_solvers()
     named = p.add_argument(
@@ -226,6 +230,7 @@ def command_table(options: argparse.Namespace, scene: Scene) -> int:
         content = [*(row.as_dict() for row in found.rows), *(row.as_dict() for row in settled)]
         draw(found, scene, place)
         write_json(content, place.file("rows.json"))
+        text = "\n".join([*describe(scene.model.replaced_inputs), text])
         write_text(place.file("table.txt"), text + "\n")
         if str(options.json) != "-":
             print_unless_quiet(options, text)
@@ -256,6 +261,7 @@ def command_target(options: argparse.Namespace, scene: Scene) -> int:
     if options.json:
         write_json([row.as_dict() for row in found.rows], options.json)
     if str(options.json) != "-":
+        print_inputs(options, scene)
         print(found.sentence)
         for line in render(d for d in found.diagnostics if options.verbose or d.code == "not-examined"):
             print_unless_quiet(options, line)

@@ -6,7 +6,18 @@ import argparse
 
 from mbfmu.util.errors import UserError, suggest
 
-from .common import Commands, add_solver, add_steady, bar, print_unless_quiet, reader, scene_of, start_of
+from .common import (
+    Commands,
+    add_input,
+    add_solver,
+    add_steady,
+    bar,
+    print_inputs,
+    print_unless_quiet,
+    reader,
+    scene_of,
+    start_of,
+)
 from .completion import complete, output_names
 
 
@@ -23,6 +34,7 @@ def add(commands: Commands) -> None:
         epilog="examples:\n  mbfmu effects sheet\n  mbfmu effects sheet --stop-time 0.1 --show tip.y --show energy\n",
     )
     add_steady(p)
+    add_input(p)
     add_solver(p)
     p.add_argument("--stop-time", type=reader(float), metavar="S", help="stop time, s")
     shown = p.add_argument(
@@ -52,5 +64,6 @@ def command_effects(options: argparse.Namespace) -> int:
         entries = costs(
             scene.model, scene.settings, scene.stop_time, start_of(options), lambda _: seen.update(), options.show
         )
+    print_inputs(options, scene)
     print_unless_quiet(options, as_text(entries, shown))
     return 0

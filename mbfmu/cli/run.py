@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from mbfmu.modeling.replaced_inputs import describe
 from mbfmu.modeling.scene import Scene, as_toml
 from mbfmu.modeling.variables import ENERGY_OUTPUTS
 from mbfmu.plotting.time_series import errors_of, matching
@@ -27,6 +28,7 @@ from solvers.compiled.cache import CompilationNeeded, forbid_compilation
 
 from .common import (
     Commands,
+    add_input,
     add_output,
     add_scene,
     add_set,
@@ -109,6 +111,7 @@ FMU took more than {MAX_REPEATED_RUN_TIME:g} s, or if the repeat would need comp
     )
     complete(shown, output_names)
     add_set(p)
+    add_input(p)
     add_times(p, "stop time", "interval between outputs")
     add_output(p, "MODEL/SCENE-SOLVER-TOLERANCE")
     add_solver(p)
@@ -233,6 +236,7 @@ def summary(scene: Scene, result: Result, method: RunMethod, total: float) -> st
             f"  the step size was limited by stability in {s.stability_limited} steps: a larger tolerance does not "
             "help; `mbfmu check` recommends a solver"
         )
+    lines += [f"  {line}" for line in describe(scene.model.replaced_inputs)]
     if scene.settings.energy_check:
         lines.append(f"  {energy_line(result)}")
     residuals = (("position_residual", "m"), ("velocity_residual", "m/s"))

@@ -26,18 +26,20 @@ from mbfmu.viewer.show import changes, side_by_side
 from .common import (
     RESULTS_FOLDER,
     Commands,
+    add_input,
     add_set,
     add_solver,
     assignments,
     file_stem,
     folder,
     number,
+    print_inputs,
     print_paths,
     progress,
     scene_of,
 )
 
-SCENE_OPTIONS = ("set", *(setting.name for setting in declared(Settings)), "stop_time", "interval")
+SCENE_OPTIONS = ("set", "input", *(setting.name for setting in declared(Settings)), "stop_time", "interval")
 
 
 VIEW_EXAMPLES = """examples:
@@ -95,6 +97,7 @@ def add(commands: Commands) -> None:
         help="view direction of images and films in degrees, as in --camera=-30,20 (default: chosen from the motion)",
     )
     add_set(p)
+    add_input(p)
     add_solver(p)
     p.add_argument("--stop-time", type=float, metavar="S", help="stop time, s")
     p.add_argument("--interval", type=float, metavar="S", help="time between frames, s")
@@ -159,6 +162,7 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[Resul
     page = RESULTS_FOLDER / f"{file_stem(scene, options.set)}.html"
     recorded = Motion.load(Path(against)) if against is not None and against.endswith(".npz") else None
     other = against_of(scene, against) if against is not None and recorded is None else None
+    print_inputs(options, scene)
     motion, result = recorded_run(scene)
     if other is None:
         return motion, recorded, [result], page

@@ -85,6 +85,11 @@ class ModelTarget:
     def __post_init__(self) -> None:
         """Build the model once; raises UserError where it cannot be built."""
         compiled, model = self.scene.model.compile(), self.scene.model
+        if model.replaced_inputs:
+            raise UserError(
+                f"inputs {', '.join(model.replaced_inputs)} of model {model.name!r} are given as signals, which a "
+                "study does not transfer to its runs; vary the inputs as numbers, or put the signals into the model"
+            )
         units = {p.name: p.unit for p in declared(Settings)} | {STOP_TIME_KEY: "s"}
         units |= {v.name: v.unit for v in compiled.inputs.variables} | {p.name: p.unit for p in model.parameters()}
         object.__setattr__(self, "units", units)

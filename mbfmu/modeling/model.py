@@ -29,9 +29,11 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.arrays.given_inputs import GivenInputs
+from mbfmu.mechanics.signals import Signal
 from mbfmu.util.errors import RENAMED, UserError, missing_attribute, require_arguments, suggest
 
 from .parameters import Parameter, check, declared, read_text
+from .replaced_inputs import compile_replaced, signals_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +61,8 @@ class Model:
         By name of an optional effect, the parameters that turn it on; zero turns it off.
     reserved
         Names that no parameter may have.
+    replaced_inputs
+        Signals by the names of the inputs that they replace, see :meth:`with_inputs`.
 
     Raises
     ------
@@ -85,7 +89,9 @@ class Model:
         "effects",
         "arrays",
         "terminals",
+        "replaced_inputs",
     )
+    replaced_inputs: ClassVar[Mapping[str, Signal]] = MappingProxyType({})
 
     def __new__(cls, *_: Any, **given: Any) -> Self:
         """Check that the class is a dataclass, and the names of the parameters; raises UserError."""
@@ -146,6 +152,8 @@ class Model:
         given_inputs
             Inputs given for the whole run, see :mod:`mbfmu.mechanics.arrays.given_inputs`.
         """
+        if self.replaced_inputs and given_inputs is None:
+            return compile_replaced(self.name, self.built(), self.replaced_inputs)
         return CompiledMechanism(self.built(), given_inputs)
 
     def arrays(self) -> Mapping[str, Sequence[Any]]:
@@ -246,7 +254,31 @@ class Model:
             if name not in known:
                 raise UserError(f"model {self.name!r} has no parameter {name!r}{self._hint(name)}")
             changes[name] = read_text(known[name], value) if isinstance(value, str) else value
-        return replace(self, **changes)
+        return replace(self, **changes)._keeping(self.replaced_inputs)
+
+    def with_inputs(self, values: Mapping[str, Any]) -> Self:
+        """Return a copy in which inputs are replaced by signals, for example to check a car on a road.
+
+        Parameters
+        ----------
+        values
+            Values by the names of inputs: a number, an expression of the time t (s), a function of time, a
+            :class:`.Table` or another signal. They are added to those of the model.
+
+        Raises
+        ------
+        UserError
+            There is no such input, or the value is not allowed.
+        """
+        changed = self.with_values({})._keeping({**self.replaced_inputs, **signals_of(values)})
+        changed.compile()  # refuses names that are no inputs
+        return changed
+
+    def _keeping(self, signals: Mapping[str, Signal]) -> Self:
+        """Return this copy with signals in place of inputs."""
+        if signals:
+            object.__setattr__(self, "replaced_inputs", dict(signals))
+        return self
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,10 @@ output_interval = 0.01     # s
 [parameters]
 start_angle = 0.1745
 
+[inputs]                   # of a model that has them: number, expression of t (s), file, or points
+force = "10 * sin(30 * t)"
+"road.height" = "road.csv" # relative to the folder of the scene file
+
 A scene is called ``model/scene``: ``fourbar/paper`` ships with the four-bar, ``fourbar/default`` is the model as it is.
 """
 
@@ -35,10 +39,11 @@ from mbfmu.util.toml import read_toml
 from .model import Model
 from .parameters import declared
 from .registry import at_defaults, find
+from .replaced_inputs import check_end, entry, read_entry
 from .settings import Settings
 
 SETTING_NAMES = tuple(p.name for p in declared(Settings))
-SCENE_KEYS = ("model", *SETTING_NAMES, "stop_time", "output_interval", "parameters")
+SCENE_KEYS = ("model", *SETTING_NAMES, "stop_time", "output_interval", "parameters", "inputs")
 MAX_OUTPUTS = 1e7  # of a run
 DEFAULT_SCENE = "default"  # the scene of a model as it is
 
@@ -168,6 +173,11 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
     if not isinstance(parameters, dict):
         raise UserError(f"parameters is {parameters!r}; allowed: a table [parameters]")
     model = at_defaults(find(reference)).with_values(parameters)
+    inputs = content.pop("inputs", {})
+    if not isinstance(inputs, dict):
+        raise UserError(f"inputs is {inputs!r}; allowed: a table [inputs]")
+    if inputs:
+        model = model.with_inputs({name: read_entry(name, value, path.parent) for name, value in inputs.items()})
     scene = default_scene(model, absolute(reference)).changed(name=f"{model.name}/{path.stem}")
     for key in ("tolerance", "absolute_tolerance", "max_step", "max_order", "max_steps"):
         if key in content and (isinstance(content[key], bool) or not isinstance(content[key], int | float)):
@@ -175,7 +185,9 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
     for key in ("start_at_equilibrium", "energy_check"):
         if not isinstance(content.get(key, False), bool):
             raise UserError(f"{key} is {content[key]!r}; allowed: true or false")
-    return scene.changed(**content)
+    scene = scene.changed(**content)
+    check_end(model.replaced_inputs, scene.stop_time)
+    return scene
 
 
 def as_toml(scene: Scene) -> str:
@@ -189,7 +201,9 @@ def as_toml(scene: Scene) -> str:
     times = {name: getattr(scene, name) for name in ("stop_time", "output_interval")}
     parameters = {p.name: getattr(scene.model, p.name) for p in scene.model.parameters()}
     head = assignments({"model": scene.reference} | settings | times)
-    return "\n".join([*head, "", "[parameters]", *assignments(parameters)]) + "\n"
+    inputs = [f"{json.dumps(name)} = {entry(name, value)}" for name, value in scene.model.replaced_inputs.items()]
+    given = ["", "[inputs]", *inputs] if inputs else []
+    return "\n".join([*head, "", "[parameters]", *assignments(parameters), *given]) + "\n"
 
 
 def assignments(values: dict[str, Any]) -> list[str]:

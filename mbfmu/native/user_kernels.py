@@ -21,6 +21,7 @@ from mbfmu.mechanics.arrays.compile import CompiledElements
 from mbfmu.mechanics.arrays.numbering import Numbering
 from mbfmu.mechanics.arrays.tables import CalledKernel, types_of
 from mbfmu.modeling.registry import reference_of
+from mbfmu.modeling.replaced_inputs import given_for
 from mbfmu.modeling.scene import Scene, as_toml, read_scene
 from mbfmu.util.errors import UserError
 from mbfmu.util.processes import run_program
@@ -98,7 +99,11 @@ def kernels_of(scene: Scene, family: str) -> tuple[CalledKernel, ...]:
     is compiled.
     """
     mechanism: Any = scene.model.build()
-    return user_kernels(called_in_steps(CompiledElements(mechanism, Numbering(mechanism, None)), family))
+    return user_kernels(
+        called_in_steps(
+            CompiledElements(mechanism, Numbering(mechanism, given_for(scene.model.replaced_inputs))), family
+        )
+    )
 
 
 def main(scene_file: str, folder: str, name: str, family: str) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -147,9 +148,11 @@ def run(
         raise UserError(f"watch is {watch!r}; allowed: a function that is shown the simulation")
     if not isinstance(inputs or {}, Mapping):
         raise UserError(f"inputs are {inputs!r}; allowed: numbers or functions of time by the names of inputs")
-    given = {name: value for name, value in (inputs or {}).items() if is_given_over_time(value)}
+    given: dict[str, Any] = {name: value for name, value in (inputs or {}).items() if is_given_over_time(value)}
     numbers: dict[str, Any] = {name: value for name, value in (inputs or {}).items() if name not in given}
     model = as_model(model)
+    if model.replaced_inputs:
+        given, model = {**model.replaced_inputs, **given}, replace(model)
     settings = settings.for_model(model)
     given_inputs = GivenInputs(given, numbers, times, settings.tolerance, set_later=watch is not None)
     start, duration = float(times[0]), float(times[-1] - times[0])

@@ -1,0 +1,132 @@
+"""Inputs of a model that are replaced by signals: a number, an expression of time, or a column of a file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics import CompiledMechanism, Mechanism
+from mbfmu.mechanics.arrays.given_inputs import GivenInputs
+from mbfmu.mechanics.checks import signal_of
+from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.signals import Function, Polynomial, Signal, Table
+from mbfmu.util.errors import UserError, short
+
+from .table_files import PARQUET_SUFFIXES, read_table
+
+ALLOWED = "a finite number, an expression of the time t, a function of time, a Table, or another signal without inputs"
+FILE_SUFFIXES = (".csv", *PARQUET_SUFFIXES)
+
+
+def signals_of(values: Mapping[str, Any]) -> dict[str, Signal]:
+    """Return the signal of every value by the name of its input; raises UserError."""
+    if not isinstance(values, Mapping):
+        raise UserError(f"inputs are {values!r}; allowed: values by the names of inputs")
+    return {name: _signal(f"input {name!r}", value) for name, value in values.items()}
+
+
+def _signal(what: str, value: Any) -> Signal:
+    if isinstance(value, Signal) and value.variables():
+        raise UserError(f"{what} is {short(value)}; allowed: {ALLOWED}")
+    if not (isinstance(value, Signal | str) or callable(value) or is_finite(value)) or np.ndim(value):
+        raise UserError(f"{what} is {short(value)}; allowed: {ALLOWED}")
+    return signal_of(value, what)
+
+
+def read_value(name: str, text: str, folder: Path = Path()) -> Any:
+    """Return what the text after ``NAME=`` states: a number, a table of a file, or the text of an expression.
+
+    A file has the suffix .csv, .parquet or .pq, and a path relative to ``folder``. If it has several columns, the one
+    with the name of the input is read.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        if Path(text).suffix.lower() not in FILE_SUFFIXES:
+            return text
+    try:
+        return read_table(folder / text, name)
+    except UserError as error:
+        raise UserError(f"input {name!r}: {error}") from error
+
+
+def read_entry(name: str, value: Any, folder: Path) -> Any:
+    """Return what an entry of ``[inputs]`` in a scene file states."""
+    if isinstance(value, str):
+        return read_value(name, value, folder)
+    if isinstance(value, dict):
+        try:
+            return Table(value["times"], value["values"], **{k: v for k, v in value.items() if k in ("kind", "beyond")})
+        except KeyError as error:
+            raise UserError(f"input {name!r} has no {error}; allowed: times, values, kind and beyond") from error
+    return value
+
+
+def entry(name: str, value: Signal) -> str:
+    """Return the value of a line of ``[inputs]`` in a scene file; raises UserError if a file cannot contain it."""
+    if isinstance(value, Table):
+        points = {"times": np.asarray(value.x, float).tolist(), "values": np.asarray(value.y, float).tolist()}
+        lines = points | {"kind": value.kind, "beyond": value.beyond}
+        return "{" + ", ".join(f"{key} = {json.dumps(line)}" for key, line in lines.items()) + "}"
+    if isinstance(value, Function) and isinstance(value.law, str):
+        return json.dumps(value.law)
+    if isinstance(value, Polynomial) and len(value.c) == 1:
+        return json.dumps(float(value.c[0]))
+    raise UserError(
+        f"input {name!r} is {short(value)}, which a scene file cannot contain; allowed: a number, an expression of t "
+        "or a Table"
+    )
+
+
+def given_for(signals: Mapping[str, Signal]) -> GivenInputs | None:
+    """Return the inputs that signals replace, for the compilation of a mechanism; None if there are none."""
+    return GivenInputs(signals, {}, np.zeros(1), 1.0) if signals else None  # signals need no times and no tolerance
+
+
+def compile_replaced(model: str, mechanism: Mechanism, signals: Mapping[str, Signal]) -> CompiledMechanism:
+    """Return a compiled mechanism in which signals replace inputs.
+
+    Raises
+    ------
+    UserError
+        There is no such input, or no signal can replace it.
+    """
+    given = given_for(signals)
+    compiled = CompiledMechanism(mechanism, given)
+    if given is None:
+        return compiled
+    for name in given.unused:
+        known = [variable.name for variable in compiled.inputs.variables]
+        raise UserError(f"model {model!r} has no input {name!r}; allowed: {', '.join(known) or 'it has no inputs'}")
+    for held in given.held:
+        raise UserError(f"input {held.name!r} of model {model!r} cannot be replaced by a signal: {held.held}")
+    return compiled
+
+
+def check_end(signals: Mapping[str, Signal], stop_time: float) -> None:
+    """Refuse tables that begin after the start or end before the end of a run, s; raises UserError."""
+    for name, signal in signals.items():
+        if isinstance(signal, Table) and signal.beyond == "linear":
+            first, last = float(np.min(signal.x)), float(np.max(signal.x))
+            if first > 0.0 or last < stop_time:
+                raise UserError(
+                    f"input {name!r} is given from {first:g} to {last:g} s, but the run is from 0 to {stop_time:g} s; "
+                    "give a table for the whole run, or a stop time within the table"
+                )
+
+
+def describe(signals: Mapping[str, Signal]) -> list[str]:
+    """Return a line for every input that is replaced, for summaries."""
+    return [f"input {name}: {_text(value)}" for name, value in signals.items()]
+
+
+def _text(value: Signal) -> str:
+    if isinstance(value, Table):
+        return f"table of {len(value.x)} points from {np.min(value.x):g} to {np.max(value.x):g} s"
+    if isinstance(value, Function) and isinstance(value.law, str):
+        return value.law
+    return f"{value.c[0]:g}" if isinstance(value, Polynomial) and len(value.c) == 1 else type(value).__name__

@@ -1,0 +1,84 @@
+"""Inputs that signals replace: by ``Model.with_inputs`` and by ``--input`` of the commands."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbfmu as mb
+from mbfmu.cli import main
+from mbfmu.ensemble.study_target import ModelTarget
+from mbfmu.modeling.scene import default_scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cart(mb.Model):
+    """A mass on a rail, which a force moves."""
+
+    stop_time = 1.0
+    mass: float = mb.parameter(2.0, unit="kg", min=0.1, doc="mass")
+
+    def build(self) -> mb.Mechanism:
+        """Return the mechanism."""
+        m = mb.Mechanism()
+        cart = m.body("cart", m.ground, mb.Translational(axis="x"), mass=self.mass)
+        m.force("push", mb.JointForce(mb.Input(name="force", unit="N")), cart)
+        m.output("x", cart.coordinate())
+        return m
+
+
+def test_expressions_and_tables_replace_an_input_and_stay_if_parameters_change(tmp_path: Path) -> None:
+    """Closed form: m x'' = F with F = 6 t gives x = t^3 / m; a table in kN over minutes gives the same."""
+    path = tmp_path / "push.csv"
+    path.write_text("time [min],force [kN]\n0,0\n1,0.36\n")
+    for value in ("6*t", mb.read_table(path)):
+        model = Cart().with_inputs({"force": value})
+        assert not model.compile().inputs.variables
+        for mass in (2.0, 3.0):
+            found = mb.simulate(model.with_values({"mass": mass}), solver="adams", tolerance=1e-9)
+            np.testing.assert_allclose(found["x"], found.t**3 / mass, atol=1e-8)
+    assert Cart().compile().inputs.variables  # the model itself did not change
+
+
+def test_what_cannot_replace_an_input_is_refused() -> None:
+    """The messages name the input, the value and what is allowed."""
+    with pytest.raises(mb.UserError, match="no input 'fore'; allowed: force"):
+        Cart().with_inputs({"fore": 1.0})
+    with pytest.raises(mb.UserError, match="input 'force' is nan; allowed: a finite number, an expression"):
+        Cart().with_inputs({"force": float("nan")})
+    with pytest.raises(mb.UserError, match="inputs force of model 'cart' are given as signals, which a study"):
+        ModelTarget(default_scene(Cart().with_inputs({"force": 1.0})))
+
+
+def test_every_command_states_the_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A comparison runs the driven model, whose exact motion ends at x = 0.5."""
+    given = [f"{__file__}:Cart", "--input", "force=6*t"]
+    compared = ["--solver", "adams", "--tolerance", "1e-4", "--tolerance", "1e-6", "--repeats", "1"]
+    pages = ["-o", str(tmp_path / "page.html")]
+    for command in (["check", *given], ["compare", *given, *compared, "-o", str(tmp_path)], ["view", *given, *pages]):
+        assert main(command) == 0, command
+        assert "input force: 6*t" in capsys.readouterr().out, command
+    (table,) = tmp_path.rglob("table.txt")
+    assert "input force: 6*t" in table.read_text()
+    assert main(["view", str(tmp_path / "motion.npz"), "--input", "force=1"]) == 2
+    assert "--input changes a run" in capsys.readouterr().err
+
+
+def test_the_command_states_the_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """x = t^3 / 2 at the end of the run; a table that ends before the run is refused."""
+    model = f"{__file__}:Cart"
+    where = ["--direct", "--solver", "adams", "-o", str(tmp_path)]
+    assert main(["run", model, "--input", "force=6*t", *where]) == 0
+    assert "input force: 6*t" in capsys.readouterr().out
+    (file,) = tmp_path.rglob("result.npz")
+    assert mb.Result.load(file)["x"][-1] == pytest.approx(0.5, abs=1e-5)
+    (scene,) = tmp_path.rglob("default.toml")
+    assert '"force" = "6*t"' in scene.read_text()
+    assert main(["run", str(scene), "-o", str(tmp_path / "fmu")]) == 0  # as an FMU
+    (file,) = (tmp_path / "fmu").rglob("result.npz")
+    assert mb.Result.load(file)["x"][-1] == pytest.approx(0.5, abs=1e-5)
+    short = tmp_path / "short.csv"
+    short.write_text("time,force [N]\n0,0\n0.5,1\n")
+    assert main(["run", model, "--input", f"force={short}", *where]) == 2
+    assert "input 'force' is given from 0 to 0.5 s, but the run is from 0 to 1 s" in capsys.readouterr().err
