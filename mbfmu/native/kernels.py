@@ -1,9 +1,8 @@
-"""``python -m mbfmu.native.kernels FOLDER TARGETS KNOWN OBJECT ...``: kernels of the runtime as object files.
+"""``python -m mbfmu.native.kernels FOLDER TARGETS OBJECT ...``: kernels of the runtime as object files.
 
-The object files are those of :mod:`.contents`. With a file of EQUATIONS a description of its kernels is written. If it
-is in the folder KNOWN, these kernels are not compiled again for other files of its family. The module runs in a
-separate process, see :mod:`.runtime`: everything is recompiled for another processor, and this process cannot execute
-it. Child processes share the work if there is more than one processor. The files do not depend on it.
+The object files are those of :mod:`.contents`. The module runs in a separate process, see :mod:`.runtime`: a caller may
+have no compiler. Kernels that have been compiled for Python are taken from the cache, and those that are compiled here
+are stored there. Child processes share the work if there is more than one processor. The files do not depend on it.
 """
 
 from __future__ import annotations
@@ -18,17 +17,16 @@ from pathlib import Path
 from typing import Any
 
 from mbfmu.mechanics.arrays.tables import types_of
-from solvers.compiled.aot import compile_only, emit_object, kernel_symbols, link_module
+from solvers.compiled.aot import emit_object, kernel_symbols, link_module
+from solvers.compiled.cache import when_compiled
 from solvers.compiled.indirect_call import record_type
 from solvers.compiled.kernel import jit_uncached, types
-from solvers.compiled.symbols import declare_kernels, describe_kernels
 from solvers.compiled.tuple_pointer import pointer_type
 
 from .contents import ENTRY_PARTS, EQUATIONS, STEPS, entry_part
 from .entries import entries, example
 from .families import FAMILIES
 from .kernel_table import KernelTable, kernel_tables
-from .runtime import is_intact
 from .sundials import CALLBACK_TYPES, SUNDIALS_FAMILIES, callback_symbol
 from .targets import TARGETS
 
@@ -79,8 +77,8 @@ class Workers:
 class Builder:
     """What writes object files for some targets."""
 
-    def __init__(self, folder: Path, targets: Collection[str], known: Path) -> None:
-        self._folder, self._targets, self._known = folder, targets, known
+    def __init__(self, folder: Path, targets: Collection[str]) -> None:
+        self._folder, self._targets = folder, targets
 
     def write(self, module: Any, name: str) -> None:
         """Write a module as ``TARGET-name.o`` for every target."""
@@ -107,18 +105,13 @@ class Builder:
             callbacks = zip(SUNDIALS_FAMILIES[family], CALLBACK_TYPES.items(), strict=True)
             parts[STEPS] |= {callback_symbol(family, name): (function, more) for function, (name, more) in callbacks}
         file, equations = f"{family}-{EQUATIONS}", parts.pop(EQUATIONS)
-        described, shared = self._known / f"{file}.kernels", None
-        if file in names or not is_intact(described):
-            shared = link_module(_compile(equations, instance), {}, exports_kernels=True)
-            elsewhere = kernel_symbols(shared)
-        else:
-            elsewhere = declare_kernels(described.read_bytes())
+        shared = link_module(_compile(equations, instance), {}, exports_kernels=True)
+        elsewhere = kernel_symbols(shared)
         for part, known in parts.items():
             if f"{family}-{part}" in names:
                 workers.run(partial(self._write_calling, elsewhere, known, instance, f"{family}-{part}"))
-        if file in names and shared is not None:
+        if file in names:
             self.write(shared, file)
-            (self._folder / described.name).write_bytes(describe_kernels(elsewhere))
 
     def _write_calling(
         self, elsewhere: Collection[str], known: Mapping[str, tuple[Any, Any]], instance: Any, name: str
@@ -143,20 +136,20 @@ def report_function() -> None:
     os.write(sys.stdout.fileno(), PROGRESS)
 
 
-def main(folder: Path, targets: Collection[str], known: Path, names: Collection[str]) -> None:
+def main(folder: Path, targets: Collection[str], names: Collection[str]) -> None:
     """Write the object files."""
     families = [family for family in FAMILIES if any(f"{family}-{part}" in names for part in ENTRY_PARTS)]
     instances = {family: pointer_type(example(family)) for family in families}  # kernels make examples
     gc.set_threshold(200_000, 20, 20)  # a tenth of the time
-    compile_only(report_function)
-    workers, builder = Workers(), Builder(folder, targets, known)
-    for name, table in kernel_tables().items():
-        if name in names:
-            workers.run(partial(builder.write_table, name, table))
-    for family, instance in instances.items():
-        builder.write_family(family, names, instance, workers)
-    workers.finish()
+    workers, builder = Workers(), Builder(folder, targets)
+    with when_compiled(report_function):
+        for name, table in kernel_tables().items():
+            if name in names:
+                workers.run(partial(builder.write_table, name, table))
+        for family, instance in instances.items():
+            builder.write_family(family, names, instance, workers)
+        workers.finish()
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2].split(","), Path(sys.argv[3]), sys.argv[4:])
+    main(Path(sys.argv[1]), sys.argv[2].split(","), sys.argv[3:])

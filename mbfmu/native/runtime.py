@@ -41,13 +41,6 @@ ZIG = "ziglang>=0.13"  # as in pyproject.toml
 COMPILER_ADVICE = "Install a C compiler, or run: pip install ziglang"
 PACKAGE_DIR = Path(__file__).parent
 PACKED_RUNTIMES = PACKAGE_DIR / "runtimes"  # that a wheel brings along
-# sources of the machine code, in addition to the kernels of other packages
-KERNEL_SOURCES = (
-    "closing.py", "contents.py", "derivatives.py", "eliminated.py", "entries.py", "exchange_branches.py",
-    "exchange_dense.py", "exchange_eliminated.py", "exchange_memory.py", "exchange_times.py", "exchange_tree.py",
-    "families.py", "kernel_table.py", "kernels.py", "load_derivatives.py", "model_exchange.py", "start_checks.py",
-    "steady_start.py", "sundials.py", "targets.py",
-)  # fmt: skip
 COMPILER_FLAGS = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
 FUNCTIONS_OF_OBJECT = 150  # approximate number of functions that are compiled for one, for the bar of progress
 EXPORTED_SYMBOLS = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
@@ -81,7 +74,7 @@ def objects(names: Collection[str], contents: Collection[Contents]) -> dict[str,
     for name in names:
         if name not in TARGETS:
             raise UserError(f"target {name!r} is not known; allowed: {', '.join(TARGETS)}")
-    folder, parts = build_dir(*KERNEL_SOURCES), list(dict.fromkeys(own for each in contents for own in each.objects()))
+    folder, parts = build_dir(), list(dict.fromkeys(own for each in contents for own in each.objects()))
     found = {name: [_object_file(folder, name, part) for part in parts] for name in names}
     if not all(is_intact(path) for paths in found.values() for path in paths):
         notify_listeners()
@@ -103,10 +96,9 @@ def _build(folder: Path, names: Collection[str], parts: Collection[str]) -> None
         return  # another process has
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
         # machine code is made by a compiler, also if this process has none
-        own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": f"{work}/cache", "NUMBA_DISABLE_JIT": "0"}
-        command = [sys.executable, "-m", "mbfmu.native.kernels", work, ",".join(targets), str(folder), *together]
-        _run(command, own, FUNCTIONS_OF_OBJECT * len(together))
-        for path in sorted([*Path(work).glob("*.o"), *Path(work).glob("*.kernels")]):
+        command = [sys.executable, "-m", "mbfmu.native.kernels", work, ",".join(targets), *together]
+        _run(command, {"NUMBA_DISABLE_JIT": "0"}, FUNCTIONS_OF_OBJECT * len(together))
+        for path in sorted(Path(work).glob("*.o")):
             install_atomically(path, folder / path.name)
 
 

@@ -62,8 +62,6 @@ def user_library(scene: Scene, target: str, family: str) -> bytes:
         file = Path(work) / "scene.toml"
         file.write_text(as_toml(replace(scene, reference=reference)), encoding="utf-8")
         own = {
-            "NUMBA_CPU_NAME": "generic",
-            "NUMBA_CACHE_DIR": f"{work}/cache",
             "NUMBA_DISABLE_JIT": "0",
             "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
         }

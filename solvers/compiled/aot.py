@@ -2,59 +2,21 @@
 
 Numba's own functions can be called from C, ``int32 f(result *, void **, arguments ...)``; what it wraps around them for
 Python is left out, and so is what no entry point reaches. Kernels are linked as they were compiled, so that the module
-does what they do in Python, bit for bit, where it was compiled for the same processor and the same C library serves
-``sin`` and its like. For other processors compile in a separate process with ``NUMBA_CPU_NAME=generic``, and without
-a cache of its results (``NUMBA_CACHE_DIR`` at an empty folder): types of entry points are those of one process.
+does what they do in Python, bit for bit, where the same C library serves ``sin`` and its like: they are optimized for
+every processor of an architecture (:mod:`.pipeline`), and machine code is made of that for each target.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from llvmlite import binding as llvm
-from numba import _dynfunc  # type: ignore[attr-defined]
-from numba.core.registry import cpu_target
 
-from .cache import Cache
-from .pipeline import KernelLibrary, code_of, shorten_all
+from .pipeline import OPTIMIZATION_LEVEL, code_of
 from .symbols import SYMBOL_PREFIX, compiled_kernel_of
 
-OPTIMIZATION_LEVEL = 3  # level of optimization of what is emitted
-
 Module = Any  # of llvmlite
-
-
-class CodeLibrary(KernelLibrary):
-    """LLVM code of a function that this process does not execute."""
-
-    def _finalize_specific(self) -> None:
-        """Make no machine code."""
-
-    def get_pointer_to_function(self, _: str) -> int:
-        """Return that there is no machine code."""
-        return 0
-
-
-def compile_only(report: Callable[[], None]) -> None:
-    """Let kernels be compiled to LLVM code from now on, which this process cannot execute; it has no way back.
-
-    Machine code for this process, what wraps functions for Python, and the cache take half of the time of numba.
-    ``report`` is called for every function that has been compiled.
-    """
-
-    def get_executable(library: Any, described: Any, environment: Any) -> Any:
-        library._ensure_finalized()  # optimizes the code
-        report()
-        return _dynfunc.make_function(described.lookup_module(), described.qualname, "", 1, environment, (library,))
-
-    context = cpu_target.target_context
-    context.codegen()._library_class = CodeLibrary
-    context.codegen()._add_module = lambda _: None
-    context.create_cpython_wrapper = lambda *_, **__: None
-    context.get_executable = get_executable
-    Cache.is_enabled = False
-    shorten_all()
 
 
 def link_module(

@@ -23,12 +23,12 @@ from typing import Any
 import numba
 from numba.core import sigutils
 from numba.core.caching import FunctionCache, NullCache, _CacheLocator
-from numba.core.event import TimingListener, install_listener
+from numba.core.event import Listener, TimingListener, install_listener
 
 SOLVERS_DIR = Path(__file__).resolve().parent.parent
 PACKAGE_DIR = SOLVERS_DIR.parent / "mbfmu"
 # of the kernels
-KERNEL_DIRS = (SOLVERS_DIR, *(PACKAGE_DIR / name for name in ("mechanics", "sheets", "session/kernels")))
+KERNEL_DIRS = (SOLVERS_DIR, *(PACKAGE_DIR / name for name in ("mechanics", "sheets", "session/kernels", "native")))
 IMPORT_STATEMENT = re.compile(
     r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE
 )
@@ -167,6 +167,27 @@ def measure_compilation_time() -> Iterator[Callable[[], float]]:
         yield lambda: float(timer.duration) if timer.done else 0.0
 
 
+class _Report(Listener):
+    """Calls a function whenever a kernel has been compiled."""
+
+    def __init__(self, report: Callable[[], None]) -> None:
+        self._report = report
+
+    def on_start(self, _: Any) -> None:
+        """Do nothing."""
+
+    def on_end(self, _: Any) -> None:
+        """Report it."""
+        self._report()
+
+
+@contextmanager
+def when_compiled(report: Callable[[], None]) -> Iterator[None]:
+    """Call ``report`` in this block whenever a kernel has been compiled."""
+    with install_listener("numba:compile", _Report(report)):
+        yield
+
+
 def notify_listeners() -> None:
     """Notify the waiting block that compilation begins."""
     while _listeners:
@@ -221,8 +242,6 @@ def _content(source: str, _changed: int, _size: int) -> str:
 class Cache(FunctionCache):
     """The machine code of one function, for every signature."""
 
-    is_enabled = True  # False: this process makes no machine code that could be stored
-
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return the stored code of a signature; None if there is none, or it is damaged or of another signature."""
         try:
@@ -236,7 +255,7 @@ class Cache(FunctionCache):
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Store compiled code if the folder can be written and the sources are those of the fingerprint."""
-        if not (self.is_enabled and are_sources_unchanged()):
+        if not are_sources_unchanged():
             return
         try:
             try:

@@ -14,6 +14,7 @@ from functools import cache
 from operator import attrgetter
 from typing import Any
 
+from llvmlite import binding as llvm
 from numba.core import postproc, targetconfig, transforms, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import cpu_target
@@ -29,6 +30,7 @@ _run_postprocessor: Callable[..., None] = _PostProcessor.run
 
 code_of = attrgetter("library")  # of what numba has compiled
 
+OPTIMIZATION_LEVEL = 3  # of LLVM
 NUMBERS = types.Float, types.Integer, types.Boolean, types.Complex
 
 _call_types: dict[tuple[Any, ...], Any] = {}  # of operators and functions of numbers
@@ -42,9 +44,15 @@ class KernelLibrary(JITCodeLibrary):
         module.data_layout = self._codegen._data_layout
 
     def _optimize_final_module(self) -> None:
-        codegen: Any = self._codegen
-        passes, builder = codegen._module_pass_manager()
-        passes.run(self._final_module, builder)
+        builder = llvm.create_pass_builder(_oldest_machine(), llvm.create_pipeline_tuning_options(OPTIMIZATION_LEVEL))
+        builder.getModulePassManager().run(self._final_module, builder)
+
+
+@cache
+def _oldest_machine() -> Any:
+    """Return the oldest processor of this architecture, for which all code is optimized; it is emitted for this one."""
+    target = llvm.Target.from_triple(llvm.get_process_triple())
+    return target.create_target_machine(cpu="generic", features="", opt=OPTIMIZATION_LEVEL)
 
 
 @contextmanager
@@ -60,13 +68,6 @@ def shortened() -> Iterator[None]:
             stack.callback(setattr, place, name, vars(place)[name])
             setattr(place, name, value)
         yield
-
-
-def shorten_all() -> None:
-    """Shorten every compilation of this process from now on."""
-    _is_shortened[0] = True
-    for place, name, value in _replacements():
-        setattr(place, name, value)
 
 
 @cache

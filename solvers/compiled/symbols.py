@@ -11,10 +11,8 @@ from __future__ import annotations
 import copy
 import importlib
 import zlib
-from collections.abc import Iterable
 from hashlib import sha256
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 from llvmlite import binding
@@ -22,7 +20,6 @@ from numba.core import sigutils, types
 from numba.core.caching import CompileResultCacheImpl, NullCache
 from numba.core.ccallback import CFunc
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.funcdesc import ExternalFunctionDescriptor
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps, loads
 from numba.core.typing.templates import make_concrete_template
@@ -37,31 +34,12 @@ MAX_INLINED_BITCODE_SIZE = 20_000
 
 _kernels: dict[tuple[str, str], Kernel] = {}  # by module and name
 _symbols: dict[str, tuple[tuple[str, str], Any]] = {}  # kernel and argument types of a symbol
-# symbol and type of the result of kernels of an object file, by module, name and names of argument types
-_declared: dict[tuple[str, ...], tuple[str, Any]] = {}
 
 
 def compiled_kernel_of(symbol: str) -> Any:
     """Return the compiled kernel of a symbol."""
     key, arguments = _symbols[symbol]
     return _kernels[key].overloads[arguments]
-
-
-def describe_kernels(names: Iterable[str]) -> bytes:
-    """Return how the kernels of these symbols are called, for :func:`declare_kernels` of another process."""
-    found = {}
-    for name in names:
-        key, arguments = _symbols[name]
-        compiled: Any = _kernels[key].overloads[arguments]
-        found[*key, *map(name_of_type, arguments)] = name, compiled.signature.return_type
-    return bytes(dumps(found))
-
-
-def declare_kernels(described: bytes) -> set[str]:
-    """Let kernels be called by their symbols from now on, without compiling them; return the symbols."""
-    known = loads(described)
-    _declared.update(known)
-    return {name for name, _ in known.values()}
 
 
 def name_of_type(kind: Any) -> str:
@@ -177,23 +155,10 @@ class Kernel(Inlined):
         arguments = tuple(sigutils.normalize_signature(signature)[0])
         with global_compiler_lock:
             known = arguments in self.overloads
-            if not known and _declared and self._declare(arguments):
-                return None
             entry = super().compile(signature)
             if not known and "<locals>" not in self.py_func.__qualname__:  # several of that name may be at work
                 self._name(arguments)
         return entry
-
-    def _declare(self, arguments: Any) -> bool:
-        """Let it be called by its symbol, if it is in an object file."""
-        symbol, returned = _declared.get((*self._key, *map(name_of_type, arguments)), ("", None))
-        if not symbol:
-            return False
-        described = ExternalFunctionDescriptor(symbol, returned, arguments)
-        declared: Any = SimpleNamespace(signature=returned(*arguments), entry_point=object(), objectmode=False)
-        self.overloads[arguments] = declared
-        self.targetctx.insert_user_function(declared.entry_point, described, [])
-        return True
 
     def _name(self, arguments: Any) -> None:
         compiled: Any = self.overloads[arguments]
