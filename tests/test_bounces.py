@@ -110,10 +110,38 @@ def test_impulses_of_several_stops():
     """A stop that others push away from has no impulse; equal stops share theirs."""
     A = np.array([[2.0, -1.5], [-1.5, 2.0]])
     np.testing.assert_allclose(solve_complementarity(A, np.array([1.0, 2.0])), np.linalg.solve(A, [1.0, 2.0]))
-    np.testing.assert_array_equal(solve_complementarity(-0.75 * A + 3.5 * np.eye(2), np.array([2.0, 0.5])), [1.0, 0.0])
+    np.testing.assert_allclose(
+        solve_complementarity(-0.75 * A + 3.5 * np.eye(2), np.array([2.0, 0.5])), [1.0, 0.0], rtol=1e-14
+    )
     p = solve_complementarity(np.ones((2, 2)), np.array([1.0, 1.0]))
+    assert p is not None
     assert p.sum() == pytest.approx(1.0)
     assert p.min() >= 0.0
+
+
+@pytest.mark.parametrize("spread", [0.0, 3.0, 6.0, 9.0])
+@pytest.mark.parametrize("difference", [1.0, 1e-2, 1e-5])
+def test_impulses_of_stops_on_masses_of_any_ratio(spread: float, difference: float):
+    """The conditions of the problem hold; masses differ by powers of ten, and two stops have nearly one direction."""
+    generator = np.random.default_rng(5)
+    for count in (2, 3, 4):
+        G = generator.normal(size=(count, 4))
+        G[1] = G[0] + difference * generator.normal(size=4)
+        A = (G / 10.0 ** generator.uniform(-0.5 * spread, 0.5 * spread, 4)) @ G.T
+        b = A @ generator.uniform(0.1, 1.0, count) * generator.uniform(1.0, 2.0, count)
+        p = solve_complementarity(A, b)
+        assert p is not None
+        assert p.min() >= 0.0
+        excess, unit = A @ p - b, np.abs(b).max()
+        assert excess.min() >= -1e-8 * unit
+        assert np.abs(p * excess).max() <= 1e-8 * p.max() * unit
+
+
+def test_stops_that_contradict_each_other():
+    """A body between two stops that close cannot leave both; nor can one that a stop of its drive moves."""
+    assert solve_complementarity(np.array([[1.0, -1.0], [-1.0, 1.0]]), np.array([1.0, 0.5])) is None
+    assert solve_complementarity(np.array([[1.0, 0.0], [0.0, 0.0]]), np.array([1.0, 0.5])) is None
+    np.testing.assert_array_equal(solve_complementarity(np.eye(2), np.array([-1.0, 0.0])), np.zeros(2))
 
 
 @pytest.mark.parametrize("solver", SMALL)

@@ -9,7 +9,7 @@ import pytest
 import mbfmu as mb
 from mbfmu.cli import main
 from mbfmu.ensemble.study_target import ModelTarget
-from mbfmu.modeling.scene import default_scene
+from mbfmu.modeling.scene import default_scene, read_scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,12 +41,17 @@ def test_expressions_and_tables_replace_an_input_and_stay_if_parameters_change(t
     assert Cart().compile().inputs.variables  # the model itself did not change
 
 
-def test_what_cannot_replace_an_input_is_refused() -> None:
+def test_what_cannot_replace_an_input_is_refused(tmp_path: Path) -> None:
     """The messages name the input, the value and what is allowed."""
     with pytest.raises(mb.UserError, match="no input 'fore'; allowed: force"):
         Cart().with_inputs({"fore": 1.0})
     with pytest.raises(mb.UserError, match="input 'force' is nan; allowed: a finite number, an expression"):
         Cart().with_inputs({"force": float("nan")})
+    scene = tmp_path / "scene.toml"
+    for line, problem in (("force = {times=[0, 1], values=[0, 1], knd='linear'}", "'knd'"), ("a.b = 1", "in quotes")):
+        scene.write_text(f"model = '{__file__}:Cart'\n[inputs]\n{line}\n")
+        with pytest.raises(mb.UserError, match=problem):
+            read_scene(scene)
     with pytest.raises(mb.UserError, match="inputs force of model 'cart' are given as signals, which a study"):
         ModelTarget(default_scene(Cart().with_inputs({"force": 1.0})))
 

@@ -40,8 +40,8 @@ def _signal(what: str, value: Any) -> Signal:
 def read_value(name: str, text: str, folder: Path = Path()) -> Any:
     """Return what the text after ``NAME=`` states: a number, a table of a file, or the text of an expression.
 
-    A file has the suffix .csv, .parquet or .pq, and a path relative to ``folder``. If it has several columns, the one
-    with the name of the input is read.
+    A file has the suffix .csv, .parquet or .pq, and a path relative to ``folder``. Its column with the name of the
+    input is read.
     """
     try:
         return float(text)
@@ -59,10 +59,13 @@ def read_entry(name: str, value: Any, folder: Path) -> Any:
     if isinstance(value, str):
         return read_value(name, value, folder)
     if isinstance(value, dict):
-        try:
-            return Table(value["times"], value["values"], **{k: v for k, v in value.items() if k in ("kind", "beyond")})
-        except KeyError as error:
-            raise UserError(f"input {name!r} has no {error}; allowed: times, values, kind and beyond") from error
+        if not {"times", "values"} <= value.keys() <= {"times", "values", "kind", "beyond"}:
+            raise UserError(
+                f"input {name!r} has {', '.join(map(repr, value)) or 'no entries'}; allowed: 'times' and 'values', and "
+                "'kind' and 'beyond'. A name of an input that contains a point is written in quotes"
+            )
+        options = {key: one for key, one in value.items() if key in ("kind", "beyond")}
+        return Table(value["times"], value["values"], **options)
     return value
 
 

@@ -33,7 +33,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from mbfmu.util.errors import UserError, suggest
+from mbfmu.util.errors import RENAMED, UserError, suggest
 from mbfmu.util.toml import read_toml
 
 from .model import Model
@@ -175,7 +175,9 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
     model = at_defaults(find(reference)).with_values(parameters)
     inputs = content.pop("inputs", {})
     if not isinstance(inputs, dict):
-        raise UserError(f"inputs is {inputs!r}; allowed: a table [inputs]")
+        raise UserError(
+            f"inputs is {inputs!r}; allowed: a table [inputs]; as a setting it is now called {RENAMED['inputs']!r}"
+        )
     if inputs:
         model = model.with_inputs({name: read_entry(name, value, path.parent) for name, value in inputs.items()})
     scene = default_scene(model, absolute(reference)).changed(name=f"{model.name}/{path.stem}")

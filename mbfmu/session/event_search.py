@@ -24,10 +24,8 @@ from solvers.stepper import Stepper, spacing
 from solvers.system import Array
 
 POINTS_PER_STEP = 4  # evaluations of the sensors in a step with dense output, its end included
-MAX_MOTION, MAX_POINTS_PER_STEP = (
-    0.25,
-    1000,
-)  # of a coordinate between two evaluations, in its unit; but not more points
+MAX_MOTION = 0.25  # of a coordinate between two evaluations, in its unit
+MAX_POINTS_PER_STEP = 1000  # even if coordinates move further between them
 TIME_ACCURACY_RATIO = 1e-3  # of a located time, in units of the tolerance times the step
 MAX_ROOT_ITERATIONS = 100  # of the search for a root; bisection alone needs 60
 MIN_BRACKET_RATIO = 1e-3  # of the values of a bracket, else bisection: the first may be the crossing before

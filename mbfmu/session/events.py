@@ -207,8 +207,8 @@ class RunEvents:
             event = next(event for event in found if self._stops[event.name] == dv)
             self.stop = Diagnostic.error(
                 "prescribed-bounce",
-                f"event {event.name!r} cannot bounce at t = {t:.9g} s: drives or loop-closing joints prescribe the "
-                "rate of its sensor",
+                f"event {event.name!r} cannot bounce at t = {t:.9g} s: drives, loop-closing joints or other stops "
+                "prescribe the rate of its sensor",
                 "Use a sensor that can move freely, or remove the Bounce",
                 time=t,
                 subject=event.name,

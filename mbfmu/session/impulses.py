@@ -11,8 +11,7 @@ from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from solvers.system import Array
 
 DEPENDENT_ROW_RATIO = 1e-10  # singular value of the scaled constraint Jacobian, relative to the largest: it is none
-MAX_IMPULSE_ITERATIONS = 10_000  # over the impulses of one time; one stop needs one
-IMPULSE_ACCURACY = 1e-15  # change of the impulses in a sweep, in units of the largest
+CONTRADICTION = 1e-10  # square of the inverse of the jump that stops require, in units of that which one requires
 
 
 class Impacts:
@@ -60,7 +59,8 @@ class Impacts:
         Returns
         -------
         Array, int or None
-            None: what a quantity moves has no mass; a number: the rate of this quantity cannot change.
+            None: what a quantity moves has no mass; a number: the rate of this quantity cannot change as its stop
+            requires.
         """
         slopes, approach = self.slopes(t, q)[hit], self._rates(t, q, v)[hit]
         responses = velocity_jump(self._compiled, t, q, v, -slopes)
@@ -68,26 +68,34 @@ class Impacts:
             return None
         demand = approach + self.restitutions[hit] * np.maximum(approach, 0.0)
         effects = -slopes @ responses.T
-        fixed = np.flatnonzero((np.diag(effects) <= 0.0) & (demand > 0.0))
-        if len(fixed):
-            return int(hit[fixed[0]])
-        found: Array = solve_complementarity(effects, demand) @ responses
+        p = solve_complementarity(effects, demand)
+        if p is None:
+            return int(hit[np.argmin(np.diag(effects))])
+        found: Array = p @ responses
         return found
 
 
-def solve_complementarity(A: Array, b: Array) -> Array:
+def solve_complementarity(A: Array, b: Array) -> Array | None:
     """Return p (k,) with p >= 0, A p - b >= 0 and p (A p - b) = 0, for a symmetric positive semidefinite A (k, k).
 
-    By the projected Gauss-Seidel iteration (Cottle, Pang and Stone, *The Linear Complementarity Problem*, 1992).
+    With A = C C^T, x = C^T p is the shortest vector with C x >= b: the problem of least distance, which is solved by
+    nonnegative least squares (Lawson and Hanson, *Solving Least Squares Problems*, 1995, chapter 23). Rows may depend
+    on each other. None: they contradict each other.
     """
-    p, own = np.zeros(len(b)), np.diag(A)
-    for _ in range(MAX_IMPULSE_ITERATIONS):
-        before = p.copy()
-        for i in np.flatnonzero(own > 0.0):
-            p[i] = max(0.0, p[i] + (b[i] - A[i] @ p) / own[i])
-        sizes = np.sqrt(np.maximum(own, 0.0)) * np.array((p, p - before))
-        if np.abs(sizes[1]).max() <= IMPULSE_ACCURACY * np.abs(sizes[0]).max():
-            break
+    unit = np.sqrt(np.maximum(np.diag(A), 0.0))
+    moving = unit > 0.0
+    p, largest = np.zeros(len(b)), float(np.max(b[moving] / unit[moving], initial=0.0))
+    if np.any(b[~moving] > 0.0):
+        return None
+    if largest == 0.0:
+        return p
+    values, vectors = np.linalg.eigh(A[np.ix_(moving, moving)] / np.outer(unit[moving], unit[moving]))
+    C, h = vectors * np.sqrt(np.maximum(values, 0.0)), b[moving] / (unit[moving] * largest)
+    u = scipy.optimize.nnls(np.vstack([C.T, h]), np.append(np.zeros(len(values)), 1.0))[0]
+    rest = 1.0 - h @ u
+    if rest <= CONTRADICTION:
+        return None
+    p[moving] = u / rest * largest / unit[moving]
     return p
 
 

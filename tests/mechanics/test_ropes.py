@@ -81,7 +81,7 @@ class Atwood(mb.Model):
 
 @pytest.mark.parametrize("size", SIZES)
 def test_atwoods_machine(size: float) -> None:
-    """a = g (M - m) / (M + m); both weights hang on 2 m M g / (m + M), so that the rope does not vibrate."""
+    """a = g (M - m) / (M + m); the rope starts with its tension 2 m M g / (m + M), and so does not vibrate."""
     model = Atwood(size=size)
     result = mb.simulate(model, 0.5, **TIGHT)
     assert not result.warning
@@ -112,7 +112,7 @@ def tackle(parts: int, load: float, counterweight: float) -> tuple[Mechanism, An
 
 @pytest.mark.parametrize("parts", [2, 3, 4, 5])
 def test_a_tackle_multiplies_the_force(parts: int) -> None:
-    """Balance and motion: the load hangs on ``parts`` segments."""
+    """Balance and motion of a load that ``parts`` segments of the rope carry."""
     weight = 2.0
     m, _ = tackle(parts, parts * weight, weight)
     rest = mb.equilibrium(m)

@@ -9,7 +9,7 @@ from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.loads import Force, Load, Pressure, Rope
 from mbfmu.mechanics.sensors import Sensor
-from mbfmu.util.errors import UserError
+from mbfmu.util.errors import UserError, short
 
 from .bodies import UNPLACED, Body
 from .graph import Graph
@@ -168,6 +168,8 @@ class Loading(Graph):
             The name is used already, the path is none of two or more bodies, or a value is invalid.
         """
         what = f"rope {name!r}"
+        if not isinstance(path, Sequence):
+            raise UserError(f"path of {what} is {short(path)}; allowed: a list of pairs of a body and a point")
         pairs = [own for own in path if isinstance(own, Sequence) and len(own) == 2]
         if len(pairs) < max(2, len(path)):
             raise UserError(
