@@ -44,7 +44,7 @@ def link_module(
     while wanted:
         symbol, compiled = wanted.popitem()
         done.add(symbol)
-        part = llvm.parse_bitcode(code_of(compiled)._get_module_for_linking().as_bitcode())
+        part = llvm.parse_bitcode(code_of(compiled).bitcode)
         own = part.get_function(compiled.fndesc.llvm_func_name)
         own.name, own.linkage = symbol, "external"  # what nothing calls yet would not be linked in
         for function in part.functions:

@@ -25,6 +25,9 @@ from numba.core import sigutils
 from numba.core.caching import FunctionCache, NullCache, _CacheLocator
 from numba.core.event import Listener, TimingListener, install_listener
 
+from .code_files import CodeFiles, hash_of
+from .turns import take_turn
+
 SOLVERS_DIR = Path(__file__).resolve().parent.parent
 PACKAGE_DIR = SOLVERS_DIR.parent / "mbfmu"
 # of the kernels
@@ -242,15 +245,30 @@ def _content(source: str, _changed: int, _size: int) -> str:
 class Cache(FunctionCache):
     """The machine code of one function, for every signature."""
 
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file: Any = CodeFiles(Path(self._cache_path), self._impl.filename_base)
+
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return the stored code of a signature; None if there is none, or it is damaged or of another signature."""
+        """Return the stored code of a signature; None if there is none, or it is damaged or of another signature.
+
+        A process that compiles it is waited for. Then it is the turn of this process to compile it, until the end of
+        the block of :func:`.turns.turns`.
+        """
+        if (found := self._stored(signature, context)) is not None:
+            return found
+        notify_listeners()
+        take_turn(Path(self._cache_path), self._index_key(signature, context.codegen()))
+        return self._stored(signature, context)
+
+    def _stored(self, signature: Any, context: Any) -> Any:
+        _initialize(context)
         try:
-            found = super().load_overload(signature, context)
+            found = self._load_overload(signature, context)
             if found is not None and tuple(found.signature.args) == tuple(sigutils.normalize_signature(signature)[0]):
                 return found
         except Exception:  # what is damaged unpickles to anything
             pass
-        notify_listeners()
         return None
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
@@ -258,15 +276,20 @@ class Cache(FunctionCache):
         if not are_sources_unchanged():
             return
         try:
-            try:
-                super().save_overload(signature, compiled)
-            except OSError:
-                raise
-            except Exception:  # the index is damaged
-                self.flush()
-                super().save_overload(signature, compiled)
+            super().save_overload(signature, compiled)
         except OSError as error:
             warn_unwritable(error)
+
+    def _index_key(self, signature: Any, codegen: Any) -> str:
+        """Return the hash of all that the code depends on, with the function."""
+        given, machine, contents = super()._index_key(sigutils.normalize_signature(signature)[0], codegen)
+        return hash_of(given, machine, contents, self._impl.filename_base, self._impl.locator.get_source_stamp())
+
+
+@cache
+def _initialize(context: Any) -> None:
+    """Load what numba knows of types; numba does so before it loads any function."""
+    context.refresh()
 
 
 class UncachedFunction(NullCache):

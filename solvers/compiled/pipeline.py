@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from operator import attrgetter
-from typing import Any
+from typing import Any, cast
 
 from llvmlite import binding as llvm
 from numba.core import postproc, targetconfig, transforms, types
@@ -21,6 +21,7 @@ from numba.core.registry import cpu_target
 
 # parts of numba without types
 _Flags: Any = targetconfig.TargetConfig
+_Library: Any = JITCodeLibrary
 _Function: Any = types.BaseFunction
 _PostProcessor: Any = postproc.PostProcessor
 _find_lifetimes: Any = postproc.VariableLifetime
@@ -37,8 +38,47 @@ _call_types: dict[tuple[Any, ...], Any] = {}  # of operators and functions of nu
 _is_shortened = [False]  # whether numba is replaced in part now
 
 
-class KernelLibrary(JITCodeLibrary):
+class KernelLibrary(_Library):  # type: ignore[misc]
     """Machine code of a kernel and of what is inlined into it."""
+
+    _shared_module: Any
+    _loaded: tuple[bytes, int] | None = None  # bitcode and length of a module that has been loaded
+
+    @property
+    def bitcode(self) -> bytes:
+        """The module as others link it."""
+        return self._loaded[0] if self._loaded else bytes(self._get_module_for_linking().as_bitcode())
+
+    @property
+    def length(self) -> int:
+        """Number of lines of the module, which is the same in every process; names and bitcode are not."""
+        return self._loaded[1] if self._loaded else str(self._get_module_for_linking()).count("\n")
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return the address of a function, whose module need not be parsed for it."""
+        self._ensure_finalized()
+        return int(self._codegen._engine.get_function_address(name))
+
+    def serialize_using_object_code(self) -> tuple[str, bytes, bytes, int]:
+        """Return name and contents for a file."""
+        self._ensure_finalized()
+        return self.name, self._get_compiled_object(), self.bitcode, self.length
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: tuple[str, bytes, bytes, int]) -> KernelLibrary:
+        name, code, bitcode, length = state
+        library: Any = codegen.create_library(name)
+        library.enable_object_caching()
+        library._set_compiled_object(code)
+        library._loaded = bitcode, length
+        library._finalize_final_module()
+        return cast(KernelLibrary, library)
+
+    def _get_module_for_linking(self) -> Any:
+        """Return the module for others to link; one that has been loaded is parsed here, since few are linked."""
+        if self._shared_module is None and self._loaded:
+            self._shared_module = llvm.parse_bitcode(self._loaded[0])
+        return super()._get_module_for_linking()
 
     def _optimize_functions(self, module: Any) -> None:
         module.data_layout = self._codegen._data_layout

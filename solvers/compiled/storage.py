@@ -15,12 +15,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from . import cache
+from .turns import FILE_NAME
 
 FINGERPRINT = "[0-9a-f]{16}"
 KERNEL_FOLDER = re.compile(rf".+-({FINGERPRINT})(-[0-9a-f]{{8}})?")  # in kernels/
 SHARED_FOLDER = re.compile(FINGERPRINT)  # of what is made of all sources
 RUNTIME_FOLDER = re.compile(rf"native-{FINGERPRINT}")
-KERNEL_FILE = re.compile(r".+\.nb[ic](\.tmp\.\w+)?")
+KERNEL_FILE = re.compile(rf".+\.nb[ic](\.tmp\.\w+)?|{FILE_NAME}")
 RUNTIME_FILE = re.compile(r"lock|tmp\w+|\.unfinished-\w+(\.\w+)?|.+\.(o|so|dylib|dll)")
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import copy
 import importlib
 import zlib
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +24,13 @@ from numba.core.serialize import dumps, loads
 from numba.core.typing.templates import make_concrete_template
 
 from .cache import Cache, CacheOnDemand, Locator, source_hash
+from .code_files import hash_of
 from .pipeline import code_of, shortened
 from .python_call import WrapperCache, make_callable
+from .turns import turns
 
 SYMBOL_PREFIX = "mbfmu_"
-# bytes of bitcode, a quarter of them names, up to which a kernel goes into its callers
-MAX_INLINED_BITCODE_SIZE = 20_000
+MAX_INLINED_LENGTH = 1100  # lines of code of LLVM up to which a kernel goes into its callers
 
 _kernels: dict[tuple[str, str], Kernel] = {}  # by module and name
 _symbols: dict[str, tuple[tuple[str, str], Any]] = {}  # kernel and argument types of a symbol
@@ -40,14 +40,6 @@ def compiled_kernel_of(symbol: str) -> Any:
     """Return the compiled kernel of a symbol."""
     key, arguments = _symbols[symbol]
     return _kernels[key].overloads[arguments]
-
-
-def name_of_type(kind: Any) -> str:
-    """Return the name of a type, which is the same in every process; numba's name of a kernel has its address."""
-    function = kind.dispatcher.py_func if isinstance(kind, types.Dispatcher) else None
-    if function is None or "<locals>" in function.__qualname__:
-        return str(kind)
-    return f"type({function.__module__}.{function.__qualname__})"
 
 
 class CacheEntry(CompileResultCacheImpl):
@@ -103,7 +95,7 @@ class Inlined(_Dispatcher):  # type: ignore[misc]
     def compile(self, signature: Any) -> Any:
         """Compile or load it."""
         is_called, self._is_called = self._is_called, False
-        with global_compiler_lock, shortened():
+        with global_compiler_lock, shortened(), turns():
             entry = super().compile(signature)
         return self.callable_for(signature) if is_called else entry
 
@@ -114,7 +106,7 @@ class Inlined(_Dispatcher):  # type: ignore[misc]
     def callable_for(self, signature: Any) -> Any:
         """Return what Python calls for arguments of these types, for which it has been compiled."""
         arguments = tuple(sigutils.normalize_signature(signature)[0])
-        with global_compiler_lock, shortened():
+        with global_compiler_lock, shortened(), turns():
             if arguments not in self._entries:
                 compiled = self.overloads[arguments]
                 entry = make_callable(compiled, self._wrappers, bool(self.targetoptions.get("nogil")))
@@ -164,12 +156,12 @@ class Kernel(Inlined):
         compiled: Any = self.overloads[arguments]
         source = self.py_func.__code__.co_filename
         version = source_hash(source) if Path(source).is_file() else ""
-        key_text = repr((self._key, version, str(compiled.signature.return_type), [name_of_type(a) for a in arguments]))
-        name = f"{SYMBOL_PREFIX}{self.py_func.__name__}_{sha256(key_text.encode()).hexdigest()[:16]}"
+        key = hash_of(arguments, self._key, version, str(compiled.signature.return_type))
+        name = f"{SYMBOL_PREFIX}{self.py_func.__name__}_{key[:16]}"
         code = code_of(compiled)
         binding.add_symbol(name, code.get_pointer_to_function(compiled.fndesc.llvm_func_name))
         _symbols[name] = self._key, arguments
-        if len(code._get_module_for_linking().as_bitcode()) > MAX_INLINED_BITCODE_SIZE:
+        if code.length > MAX_INLINED_LENGTH:
             called = copy.copy(compiled.fndesc)
             called.mangled_name = name
             self.targetctx.remove_user_function(compiled.entry_point)
@@ -185,5 +177,5 @@ class Callback(CFunc):
 
     def compile(self) -> None:
         """Compile or load it."""
-        with global_compiler_lock, shortened():
+        with global_compiler_lock, shortened(), turns():
             super().compile()

@@ -26,8 +26,9 @@ from numba.extending import (
     unbox,
 )
 
+from .code_files import name_of_type
 from .kernel import COMPILED, kernel
-from .symbols import Callback, name_of_type
+from .symbols import Callback
 
 
 class TuplePointerType(types.Type):

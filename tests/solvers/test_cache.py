@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ import numpy as np
 warnings.simplefilter("always")
 with warnings.catch_warnings(record=True) as caught:
     from solvers.compiled import cache, symbols
-    symbols.MAX_INLINED_BITCODE_SIZE = 0
+    symbols.MAX_INLINED_LENGTH = 0
     began = []
     from solvers.compiled.kernel import inlined, kernel
 
@@ -91,11 +92,10 @@ def test_a_kernel_is_compiled_once_and_found_again(script: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize("damage", ["cut", "emptied", "flipped", "gone"])
-@pytest.mark.parametrize("kind", ["nbc", "nbi"])
-def test_damaged_files_are_compiled_anew(script: Path, tmp_path: Path, damage: str, kind: str) -> None:
+def test_damaged_files_are_compiled_anew(script: Path, tmp_path: Path, damage: str) -> None:
     home = tmp_path / "home"
     ended(start(script, home))
-    files = [file for file in home.rglob(f"*.{kind}") if file.name.startswith("demo.")]
+    files = [file for file in home.rglob("*.nbc") if file.name.startswith("demo.")]
     assert len(files) >= 3
     for file in files:
         content = bytearray(file.read_bytes())
@@ -109,7 +109,7 @@ def test_damaged_files_are_compiled_anew(script: Path, tmp_path: Path, damage: s
 
 
 def test_code_of_another_signature_is_not_taken(tmp_path: Path) -> None:
-    """Two processes that start cold may give one name to the code of two signatures."""
+    """Files may have been exchanged."""
     script, home = tmp_path / "demo.py", tmp_path / "home"
     script.write_text(
         "import json\n"
@@ -145,7 +145,7 @@ def test_a_kernel_that_was_compiled_again_is_called(tmp_path: Path) -> None:
     )
     assert ended(start(script, home, KERNELS_BEFORE="0"))["told"] == 1.5
     kept, gone = (sorted(home.rglob(f"demo.half-*{end}.py*")) for end in ("p", "[0-9]"))
-    assert len(kept) == len(gone) == 2
+    assert len(kept) == len(gone) == 1
     for file in gone:
         file.unlink()
     for count in ("3", "0", "1"):
@@ -198,7 +198,7 @@ def test_a_process_whose_sources_are_edited_keeps_nothing(tmp_path: Path) -> Non
 
 def test_a_caller_sees_that_what_it_calls_was_edited(tmp_path: Path) -> None:
     callee, script = tmp_path / "callee.py", tmp_path / "demo.py"
-    body = "from solvers.compiled import symbols\nsymbols.MAX_INLINED_BITCODE_SIZE = 0\n"
+    body = "from solvers.compiled import symbols\nsymbols.MAX_INLINED_LENGTH = 0\n"
     body += "from solvers.compiled.kernel import kernel\n\n@kernel\ndef big(x):\n"
     script.write_text(
         "import json\nfrom callee import big\nfrom solvers.compiled.kernel import kernel\n\n"
@@ -219,11 +219,22 @@ def test_where_nothing_can_be_written_all_is_compiled_and_said_once(script: Path
     assert "NUMBA_CACHE_DIR" in told["warned"][0]
 
 
-def test_two_processes_start_cold_at_once(script: Path, tmp_path: Path) -> None:
+def test_processes_that_start_cold_at_once_share_the_work(script: Path, tmp_path: Path) -> None:
     processes = [start(script, tmp_path / "home") for _ in range(3)]
-    for process in processes:
-        ended(process)
+    misses = [ended(process)["misses"] for process in processes]
+    assert {name: sum(found[name] for found in misses) for name in misses[0]} == {"deep": 1, "outer": 1}
     assert sum(ended(start(script, tmp_path / "home"))["misses"].values()) == 0
+
+
+def test_a_process_that_has_been_killed_stops_no_other(script: Path, tmp_path: Path) -> None:
+    killed = start(script, tmp_path / "home")
+    for _ in range(600):
+        if list(tmp_path.rglob("turns")):
+            break
+        time.sleep(0.05)
+    killed.kill()
+    killed.communicate()
+    assert ended(start(script, tmp_path / "home"))["found"] == 19.0
 
 
 def test_another_environment_with_the_same_sources_uses_the_same_code(tmp_path: Path) -> None:

@@ -135,7 +135,7 @@ def test_all_that_the_compiler_writes_is_machine_code(home: Path, tmp_path: Path
     script.write_text(KERNEL)
     environment = os.environ | {"NUMBA_CACHE_DIR": str(home.parent), "PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run((sys.executable, script), env=environment, check=True)
-    assert len(files(home)) >= 3, "an index and the code of two signatures"
+    assert len(files(home)) >= 3, "the code of two signatures, and the file of turns"
     assert storage.find_foreign() == []
     assert storage.clear().files >= 3
     assert not home.exists()
