@@ -27,7 +27,7 @@ from .cuts import (
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
-from .events import Bounce, EndRun, Impulse, Restart, SetInput, SetParameter
+from .events import Bounce, EndRun, Impulse, Lock, Release, Restart, SetInput, SetParameter
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -109,6 +109,7 @@ __all__ = [
     "LineForce",
     "Load",
     "LoadGroup",
+    "Lock",
     "Mechanism",
     "Panel",
     "Planar",
@@ -118,6 +119,7 @@ __all__ = [
     "Polynomial",
     "Product",
     "Ramp",
+    "Release",
     "Restart",
     "Revolute",
     "RevoluteCutJoint",
