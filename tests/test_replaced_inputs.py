@@ -1,5 +1,6 @@
 """Inputs that signals replace: by ``Model.with_inputs`` and by ``--input`` of the commands."""
 
+import pickle
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,8 +9,9 @@ import pytest
 
 import mbfmu as mb
 from mbfmu.cli import main
-from mbfmu.ensemble.study_target import ModelTarget
-from mbfmu.modeling.scene import default_scene, read_scene
+from mbfmu.ensemble.definition import define, read_study
+from mbfmu.ensemble.worker import Outcome, forget_job, run_batch
+from mbfmu.modeling.scene import read_scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +28,21 @@ class Cart(mb.Model):
         m.force("push", mb.JointForce(mb.Input(name="force", unit="N")), cart)
         m.output("x", cart.coordinate())
         return m
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldCart(Cart):
+    """A mass on a rail, which a force moves against a spring."""
+
+    def build(self) -> mb.Mechanism:
+        """Return the mechanism."""
+        m = super().build()
+        m.force("spring", mb.JointSpring(stiffness=100.0), m.bodies[1])
+        return m
+
+    def exact_equilibrium(self) -> dict[str, float]:
+        """Return the position without a force."""
+        return {"x": 0.0}
 
 
 def test_expressions_and_tables_replace_an_input_and_stay_if_parameters_change(tmp_path: Path) -> None:
@@ -52,8 +69,6 @@ def test_what_cannot_replace_an_input_is_refused(tmp_path: Path) -> None:
         scene.write_text(f"model = '{__file__}:Cart'\n[inputs]\n{line}\n")
         with pytest.raises(mb.UserError, match=problem):
             read_scene(scene)
-    with pytest.raises(mb.UserError, match="inputs force of model 'cart' are given as signals, which a study"):
-        ModelTarget(default_scene(Cart().with_inputs({"force": 1.0})))
 
 
 def test_every_command_states_the_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -87,3 +102,70 @@ def test_the_command_states_the_input(tmp_path: Path, capsys: pytest.CaptureFixt
     short.write_text("time,force [N]\n0,0\n0.5,1\n")
     assert main(["run", model, "--input", f"force={short}", *where]) == 2
     assert "input 'force' is given from 0 to 0.5 s, but the run is from 0 to 1 s" in capsys.readouterr().err
+
+
+def test_steady_states_are_those_of_the_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Closed form: x = F / k, and the frequency sqrt(k / m) / 2 pi; an input that is replaced cannot be varied."""
+    given = [f"{__file__}:HeldCart", "--input", "force=5"]
+    folder = ["-o", str(tmp_path)]
+    commands = (
+        ["equilibrium", *given],
+        ["modes", *given, *folder],
+        ["linearize", *given, "-o", str(tmp_path / "a.npz")],
+    )
+    for command in (*commands, ["equilibrium", *given, "--sweep", "mass=1:2:1", *folder]):
+        assert main(command) == 0, command
+        shown = capsys.readouterr().out
+        assert "input force: 5\n" in shown, command
+        assert "0.05" in shown or "1.125" in shown, command
+    assert main(["path", *given, "--over", "force=0:1", *folder]) == 2
+    assert "force" in capsys.readouterr().err
+    assert main(["equilibrium", given[0], "--input", "force=6*t"]) == 2
+    assert "does not end at a constant value" in capsys.readouterr().err
+
+
+def outcomes(content: dict[str, object]) -> list[Outcome]:
+    """Make the runs of a study in this process, as a worker makes them."""
+    definition = define(content)
+    job = pickle.loads(pickle.dumps(definition.job()))  # what a scheduler sends
+    try:
+        return run_batch(job, list(enumerate(definition.points())))
+    finally:
+        forget_job(job)
+
+
+@pytest.mark.parametrize("method", ["simulation", "native"])
+def test_runs_of_a_study_have_the_input(tmp_path: Path, method: str) -> None:
+    """Closed form: x = t^3 / m by F = 6 t, from a file with its path relative to the study, or from the scene."""
+    (tmp_path / "push.csv").write_text("time [min],force [kN]\n0,0\n1,0.36\n")
+    (tmp_path / "scene.toml").write_text(f"model = '{__file__}:Cart'\nsolver = 'adams'\n")
+    (tmp_path / "given.toml").write_text(
+        f"scene = 'scene.toml'\nwith = '{method}'\n[inputs]\nforce = 'push.csv'\n"
+        "[vary]\nmass = [2.0, 4.0]\n[measure]\nx = 'end x'\n"
+    )
+    content = read_study(tmp_path / "given.toml")
+    found = outcomes(content)
+    assert [outcome.message for outcome in found] == ["", ""]
+    assert [outcome.measures[0] for outcome in found] == pytest.approx([0.5, 0.25], rel=1e-5)
+    assert define(content).target.replaced_inputs == ("input force: table of 2 points from 0 to 60 s",)
+    with pytest.raises(mb.UserError, match="'force'"):
+        define(content | {"vary": {"force": [1.0]}})
+    with pytest.raises(mb.UserError, match="input 'force' is given from 0 to 60 s, but the run is from 0 to 61 s"):
+        define(content | {"stop_time": 61.0})
+
+
+def test_studies_refuse_inputs_that_they_cannot_replace(tmp_path: Path) -> None:
+    """The messages name the input; stop times that vary must be within a table. The model is sent without a file."""
+    model = Cart().with_inputs({"force": mb.Table([0.0, 60.0], [0.0, 360.0])})
+    content: dict[str, object] = {"scene": model, "measure": {"x": "end x"}, "fixed": {"solver": "adams"}}
+    (found,) = outcomes(content | {"vary": {"mass": [2.0]}, "inputs": {"force": "12*t"}})
+    assert found.measures[0] == pytest.approx(1.0, rel=1e-5)
+    with pytest.raises(
+        mb.UserError, match="input 'force' of 'cart/default' is replaced by a signal, so that it cannot"
+    ):
+        define(content | {"vary": {"force": [1.0]}})
+    with pytest.raises(mb.UserError, match="input 'force' is given from 0 to 60 s, but the run is from 0 to 61 s"):
+        define(content | {"vary": {"stop_time": [1.0, 61.0]}})
+    (tmp_path / "any.fmu").touch()
+    with pytest.raises(mb.UserError, match="inputs force and an FMU are given"):
+        define({"fmu": str(tmp_path / "any.fmu"), "vary": {"force": [1.0]}, "inputs": {"force": 1.0}})

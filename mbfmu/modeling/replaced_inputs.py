@@ -54,6 +54,12 @@ def read_value(name: str, text: str, folder: Path = Path()) -> Any:
         raise UserError(f"input {name!r}: {error}") from error
 
 
+def in_folder(value: Any, folder: Path) -> Any:
+    """Return an entry of ``[inputs]`` whose path of a file is relative to the working directory, not to a folder."""
+    is_file = isinstance(value, str) and Path(value).suffix.lower() in FILE_SUFFIXES
+    return str(folder / value) if is_file else value
+
+
 def read_entry(name: str, value: Any, folder: Path) -> Any:
     """Return what an entry of ``[inputs]`` in a scene file states."""
     if isinstance(value, str):
