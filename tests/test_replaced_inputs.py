@@ -11,6 +11,7 @@ import mbfmu as mb
 from mbfmu.cli import main
 from mbfmu.ensemble.definition import define, read_study
 from mbfmu.ensemble.worker import Outcome, forget_job, run_batch
+from mbfmu.modeling.replaced_inputs import read_value
 from mbfmu.modeling.scene import read_scene
 
 
@@ -69,6 +70,35 @@ def test_what_cannot_replace_an_input_is_refused(tmp_path: Path) -> None:
         scene.write_text(f"model = '{__file__}:Cart'\n[inputs]\n{line}\n")
         with pytest.raises(mb.UserError, match=problem):
             read_scene(scene)
+
+
+def test_a_column_of_another_quantity_is_refused_and_one_of_several_is_chosen(tmp_path: Path) -> None:
+    """The messages name file, column and both units, and list the columns."""
+    path = tmp_path / "push.csv"
+    path.write_text("time [s],left [kN],right [mm]\n0,0,0\n1,0.006,1\n")
+    found = Cart().with_inputs({"force": read_value("force", f"{path}:left")})
+    assert mb.simulate(found, solver="adams")["x"][-1] == pytest.approx(0.5, rel=1e-5)
+    refused = (
+        r"input 'force' has the unit N, but column 'right' of file .*push.csv' has the unit mm; allowed: a unit of"
+    )
+    for right in (read_value("force", f"{path}:right"), mb.read_table(path, "right")):
+        with pytest.raises(mb.UserError, match=refused):
+            Cart().with_inputs({"force": right})
+    with pytest.raises(mb.UserError, match=refused):
+        mb.simulate(Cart(), inputs={"force": mb.read_table(path, "right")})
+    listed = (
+        r"push.csv' has no column 'force', but the columns 'left', 'right'; give the name of one .* as in push.csv:left"
+    )
+    with pytest.raises(mb.UserError, match=listed):
+        read_value("force", str(path))
+    with pytest.raises(mb.UserError, match="has no column 'lft'; did you mean 'left'"):
+        read_value("force", "push.csv:lft", tmp_path)
+    path.write_text("time [s],left [kN]\n0,0\n1,1\n")
+    assert read_value("force", str(path)).source == f"column 'left' of file {str(path)!r}"
+    m = mb.Mechanism(gravity=(0.0, 0.0, mb.Input(name="gravity", unit="m/s2", start=-9.81)))
+    m.output("x", m.body("cart", m.ground, mb.Translational(axis="x"), mass=1.0).coordinate())
+    with pytest.raises(mb.UserError, match="input 'gravity' has the unit m/s2, but column 'left'"):
+        mb.simulate(m, 1.0, inputs={"gravity": mb.read_table(path)})
 
 
 def test_every_command_states_the_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -147,7 +177,9 @@ def test_runs_of_a_study_have_the_input(tmp_path: Path, method: str) -> None:
     found = outcomes(content)
     assert [outcome.message for outcome in found] == ["", ""]
     assert [outcome.measures[0] for outcome in found] == pytest.approx([0.5, 0.25], rel=1e-5)
-    assert define(content).target.replaced_inputs == ("input force: table of 2 points from 0 to 60 s",)
+    assert define(content).target.replaced_inputs == (
+        f"input force: column 'force' of file {str(tmp_path / 'push.csv')!r}, 2 points from 0 to 60 s",
+    )
     with pytest.raises(mb.UserError, match="'force'"):
         define(content | {"vary": {"force": [1.0]}})
     with pytest.raises(mb.UserError, match="input 'force' is given from 0 to 60 s, but the run is from 0 to 61 s"):

@@ -51,7 +51,8 @@ def add_input(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME=VALUE",
         help="signal that replaces an input of the model: a number, an expression of the time t (s) such as "
-        "--input 'force=10*sin(30*t)', or a CSV or Parquet file such as --input road.height=road.csv; may be repeated",
+        "--input 'force=10*sin(30*t)', or a CSV or Parquet file such as --input road.height=road.csv, followed by "
+        "the name of a column if necessary (road.csv:left); may be repeated",
     )
 
 

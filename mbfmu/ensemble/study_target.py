@@ -273,8 +273,8 @@ def unknown_name(target: StudyTarget, name: str) -> UserError:
     """Return the complaint that nothing of this name may vary."""
     if isinstance(target, ModelTarget) and name in target.scene.model.replaced_inputs:
         return UserError(
-            f"input {name!r} of {target.name!r} is replaced by a signal, so that it cannot vary; leave out the signal or "
-            "the variation"
+            f"input {name!r} of {target.name!r} is replaced by a signal, so that it cannot vary; leave out the signal "
+            "or the variation"
         )
     return UserError(f"{target.name!r} has no parameter or input {name!r} that can vary{suggest(name, target.units)}")
 
