@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import PPoly
 
 import mbfmu as mb
 from mbfmu.cli import main
@@ -101,6 +102,34 @@ def test_a_column_of_another_quantity_is_refused_and_one_of_several_is_chosen(tm
         mb.simulate(m, 1.0, inputs={"gravity": mb.read_table(path)})
 
 
+FAST = {  # times in s, forces in N, and the most steps of a run
+    "jump": ((0.0, 5.0, 5.000001, 20.0), (0.0, 0.0, 10.0, 10.0), 200),
+    "spike": ((0.0, 5.0, 5.001, 5.002, 20.0), (0.0, 0.0, 1e4, 0.0, 0.0), 200),
+    "spikes": (
+        [k + x for k in range(20) for x in (0.0, 0.5, 0.5001, 0.5002)] + [20.0],
+        [0.0, 0.0, 1e4, 0.0] * 20 + [0.0],
+        3000,
+    ),
+}
+
+
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "radau"])
+@pytest.mark.parametrize("name", FAST)
+def test_jumps_and_spikes_of_a_file_are_followed_in_few_steps(tmp_path: Path, name: str, solver: str) -> None:
+    """The exact motion is the second integral of the lines through the points, divided by the mass."""
+    times, forces, most = FAST[name]
+    (tmp_path / "push.csv").write_text(
+        "t,force\n" + "".join(f"{t!r},{f!r}\n" for t, f in zip(times, forces, strict=True))
+    )
+    model = Cart().with_inputs({"force": read_value("force", "push.csv", tmp_path)})
+    result = mb.simulate(model, 20.0, interval=1.0, solver=solver, tolerance=1e-6)
+    slopes = np.diff(forces) / np.diff(times)
+    exact = PPoly(np.array([slopes, forces[:-1]]), np.array(times)).antiderivative(2)(result.t) / 2.0
+    np.testing.assert_allclose(result["x"], exact, atol=5e-6 * exact.max())
+    assert result.statistics.steps < most
+    assert result.warning == ""
+
+
 def test_every_command_states_the_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A comparison runs the driven model, whose exact motion ends at x = 0.5."""
     given = [f"{__file__}:Cart", "--input", "force=6*t"]
@@ -128,6 +157,7 @@ def test_the_command_states_the_input(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["run", str(scene), "-o", str(tmp_path / "fmu")]) == 0  # as an FMU
     (file,) = (tmp_path / "fmu").rglob("result.npz")
     assert mb.Result.load(file)["x"][-1] == pytest.approx(0.5, abs=1e-5)
+    assert mb.Result.load(file).inputs == ("force: function of time, evaluated at the solver's times",)
     short = tmp_path / "short.csv"
     short.write_text("time,force [N]\n0,0\n0.5,1\n")
     assert main(["run", model, "--input", f"force={short}", *where]) == 2

@@ -21,7 +21,7 @@ from mbfmu.mechanics import law
 from mbfmu.mechanics.checks import signal_of
 from mbfmu.mechanics.curve import curve
 from mbfmu.mechanics.numbers import finite, is_finite
-from mbfmu.mechanics.signals import Input, Signal, SpeedInput, Table
+from mbfmu.mechanics.signals import Function, Input, Signal, SpeedInput, Table
 from mbfmu.mechanics.signals.fitting import Pieces, UnresolvedError, find_jump, fit
 from mbfmu.mechanics.signals.followed import Followed
 from mbfmu.mechanics.signals.measured import MeasuredTable
@@ -76,7 +76,7 @@ class GivenInput:
     @property
     def kind(self) -> str:
         """Description of the value for messages."""
-        if self.is_function:
+        if self.is_function or isinstance(self._given, Function):
             return "function of time"
         if isinstance(self._given, MeasuredTable):
             return self._given.source or "points"
