@@ -80,7 +80,7 @@ class Numbering:
         for axis, gravity in mechanism.gravity_inputs.items():
             ((name, unit, description, start),) = gravity.variables()
             if given_inputs:
-                given_inputs.hold(name, "gravity is no signal of a mechanism")
+                given_inputs.hold(name, unit, "gravity is no signal of a mechanism")
             self._slot(Variable(name, unit, description, start), GRAVITY_SIGNAL, axis)
         for body in mechanism.bodies:
             self._count(body)
