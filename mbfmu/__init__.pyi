@@ -2,6 +2,7 @@
 
 from .ensemble.study import Study, load_study, study
 from .fmi import Batch, export, simulate_many, write_ssp
+from .formats import load
 from .mechanics import (
     Beam,
     BeamElement,
@@ -64,6 +65,7 @@ from .mechanics import (
     add_chain,
     box,
     cylinder,
+    pade_delay,
     rod,
     sphere,
     tube,
@@ -114,8 +116,9 @@ __all__ = [
     "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational",
     "TranslationalCutJoint", "Trough", "Universal", "UniversalCutJoint", "UserError", "Wall", "Weld", "WeldCutJoint",
     "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder", "equilibrium",
-    "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes", "parameter", "read_table",
-    "recommend_solver", "rod", "simulate", "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
+    "equilibrium_path", "export", "find", "linearize", "load", "load_study", "models", "modes", "pade_delay",
+    "parameter", "read_table", "recommend_solver", "rod", "simulate", "simulate_many", "sphere", "study", "tube",
+    "view", "write_ssp",
 ]  # fmt: skip
 
 __version__: str

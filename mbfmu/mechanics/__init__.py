@@ -6,8 +6,10 @@ from solvers.compiled.kernel import kernel
 from .arrays.compiled_mechanism import CompiledMechanism
 from .arrays.load_groups import LoadGroup
 from .arrays.numbering import Variable
+from .builder.blocks import BlockHandle
 from .builder.bodies import Body, FlexibleBody
 from .builder.chain import add_chain
+from .builder.controllers import MotorHandle
 from .builder.handles import CouplingHandle, CutHandle, ForceHandle, RopeHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.joint_handle import JointHandle
@@ -64,6 +66,7 @@ from .loads.base import MAX_ACCURATE_RATIO, MAX_VALID_RATIO, FirstOrderState, li
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Panel, Sphere
 from .signals import Function, Harmonic, Input, Polynomial, Product, Ramp, RunUp, Signal, SpeedInput, Step, Sum, Table
+from .transfer import pade_delay
 
 __all__ = [
     "MAX_ACCURATE_RATIO",
@@ -72,6 +75,7 @@ __all__ = [
     "AssemblyError",
     "Beam",
     "BeamElement",
+    "BlockHandle",
     "Body",
     "Bounce",
     "Box",
@@ -110,6 +114,7 @@ __all__ = [
     "Load",
     "LoadGroup",
     "Mechanism",
+    "MotorHandle",
     "Panel",
     "Planar",
     "PlanarCutJoint",
@@ -153,6 +158,7 @@ __all__ = [
     "cylinder",
     "kernel",
     "limit_ratio",
+    "pade_delay",
     "part_value",
     "rod",
     "scratch_record",

@@ -223,7 +223,7 @@ class CompiledAttachment:
         self.name, self.bodies, self.first_state = name, tuple(body.index for body in bodies), first_state
         self._numbering, self._known = numbering, known
         first = self.bodies[0] if bodies else 0
-        self.q, self.v, self.used = numbering.q[first], numbering.v[first], list[int]()
+        self.q, self.v, self.used, self.used_parts = numbering.q[first], numbering.v[first], list[int](), list[int]()
 
     def signal(self, value: Any, what: str) -> int:
         """Number a signal; loads of one name share it."""
@@ -239,11 +239,11 @@ class CompiledAttachment:
     def part(self, part: ElementType) -> int:
         """Number a part, each object once."""
         known = self._numbering.parts
-        for index, other in enumerate(known):
-            if other is part:
-                return index
-        known.append(part)
-        return len(known) - 1
+        index = next((k for k, other in enumerate(known) if other is part), len(known))
+        if index == len(known):
+            known.append(part)
+        self.used_parts.append(index)
+        return index
 
     def scratch(self, dtype: np.dtype[Any]) -> int:
         """Return the place of scratch memory with these fields, bytes; raises UserError for their names."""

@@ -11,10 +11,10 @@ from mbfmu.mechanics.sensors import Sensor
 from mbfmu.util.errors import UserError, short
 
 from .bodies import coordinate_of
-from .states import States
+from .controllers import Controllers
 
 
-class Events(States):
+class Events(Controllers):
     """Base of :class:`.Mechanism`: events, where the motion crosses a value or at given times."""
 
     def __init__(self) -> None:
