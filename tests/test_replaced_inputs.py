@@ -246,5 +246,7 @@ def test_an_fmu_that_calls_python_contains_the_input(tmp_path: Path) -> None:
         with Fmu(path, {"mass": 4.0}) as fmu:
             fmu.step_to(1.0)
             assert fmu["x"] == pytest.approx(0.25, rel=1e-5)
-    with pytest.raises(mb.UserError, match=r"input .force. is .*which a scene file and an FMU that calls Python cannot"):
+    with pytest.raises(
+        mb.UserError, match=r"input .force. is .*which a scene file and an FMU that calls Python cannot"
+    ):
         mb.export(Cart().with_inputs({"force": lambda t: 6.0 * t}), tmp_path / "cart.fmu", native=False)
