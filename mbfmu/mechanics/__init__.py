@@ -29,7 +29,7 @@ from .cuts import (
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
-from .events import Bounce, EndRun, Impulse, Restart, SetInput, SetParameter
+from .events import Bounce, EndRun, Impulse, Lock, Release, Restart, SetInput, SetParameter
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -113,6 +113,7 @@ __all__ = [
     "LineForce",
     "Load",
     "LoadGroup",
+    "Lock",
     "Mechanism",
     "MotorHandle",
     "Panel",
@@ -123,6 +124,7 @@ __all__ = [
     "Polynomial",
     "Product",
     "Ramp",
+    "Release",
     "Restart",
     "Revolute",
     "RevoluteCutJoint",

@@ -51,6 +51,8 @@ MESSAGE_TITLES = OF_SOLVERS | {
     "folded-cell": "A mesh cell of a sheet is folded",
     "too-many-events": "Too many events follow each other",
     "resting-bounce": "A quantity that bounces comes to rest at its stop",
+    "not-locked": "An event releases a joint that is not locked",
+    "prescribed-lock": "The rate of a joint that an event locks cannot change",
     "prescribed-bounce": "The rate of a quantity that hits a stop cannot change",
     "unresolved-friction": "The tolerance does not resolve the deflection of a joint with friction",
     "explicit-friction": "An explicit solver is used for a joint that sticks",

@@ -12,11 +12,12 @@ import numpy as np
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import signal_of
+from mbfmu.mechanics.events import Lock
 from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.kind import ElementType, check_element_type, check_field_names
 from mbfmu.mechanics.loads.base import FirstOrderState
 from mbfmu.mechanics.loads.state_equation import StateEquation
-from mbfmu.mechanics.signals import Input, Signal, SpeedInput
+from mbfmu.mechanics.signals import Input, Polynomial, Signal, SpeedInput
 from mbfmu.mechanics.signals.followed import Followed
 from mbfmu.util.errors import UserError
 from solvers.compiled.record_view import round_up
@@ -60,6 +61,8 @@ class Numbering:
         Their places in State.v, by full name.
     first_states
         Place of the first state of every load.
+    holds
+        Numbers of the constant signals that joints follow while they are locked, by the number of the body.
     """
 
     def __init__(self, mechanism: Mechanism, given_inputs: GivenInputs | None = None) -> None:
@@ -84,6 +87,7 @@ class Numbering:
             self._slot(Variable(name, unit, description, start), GRAVITY_SIGNAL, axis)
         for body in mechanism.bodies:
             self._count(body)
+        self.holds = {k: self._number(Polynomial((0.0,))) for k in lockable_joints(mechanism)}
         self.s = list(self.v)
         self.subspaces = self.nv_full
         for body in mechanism.bodies:
@@ -177,6 +181,12 @@ class Numbering:
                 "input, or choose other names"
             )
         self.slots.append(Slot(variable, signal, coefficient))
+
+
+def lockable_joints(mechanism: Mechanism) -> list[int]:
+    """Return the numbers of the bodies whose joints events lock."""
+    actions = [action for event in mechanism.events for action in event.actions]
+    return sorted({action.joint.index for action in actions if isinstance(action, Lock)})
 
 
 def shares_coordinates(body: Body) -> bool:
