@@ -65,7 +65,21 @@ from .loads import (
 from .loads.base import MAX_ACCURATE_RATIO, MAX_VALID_RATIO, FirstOrderState, limit_ratio
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Panel, Sphere
-from .signals import Function, Harmonic, Input, Polynomial, Product, Ramp, RunUp, Signal, SpeedInput, Step, Sum, Table
+from .signals import (
+    Function,
+    Harmonic,
+    Input,
+    Noise,
+    Polynomial,
+    Product,
+    Ramp,
+    RunUp,
+    Signal,
+    SpeedInput,
+    Step,
+    Sum,
+    Table,
+)
 from .transfer import pade_delay
 
 __all__ = [
@@ -116,6 +130,7 @@ __all__ = [
     "Lock",
     "Mechanism",
     "MotorHandle",
+    "Noise",
     "Panel",
     "Planar",
     "PlanarCutJoint",
