@@ -27,6 +27,7 @@ UPPER_HINGE, UPPER_BALL, UPPER_SPREAD = (0.0, 0.42, 0.46), (0.0, 0.66, 0.50), 0.
 STRUT_TOP, STRUT_FOOT = (0.0, 0.45, 0.65), (0.0, 0.58, 0.207)  # on the body and on the lower arm
 TIE = (-0.12, 0.0, 0.0)  # of the tie rod from the center line of the lower arm, to which it is parallel
 STEP, STOP_TIME = 1e-3, 3.0  # communication step and end of the run, s
+SAMPLING = 2.5e-3  # time between two points of the measured road, s; the car moves by 0.05 m
 SPEED, ROUGHNESS = (
     20.0,
     256e-6,
@@ -179,6 +180,13 @@ def road(seed: int = 1) -> CubicSpline:
     return CubicSpline(x / SPEED, fade**2 * (3.0 - 2.0 * fade) * profile)
 
 
+def write_road(path: Path, profile: CubicSpline) -> None:
+    """Write the height of a road over time to a CSV file, as a measurement does."""
+    times = np.arange(0.0, STOP_TIME + 0.5 * SAMPLING, SAMPLING)
+    rows = (f"{t:.4f},{1e3 * height:.6f}\n" for t, height in zip(times, profile(times), strict=True))
+    path.write_text("time [s],left [mm]\n" + "".join(rows))
+
+
 def skyhook(body_speed: float, damper_speed: float) -> float:
     """Return the coefficient whose force is that of a damper between body and sky, within what the damper can do."""
     if body_speed * damper_speed <= 0.0:
@@ -241,6 +249,7 @@ def example(folder: Path) -> dict[str, Run]:
         acceleration, force = (run[name].std() for name in ("body.acceleration", "tire.force"))
         print(f"{label}: body acceleration {acceleration:.3f} m/s2, variation of the tire force {force:.0f} N (RMS)")
     draw(runs, folder / "quarter_car.png")
+    write_road(folder / "road.csv", road())
     return runs
 
 

@@ -61,6 +61,9 @@ STIFFNESS = np.array([6000.0, 6000.0, 2000.0, 200.0, 200.0, 40.0])  # of the con
 DAMPING = np.array([300.0, 300.0, 100.0, 10.0, 10.0, 2.0])  # N m s/rad
 TOOL, PAYLOAD_AT, PAYLOAD_SIZE = (0.08, 0, 0), (0.08, 0, 0.02), (0.10, 0.08, 0.12)  # in the frame of the flange, m
 TIMES = (0.0, 0.3, 0.6, 0.9, 1.2)  # of the poses, s
+LOG_STEP, NOISE = 5e-3, 1.0  # time between two rows of the log of the robot, s; noise of its torque (RMS), N m
+COULOMB, VISCOUS = 18.0, 9.0  # friction of joint 2 of the robot whose log is evaluated, N m and N m s/rad
+SLOW = 0.02  # rate below which the direction of the dry friction is not evaluated, rad/s
 POSES = np.radians(  # angles of the joints: pick, lift, between, above the place, place
     [
         (55, 43, 17, 0, 30, 0),
@@ -83,6 +86,14 @@ class RobotArm(mb.Model):
         False, structural=True, doc="Joints driven by angles as inputs; false: torques of the motors as inputs"
     )
     payload: float = mb.parameter(5.0, unit="kg", min=0.0, max=10.0, doc="Mass of the payload")
+    coulomb: float = mb.parameter(
+        0.0,
+        unit="N.m",
+        min=0.0,
+        structural=True,
+        doc="Dry friction of joint 2; 0: none",
+    )
+    viscous: float = mb.parameter(AXES[1].friction, unit="N.m.s/rad", min=0.0, doc="Viscous friction of joint 2")
 
     def build(self) -> mb.Mechanism:
         """Return the mechanism: z up, x forward, origin in the middle of the foot."""
@@ -111,7 +122,9 @@ class RobotArm(mb.Model):
             inertia["xyz".index(axis.axis)] = axis.rotor
             motor = m.body(f"rotor{k}", carrier, rotor, mass=axis.rotor_mass, inertia=inertia)
             gear = m.couple(f"gear{k}", mb.Gear(ratio=axis.ratio), motor, link)
-            m.force(f"friction{k}", mb.JointSpring(damping=axis.friction), link)
+            m.force(f"friction{k}", mb.JointSpring(damping=self.viscous if k == 2 else axis.friction), link)
+            if k == 2 and self.coulomb:
+                m.force("dry2", mb.JointFriction(coulomb=self.coulomb), link)
 
             m.output(f"axis{k}.angle", link.coordinate(), f"Angle of joint {k}")
             m.output(f"axis{k}.rate", link.rate(), f"Angular velocity of joint {k}")
@@ -152,6 +165,80 @@ def reference(path: BSpline, t: float) -> Array:
     """Return angles (rad), rates (rad/s) and accelerations (rad/s2) of the joints at time t, one row each."""
     moving = t < TIMES[-1]
     return np.array([path(min(t, TIMES[-1]), order) * (order == 0 or moving) for order in range(3)])
+
+
+def follow_targets(**parameters: float) -> mb.Result:
+    """Return a run of the driven arm along the path, with other parameters of the model."""
+    planned = plan_path()
+    inputs = {f"axis{k}.target": partial(lambda k, t: float(planned(t)[k - 1]), k) for k in NUMBERS}
+    arm = RobotArm(driven=True, **parameters)
+    return mb.simulate(arm, TIMES[-1], inputs=inputs, solver="radau", interval=LOG_STEP)
+
+
+def write_log(path: Path, times: Array, torque: Array, seed: int = 1) -> None:
+    """Write a log of the robot: times, angles of all joints, and the torque of drive 2 (N m) with noise."""
+    noisy = torque + NOISE * np.random.default_rng(seed).normal(size=len(times))
+    head = ["time [s]", *(f"axis{k} [deg]" for k in NUMBERS), "torque2 [N.m]"]
+    rows = np.column_stack((times, np.degrees(plan_path()(times)), noisy))
+    np.savetxt(path, rows, fmt="%.7g", delimiter=",", header=",".join(head), comments="")
+
+
+def friction_study(log: Path) -> dict[str, Any]:
+    """Return the arguments of the study that identifies the friction of joint 2 from a log.
+
+    The sum of the squares of the deviations of the torque is least where their products with the two terms of the
+    friction, sign of the rate and rate, have the mean zero (normal equations).
+    """
+    measured = mb.read_table(log, "torque2")
+
+    def mean_product(result: mb.Result, term: Array) -> float:
+        return float(np.mean((result["axis2.torque"] - measured.y) * term))
+
+    def dry(result: mb.Result) -> float:
+        rate = result["axis2.rate"]
+        return mean_product(result, np.sign(rate) * (np.abs(rate) > SLOW))
+
+    def sliding(result: mb.Result) -> float:
+        return mean_product(result, result["axis2.rate"])
+
+    return {
+        "given": RobotArm(driven=True),
+        "vary": {"coulomb": {"from": 1.0, "to": 40.0}, "viscous": {"from": 0.0, "to": 20.0}},
+        "measure": {"dry": dry, "sliding": sliding},
+        "aim": {"target": {"dry": 0.0, "sliding": 0.0}, "most": 40},
+        "inputs": {f"axis{k}.target": f"{log}:axis{k}" for k in NUMBERS},
+        "fixed": {"solver": "radau"},
+        "stop_time": TIMES[-1],
+        "output_interval": LOG_STEP,
+    }
+
+
+def identify_friction(log: Path, folder: Path) -> dict[str, float]:
+    """Return the dry (N m) and the viscous friction (N m s/rad) of joint 2 by a study of the log."""
+    study = mb.study(**friction_study(log), folder=folder)
+    assert study.found is not None
+    print(f"{len(study.rows)} runs: " + ", ".join(f"{name} {value:.2f}" for name, value in study.found.point.items()))
+    return study.found.point
+
+
+def draw_friction(log: Path, found: dict[str, float], path: Path) -> None:
+    """Draw the torque of the log and of the models without dry friction and with the friction that was found."""
+    measured = mb.read_table(log, "torque2")
+    figure, (torques, deviations) = plt.subplots(2, 1, figsize=(7.5, 5.2), sharex=True, layout="constrained")
+    torques.plot(measured.x, measured.y, color="black", lw=0.8, label="log of the robot")
+    for label, color, parameters in (
+        ("model without dry friction", COLORS[1], {}),
+        ("model with the friction that was found", COLORS[2], found),
+    ):
+        result = follow_targets(**parameters)
+        torques.plot(result.t, result["axis2.torque"], color=color, label=label)
+        deviations.plot(result.t, measured.y - result["axis2.torque"], color=color)
+    torques.set(ylabel="torque of drive 2 [N m]", title="Friction of joint 2")
+    deviations.set(xlabel="time [s]", ylabel="deviation [N m]")
+    torques.legend(fontsize="small")
+    for ax in (torques, deviations):
+        ax.grid(alpha=0.3)
+    figure.savefig(path, dpi=80)
 
 
 def communication_times(step: float) -> Array:
@@ -354,9 +441,18 @@ def example(folder: Path) -> dict[str, Run]:
     return runs
 
 
+def friction_example(folder: Path) -> None:
+    """Write the log of a robot to a folder, identify the friction of its joint 2, and draw the torques."""
+    measured = follow_targets(coulomb=COULOMB, viscous=VISCOUS)
+    write_log(folder / "robot_log.csv", measured.t, measured["axis2.torque"])
+    found = identify_friction(folder / "robot_log.csv", folder / "robot_friction")
+    draw_friction(folder / "robot_log.csv", found, folder / "robot_arm_friction.png")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="A six-axis robot arm with geared motors and a controller.")
     parser.add_argument("-o", "--output", type=Path, default=Path("results"), metavar="FOLDER")
     output = parser.parse_args().output
     output.mkdir(parents=True, exist_ok=True)
     example(output)
+    friction_example(output)

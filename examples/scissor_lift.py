@@ -25,6 +25,8 @@ TUBE, RAM = 1.2, 1.3  # lengths, m
 STEP, STOP_TIME = 0.005, 20.0  # communication step and end of the run, s
 RAISE, LOADED, PAYLOAD = (1.0, 8.0, 1.2), 12.0, 2000.0  # begin, end (s) and height (m) of the motion; s; N
 GRAVITY = 9.81  # m/s2
+SEALS, CLAMP = 400.0, 2e4  # dry friction of the seals, and of the seals and the closed clamp, N
+PUMP_STOPS, CLOSING, CARRIED = 3.0, 0.05, 500.0  # stop of the pump, s; time in which the clamp closes, s; load, N
 
 Run = dict[str, NDArray[np.float64]]  # signals over time, by name
 
@@ -44,6 +46,7 @@ class ScissorLift(mb.Model):
     tube_mass: float = mb.parameter(20.0, unit="kg", min=0.0, doc="Mass of the tube of the cylinder")
     ram_mass: float = mb.parameter(10.0, unit="kg", min=0.0, doc="Mass of the ram of the cylinder")
     damping: float = mb.parameter(2e4, unit="N.s/m", min=0.0, doc="Viscous damping of the cylinder")
+    dry: bool = mb.parameter(False, doc="Whether the cylinder has dry friction of its seals and a clamp of its ram")
 
     def build(self) -> mb.Mechanism:
         """Return the mechanism: x along the floor, y up, origin in the fixed foot."""
@@ -81,6 +84,10 @@ class ScissorLift(mb.Model):
         force = mb.Input(name="cylinder.force", unit="N", description="Force of the oil on the ram")
         m.force("oil", mb.JointForce(force), ram)
         m.force("friction", mb.JointSpring(damping=self.damping), ram)
+        if self.dry:
+            held = mb.Input(name="ram.friction", unit="N", start=SEALS, description="Dry friction of seals and clamp")
+            dry = mb.JointFriction(coulomb=1.0, stribeck=0.1, static=1.1, normal_force=held)
+            m.output("friction.force", m.force("dry", dry, ram).effort(), "Dry friction on the ram")
         load = mb.Input(name="platform.load", unit="N", description="Weight on the platform")
         m.force("load", mb.PointForce(magnitude=load, axis=(0, -1, 0), at_a=(half, 0, 0)), platform)
 
@@ -191,6 +198,39 @@ def draw(run: Run, lift: ScissorLift, path: Path) -> None:
     figure.savefig(path, dpi=80)
 
 
+def write_pump(path: Path, lift: ScissorLift) -> None:
+    """Write forces of the oil and dry friction of the ram over time: the pump stops, and the clamp closes."""
+    rest, closed = static_force(lift, STAGES * LENGTH * sin(lift.angle), CARRIED), PUMP_STOPS + CLOSING
+    rows = (
+        (0.0, rest, SEALS), (0.5, rest + 1500.0, SEALS), (PUMP_STOPS, rest - 1000.0, SEALS), (closed, 0.0, CLAMP),
+        (10.0, 0.0, CLAMP),
+    )  # fmt: skip
+    lines = [f"{t:g},{1e-3 * oil:.6f},{1e-3 * friction:.6f}" for t, oil, friction in rows]
+    path.write_text("\n".join(["time [s],oil [kN],friction [kN]", *lines]) + "\n")
+
+
+def hold_platform(pump: Path, lift: ScissorLift) -> mb.Result:
+    """Return a run in which the clamp of the ram holds the lift when the pump has stopped."""
+    oil, friction = (mb.read_table(pump, column, kind="linear") for column in ("oil", "friction"))
+    inputs = {"cylinder.force": oil, "ram.friction": friction, "platform.load": CARRIED}
+    return mb.simulate(lift, 10.0, interval=0.01, solver="ida", tolerance=1e-7, inputs=inputs)
+
+
+def draw_hold(result: mb.Result, lift: ScissorLift, path: Path) -> None:
+    """Draw the height, and the friction of the ram with the static force."""
+    figure, (heights, forces) = plt.subplots(2, 1, figsize=(7.5, 4.6), sharex=True, layout="constrained")
+    heights.plot(result.t, result["platform.height"], color="#4269d0")
+    forces.plot(result.t, result["friction.force"] / 1e3, color="#ff725c", label="friction on the ram")
+    static = [static_force(lift, height, CARRIED) / 1e3 for height in result["platform.height"]]
+    forces.plot(result.t, static, ":", color="black", label="static force, closed form")
+    heights.set(ylabel="height [m]", title=f"The pump stops at {PUMP_STOPS:g} s, and the clamp closes")
+    forces.set(xlabel="time [s]", ylabel="force [kN]", xlim=(0.0, 6.0))
+    for ax in (heights, forces):
+        ax.grid(alpha=0.3)
+    forces.legend()
+    figure.savefig(path, dpi=80)
+
+
 def example(folder: Path) -> Run:
     """Export the lift to a folder, control it, compare with the static force and return the signals over time."""
     lift = ScissorLift()
@@ -203,6 +243,11 @@ def example(folder: Path) -> Run:
         print(f"{when:6.3f} s: height {height:.5f} m, force of the cylinder {force:.2f} N, static {exact:.2f} N")
     print(f"change of energy minus work: {energy_error(run, lift):.1e} J of {np.ptp(run['energy']):.0f} J")
     draw(run, lift, folder / "scissor_lift.png")
+    clamped = ScissorLift(dry=True)
+    write_pump(folder / "pump.csv", clamped)
+    held = hold_platform(folder / "pump.csv", clamped)
+    print(f"held at {held['platform.height'][-1]:.5f} m by a friction of {held['friction.force'][-1]:.2f} N")
+    draw_hold(held, clamped, folder / "scissor_lift_clamp.png")
     return run
 
 

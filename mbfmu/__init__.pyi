@@ -2,6 +2,7 @@
 
 from .ensemble.study import Study, load_study, study
 from .fmi import Batch, export, simulate_many, write_ssp
+from .formats import load
 from .mechanics import (
     Beam,
     BeamElement,
@@ -28,7 +29,9 @@ from .mechanics import (
     JointSpring,
     JointStop,
     LineForce,
+    Lock,
     Mechanism,
+    Noise,
     Panel,
     Planar,
     PlanarCutJoint,
@@ -37,6 +40,7 @@ from .mechanics import (
     Polynomial,
     Product,
     Ramp,
+    Release,
     Restart,
     Revolute,
     RevoluteCutJoint,
@@ -64,6 +68,7 @@ from .mechanics import (
     add_chain,
     box,
     cylinder,
+    pade_delay,
     rod,
     sphere,
     tube,
@@ -107,15 +112,16 @@ __all__ = [
     "Cylinder", "Cylindrical", "CylindricalCutJoint", "Damper", "Diagnostic", "DistanceCutJoint", "DistanceStop",
     "Drum", "EndRun", "Equilibrium", "EquilibriumError", "EquilibriumPath", "EventRecord", "Findings", "Floating",
     "Function", "Gear", "Geodesic", "Guide", "Harmonic", "Impulse", "Input", "JointDamper", "JointForce",
-    "JointFriction", "JointSpring", "JointStop", "LineForce", "Mechanism", "Model", "OutOfPlane", "Panel", "Planar",
-    "PlanarCutJoint", "PlaneCutJoint", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Recommendation",
-    "Restart", "Result", "Revolute", "RevoluteCutJoint", "RunUp", "Screw", "SetInput", "SetParameter", "Settings",
-    "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCutJoint", "SphericalFriction", "Spring",
-    "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational",
-    "TranslationalCutJoint", "Trough", "Universal", "UniversalCutJoint", "UserError", "Wall", "Weld", "WeldCutJoint",
-    "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder", "equilibrium",
-    "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes", "parameter", "read_table",
-    "recommend_solver", "rod", "simulate", "simulate_many", "sphere", "study", "tube", "view", "write_ssp",
+    "JointFriction", "JointSpring", "JointStop", "LineForce", "Lock", "Mechanism", "Model", "Noise", "OutOfPlane",
+    "Panel", "Planar", "PlanarCutJoint", "PlaneCutJoint", "Plate", "PointForce", "Polynomial", "Product", "Ramp",
+    "Recommendation", "Release", "Restart", "Result", "Revolute", "RevoluteCutJoint", "RunUp", "Screw", "SetInput",
+    "SetParameter", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCutJoint",
+    "SphericalFriction", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "Torque",
+    "TorsionSpring", "Translational", "TranslationalCutJoint", "Trough", "Universal", "UniversalCutJoint", "UserError",
+    "Wall", "Weld", "WeldCutJoint", "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare",
+    "cylinder", "equilibrium", "equilibrium_path", "export", "find", "linearize", "load", "load_study", "models",
+    "modes", "pade_delay", "parameter", "read_table", "recommend_solver", "rod", "simulate", "simulate_many", "sphere",
+    "study", "tube", "view", "write_ssp",
 ]  # fmt: skip
 
 __version__: str

@@ -263,7 +263,7 @@ def test_events_without_actions_do_not_change_the_motion():
         ({"crosses": np.nan}, "value of event 'e' is nan"),
         ({"within": 0.0}, "within of event 'e' is 0.0"),
         ({"at": 1.0}, "allowed: one of the two"),
-        ({"then": "stop"}, "allowed: SetInput, SetParameter, Impulse, Bounce, Restart and EndRun"),
+        ({"then": "stop"}, "allowed: SetInput, SetParameter, Impulse, Bounce, Lock, Release, Restart and EndRun"),
         ({"then": mb.SetInput("force", np.inf)}, "value of input 'force' in event 'e' is inf"),
         ({"sensor": 3.0}, "sensor of event 'e' is 3.0"),
         ({"sensor": None}, "is given no sensor"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,9 +21,12 @@ from quarter_car import (
     WHEEL,
     QuarterCar,
 )
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh
 
-from mbfmu import equilibrium, simulate
+from mbfmu import equilibrium, read_table, simulate
+from mbfmu.cli import main
 from mbfmu.native.runtime import COMPILERS
 from mbfmu.native.targets import host
 
@@ -80,10 +84,15 @@ def weights(car: QuarterCar) -> Array:
     return np.array([masses, masses, [0.0, 0.05, 0.05, 0.8, 0.02, 0.01]]).T
 
 
+def top_and_foot(coordinates: Array) -> Array:
+    """Return the vector from the top of the strut to its foot, m."""
+    foot = np.array(LOWER_HINGE[1:]) + turn(coordinates[1], np.subtract(STRUT_FOOT, LOWER_HINGE)[1:])
+    return np.asarray(foot - STRUT_TOP[1:])
+
+
 def potential(coordinates: Array, car: QuarterCar) -> float:
     at = places(coordinates)
-    foot = np.array(LOWER_HINGE[1:]) + turn(coordinates[1], np.subtract(STRUT_FOOT, LOWER_HINGE)[1:])
-    compressed = np.linalg.norm(np.subtract(STRUT_FOOT, STRUT_TOP)) - np.linalg.norm(foot - STRUT_TOP[1:])
+    compressed = np.linalg.norm(np.subtract(STRUT_FOOT, STRUT_TOP)) - np.linalg.norm(top_and_foot(coordinates))
     stored = 0.5 * car.spring * (compressed + car.preload / car.spring) ** 2
     stored += 0.5 * car.tire * max(car.tire_radius - at[3, 1], 0.0) ** 2
     stored += 2.0 * car.bushing_turn * (2.0 - np.cos(at[1, 2]) - np.cos(at[2, 2]))
@@ -94,16 +103,21 @@ def derivative(f: Any, x: Array, h: float) -> Array:
     return np.array([(f(x + h * e) - f(x - h * e)) / (2.0 * h) for e in np.eye(len(x))])
 
 
-def test_frequencies_and_rest_are_those_of_two_coordinates_with_rigid_hinges() -> None:
-    car = QuarterCar(bushing=STIFF, damping=0.0)
+def linear(car: QuarterCar) -> tuple[Array, Array, Array]:
+    """Return coordinates at rest, and the matrices of stiffness and mass there, with rigid hinges."""
     rest = np.zeros(2)
     for _ in range(5):  # Newton, on central differences
         slope = derivative(lambda x: potential(x, car), rest, 1e-5)
         stiffness = derivative(lambda x: derivative(lambda y: potential(y, car), x, 1e-4), rest, 1e-4)
         rest = rest - np.linalg.solve(stiffness, slope)
     slopes = derivative(places, rest, 1e-5)
-    mass = np.einsum("aij,bij,ij->ab", slopes, slopes, weights(car))
-    exact = np.sqrt(eigh(0.5 * (stiffness + stiffness.T), mass, eigvals_only=True))
+    return rest, 0.5 * (stiffness + stiffness.T), np.einsum("aij,bij,ij->ab", slopes, slopes, weights(car))
+
+
+def test_frequencies_and_rest_are_those_of_two_coordinates_with_rigid_hinges() -> None:
+    car = QuarterCar(bushing=STIFF, damping=0.0)
+    rest, stiffness, mass = linear(car)
+    exact = np.sqrt(eigh(stiffness, mass, eigvals_only=True))
     state = equilibrium(car)
     found = sorted(abs(mode.eigenvalue) for mode in state.modes)[:2]
     np.testing.assert_allclose(found, exact, rtol=2e-4)
@@ -135,6 +149,50 @@ def test_camber_follows_the_rigid_linkage_where_bushings_are_stiff() -> None:
     assert np.ptp(result["wheel.travel"]) > 0.02
     exact = np.interp(result["wheel.travel"], travel, camber)
     np.testing.assert_allclose(-np.arcsin(result["wheel.axis"]), exact, atol=1e-5)
+
+
+def test_a_measured_road_moves_the_car_as_two_linear_coordinates(tmp_path: Path) -> None:
+    """Small heights: M x'' + C x' + K x = k_t w h + c_t w h', with the slopes w of the wheel and of the strut in C.
+
+    The damping of the tire is that of a stop, 0.05 s times its force at rest.
+    """
+    profile = example.road()
+    low = CubicSpline(profile.x, 0.05 * profile(profile.x))
+    example.write_road(tmp_path / "road.csv", low)
+    car = QuarterCar(bushing=STIFF, damping=PASSIVE)
+    on_road = car.with_inputs({"road.height": read_table(tmp_path / "road.csv")})
+    result = simulate(on_road, 0.8, solver="radau", start_at_equilibrium=True)
+    rest, stiffness, mass = linear(car)
+    wheel = derivative(lambda x: places(x)[3, 1], rest, 1e-5)
+    strut = derivative(lambda x: np.linalg.norm(top_and_foot(x)), rest, 1e-5)
+    tire_damping = 0.05 * equilibrium(car).outputs["tire.force"]
+    damping = PASSIVE * np.outer(strut, strut) + tire_damping * np.outer(wheel, wheel)
+
+    def rates(t: float, y: Array) -> Array:
+        push = wheel * (car.tire * low(t) + tire_damping * low(t, 1))
+        return np.concatenate((y[2:], np.linalg.solve(mass, push - stiffness @ y[:2] - damping @ y[2:])))
+
+    exact = solve_ivp(rates, (0.0, 0.8), np.zeros(4), t_eval=result.t, rtol=1e-8, atol=1e-10, max_step=1e-3).y
+    height = result["body.height"] - result["body.height"][0]
+    assert np.ptp(exact[0]) > 3e-4
+    np.testing.assert_allclose(height, exact[0], atol=0.01 * np.ptp(exact[0]))
+    travel = result["wheel.travel"] - result["wheel.travel"][0]
+    np.testing.assert_allclose(travel, exact[:2].T @ (wheel - [1.0, 0.0]), atol=0.01 * np.ptp(travel))
+
+
+def test_check_and_compare_examine_the_car_on_a_measured_road(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    times = np.linspace(0.0, example.STOP_TIME, 601)
+    example.write_road(tmp_path / "road.csv", CubicSpline(times, 0.02 * np.sin(10.0 * times) ** 2))
+    road = ["--set", f"damping={PASSIVE}", "--input", f"road.height={tmp_path / 'road.csv'}", "--stop-time", "0.04"]
+    model = f"{example.__file__}:QuarterCar"
+    compared = ["--solver", "adams", "--tolerance", "1e-4", "--repeats", "1", "-o", str(tmp_path)]
+    for command in (["check", model, *road], ["compare", model, *road, *compared]):
+        assert main(command) == 0
+        shown = capsys.readouterr().out
+        assert "'road.height'" not in shown, command  # it is not listed as an input that kept its value
+        assert "road.csv', 1201 points from 0 to 3 s" in shown
 
 
 @needs_compiler

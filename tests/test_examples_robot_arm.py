@@ -15,7 +15,11 @@ from robot_arm import AXES, NUMBERS, PAYLOAD_AT, PAYLOAD_SIZE, RATIOS, RobotArm
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from mbfmu import simulate
+from mbfmu import read_table, simulate
+from mbfmu.ensemble.definition import define
+from mbfmu.ensemble.design import Point
+from mbfmu.ensemble.objective import optimize_objective
+from mbfmu.ensemble.worker import forget_job, run_batch
 from mbfmu.native.runtime import COMPILERS
 from mbfmu.native.targets import host
 
@@ -134,6 +138,38 @@ def test_drives_need_the_torques_of_newton_and_euler(payload: float) -> None:
     found, exact = np.array([result[f"axis{k}.torque"] for k in NUMBERS]).T, required(result.t, payload)
     for k in range(6):
         np.testing.assert_allclose(found[:, k], exact[:, k], atol=1e-7 * np.abs(exact[:, k]).max())
+
+
+def test_the_friction_of_a_joint_is_identified_from_a_log(tmp_path: Path) -> None:
+    """The log is that of Newton and Euler's equations with friction in closed form and noise.
+
+    The result is the least-squares solution of the exact motion, up to a fifth of the standard deviation by the noise.
+    """
+    times = np.arange(0.0, example.TIMES[-1] + 1e-9, example.LOG_STEP)
+    rate = example.plan_path()(times, 1)[:, 1]
+    terms = np.column_stack((np.sign(rate) * (np.abs(rate) > example.SLOW), rate))
+    without = required(times, 5.0)[:, 1] - AXES[1].friction * rate
+    friction = np.array([example.COULOMB, example.VISCOUS])
+    example.write_log(tmp_path / "log.csv", times, without + terms @ friction)
+    measured = read_table(tmp_path / "log.csv", "torque2").y
+    exact = np.linalg.solve(terms.T @ terms, terms.T @ (measured - without))
+    deviation = example.NOISE * np.sqrt(np.diag(np.linalg.inv(terms.T @ terms)))
+    assert (np.abs(exact - friction) < 3.0 * deviation).all()
+
+    study = example.friction_study(tmp_path / "log.csv")
+    definition = define({"scene": study.pop("given"), **study})
+    job = definition.job()
+
+    def evaluate(points: list[Point]) -> list[dict[str, float]]:
+        found = run_batch(job, list(enumerate(points)))
+        assert not any(outcome.message for outcome in found)
+        return [dict(zip(("dry", "sliding"), outcome.measures, strict=True)) for outcome in found]
+
+    assert definition.aim is not None
+    found = optimize_objective(definition.aim, definition.vary, evaluate, 1).point
+    forget_job(job)
+    np.testing.assert_allclose([found["coulomb"], found["viscous"]], exact, atol=0.2 * deviation.min())
+    example.draw_friction(tmp_path / "log.csv", found, tmp_path / "friction.png")
 
 
 @needs_compiler

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from math import atan2, cos, hypot, sin
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -81,6 +82,31 @@ def test_it_moves_as_its_equation_in_one_coordinate() -> None:
     result = simulate(lift, 2.0, inputs={"cylinder.force": force}, solver="adams", tolerance=1e-9)
     assert result["platform.height"][-1] > 1.5 * result["platform.height"][0]
     assert result["platform.height"][-1] == pytest.approx(STAGES * LENGTH * sin(exact), rel=1e-6)
+
+
+def test_the_clamp_of_the_ram_holds_the_lift_when_the_pump_has_stopped(tmp_path: Path) -> None:
+    """At rest the friction is the static force in closed form, and nothing creeps."""
+    lift = ScissorLift(dry=True)
+    example.write_pump(tmp_path / "pump.csv", lift)
+    result = example.hold_platform(tmp_path / "pump.csv", lift)
+    height = result["platform.height"]
+    at_rest = result.t > example.PUMP_STOPS + 0.5
+    assert not result.warning
+    assert height[-1] > height[0] + 1.5
+    assert np.ptp(height[at_rest]) < 1e-9
+    force = static_force(lift, height[-1], example.CARRIED)
+    np.testing.assert_allclose(result["friction.force"][at_rest], force, rtol=1e-7)
+    example.draw_hold(result, lift, tmp_path / "held.png")
+
+
+@pytest.mark.parametrize(("ratio", "holds"), [(1.25, True), (0.85, False)])
+def test_the_clamp_slides_if_the_static_force_is_larger_than_its_breakaway_force(ratio: float, holds: bool) -> None:
+    """The breakaway force is 1.1 times the friction of sliding."""
+    lift = ScissorLift(dry=True, angle=0.5)
+    height = STAGES * LENGTH * sin(lift.angle)
+    friction = ratio * static_force(lift, height, 0.0)
+    result = simulate(lift, 0.5, inputs={"ram.friction": friction}, solver="ida")
+    assert (abs(result["platform.height"][-1] - height) < 1e-3) == holds
 
 
 @needs_compiler

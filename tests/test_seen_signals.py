@@ -133,13 +133,13 @@ def test_the_longest_step_sees_every_signal() -> None:
     assert compiled.system.input_step_limit(0.5) == (np.inf, np.inf)
 
 
-POINTS = (2.0, 2.4, 2.5)
+POINTS = (2.0, 2.4, 2.5)  # steps of one interval, and before a shorter interval of half the time to its begin
 LATER = {
     "step": (Step(height=1.0, begin=2.0, duration=0.5), (1.0, 1.0), (0.15, 2.5), (0.15, 2.5), (np.inf, np.inf)),
     "no step": (Step(height=0.0, begin=2.0, duration=0.5), *4 * [(np.inf, np.inf)]),
-    "table": (Table(POINTS, (0.0, 1.0, 0.0)), (1.0, 1.0), (0.1, 2.0), (0.1, 2.4), (np.inf, np.inf)),
-    "held": (Table(POINTS, (0.0, 1.0, 0.0), beyond="hold"), (1.0, 1.0), (0.1, 2.0), (0.1, 2.4), (np.inf, np.inf)),
-    "periodic": (Table(POINTS, (0.0, 1.0, 0.0), beyond="periodic"), *((0.1, end) for end in (0.4, 2.0, 2.4, 3.4))),
+    "table": (Table(POINTS, (0.0, 1.0, 0.0)), (1.0, 1.0), (0.4, 2.0), (0.1, 2.4), (np.inf, np.inf)),
+    "held": (Table(POINTS, (0.0, 1.0, 0.0), beyond="hold"), (1.0, 1.0), (0.4, 2.0), (0.1, 2.4), (np.inf, np.inf)),
+    "periodic": (Table(POINTS, (0.0, 1.0, 0.0), beyond="periodic"), (0.2, 0.2), (0.1, 2.0), (0.1, 2.4), (0.2, 3.2)),
     "flat": (Table(POINTS, (1.0, 1.0, 1.0)), *4 * [(np.inf, np.inf)]),
     "law": (Function("sin(t)", time=0.6), *4 * [(0.2, np.inf)]),
     "sum": (

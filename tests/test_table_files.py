@@ -109,7 +109,9 @@ def test_a_file_that_is_missing_and_a_kind_that_is_none_are_refused(tmp_path: Pa
         with pytest.raises(mb.UserError, match=f"{name}.*cannot be read"):
             mb.read_table(tmp_path / name)
     path = written(tmp_path, "t,h\n0,1\n1,2\n")
-    with pytest.raises(mb.UserError, match=r"kind of file .*road.csv' is 'cubic'; allowed: 'spline', 'monotone'"):
+    with pytest.raises(
+        mb.UserError, match=r"kind of column 'h' of file .*road.csv' is 'cubic'; allowed: 'spline', 'monotone'"
+    ):
         mb.read_table(path, kind="cubic")
 
 

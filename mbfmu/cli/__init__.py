@@ -23,6 +23,7 @@ from . import (
     effects,
     equilibrium,
     export,
+    imports,
     linearize,
     models,
     modes,
@@ -43,6 +44,7 @@ COMMANDS = (
     view,
     export,
     ssp,
+    imports,
     equilibrium,
     path,
     linearize,
@@ -66,6 +68,7 @@ COMMAND_EXAMPLES = f"""examples:
   mbfmu export fourbar --set crank_length=0.8 -o fourbar.fmu
   mbfmu export fourbar --python            FMU that calls Python
   mbfmu export my_model.py:MyModel
+  mbfmu import robot.urdf -o robot.py      a model from a URDF or MJCF file
   mbfmu ssp governor --with engine=engine.fmu --connect engine.shaft_torque=governor.spindle.torque
                                            the model and other FMUs as one connected system (SSP)
   mbfmu equilibrium governor               steady state at constant speed, with its stability

@@ -51,7 +51,8 @@ def add_input(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME=VALUE",
         help="signal that replaces an input of the model: a number, an expression of the time t (s) such as "
-        "--input 'force=10*sin(30*t)', or a CSV or Parquet file such as --input road.height=road.csv; may be repeated",
+        "--input 'force=10*sin(30*t)', or a CSV or Parquet file such as --input road.height=road.csv, followed by "
+        "the name of a column if necessary (road.csv:left); may be repeated",
     )
 
 
@@ -148,6 +149,7 @@ def add_steady(parser: argparse.ArgumentParser) -> None:
     """Add the model whose steady state is computed, and the start of the search."""
     add_scene(parser)
     add_set(parser)
+    add_input(parser)
     parser.add_argument(
         "--from",
         dest="start",
@@ -202,7 +204,7 @@ def scene_of(options: argparse.Namespace) -> Scene:
     if given:
         values = {name: read_value(name, text) for name, text in given.items()}
         changed = changed.changed(model=changed.model.with_inputs(values))
-        check_end(changed.model.replaced_inputs, changed.stop_time)
+    check_end(changed.model.replaced_inputs, changed.stop_time)
     if getattr(options, "interval", None) is not None:
         check_interval(changed.stop_time, changed.output_interval)
     return changed

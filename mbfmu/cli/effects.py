@@ -8,7 +8,6 @@ from mbfmu.util.errors import UserError, suggest
 
 from .common import (
     Commands,
-    add_input,
     add_solver,
     add_steady,
     bar,
@@ -34,7 +33,6 @@ def add(commands: Commands) -> None:
         epilog="examples:\n  mbfmu effects sheet\n  mbfmu effects sheet --stop-time 0.1 --show tip.y --show energy\n",
     )
     add_steady(p)
-    add_input(p)
     add_solver(p)
     p.add_argument("--stop-time", type=reader(float), metavar="S", help="stop time, s")
     shown = p.add_argument(

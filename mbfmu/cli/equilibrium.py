@@ -27,6 +27,7 @@ from .common import (
     bar,
     number,
     print_if_verbose,
+    print_inputs,
     print_paths,
     print_unless_quiet,
     reader,
@@ -86,6 +87,7 @@ def command_equilibrium(options: argparse.Namespace) -> int:
     if options.json:
         write_json({**found.as_dict(), "others": [other.as_dict() for other in others]}, options.json)
     if not options.json or str(options.json) != "-":
+        print_inputs(options, scene)
         print(as_text(found, others))
         print_if_verbose(options, f"{1 + len(others)} steady states; the first took {found.effort}")
     return 0
@@ -121,6 +123,7 @@ def swept(scene: Scene, options: argparse.Namespace) -> int:
             write_json(content, options.json)
         kept = place.keep()
     if str(options.json) != "-":
+        print_inputs(options, scene)
         print_unless_quiet(options, branches_as_text(branches, *axes, shown))
         print_paths(options, kept)
     return 0

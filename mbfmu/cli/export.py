@@ -11,12 +11,14 @@ from mbfmu.util.diagnostics import Diagnostic, render
 from .common import (
     Commands,
     add_fmu_kind,
+    add_input,
     add_scene,
     add_set,
     add_solver,
     add_times,
     file_name,
     print_if_verbose,
+    print_inputs,
     print_paths,
     print_unless_quiet,
     scene_of,
@@ -45,6 +47,7 @@ def add(commands: Commands) -> None:
     )
     add_scene(p)
     add_set(p)
+    add_input(p)
     add_times(p, "stop time of the default experiment", "its communication step size")
     p.add_argument(
         "-o",
@@ -77,6 +80,7 @@ def command_export(options: argparse.Namespace) -> int:
         report=found.append,
         falls_back=not options.native,
     )
+    print_inputs(options, scene)
     for line in render(found, details=options.verbose):
         print_unless_quiet(options, line)
     print_paths(options, path)

@@ -15,6 +15,7 @@ from .common import (
     Commands,
     add_steady,
     print_if_verbose,
+    print_inputs,
     print_paths,
     print_unless_quiet,
     scene_of,
@@ -63,6 +64,7 @@ def command_linearize(options: argparse.Namespace) -> int:
         with results(RESULTS_FOLDER, scene, f"{scene_part(scene)}-linear") as place:
             space.write(place.file(STATE_SPACE_FILE))
             path = place.keep() / STATE_SPACE_FILE
+    print_inputs(options, scene)
     print_unless_quiet(
         options, f"{scene.name}: linearized about the steady state found from {found.found_from} ({found.stability})"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from mbfmu.modeling.replaced_inputs import describe
 from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.util.diagnostics import render
 from mbfmu.util.errors import UserError
@@ -60,6 +61,7 @@ def command_modes(options: argparse.Namespace) -> int:
         text = "\n".join(
             (
                 f"{scene.name}: modes about the steady state found from {found.found_from} ({found.stability})",
+                *describe(scene.model.replaced_inputs),
                 *render(found.diagnostics),
                 str(modes),
             )

@@ -17,6 +17,7 @@ from .common import (
     assignments,
     bar,
     number,
+    print_inputs,
     print_paths,
     print_unless_quiet,
     reader,
@@ -93,6 +94,7 @@ def command_path(options: argparse.Namespace) -> int:
             write_json(found.as_dict(), options.json)
         kept = place.keep()
     if str(options.json) != "-":
+        print_inputs(options, scene)
         print_unless_quiet(options, as_text(found, shown))
         print_paths(options, kept)
     return 0

@@ -13,7 +13,16 @@ from tqdm import tqdm
 
 from mbfmu.util.errors import UserError
 
-from .common import RESULTS_FOLDER, Commands, file_name, print_if_verbose, print_paths, print_unless_quiet
+from .common import (
+    RESULTS_FOLDER,
+    Commands,
+    add_input,
+    assignments,
+    file_name,
+    print_if_verbose,
+    print_paths,
+    print_unless_quiet,
+)
 
 STUDY_EXAMPLE = """scene = "fourbar"
 count = 200
@@ -63,6 +72,7 @@ A failed run is recorded with its reason and does not end the study. After Ctrl-
         "--scheduler", default="", metavar="ADDRESS", help="address of the scheduler of a running Dask cluster"
     )
     p.add_argument("--count", type=int, metavar="N", help="number of samples, instead of that in the file")
+    add_input(p)
     p.add_argument("--with", dest="runs", metavar="KIND", help="way to run: simulation, fmu or native")
     p.set_defaults(command=command_study)
 
@@ -75,6 +85,8 @@ def command_study(options: argparse.Namespace) -> int:
 
     content = read_study(options.study)
     content |= {k: v for k, v in (("count", options.count), ("with", options.runs)) if v is not None}
+    if given := assignments("--input", options.input):
+        content["inputs"] = {**content.get("inputs", {}), **given}
     definition = define(content)
     folder = place(options)
     try:
@@ -84,8 +96,9 @@ def command_study(options: argparse.Namespace) -> int:
                 progress=bar.show,
             )  # fmt: skip
     except KeyboardInterrupt:
-        given = {"--scheduler": options.scheduler, "--workers": options.workers, "--count": options.count}
-        more = [f"{key}={value}" for key, value in (given | {"--with": options.runs}).items() if value]
+        numbers = {"--scheduler": options.scheduler, "--workers": options.workers, "--count": options.count}
+        more = [f"{key}={value}" for key, value in (numbers | {"--with": options.runs}).items() if value]
+        more += [f"--input={text}" for text in options.input]
         again = shlex.join(["mbfmu", "study", str(options.study), "--resume", "-o", str(folder), *more])
         print(f"mbfmu: interrupted; finished runs are in {folder}. Continue with: {again}", file=sys.stderr)
         return 130
@@ -143,6 +156,7 @@ def summary(study: Any, aim: Any = None) -> str:
     import numpy as np
 
     lines = [f"{study.name}: {len(study.rows)} runs in {study.wall_time:.1f} s; {study.summed_time:.1f} s of CPU time"]
+    lines += [f"  {line}" for line in study.replaced_inputs]
     for status, meaning in (("failed", "failed"), ("suspect", "finished with an energy error that is too large")):
         if study.count(status):
             first = next(row for row in study.rows if row["status"] == status)

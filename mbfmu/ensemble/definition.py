@@ -11,6 +11,9 @@ keep = ["crank.angle"]         # outputs whose whole history is kept
 stop_time = 10.0               # s; the scene's where it is not given, as output_interval
 time_limit = 60.0              # s by the clock for each run, which fails after it; without it there is none
 
+[inputs]                       # of the model: a number, an expression of t (s), a file, or points; as in a scene file
+force = "10 * sin(30 * t)"
+
 [fixed]                        # what differs from the scene in every run
 solver = "adams"
 
@@ -40,6 +43,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.modeling.modules import load_module
+from mbfmu.modeling.replaced_inputs import in_folder
 from mbfmu.util.errors import UserError, short, suggest
 from mbfmu.util.toml import read_toml
 
@@ -60,6 +64,7 @@ STUDY_KEYS = (
     "time_limit",
     *SAMPLING_KEYS,
     "keep",
+    "inputs",
     "fixed",
     "vary",
     "measure",
@@ -148,6 +153,9 @@ def read_study(path: Path) -> dict[str, Any]:
             name: str(path.parent / value) if isinstance(value, str) and ".py:" in value else value
             for name, value in measures.items()
         }
+    inputs = content.get("inputs")
+    if isinstance(inputs, dict):
+        content["inputs"] = {name: in_folder(value, path.parent) for name, value in inputs.items()}
     return content
 
 
@@ -175,9 +183,8 @@ def define(content: Mapping[str, Any]) -> Definition:
         raise UserError(f"fmu is {given!r}; allowed: the path of a file whose name ends in .fmu")
     if "fmu" in content and content.get("with", "fmu") != "fmu":
         raise UserError(f"with = {content['with']!r} and an fmu are given; leave out one of the two")
-    subject = make_target(
-        given, content.get("with", "simulation"), content.get("stop_time"), content.get("output_interval")
-    )
+    runs, times = content.get("with", "simulation"), (content.get("stop_time"), content.get("output_interval"))
+    subject = make_target(given, runs, *times, content.get("inputs", {}))
     vary = _vary(subject, content.get("vary"))
     fixed = _fixed(subject, content.get("fixed", {}), vary)
     aim = read_objective(content.get("aim"), vary, content.get("measure") or {})
@@ -201,7 +208,7 @@ def define(content: Mapping[str, Any]) -> Definition:
         keep=_kept(subject, content.get("keep", ())),
         aim=aim,
         time_limit=_time_limit(content.get("time_limit")),
-        content={k: v if k not in ("scene", "vary", "measure") else _as_json(v) for k, v in content.items()},
+        content={k: v if k not in ("scene", "inputs", "vary", "measure") else _as_json(v) for k, v in content.items()},
     )
 
 

@@ -87,7 +87,7 @@ class Records:
                 raise UserError(f"folder {str(self.folder)!r} is not empty; {more} another")
             content = {"format": STUDY_FORMAT, "mbfmu": mbfmu.__version__, "identity": self.identity}
             content |= {"name": self.definition.target.name, "units": self.definition.units()}
-            content |= {"study": self.definition.content}
+            content |= {"study": self.definition.content, "replaced_inputs": self.definition.target.replaced_inputs}
             self._is_new = not told.exists()
             write_text(told, json.dumps(content, indent=1, default=repr))
 

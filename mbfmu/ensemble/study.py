@@ -41,6 +41,8 @@ class Study:
         Names of varied values and of measures.
     folder
         Folder of the study.
+    replaced_inputs
+        A line for every input of the model that a signal replaces in all runs.
     found
         Best value of the aim, and its point; None without an aim.
     wall_time, summed_time
@@ -55,6 +57,7 @@ class Study:
     folder: Path
     found: Optimum | None = None
     wall_time: float = 0.0
+    replaced_inputs: tuple[str, ...] = ()
 
     @property
     def summed_time(self) -> float:
@@ -303,4 +306,5 @@ def load_study(folder: Path | str) -> Study:
     told = read_definition(folder)
     written = told["study"]
     varied, measures = tuple(written["vary"]), tuple(written.get("measure", {}))
-    return Study(told["name"], tuple(read_table(folder).to_pylist()), told["units"], varied, measures, folder)
+    rows, replaced = tuple(read_table(folder).to_pylist()), tuple(told.get("replaced_inputs", ()))
+    return Study(told["name"], rows, told["units"], varied, measures, folder, replaced_inputs=replaced)

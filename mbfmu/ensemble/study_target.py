@@ -17,6 +17,7 @@ import mbfmu
 from mbfmu.mechanics import Mechanism
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.parameters import check, declared
+from mbfmu.modeling.replaced_inputs import check_end, describe, read_entry
 from mbfmu.modeling.scene import Scene, check_times, default_scene, load_scene
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import ENERGY_OUTPUTS
@@ -85,11 +86,6 @@ class ModelTarget:
     def __post_init__(self) -> None:
         """Build the model once; raises UserError where it cannot be built."""
         compiled, model = self.scene.model.compile(), self.scene.model
-        if model.replaced_inputs:
-            raise UserError(
-                f"inputs {', '.join(model.replaced_inputs)} of model {model.name!r} are given as signals, which a "
-                "study does not transfer to its runs; vary the inputs as numbers, or put the signals into the model"
-            )
         units = {p.name: p.unit for p in declared(Settings)} | {STOP_TIME_KEY: "s"}
         units |= {v.name: v.unit for v in compiled.inputs.variables} | {p.name: p.unit for p in model.parameters()}
         object.__setattr__(self, "units", units)
@@ -102,6 +98,11 @@ class ModelTarget:
         """What it is called."""
         return self.scene.name
 
+    @property
+    def replaced_inputs(self) -> tuple[str, ...]:
+        """A line for every input that a signal replaces."""
+        return tuple(describe(self.scene.model.replaced_inputs))
+
     def check(self, name: str, value: Any) -> Any:
         """Return a value as what varies takes it; raises UserError where it does not."""
         model = self.scene.model
@@ -109,6 +110,7 @@ class ModelTarget:
         if parameter is not None:
             return check(model.name, parameter, value)
         if name == STOP_TIME_KEY:
+            check_end(model.replaced_inputs, value)
             return self.scene.changed(stop_time=value).stop_time
         if name in asdict(self.scene.settings):
             return getattr(self.scene.changed(**{name: value}).settings, name)
@@ -126,6 +128,8 @@ class ModelTarget:
             source = {"reference": scene.reference}
         else:
             source = {"pickled": dump(model)}
+        if model.replaced_inputs and "pickled" not in source:
+            source["inputs"] = dump(model.replaced_inputs)
         about: dict[str, Any] = {"values": values, "settings": scene.settings, "stop_time": scene.stop_time}
         about |= source | {"interval": scene.output_interval}
         told = {k: asdict(v) if isinstance(v, Settings) else v for k, v in about.items()}
@@ -144,6 +148,8 @@ class FmuTarget:
         By name of what may vary and of outputs, their units.
     is_native
         Whether mbfmu has exported it without Python.
+    replaced_inputs
+        A line for every input of the model that a signal replaces in the FMU.
     """
 
     name: str
@@ -155,6 +161,7 @@ class FmuTarget:
     stop_time: float
     interval: float
     is_native: bool = False
+    replaced_inputs: tuple[str, ...] = ()
     steady = False
 
     def check(self, name: str, value: Any) -> Any:
@@ -175,17 +182,29 @@ class FmuTarget:
 StudyTarget = ModelTarget | FmuTarget
 
 
-def make_target(given: Any, runs: str, stop_time: float | None, interval: float | None) -> StudyTarget:
+def make_target(
+    given: Any, runs: str, stop_time: float | None, interval: float | None, inputs: Mapping[str, Any] | None = None
+) -> StudyTarget:
     """Return what is to be run: a scene or its name, a model, a mechanism, or the path of an FMU.
+
+    ``inputs`` are replaced by signals; their values are those of a scene file.
 
     Raises
     ------
     UserError
-        It is none of these, it cannot be built or read, or the interval that is given is longer than the run.
+        It is none of these, it cannot be built or read, the interval that is given is longer than the run, or an input
+        cannot be replaced.
     """
     if runs not in RUN_METHODS:
         raise UserError(f"with is {runs!r}{suggest(str(runs), RUN_METHODS)}")
+    if not isinstance(inputs or {}, Mapping):
+        raise UserError(f"inputs is {inputs!r}; allowed: a table [inputs] of values by the names of inputs")
     if isinstance(given, str | Path) and str(given).endswith(".fmu"):
+        if inputs:
+            raise UserError(
+                f"inputs {', '.join(inputs)} and an FMU are given; only inputs of models can be replaced by signals. "
+                "Give constant values of inputs of an FMU in the table [fixed]"
+            )
         fmu = read_fmu(Path(given), stop_time, interval)
         if interval is not None:
             check_interval(fmu.stop_time, interval)
@@ -198,6 +217,10 @@ def make_target(given: Any, runs: str, stop_time: float | None, interval: float 
     scene = scene.changed(stop_time=stop_time, output_interval=interval)
     if interval is not None:
         check_interval(scene.stop_time, interval)
+    if inputs:
+        values = {name: read_entry(name, value, Path()) for name, value in inputs.items()}
+        scene = scene.changed(model=scene.model.with_inputs(values))
+    check_end(scene.model.replaced_inputs, scene.stop_time)
     return ModelTarget(scene) if runs == "simulation" else exported(scene, runs == "native")
 
 
@@ -209,7 +232,8 @@ def exported(scene: Scene, native: bool) -> FmuTarget:
         path = Path(place) / "model.fmu"
         export_scene(scene, path, FmuKind.NATIVE if native else FmuKind.PYTHON, falls_back=False)
         found = read_fmu(path, scene.stop_time, scene.output_interval)
-    return FmuTarget(**{**vars(found), "name": scene.name, "is_native": native})
+    signals = tuple(describe(scene.model.replaced_inputs))
+    return FmuTarget(**{**vars(found), "name": scene.name, "is_native": native, "replaced_inputs": signals})
 
 
 def read_fmu(path: Path, stop_time: float | None, interval: float | None) -> FmuTarget:
@@ -247,6 +271,11 @@ def check_point(target: StudyTarget, point: Point) -> Point:
 
 def unknown_name(target: StudyTarget, name: str) -> UserError:
     """Return the complaint that nothing of this name may vary."""
+    if isinstance(target, ModelTarget) and name in target.scene.model.replaced_inputs:
+        return UserError(
+            f"input {name!r} of {target.name!r} is replaced by a signal, so that it cannot vary; leave out the signal "
+            "or the variation"
+        )
     return UserError(f"{target.name!r} has no parameter or input {name!r} that can vary{suggest(name, target.units)}")
 
 

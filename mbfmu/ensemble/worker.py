@@ -116,14 +116,17 @@ class ModelJob(Job):
         Name of a registered model; empty: it travels.
     files, class_name
         Where the class of the model is.
-    dump
+    pickled
         A model that is in no file.
+    inputs
+        Pickled signals that replace inputs, by name; empty: there are none.
     """
 
     reference: str = ""
     files: Files | None = None
     class_name: str = ""
     pickled: bytes = b""
+    inputs: bytes = b""
     values: Mapping[str, Any]
     settings: Settings
     stop_time: float
@@ -137,7 +140,8 @@ class ModelJob(Job):
             cls: type[Model] = getattr(load_module(self.files.unpacked(folder)), self.class_name)
         else:
             cls = find(self.reference)
-        return ModelRunner(self, cls(**self.values))
+        model = cls(**self.values)
+        return ModelRunner(self, model.with_inputs(load(self.inputs)) if self.inputs else model)
 
 
 class ModelRunner:

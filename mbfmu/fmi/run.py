@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import Variable
 from mbfmu.modeling.model import Model
+from mbfmu.modeling.replaced_inputs import given_for
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.interrupts import interrupts_held
@@ -37,6 +38,7 @@ def run_fmu(
     ``warn`` is called at once when the energy balance is violated, and when another solver would be far faster; the run
     continues. Ctrl-C ends it between two steps.
     """
+    given = given_for(model.replaced_inputs)
     with (
         interrupts_held(fatal=True) as interrupt,
         Fmu(path, start_time=float(times[0]), tolerance=settings.tolerance) as fmu,
@@ -72,4 +74,5 @@ def run_fmu(
             name=model.name,
             settings=settings,
             diagnostics=without_repeats([*(d for d in fmu.diagnostics if d.severity != "error"), *failures]),
+            inputs=given.summary(settings.input_interpolation) if given else (),
         )

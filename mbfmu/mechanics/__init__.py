@@ -6,8 +6,10 @@ from solvers.compiled.kernel import kernel
 from .arrays.compiled_mechanism import CompiledMechanism
 from .arrays.load_groups import LoadGroup
 from .arrays.numbering import Variable
+from .builder.blocks import BlockHandle
 from .builder.bodies import Body, FlexibleBody
 from .builder.chain import add_chain
+from .builder.controllers import MotorHandle
 from .builder.handles import CouplingHandle, CutHandle, ForceHandle, RopeHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.joint_handle import JointHandle
@@ -27,7 +29,7 @@ from .cuts import (
     WeldCutJoint,
 )
 from .dispatch import part_value, scratch_record, signal_value
-from .events import Bounce, EndRun, Impulse, Restart, SetInput, SetParameter
+from .events import Bounce, EndRun, Impulse, Lock, Release, Restart, SetInput, SetParameter
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -63,7 +65,22 @@ from .loads import (
 from .loads.base import MAX_ACCURATE_RATIO, MAX_VALID_RATIO, FirstOrderState, limit_ratio
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Panel, Sphere
-from .signals import Function, Harmonic, Input, Polynomial, Product, Ramp, RunUp, Signal, SpeedInput, Step, Sum, Table
+from .signals import (
+    Function,
+    Harmonic,
+    Input,
+    Noise,
+    Polynomial,
+    Product,
+    Ramp,
+    RunUp,
+    Signal,
+    SpeedInput,
+    Step,
+    Sum,
+    Table,
+)
+from .transfer import pade_delay
 
 __all__ = [
     "MAX_ACCURATE_RATIO",
@@ -72,6 +89,7 @@ __all__ = [
     "AssemblyError",
     "Beam",
     "BeamElement",
+    "BlockHandle",
     "Body",
     "Bounce",
     "Box",
@@ -109,7 +127,10 @@ __all__ = [
     "LineForce",
     "Load",
     "LoadGroup",
+    "Lock",
     "Mechanism",
+    "MotorHandle",
+    "Noise",
     "Panel",
     "Planar",
     "PlanarCutJoint",
@@ -118,6 +139,7 @@ __all__ = [
     "Polynomial",
     "Product",
     "Ramp",
+    "Release",
     "Restart",
     "Revolute",
     "RevoluteCutJoint",
@@ -153,6 +175,7 @@ __all__ = [
     "cylinder",
     "kernel",
     "limit_ratio",
+    "pade_delay",
     "part_value",
     "rod",
     "scratch_record",

@@ -9,6 +9,7 @@ from mbfmu.mechanics.sensors import Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.bodies import Body
+    from mbfmu.mechanics.builder.joint_handle import JointHandle
 
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}  # by name: sign of the rate of the quantity; 0: any
 
@@ -101,7 +102,39 @@ class Bounce:
     restitution: float
 
 
-Action = EndRun | SetInput | SetParameter | Impulse | Restart | Bounce
+@dataclass(frozen=True)
+class Lock:
+    """Action of an event: a joint is locked at its present coordinate, until a :class:`Release`.
+
+    The rate v_k of the coordinate becomes zero. The velocities jump by dv with M dv + J^T Lambda = p e_k, J dv = 0 and
+    dv_k = -v_k: the impulse p acts between the body and its parent, and Lambda are the impulses of the loop-closing
+    joints. Positions and first-order states do not change. From then on the coordinate is constant, whatever the force
+    that this requires. A joint that is locked already remains locked.
+
+    Parameters
+    ----------
+    joint
+        Body whose joint to its parent is locked, or a joint from :meth:`.Mechanism.joint`. The joint has one
+        coordinate, which is not driven.
+    """
+
+    joint: Body | JointHandle
+
+
+@dataclass(frozen=True)
+class Release:
+    """Action of an event: a joint that a :class:`Lock` has locked moves freely again, from rest.
+
+    Parameters
+    ----------
+    joint
+        As for :class:`Lock`. A run ends with an error if the joint is not locked.
+    """
+
+    joint: Body | JointHandle
+
+
+Action = EndRun | SetInput | SetParameter | Impulse | Restart | Bounce | Lock | Release
 
 
 @dataclass(frozen=True)

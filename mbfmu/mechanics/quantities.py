@@ -19,11 +19,11 @@ from numba.extending import overload
 from mbfmu.mechanics import law
 from mbfmu.mechanics.dispatch import part_sensor_value, signal_value
 from mbfmu.mechanics.kind import Attachment, ElementType
+from mbfmu.mechanics.quantity_kinds import BLOCK, MAX_QUANTITIES, POSITION, SENSOR, SIGNAL, TIME, VELOCITY
+from mbfmu.mechanics.reading import block_value
 from mbfmu.util.errors import UserError, short
 from solvers.compiled.kernel import is_kernel, jit_uncached
 
-MAX_QUANTITIES = 8  # arguments of a law
-TIME, POSITION, VELOCITY, SIGNAL, SENSOR = range(5)  # kinds of quantities
 # How a kernel reads quantity number k; places are those in State.q or State.v, or numbers of signals and parts
 READERS = {
     TIME: "t",
@@ -31,6 +31,7 @@ READERS = {
     VELOCITY: "state.v[record.places[{k}]]",
     SIGNAL: "signal_value(record.places[{k}], t, arrays)",
     SENSOR: "part_sensor_value(record.places[{k}], arrays, state)",
+    BLOCK: "block_value(record.places[{k}], t, arrays, state)",
 }
 
 
@@ -70,8 +71,8 @@ class QuantityLaw:
     own
         Kinds of the names that the owner of the law defines.
     uses
-        Other quantities by name: numbers, signals, inputs, functions of time, states, and sensors of positions and
-        velocities.
+        Other quantities by name: numbers, signals, inputs, functions of time, states, blocks, and sensors of positions
+        and velocities.
 
     Attributes
     ----------
@@ -115,16 +116,18 @@ class QuantityLaw:
 
     def fill(self, record: Any, site: Attachment, own: Mapping[str, int]) -> None:
         """Write the places of the arguments; ``own`` has those of the names that the owner defines."""
-        for k, (name, kind, source) in enumerate(self.quantities):
-            if kind == SIGNAL:
-                place = site.signal(source, f"{name!r} in {self.what}")
-            elif kind == SENSOR:
-                place = site.part(source)
-            elif source is not None:
-                place = site.state_place(source)
-            else:
-                place = own.get(name, 0)
-            record["places"][k] = place
+        for k, quantity in enumerate(self.quantities):
+            given = quantity.source is not None
+            record["places"][k] = place_of(quantity, site, self.what) if given else own.get(quantity.name, 0)
+
+
+def place_of(quantity: Quantity, site: Attachment, what: str) -> int:
+    """Return the place of a quantity for kernels: in State.v, or the number of a signal or a part."""
+    if quantity.kind == SIGNAL:
+        return site.signal(quantity.source, f"{quantity.name!r} in {what}")
+    if quantity.kind in (SENSOR, BLOCK):
+        return site.part(quantity.source)
+    return site.state_place(quantity.source)
 
 
 def names_of(what: str, given: Any, known: tuple[str, ...]) -> tuple[str, ...]:
@@ -145,22 +148,32 @@ def names_of(what: str, given: Any, known: tuple[str, ...]) -> tuple[str, ...]:
     return found
 
 
+def is_motion_quantity(source: Any) -> bool:
+    """Whether something is a first-order state, a block or a sensor."""
+    return getattr(source, "is_state", False) or getattr(source, "is_block", False) or hasattr(source, "follows")
+
+
 def quantity_of(what: str, name: str, source: Any) -> Quantity:
     """Return the quantity that a user gives; raises UserError."""
     if getattr(source, "is_state", False):
         return Quantity(name, VELOCITY, source)
+    if getattr(source, "is_block", False):
+        return Quantity(name, BLOCK, source.value())
+    if getattr(source, "is_block_output", False):
+        return Quantity(name, BLOCK, source)
     if hasattr(source, "follows"):  # a sensor
         if not source.is_kinematic:
             raise UserError(
                 f"{name!r} in {what} is a sensor of class {type(source).__name__}, whose value depends on forces or "
-                "accelerations; allowed: sensors of positions, velocities and states. Use one of these"
+                "accelerations; allowed: sensors of positions, velocities, states and outputs of blocks. Use one of "
+                "these"
             )
         return Quantity(name, SENSOR, source)
     if isinstance(source, ElementType | float | int | np.floating | np.integer | str) or callable(source):
         return Quantity(name, SIGNAL, source)  # which is checked when it is numbered
     raise UserError(
         f"{name!r} in {what} is {short(source)}; allowed: a number, a signal, an input, a function of time, a state, "
-        "or a sensor of positions and velocities"
+        "a block, or a sensor of positions and velocities"
     )
 
 
@@ -176,6 +189,7 @@ def kernel_of_value(function: Any, kinds: tuple[int, ...]) -> Any:
     names = {
         "signal_value": signal_value,
         "part_sensor_value": part_sensor_value,
+        "block_value": block_value,
         "evaluate": evaluator(len(kinds)),
         "function": function,
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,13 @@ from mbfmu.mechanics.arrays.given_inputs import GivenInputs
 from mbfmu.mechanics.checks import signal_of
 from mbfmu.mechanics.numbers import is_finite
 from mbfmu.mechanics.signals import Function, Polynomial, Signal, Table
+from mbfmu.mechanics.signals.measured import KIND_BY_USE, MeasuredTable
 from mbfmu.util.errors import UserError, short
 
-from .table_files import PARQUET_SUFFIXES, read_table
+from .table_files import PARQUET_SUFFIXES, read_column
 
 ALLOWED = "a finite number, an expression of the time t, a function of time, a Table, or another signal without inputs"
-FILE_SUFFIXES = (".csv", *PARQUET_SUFFIXES)
+FILE_PATTERN = re.compile(rf"(.+(?:{'|'.join(map(re.escape, ('.csv', *PARQUET_SUFFIXES)))}))(?::(.+))?", re.IGNORECASE)
 
 
 def signals_of(values: Mapping[str, Any]) -> dict[str, Signal]:
@@ -40,18 +42,25 @@ def _signal(what: str, value: Any) -> Signal:
 def read_value(name: str, text: str, folder: Path = Path()) -> Any:
     """Return what the text after ``NAME=`` states: a number, a table of a file, or the text of an expression.
 
-    A file has the suffix .csv, .parquet or .pq, and a path relative to ``folder``. Its column with the name of the
-    input is read.
+    A file has the suffix .csv, .parquet or .pq, and a path relative to ``folder``. The name of a column may follow
+    after a colon. Without it the column with the name of the input is read, or the only one.
     """
     try:
         return float(text)
     except ValueError:
-        if Path(text).suffix.lower() not in FILE_SUFFIXES:
-            return text
+        match = FILE_PATTERN.fullmatch(text)
+    if not match:
+        return text
     try:
-        return read_table(folder / text, name)
+        found = read_column(folder / match[1], match[2] or "", default=name)
     except UserError as error:
         raise UserError(f"input {name!r}: {error}") from error
+    return MeasuredTable(found.times, found.values, KIND_BY_USE, source=found.source, unit=found.unit)
+
+
+def in_folder(value: Any, folder: Path) -> Any:
+    """Return an entry of ``[inputs]`` whose path of a file is relative to the working directory, not to a folder."""
+    return str(folder / value) if isinstance(value, str) and FILE_PATTERN.fullmatch(value) else value
 
 
 def read_entry(name: str, value: Any, folder: Path) -> Any:
@@ -65,24 +74,31 @@ def read_entry(name: str, value: Any, folder: Path) -> Any:
                 "'kind' and 'beyond'. A name of an input that contains a point is written in quotes"
             )
         options = {key: one for key, one in value.items() if key in ("kind", "beyond")}
-        return Table(value["times"], value["values"], **options)
+        return MeasuredTable(value["times"], value["values"], **{"kind": KIND_BY_USE} | options)
     return value
 
 
-def entry(name: str, value: Signal) -> str:
-    """Return the value of a line of ``[inputs]`` in a scene file; raises UserError if a file cannot contain it."""
+def entry_of(name: str, value: Signal) -> Any:
+    """Return the entry of ``[inputs]`` that :func:`read_entry` reads; raises UserError if a file cannot contain it."""
     if isinstance(value, Table):
         points = {"times": np.asarray(value.x, float).tolist(), "values": np.asarray(value.y, float).tolist()}
-        lines = points | {"kind": value.kind, "beyond": value.beyond}
-        return "{" + ", ".join(f"{key} = {json.dumps(line)}" for key, line in lines.items()) + "}"
+        return points | ({"kind": value.kind} if value.kind != KIND_BY_USE else {}) | {"beyond": value.beyond}
     if isinstance(value, Function) and isinstance(value.law, str):
-        return json.dumps(value.law)
+        return value.law
     if isinstance(value, Polynomial) and len(value.c) == 1:
-        return json.dumps(float(value.c[0]))
+        return float(value.c[0])
     raise UserError(
-        f"input {name!r} is {short(value)}, which a scene file cannot contain; allowed: a number, an expression of t "
-        "or a Table"
+        f"input {name!r} is {short(value)}, which a scene file and an FMU that calls Python cannot contain; allowed: a "
+        "number, an expression of t or a Table"
     )
+
+
+def entry_text(name: str, value: Signal) -> str:
+    """Return the value of a line of ``[inputs]`` in a scene file; raises UserError if a file cannot contain it."""
+    own = entry_of(name, value)
+    if isinstance(own, dict):
+        return "{" + ", ".join(f"{key} = {json.dumps(one)}" for key, one in own.items()) + "}"
+    return json.dumps(own)
 
 
 def given_for(signals: Mapping[str, Signal]) -> GivenInputs | None:
@@ -129,7 +145,8 @@ def describe(signals: Mapping[str, Signal]) -> list[str]:
 
 def _text(value: Signal) -> str:
     if isinstance(value, Table):
-        return f"table of {len(value.x)} points from {np.min(value.x):g} to {np.max(value.x):g} s"
+        what = value.source if isinstance(value, MeasuredTable) and value.source else "table"
+        return f"{what}, {len(value.x)} points from {np.min(value.x):g} to {np.max(value.x):g} s"
     if isinstance(value, Function) and isinstance(value.law, str):
         return value.law
     return f"{value.c[0]:g}" if isinstance(value, Polynomial) and len(value.c) == 1 else type(value).__name__

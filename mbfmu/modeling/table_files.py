@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.signals import Table
+from mbfmu.mechanics.signals.measured import MeasuredTable
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.extras import import_optional
 from mbfmu.util.units import Unit, read_unit
@@ -28,7 +29,8 @@ class Column(NamedTuple):
 
     times: Array  # s
     values: Array
-    unit: Unit | None  # None: the header has none
+    unit: str  # as in the header; empty: it has none
+    source: str  # name of the column and of the file, for messages
 
 
 def read_table(path: Path | str, column: str = "", *, kind: str = "spline", beyond: str = "linear") -> Table:
@@ -57,16 +59,17 @@ def read_table(path: Path | str, column: str = "", *, kind: str = "spline", beyo
     ------
     UserError
         The file cannot be read, the column does not exist, a unit is unknown, a value is not a finite number, or the
-        times do not increase. The message contains the line of the file.
+        times do not increase. The message contains the line of the file. A table whose unit is of another quantity than
+    that of the input that it replaces is refused by the functions that receive it.
     """
     found = read_column(path, column)
-    table = Table(found.times, found.values, kind, beyond)
-    table.rows(f"column {column!r} of {str(path)!r}" if column else f"file {str(path)!r}")  # refuses kind and beyond
+    table = MeasuredTable(found.times, found.values, kind, beyond, found.source, found.unit)
+    table.rows(found.source)  # refuses kind and beyond
     return table
 
 
-def read_column(path: Path | str, column: str = "") -> Column:
-    """Return a column of a file; see :func:`read_table`."""
+def read_column(path: Path | str, column: str = "", default: str = "") -> Column:
+    """Return a column of a file; see :func:`read_table`. ``default`` is read if none of several columns is given."""
     path = Path(path)
     what = f"file {str(path)!r}"
     file = (_ParquetFile if path.suffix.lower() in PARQUET_SUFFIXES else _CsvFile)(path, what)
@@ -74,7 +77,12 @@ def read_column(path: Path | str, column: str = "") -> Column:
     if len(names) < MIN_ROWS:
         raise UserError(f"{what} has the columns {names}; allowed: times in the first column, and one column or more")
     if not column and len(names) > MIN_ROWS:
-        raise UserError(f"{what} has the columns {', '.join(map(repr, names[1:]))}; give the name of one of them")
+        if default not in names[1:]:
+            missing = f"no column {default!r}, but " if default else ""
+            example = f", as in {path.name}:{names[1]}" if default else ""
+            listed = ", ".join(map(repr, names[1:]))
+            raise UserError(f"{what} has {missing}the columns {listed}; give the name of one of them{example}")
+        column = default
     if column and column not in names[1:]:
         raise UserError(f"{what} has no column {column!r}{suggest(column, names[1:])}")
     place = names.index(column, 1) if column else 1
@@ -97,7 +105,7 @@ def read_column(path: Path | str, column: str = "") -> Column:
             "that increase from row to row. Write a jump as two times with a short distance"
         )
     times, values = (raw[:, k] * (scale.factor if scale else 1.0) for k, scale in enumerate(scales))
-    return Column(times, values, scales[1])
+    return Column(times, values, units[place], f"column {names[place]!r} of {what}")
 
 
 def read_unit_of(text: str, what: str) -> Unit | None:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from mbfmu.mechanics import couplings, cuts, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.tables import LINEARIZED, REAL, TANGENT_NUMBERS, CalledKernel, called_kernels, used_type
 from mbfmu.mechanics.kind import ElementType, element_types_of
+from mbfmu.mechanics.loads.linear_block import LinearBlock
 from mbfmu.sheets import elements as sheet_elements
 from mbfmu.sheets import joints as sheet_joints
 from mbfmu.sheets import sensors as sheet_sensors
@@ -35,7 +36,10 @@ COMPONENT_ROLES: dict[str, dict[ModuleType, type[ElementType]]] = {
         surfaces: surfaces.Surface,
     },
 }  # fmt: skip
-CONTACT_TYPES: tuple[type[ElementType], ...] = SurfaceContact, RollerNip  # of sheets, in addition
+OTHER_TYPES: dict[str, tuple[type[ElementType], ...]] = {  # in addition, by the part
+    "mechanisms": (LinearBlock,),
+    "sheets": (SurfaceContact, RollerNip),
+}
 USER_LIBRARY = "mbfmu_kernels"  # beginning of the name of the library of user-defined kernels in an FMU
 USER_TABLE_SYMBOL = "mb_user_kernels"  # symbol of the addresses of its kernels
 
@@ -58,7 +62,7 @@ def kernel_tables() -> dict[str, KernelTable]:
         for part, roles in COMPONENT_ROLES.items():
             own_kinds = [kind for module, role in roles.items() for kind in element_types_of(module, role)]
             kinds = [kind for own in own_kinds for kind in (own, *own.variants)]
-            used = [used_type(kind) for kind in (*kinds, *(CONTACT_TYPES if part == "sheets" else ()))]
+            used = [used_type(kind) for kind in (*kinds, *OTHER_TYPES[part])]
             found = [
                 own for kind in used for n in (REAL, TANGENT_NUMBERS, LINEARIZED) for own in called_kernels(kind, n)
             ]

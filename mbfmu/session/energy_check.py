@@ -44,7 +44,8 @@ class EnergyCheck:
     def describe_state(self, t: float, q: Array) -> None:
         """Describe the violation if it was detected at the time t, s, with positions q (nq,)."""
         if self._is_new:
-            self.found = (self._describe(self._last, (t, q)),)
+            last = self._last if self._last is None or len(self._last[1]) == len(q) else None  # joints were locked
+            self.found = (self._describe(last, (t, q)),)
         self._last = t, q
 
     def describe(self, times: Array, q: Array) -> None:

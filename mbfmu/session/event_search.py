@@ -51,7 +51,7 @@ class EventSearch:
     evaluate
         (t, q, v) -> g, rates: sensors minus the values that they may cross (k,), and their rates (k,); nan: not known.
     size
-        Unit of each coordinate (n,).
+        Unit of each free coordinate (n,).
     directions
         Sign of the rate at a crossing (k,); 0: any.
     stops
@@ -61,6 +61,8 @@ class EventSearch:
     ----------
     sides
         Sign of every sensor minus its value (k,) before the next crossing; 0: not known yet. At a stop it is constant.
+    bands
+        Distance of every sensor from its value (k,) up to which its side is not known, see :meth:`leave`.
     within
         Longest time between two evaluations, s.
     limit, limited
@@ -78,8 +80,8 @@ class EventSearch:
         directions: NDArray[np.int64],
         stops: NDArray[np.bool_],
     ) -> None:
-        self._evaluate, self._size, self._directions, self._stops = evaluate, size, directions, stops
-        self.sides = np.where(stops, -directions, 0)
+        self._evaluate, self.size, self._directions, self._stops = evaluate, size, directions, stops
+        self.sides, self.bands = np.where(stops, -directions, 0), np.zeros(len(stops))
 
     def begin(self, stepper: Stepper) -> Point:
         """Note the sides at the reported state, at which nothing is a crossing; return the values there."""
@@ -109,12 +111,22 @@ class EventSearch:
             before, earlier = step.end, [before]
         return []
 
+    def leave(self, sensors: list[int], bands: Array) -> None:
+        """Let these sensors leave their values without a crossing from distances up to ``bands`` (k,), as at a start.
+
+        A quantity that rests at its value has rounding errors of any sign.
+        """
+        for k in sensors:
+            if not self._stops[k]:
+                self.sides[k], self.bands[k] = 0, bands[k]
+
     def restart(self, stepper: Stepper, end: float, restarting: NDArray[np.bool_]) -> None:
         """Restart the solver, and limit its steps so that several lead to the next crossing of sensors at which it
         restarts (k,), or to ``end``, s. A trial shows when that is.
         """
         stepper.restart()
-        self.limited, begin, saved, sides, taken = 0, stepper.t, stepper.save(), self.sides, 0
+        self.limited, begin, saved, taken = 0, stepper.t, stepper.save(), 0
+        sides, bands = self.sides, self.bands
         found, before = list[int](), self._point(stepper)
         while stepper.t < end and taken < MIN_STEPS_AFTER_RESTART and not restarting[found].any():
             stepper.step_limit, step_saved = np.inf, None if stepper.has_dense_output else stepper.save()
@@ -128,19 +140,25 @@ class EventSearch:
             self.limit, self.limited = (stepper.t - begin) / MIN_STEPS_AFTER_RESTART, MIN_STEPS_AFTER_RESTART
         stepper.restore(saved)
         stepper.status, self.sides = Status(Code.OK, begin, stepper.fallback_solvers), sides
+        self.bands = bands
 
     def _point(self, stepper: Stepper) -> Point:
         q, v, _ = stepper.reported
-        speed = float(np.abs(v[: len(self._size)] / self._size).max(initial=0.0))
+        speed = float(np.abs(v[: len(self.size)] / self.size).max(initial=0.0))
         return Point(stepper.t, *self._evaluate(stepper.t, q, v), speed)
 
     def _note(self, point: Point) -> None:
-        signs = np.sign(point.g).astype(np.int64)
+        signs = self._signs(point)
         self.sides = np.where((signs == 0) | self._stops, self.sides, signs)
+        self.bands = np.where(signs == 0, self.bands, 0.0)
+
+    def _signs(self, point: Point) -> NDArray[np.int64]:
+        signs: NDArray[np.int64] = np.sign(np.where(np.abs(point.g) <= self.bands, 0.0, point.g)).astype(np.int64)
+        return signs
 
     def _crossed(self, point: Point) -> NDArray[np.bool_]:
         """Return which sensors (k,) have crossed their values in their directions at a point."""
-        signs = np.sign(point.g).astype(np.int64)
+        signs = self._signs(point)
         changed = (signs == -self.sides) & (signs != 0)
         return np.asarray(changed & ((self._directions == 0) | (self._directions == signs)))
 

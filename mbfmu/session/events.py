@@ -9,19 +9,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism
-from mbfmu.mechanics.events import EndRun, Event, Impulse, SetInput, SetParameter
+from mbfmu.mechanics.events import EndRun, Event, Impulse, Lock, Release, SetInput, SetParameter
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from solvers.outcome import OK
+from solvers.stepper import spacing
 from solvers.system import Array
 
 from .event_search import EventSearch
 from .impulses import Impacts, velocity_jump
 from .kernels.points import account_discontinuity, check_point, energy_at
+from .locked_joints import LockedJoints
 from .stepper_run import SEQUENCE, StepperRun
 
 MAX_EVENTS, MIN_EVENTS_TIME_RATIO = 100, 1e-6  # 100 events need at least this part of the duration of the run
+EQUAL_TIME_SPACINGS = 8  # of floating-point numbers, up to which two given times are one: no step is so short
 RESTING_BOUNCES = 3  # number of bounces at rest, each within MIN_EVENTS_TIME_RATIO of the duration after another one
 
 Setters = dict[type, Callable[[str, Any], None]]  # by the class of the action: sets a value by its name
@@ -63,10 +66,12 @@ class RunEvents:
     stop
         Why the run cannot continue: too many events, a stop that is rested on, or an impulse on what has no mass; None:
         it can.
+    locked
+        Joints that are locked.
     """
 
-    def __init__(self, compiled: CompiledMechanism, run: StepperRun, setters: Setters) -> None:
-        declared, self._compiled = compiled.mechanism.events, compiled
+    def __init__(self, compiled: CompiledMechanism, run: StepperRun, setters: Setters, locked: LockedJoints) -> None:
+        declared, self._compiled, self.locked = compiled.mechanism.events, compiled, locked
         self._run, self._setters = run, setters
         self._order = {event.name: k for k, event in enumerate(declared)}
         watching = [event for event in declared if event.sensor is not None]
@@ -76,10 +81,12 @@ class RunEvents:
         are_stops = np.array([event.name in self._stops for event in watching], np.bool_)
         self._has_rate = np.array([e.sensor is not None and e.sensor.rate_sensor() is not None for e in watching], bool)
         self._restarting = np.array([event.restarts for event in watching], bool)
-        self._parts, size = np.append(compiled.watched, compiled.watched_rates), compiled.system.size
-        self._search = EventSearch(self._differences, size[: compiled.system.n_velocities], directions, are_stops)
+        self._parts = np.append(compiled.watched, compiled.watched_rates)
+        self._search = EventSearch(self._differences, self._sizes(), directions, are_stops)
         rates = compiled.watched_rates[are_stops[self._has_rate]]
         self._impacts = Impacts(compiled, rates, directions[are_stops].astype(float))
+        units = [event.sensor.unit for event in watching if event.sensor and compiled.locks.can_lock]
+        self._bands = run.stepper.options.rtol * np.array([compiled.nominal(unit) for unit in units])
         self._declare(declared)
         t = run.stepper.t
         self._next_timed = sum(event.time < t for event in self._timed)
@@ -88,10 +95,11 @@ class RunEvents:
         self.stop: Diagnostic | None = None
         self._search.begin(run.stepper)
 
-    @classmethod
-    def of(cls, compiled: CompiledMechanism, run: StepperRun, setters: Setters) -> RunEvents | None:
-        """Return the events of a run; None: the mechanism has none."""
-        return cls(compiled, run, setters) if compiled.mechanism.events else None
+    def _sizes(self) -> Array:
+        """Return the units of the free coordinates."""
+        system = self._compiled.system
+        sizes: Array = system.size[: system.n_velocities]
+        return sizes
 
     def _declare(self, declared: list[Event]) -> None:
         self._declared = declared
@@ -150,13 +158,14 @@ class RunEvents:
     def _advance(self, end: float) -> list[Event]:
         """Advance to the next event or to ``end``, s; return the events there."""
         run, timed = self._run, self._timed[self._next_timed :]
-        stepper, due = run.stepper, min(end, timed[0].time if timed else np.inf)
+        stepper, slack = run.stepper, EQUAL_TIME_SPACINGS * spacing(end)
+        due = timed[0].time if timed and timed[0].time < end - slack else end
         found = [self._watching[k] for k in self._search.advance(stepper, due)]
         run.q, run.v, run.energy_account = stepper.reported
         state = stepper.t, run.q, run.v, run.energy_account
         check_point(run.session, *state, False)
-        if stepper.status.ok and timed and stepper.t >= timed[0].time:
-            here = [event for event in timed if event.time <= stepper.t]
+        if stepper.status.ok and timed and stepper.t >= timed[0].time - slack:
+            here = [event for event in timed if event.time <= stepper.t + slack]
             self._next_timed += len(here)
             found += here
         return sorted(found, key=lambda event: self._order[event.name])
@@ -173,6 +182,9 @@ class RunEvents:
                     changed = True
                 elif isinstance(action, Impulse):
                     self._apply_impulse(action)
+                elif isinstance(action, Lock | Release):
+                    self.stop = self.stop or self.locked.act(action, event.name)
+                    self._search.size = self._sizes()
                 elif isinstance(action, EndRun):
                     self.ended = True
         after, t = self._sensor_values(), run.stepper.t
@@ -186,6 +198,8 @@ class RunEvents:
                 self.records.append(EventRecord(event.name, t, direction, float(before[k]), float(after[k])))
         self._check_rest(found)
         self._check_density(found[0])
+        if any(isinstance(action, Lock) for event in found for action in event.actions):
+            self._search.leave([self._places[event.name] for event in found if event.sensor], self._bands)
         return changed
 
     def _bounce(self, found: list[Event]) -> None:
@@ -217,9 +231,11 @@ class RunEvents:
             self._let_jump(dv)
 
     def _apply_impulse(self, action: Impulse) -> None:
-        run = self._run
+        run, first = self._run, int(self._compiled.data.arrays.bodies["vf"][action.body.index])
+        if first < 0:  # a locked joint transmits it
+            return
         impulses = np.zeros(len(run.v))
-        impulses[int(self._compiled.data.arrays.bodies["vf"][action.body.index]) + action.coordinate] = action.value
+        impulses[first + action.coordinate] = action.value
         dv = velocity_jump(self._compiled, run.stepper.t, run.q, run.v, impulses)
         if dv is None:
             self.stop = Diagnostic.error(
@@ -304,14 +320,18 @@ class RunEvents:
         limits = {"limit": search.limit if search.limited else 0.0, "limited": search.limited}
         return {
             "sides": search.sides.tolist(),
+            "bands": search.bands.tolist(),
             "timed": self._next_timed,
             "ended": self.ended,
             "list": records,
+            "locked": self.locked.state(),
         } | limits
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Return to a state of :meth:`state`."""
-        self._search.sides = np.array(state["sides"], np.int64)
+        """Return to a state of :meth:`state`; the state of the solver is restored afterwards."""
+        self.locked.restore(state["locked"])
+        self._search.size = self._sizes()
+        self._search.sides, self._search.bands = np.array(state["sides"], np.int64), np.array(state["bands"])
         self._search.limit, self._search.limited = state["limit"], state["limited"]
         self._next_timed, self.ended, self.stop = state["timed"], state["ended"], None
         self.records = [EventRecord(*r[:3], *(np.nan if x is None else x for x in r[3:])) for r in state["list"]]

@@ -33,8 +33,9 @@ from solvers.steppers.guard import GuardedStepper
 from .element_monitor import ElementMonitor, Furthest
 from .energy_check import EnergyCheck
 from .events import EventRecord, RunEvents, Setters
-from .failure_diagnosis import explain_failure, explain_rates, find_undetermined_rates, free_rates
+from .failure_diagnosis import advise, explain_failure, explain_rates, find_undetermined_rates, free_rates
 from .kernels.points import Session, begin_session
+from .locked_joints import LockedJoints
 from .run_messages import INPUT_JUMP, SINGULAR_START, UNDETERMINED_FORCES, filled
 from .serialization import decode_state, encode_state
 from .solver_selection import SolverChoice, limit_order, select_solver
@@ -174,7 +175,10 @@ class Simulation(Diagnosed):
         self._element_monitor = ElementMonitor(self.compiled, float(self._limit_ratio[0]), t0, self.stepper.q)
         self._reported_undetermined, self._end = False, t0
         setters: Setters = {SetInput: self.set_input, SetParameter: self._set_parameter}
-        self._events = RunEvents.of(self.compiled, self._run, setters)
+        self._events: RunEvents | None = None
+        if self.compiled.mechanism.events:
+            locked = LockedJoints(self.compiled, self._run, self._stepper, self._noted.append)
+            self._events = RunEvents(self.compiled, self._run, setters, locked)
         self._check_actions()
         if self._events and begins:
             self._events.check_start()
@@ -259,6 +263,8 @@ class Simulation(Diagnosed):
         if self.settings.input_interpolation == "linear":
             compiled.inputs.extrapolate()
         compiled.inputs.restore(self.compiled.inputs.state())
+        if self._events and self._events.locked.any:
+            self._events.locked.lock_copy(compiled)
         return compiled
 
     def _report_step_count(self, found: Diagnostic) -> None:
@@ -302,9 +308,15 @@ class Simulation(Diagnosed):
         return float(self.stepper.t)
 
     @property
+    def _positions(self) -> Array:
+        """Positions (nq,) at the time reached, without locked joints."""
+        locks, (q, v, _) = self.compiled.locks, self.stepper.reported
+        return locks.all_coordinates(q, v)[0]
+
+    @property
     def statistics(self) -> Statistics:
         """Counts of steps, evaluations and other work of the solver so far."""
-        return self.stepper.statistics
+        return self._events.locked.statistics() if self._events else self.stepper.statistics
 
     def energy(self) -> float:
         """Kinetic and potential energy at the time reached, J."""
@@ -323,6 +335,8 @@ class Simulation(Diagnosed):
         stepper = self.stepper
         if stepper.status.ok:
             return self._element_monitor.folded or (self._events.stop if self._events else None)
+        if self._events and self._events.locked.any:
+            return stepper.status.explain(advise(self.compiled, stepper.status))
         return explain_failure(self.compiled, stepper.status, stepper.q, self._end, stepper.starts_singular)
 
     @property
@@ -389,11 +403,12 @@ class Simulation(Diagnosed):
             self._events.step(t)
         if self._has_supports:
             self._report_support_motions(begin)
+        stepper = self.stepper  # after a lock another one
         t, q = stepper.t, stepper.q
         if self.energy_check:
             self.energy_check.describe_state(t, q)
         if self._has_limits:
-            self._element_monitor.note(float(self._limit_ratio[0]), t, q)
+            self._element_monitor.note(float(self._limit_ratio[0]), t, self._positions)
         return stepper.status
 
     def _report_support_motions(self, t: float) -> None:
@@ -427,6 +442,8 @@ class Simulation(Diagnosed):
         if SEQUENCE.read(self._run) != OK:
             raise UserError(f"model {self.model.name!r}: {self._run.error}") from self._run.error
         self._report_undetermined()
+        if self._events:
+            self._events.locked.add_energies(self._out)
         if self.energy_check:
             self.energy_check.describe_state(self.t, self.stepper.q)
         return self._out
@@ -466,7 +483,7 @@ class Simulation(Diagnosed):
             wanted = (len(times), len(self.variables))
             raise UserError(f"values have the shape {np.shape(values)}; allowed: {wanted} (times, outputs)")
         if self._events is not None:
-            return self._record_each(times, values)
+            return self._record_each(self._events, times, values)
         done, self._end, rows = 0, float(max(times, default=self._end)), np.ascontiguousarray(values)
         while done < len(times):
             begin, ahead = self.t, times[done:]
@@ -486,7 +503,7 @@ class Simulation(Diagnosed):
         self._report_undetermined()
         return done
 
-    def _record_each(self, times: Array, values: Array) -> int:
+    def _record_each(self, events: RunEvents, times: Array, values: Array) -> int:
         """As :meth:`record`, one point after the other; an event that ends the run before a point ends it, too."""
         for done, t in enumerate(times):
             self.advance(float(t))
@@ -497,6 +514,7 @@ class Simulation(Diagnosed):
                 self.stepper.status = self._run.error.status
                 return done
             self._report_undetermined()
+            events.locked.add_energies(self._out)
             values[done] = self._out
         return len(times)
 
@@ -619,14 +637,14 @@ class Simulation(Diagnosed):
             raise UserError(f"checkpoint is {checkpoint!r}; allowed: what checkpoint() of this simulation returned")
         if self._adopt(checkpoint.model):
             self.stepper.restart()  # the equations have changed
+        if self._events:
+            self._events.restore(checkpoint.events)
         self.stepper.restore(checkpoint.stepper)
         del self._noted[checkpoint.noted :]
         self._reported_jumps = set(checkpoint.reported_jumps)
         self._reported_undetermined = checkpoint.reported_undetermined
         self._element_monitor.rewind(checkpoint.furthest)
         self._restore_session(checkpoint.session, checkpoint.lost)
-        if self._events:
-            self._events.restore(checkpoint.events)
 
     def _adopt(self, model: Model) -> bool:
         """Take the parameters of a model; return whether they differ from the present ones."""
@@ -687,14 +705,14 @@ class Simulation(Diagnosed):
         head, body = decode_state(self._state_key, state)
         self._adopt(self.model.with_values(head["parameters"]))
         self._restore_session(bytes.fromhex(head["session"]), from_saved(head["lost"]))
+        previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])
         if self._events:
             self._events.restore(head["events"])
-        previous, self.solver_choice = self.solver_choice, SolverChoice(*head["pick"])
         if self.solver_choice.solver != previous.solver:  # auto takes another one at other parameters
             self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(body)
-        self._element_monitor.restore(head["bent"], self.t, self.stepper.q)
+        self._element_monitor.restore(head["bent"], self.t, self._positions)
         del self._noted[self._noted_at_start :]
         self._reported_jumps, self._reported_undetermined = set(), False
 

@@ -31,5 +31,5 @@ def describe_held_inputs(inputs: Sequence[Variable]) -> list[Diagnostic]:
     ]
     more = f" and {len(inputs) - MAX_NAMED_INPUTS} more" if len(inputs) > MAX_NAMED_INPUTS else ""
     what = f"other values of {'inputs' if inputs[1:] else 'input'} {', '.join(values)}{more}, which kept this value"
-    remedy = "To examine a varying input, replace it in the model by a signal"
+    remedy = "To examine a varying input, replace it by a signal: --input NAME=VALUE, or Model.with_inputs in Python"
     return [replace(not_examined(what, remedy), subject=inputs[0].name)]

@@ -267,7 +267,7 @@ def _allowed(evaluated: Sequence[str]) -> str:
 
 def _with_exact(model: Model, times: Array, motion: Motion) -> Motion:
     """Put the exact motion in place of what is known of it."""
-    exact = model.exact(times)
+    exact = None if model.replaced_inputs else model.exact(times)  # it is that of the inputs at their start values
     if exact is None:
         return motion
     source = f"the exact motion for {', '.join(exact)}, else {motion.source}"
@@ -277,7 +277,7 @@ def _with_exact(model: Model, times: Array, motion: Motion) -> Motion:
 
 def _with_independent(model: Model, times: Array, motion: Motion) -> Motion:
     """Replace the computed reference by that of another code or an experiment."""
-    data = model.independent(times)
+    data = None if model.replaced_inputs else model.independent(times)
     if data is None:
         return motion
     values = motion.values | {name: values for name, (values, _) in data.items()}

@@ -143,6 +143,20 @@ def test_a_user_s_file_travels_with_what_it_imports(cluster: Cluster, tmp_path: 
     assert (out / "own-over.png").stat().st_size > 5000
 
 
+def test_the_command_replaces_inputs_in_all_runs(
+    cluster: Cluster, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Closed form of a mass under the force 6 t: x = t^3 / m."""
+    cart = Path(__file__).parent.parent / "test_replaced_inputs.py"
+    (tmp_path / "study.toml").write_text(f'scene = "{cart}:Cart"\n[vary]\nmass = [2.0, 4.0]\n[measure]\nx = "end x"\n')
+    where = ["-o", str(tmp_path / "out"), "--scheduler", cluster.address]
+    assert main(["study", str(tmp_path / "study.toml"), "--input", "force=6*t", *where]) == 0
+    assert "  input force: 6*t\n" in capsys.readouterr().out
+    study = mb.load_study(tmp_path / "out")
+    assert study.replaced_inputs == ("input force: 6*t",)
+    assert study.column("x").tolist() == pytest.approx([0.5, 0.25], rel=1e-4)
+
+
 def test_a_run_that_fails_is_a_row_with_its_reason(cluster: Cluster, tmp_path: Path):
     def build_fails_late(result: mb.Result) -> float:
         raise RuntimeError("no")

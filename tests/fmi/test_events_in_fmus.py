@@ -82,3 +82,50 @@ def test_a_step_beyond_the_end_is_refused_and_leaves_the_state(path: Path) -> No
         fmu.t = 2.6
         fmu.step(0.15)
         np.testing.assert_allclose([fmu["height"], fmu["rate"]], motion(2.75), rtol=0.0, atol=2e-6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Brake(mb.Model):
+    """A flywheel on a motor shaft, which turns with 3 rad/s; a brake holds the flywheel from 0.55 s to 1.25 s."""
+
+    name = "braked_flywheel"
+
+    def build(self) -> mb.Mechanism:
+        m = mb.Mechanism()
+        torque = mb.Input(name="torque", unit="N.m", start=1.0)
+        wheel = m.body("wheel", m.ground, mb.Revolute(rate=3.0), inertia=(1, 1, 2.0))
+        m.force("motor", mb.JointForce(torque), wheel)
+        m.event("hold", at=0.55, then=mb.Lock(wheel))
+        m.event("let go", at=1.25, then=mb.Release(wheel))
+        m.output("rate", wheel.rate())
+        m.output("angle", wheel.angle())
+        return m
+
+
+def turned(t: float) -> tuple[float, float]:
+    """Return rate and angle of the flywheel."""
+    first, last = min(t, 0.55), max(t - 1.25, 0.0)
+    rate = 3.0 + 0.5 * t if t < 0.55 else 0.5 * last
+    return rate, 3.0 * first + 0.25 * first**2 + 0.25 * last**2
+
+
+def test_a_joint_is_locked_and_released_within_communication_steps(tmp_path: Path) -> None:
+    """Closed form. An importing tool returns from the locked state to the one before, and another instance, too."""
+    path = export(Brake(), tmp_path / "brake.fmu", mb.Settings(solver="adams", tolerance=1e-8), native=False)
+    found = simulate_fmu(str(path), stop_time=2.0, output_interval=0.4, output=["rate", "angle"])
+    expected = np.array([turned(t) for t in found["time"]])
+    np.testing.assert_allclose(found["rate"], expected[:, 0], rtol=0.0, atol=2e-7)
+    np.testing.assert_allclose(found["angle"], expected[:, 1], rtol=0.0, atol=2e-7)
+    with Fmu(path) as first, Fmu(path) as second:
+        states = []
+        for _ in range(4):
+            states.append(first.save())
+            first.step(0.5)
+        reached = first.reals().tolist()
+        for fmu in (first, second):
+            for k in (2, 0, 3, 1):
+                fmu.restore(states[k])
+                fmu.t = 0.5 * k
+                for _ in range(k, 4):
+                    fmu.step(0.5)
+                assert fmu.reals().tolist() == reached

@@ -19,6 +19,7 @@ from mbfmu.mechanics import (
     JointForce,
     JointSpring,
     Mechanism,
+    Noise,
     PointForce,
     Polynomial,
     Product,
@@ -67,6 +68,7 @@ def driven(drive: Any) -> CompiledMechanism:
 SIGNALS: dict[str, Any] = {
     "polynomial": Polynomial((0.1, -0.4, 0.3, 0.2)),
     "harmonic": Harmonic(amplitude=0.3, frequency=1.5, phase=0.2, mean=0.1),
+    "noise": Noise(density=lambda f: 1e-3 / (1.0 + f), lowest=0.2, highest=3.0, period=4.0, seed=3, mean=0.2),
     "run-up": RunUp(speed=2.0, duration=0.8, start=0.1),
     "step": Step(height=-1.5, begin=0.2, duration=1.1, offset=0.3),
     "spline": Table(POINTS, VALUES),

@@ -58,6 +58,8 @@ class CompiledElements:
         Numbers of the signals of loads, by what each is in messages.
     used
         Signals that each item refers to, in the order of ``ends``.
+    used_parts
+        Parts that each item refers to, in this order.
     """
 
     def __init__(self, mechanism: Mechanism, numbering: Numbering) -> None:
@@ -85,22 +87,25 @@ class CompiledElements:
         counts = (len(rigid), len(mechanism.cuts), len(mechanism.couplings), len(loads), len(self.sensors))
         self.ends = np.cumsum(counts)
         filled = [filled_record(item, place) for item, place in sites]
-        for signal in numbering.signals:  # those that a signal is made of come up meanwhile
-            sites.append((signal, CompiledAttachment("a signal", (), numbering, {})))
-            filled.append(filled_record(*sites[-1]))
-        self.ends = np.append(self.ends, len(sites))
         watching = CompiledAttachment("an event", (), numbering, {})
         watched = [event.sensor for event in mechanism.events if event.sensor is not None]
         rates = [rate for sensor in watched if (rate := sensor.rate_sensor())]
         self.watched, self.watched_rates = (
             np.array([watching.part(sensor) for sensor in sensors], np.int64) for sensors in (watched, rates)
         )
-        for part in numbering.parts:
+        of_parts: list[tuple[ElementType, CompiledAttachment]] = []
+        filled_parts = []
+        for part in numbering.parts:  # those that a part is made of come up meanwhile
             observed = observed_sensors(part) if isinstance(part, Sensor) else ()
-            sites.append((part, CompiledAttachment(f"part {type(part).__name__}", observed, numbering, {})))
+            of_parts.append((part, CompiledAttachment(f"part {type(part).__name__}", observed, numbering, {})))
+            filled_parts.append(filled_record(*of_parts[-1]))
+        for signal in numbering.signals:  # as of parts
+            sites.append((signal, CompiledAttachment("a signal", (), numbering, {})))
             filled.append(filled_record(*sites[-1]))
-        self.used = [place.used for _, place in sites]
-        self._tables = tables = Tables([item for item, _ in sites], filled)
+        self.ends = np.append(self.ends, len(sites))
+        sites, filled = sites + of_parts, filled + filled_parts
+        self.used, self.used_parts = ([getattr(place, name) for _, place in sites] for name in ("used", "used_parts"))
+        self._tables = tables = Tables([item for item, _ in sites], filled, numbering.parts)
         joints, cuts, couplings, acting, sensors, signals, parts = np.split(
             np.column_stack((MAX_KERNELS * np.array(tables.kinds), tables.places)), self.ends
         )

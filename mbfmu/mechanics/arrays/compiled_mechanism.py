@@ -31,10 +31,11 @@ from .coincident import WITH_DIRECTION, find_coincident
 from .compile import CompiledElements, check_rows
 from .given_inputs import GivenInputs
 from .inputs import Drives, Inputs
+from .joint_locks import JointLocks
 from .load_estimates import fill_estimates
 from .load_groups import LoadGroup, largest_ratio, load_groups
 from .numbering import Numbering, Variable
-from .redundant import DriveMotion, drive_motions
+from .redundant import drive_motions
 from .rounded import describe_omitted, measure_rows
 from .rounding import Rounding
 from .rows import VANISHING_TOLERANCE, find_vanishing_rows, first_of, row_names
@@ -66,6 +67,8 @@ class CompiledMechanism:
         Variables in the order of :meth:`observe`.
     watched, watched_rates
         Numbers of the parts that are the sensors of events, and their rates as far as they are known.
+    locks
+        Joints that events lock.
     length
         Characteristic length, m; see :func:`.scale.characteristic_length`.
     vanishing_rows
@@ -87,10 +90,8 @@ class CompiledMechanism:
         try:
             self._elements = elements = CompiledElements(mechanism, numbering)
         except MemoryError as error:
-            count = len(mechanism.bodies)
-            raise UserError(
-                f"a mechanism of {count} bodies needs more memory than is available; use fewer bodies"
-            ) from error
+            what = f"a mechanism of {len(mechanism.bodies)} bodies"
+            raise UserError(f"{what} needs more memory than is available; use fewer bodies") from error
         self.data, self.watched, self.watched_rates = elements.data, elements.watched, elements.watched_rates
         check_bounds(mechanism, elements.called(), self.data)
         self.length = characteristic_length(mechanism, self.data.arrays)
@@ -107,8 +108,10 @@ class CompiledMechanism:
             self.vanishing_rows = self._drop_vanishing_rows(names)
             self.system = self._systems.make([n for n in names if n not in self.vanishing_rows])
         fill_estimates(mechanism, self.system, self.data, self.length)
+        self.locks = JointLocks(mechanism, self.data.arrays, numbering, elements.signals, self._systems, self.system)
         loops, row_size = EliminatedLoops.of(self.system), self._systems.row_size
-        self._rounding = Rounding(mechanism, self.data, self.system, row_size, self._drive_motions(), loops)
+        motions = drive_motions(self.drives, self.inputs, elements.signals)
+        self._rounding = Rounding(mechanism, self.data, self.system, row_size, motions, loops)
         self.corrections = self._rounding.correct()
         self.assembly = Assembly(mechanism, self.system, self.data, self.vanishing_rows, loops)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
@@ -138,9 +141,6 @@ class CompiledMechanism:
         """Warnings about constraint equations that are left out, and corrected joint frames; of many the first."""
         dropped = first_of([*self.rounded_rows.values()], "constraints are left out")
         return [*dropped, *first_of(self.corrections, "groups of loops are corrected")]
-
-    def _drive_motions(self) -> list[DriveMotion]:
-        return drive_motions(self.drives, self.inputs, self._elements.signals)
 
     def assemble(self, t: float = 0.0) -> tuple[Array, Array]:
         """Close the loops from the given start; return consistent positions (nq,) and velocities (n,).
@@ -385,14 +385,15 @@ class CompiledMechanism:
     def adopt(self, other: CompiledMechanism) -> None:
         """Copy the numbers of a compiled mechanism of the same structure, built with other parameter values.
 
-        Inputs keep their values. Raises UserError where the structures differ.
+        Inputs keep their values, and locked joints remain locked. Raises UserError where the structures differ.
         """
         mine: Any = self.data.arrays
         theirs: Any = other.data.arrays
-        alike = all(a.shape == b.shape for a, b in zip(mine, theirs, strict=True))
-        if not alike or np.any(mine.kept != theirs.kept) or np.any(mine.kernels != theirs.kernels):
-            raise UserError("the parameter changes the structure of the mechanism; it cannot change during a run")
-        inputs = self.inputs.state()
-        for a, b in zip(mine, theirs, strict=True):
-            a[...] = b
-        self.inputs.restore(inputs)
+        with self.locks.suspended():
+            alike = all(a.shape == b.shape for a, b in zip(mine, theirs, strict=True))
+            if not alike or np.any(mine.kept != theirs.kept) or np.any(mine.kernels != theirs.kernels):
+                raise UserError("the parameter changes the structure of the mechanism; it cannot change during a run")
+            inputs = self.inputs.state()
+            for a, b in zip(mine, theirs, strict=True):
+                a[...] = b
+            self.inputs.restore(inputs)

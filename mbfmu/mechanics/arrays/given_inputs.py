@@ -21,9 +21,10 @@ from mbfmu.mechanics import law
 from mbfmu.mechanics.checks import signal_of
 from mbfmu.mechanics.curve import curve
 from mbfmu.mechanics.numbers import finite, is_finite
-from mbfmu.mechanics.signals import Input, Signal, SpeedInput, Table
+from mbfmu.mechanics.signals import Function, Input, Signal, SpeedInput, Table
 from mbfmu.mechanics.signals.fitting import Pieces, UnresolvedError, find_jump, fit
 from mbfmu.mechanics.signals.followed import Followed
+from mbfmu.mechanics.signals.measured import MeasuredTable
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError, short
 
@@ -75,9 +76,17 @@ class GivenInput:
     @property
     def kind(self) -> str:
         """Description of the value for messages."""
-        if self.is_function:
+        if self.is_function or isinstance(self._given, Function):
             return "function of time"
+        if isinstance(self._given, MeasuredTable):
+            return self._given.source or "points"
         return type(self._given).__name__ if isinstance(self._given, Signal) else "points"
+
+    def use(self, unit: str) -> None:
+        """Note that an input with this unit has the name; raises UserError if the values are of another quantity."""
+        self.used = True
+        if isinstance(self._given, MeasuredTable):
+            self._given.check_unit(self._what, unit)
 
     def _table(self, kind: str) -> Table:
         """Return the table it is given by, or a table of this kind through its points."""
@@ -212,8 +221,8 @@ class GivenInputs:
             if not self._set_later:
                 self._compare(signal, None)
             return signal
-        for name in names.values():
-            self.by_name[name].used = True
+        for k, name in names.items():
+            self.by_name[name].use(signal.variables()[k][1])
         key = (next(iter(names.values())), drive)
         if key not in self._made:
             self._made[key] = self._make(signal, names, drive)
@@ -265,11 +274,11 @@ class GivenInputs:
         """Those that have to be set at every output."""
         return [given_input for given_input in self.by_name.values() if given_input.held]
 
-    def hold(self, name: str, reason: str) -> None:
-        """Let an input be set at outputs, for a reason."""
+    def hold(self, name: str, unit: str, reason: str) -> None:
+        """Let an input with this unit be set at outputs, for a reason."""
         if name in self.by_name:
-            given_input = self.by_name[name]
-            given_input.used, given_input.held = True, reason
+            self.by_name[name].use(unit)
+            self.by_name[name].held = reason
 
     def _make(self, signal: Input | SpeedInput, names: dict[int, str], drive: bool) -> Signal | None:
         """Return the signal; None where the input has to be held."""
@@ -278,6 +287,8 @@ class GivenInputs:
             given_input.note()
         try:
             if 0 in given_inputs and (own := given_inputs[0].signal) is not None:
+                if isinstance(own, MeasuredTable):
+                    own = own.for_use(drive=drive)
                 if isinstance(own, Table):
                     self._compare(signal, own)
                 return signal_of(own, f"input {given_inputs[0].name!r}", drive=drive)

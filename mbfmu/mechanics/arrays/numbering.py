@@ -12,11 +12,12 @@ import numpy as np
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import signal_of
+from mbfmu.mechanics.events import Lock
 from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.kind import ElementType, check_element_type, check_field_names
 from mbfmu.mechanics.loads.base import FirstOrderState
 from mbfmu.mechanics.loads.state_equation import StateEquation
-from mbfmu.mechanics.signals import Input, Signal, SpeedInput
+from mbfmu.mechanics.signals import Input, Polynomial, Signal, SpeedInput
 from mbfmu.mechanics.signals.followed import Followed
 from mbfmu.util.errors import UserError
 from solvers.compiled.record_view import round_up
@@ -60,6 +61,8 @@ class Numbering:
         Their places in State.v, by full name.
     first_states
         Place of the first state of every load.
+    holds
+        Numbers of the constant signals that joints follow while they are locked, by the number of the body.
     """
 
     def __init__(self, mechanism: Mechanism, given_inputs: GivenInputs | None = None) -> None:
@@ -80,10 +83,11 @@ class Numbering:
         for axis, gravity in mechanism.gravity_inputs.items():
             ((name, unit, description, start),) = gravity.variables()
             if given_inputs:
-                given_inputs.hold(name, "gravity is no signal of a mechanism")
+                given_inputs.hold(name, unit, "gravity is no signal of a mechanism")
             self._slot(Variable(name, unit, description, start), GRAVITY_SIGNAL, axis)
         for body in mechanism.bodies:
             self._count(body)
+        self.holds = {k: self._number(Polynomial((0.0,))) for k in lockable_joints(mechanism)}
         self.s = list(self.v)
         self.subspaces = self.nv_full
         for body in mechanism.bodies:
@@ -179,6 +183,12 @@ class Numbering:
         self.slots.append(Slot(variable, signal, coefficient))
 
 
+def lockable_joints(mechanism: Mechanism) -> list[int]:
+    """Return the numbers of the bodies whose joints events lock."""
+    actions = [action for event in mechanism.events for action in event.actions]
+    return sorted({action.joint.index for action in actions if isinstance(action, Lock)})
+
+
 def shares_coordinates(body: Body) -> bool:
     """Whether the coordinates of a body's joint are another body's."""
     return isinstance(body.joint, Section) and body.joint.frame is not None
@@ -223,7 +233,7 @@ class CompiledAttachment:
         self.name, self.bodies, self.first_state = name, tuple(body.index for body in bodies), first_state
         self._numbering, self._known = numbering, known
         first = self.bodies[0] if bodies else 0
-        self.q, self.v, self.used = numbering.q[first], numbering.v[first], list[int]()
+        self.q, self.v, self.used, self.used_parts = numbering.q[first], numbering.v[first], list[int](), list[int]()
 
     def signal(self, value: Any, what: str) -> int:
         """Number a signal; loads of one name share it."""
@@ -239,11 +249,11 @@ class CompiledAttachment:
     def part(self, part: ElementType) -> int:
         """Number a part, each object once."""
         known = self._numbering.parts
-        for index, other in enumerate(known):
-            if other is part:
-                return index
-        known.append(part)
-        return len(known) - 1
+        index = next((k for k, other in enumerate(known) if other is part), len(known))
+        if index == len(known):
+            known.append(part)
+        self.used_parts.append(index)
+        return index
 
     def scratch(self, dtype: np.dtype[Any]) -> int:
         """Return the place of scratch memory with these fields, bytes; raises UserError for their names."""

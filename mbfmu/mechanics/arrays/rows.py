@@ -139,6 +139,14 @@ def find_vanishing_rows(
     return probe.vanishing(units, slack, bool(drives.signals), why), probe.gap
 
 
+def find_constant_rows(system: AnySystem, t: float, near: Array) -> NDArray[np.bool_]:
+    """Return which constraint equations (m,) no free motion changes, by a few random positions about ``near`` (nq,)."""
+    probe = Probe(system)
+    for _ in range(3):
+        probe.try_at(t, near)
+    return probe.slope < VANISHING_TOLERANCE
+
+
 def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:
     """Return the constraint equations that depend on the others at q (nq,), in order: by pivoting, in their units."""
     terms = system.allocate_terms()

@@ -20,6 +20,8 @@ class SignalDependence:
         self._loads = [acting.load for acting in mechanism.loads()]
         self._of_loads = compiled.used[couplings:loads]
         self._of_signals = compiled.used[sensors:signals]
+        self._parts_of_loads = compiled.used_parts[couplings:loads]
+        self._of_parts, self._parts_of_parts = compiled.used[signals:], compiled.used_parts[signals:]
 
     def signals(self, sensor: Sensor) -> Set[int] | None:
         """Return the numbers of the signals that a quantity depends on; None: it may depend on all inputs."""
@@ -28,6 +30,13 @@ class SignalDependence:
             return None
         found: set[int] = set()
         waiting = [signal for k in numbers for signal in self._of_loads[k]]
+        parts, more = set[int](), [part for k in numbers for part in self._parts_of_loads[k]]
+        while more:
+            part = more.pop()
+            if part not in parts:
+                parts.add(part)
+                waiting += self._of_parts[part]
+                more += self._parts_of_parts[part]
         while waiting:
             signal = waiting.pop()
             if signal not in found:

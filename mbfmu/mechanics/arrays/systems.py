@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Set
+from copy import copy
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -75,6 +76,7 @@ class Systems:
     ) -> None:
         self._mechanism, self._numbering, self._elements = mechanism, numbering, elements
         self._drives, self._length, self._arrays = drives, length, elements.data.arrays
+        self._locked: Set[int] = frozenset()
         nominal = [state.nominal for _, state in numbering.states]
         self._size = np.concatenate((coordinate_sizes(free_bodies(mechanism), length), nominal))
         self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
@@ -91,6 +93,20 @@ class Systems:
                 f"the mechanism has state {numbering.states[0][0]!r} and {numbering.nv} coordinates and states; "
                 f"allowed with first-order states: at most {MAX_SOLVER_DENSE_COORDINATES}. Use fewer bodies"
             )
+
+    def with_locked_joints(self, locked: Set[int], positions: int, remaining: NDArray[np.bool_]) -> Systems:
+        """Return the systems whose arrays are numbered with the joints of these bodies locked, see :mod:`.joint_locks`.
+
+        ``positions`` is the number of free positions; ``remaining`` (n,) states which velocities and first-order states
+        remain free.
+        """
+        found = copy(self)
+        found._locked, found._size, found._numbering = locked, self._size[remaining], copy(self._numbering)
+        numbering = found._numbering
+        numbering.nq, numbering.nv = positions, int(remaining.sum())
+        names = zip(self._numbering.coordinate_names, remaining, strict=True)
+        numbering.coordinate_names = [name for name, remains in names if remains]
+        return found
 
     def make(self, constraint_names: list[str]) -> AnySystem:
         """Return the system with the rows that are kept today, by their names."""
@@ -169,8 +185,11 @@ class Systems:
 
     def _find_mesh_mask(self) -> NDArray[np.bool_]:
         """Return which coordinates are of joints between nodes of a mesh."""
-        found = [np.full(body.joint.nv, self._in_mesh(body)) for body in free_bodies(self._mechanism)]
+        found = [np.full(body.joint.nv, self._in_mesh(body)) for body in self._free_bodies()]
         return np.concatenate([np.zeros(0, bool), *found])
+
+    def _free_bodies(self) -> list[Body]:
+        return [body for body in free_bodies(self._mechanism) if body.index not in self._locked]
 
     def _mesh_length(self) -> float:
         """Return the length of the longest path over nodes of a mesh, each joined to the one before, m; 0 without."""
@@ -197,7 +216,7 @@ class Systems:
         slowest = min((acting.load.slip_scale for acting in self._mechanism.others), default=np.inf)
         carrying = find_ancestors(self._mechanism, self._nodes)
         found = [np.zeros(0)]
-        for body in free_bodies(self._mechanism):
+        for body in self._free_bodies():
             units = body.joint.units
             turning = slowest / self._length if body.index in carrying and "m" not in units else np.inf
             rates = [slowest if unit == "m" else turning for unit in units]
@@ -256,7 +275,7 @@ class Systems:
 
     def _groups(self) -> Groups:
         """Return the groups of the structured tangent; UserError where they would be too wide to be solved."""
-        groups = find_groups(self._mechanism)
+        groups = find_groups(self._mechanism, self._locked)
         widest = int(np.bincount(groups.of[1:]).argmax())
         members = np.flatnonzero(groups.of == widest)
         if len(members) > MAX_GROUP_BODIES:

@@ -73,6 +73,8 @@ class Tables:
         Joints, cut joints, couplings, loads, signals, parts and sensors.
     filled
         Their records, filled, one (1,) array each.
+    parts
+        Those of the items that are parts: loads call the kernels ``read`` of sensors among them.
 
     Attributes
     ----------
@@ -82,9 +84,12 @@ class Tables:
         The records of every kind, as they lie in ``memory``.
     """
 
-    def __init__(self, items: Sequence[ElementType], filled: Sequence[NDArray[Any]]) -> None:
+    def __init__(
+        self, items: Sequence[ElementType], filled: Sequence[NDArray[Any]], parts: Sequence[ElementType] = ()
+    ) -> None:
         used = [used_type(item) for item in items]
         self._used = list(dict.fromkeys(used))
+        self._of_parts = {used_type(part) for part in parts}
         number = {kind: k for k, kind in enumerate(self._used)}
         self.kinds = [number[kind] for kind in used]
         counts = np.bincount(np.array(self.kinds, np.int64), minlength=len(self._used))
@@ -111,7 +116,7 @@ class Tables:
         """Return the addresses of all kernels, MAX_KERNELS for each kind, compiled for these numbers."""
         table = np.zeros((max(1, len(self._used)), MAX_KERNELS), np.int64)
         for own, kind in zip(table, self._used, strict=False):
-            for k, called in enumerate(called_kernels(kind, numbers)):
+            for k, called in enumerate(called_kernels(kind, numbers, is_part=kind in self._of_parts)):
                 if called is not None:
                     own[k] = compiled(called, kind.kernels[k][0], numbers)
         return table.ravel()
@@ -120,7 +125,7 @@ class Tables:
         """Return what the addresses of :meth:`kernels` are of; None where there is none."""
         found: list[CalledKernel | None] = [None] * (max(1, len(self._used)) * MAX_KERNELS)
         for i, kind in enumerate(self._used):
-            for k, called in enumerate(called_kernels(kind, numbers)):
+            for k, called in enumerate(called_kernels(kind, numbers, is_part=kind in self._of_parts)):
                 found[MAX_KERNELS * i + k] = called
         return found
 
@@ -136,10 +141,14 @@ def used_type(item: ElementType | type[ElementType]) -> UsedType:
     return UsedType(record_of(item), kernels, tuple(item.records.items()))
 
 
-def called_kernels(kind: UsedType, numbers: NumberTypes) -> list[CalledKernel | None]:
-    """Return the kernels of a kind that are called with these numbers; None where there is none."""
+def called_kernels(kind: UsedType, numbers: NumberTypes, *, is_part: bool = False) -> list[CalledKernel | None]:
+    """Return the kernels of a kind that are called with these numbers; None where there is none.
+
+    Loads call the kernel ``read`` of a part with all numbers.
+    """
     analytic = any(name == "tangent" and function is not None for name, _, function in kind.kernels)
     left_out = numbers.left_out | ({"apply"} if analytic and numbers is TANGENT_NUMBERS else set())
+    left_out -= {"read"} if is_part else set()
     return [
         None
         if function is None or name in left_out

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mbfmu.mechanics.events import DIRECTIONS, Action, Bounce, Event, Impulse, SetInput
+from mbfmu.mechanics.events import DIRECTIONS, Action, Bounce, Event, Impulse, Lock, Release, SetInput
+from mbfmu.mechanics.joints import Joint, Section
 from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.numbers import finite, positive
 from mbfmu.mechanics.sensors import Sensor
 from mbfmu.util.errors import UserError, short
 
 from .bodies import coordinate_of
-from .states import States
+from .controllers import Controllers
 
 
-class Events(States):
+class Events(Controllers):
     """Base of :class:`.Mechanism`: events, where the motion crosses a value or at given times."""
 
     def __init__(self) -> None:
@@ -50,8 +51,8 @@ class Events(States):
             Time of the event, s, in place of a sensor.
         then
             Action or actions, in their order: :class:`.SetInput`, :class:`.SetParameter`, :class:`.Impulse`,
-            :class:`.Bounce`, :class:`.Restart`, :class:`.EndRun`. Without actions the event is listed only, and the
-            motion is not changed.
+            :class:`.Bounce`, :class:`.Lock`, :class:`.Release`, :class:`.Restart`, :class:`.EndRun`. Without actions
+            the event is listed only, and the motion is not changed.
         within
             Longest time between two evaluations of the sensor, s. Two crossings that are further apart are always
             detected. By default the sensor is evaluated at four or more points of every step, between which no
@@ -87,8 +88,8 @@ class Events(States):
         actions = (then,) if isinstance(then, Action) else then
         if not isinstance(actions, list | tuple) or not all(isinstance(action, Action) for action in actions):
             raise UserError(
-                f"actions of {what} are {short(then)}; allowed: SetInput, SetParameter, Impulse, Bounce, Restart "
-                "and EndRun, or a list of these"
+                f"actions of {what} are {short(then)}; allowed: SetInput, SetParameter, Impulse, Bounce, Lock, "
+                "Release, Restart and EndRun, or a list of these"
             )
         for action in actions:
             if isinstance(action, SetInput):
@@ -104,6 +105,11 @@ class Events(States):
                     )
             elif isinstance(action, Bounce):
                 _check_bounce(what, action, sensor, direction)
+            elif isinstance(action, Lock | Release):
+                role = f"joint of the {type(action).__name__} in {what}"
+                owner = self._coordinate_owner(action.joint, role)
+                owner.coordinate()  # raises for a body that is declared without a joint
+                _check_lock(role, owner.name, owner.joint)
         self.events.append(
             Event(
                 name,
@@ -114,6 +120,23 @@ class Events(States):
                 0.0 if at is None else finite(f"time of {what}", at),
                 None if within is None else positive(f"within of {what}", within),
             )
+        )
+
+
+def _check_lock(role: str, name: str, joint: Joint) -> None:
+    """Raise UserError if a joint cannot be locked: it has not one coordinate, or is driven."""
+    if joint.drive is not None:
+        raise UserError(
+            f"{role} is {name!r}, which is driven; allowed: a joint that moves freely. Let the drive hold the "
+            "joint, or drive it by forces"
+        )
+    if joint.nv != 1 or isinstance(joint, Section):
+        coordinates = ", ".join(text or unit for text, unit in zip(joint.coordinates, joint.units, strict=True))
+        raise UserError(
+            f"{role} is {name!r}, a {type(joint).__name__} with {joint.nv} coordinates"
+            f"{f' ({coordinates})' if coordinates else ''}; allowed: a joint with one coordinate, such as Revolute or "
+            "Translational. Use several such joints in a row, with bodies without mass between them, and lock one of "
+            "them"
         )
 
 

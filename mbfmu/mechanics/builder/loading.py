@@ -50,6 +50,7 @@ class Loading(Graph):
         self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
         self.others: list[Acting] = []  # loads, by their name
         self.state_equations: list[Acting] = []  # of states that users define
+        self.blocks: list[Acting] = []
 
     def force(self, name: str, force: Force, a: Body | JointHandle, b: Body | None = None) -> ForceHandle:
         """Add a force on body a (and b); joint forces act on the tree joint of a, or on joint a.
@@ -90,7 +91,7 @@ class Loading(Graph):
         if not force.on_joint and a is other:
             raise UserError(f"force {name!r} acts between body {a.name!r} and itself; it needs two bodies")
         force.check(f"force {name!r}")
-        self._check_quantities(f"force {name!r}", getattr(force, "uses", {}))
+        self._check_quantities(f"force {name!r}", getattr(force, "quantities", getattr(force, "uses", {})))
         self.forces.append((name, force, a, other))
         return ForceHandle(name, len(self.forces) - 1, force, a, other)
 
@@ -268,7 +269,7 @@ class Loading(Graph):
 
     def loads(self) -> Iterator[Acting]:
         """Yield the loads: forces, elements and what comes with them, pressures, what comes with other loads, other
-        loads, equations of states.
+        loads, equations of states, blocks.
         """
         for name, force, a, b in self.forces:
             yield Acting(f"force {name!r}", force, (a, b), name)
@@ -280,6 +281,7 @@ class Loading(Graph):
         yield from self._other_companions
         yield from self.others
         yield from self.state_equations
+        yield from self.blocks
 
     @property
     def first_other(self) -> int:

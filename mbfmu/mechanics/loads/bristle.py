@@ -26,7 +26,8 @@ import numpy as np
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment, kernel_of
 from mbfmu.mechanics.numbers import not_negative, positive
-from mbfmu.mechanics.quantities import MAX_QUANTITIES, POSITION, TIME, VELOCITY, QuantityLaw
+from mbfmu.mechanics.quantities import QuantityLaw
+from mbfmu.mechanics.quantity_kinds import MAX_QUANTITIES, POSITION, TIME, VELOCITY
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Integers, Record, f8, i8

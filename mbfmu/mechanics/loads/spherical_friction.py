@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from mbfmu.mechanics.quantities import TIME
+from mbfmu.mechanics.quantity_kinds import TIME
 from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import FirstOrderState

@@ -8,7 +8,8 @@ from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any
 
 from mbfmu.mechanics.kind import Attachment
-from mbfmu.mechanics.quantities import MAX_QUANTITIES, TIME, VELOCITY, QuantityLaw
+from mbfmu.mechanics.quantities import QuantityLaw
+from mbfmu.mechanics.quantity_kinds import MAX_QUANTITIES, TIME, VELOCITY
 from solvers.compiled.kernel import jit_uncached
 from solvers.compiled.record import Integers, Record, i8
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .attitudes import AngularVelocity, DirectionCosine, Quaternion
 from .base import Follows, Sensor, axis_index
+from .blocks import BlockOutput
 from .coordinates import Acceleration, Coordinate, Effort, Rate, Turn
 from .energies import Energy, JacobiIntegral, KineticEnergy, PotentialEnergy, Residual, largest_residual
 from .forces import CouplingEffort, CutForce, DeclaredJointForce, JointForce, RowForce
@@ -19,6 +20,7 @@ __all__ = [
     "AngleBetween",
     "AngularVelocity",
     "BendingMoment",
+    "BlockOutput",
     "Coordinate",
     "CouplingEffort",
     "CutForce",

@@ -6,6 +6,7 @@ from .base import InUse, Signal
 from .combined import Product, Sum
 from .function import Function
 from .harmonic import Harmonic
+from .noise import Noise
 from .polynomial import Coefficients, Input, Polynomial, SpeedInput
 from .run_up import RunUp
 from .step import Ramp, Step
@@ -17,6 +18,7 @@ __all__ = [
     "Harmonic",
     "InUse",
     "Input",
+    "Noise",
     "Polynomial",
     "Product",
     "Ramp",

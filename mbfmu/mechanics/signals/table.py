@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbfmu.mechanics.curve import INTERVAL_SIZE, curve, next_point, rows
 from mbfmu.mechanics.kind import Attachment
@@ -13,9 +14,14 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.record import Record, f8, i8
 
 from .base import InUse, Signal
+from .followed import next_finer
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
+
+
+STEP_LIMIT_SIZE = 3  # numbers of a row of step limits
+EQUAL_WIDTH_RATIO = 0.9  # of the shortest to the longest interval, above which all steps have the same limit
 
 
 class TableRecord(Record):
@@ -24,7 +30,7 @@ class TableRecord(Record):
     first: i8  # row of numbers
     count: i8  # of rows, negative: periodic
     slope: f8  # the steepest, 1/s
-    interval: f8  # the shortest, s
+    limits: i8  # place of the step limits, STEP_LIMIT_SIZE numbers for each interval
     begin: f8  # the first point, s
     end: f8  # the last, s
     clock: f8  # 1, or 0: held at its value at t = 0
@@ -40,13 +46,44 @@ def evaluate(signal: TableRecord, t: float, arrays: Arrays) -> tuple[float, floa
 
 @kernel
 def longest_step(signal: TableRecord, t: float, arrays: Arrays) -> tuple[float, float]:
-    """See :mod:`.base`. The shortest interval between points, until the next point; before the first half the way."""
-    if signal.slope == 0.0 or (signal.count > 0 and t >= signal.end):
+    """See :mod:`.base`. The interval between points, until the next point; before a shorter one half the way there."""
+    numbers, count, period = arrays.numbers, signal.count, signal.end - signal.begin
+    if signal.slope == 0.0 or (count > 0 and t >= signal.end):
         return np.inf, np.inf
-    half = 0.5 * (signal.begin - t)
-    if signal.count > 0 and half > signal.interval:
-        return half, t + half
-    return signal.interval, next_point(arrays.numbers, signal.first, signal.count, t)
+    if count > 0 and t < signal.begin:
+        own, following, until, finer = np.inf, np.inf, signal.begin, numbers[signal.limits].real
+    else:
+        turned = period * np.floor((t - signal.begin) / period) if count < 0 else 0.0
+        low, high = 0, abs(count) - 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            if t < turned + numbers[signal.first + INTERVAL_SIZE * middle].real:
+                high = middle
+            else:
+                low = middle
+        at = signal.limits + STEP_LIMIT_SIZE * low
+        own, until, finer = numbers[at].real, turned + numbers[at + 1].real, numbers[at + 2].real
+        following = next_point(numbers, signal.first, count, t)
+    if not until < np.inf:
+        return own, following
+    half = 0.5 * (until - t)
+    return (min(own, half), min(following, t + half)) if half > finer else (finer, until)
+
+
+def step_limits(table: Any, beyond: str) -> NDArray[np.float64]:
+    """Return the longest step in each interval of a table, s, and begin and longest step of the next shorter interval.
+
+    The rows (intervals, 3) contain infinite numbers if no interval is shorter. Intervals that are almost equal have the
+    same longest step, so that rounding errors of the points do not change the steps.
+    """
+    points = table[1:, 0] if beyond == "hold" else table[:, 0]
+    widths, begins = np.diff(points), points[:-1]
+    if widths.min() >= EQUAL_WIDTH_RATIO * widths.max():
+        widths = np.full_like(widths, widths.min())
+    if beyond == "periodic":  # the next shorter interval may be in the next period
+        begins, widths = np.append(begins, begins + points[-1] - points[0]), np.tile(widths, 2)
+    limits = np.column_stack((widths, *next_finer(begins, widths)))[: len(points) - 1]
+    return np.vstack((limits[:1], limits)) if beyond == "hold" else limits  # an interval before the first point
 
 
 @dataclass(frozen=True)
@@ -85,7 +122,8 @@ class Table(Signal):
         table = self.write("a table", record, site)
         widths = np.diff(table[:, 0])
         secants = np.diff(table[:, 1]) / widths  # of smooth curves that are flat at all points
-        record["slope"], record["interval"] = max(np.abs(table[:, 2]).max(), np.abs(secants).max()), widths.min()
+        record["slope"] = max(np.abs(table[:, 2]).max(), np.abs(secants).max())
+        record["limits"] = site.numbers(step_limits(table, self.beyond))
         record["begin"], record["end"], record["clock"] = np.min(self.x), np.max(self.x), 1.0
 
     def rows(self, what: str) -> Any:

@@ -10,6 +10,7 @@ The columns of a mesh's grid are groups as they are.
 
 from __future__ import annotations
 
+from collections.abc import Set
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -29,9 +30,12 @@ class Groups(NamedTuple):
     inward: NDArray[np.int64]  # (groups,) the neighbor inward, a larger number; -1: there is none
 
 
-def find_groups(mechanism: Mechanism) -> Groups:
-    """Return groups such that every joint and element lies within one or between one and its neighbor inward."""
-    moving = moving_bodies(mechanism)
+def find_groups(mechanism: Mechanism, locked: Set[int] = frozenset()) -> Groups:
+    """Return groups such that every joint and element lies within one or between one and its neighbor inward.
+
+    ``locked`` are the numbers of bodies whose joints are locked.
+    """
+    moving = moving_bodies(mechanism, locked)
     cells, columns = cell_of(mechanism, moving)
     near = neighbors(mechanism, moving, cells)
     roots = [own[-1] for own in columns if own] + sorted(near)
@@ -47,11 +51,12 @@ def find_groups(mechanism: Mechanism) -> Groups:
     return Groups(np.array(of, np.int64), np.array(further, np.int64))
 
 
-def moving_bodies(mechanism: Mechanism) -> list[bool]:
-    """Return which bodies move by coordinates that are free."""
+def moving_bodies(mechanism: Mechanism, locked: Set[int]) -> list[bool]:
+    """Return which bodies move by coordinates that are free; not by those of joints that are ``locked``."""
     moving = [False]
     for body in mechanism.bodies[1:]:
-        moving.append(moving[body.parent] or (body.joint.drive is None and body.joint.nv > 0))
+        free = body.joint.drive is None and body.joint.nv > 0 and body.index not in locked
+        moving.append(moving[body.parent] or free)
     return moving
 
 

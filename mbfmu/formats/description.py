@@ -1,0 +1,192 @@
+"""A rigid mechanism as imported files describe it: between the reader of a format and the writer of Python code.
+
+Frames, axes and coordinates are those of :mod:`mbfmu.mechanics`; units are SI and rad. Names are Python identifiers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.util.diagnostics import Diagnostic
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+GROUND_NAME = "m.ground"  # as a body in the code
+
+
+@dataclass(kw_only=True)
+class ImportedJoint:
+    """Joint of a body to its parent.
+
+    Attributes
+    ----------
+    kind
+        Name of the class in :mod:`mbfmu`.
+    name
+        Name of its parameters and outputs; empty for welded bodies.
+    at, rotation
+        Joint frame in the parent: origin (3,), m, and axes as columns (3, 3).
+    axis
+        Axis in the joint frame (3,); None: the joint has none.
+    start
+        Positions at the start; None: those of the frame.
+    armature, stiffness, unloaded, damping, friction
+        Properties of a joint of one coordinate: reflected inertia, spring with its unloaded coordinate, damper, Coulomb
+        friction.
+    lower, upper, stop_stiffness
+        Range of the coordinate and the stiffness of its stops; None: no range.
+    """
+
+    kind: Literal["Weld", "Revolute", "Translational", "Spherical", "Floating"]
+    name: str = ""
+    at: Vector
+    rotation: Matrix
+    axis: Vector | None = None
+    start: Vector | None = None
+    armature: float = 0.0
+    stiffness: float = 0.0
+    unloaded: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    lower: float | None = None
+    upper: float | None = None
+    stop_stiffness: float = 0.0
+
+    @property
+    def has_one_coordinate(self) -> bool:
+        """Whether it is a hinge or a slide."""
+        return self.kind in ("Revolute", "Translational")
+
+
+@dataclass(kw_only=True)
+class ImportedBody:
+    """Body: name, parent (or GROUND_NAME), joint, mass (kg), center of mass (3,) (m), inertia about it (3, 3)."""
+
+    name: str
+    parent: str
+    joint: ImportedJoint
+    mass: float
+    com: Vector
+    inertia: Matrix
+
+
+@dataclass(kw_only=True)
+class ImportedCut:
+    """Loop-closing joint: points (3,) of bodies a and b, and the axes of the frame in body a (3, 3)."""
+
+    name: str
+    kind: Literal["SphericalCutJoint", "WeldCutJoint"]
+    a: str
+    b: str
+    at_a: Vector
+    at_b: Vector
+    rotation_a: Matrix = field(default_factory=lambda: np.eye(3))
+    rotation_b: Matrix = field(default_factory=lambda: np.eye(3))
+
+
+@dataclass(kw_only=True)
+class ImportedCoupling:
+    """Coupling: coordinate of body a = polynomial of (coordinate of body b - origin), coefficients in rising order."""
+
+    name: str
+    a: str
+    b: str
+    coefficients: Vector
+    origin: float
+
+
+@dataclass(kw_only=True)
+class ImportedDrive:
+    """Force on the joint of a body: gain * input + bias, and the spring and damper of a servo.
+
+    ``unit`` is that of the input, ``joint`` the name of the joint.
+    """
+
+    name: str
+    body: str
+    joint: str
+    input: str
+    unit: str
+    description: str
+    gain: float = 1.0
+    bias: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+
+
+@dataclass(kw_only=True)
+class ImportedSpring:
+    """Spring between points of two bodies: stiffness, damping, unloaded length."""
+
+    name: str
+    a: str
+    b: str
+    at_a: Vector
+    at_b: Vector
+    stiffness: float
+    damping: float
+    unloaded: float
+
+
+@dataclass(kw_only=True)
+class ImportedLift:
+    """Constant force (3,) in global axes at a point of a body, such as gravity compensation."""
+
+    name: str
+    body: str
+    at: Vector
+    force: Vector
+
+
+@dataclass(kw_only=True)
+class ImportedPoint:
+    """Point of a body whose position is an output."""
+
+    name: str
+    body: str
+    at: Vector
+
+
+@dataclass(kw_only=True)
+class Description:
+    """A rigid mechanism.
+
+    Attributes
+    ----------
+    name
+        Identifier of the model.
+    source
+        Name of the imported file.
+    origin
+        Text: of which file the mechanism was read and by which program.
+    gravity
+        Acceleration of gravity (3,), m/s^2.
+    diagnostics
+        What has no counterpart or was changed.
+    renamed
+        Names of the file that are no identifiers, with the names in the model.
+    """
+
+    name: str
+    source: str
+    origin: str
+    gravity: Vector
+    bodies: list[ImportedBody] = field(default_factory=list)
+    cuts: list[ImportedCut] = field(default_factory=list)
+    couplings: list[ImportedCoupling] = field(default_factory=list)
+    drives: list[ImportedDrive] = field(default_factory=list)
+    springs: list[ImportedSpring] = field(default_factory=list)
+    lifts: list[ImportedLift] = field(default_factory=list)
+    points: list[ImportedPoint] = field(default_factory=list)
+    diagnostics: list[Diagnostic] = field(default_factory=list)
+    renamed: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def ends(self) -> list[str]:
+        """Bodies whose positions are outputs: the last ones of chains, and those that move freely."""
+        parents = {body.parent for body in self.bodies}
+        return [body.name for body in self.bodies if body.name not in parents or body.joint.kind == "Floating"]
