@@ -1,7 +1,8 @@
 """Turns of processes that need the same function: one compiles it, and the others load what it has stored.
 
-A turn is a lock on one byte of a file in the folder of a module in the cache. The system ends it with the process, and a process that is forked
-does not inherit it. Functions call each other without cycles, so no two processes wait for each other.
+A turn is a lock on one byte of a file in the folder of a module in the cache. The system ends it with the process, and
+a process that is forked does not inherit it. Functions call each other without cycles, so no two processes wait for
+each other.
 """
 
 from __future__ import annotations
