@@ -276,6 +276,51 @@ def test_a_fixed_base_moves_freely_on_request(tmp_path: Path) -> None:
     assert mb.load(path, report=print).compile().system.n == 3
 
 
+def urdf(inertia: str, mass: float = 2.0, joint: str = "continuous", rest: str = "") -> str:
+    inertial = f'<inertial><origin rpy="0.3 0.2 0.1"/><mass value="{mass}"/>{inertia}</inertial>'
+    return (
+        f'<robot name="r"><link name="a"/><link name="b">{inertial}</link><joint name="j" type="{joint}">'
+        f'<parent link="a"/><child link="b"/><origin xyz="1 0 0"/></joint>{rest}</robot>'
+    )
+
+
+def moments(xx: float, yy: float, zz: float) -> str:
+    return f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/>'
+
+
+@pytest.mark.parametrize(
+    ("given", "used"), [((0, 3, 3), (0, 3, 3)), ((1, 2, 3.0003), (1, 2, 3)), ((3, 1, 2), (3, 1, 2))]
+)
+def test_slender_rods_and_rounded_inertias_are_imported(tmp_path: Path, given: Any, used: Any) -> None:
+    """MuJoCo refuses the first two."""
+    code, found = source_code(written(tmp_path, urdf(moments(*given))))
+    R = Rotation.from_euler("xyz", (0.3, 0.2, 0.1)).as_matrix()
+    expected = R @ np.diag(used) @ R.T
+    np.testing.assert_allclose(model_of(code).built().bodies[-1].inertia, expected, rtol=0.0, atol=1e-13)
+    assert len(found) == (given != used)
+    assert all("inertias of bodies are corrected by up to 0.0001 (b)" in str(d) for d in found)
+
+
+def test_bodies_that_do_not_move_may_have_any_inertia(tmp_path: Path) -> None:
+    rest = f'<link name="c">{LINK}</link><joint name="k" type="continuous"><parent link="b"/><child link="c"/></joint>'
+    path = written(tmp_path, urdf(moments(-1, 5, 1), joint="fixed", rest=rest))
+    model = model_of(source_code(path, strict=True)[0])
+    assert not np.any(model.built().bodies[2].inertia)
+    with pytest.raises(mb.UserError, match=r"inertias of bodies are impossible \(b \(-1, 1, 5\), principal moments"):
+        source_code(path, floating=True)
+
+
+def test_links_without_mass_may_be_between_joints(tmp_path: Path) -> None:
+    """A universal joint of two hinges; the link between them has no inertia."""
+    rest = '<link name="c">{}</link><joint name="k" type="continuous"><parent link="b"/><child link="c"/></joint>'
+    path = written(tmp_path, urdf(moments(0, 0, 0), mass=0.0, rest=rest.format(LINK)))
+    mechanism = model_of(source_code(path, strict=True)[0]).built()
+    assert [body.mass for body in mechanism.bodies] == [0.0, 0.0, 0.0, 2.0]
+    written(tmp_path, urdf(moments(0, 0, 0), mass=0.0, rest=rest.format("")))
+    with pytest.raises(mb.UserError, match=r"joints move no mass \(those of b, c\)"):
+        source_code(path)
+
+
 # ---- refused files --------------------------------------------------------------------------------------------------
 
 BOMB = b'<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><mujoco model="&b;"><worldbody/></mujoco>'

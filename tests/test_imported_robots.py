@@ -31,7 +31,8 @@ MACHINE = """
   <worldbody>
     <body name="cart" pos="0.1 0.2 0.3" euler="10 20 30">
       <joint name="rail" type="slide" axis="1 2 0" ref="0.2" stiffness="5" springref="0.4" damping="0.7"/>
-      <joint name="turn" axis="0 1 1" pos="0.1 0 -0.2" ref="25" springref="-15" stiffness="3" armature="0.3"/>
+      <joint name="turn" axis="0 1 1" pos="0.1 0 -0.2" ref="25" springref="-15" stiffness="3" damping="0.2"
+             armature="0.3"/>
       <joint name="tilt" axis="1 0 0" pos="-0.1 0.3 0" damping="0.1" range="-60 60" frictionloss="0.4"/>
       <inertial pos="0.1 -0.05 0.02" quat="1 0.2 0.3 0.1" mass="2" diaginertia="0.3 0.2 0.15"/>
       <body name="ball" pos="0 0.4 0" quat="1 1 0 0">
@@ -59,7 +60,7 @@ MACHINE = """
   </tendon>
   <actuator>
     <motor name="push" joint="rail" gear="2.5"/>
-    <position name="servo" joint="turn" kp="12" kv="0.8" gear="1.5"/>
+    <position name="turn" joint="turn" kp="12" kv="0.8" gear="1.5"/>
     <motor name="blow" joint="spin"/>
   </actuator>
   <equality>

@@ -17,6 +17,8 @@ import numpy as np
 from mbfmu.util.errors import UserError, shorten
 from mbfmu.util.extras import import_optional
 
+from .inertias import ReplacedInertia, does_not_move, replace_refused
+
 MIN_MUJOCO = (4, 0)  # earlier versions ignore <mimic> of URDF without a warning
 MAX_BODIES = 20_000  # MuJoCo needs minutes for more: its time is proportional to the square of the number
 MAX_CHAIN = 1000  # bodies in a row: the time of MuJoCo is proportional to the third power
@@ -33,7 +35,9 @@ FINITE_ARRAYS = (
 
 @dataclass(frozen=True)
 class CompiledFile:
-    """File compiled by MuJoCo: its format, the model of MuJoCo (``mjModel``), and the elements of a URDF file."""
+    """File compiled by MuJoCo: its format, the model of MuJoCo (``mjModel``), the elements of a URDF file, warnings of
+    MuJoCo, and masses and inertias that replace those of MuJoCo, by the name of the body.
+    """
 
     path: Path
     format: str
@@ -41,6 +45,12 @@ class CompiledFile:
     mujoco: Any
     robot: ElementTree.Element | None
     warnings: tuple[str, ...]
+    inertias: dict[str, ReplacedInertia]
+
+    def disables(self, *flags: str) -> bool:
+        """Whether the file sets one of these flags of MuJoCo, which disable parts of its equations."""
+        bits = (int(getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{flag}")) for flag in flags)
+        return any(int(self.model.opt.disableflags) & bit for bit in bits)
 
 
 def compile_file(path: Path, *, floating: bool = False) -> CompiledFile:
@@ -74,16 +84,19 @@ def compile_file(path: Path, *, floating: bool = False) -> CompiledFile:
             raise UserError(f"{str(path)!r} has {len(list(spec.bodies))} bodies; allowed: up to {MAX_BODIES}")
         spec.compiler.fusestatic = False  # it would remove the names of fixed bodies
         spec.compiler.LRopt.mode = mujoco.mjtLRMode.mjLRMODE_NONE.value  # simulates muscles, which are not imported
-        _remove_shapes(path, mujoco, spec)
         if floating:
             _float(path, kind, spec)
+        _remove_shapes(path, mujoco, spec)
+        inertias = replace_refused(repr(str(path)), spec) if kind == "URDF" else {}
         model = spec.compile()
+    except UserError:
+        raise
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
         raise UserError(f"{str(path)!r} is refused by the compiler of MuJoCo: {_message(error)}") from error
     finally:
         mujoco.set_mju_user_warning(before)
     _check_finite(path, mujoco, model)
-    return CompiledFile(path, kind, model, mujoco, root if kind == "URDF" else None, tuple(warnings))
+    return CompiledFile(path, kind, model, mujoco, root if kind == "URDF" else None, tuple(warnings), inertias)
 
 
 def _mujoco() -> Any:
@@ -155,13 +168,13 @@ def _remove_shapes(path: Path, mujoco: Any, spec: Any) -> None:
     """Remove shapes of files, but those that give an inertia; raises UserError if the file of one is missing."""
     kinds = mujoco.mjtGeom
     from_file = (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF, kinds.mjGEOM_HFIELD)
-    of_geoms = {"always": spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE}
+    of_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     needed = set()
     for body in spec.bodies:
-        has_inertia = body.explicitinertial and not of_geoms["always"]
+        has_inertia = (body.explicitinertial and not of_geoms) or does_not_move(body)
         for geom in body.geoms:
             if geom.type in from_file:
-                if has_inertia or body.name == "world" or geom.type != kinds.mjGEOM_MESH:
+                if has_inertia or geom.type != kinds.mjGEOM_MESH:
                     spec.delete(geom)
                 else:
                     needed.add(geom.meshname)

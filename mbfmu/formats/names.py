@@ -29,7 +29,10 @@ class Names:
 
     def new(self, text: str, default: str) -> str:
         """Return an identifier for a name; ``default`` if nothing remains of it, with a number if it is taken."""
-        base = identifier(text) or default
+        return self.unique(identifier(text) or default)
+
+    def unique(self, base: str) -> str:
+        """Return an identifier, with a number if it is taken."""
         name, number = base, self._numbers.get(base, 2)
         while name in self._taken:
             name, number = f"{base}_{number}", number + 1

@@ -13,6 +13,8 @@ from .names import identifier
 from .relations import Relations
 from .tree import Tree
 
+REPORTED_CORRECTION = 1e-9  # of an inertia, relative; smaller ones are rounding errors
+
 
 def read_file(path: Path, *, floating: bool = False) -> Description:
     """Read a URDF or MJCF file.
@@ -43,12 +45,12 @@ def read_file(path: Path, *, floating: bool = False) -> Description:
         bodies=tree.bodies,
         renamed=tree.renamed,
     )
-    relations = Relations(tree, description, losses)
-    if relations.is_disabled("GRAVITY"):
+    Relations(tree, description, losses)
+    if file.disables("GRAVITY"):
         description.gravity = np.zeros(3)
-    if relations.is_disabled("SPRING", "DAMPER"):
+    if file.disables("SPRING", "DAMPER"):
         losses.add("flags")
-    add_losses(file, losses, relations)
+    add_losses(file, losses)
     with_range = [joint.name for _, joint in tree.of_joint if joint.lower is not None]
     if with_range:
         losses.note(
@@ -73,10 +75,10 @@ def starts_outside(joint: ImportedJoint) -> bool:
     return not joint.lower <= joint.start[0] <= joint.upper
 
 
-def add_losses(file: CompiledFile, losses: Losses, relations: Relations) -> None:
+def add_losses(file: CompiledFile, losses: Losses) -> None:
     """Add the parts of a model of MuJoCo that no element of the description represents."""
     model = file.model
-    if not relations.is_disabled("CONTACT", "CONSTRAINT"):
+    if not file.disables("CONTACT", "CONSTRAINT"):
         for _ in np.flatnonzero(model.geom_contype | model.geom_conaffinity):
             losses.add("contact")
     if model.opt.density or model.opt.viscosity:
@@ -87,6 +89,13 @@ def add_losses(file: CompiledFile, losses: Losses, relations: Relations) -> None
         losses.add("plugin")
     if model.nkey:
         losses.note("keyframes are not used", "The start is the position zero of the file")
+    corrected = [printable(name) for name, own in file.inertias.items() if own.correction > REPORTED_CORRECTION]
+    if corrected:
+        size = max(own.correction for own in file.inertias.values())
+        losses.note(
+            f"inertias of bodies are corrected by up to {size:.1g} ({listed(corrected)})",
+            "The largest principal moment was larger than the sum of the two others, or one was negative",
+        )
     for text in file.warnings:
         losses.note(f"MuJoCo reports: {' '.join(text.split())}")
 

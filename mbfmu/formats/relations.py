@@ -17,9 +17,10 @@ from .description import (
     ImportedPoint,
     ImportedSpring,
 )
+from .inertias import rotation_of
 from .losses import Losses, listed
 from .names import Names
-from .tree import Tree, rotation_of
+from .tree import Tree
 
 CONNECT, WELD, JOINT = range(3)  # mjtEq
 UNITS = {"Revolute": "N.m", "Translational": "N"}
@@ -51,18 +52,13 @@ class Relations:
         self.add_lifts()
         self.add_sites()
 
-    def is_disabled(self, *flags: str) -> bool:
-        """Whether one of these flags of MuJoCo is set."""
-        bits = (int(getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{flag}")) for flag in flags)
-        return any(int(self.model.opt.disableflags) & bit for bit in bits)
-
     def place(self, body: int, point: Any) -> Any:
         """Return a point in the frame of a body of the description."""
         return np.asarray(point, float) + self.tree.shift[body]
 
     def add_equalities(self) -> None:
         """Add cut joints and couplings."""
-        if self.is_disabled("EQUALITY", "CONSTRAINT"):
+        if self.tree.file.disables("EQUALITY", "CONSTRAINT"):
             return
         rigid = []
         for number in range(self.model.neq):
@@ -128,7 +124,7 @@ class Relations:
     def add_drives(self) -> None:
         """Add actuators on hinges and slides whose force is gain * control + an affine function of the coordinate."""
         model = self.model
-        if self.is_disabled("ACTUATION"):
+        if self.tree.file.disables("ACTUATION"):
             return
         for k in range(model.nu):
             name = self.tree.name_of("ACTUATOR", k) or f"actuator{k + 1}"

@@ -9,6 +9,7 @@ import numpy as np
 
 from .description import Description, ImportedBody, ImportedDrive, ImportedJoint
 from .literals import axis_text, inertia_text, number_text, real_text, rotation_text, vector_text
+from .names import Names
 
 MAX_LINE_LENGTH = 120
 
@@ -59,6 +60,7 @@ class Statements:
         self.description = description
         self.bodies = {body.name: body for body in description.bodies}
         self.parameters: list[str] = []
+        self._parameter_names, self._force_names = Names(frozenset({"stops"})), Names(frozenset())
         self.gravity = self._gravity()
         self.lines = [line for body in description.bodies for line in self._body(body)]
         self._section("loops and couplings", self._constraints())
@@ -73,10 +75,15 @@ class Statements:
             self.lines += ["", f"        # {title}", *found]
 
     def _parameter(self, name: str, value: float, unit: str, text: str, *, positive: bool = False) -> str:
-        """Declare a parameter; return its use. ``positive``: a smaller value than zero is refused."""
+        """Declare a parameter, with another name if this is taken; return its use. ``positive``: at least zero."""
         arguments = [real_text(value), f'unit="{unit}"', *(["min=0.0"] if positive else []), f'doc="{text}"']
-        self.parameters += call(f"{name}: float = mb.parameter", arguments, 4)
-        return f"self.{name}"
+        own = self._parameter_names.unique(name)
+        self.parameters += call(f"{own}: float = mb.parameter", arguments, 4)
+        return f"self.{own}"
+
+    def _force(self, name: str, force: str, bodies: Sequence[str], indent: int = 8) -> list[str]:
+        """Return the statement that adds a force."""
+        return call("m.force", [f'"{self._force_names.unique(name)}"', force, *bodies], indent)
 
     def _gravity(self) -> str:
         """Declare gravity as parameters; return the vector."""
@@ -162,12 +169,12 @@ class Statements:
                 values.append(f"{key}={self._parameter(f'{spring.name}_{key}', value, unit, text, positive=True)}")
             values += [f"free={number_text(spring.unloaded)}", f"at_a={vector_text(spring.at_a)}"]
             values.append(f"at_b={vector_text(spring.at_b)}")
-            yield from call("m.force", [f'"{spring.name}"', f"mb.Spring({', '.join(values)})", spring.a, spring.b])
+            yield from self._force(spring.name, f"mb.Spring({', '.join(values)})", [spring.a, spring.b])
         for lift in self.description.lifts:
             size = float(np.linalg.norm(lift.force))
             values = [f"magnitude={number_text(size)}", f"axis={axis_text(lift.force / size)}"]
             values.append(f"at_a={vector_text(lift.at)}")
-            yield from call("m.force", [f'"{lift.name}"', f"mb.PointForce({', '.join(values)})", lift.body])
+            yield from self._force(lift.name, f"mb.PointForce({', '.join(values)})", [lift.body])
 
     def _forces_of_joint(self, body: str, joint: ImportedJoint) -> Iterator[str]:
         """Yield spring, damper and friction of a joint."""
@@ -184,12 +191,12 @@ class Statements:
             values.append(f"free={number_text(joint.unloaded)}")
         if values:
             name, kind = ("spring", "JointSpring") if joint.stiffness else ("damper", "JointDamper")
-            yield from call("m.force", [f'"{joint.name}_{name}"', f"mb.{kind}({', '.join(values)})", body])
+            yield from self._force(f"{joint.name}_{name}", f"mb.{kind}({', '.join(values)})", [body])
         if joint.friction:
             text = f"Dry friction of {joint.name}; 0: none"
             own = self._parameter(f"{joint.name}_friction", joint.friction, of.force, text, positive=True)
             yield f"        if {own}:"
-            yield from call("m.force", [f'"{joint.name}_friction"', f"mb.JointFriction(coulomb={own})", body], 12)
+            yield from self._force(f"{joint.name}_friction", f"mb.JointFriction(coulomb={own})", [body], 12)
 
     def _stops(self) -> Iterator[str]:
         """Yield the stops of joints with a range, and declare their damping."""
@@ -198,25 +205,23 @@ class Statements:
             return
         text = "Elastic stops at the ranges of joints"
         self.parameters.append(f'    stops: bool = mb.parameter(True, structural=True, doc="{text}")')
+        damping = {}
         for kind, of, joints in (("Revolute", HINGE, "hinges"), ("Translational", SLIDE, "slides")):
             if any(joint.kind == kind for joint in limited.values()):
                 text = f"Damping of the stops of {joints}, see JointStop"
-                self._parameter(of.stop_parameter, 1.0, of.stop_damping, text, positive=True)
+                damping[kind] = self._parameter(of.stop_parameter, 1.0, of.stop_damping, text, positive=True)
         yield "        if self.stops:"
         for body, joint in limited.items():
             stiffness = float(f"{joint.stop_stiffness:.4g}")
             values = [f"lower={number_text(joint.lower or 0.0)}", f"upper={number_text(joint.upper or 0.0)}"]
-            values += [
-                f"stiffness={number_text(stiffness)}",
-                f"damping=self.{JOINT_QUANTITIES[joint.kind].stop_parameter}",
-            ]
-            yield from call("m.force", [f'"{joint.name}_stop"', f"mb.JointStop({', '.join(values)})", body], 12)
+            values += [f"stiffness={number_text(stiffness)}", f"damping={damping[joint.kind]}"]
+            yield from self._force(f"{joint.name}_stop", f"mb.JointStop({', '.join(values)})", [body], 12)
 
     def _drives(self) -> Iterator[str]:
         """Yield the inputs and the drives."""
         for drive in self.description.drives:
             of = JOINT_QUANTITIES[self.bodies[drive.body].joint.kind]
-            yield from call("m.force", [f'"{drive.name}"', f"mb.JointForce({self._signal(drive, of)})", drive.body])
+            yield from self._force(drive.name, f"mb.JointForce({self._signal(drive, of)})", [drive.body])
             if drive.stiffness or drive.damping:
                 values = []
                 for key, value, unit in (
@@ -224,9 +229,10 @@ class Statements:
                     ("damping", drive.damping, of.damping),
                 ):
                     text = f"{key.capitalize()} of the servo {drive.name}"
-                    values.append(f"{key}={self._parameter(f'{drive.name}_{key}', value, unit, text, positive=True)}")
+                    own = self._parameter(f"{drive.name}_servo_{key}", value, unit, text, positive=True)
+                    values.append(f"{key}={own}")
                 servo = f"mb.JointSpring({', '.join(values)})"
-                yield from call("m.force", [f'"{drive.name}_servo"', servo, drive.body])
+                yield from self._force(f"{drive.name}_servo", servo, [drive.body])
 
     def _signal(self, drive: ImportedDrive, of: Quantities) -> str:
         """Return the force of a drive as code, and declare its gain."""

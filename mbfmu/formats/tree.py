@@ -12,26 +12,17 @@ about n, or shifted by -n q0, so that coordinates are those of MuJoCo. A free jo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from .compiler import CompiledFile
 from .description import GROUND_NAME, ImportedBody, ImportedJoint, Matrix, Vector
+from .inertias import ReplacedInertia, rotation_of
 from .losses import Losses, printable
 from .names import RESERVED, Names
 
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
-JOINT_NAMES_IN_USE = frozenset({"stop", "slide_stop"})  # parameters of the model begin with them
-
-
-def rotation_of(quaternion: Sequence[float]) -> Matrix:
-    """Return the rotation matrix of a quaternion, scalar first, of any length."""
-    w, *vector = np.asarray(quaternion, float) / np.linalg.norm(quaternion)
-    x = np.asarray(vector)
-    turned: Matrix = (w * w - x @ x) * np.eye(3) + 2.0 * np.outer(x, x) + 2.0 * w * np.cross(np.eye(3), x)
-    return turned
 
 
 def rotation_about(axis: Vector, angle: float) -> Matrix:
@@ -57,7 +48,7 @@ class Tree:
     def __init__(self, file: CompiledFile, losses: Losses) -> None:
         self.file, self.losses = file, losses
         self.names = Names(RESERVED)
-        self.joint_names = Names(JOINT_NAMES_IN_USE)
+        self.joint_names = Names(frozenset())
         self.renamed: dict[str, str] = {}
         self.bodies: list[ImportedBody] = []
         self.of_body = [GROUND_NAME]
@@ -96,13 +87,14 @@ class Tree:
             self.of_joint.append((label, joint))
             here = label
         R = rotation_of(model.body_iquat[i])
-        inertia = R @ np.diag(model.body_inertia[i]) @ R.T
+        of_mujoco = ReplacedInertia(float(model.body_mass[i]), R @ np.diag(model.body_inertia[i]) @ R.T)
+        mass, inertia, _ = self.file.inertias.get(self.name_of("BODY", i), of_mujoco)
         self.bodies.append(
             ImportedBody(
                 name=name,
                 parent=here,
                 joint=joints[-1],
-                mass=float(model.body_mass[i]),
+                mass=mass,
                 com=model.body_ipos[i] - anchor,
                 inertia=0.5 * (inertia + inertia.T),
             )
@@ -164,7 +156,9 @@ class Tree:
             ):
                 if np.any(values):
                     losses.add(key, joint.name)  # type: ignore[arg-type]
-        if model.jnt_limited[j] and joint.has_one_coordinate:
+        if self.file.disables("FRICTIONLOSS", "CONSTRAINT"):
+            joint.friction = 0.0
+        if model.jnt_limited[j] and joint.has_one_coordinate and not self.file.disables("LIMIT", "CONSTRAINT"):
             lower, upper = map(float, model.jnt_range[j])
             if lower < upper:
                 joint.lower, joint.upper = lower, upper

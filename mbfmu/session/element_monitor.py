@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics.arrays.joint_locks import without_locks
 from mbfmu.mechanics.loads.base import MAX_ACCURATE_RATIO, MAX_VALID_RATIO
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.system import Array
@@ -22,7 +23,7 @@ class ElementMonitor:
     Attributes
     ----------
     furthest
-        Largest ratio so far, when (s), and at which positions (nq,).
+        Largest ratio so far, when (s), and at which positions (nq,), without locked joints.
     folded
         Error if an element is invalid at the positions looked at last; None: none is.
     """
@@ -39,14 +40,15 @@ class ElementMonitor:
         return Diagnostic.parse(self._describe(t, q), "warning", "coarse-mesh") if ratio > MAX_ACCURATE_RATIO else None
 
     def note(self, ratio: float, t: float, q: Array) -> None:
-        """Note that elements are as far as ``ratio`` at positions q (nq,) of time t, s."""
+        """Note that elements are as far as ``ratio`` at positions q (nq,) without locked joints at time t, s."""
         if not ratio <= self.furthest[0]:
             self.furthest = ratio, t, q
         is_valid = ratio <= MAX_VALID_RATIO
         self.folded = None if is_valid else Diagnostic.parse(self._describe(t, q), "error", "folded-cell")
 
     def _describe(self, t: float, q: Array) -> str:
-        return self._compiled_mechanism.describe_limit(t, q, f" at t = {t:.9g} s")
+        with without_locks(self._compiled_mechanism):
+            return self._compiled_mechanism.describe_limit(t, q, f" at t = {t:.9g} s")
 
     def note_samples(self, ratios: Array, times: Array, q: Array) -> None:
         """:meth:`note` k ratios (k,) at positions q (k, nq), the last of which may be invalid."""
@@ -67,5 +69,6 @@ class ElementMonitor:
     def restore(self, state: list[Any], t: float, q: Array) -> None:
         """Take up a :meth:`state` at the positions q (nq,) of time t."""
         then, there = (state[0], np.array(state[1])) if state else (t, q)
-        self.furthest = self._compiled_mechanism.limit_ratio(then, there), then, there
-        self.note(self._compiled_mechanism.limit_ratio(t, q), t, q)
+        with without_locks(self._compiled_mechanism):
+            self.furthest = self._compiled_mechanism.limit_ratio(then, there), then, there
+            self.note(self._compiled_mechanism.limit_ratio(t, q), t, q)

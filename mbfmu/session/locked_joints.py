@@ -17,7 +17,6 @@ import numpy as np
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.events import Lock, Release
 from mbfmu.util.diagnostics import Diagnostic
-from mbfmu.util.errors import UserError
 from solvers import Statistics
 from solvers.compiled.tuple_pointer import unpin
 from solvers.energy_account import EXCHANGED_ENERGY, WORK
@@ -53,11 +52,6 @@ class LockedJoints:
         make_stepper: MakeStepper,
         note: Callable[[Diagnostic], None],
     ) -> None:
-        if compiled.locks.can_lock and len(compiled.monitored):
-            raise UserError(
-                "an event locks a joint in a mechanism with elements that have limits of their theory, such as sheets; "
-                "allowed: mechanisms without them. Use JointFriction as a brake"
-            )
         self._compiled, self._run, self._make_stepper, self._note = compiled, run, make_stepper, note
         self._balance = unpin(run.session).balance[0]
         self._is_checked = bool(self._balance["is_checked"])

@@ -308,6 +308,12 @@ class Simulation(Diagnosed):
         return float(self.stepper.t)
 
     @property
+    def _positions(self) -> Array:
+        """Positions (nq,) at the time reached, without locked joints."""
+        locks, (q, v, _) = self.compiled.locks, self.stepper.reported
+        return locks.all_coordinates(q, v)[0]
+
+    @property
     def statistics(self) -> Statistics:
         """Counts of steps, evaluations and other work of the solver so far."""
         return self._events.locked.statistics() if self._events else self.stepper.statistics
@@ -402,7 +408,7 @@ class Simulation(Diagnosed):
         if self.energy_check:
             self.energy_check.describe_state(t, q)
         if self._has_limits:
-            self._element_monitor.note(float(self._limit_ratio[0]), t, q)
+            self._element_monitor.note(float(self._limit_ratio[0]), t, self._positions)
         return stepper.status
 
     def _report_support_motions(self, t: float) -> None:
@@ -706,7 +712,7 @@ class Simulation(Diagnosed):
             self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(body)
-        self._element_monitor.restore(head["bent"], self.t, self.stepper.q)
+        self._element_monitor.restore(head["bent"], self.t, self._positions)
         del self._noted[self._noted_at_start :]
         self._reported_jumps, self._reported_undetermined = set(), False
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
     from mbfmu.mechanics.signals import InUse
 
+    from .compiled_mechanism import CompiledMechanism
     from .systems import Systems
 
 
@@ -42,6 +43,8 @@ class JointLocks:
 
     Attributes
     ----------
+    system
+        The system without locked joints.
     held
         Coordinates of the locked joints, rad or m, by the numbers of their bodies.
     is_driven
@@ -59,7 +62,7 @@ class JointLocks:
         systems: Systems,
         system: AnySystem,
     ) -> None:
-        self._arrays, self._systems, self._system = arrays, systems, system
+        self._arrays, self._systems, self.system = arrays, systems, system
         self._signals = {body: (number, signals[number]) for body, number in numbering.holds.items()}
         self.held: dict[int, float] = {}
         self._kept, self._is_read = arrays.kept.copy(), find_read_rows(mechanism, arrays)
@@ -111,10 +114,10 @@ class JointLocks:
         """
         self._number(held)
         if not held:
-            return self._system
+            return self.system
         free, remaining = self._remaining()
         systems = self._systems.with_locked_joints(frozenset(held), int(free.sum()), remaining)
-        names = list(self._system.constraint_names)
+        names = list(self.system.constraint_names)
         system = systems.make(names)
         kept = self._arrays.kept >= 0
         constant = find_constant_rows(system, t, q[free]) & ~self._is_read[kept]
@@ -139,11 +142,23 @@ class JointLocks:
 
     def _remaining(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which positions (nq,) and velocities (n,) without locked joints are free now."""
-        q, v = np.ones(self._system.nq, bool), np.ones(self._system.n, bool)
+        q, v = np.ones(self.system.nq, bool), np.ones(self.system.n, bool)
         for body in self.held:
             at = self._places[body]
             q[at[0]], v[at[1]] = False, False
         return q, v
+
+
+@contextmanager
+def without_locks(compiled: CompiledMechanism) -> Iterator[None]:
+    """Let a compiled mechanism take positions and velocities without locked joints in this block."""
+    system = compiled.system
+    with compiled.locks.suspended():
+        compiled.system = compiled.locks.system
+        try:
+            yield
+        finally:
+            compiled.system = system
 
 
 def find_read_rows(mechanism: Mechanism, arrays: Arrays) -> NDArray[np.bool_]:
