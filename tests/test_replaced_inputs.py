@@ -12,6 +12,7 @@ import mbfmu as mb
 from mbfmu.cli import main
 from mbfmu.ensemble.definition import define, read_study
 from mbfmu.ensemble.worker import Outcome, forget_job, run_batch
+from mbfmu.fmi.harness import Fmu
 from mbfmu.modeling.replaced_inputs import read_value
 from mbfmu.modeling.scene import read_scene
 
@@ -231,3 +232,21 @@ def test_studies_refuse_inputs_that_they_cannot_replace(tmp_path: Path) -> None:
     (tmp_path / "any.fmu").touch()
     with pytest.raises(mb.UserError, match="inputs force and an FMU are given"):
         define({"fmu": str(tmp_path / "any.fmu"), "vary": {"force": [1.0]}, "inputs": {"force": 1.0}})
+
+
+def test_an_fmu_that_calls_python_contains_the_input(tmp_path: Path) -> None:
+    """x = t^3 / m by F = 6 t, as an expression and as a table; other signals cannot be written."""
+    for value in ("6*t", mb.Table([0.0, 60.0], [0.0, 360.0])):
+        model = Cart().with_inputs({"force": value})
+        path = mb.export(model, tmp_path / "cart.fmu", mb.Settings(solver="adams"), native=False)
+        with Fmu(path) as fmu:
+            assert not fmu.names("input")
+            fmu.step_to(1.0)
+            assert fmu["x"] == pytest.approx(0.5, rel=1e-5)
+        with Fmu(path, {"mass": 4.0}) as fmu:
+            fmu.step_to(1.0)
+            assert fmu["x"] == pytest.approx(0.25, rel=1e-5)
+    with pytest.raises(
+        mb.UserError, match=r"input .force. is .*which a scene file and an FMU that calls Python cannot"
+    ):
+        mb.export(Cart().with_inputs({"force": lambda t: 6.0 * t}), tmp_path / "cart.fmu", native=False)

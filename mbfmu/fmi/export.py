@@ -213,11 +213,6 @@ def native_files(scene: Scene, kind: FmuKind, fmi: int, platforms: Sequence[str]
 
 def _write_python(scene: Scene, path: Path, report: Callable[[Diagnostic], None]) -> None:
     """Write an FMU that calls Python."""
-    if scene.model.replaced_inputs:
-        raise UserError(
-            f"inputs {', '.join(scene.model.replaced_inputs)} of model {scene.model.name!r} are given as signals, "
-            "which an FMU that calls Python does not contain; simulate with --direct, or export a native FMU"
-        )
     model, settings, experiment = scene.model, scene.settings, _experiment(scene)
     compiled = model.compile()
     messages = check_start(model, settings, compiled)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
+import json
 import sys
 import tempfile
 import zipfile
@@ -16,6 +17,7 @@ from pythonfmu import FmuBuilder
 
 import mbfmu
 from mbfmu.modeling.model import Model
+from mbfmu.modeling.replaced_inputs import entry_of
 from mbfmu.modeling.settings import Settings
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
@@ -49,7 +51,7 @@ try:
     from mbfmu.modeling.settings import Settings
     from {module} import {name} as Model
 
-    model = Model(**{values})
+    model = Model(**{values}){inputs}
     settings = Settings(**{settings})
 except Exception as error:
     print("{identifier}: {{}}".format(error), file=sys.stderr)
@@ -63,6 +65,13 @@ class {identifier}(ModelSlave):
     identifier = "{identifier}"
     fmu_guid = "{guid}"
 '''
+
+
+REPLACED_INPUTS = """
+    from pathlib import Path
+    from mbfmu.modeling.replaced_inputs import read_entry
+    entries = {entries}
+    model = model.with_inputs(dict((name, read_entry(name, value, Path())) for name, value in entries.items()))"""
 
 
 def build_python_fmu(
@@ -96,7 +105,8 @@ def build_python_fmu(
 def write_script(model: Model, settings: Settings, experiment: Experiment, folder: Path) -> tuple[Path, Owner]:
     """Write the slave script, and next to it the source of a model that is in a separate file; return its names."""
     cls, source = type(model), own_source(type(model))
-    owner = identify(model, settings, experiment, source)
+    entries = {name: entry_of(name, value) for name, value in model.replaced_inputs.items()}
+    owner = identify(model, settings, experiment, source, *([json.dumps(entries)] if entries else []))
     module = cls.__module__
     if source:  # under a separate name: two FMUs in one process must not meet in sys.modules
         module = f"mbfmu_source_{owner.digest[:8]}"
@@ -108,6 +118,7 @@ def write_script(model: Model, settings: Settings, experiment: Experiment, folde
             where=" and, for this model, next to this file" if source else "",
             module=module,
             name=cls.__qualname__,
+            inputs=REPLACED_INPUTS.format(entries=repr(entries)) if entries else "",
             values=repr({p.name: getattr(model, p.name) for p in model.parameters()}),
             settings=repr(asdict(settings)),
             experiment=repr(asdict(experiment)),

@@ -78,20 +78,27 @@ def read_entry(name: str, value: Any, folder: Path) -> Any:
     return value
 
 
-def entry(name: str, value: Signal) -> str:
-    """Return the value of a line of ``[inputs]`` in a scene file; raises UserError if a file cannot contain it."""
+def entry_of(name: str, value: Signal) -> Any:
+    """Return the entry of ``[inputs]`` that :func:`read_entry` reads; raises UserError if a file cannot contain it."""
     if isinstance(value, Table):
         points = {"times": np.asarray(value.x, float).tolist(), "values": np.asarray(value.y, float).tolist()}
-        lines = points | ({"kind": value.kind} if value.kind != KIND_BY_USE else {}) | {"beyond": value.beyond}
-        return "{" + ", ".join(f"{key} = {json.dumps(line)}" for key, line in lines.items()) + "}"
+        return points | ({"kind": value.kind} if value.kind != KIND_BY_USE else {}) | {"beyond": value.beyond}
     if isinstance(value, Function) and isinstance(value.law, str):
-        return json.dumps(value.law)
+        return value.law
     if isinstance(value, Polynomial) and len(value.c) == 1:
-        return json.dumps(float(value.c[0]))
+        return float(value.c[0])
     raise UserError(
-        f"input {name!r} is {short(value)}, which a scene file cannot contain; allowed: a number, an expression of t "
-        "or a Table"
+        f"input {name!r} is {short(value)}, which a scene file and an FMU that calls Python cannot contain; allowed: a "
+        "number, an expression of t or a Table"
     )
+
+
+def entry_text(name: str, value: Signal) -> str:
+    """Return the value of a line of ``[inputs]`` in a scene file; raises UserError if a file cannot contain it."""
+    own = entry_of(name, value)
+    if isinstance(own, dict):
+        return "{" + ", ".join(f"{key} = {json.dumps(one)}" for key, one in own.items()) + "}"
+    return json.dumps(own)
 
 
 def given_for(signals: Mapping[str, Signal]) -> GivenInputs | None:

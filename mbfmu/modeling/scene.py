@@ -39,7 +39,7 @@ from mbfmu.util.toml import read_toml
 from .model import Model
 from .parameters import declared
 from .registry import at_defaults, find
-from .replaced_inputs import check_end, entry, read_entry
+from .replaced_inputs import check_end, entry_text, read_entry
 from .settings import Settings
 
 SETTING_NAMES = tuple(p.name for p in declared(Settings))
@@ -203,7 +203,7 @@ def as_toml(scene: Scene) -> str:
     times = {name: getattr(scene, name) for name in ("stop_time", "output_interval")}
     parameters = {p.name: getattr(scene.model, p.name) for p in scene.model.parameters()}
     head = assignments({"model": scene.reference} | settings | times)
-    inputs = [f"{json.dumps(name)} = {entry(name, value)}" for name, value in scene.model.replaced_inputs.items()]
+    inputs = [f"{json.dumps(name)} = {entry_text(name, value)}" for name, value in scene.model.replaced_inputs.items()]
     given = ["", "[inputs]", *inputs] if inputs else []
     return "\n".join([*head, "", "[parameters]", *assignments(parameters), *given]) + "\n"
 
