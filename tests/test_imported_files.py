@@ -437,6 +437,13 @@ def test_a_mesh_that_has_no_part_in_the_motion_may_be_missing(tmp_path: Path) ->
     assert source_code(path)[1] == []
 
 
+def test_warnings_of_mujoco_are_notes(tmp_path: Path) -> None:
+    text = mjcf(f"<body><joint/>{INERTIAL}</body>", "<compiler settotalmass='4'/>")
+    (found,) = source_code(written(tmp_path, text), strict=True)[1]
+    assert found.severity == "note"
+    assert "MuJoCo reports: compiler attribute 'settotalmass' is deprecated" in found.text
+
+
 def test_an_old_version_of_mujoco_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     old = type(sys)("mujoco")
     old.__version__ = "3.3.7"  # type: ignore[attr-defined]
