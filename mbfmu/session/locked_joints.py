@@ -143,15 +143,18 @@ class LockedJoints:
 
     def add_energies(self, out: Array) -> None:
         """Add the energies of earlier parts to the energies that the outputs end in, J."""
-        if self._is_checked:
+        if self._is_checked and self._compiled.locks.can_lock:
             out[-2:] = self._energies + (out[-2:] if self._balance["is_checked"] else 0.0)
 
     def statistics(self) -> Statistics:
         """Return the counters of all solvers so far."""
-        return added(self._counts, self._run.stepper.statistics)
+        now = self._run.stepper.statistics
+        return added(self._counts, now) if self._compiled.locks.can_lock else now
 
     def state(self) -> dict[str, Any]:
-        """Return what a saved run must contain."""
+        """Return what a saved run must contain; empty: no event locks a joint."""
+        if not self._compiled.locks.can_lock:
+            return {}
         t, q, v = self._begin
         return {
             "held": [[body, value] for body, value in self._compiled.locks.held.items()],
@@ -162,6 +165,8 @@ class LockedJoints:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Return to a state of :meth:`state`, with a solver of its system, whose own state is to be restored."""
+        if not state:
+            return
         held, (t, *motion) = dict(state["held"]), state["begin"]
         q, v = map(np.array, motion)
         if t != self._begin[0] or held != self._compiled.locks.held:
