@@ -6,6 +6,7 @@ import re
 import shlex
 import sys
 import time
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -67,7 +68,7 @@ def test_a_model_has_the_values_of_its_file_as_parameters(tmp_path: Path) -> Non
     assert values["elbow_start"] == (0.0, "rad")
     assert values["gravity"] == (9.81, "m/s2")
     compiled = model.compile()
-    assert [variable.name for variable in compiled.inputs.variables] == ["shoulder.torque", "elbow.torque"]
+    assert {variable.name for variable in compiled.inputs.variables} == {"shoulder.torque", "elbow.torque"}
     names = [variable.name for variable in compiled.outputs]
     assert names == [
         "shoulder.angle",
@@ -82,13 +83,14 @@ def test_a_model_has_the_values_of_its_file_as_parameters(tmp_path: Path) -> Non
 
 
 def test_an_imported_arm_moves_as_its_closed_form(tmp_path: Path) -> None:
-    """One link with gravity and a torque: (J + m l^2) q'' = tau - m g l cos q."""
+    """One link with gravity and a torque of 70 N m, which is limited to 50: (J + m l^2) q'' = tau - m g l cos q."""
     text = ARM.replace('type="continuous"', 'type="fixed"').replace(' friction="0.2"', "")
     found: list[str] = []
     model: Any = mb.load(written(tmp_path, text, "arm.urdf"), report=found.append)
-    assert [message.split("[")[1] for message in found] == ["not-imported]", "not-imported]", "changed-import]"]
-    model = model.with_values({"shoulder_damping": 0.0})
-    result = mb.simulate(model, 0.2, interval=0.01, solver="adams", tolerance=1e-10, inputs={"shoulder.torque": 50.0})
+    assert [message.split("[")[1] for message in found] == ["not-imported]", "changed-import]"]
+    assert model.shoulder_drive_limit == 30.0
+    model = model.with_values({"shoulder_damping": 0.0, "shoulder_drive_limit": 50.0})
+    result = mb.simulate(model, 0.2, interval=0.01, solver="adams", tolerance=1e-10, inputs={"shoulder.torque": 70.0})
     inertia = 2 * 0.04 + 2.0 * (0.5**2 + 1.5**2)
     q, v = result["shoulder.angle"], result["shoulder.rate"]
     energy = 0.5 * inertia * v**2 + 2.0 * 9.81 * (0.5 + 1.5) * np.sin(q)
@@ -103,8 +105,8 @@ def test_written_code_is_the_model_and_needs_no_mujoco(
     arm, target = written(tmp_path, ARM, "arm.urdf"), tmp_path / "robot.py"
     code, out, err = command("import", str(arm), "-o", str(target))
     assert (code, err) == (0, "")
-    assert "warning: not imported: effort limits of joints (shoulder)" in out
-    assert out.endswith(f"Arm: 4 bodies, 2 joints, 0 loops and couplings, 9 parameters, 8 outputs\nwrote {target}\n")
+    assert "warning: not imported: velocity limits of joints (shoulder)" in out
+    assert out.endswith(f"Arm: 4 bodies, 2 joints, 0 loops and couplings, 10 parameters, 8 outputs\nwrote {target}\n")
     monkeypatch.setitem(sys.modules, "mujoco", None)
     model = mb.find(str(target))(upper_mass=3.0)
     assert model.compile().mechanism.bodies[2].mass == 3.0
@@ -146,6 +148,7 @@ def test_the_page_on_imports_runs(
     Path("arm.urdf").write_text(robot)
     for line in re.findall(r"^mbfmu .*", page, re.MULTILINE):
         assert main(shlex.split(line, comments=True)[1:]) == 0
+    assert any(name.endswith("model.bin") for name in zipfile.ZipFile("arm.fmu").namelist()), "it is native"
     for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL):
         capsys.readouterr()
         exec(compile(block, "docs/importing.md", "exec"), {})
@@ -228,7 +231,7 @@ REST = """
   <fixed name="sum" stiffness="1"><joint joint="j" coef="1"/><joint joint="l" coef="2"/></fixed></tendon>
 <actuator><motor name="u" tendon="sum"/><muscle name="v" joint="j" lengthrange="0 1"/>
   <intvelocity name="w" joint="j" actrange="0 1"/>
-  <motor name="x" joint="j" ctrlrange="-1 1"/></actuator>
+  <motor name="x" joint="j" ctrlrange="-1 1"/><position name="y" joint="l" kp="2" forcerange="-1 1"/></actuator>
 <equality><connect name="off" body1="a" body2="b" anchor="0 0 0" active="false"/>
   <tendon name="e" tendon1="sum"/></equality>
 <keyframe><key name="home"/></keyframe>
@@ -246,7 +249,7 @@ def test_everything_that_is_not_imported_is_listed(tmp_path: Path, command: Call
         "ranges, friction and armature of tendons (rope)",
         "tendons, but springs between two sites (sum)", "actuators that do not act on a hinge or a slide (u)",
         "actuators with dynamics, muscles and user-defined laws (v, w)",
-        "limits of controls and forces of actuators (x)",
+        "limits of the forces of servos (y)",
         "equality constraints that are inactive at the start (off)",
         "equality constraints but connect, weld and joint (e)",
     ):  # fmt: skip

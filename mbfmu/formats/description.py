@@ -103,7 +103,8 @@ class ImportedCoupling:
 class ImportedDrive:
     """Force on the joint of a body: gain * input + bias, and the spring and damper of a servo.
 
-    ``unit`` is that of the input, ``joint`` the name of the joint.
+    ``unit`` is that of the input, ``joint`` the name of the joint. ``limits`` are the least and the largest value of
+    gain * input.
     """
 
     name: str
@@ -116,6 +117,7 @@ class ImportedDrive:
     bias: float = 0.0
     stiffness: float = 0.0
     damping: float = 0.0
+    limits: tuple[float, float] | None = None
 
 
 @dataclass(kw_only=True)

@@ -149,12 +149,6 @@ class Relations:
         body, joint = self.tree.of_joint[int(model.actuator_trnid[k][0])]
         if bias[1] > 0.0 or bias[2] > 0.0:
             self.losses.add("unstable servo", name)
-        if (
-            model.actuator_forcelimited[k]
-            or model.actuator_ctrllimited[k]
-            or model.jnt_actfrclimited[int(model.actuator_trnid[k][0])]
-        ):
-            self.losses.add("actuator limits", name)
         if np.any(model.actuator_armature[k]) or np.any(model.actuator_damping[k]):
             self.losses.add("actuator", f"armature and damping of {name}")
         is_force = gear * gain == 1.0 and not np.any(bias)
@@ -171,8 +165,27 @@ class Relations:
                 bias=gear * float(bias[0]),
                 stiffness=max(0.0, -float(bias[1]) * gear**2),
                 damping=max(0.0, -float(bias[2]) * gear**2),
+                limits=self.limits(k, name, gear, gain, has_bias=bool(np.any(bias))),
             )
         )
+
+    def limits(self, k: int, name: str, gear: float, gain: float, *, has_bias: bool) -> tuple[float, float] | None:
+        """Return the limits of the force of an actuator on its joint; None: it has none."""
+        model, j = self.model, int(self.model.actuator_trnid[k][0])
+        found = []
+        if model.actuator_ctrllimited[k] and not self.tree.file.disables("CLAMPCTRL"):
+            found.append(gear * gain * model.actuator_ctrlrange[k])
+        of_force = [gear * model.actuator_forcerange[k]] if model.actuator_forcelimited[k] else []
+        if model.jnt_actfrclimited[j]:
+            of_force.append(model.jnt_actfrcrange[j])
+        others = np.count_nonzero(model.actuator_trnid[:, 0] == j) > 1
+        if of_force and (has_bias or (others and model.jnt_actfrclimited[j])):
+            self.losses.add("actuator limits", name)
+        else:
+            found += of_force
+        if not found:
+            return None
+        return max(float(min(pair)) for pair in found), min(float(max(pair)) for pair in found)
 
     def add_inputs_of_joints(self, robot: ElementTree.Element) -> None:
         """Add an input on every joint of a URDF file that does not follow another one."""
@@ -185,9 +198,6 @@ class Relations:
                 continue
             effort, force = positive_number(given.get("effort", "")), FORCES[joint.kind]
             text = f"{force.capitalize()} of the drive of {joint.name}"
-            if effort:
-                text += f"; its limit in the file is {effort:g} {'N m' if joint.kind == 'Revolute' else 'N'}"
-                self.losses.add("effort limits", joint.name)
             if positive_number(given.get("velocity", "")):
                 self.losses.add("velocity limits", joint.name)
             self.description.drives.append(
@@ -198,6 +208,7 @@ class Relations:
                     input=f"{joint.name}.{force}",
                     unit=UNITS[joint.kind],
                     description=text,
+                    limits=(-effort, effort) if effort else None,
                 )
             )
         mimics = [joint for joint in robot.findall("joint") if joint.find("mimic") is not None]
