@@ -324,6 +324,53 @@ def test_links_without_mass_may_be_between_joints(tmp_path: Path) -> None:
         source_code(path)
 
 
+def bar(name: str, mass: float, length: float, parent: str, at: float) -> str:
+    thin = mass * length**2 / 12.0
+    inertial = f'<origin xyz="{length / 2} 0 0"/><mass value="{mass}"/>{moments(0.0, thin, thin)}'
+    return (
+        f'<link name="{name}"><inertial>{inertial}</inertial></link><joint name="{name}" type="continuous">'
+        f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{at} 0 0"/><axis xyz="0 -1 0"/></joint>'
+    )
+
+
+def fixed(name: str, parent: str, at: float) -> str:
+    joint = f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{at} 0 0"/>'
+    return f'<link name="{name}"/><joint name="{name}_fixed" type="fixed">{joint}</joint>'
+
+
+def test_a_loop_is_closed_on_request(tmp_path: Path) -> None:
+    """A parallelogram swings as a pendulum: (2 m l^2 / 3 + M l^2) w^2 / 2 + (m + M) g l sin q is constant."""
+    links = bar("crank", 1.0, 1.0, "base", 0.0) + bar("coupler", 2.0, 3.0, "crank", 1.0)
+    links += bar("rocker", 1.0, -1.0, "coupler", 3.0) + fixed("end", "rocker", -1.0) + fixed("pivot", "base", 3.0)
+    path = written(tmp_path, f'<robot name="fourbar"><link name="base"/>{links}</robot>', "fourbar.urdf")
+    assert "mb.RevoluteCutJoint(" in source_code(path, close=[("end", "pivot", "revolute")])[0]
+    model = mb.load(path, strict=True, close=[("end", "pivot")])
+    model = model.with_values({"crank_start": 1.0, "coupler_start": -1.0, "rocker_start": 1.0})
+    result = mb.simulate(model, 0.5, interval=0.05, solver="adams", tolerance=1e-9)
+    q, w = result["crank.angle"], result["crank.rate"]
+    energy = 0.5 * (2.0 / 3.0 + 2.0) * w**2 + 3.0 * 9.81 * np.sin(q)
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-7)
+    assert abs(q[-1] - q[0]) > 0.1
+    np.testing.assert_allclose(result["coupler.angle"], -q, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("close", "message"),
+    [
+        (["tool"], "allowed: two bodies, and the kind: spherical, revolute, weld"),
+        (["tol", "base"], "the file has no body 'tol'; did you mean 'tool'"),
+        (["tool", "base", "hinge"], "kind 'hinge'; allowed: revolute, spherical, weld"),
+        (["tool", "tool"], "connects a body to itself"),
+    ],
+)
+def test_loops_that_cannot_be_closed_are_refused(
+    tmp_path: Path, command: Callable[..., Any], close: list[str], message: str
+) -> None:
+    code, _, err = command("import", str(written(tmp_path, ARM, "arm.urdf")), "-o", "-", "--close", *close)
+    assert code == 2
+    assert message in err
+
+
 # ---- refused files --------------------------------------------------------------------------------------------------
 
 BOMB = b'<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><mujoco model="&b;"><worldbody/></mujoco>'

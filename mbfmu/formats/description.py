@@ -5,6 +5,7 @@ Frames, axes and coordinates are those of :mod:`mbfmu.mechanics`; units are SI a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -15,6 +16,12 @@ from mbfmu.util.diagnostics import Diagnostic
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Closure = Sequence[str]  # names of two bodies of a file, and a key of CLOSURES; by default the first one
+CLOSURES: dict[str, Literal["SphericalCutJoint", "RevoluteCutJoint", "WeldCutJoint"]] = {
+    "spherical": "SphericalCutJoint",
+    "revolute": "RevoluteCutJoint",
+    "weld": "WeldCutJoint",
+}
 GROUND_NAME = "m.ground"  # as a body in the code
 
 
@@ -79,7 +86,7 @@ class ImportedCut:
     """Loop-closing joint: points (3,) of bodies a and b, and the axes of the frame in body a (3, 3)."""
 
     name: str
-    kind: Literal["SphericalCutJoint", "WeldCutJoint"]
+    kind: Literal["SphericalCutJoint", "RevoluteCutJoint", "WeldCutJoint"]
     a: str
     b: str
     at_a: Vector

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
+from mbfmu.util.errors import UserError, suggest
+
 from .description import (
+    CLOSURES,
+    GROUND_NAME,
+    Closure,
     Description,
     ImportedCoupling,
     ImportedCut,
@@ -106,6 +112,32 @@ class Relations:
         if is_weld:
             cut.rotation_a, cut.rotation_b = rotations
         self.description.cuts.append(cut)
+
+    def add_closures(self, closures: Sequence[Closure]) -> None:
+        """Add cut joints between the frames of bodies that the user names; raises UserError for other names."""
+        known = {self.tree.name_of("BODY", i): i for i in range(self.model.nbody)}
+        for closure in closures:
+            what = f"closing joint {' '.join(map(str, closure))!r}"
+            if len(closure) not in (2, 3):
+                raise UserError(f"{what}; allowed: two bodies, and the kind: {', '.join(CLOSURES)}")
+            a, b, kind = (*closure, "spherical")[:3]
+            for name in (a, b):
+                if name not in known:
+                    raise UserError(f"{what}: the file has no body {name!r}{suggest(name, filter(None, known))}")
+            if kind not in CLOSURES:
+                raise UserError(f"{what}: kind {kind!r}{suggest(kind, CLOSURES)}")
+            if a == b:
+                raise UserError(f"{what} connects a body to itself; it needs two bodies")
+            first, second = self.tree.of_body[known[a]], self.tree.of_body[known[b]]
+            cut = ImportedCut(
+                name=self.names.unique(f"{first}_{second}".replace(GROUND_NAME, "ground")),
+                kind=CLOSURES[kind],
+                a=first,
+                b=second,
+                at_a=self.place(known[a], np.zeros(3)),
+                at_b=self.place(known[b], np.zeros(3)),
+            )
+            self.description.cuts.append(cut)
 
     def add_coupling(self, number: int, name: str) -> None:
         """Add a coupling: y - y0 = polynomial of x - x0, y being the coordinate of the first joint."""
