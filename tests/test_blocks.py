@@ -268,23 +268,15 @@ def test_events_refuse_outputs_with_signals_and_accept_others() -> None:
     assert event.time == pytest.approx(np.log(2.0), abs=1e-7)  # 2 (1 - exp(-t)) = 1
 
 
-def test_large_tree_with_a_sensor_and_a_block_in_its_forces() -> None:
-    """A torque on the first link follows the height of its end, cut off at -0.02 m."""
-    found = []
-    for with_block in (True, False):
-        m = Mechanism(gravity=(0.0, -G, 0.0))
-        link = m.ground
-        for k in range(64):
-            joint = mb.Revolute(at=(0.1 if k else 0.0, 0.0, 0.0), start=-0.5 if k == 0 else 0.0)
-            link = m.body(f"link{k}", link, joint, **mb.rod(mass=0.1, length=0.1))
-        first = m.bodies[1]
-        pull: Any = "max(0.1 * sin(q), -0.02)"
-        if with_block:
-            pull = m.limiter("limited", first.position("y", (0.1, 0.0, 0.0)), lower=-0.02, upper=1.0)
-        m.force("pull", mb.JointForce(pull), first)
-        m.output("angle", first.angle())
-        found.append(mb.simulate(m, 0.02, solver="ida", tolerance=1e-8)["angle"][-1])
-    assert found[0] == pytest.approx(found[1], abs=1e-9)
+def test_sensors_in_forces_have_kernels_for_the_tangent_of_large_trees() -> None:
+    """The implicit solvers of large trees call them with a state of complex numbers, and a missing one ends Python."""
+    m = Mechanism()
+    arm = m.body("arm", m.ground, mb.Revolute(), **mb.rod(mass=1.0, length=1.0))
+    height = arm.position("y", (0.1, 0.0, 0.0))
+    m.force("pull", mb.JointForce(m.limiter("limited", height, lower=-0.02, upper=1.0)), arm)
+    arrays = CompiledMechanism(m).tangent_arrays()
+    assert len(arrays.parts) == 2
+    assert np.all(arrays.kernels[arrays.parts["kind"]] != 0)
 
 
 def _pid(m: Mechanism, arm: Any, **given: Any) -> Any:

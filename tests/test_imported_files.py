@@ -6,6 +6,7 @@ import re
 import shlex
 import sys
 import time
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -67,7 +68,7 @@ def test_a_model_has_the_values_of_its_file_as_parameters(tmp_path: Path) -> Non
     assert values["elbow_start"] == (0.0, "rad")
     assert values["gravity"] == (9.81, "m/s2")
     compiled = model.compile()
-    assert [variable.name for variable in compiled.inputs.variables] == ["shoulder.torque", "elbow.torque"]
+    assert {variable.name for variable in compiled.inputs.variables} == {"shoulder.torque", "elbow.torque"}
     names = [variable.name for variable in compiled.outputs]
     assert names == [
         "shoulder.angle",
@@ -82,13 +83,14 @@ def test_a_model_has_the_values_of_its_file_as_parameters(tmp_path: Path) -> Non
 
 
 def test_an_imported_arm_moves_as_its_closed_form(tmp_path: Path) -> None:
-    """One link with gravity and a torque: (J + m l^2) q'' = tau - m g l cos q."""
+    """One link with gravity and a torque of 70 N m, which is limited to 50: (J + m l^2) q'' = tau - m g l cos q."""
     text = ARM.replace('type="continuous"', 'type="fixed"').replace(' friction="0.2"', "")
     found: list[str] = []
     model: Any = mb.load(written(tmp_path, text, "arm.urdf"), report=found.append)
-    assert [message.split("[")[1] for message in found] == ["not-imported]", "not-imported]", "changed-import]"]
-    model = model.with_values({"shoulder_damping": 0.0})
-    result = mb.simulate(model, 0.2, interval=0.01, solver="adams", tolerance=1e-10, inputs={"shoulder.torque": 50.0})
+    assert [message.split("[")[1] for message in found] == ["not-imported]", "changed-import]"]
+    assert model.shoulder_drive_limit == 30.0
+    model = model.with_values({"shoulder_damping": 0.0, "shoulder_drive_limit": 50.0})
+    result = mb.simulate(model, 0.2, interval=0.01, solver="adams", tolerance=1e-10, inputs={"shoulder.torque": 70.0})
     inertia = 2 * 0.04 + 2.0 * (0.5**2 + 1.5**2)
     q, v = result["shoulder.angle"], result["shoulder.rate"]
     energy = 0.5 * inertia * v**2 + 2.0 * 9.81 * (0.5 + 1.5) * np.sin(q)
@@ -103,8 +105,8 @@ def test_written_code_is_the_model_and_needs_no_mujoco(
     arm, target = written(tmp_path, ARM, "arm.urdf"), tmp_path / "robot.py"
     code, out, err = command("import", str(arm), "-o", str(target))
     assert (code, err) == (0, "")
-    assert "warning: not imported: effort limits of joints (shoulder)" in out
-    assert out.endswith(f"Arm: 4 bodies, 2 joints, 0 loops and couplings, 9 parameters, 8 outputs\nwrote {target}\n")
+    assert "warning: not imported: velocity limits of joints (shoulder)" in out
+    assert out.endswith(f"Arm: 4 bodies, 2 joints, 0 loops and couplings, 10 parameters, 8 outputs\nwrote {target}\n")
     monkeypatch.setitem(sys.modules, "mujoco", None)
     model = mb.find(str(target))(upper_mass=3.0)
     assert model.compile().mechanism.bodies[2].mass == 3.0
@@ -146,6 +148,7 @@ def test_the_page_on_imports_runs(
     Path("arm.urdf").write_text(robot)
     for line in re.findall(r"^mbfmu .*", page, re.MULTILINE):
         assert main(shlex.split(line, comments=True)[1:]) == 0
+    assert any(name.endswith("model.bin") for name in zipfile.ZipFile("arm.fmu").namelist()), "it is native"
     for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL):
         capsys.readouterr()
         exec(compile(block, "docs/importing.md", "exec"), {})
@@ -228,7 +231,7 @@ REST = """
   <fixed name="sum" stiffness="1"><joint joint="j" coef="1"/><joint joint="l" coef="2"/></fixed></tendon>
 <actuator><motor name="u" tendon="sum"/><muscle name="v" joint="j" lengthrange="0 1"/>
   <intvelocity name="w" joint="j" actrange="0 1"/>
-  <motor name="x" joint="j" ctrlrange="-1 1"/></actuator>
+  <motor name="x" joint="j" ctrlrange="-1 1"/><position name="y" joint="l" kp="2" forcerange="-1 1"/></actuator>
 <equality><connect name="off" body1="a" body2="b" anchor="0 0 0" active="false"/>
   <tendon name="e" tendon1="sum"/></equality>
 <keyframe><key name="home"/></keyframe>
@@ -246,7 +249,7 @@ def test_everything_that_is_not_imported_is_listed(tmp_path: Path, command: Call
         "ranges, friction and armature of tendons (rope)",
         "tendons, but springs between two sites (sum)", "actuators that do not act on a hinge or a slide (u)",
         "actuators with dynamics, muscles and user-defined laws (v, w)",
-        "limits of controls and forces of actuators (x)",
+        "limits of the forces of servos (y)",
         "equality constraints that are inactive at the start (off)",
         "equality constraints but connect, weld and joint (e)",
     ):  # fmt: skip
@@ -321,6 +324,53 @@ def test_links_without_mass_may_be_between_joints(tmp_path: Path) -> None:
         source_code(path)
 
 
+def bar(name: str, mass: float, length: float, parent: str, at: float) -> str:
+    thin = mass * length**2 / 12.0
+    inertial = f'<origin xyz="{length / 2} 0 0"/><mass value="{mass}"/>{moments(0.0, thin, thin)}'
+    return (
+        f'<link name="{name}"><inertial>{inertial}</inertial></link><joint name="{name}" type="continuous">'
+        f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{at} 0 0"/><axis xyz="0 -1 0"/></joint>'
+    )
+
+
+def fixed(name: str, parent: str, at: float) -> str:
+    joint = f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{at} 0 0"/>'
+    return f'<link name="{name}"/><joint name="{name}_fixed" type="fixed">{joint}</joint>'
+
+
+def test_a_loop_is_closed_on_request(tmp_path: Path) -> None:
+    """A parallelogram swings as a pendulum: (2 m l^2 / 3 + M l^2) w^2 / 2 + (m + M) g l sin q is constant."""
+    links = bar("crank", 1.0, 1.0, "base", 0.0) + bar("coupler", 2.0, 3.0, "crank", 1.0)
+    links += bar("rocker", 1.0, -1.0, "coupler", 3.0) + fixed("end", "rocker", -1.0) + fixed("pivot", "base", 3.0)
+    path = written(tmp_path, f'<robot name="fourbar"><link name="base"/>{links}</robot>', "fourbar.urdf")
+    assert "mb.RevoluteCutJoint(" in source_code(path, close=[("end", "pivot", "revolute")])[0]
+    model = mb.load(path, strict=True, close=[("end", "pivot")])
+    model = model.with_values({"crank_start": 1.0, "coupler_start": -1.0, "rocker_start": 1.0})
+    result = mb.simulate(model, 0.5, interval=0.05, solver="adams", tolerance=1e-9)
+    q, w = result["crank.angle"], result["crank.rate"]
+    energy = 0.5 * (2.0 / 3.0 + 2.0) * w**2 + 3.0 * 9.81 * np.sin(q)
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-7)
+    assert abs(q[-1] - q[0]) > 0.1
+    np.testing.assert_allclose(result["coupler.angle"], -q, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("close", "message"),
+    [
+        (["tool"], "allowed: two bodies, and the kind: spherical, revolute, weld"),
+        (["tol", "base"], "the file has no body 'tol'; did you mean 'tool'"),
+        (["tool", "base", "hinge"], "kind 'hinge'; allowed: revolute, spherical, weld"),
+        (["tool", "tool"], "connects a body to itself"),
+    ],
+)
+def test_loops_that_cannot_be_closed_are_refused(
+    tmp_path: Path, command: Callable[..., Any], close: list[str], message: str
+) -> None:
+    code, _, err = command("import", str(written(tmp_path, ARM, "arm.urdf")), "-o", "-", "--close", *close)
+    assert code == 2
+    assert message in err
+
+
 # ---- refused files --------------------------------------------------------------------------------------------------
 
 BOMB = b'<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><mujoco model="&b;"><worldbody/></mujoco>'
@@ -385,6 +435,13 @@ def test_paths_that_are_no_files_are_refused(tmp_path: Path) -> None:
 def test_a_mesh_that_has_no_part_in_the_motion_may_be_missing(tmp_path: Path) -> None:
     path = written(tmp_path, mjcf(f"<body><joint/>{INERTIAL}{MESH}</body>", ASSET))
     assert source_code(path)[1] == []
+
+
+def test_warnings_of_mujoco_are_notes(tmp_path: Path) -> None:
+    text = mjcf(f"<body><joint/>{INERTIAL}</body>", "<compiler settotalmass='4'/>")
+    (found,) = source_code(written(tmp_path, text), strict=True)[1]
+    assert found.severity == "note"
+    assert "MuJoCo reports: compiler attribute 'settotalmass' is deprecated" in found.text
 
 
 def test_an_old_version_of_mujoco_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,6 @@
 """Models from URDF and MJCF files have the equations of motion of MuJoCo, which reads the same files.
 
-Contact, limits and friction are disabled in MuJoCo; what the import reports as lost is removed there, too.
+Contact, ranges of joints and friction are disabled in MuJoCo; what the import reports as lost is removed there, too.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mbfmu.mechanics import CompiledMechanism
 
 ROBOTS = Path(__file__).parent / "data" / "robots"
 ROUNDING = 1e-13  # relative; the errors are 2e-14 and less
-DISABLED = ("CONTACT", "LIMIT", "FRICTIONLOSS", "CLAMPCTRL", "EQUALITY")
+DISABLED = ("CONTACT", "LIMIT", "FRICTIONLOSS", "EQUALITY")
 
 # Several joints per body with anchors off the origin, reference angles, unloaded springs, tilted frames and inertias.
 MACHINE = """
@@ -61,7 +61,7 @@ MACHINE = """
   <actuator>
     <motor name="push" joint="rail" gear="2.5"/>
     <position name="turn" joint="turn" kp="12" kv="0.8" gear="1.5"/>
-    <motor name="blow" joint="spin"/>
+    <motor name="blow" joint="spin" ctrllimited="true" ctrlrange="-0.5 1" forcelimited="true" forcerange="-1 0.6"/>
   </actuator>
   <equality>
     <connect name="pin" body1="cart" body2="drone" anchor="0.2 0.1 0"/>
@@ -101,8 +101,7 @@ def remove_lost(model: Any) -> None:
     for flag in DISABLED:
         model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
     model.opt.density = model.opt.viscosity = 0.0
-    model.actuator_forcelimited[:] = False
-    model.jnt_actfrclimited[:] = False
+    model.actuator_forcelimited[np.any(model.actuator_biasprm[:, :3], axis=1)] = False  # of servos
     model.tendon_armature[:] = 0.0
     of_ball = np.isin(model.jnt_type, (0, 1))
     model.dof_damping[of_ball[model.dof_jntid]] = 0.0
@@ -119,7 +118,7 @@ def random_state(model: Any, seed: int) -> Any:
     rng, data = np.random.default_rng(seed), mujoco.MjData(model)
     mujoco.mj_integratePos(model, data.qpos, 0.5 * rng.standard_normal(model.nv), 1.0)
     data.qvel[:] = rng.standard_normal(model.nv)
-    data.ctrl[:] = rng.standard_normal(model.nu)
+    data.ctrl[:] = 2.0 * rng.standard_normal(model.nu)  # beyond limits, too
     mujoco.mj_forward(model, data)
     return data
 

@@ -195,7 +195,7 @@ def outcomes(content: dict[str, object]) -> list[Outcome]:
         forget_job(job)
 
 
-@pytest.mark.parametrize("method", ["simulation", "native"])
+@pytest.mark.parametrize("method", ["simulation", "fmu"])
 def test_runs_of_a_study_have_the_input(tmp_path: Path, method: str) -> None:
     """Closed form: x = t^3 / m by F = 6 t, from a file with its path relative to the study, or from the scene."""
     (tmp_path / "push.csv").write_text("time [min],force [kN]\n0,0\n1,0.36\n")

@@ -26,6 +26,7 @@ def add(commands: Commands) -> None:
         "from then on: edit it, and run or export it. The package MuJoCo reads the file: pip install 'mbfmu[import]'.",
         epilog="examples:\n  mbfmu import robot.urdf -o robot.py\n"
         "  mbfmu import robot.urdf --floating       the base of the robot moves freely\n"
+        "  mbfmu import linkage.urdf --close rod_end pin  a ball joint closes the loop\n"
         "  mbfmu import gripper.xml --strict        an error if something is not imported\n"
         "  mbfmu run robot.py --solver adams        simulate the written model\n"
         "  mbfmu export robot.py                    export it as an FMU\n",
@@ -44,6 +45,15 @@ def add(commands: Commands) -> None:
         action="store_true",
         help="bodies that the file fixes to the ground move freely, such as the base of a mobile robot",
     )
+    p.add_argument(
+        "--close",
+        nargs="+",
+        action="append",
+        default=[],
+        metavar="BODY",
+        help="close a loop, since URDF describes trees only: two bodies whose frames coincide, and the kind of the "
+        "joint: spherical (default), revolute (about the z axes of both frames) or weld; may be repeated",
+    )
     p.add_argument("--strict", action="store_true", help="refuse files of which something is not imported")
     p.set_defaults(command=command_import)
 
@@ -57,7 +67,7 @@ def command_import(options: argparse.Namespace) -> int:
     prints = str(path) == "-"
     if not prints and path.exists():
         raise UserError(f"{str(path)!r} exists and may have been edited; delete it, or give another name by -o")
-    code, found = source_code(options.file, strict=options.strict, floating=options.floating)
+    code, found = source_code(options.file, strict=options.strict, floating=options.floating, close=options.close)
     model = model_of(code)
     if prints:
         sys.stdout.write(code)

@@ -13,12 +13,14 @@ from mbfmu.util.errors import UserError
 from .common import (
     Commands,
     add_fmu_kind,
+    add_input,
     add_scene,
     add_set,
     add_solver,
     add_times,
     assignments,
     file_name,
+    print_inputs,
     print_paths,
     print_unless_quiet,
     scene_of,
@@ -39,6 +41,7 @@ def add(commands: Commands) -> None:
     )
     add_scene(p)
     add_set(p)
+    add_input(p)
     add_times(p, "stop time of the system", "communication step size in the description of the model's FMU")
     p.add_argument(
         "--with",
@@ -97,6 +100,7 @@ def command_ssp(options: argparse.Namespace) -> int:
             if parameter in known
         }
         write_ssp(path, {name: own, **others}, connections, values, stop_time=float(scene.stop_time))
+    print_inputs(options, scene)
     for line in render(found, details=options.verbose):
         print_unless_quiet(options, line)
     print_paths(options, path)

@@ -10,6 +10,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings, simplefilter
 from xml.etree import ElementTree
 
 import numpy as np
@@ -75,28 +76,31 @@ def compile_file(path: Path, *, floating: bool = False) -> CompiledFile:
     _check_size(path, kind, root)
     if any(XACRO in str(element.tag) for element in root.iter()):
         raise UserError(f"{str(path)!r} contains macros of xacro; expand them: xacro robot.urdf.xacro -o robot.urdf")
-    warnings: list[str] = []
+    messages: list[str] = []
     before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda found: warnings.append(str(found)))  # MuJoCo would write a file otherwise
+    mujoco.set_mju_user_warning(lambda found: messages.append(str(found)))  # MuJoCo would write a file otherwise
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        if len(list(spec.bodies)) > MAX_BODIES + 1:  # included files, <replicate>
-            raise UserError(f"{str(path)!r} has {len(list(spec.bodies))} bodies; allowed: up to {MAX_BODIES}")
-        spec.compiler.fusestatic = False  # it would remove the names of fixed bodies
-        spec.compiler.LRopt.mode = mujoco.mjtLRMode.mjLRMODE_NONE.value  # simulates muscles, which are not imported
-        if floating:
-            _float(path, kind, spec)
-        _remove_shapes(path, mujoco, spec)
-        inertias = replace_refused(repr(str(path)), spec) if kind == "URDF" else {}
-        model = spec.compile()
+        with catch_warnings(record=True) as found:
+            simplefilter("always")
+            spec = mujoco.MjSpec.from_file(str(path))
+            if len(list(spec.bodies)) > MAX_BODIES + 1:  # included files, <replicate>
+                raise UserError(f"{str(path)!r} has {len(list(spec.bodies))} bodies; allowed: up to {MAX_BODIES}")
+            spec.compiler.fusestatic = False  # it would remove the names of fixed bodies
+            spec.compiler.LRopt.mode = mujoco.mjtLRMode.mjLRMODE_NONE.value  # it would simulate muscles
+            if floating:
+                _float(path, kind, spec)
+            _remove_shapes(path, mujoco, spec)
+            inertias = replace_refused(repr(str(path)), spec) if kind == "URDF" else {}
+            model = spec.compile()
     except UserError:
         raise
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
         raise UserError(f"{str(path)!r} is refused by the compiler of MuJoCo: {_message(error)}") from error
     finally:
         mujoco.set_mju_user_warning(before)
+    messages += [str(warning.message) for warning in found]
     _check_finite(path, mujoco, model)
-    return CompiledFile(path, kind, model, mujoco, root if kind == "URDF" else None, tuple(warnings), inertias)
+    return CompiledFile(path, kind, model, mujoco, root if kind == "URDF" else None, tuple(messages), inertias)
 
 
 def _mujoco() -> Any:

@@ -5,6 +5,7 @@ Frames, axes and coordinates are those of :mod:`mbfmu.mechanics`; units are SI a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -15,6 +16,12 @@ from mbfmu.util.diagnostics import Diagnostic
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Closure = Sequence[str]  # names of two bodies of a file, and a key of CLOSURES; by default the first one
+CLOSURES: dict[str, Literal["SphericalCutJoint", "RevoluteCutJoint", "WeldCutJoint"]] = {
+    "spherical": "SphericalCutJoint",
+    "revolute": "RevoluteCutJoint",
+    "weld": "WeldCutJoint",
+}
 GROUND_NAME = "m.ground"  # as a body in the code
 
 
@@ -79,7 +86,7 @@ class ImportedCut:
     """Loop-closing joint: points (3,) of bodies a and b, and the axes of the frame in body a (3, 3)."""
 
     name: str
-    kind: Literal["SphericalCutJoint", "WeldCutJoint"]
+    kind: Literal["SphericalCutJoint", "RevoluteCutJoint", "WeldCutJoint"]
     a: str
     b: str
     at_a: Vector
@@ -103,7 +110,8 @@ class ImportedCoupling:
 class ImportedDrive:
     """Force on the joint of a body: gain * input + bias, and the spring and damper of a servo.
 
-    ``unit`` is that of the input, ``joint`` the name of the joint.
+    ``unit`` is that of the input, ``joint`` the name of the joint. ``limits`` are the least and the largest value of
+    gain * input.
     """
 
     name: str
@@ -116,6 +124,7 @@ class ImportedDrive:
     bias: float = 0.0
     stiffness: float = 0.0
     damping: float = 0.0
+    limits: tuple[float, float] | None = None
 
 
 @dataclass(kw_only=True)

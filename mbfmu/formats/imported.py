@@ -13,12 +13,18 @@ from mbfmu.modeling import Model
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 
+from .description import Closure
 from .reader import read_file
 from .writer import source_of
 
 
 def load(
-    path: Path | str, *, strict: bool = False, floating: bool = False, report: Callable[[str], object] | None = None
+    path: Path | str,
+    *,
+    strict: bool = False,
+    floating: bool = False,
+    close: Sequence[Closure] = (),
+    report: Callable[[str], object] | None = None,
 ) -> Model:
     """Return the model of a URDF or MJCF file.
 
@@ -33,6 +39,10 @@ def load(
         Refuse files of which something is not imported that may change the motion.
     floating
         Bodies that the file fixes to the ground move freely, such as the base of a mobile robot.
+    close
+        Loop-closing joints, since URDF describes trees only: pairs of names of bodies whose frames coincide,
+        ``("rod_end", "pin")``. A third word is the kind of the joint: ``"spherical"`` (default), ``"revolute"`` about
+        the z axes of both frames, or ``"weld"``. ``"world"`` is the ground.
     report
         Function that receives a message on everything that is not imported or is changed. None: a Python warning is
         given for what is not imported.
@@ -45,10 +55,10 @@ def load(
     Raises
     ------
     UserError
-        MuJoCo is not installed; the file cannot be read, or it is not a valid model; with ``strict``, something is not
-        imported.
+        MuJoCo is not installed; the file cannot be read, or it is not a valid model; a body in ``close`` does not
+        exist; with ``strict``, something is not imported.
     """
-    code, found = source_code(Path(path), strict=strict, floating=floating)
+    code, found = source_code(Path(path), strict=strict, floating=floating, close=close)
     for diagnostic in found:
         if report is not None:
             report(str(diagnostic))
@@ -57,9 +67,11 @@ def load(
     return model_of(code)
 
 
-def source_code(path: Path, *, strict: bool = False, floating: bool = False) -> tuple[str, Sequence[Diagnostic]]:
+def source_code(
+    path: Path, *, strict: bool = False, floating: bool = False, close: Sequence[Closure] = ()
+) -> tuple[str, Sequence[Diagnostic]]:
     """Return the Python code of the model of a file, and what is not imported or is changed; see :func:`load`."""
-    description = read_file(path, floating=floating)
+    description = read_file(path, floating=floating, close=close)
     missing = [d for d in description.diagnostics if d.severity == "warning"]
     if strict and missing:
         texts = "; ".join(d.text.removeprefix("not imported: ") for d in missing)

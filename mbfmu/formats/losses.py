@@ -12,7 +12,7 @@ OTHER_MOTION = "The motion differs from that of the file. Add them in the Python
 
 Key = Literal[
     "contact", "ball range", "ball spring", "ball damping", "ball armature", "ball friction", "polynomial", "tendon",
-    "tendon range", "actuator", "transmission", "unstable servo", "actuator limits", "velocity limits", "effort limits",
+    "tendon range", "actuator", "transmission", "unstable servo", "actuator limits", "velocity limits",
     "equality", "inactive", "mocap", "fluid", "flex", "plugin", "flags", "mimic", "empty range",
 ]  # fmt: skip
 LOSSES: dict[Key, tuple[str, str]] = {  # what is not imported, and what this means
@@ -29,8 +29,7 @@ LOSSES: dict[Key, tuple[str, str]] = {  # what is not imported, and what this me
     "actuator": ("actuators with dynamics, muscles and user-defined laws", "They exert no force. Add them as inputs"),
     "transmission": ("actuators that do not act on a hinge or a slide", "They exert no force. Add them as inputs"),
     "unstable servo": ("negative stiffness or damping of actuators", OTHER_MOTION),
-    "actuator limits": ("limits of controls and forces of actuators", "Limit the inputs in the controller"),
-    "effort limits": ("effort limits of joints", "The inputs are not limited. Limit them in the controller"),
+    "actuator limits": ("limits of the forces of servos", "Limit the inputs in the controller"),
     "velocity limits": ("velocity limits of joints", "The joints can be faster"),
     "equality": ("equality constraints but connect, weld and joint", OTHER_MOTION),
     "inactive": ("equality constraints that are inactive at the start", "They are never active"),

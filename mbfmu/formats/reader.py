@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from .compiler import CompiledFile, compile_file
-from .description import Description, ImportedJoint
+from .description import Closure, Description, ImportedJoint
 from .losses import Losses, listed, printable
 from .names import identifier
 from .relations import Relations
@@ -16,7 +17,7 @@ from .tree import Tree
 REPORTED_CORRECTION = 1e-9  # of an inertia, relative; smaller ones are rounding errors
 
 
-def read_file(path: Path, *, floating: bool = False) -> Description:
+def read_file(path: Path, *, floating: bool = False, close: Sequence[Closure] = ()) -> Description:
     """Read a URDF or MJCF file.
 
     Parameters
@@ -25,11 +26,13 @@ def read_file(path: Path, *, floating: bool = False) -> Description:
         File.
     floating
         Bodies that the file fixes to the ground move freely.
+    close
+        Loop-closing joints, see :func:`.load`.
 
     Raises
     ------
     UserError
-        MuJoCo is not installed, the file cannot be read, or it is not a valid model.
+        MuJoCo is not installed, the file cannot be read, it is not a valid model, or a name in ``close`` is unknown.
     """
     file, losses = compile_file(path, floating=floating), Losses()
     model = file.model
@@ -45,7 +48,7 @@ def read_file(path: Path, *, floating: bool = False) -> Description:
         bodies=tree.bodies,
         renamed=tree.renamed,
     )
-    Relations(tree, description, losses)
+    Relations(tree, description, losses).add_closures(close)
     if file.disables("GRAVITY"):
         description.gravity = np.zeros(3)
     if file.disables("SPRING", "DAMPER"):

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
+from mbfmu.util.errors import UserError, suggest
+
 from .description import (
+    CLOSURES,
+    GROUND_NAME,
+    Closure,
     Description,
     ImportedCoupling,
     ImportedCut,
@@ -107,6 +113,32 @@ class Relations:
             cut.rotation_a, cut.rotation_b = rotations
         self.description.cuts.append(cut)
 
+    def add_closures(self, closures: Sequence[Closure]) -> None:
+        """Add cut joints between the frames of bodies that the user names; raises UserError for other names."""
+        known = {self.tree.name_of("BODY", i): i for i in range(self.model.nbody)}
+        for closure in closures:
+            what = f"closing joint {' '.join(map(str, closure))!r}"
+            if len(closure) not in (2, 3):
+                raise UserError(f"{what}; allowed: two bodies, and the kind: {', '.join(CLOSURES)}")
+            a, b, kind = (*closure, "spherical")[:3]
+            for name in (a, b):
+                if name not in known:
+                    raise UserError(f"{what}: the file has no body {name!r}{suggest(name, filter(None, known))}")
+            if kind not in CLOSURES:
+                raise UserError(f"{what}: kind {kind!r}{suggest(kind, CLOSURES)}")
+            if a == b:
+                raise UserError(f"{what} connects a body to itself; it needs two bodies")
+            first, second = self.tree.of_body[known[a]], self.tree.of_body[known[b]]
+            cut = ImportedCut(
+                name=self.names.unique(f"{first}_{second}".replace(GROUND_NAME, "ground")),
+                kind=CLOSURES[kind],
+                a=first,
+                b=second,
+                at_a=self.place(known[a], np.zeros(3)),
+                at_b=self.place(known[b], np.zeros(3)),
+            )
+            self.description.cuts.append(cut)
+
     def add_coupling(self, number: int, name: str) -> None:
         """Add a coupling: y - y0 = polynomial of x - x0, y being the coordinate of the first joint."""
         model, coefficients = self.model, self.model.eq_data[number][:5].copy()
@@ -149,12 +181,6 @@ class Relations:
         body, joint = self.tree.of_joint[int(model.actuator_trnid[k][0])]
         if bias[1] > 0.0 or bias[2] > 0.0:
             self.losses.add("unstable servo", name)
-        if (
-            model.actuator_forcelimited[k]
-            or model.actuator_ctrllimited[k]
-            or model.jnt_actfrclimited[int(model.actuator_trnid[k][0])]
-        ):
-            self.losses.add("actuator limits", name)
         if np.any(model.actuator_armature[k]) or np.any(model.actuator_damping[k]):
             self.losses.add("actuator", f"armature and damping of {name}")
         is_force = gear * gain == 1.0 and not np.any(bias)
@@ -171,8 +197,27 @@ class Relations:
                 bias=gear * float(bias[0]),
                 stiffness=max(0.0, -float(bias[1]) * gear**2),
                 damping=max(0.0, -float(bias[2]) * gear**2),
+                limits=self.limits(k, name, gear, gain, has_bias=bool(np.any(bias))),
             )
         )
+
+    def limits(self, k: int, name: str, gear: float, gain: float, *, has_bias: bool) -> tuple[float, float] | None:
+        """Return the limits of the force of an actuator on its joint; None: it has none."""
+        model, j = self.model, int(self.model.actuator_trnid[k][0])
+        found = []
+        if model.actuator_ctrllimited[k] and not self.tree.file.disables("CLAMPCTRL"):
+            found.append(gear * gain * model.actuator_ctrlrange[k])
+        of_force = [gear * model.actuator_forcerange[k]] if model.actuator_forcelimited[k] else []
+        if model.jnt_actfrclimited[j]:
+            of_force.append(model.jnt_actfrcrange[j])
+        others = np.count_nonzero(model.actuator_trnid[:, 0] == j) > 1
+        if of_force and (has_bias or (others and model.jnt_actfrclimited[j])):
+            self.losses.add("actuator limits", name)
+        else:
+            found += of_force
+        if not found:
+            return None
+        return max(float(min(pair)) for pair in found), min(float(max(pair)) for pair in found)
 
     def add_inputs_of_joints(self, robot: ElementTree.Element) -> None:
         """Add an input on every joint of a URDF file that does not follow another one."""
@@ -185,9 +230,6 @@ class Relations:
                 continue
             effort, force = positive_number(given.get("effort", "")), FORCES[joint.kind]
             text = f"{force.capitalize()} of the drive of {joint.name}"
-            if effort:
-                text += f"; its limit in the file is {effort:g} {'N m' if joint.kind == 'Revolute' else 'N'}"
-                self.losses.add("effort limits", joint.name)
             if positive_number(given.get("velocity", "")):
                 self.losses.add("velocity limits", joint.name)
             self.description.drives.append(
@@ -198,6 +240,7 @@ class Relations:
                     input=f"{joint.name}.{force}",
                     unit=UNITS[joint.kind],
                     description=text,
+                    limits=(-effort, effort) if effort else None,
                 )
             )
         mimics = [joint for joint in robot.findall("joint") if joint.find("mimic") is not None]

@@ -221,7 +221,14 @@ class Statements:
         """Yield the inputs and the drives."""
         for drive in self.description.drives:
             of = JOINT_QUANTITIES[self.bodies[drive.body].joint.kind]
-            yield from self._force(drive.name, f"mb.JointForce({self._signal(drive, of)})", [drive.body])
+            signal = self._signal(drive, of)
+            if drive.limits is not None:
+                block, limits = f"{drive.name}_limit", self._limits(drive, of)
+                yield from call(f"{block} = m.limiter", [f'"{block}"', signal, *limits, f'unit="{of.force}"'])
+                signal = block
+            yield from self._force(drive.name, f"mb.JointForce({signal})", [drive.body])
+            if drive.bias:
+                yield from self._force(f"{drive.name}_bias", f"mb.JointForce({number_text(drive.bias)})", [drive.body])
             if drive.stiffness or drive.damping:
                 values = []
                 for key, value, unit in (
@@ -240,7 +247,16 @@ class Statements:
         if drive.gain != 1.0:
             text = f"Force of {drive.name} on {drive.joint} per unit of its input"
             signal = f"mb.Product({signal}, {self._parameter(f'{drive.name}_gain', drive.gain, of.force, text)})"
-        return f"mb.Sum({signal}, {number_text(drive.bias)})" if drive.bias else signal
+        return signal
+
+    def _limits(self, drive: ImportedDrive, of: Quantities) -> list[str]:
+        """Return the limits of the force of a drive as code, and declare them if they are symmetric."""
+        lower, upper = drive.limits or (0.0, 0.0)
+        if lower != -upper:
+            return [f"lower={number_text(lower)}", f"upper={number_text(upper)}"]
+        text = f"Limit of the force of {drive.name} on {drive.joint}"
+        own = self._parameter(f"{drive.name}_limit", upper, of.force, text, positive=True)
+        return [f"lower=-{own}", f"upper={own}"]
 
     # ---- outputs ----------------------------------------------------------------------------------------------------
 

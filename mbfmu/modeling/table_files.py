@@ -60,7 +60,7 @@ def read_table(path: Path | str, column: str = "", *, kind: str = "spline", beyo
     UserError
         The file cannot be read, the column does not exist, a unit is unknown, a value is not a finite number, or the
         times do not increase. The message contains the line of the file. A table whose unit is of another quantity than
-    that of the input that it replaces is refused by the functions that receive it.
+        that of the input that it replaces is refused by the functions that receive it.
     """
     found = read_column(path, column)
     table = MeasuredTable(found.times, found.values, kind, beyond, found.source, found.unit)

@@ -51,4 +51,5 @@ def _omitted(load: Load) -> str:
         return ": its force"
     what = "free length" if isinstance(load, Spring) else "lower limit"
     unloaded = load.free if isinstance(load, Spring) else (getattr(load, "lower", None) or 0.0)
-    return f", but its {what} is {unloaded:g} m: its elastic force" if unloaded else ""
+    size = f"{unloaded:g} m" if isinstance(unloaded, int | float) else "a signal"
+    return f", but its {what} is {size}: its elastic force" if unloaded else ""

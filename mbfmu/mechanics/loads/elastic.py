@@ -1,7 +1,8 @@
 """What springs have in common: a stiffness, or a law of the force over the stretch, damping and a free length.
 
 A table is integrated, so that such a spring stores energy as a linear one does. Of a function no integral is known: its
-energy is in no potential, and the work it does is in the balance instead.
+energy is in no potential, and the work it does is in the balance instead. This is also the case if
+the free length is a signal.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from mbfmu.mechanics import law
 from mbfmu.mechanics.curve import curve
 from mbfmu.mechanics.kind import Attachment, kernel_of
 from mbfmu.mechanics.numbers import finite, not_negative
-from mbfmu.mechanics.signals import Table
+from mbfmu.mechanics.signals import Signal, Table
+from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.compiled.record import Record, f8, i8
 
@@ -68,18 +70,22 @@ class ElasticForce(Force):
     """Spring and parallel damper.
 
     Its kernels are for a stiffness and for a table; ``kernels_of_law`` returns ``apply`` and ``power`` of one with a
-    function of the time, the stretch and its rate.
+    function of the time, the stretch and its rate. ``moving`` has those of a free length that is a signal, and its
+    record has the field ``signal``; None: this is not allowed.
     """
 
     kernels_of_law: ClassVar[Any]
+    moving: ClassVar[type[Force] | None] = None
 
     stiffness: Any = 0.0
     damping: float = 0.0
-    free: float = 0.0
+    free: Any = 0.0
 
     def __post_init__(self) -> None:
-        """Take the kernels of a function."""
-        if self._is_function():
+        """Take the kernels of a function, or of a free length that is a signal."""
+        if self._is_moving() and self.moving is not None:
+            self.become(self.moving)
+        elif self._is_function():
             f = as_law(law.law_of(f"stiffness of a {type(self).__name__}", self.stiffness, ("x",)))
             apply, power = kernel_of(self, "kernels_of_law")(f)
             for name, function in {"apply": apply, "power": power, "potential": None}.items():
@@ -88,16 +94,29 @@ class ElasticForce(Force):
     def _is_function(self) -> bool:
         return isinstance(self.stiffness, str) or callable(self.stiffness)
 
+    def _is_moving(self) -> bool:
+        return isinstance(self.free, Signal | str) or callable(self.free)
+
     def check(self, what: str) -> None:
         """Refuse what is no number, and what is below zero: a force that drives away is a function of the stretch."""
         if not (isinstance(self.stiffness, Table) or self._is_function()):
             not_negative(f"stiffness of {what}", self.stiffness)
         not_negative(f"damping of {what}", self.damping)
-        finite(f"free of {what}", self.free)
+        if not self._is_moving() or self.moving is None:
+            finite(f"free of {what}", self.free)
+        elif self._is_function():
+            raise UserError(
+                f"{what} has a function as its stiffness and a signal as `free`; allowed: one of the two. Give it a "
+                "number or a Table as its stiffness"
+            )
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write how much."""
-        record["damping"], record["free"] = self.damping, self.free
+        record["damping"] = self.damping
+        if self._is_moving():
+            record["signal"] = site.signal(self.free, f"free of {site.name}")
+        else:
+            record["free"] = self.free
         if isinstance(self.stiffness, Table):
             self.stiffness.write(f"stiffness of {site.name}", record, site)
         elif not self._is_function():
@@ -105,5 +124,5 @@ class ElasticForce(Force):
 
     @property
     def is_nonconservative(self) -> bool:
-        """Whether it is damped, or its force a function."""
-        return bool(self.damping) or self._is_function()
+        """Whether it is damped, its force a function, or its free length a signal."""
+        return bool(self.damping) or self._is_function() or self._is_moving()

@@ -7,10 +7,12 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics import law
+from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.compiled.record import i8
 
+from .base import Force
 from .elastic import ElasticForce, ElasticRecord, elastic_energy, elastic_force
 
 if TYPE_CHECKING:
@@ -43,6 +45,39 @@ def power(force: JointSpringRecord, t: float, arrays: Arrays, state: State) -> f
     return -force.damping * state.v[force.v] * state.v[force.v]
 
 
+class MovingJointSpringRecord(JointSpringRecord):
+    """Parameters of :class:`JointSpring` whose unloaded coordinate is a signal."""
+
+    signal: i8
+
+
+@kernel
+def moving_force(force: MovingJointSpringRecord, t: float, arrays: Arrays, state: State) -> float:
+    """Force against the coordinate."""
+    f = elastic_force(force, state.q[force.q] - signal_value(force.signal, t, arrays), arrays)
+    return f + force.damping * state.v[force.v]
+
+
+@kernel
+def apply_moving(force: MovingJointSpringRecord, t: float, arrays: Arrays, state: State) -> None:
+    """See :mod:`.base`."""
+    state.Q[force.v] -= moving_force(force, t, arrays, state)
+
+
+@kernel
+def power_moving(force: MovingJointSpringRecord, t: float, arrays: Arrays, state: State) -> float:
+    """Force times rate of the coordinate."""
+    return -moving_force(force, t, arrays, state) * state.v[force.v]
+
+
+class MovingJointSpring(Force):
+    """Record and kernels of a :class:`JointSpring` whose unloaded coordinate is a signal."""
+
+    record = MovingJointSpringRecord
+    apply = apply_moving
+    power = power_moving
+
+
 @cache
 def kernels_of(f: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` of a spring whose force is a function."""
@@ -70,7 +105,8 @@ class JointSpring(ElasticForce):
         place of a stiffness gives the force over the deflection x, as does a function ``lambda x: ...`` or an
         expression ``"3 * x**3"``: the work of such a function is computed, its energy is not.
     free
-        Unloaded coordinate, rad or m.
+        Unloaded coordinate, rad or m: a number, or a signal or an input, as of a servo drive with a given stiffness.
+        The work of a spring with a signal is computed, its energy is not.
     """
 
     record = JointSpringRecord
@@ -80,6 +116,8 @@ class JointSpring(ElasticForce):
     potential = potential
     power = power
     kernels_of_law = kernels_of
+    moving = MovingJointSpring
+    variants = (MovingJointSpring,)
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write where it acts too."""

@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbfmu.mechanics import law
+from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force, arm
 from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.record import i8
 
-from .base import PointPairRecord, Points, fill_points
+from .base import Force, PointPairRecord, Points, fill_points
 from .elastic import ElasticForce, ElasticRecord, elastic_energy, elastic_force
 
 if TYPE_CHECKING:
@@ -84,6 +86,46 @@ def power(force: SpringRecord, t: float, arrays: Arrays, state: State) -> float:
     return -force.damping * rate * rate
 
 
+class MovingSpringRecord(SpringRecord):
+    """Parameters of :class:`Spring` whose free length is a signal."""
+
+    signal: i8
+
+
+@kernel
+def moving_force(force: MovingSpringRecord, line: Any, t: float, arrays: Arrays) -> float:
+    """Force that pulls the points together; see :func:`connecting_line`."""
+    _, _, _, length, rate = line
+    f = force.damping * rate
+    if length != 0.0:
+        f += elastic_force(force, length - signal_value(force.signal, t, arrays), arrays)
+    return f
+
+
+@kernel
+def apply_moving(force: MovingSpringRecord, t: float, arrays: Arrays, state: State) -> None:
+    """See :mod:`.base`."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    line = connecting_line(force, A, B)
+    pull_together(A, B, line, moving_force(force, line, t, arrays))
+
+
+@kernel
+def power_moving(force: MovingSpringRecord, t: float, arrays: Arrays, state: State) -> float:
+    """Force times rate of the distance."""
+    line = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
+    _, _, _, _, rate = line
+    return -moving_force(force, line, t, arrays) * rate
+
+
+class MovingSpring(Force):
+    """Record and kernels of a :class:`Spring` whose free length is a signal."""
+
+    record = MovingSpringRecord
+    apply = apply_moving
+    power = power_moving
+
+
 @cache
 def kernels_of(f: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` of a spring whose force is a function."""
@@ -122,8 +164,10 @@ class Spring(ElasticForce):
     at_a, at_b
         End points in the frames of bodies a and b, m.
     free
-        Free length, m. If the ends coincide, the damper acts along their relative velocity, and the elastic force
-        has no direction and is omitted; a message reports this if it occurs at the start and ``free`` is not zero.
+        Free length, m: a number, or a signal or an input, as of a muscle or of a drive with a given stiffness. The work
+        of a spring with a signal is computed, its energy is not. If the ends coincide, the damper acts along their
+        relative velocity, and the elastic force has no direction and is omitted; a message reports this if it occurs at
+        the start and ``free`` is not zero.
     """
 
     record = SpringRecord
@@ -132,6 +176,8 @@ class Spring(ElasticForce):
     potential = potential
     power = power
     kernels_of_law = kernels_of
+    moving = MovingSpring
+    variants = (MovingSpring,)
 
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
@@ -146,5 +192,5 @@ class Spring(ElasticForce):
         return self.at_a, self.at_b
 
     def extent(self) -> float:
-        """Return its free length."""
-        return abs(self.free)
+        """Return its free length, if it is constant."""
+        return 0.0 if self._is_moving() else abs(self.free)
