@@ -23,7 +23,7 @@ def add(commands: Commands) -> None:
         "couplings and drives are imported; masses, start positions and other values become parameters. Joints of URDF "
         "files and actuators of MJCF files become inputs. Joint coordinates, points (sites) and the last bodies of "
         "chains become outputs. The command lists what is not imported, such as contact. The written file is the model "
-        "from then on: edit it, and run or export it. The package MuJoCo reads the file: pip install 'mbfmu[import]'.",
+        "from then on: edit it, and run or export it. The package mujoco-core (extra `import`) reads the file.",
         epilog="examples:\n  mbfmu import robot.urdf -o robot.py\n"
         "  mbfmu import robot.urdf --floating       the base of the robot moves freely\n"
         "  mbfmu import linkage.urdf --close rod_end pin  a ball joint closes the loop\n"
@@ -50,11 +50,12 @@ def add(commands: Commands) -> None:
         nargs="+",
         action="append",
         default=[],
-        metavar="BODY",
-        help="close a loop, since URDF describes trees only: two bodies whose frames coincide, and the kind of the "
-        "joint: spherical (default), revolute (about the z axes of both frames) or weld; may be repeated",
+        metavar=("BODY", "BODY KIND"),
+        help="close a loop between two bodies, since URDF describes trees only. KIND of the joint: spherical (default; "
+        "the origins of the bodies coincide), revolute (also their z axes) or weld (also their orientations). Give the "
+        "file before this option. May be repeated",
     )
-    p.add_argument("--strict", action="store_true", help="refuse files of which something is not imported")
+    p.add_argument("--strict", action="store_true", help="refuse a file if any element is not imported")
     p.set_defaults(command=command_import)
 
 

@@ -288,7 +288,7 @@ class Cache(FunctionCache):
 
 @cache
 def _initialize(context: Any) -> None:
-    """Load what numba knows of types; numba does so before it loads any function."""
+    """Load the types of numba, as numba does before it loads any function."""
     context.refresh()
 
 
