@@ -52,8 +52,8 @@ def add_input(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="signal that replaces an input of the model: a number or an expression of the time t (s), in the unit of "
         "the input, such as --input 'force=10*sin(30*t)'; or a CSV or Parquet file whose first column is the time, "
-        "such as --input road.height=road.csv, followed by the name of a column if necessary (road.csv:left). Loads are "
-        "interpolated linearly, positions of joints by a spline. FMUs do not have this input. May be repeated",
+        "such as --input road.height=road.csv, followed by the name of a column if necessary (road.csv:left). Loads "
+        "are interpolated linearly, positions of joints by a spline. FMUs do not have this input. May be repeated",
     )
 
 
