@@ -22,6 +22,7 @@ import numpy as np
 from engines.problems import END, TIMES, Array, Problem, Run, problems
 
 from mbfmu.plotting.figures import finish, subplots
+from mbfmu.session.saved_states import Checkpoint
 from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.text_table import format_table
 
@@ -46,19 +47,19 @@ def ours(problem: Problem) -> Iterator[tuple[str, Run]]:
     for solver in SOLVERS:
         for tolerance in TOLERANCES:
             simulation = Simulation(problem.ours(), Settings(solver=solver, tolerance=float(tolerance)))
-            fresh = simulation.stepper.save()
+            fresh = simulation.checkpoint()
             place = [variable.name for variable in simulation.variables].index(problem.angle)
             values = np.zeros((len(TIMES) - 1, len(simulation.variables)))
             first = float(simulation.outputs()[place])
 
             def run(
                 simulation: Simulation = simulation,
-                fresh: object = fresh,
+                fresh: Checkpoint = fresh,
                 values: Array = values,
                 place: int = place,
                 first: float = first,
             ) -> Array:
-                simulation.stepper.restore(fresh)
+                simulation.rollback(fresh)
                 if simulation.record(TIMES[1:], values) < len(values):
                     raise RuntimeError("the run stops early")
                 return np.concatenate(([first], values[:, place]))
