@@ -149,6 +149,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5, help="runs of every setting after the first")
     parser.add_argument("--budget", type=float, default=60.0, help="CPU time for one engine and mechanism, s")
     options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
     chosen = {n: p for n, p in problems(options.loops).items() if not options.names or n in options.names}
     modules = {}
     for package, title in ENGINES.items():
