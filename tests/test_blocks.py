@@ -304,7 +304,7 @@ def _pid(m: Mechanism, arm: Any, **given: Any) -> Any:
         (lambda m, arm: m.limiter("b", 1.0, lower=2.0, upper=-2.0), "lower of block 'b' is 2.0, upper -2.0"),
         (lambda m, arm: m.limiter("b", 1.0, lower=np.nan, upper=1.0), "lower of block 'b' is nan"),
         (_pid, "has no gain"),
-        (lambda m, arm: _pid(m, arm, derivative=1.0), "neither rate and filter_time"),
+        (lambda m, arm: _pid(m, arm, derivative=1.0), "neither rate nor filter_time"),
         (lambda m, arm: _pid(m, arm, derivative=1.0, filter_time=0.0), "filter_time of block 'b' is 0.0"),
         (lambda m, arm: _pid(m, arm, proportional=1.0, filter_time=1.0), "no derivative part"),
         (lambda m, arm: _pid(m, arm, integral=1.0, upper=1.0), "no tracking_time follows from"),

@@ -155,10 +155,11 @@ def test_the_command_states_the_input(tmp_path: Path, capsys: pytest.CaptureFixt
     assert mb.Result.load(file)["x"][-1] == pytest.approx(0.5, abs=1e-5)
     (scene,) = tmp_path.rglob("default.toml")
     assert '"force" = "6*t"' in scene.read_text()
+    scene.write_text(scene.read_text().replace('"6*t"', "{times = [0, 1], values = [0, 6]}"))
     assert main(["run", str(scene), "-o", str(tmp_path / "fmu")]) == 0  # as an FMU
     (file,) = (tmp_path / "fmu").rglob("result.npz")
     assert mb.Result.load(file)["x"][-1] == pytest.approx(0.5, abs=1e-5)
-    assert mb.Result.load(file).inputs == ("force: function of time, evaluated at the solver's times",)
+    assert mb.Result.load(file).inputs == ("force: points, evaluated at the solver's times",)
     short = tmp_path / "short.csv"
     short.write_text("time,force [N]\n0,0\n0.5,1\n")
     assert main(["run", model, "--input", f"force={short}", *where]) == 2
@@ -250,3 +251,24 @@ def test_an_fmu_that_calls_python_contains_the_input(tmp_path: Path) -> None:
         mb.UserError, match=r"input .force. is .*which a scene file and an FMU that calls Python cannot"
     ):
         mb.export(Cart().with_inputs({"force": lambda t: 6.0 * t}), tmp_path / "cart.fmu", native=False)
+
+
+@pytest.mark.parametrize("solver", ["adams", "ida", "radau"])
+@pytest.mark.parametrize(
+    ("force", "impulse"),
+    [("100*exp(-((t-5.2)/0.01)**2)", np.sqrt(np.pi)), ("(t>5.2)*(t<5.23)/0.03", 1.0)],
+)
+def test_pulses_that_are_shorter_than_a_step_are_not_missed(force: str, impulse: float, solver: str) -> None:
+    """The cart moves uniformly after the impulse."""
+    model = Cart(mass=1.0).with_inputs({"force": force})
+    found = mb.simulate(model, 10.0, interval=0.1, solver=solver)
+    assert found["x"][-1] - found["x"][-2] == pytest.approx(0.1 * impulse, rel=1e-5)
+    assert not found.warning
+
+
+def test_the_command_does_not_miss_a_pulse(tmp_path: Path) -> None:
+    """It does not simulate an FMU then, which does not know the length of the run."""
+    given = ["--input", "force=100*exp(-((t-5.2)/0.01)**2)", "--set", "mass=1", "--stop-time", "10"]
+    assert main(["-q", "run", f"{__file__}:Cart", "--solver", "ida", *given, "-o", str(tmp_path)]) == 0
+    (path,) = tmp_path.rglob("result.npz")
+    assert mb.Result.load(path)["x"][-1] == pytest.approx(np.sqrt(np.pi) * (10.0 - 5.2), rel=1e-5)

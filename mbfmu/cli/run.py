@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from mbfmu.modeling.replaced_inputs import describe
+from mbfmu.modeling.replaced_inputs import describe, is_approximated
 from mbfmu.modeling.scene import Scene, as_toml
 from mbfmu.modeling.variables import ENERGY_OUTPUTS
 from mbfmu.plotting.time_series import errors_of, matching
@@ -95,7 +95,9 @@ The name of the folder ends in -failed if the run ended early, and in -inaccurat
 exit code is 1 in both cases, 2 for an invalid argument, and 130 for an interrupted run. The last two write no files.
 
 An FMU does not provide the positions of bodies. They are computed by a direct repeat of the run. It is omitted if the
-FMU took more than {MAX_REPEATED_RUN_TIME:g} s, or if the repeat would need compilation that the FMU did not.""",
+FMU took more than {MAX_REPEATED_RUN_TIME:g} s, or if the repeat would need compilation that the FMU did not.
+
+If a function or an expression of time replaces an input, the run is direct (--direct): short pulses are not missed.""",
         epilog=RUN_EXAMPLES,
     )
     add_scene(p)
@@ -164,7 +166,9 @@ def run_scene(
     """Return the result of a scene, through its FMU or directly; ``warn`` is called during the run."""
     times, found = communication_points(scene.stop_time, scene.output_interval), list[Diagnostic]()
     with progress(scene, options.quiet) as bar:
-        if options.direct:
+        if options.direct or any(
+            map(is_approximated, scene.model.replaced_inputs.values())
+        ):  # an FMU does not know the length of the run
             result, method = run(scene.model, scene.settings, times, bar, recorder, warn), RunMethod.DIRECT
         else:
             from mbfmu.fmi.export import FmuKind, export_scene

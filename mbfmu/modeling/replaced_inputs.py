@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -99,6 +99,11 @@ def entry_text(name: str, value: Signal) -> str:
     if isinstance(own, dict):
         return "{" + ", ".join(f"{key} = {json.dumps(one)}" for key, one in own.items()) + "}"
     return json.dumps(own)
+
+
+def is_approximated(signal: Signal) -> TypeGuard[Function]:
+    """Whether a signal is approximated over a run of known length: a function without the time in which it changes."""
+    return isinstance(signal, Function) and signal.time == Function.time
 
 
 def given_for(signals: Mapping[str, Signal]) -> GivenInputs | None:

@@ -15,6 +15,7 @@ from mbfmu.mechanics.arrays.given_inputs import Given, GivenInputs
 from mbfmu.mechanics.numbers import ascending_times, positive
 from mbfmu.mechanics.signals import Signal
 from mbfmu.modeling.model import Model, as_model
+from mbfmu.modeling.replaced_inputs import is_approximated
 from mbfmu.modeling.scene import MAX_OUTPUTS
 from mbfmu.modeling.settings import Settings
 from mbfmu.util.diagnostics import INACCURATE_CODES, Diagnostic, without_repeats
@@ -119,6 +120,14 @@ def warn_about_step_count(found: Diagnostic) -> None:
     warnings.warn(str(found), RuntimeWarning, stacklevel=2)
 
 
+def _over_time(signals: Mapping[str, Signal]) -> dict[str, Any]:
+    """Return signals that replace inputs as a run of known length takes them.
+
+    Functions are approximated over the whole run, so that pulses which are shorter than a step are not missed.
+    """
+    return {name: signal.law if is_approximated(signal) else signal for name, signal in signals.items()}
+
+
 def run(
     model: Model | Mechanism,
     settings: Settings,
@@ -152,7 +161,7 @@ def run(
     numbers: dict[str, Any] = {name: value for name, value in (inputs or {}).items() if name not in given}
     model = as_model(model)
     if model.replaced_inputs:
-        given, model = {**model.replaced_inputs, **given}, replace(model)
+        given, model = {**_over_time(model.replaced_inputs), **given}, replace(model)
     settings = settings.for_model(model)
     given_inputs = GivenInputs(given, numbers, times, settings.tolerance, set_later=watch is not None)
     start, duration = float(times[0]), float(times[-1] - times[0])

@@ -32,6 +32,7 @@ SYMBOLS = {
     "Hz": Unit({"s": -1}, 1.0),
     "g": Unit({"kg": 1}, 1e-3),
     "mm": Unit({"m": 1}, 1e-3),
+    "ms": Unit({"s": 1}, 1e-3),
     "min": Unit({"s": 1}, 60.0),
     "deg": Unit({"rad": 1}, pi / 180.0),
     "rev": Unit({"rad": 1}, 2.0 * pi),

@@ -101,8 +101,8 @@ class Controllers(Blocks):
             raise UserError(f"{what} has no gain; give it proportional, integral or derivative")
         if kd and (rate is None) == (filter_time is None):
             raise UserError(
-                f"{what} has a derivative part, with {'neither' if rate is None else 'both'} rate and filter_time; "
-                "allowed: one of the two"
+                f"{what} has a derivative part, with {'neither rate nor' if rate is None else 'both rate and'} "
+                "filter_time; allowed: one of the two"
             )
         if not kd and (rate is not None or filter_time is not None):
             raise UserError(f"{what} has a rate or a filter_time, and no derivative part; give it derivative, too")
