@@ -384,7 +384,9 @@ ASSET = '<asset><mesh name="shell" file="shell.stl"/></asset>'
         (b"", "is empty"),
         (b" \n ", "is empty"),
         (b"solid mesh", "is not valid XML"),
-        (b"\x00\x01\xff\xfe", "is not valid XML"),
+        (b"\x00\x01\xff\xfe", "is not UTF-8 text at byte 2"),
+        ('<?xml version="1.0" encoding="ISO-8859-1"?><robot name="é"/>'.encode("latin-1"), "is not UTF-8 text"),
+        (mjcf("<body><joint/><geom size='.1' pos='nan 0 0'/></body>"), "such as <geom pos='nan 0 0'>"),
         (b"<mujoco><worldbody>", "is not valid XML"),
         (BOMB, "document type or entities"),
         (b"<sdf version='1.6'/>", "has the root element <sdf>; allowed: <robot> of URDF and <mujoco> of MJCF"),
@@ -395,7 +397,7 @@ ASSET = '<asset><mesh name="shell" file="shell.stl"/></asset>'
         (mjcf("<body name='arm'><joint/><inertial pos='0 0 0' mass='1' diaginertia='1 1 3'/></body>"), "A . B >= C"),
         (mjcf(f"<body><joint axis='0 0 0'/>{INERTIAL}</body>"), "axis too small"),
         (mjcf(f"<body><joint damping='inf'/>{INERTIAL}</body>"), "dof_damping of MuJoCo is not finite at number 0"),
-        (mjcf(f"<body><joint ref='nan'/>{INERTIAL}</body>"), "is not finite"),
+        (mjcf(f"<body><joint ref='nan'/>{INERTIAL}</body>"), "such as <joint ref='nan'>"),
         (mjcf(f"<body name='arm'><joint/>{MESH}</body>", ASSET), r"body 'arm' has its mass and inertia from the mesh"),
         ("<robot name='r' xmlns:xacro='http://www.ros.org/wiki/xacro'><xacro:a/></robot>", "contains macros of xacro"),
         (f"<robot name='r'><link name='a'/><link name='b'>{LINK}</link><joint name='j' type='revolute'>"
@@ -450,3 +452,13 @@ def test_an_old_version_of_mujoco_is_refused(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(extras, "import_module", lambda _: old)
     with pytest.raises(mb.UserError, match=r"mujoco 3\.3\.7 is installed; 4\.0 or newer is required"):
         source_code(written(tmp_path, ARM))
+
+
+@pytest.mark.parametrize("name", ["&quot;", "&quot;&quot;&quot;", "日本&quot;", "\\"])
+def test_names_of_which_nothing_remains_are_replaced(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "odd.xml"
+    body = '<body><joint name="h"/><geom size=".1" pos=".2 0 0" contype="0" conaffinity="0"/></body>'
+    path.write_text(
+        f'<mujoco><worldbody>{body}</worldbody><actuator><motor name="{name}" joint="h"/></actuator></mujoco>'
+    )
+    assert len(mb.load(path).compile().inputs.variables) == 1

@@ -99,6 +99,8 @@ def compile_file(path: Path, *, floating: bool = False) -> CompiledFile:
     finally:
         mujoco.set_mju_user_warning(before)
     messages += [str(warning.message) for warning in found]
+    if any("'NaN'" in message for message in messages):  # zero is in its place
+        raise UserError(f"{str(path)!r} contains numbers that are nan{_nan_place(root)}; correct the file")
     _check_finite(path, mujoco, model)
     return CompiledFile(path, kind, model, mujoco, root if kind == "URDF" else None, tuple(messages), inertias)
 
@@ -128,6 +130,12 @@ def _read(path: Path) -> bytes:
         raise UserError(f"{str(path)!r} is empty; allowed: a model in URDF or MJCF")
     if re.search(rb"<!\s*(DOCTYPE|ENTITY)", text, re.IGNORECASE):
         raise UserError(f"{str(path)!r} contains a document type or entities; remove <!DOCTYPE ...> from the file")
+    try:
+        text.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise UserError(
+            f"{str(path)!r} is not UTF-8 text at byte {error.start}; convert it: iconv -f ISO-8859-1 -t UTF-8"
+        ) from error
     return text
 
 
@@ -223,6 +231,15 @@ def _check_finite(path: Path, mujoco: Any, model: Any) -> None:
             raise UserError(f"{str(path)!r}: {name} of MuJoCo is not finite at number {wrong[0][0]}; correct the file")
     if model.nbody == 1 or model.nv == 0:
         raise UserError(f"{str(path)!r} has no joint that moves a body; allowed: one or more")
+
+
+def _nan_place(root: ElementTree.Element) -> str:
+    """Return where the first attribute with a number that is nan is; empty: in another file."""
+    for element in root.iter():
+        for key, value in element.attrib.items():
+            if key != "name" and any(part.strip("+-").lower() == "nan" for part in value.split()):
+                return f", such as <{element.tag} {key}={shorten(value)!r}>"
+    return ""
 
 
 def _message(error: Exception) -> str:

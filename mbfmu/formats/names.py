@@ -28,8 +28,8 @@ class Names:
         self._numbers: dict[str, int] = {}
 
     def new(self, text: str, default: str) -> str:
-        """Return an identifier for a name; ``default`` if nothing remains of it, with a number if it is taken."""
-        return self.unique(identifier(text) or default)
+        """Return an identifier for a name; for ``default`` if nothing remains of it, with a number if it is taken."""
+        return self.unique(identifier(text) or identifier(default) or "unnamed")
 
     def unique(self, base: str) -> str:
         """Return an identifier, with a number if it is taken."""

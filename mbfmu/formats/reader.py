@@ -57,7 +57,7 @@ def read_file(path: Path, *, floating: bool = False, close: Sequence[Closure] = 
     with_range = [joint.name for _, joint in tree.of_joint if joint.lower is not None]
     if with_range:
         losses.note(
-            f"elastic stops replace the ranges of {len(with_range)} joint(s)",
+            f"ranges of joints ({len(with_range)}) are elastic stops",
             "Their stiffness is that of MuJoCo in the start position, their damping that of the parameters; the "
             "parameter stops = false removes them",
         )
