@@ -122,7 +122,8 @@ def draw(found: dict[str, list[Point]], titles: dict[str, str], path: Path) -> N
         ax.set_xlabel("largest error [rad]")
         ax.grid(alpha=0.3, which="major")
     axes[0][0].set_ylabel("CPU time [ms]")
-    axes[0][0].legend(fontsize=8)
+    known = {label: line for ax in axes[0] for line, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    axes[0][0].legend(known.values(), known.keys(), fontsize=8)
     finish(figure, path)
 
 
