@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -51,7 +51,8 @@ def turns() -> Iterator[None]:
     finally:
         while len(_taken) > before:
             file, place = _taken.pop()
-            fcntl.lockf(file, fcntl.LOCK_UN, 1, place)
+            with suppress(OSError):  # the file system has been lost; the turn ends with the process
+                fcntl.lockf(file, fcntl.LOCK_UN, 1, place)
 
 
 @cache
