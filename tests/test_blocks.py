@@ -313,8 +313,16 @@ def _pid(m: Mechanism, arm: Any, **given: Any) -> Any:
             "tracking_time of block 'b' is -1.0",
         ),
         (
+            lambda m, arm: _pid(m, arm, proportional=1.0, integral=1.0, upper=1.0, start=50.0),
+            "start of block 'b' is 50.0, and its output is limited to -inf to 1; allowed: a value within the limits",
+        ),
+        (
+            lambda m, arm: _pid(m, arm, proportional=1.0, start=0.5),
+            "a start of its integral part, and no integral part",
+        ),
+        (
             lambda m, arm: m.dc_motor("b", arm, 1.0, resistance=1, inductance=0, torque_constant=1),
-            "inductance of block",
+            "inductance of block 'b' is 0; allowed: greater than zero.*use a JointForce with the law",
         ),
         (
             lambda m, arm: m.dc_motor("b", arm, 1.0, resistance=1, inductance=1, torque_constant=1, ratio=0),

@@ -8,7 +8,7 @@ from scipy.special import ellipk, ellipkinc
 
 import mbfmu as mb
 from mbfmu.modeling.settings import Settings
-from mbfmu.session.impulses import velocity_jump
+from mbfmu.session.impulses import UndeterminedJumpError, velocity_jump
 from mbfmu.session.result import Result
 from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import UserError
@@ -275,6 +275,42 @@ def test_what_is_no_event_is_refused(change: dict, text: str):
         m.event("e", **({"sensor": body.rate()} | change))
 
 
+def test_a_time_before_the_start_of_models_is_refused():
+    m, _ = ball()
+    with pytest.raises(UserError, match=r"time of event 'e' is -1.0; allowed: finite and not negative"):
+        m.event("e", at=-1.0)
+
+
+def test_an_event_at_the_start_occurs_before_the_first_output():
+    """Closed form: the ball is at rest, and starts with the impulse divided by its mass."""
+    m, body = ball(rate=0.0)
+    m.event("throw", at=0.0, then=mb.Impulse(body, 3.0))
+    result = mb.simulate(m, 0.5, interval=0.25, solver="adams", tolerance=1e-8)
+    np.testing.assert_allclose(result["rate"], 3.0 - G * result.t, rtol=0.0, atol=1e-7)
+    assert times(result, "throw") == [0.0]
+    m, body = ball()
+    m.event("no run", at=0.0, then=mb.EndRun())
+    result = mb.simulate(m, 0.5, interval=0.25, solver="adams")
+    assert result.t.tolist() == [0.0]
+
+
+def test_events_before_the_start_of_a_run_are_reported():
+    m, body = ball(rate=0.0)
+    m.event("throw", at=0.5, then=mb.Impulse(body, 3.0))
+    m.event("throw again", at=1.0, then=mb.Impulse(body, 3.0))
+    simulation = Simulation(m, Settings(solver="adams", tolerance=1e-8), 1.0)
+    note = next(d for d in simulation.diagnostics if d.code == "earlier-event")
+    assert "at t = 1 s do not occur: 'throw' (t = 0.5 s)" in note.text
+    assert simulation.outputs()[1] == pytest.approx(3.0)
+
+
+def test_a_parameter_of_a_mechanism_without_parameters_is_refused():
+    m, _ = ball()
+    m.event("e", at=0.5, then=mb.SetParameter("mass", 1.0))
+    with pytest.raises(UserError, match="has no parameter 'mass': it has no parameters"):
+        mb.simulate(m, 1.0, solver="adams")
+
+
 def test_sensors_of_forces_and_unknown_inputs_are_refused():
     m, body = ball()
     with pytest.raises(UserError, match="depends on forces or accelerations"):
@@ -352,9 +388,10 @@ def test_an_impulse_in_a_redundant_loop_of_any_size(length: float, density: floa
         assert result[f"{crank.name}.rate"][-1] == pytest.approx(0.7, rel=1e-7)
 
 
-def test_an_impulse_on_what_has_no_mass_has_no_jump() -> None:
+def test_an_impulse_on_what_has_no_mass_is_refused() -> None:
     m = mb.Mechanism()
     arm = m.body("arm", m.ground, mb.Revolute(), **mb.rod(mass=1.0, length=1.0))
     m.body("nothing", arm, mb.Translational(axis="x"))
     compiled = mb.mechanics.CompiledMechanism(m)
-    assert velocity_jump(compiled, 0.0, np.zeros(2), np.zeros(2), np.array([0.0, 1.0])) is None
+    with pytest.raises(UndeterminedJumpError, match="moves a coordinate without mass"):
+        velocity_jump(compiled, 0.0, np.zeros(2), np.zeros(2), np.array([0.0, 1.0]))

@@ -270,6 +270,14 @@ def test_a_joint_of_another_mechanism_is_refused() -> None:
         m.event("brake", at=0.5, then=mb.Release(arm))
 
 
+def test_the_ground_has_no_joint_to_lock() -> None:
+    m = mb.Mechanism()
+    with pytest.raises(
+        UserError, match="joint of the Lock in event 'brake' is the ground, which has no joint; allowed"
+    ):
+        m.event("brake", at=0.5, then=mb.Lock(m.ground))
+
+
 def test_a_declared_joint_is_locked() -> None:
     """It connects two bodies in the opposite direction. Reference: SciPy, as above."""
     m = mb.Mechanism(gravity=(0.0, -G, 0.0))

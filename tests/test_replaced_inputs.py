@@ -52,7 +52,7 @@ def test_expressions_and_tables_replace_an_input_and_stay_if_parameters_change(t
     """Closed form: m x'' = F with F = 6 t gives x = t^3 / m; a table in kN over minutes gives the same."""
     path = tmp_path / "push.csv"
     path.write_text("time [min],force [kN]\n0,0\n1,0.36\n")
-    for value in ("6*t", mb.read_table(path)):
+    for value in ("6*t", mb.read_table(path), ([0.0, 10.0], [0.0, 60.0])):
         model = Cart().with_inputs({"force": value})
         assert not model.compile().inputs.variables
         for mass in (2.0, 3.0):
@@ -67,6 +67,10 @@ def test_what_cannot_replace_an_input_is_refused(tmp_path: Path) -> None:
         Cart().with_inputs({"fore": 1.0})
     with pytest.raises(mb.UserError, match="input 'force' is nan; allowed: a finite number, an expression"):
         Cart().with_inputs({"force": float("nan")})
+    with pytest.raises(mb.UserError, match=r"allowed: .*a pair \(times, values\) of two sequences, a Table"):
+        Cart().with_inputs({"force": [(0.0, 0.0), (1.0, 6.0), (2.0, 12.0)]})
+    with pytest.raises(mb.UserError, match="'force'"):
+        Cart().with_inputs({"force": ([0.0, 1.0], [0.0, 6.0, 12.0])})
     scene = tmp_path / "scene.toml"
     for line, problem in (("force = {times=[0, 1], values=[0, 1], knd='linear'}", "'knd'"), ("a.b = 1", "in quotes")):
         scene.write_text(f"model = '{__file__}:Cart'\n[inputs]\n{line}\n")

@@ -233,6 +233,11 @@ class Model:
                 "; it is an input. Set its value by Input(start=...) in the model, or simulate with "
                 f"mb.simulate(model, inputs={{{name!r}: ...}})"
             )
+        if not known:
+            return (
+                ": it has no parameters. Declare one in a class derived from mbfmu.Model, and build the mechanism from "
+                "it in build()"
+            )
         return suggest(name, known)
 
     def with_values(self, values: Mapping[str, Any]) -> Self:
@@ -262,8 +267,8 @@ class Model:
         Parameters
         ----------
         values
-            Values by the names of inputs: a number, an expression of the time t (s), a function of time, a
-            :class:`.Table` or another signal. They are added to those of the model.
+            Values by the names of inputs: a number, an expression of the time t (s), a function of time, a pair (times,
+            values) of arrays, a :class:`.Table` or another signal. They are added to those of the model.
 
         Raises
         ------

@@ -20,7 +20,10 @@ from mbfmu.util.errors import UserError, short
 
 from .table_files import PARQUET_SUFFIXES, read_column
 
-ALLOWED = "a finite number, an expression of the time t, a function of time, a Table, or another signal without inputs"
+ALLOWED = (
+    "a finite number, an expression of the time t, a function of time, a pair (times, values) of two sequences, a "
+    "Table, or another signal without inputs"
+)
 FILE_PATTERN = re.compile(rf"(.+(?:{'|'.join(map(re.escape, ('.csv', *PARQUET_SUFFIXES)))}))(?::(.+))?", re.IGNORECASE)
 
 
@@ -34,6 +37,10 @@ def signals_of(values: Mapping[str, Any]) -> dict[str, Signal]:
 def _signal(what: str, value: Any) -> Signal:
     if isinstance(value, Signal) and value.variables():
         raise UserError(f"{what} is {short(value)}; allowed: {ALLOWED}")
+    if isinstance(value, list | tuple | np.ndarray) and len(value) == 2 and all(np.ndim(part) == 1 for part in value):
+        table = MeasuredTable(value[0], value[1], KIND_BY_USE)
+        table.rows(what)  # refuses what is no table
+        return table
     if not (isinstance(value, Signal | str) or callable(value) or is_finite(value)) or np.ndim(value):
         raise UserError(f"{what} is {short(value)}; allowed: {ALLOWED}")
     return signal_of(value, what)

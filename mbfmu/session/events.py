@@ -17,15 +17,23 @@ from solvers.outcome import OK
 from solvers.stepper import spacing
 from solvers.system import Array
 
-from .event_search import EventSearch
-from .impulses import Impacts, velocity_jump
+from .event_search import CrossingSearch
+from .impulses import Impacts, UndeterminedJumpError, velocity_jump
+from .kernels.event_points import EventSearch
 from .kernels.points import account_discontinuity, check_point, energy_at
 from .locked_joints import LockedJoints
+from .run_messages import (
+    MAX_EVENTS,
+    PRESCRIBED_BOUNCE,
+    RESTING_BOUNCE,
+    RESTING_BOUNCES,
+    TOO_MANY_EVENTS,
+    filled,
+)
 from .stepper_run import SEQUENCE, StepperRun
 
-MAX_EVENTS, MIN_EVENTS_TIME_RATIO = 100, 1e-6  # 100 events need at least this part of the duration of the run
+MIN_EVENTS_TIME_RATIO = 1e-6  # MAX_EVENTS events need at least this part of the duration of the run
 EQUAL_TIME_SPACINGS = 8  # of floating-point numbers, up to which two given times are one: no step is so short
-RESTING_BOUNCES = 3  # number of bounces at rest, each within MIN_EVENTS_TIME_RATIO of the duration after another one
 
 Setters = dict[type, Callable[[str, Any], None]]  # by the class of the action: sets a value by its name
 
@@ -77,23 +85,21 @@ class RunEvents:
         watching = [event for event in declared if event.sensor is not None]
         self._places = {event.name: k for k, event in enumerate(watching)}
         self._stops = {event.name: k for k, event in enumerate(event for event in watching if event.bounce)}
-        directions = np.array([event.direction for event in watching], np.int64)
-        are_stops = np.array([event.name in self._stops for event in watching], np.bool_)
-        self._has_rate = np.array([e.sensor is not None and e.sensor.rate_sensor() is not None for e in watching], bool)
         self._restarting = np.array([event.restarts for event in watching], bool)
-        self._parts = np.append(compiled.watched, compiled.watched_rates)
-        self._search = EventSearch(self._differences, self._sizes(), directions, are_stops)
-        rates = compiled.watched_rates[are_stops[self._has_rate]]
-        self._impacts = Impacts(compiled, rates, directions[are_stops].astype(float))
+        memory = search_memory(compiled)
+        self._search = CrossingSearch(run, memory)
+        are_stops = memory.stops == 1
+        rates = memory.parts[memory.rate_places[are_stops]]
+        self._impacts = Impacts(compiled, rates, memory.directions[are_stops].astype(float))
         units = [event.sensor.unit for event in watching if event.sensor and compiled.locks.can_lock]
         self._bands = run.stepper.options.rtol * np.array([compiled.nominal(unit) for unit in units])
         self._declare(declared)
         t = run.stepper.t
         self._next_timed = sum(event.time < t for event in self._timed)
         self.records: list[EventRecord] = []
-        self.ended = False
+        self.ended = self._restarts_at_start = False
         self.stop: Diagnostic | None = None
-        self._search.begin(run.stepper)
+        self._search.begin()
 
     def _sizes(self) -> Array:
         """Return the units of the free coordinates."""
@@ -105,10 +111,11 @@ class RunEvents:
         self._declared = declared
         self._watching = [event for event in declared if event.sensor is not None]
         self._timed = sorted((e for e in declared if e.sensor is None), key=lambda event: event.time)
-        self._values = np.array([event.value for event in self._watching])
+        memory = self._search.memory
+        memory.crossed[:] = [event.value for event in self._watching]
         bounces = [event.bounce for event in self._watching]
         self._impacts.restitutions = np.array([bounce.restitution for bounce in bounces if bounce])
-        self._search.within = min((e.within for e in self._watching if e.within is not None), default=np.inf)
+        memory.control["within"] = min((e.within for e in self._watching if e.within is not None), default=np.inf)
 
     def adopt(self, declared: list[Event]) -> None:
         """Use the values and actions of the same events with other parameters of the model.
@@ -130,17 +137,20 @@ class RunEvents:
             )
         self._declare(declared)
 
-    def _differences(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the sensors minus the values that they may cross, and their rates; nan: not known."""
-        values, count = np.zeros(len(self._parts)), len(self._watching)
-        watch_sensors(t, q, v, self._parts, self._compiled.system.pinned_data, values)
-        rates = np.full(count, np.nan)
-        rates[self._has_rate] = values[count:]
-        return values[:count] - self._values, rates
+    def start(self) -> None:
+        """Execute the events of the start time, before the first outputs."""
+        here = [event for event in self._timed[self._next_timed :] if event.time == self._run.stepper.t]
+        self._next_timed += len(here)
+        if here:
+            self._act(sorted(here, key=lambda event: self._order[event.name]))
+        self._restarts_at_start = any(event.restarts for event in here)
 
     def step(self, end: float) -> None:
         """Advance to the communication point at ``end`` (s) with all events before it, or to one that ends the run."""
         run = self._run
+        if self._restarts_at_start and run.stepper.t < end:
+            self._restarts_at_start = False
+            self._search.restart(end, self._restarting)
         code = OK if self.ended or self.stop else SEQUENCE.begin_step(run, end)
         while code == OK and not self.ended and self.stop is None:
             found = self._advance(end)
@@ -148,8 +158,7 @@ class RunEvents:
                 break
             changed = bool(found) and self._act(found)
             if any(event.restarts for event in found) and run.stepper.t < end:
-                self._search.restart(run.stepper, end, self._restarting)
-                run.q, run.v, run.energy_account = run.stepper.reported
+                self._search.restart(end, self._restarting)
             if run.stepper.t >= end and not found:
                 break
             if changed:
@@ -160,8 +169,7 @@ class RunEvents:
         run, timed = self._run, self._timed[self._next_timed :]
         stepper, slack = run.stepper, EQUAL_TIME_SPACINGS * spacing(end)
         due = timed[0].time if timed and timed[0].time < end - slack else end
-        found = [self._watching[k] for k in self._search.advance(stepper, due)]
-        run.q, run.v, run.energy_account = stepper.reported
+        found = [self._watching[k] for k in self._search.advance(due)]
         state = stepper.t, run.q, run.v, run.energy_account
         check_point(run.session, *state, False)
         if stepper.status.ok and timed and stepper.t >= timed[0].time - slack:
@@ -181,10 +189,10 @@ class RunEvents:
                     self._setters[type(action)](action.name, action.value)
                     changed = True
                 elif isinstance(action, Impulse):
-                    self._apply_impulse(action)
+                    self._apply_impulse(action, event)
                 elif isinstance(action, Lock | Release):
                     self.stop = self.stop or self.locked.act(action, event.name)
-                    self._search.size = self._sizes()
+                    self._search.resize(self._sizes())
                 elif isinstance(action, EndRun):
                     self.ended = True
         after, t = self._sensor_values(), run.stepper.t
@@ -193,7 +201,7 @@ class RunEvents:
                 self.records.append(EventRecord(event.name, t, "", np.nan, np.nan))
             else:
                 k = self._places[event.name]
-                rises = event.direction > 0 if event.bounce else self._search.sides[k] > 0
+                rises = event.direction > 0 if event.bounce else self._search.memory.sides[k] > 0
                 direction = "up" if rises else "down"
                 self.records.append(EventRecord(event.name, t, direction, float(before[k]), float(after[k])))
         self._check_rest(found)
@@ -206,48 +214,32 @@ class RunEvents:
         """Let the sensors of events bounce off their stops."""
         if not found or self.stop is not None:
             return
-        run, t = self._run, self._run.stepper.t
-        names = ", ".join(repr(event.name) for event in found)
-        dv = self._impacts.jump(t, run.q, run.v, np.array([self._stops[event.name] for event in found]))
-        if dv is None:
-            self.stop = Diagnostic.error(
-                "no-inertia",
-                f"the bounce of event {names} moves a coordinate without mass at t = {t:.9g} s",
-                "Give a mass or inertia to the bodies that move freely",
-                time=t,
-                subject=found[0].name,
-            )
-        elif isinstance(dv, int):
-            event = next(event for event in found if self._stops[event.name] == dv)
-            self.stop = Diagnostic.error(
-                "prescribed-bounce",
-                f"event {event.name!r} cannot bounce at t = {t:.9g} s: drives, loop-closing joints or other stops "
-                "prescribe the rate of its sensor",
-                "Use a sensor that can move freely, or remove the Bounce",
-                time=t,
-                subject=event.name,
-            )
+        run = self._run
+        try:
+            dv = self._impacts.jump(run.stepper.t, run.q, run.v, np.array([self._stops[event.name] for event in found]))
+        except UndeterminedJumpError as error:
+            self._stop_at(found[0], error.reason)
+            return
+        if isinstance(dv, int):
+            self._stop_at(next(event for event in found if self._stops[event.name] == dv), PRESCRIBED_BOUNCE)
         else:
             self._let_jump(dv)
 
-    def _apply_impulse(self, action: Impulse) -> None:
+    def _apply_impulse(self, action: Impulse, event: Event) -> None:
         run, first = self._run, int(self._compiled.data.arrays.bodies["vf"][action.body.index])
         if first < 0:  # a locked joint transmits it
             return
         impulses = np.zeros(len(run.v))
         impulses[first + action.coordinate] = action.value
-        dv = velocity_jump(self._compiled, run.stepper.t, run.q, run.v, impulses)
-        if dv is None:
-            self.stop = Diagnostic.error(
-                "no-inertia",
-                f"an impulse on the joint of body {action.body.name!r} moves a coordinate without mass at "
-                f"t = {run.stepper.t:.9g} s",
-                "Give a mass or inertia to the bodies that move freely",
-                time=run.stepper.t,
-                subject=action.body.name,
-            )
-            return
-        self._let_jump(dv)
+        try:
+            self._let_jump(velocity_jump(self._compiled, run.stepper.t, run.q, run.v, impulses))
+        except UndeterminedJumpError as error:
+            self._stop_at(event, error.reason)
+
+    def _stop_at(self, event: Event, reason: Diagnostic, **values: float) -> None:
+        """Stop the run at an event, unless it is stopped already; ``reason`` is a template of :mod:`.run_messages`."""
+        t = self._run.stepper.t
+        self.stop = self.stop or filled(reason, time=t, subject=event.name, name=event.name, t=t, **values)
 
     def _let_jump(self, dv: Array) -> None:
         """Let the velocities jump by dv (n,); the change of the energy is work of an impulse."""
@@ -259,9 +251,9 @@ class RunEvents:
         account_discontinuity(session, before, run.stepper.t, run.q, run.v)
 
     def _sensor_values(self) -> Array:
-        run = self._run
-        found: Array = self._differences(run.stepper.t, run.q, run.v)[0] + self._values
-        return found
+        run, memory = self._run, self._search.memory
+        watch_sensors(run.stepper.t, run.q, run.v, memory.parts, self._compiled.system.pinned_data, memory.values)
+        return memory.values[: len(self._watching)].copy()
 
     def _check_density(self, last: Event) -> None:
         """Stop the run if too many events follow each other in too short a time."""
@@ -269,14 +261,7 @@ class RunEvents:
             return
         t, first = self.records[-1].time, self.records[-1 - MAX_EVENTS].time
         if t - first < MIN_EVENTS_TIME_RATIO * self._run.stepper.options.duration:
-            self.stop = Diagnostic.error(
-                "too-many-events",
-                f"event {last.name!r} is the last of {MAX_EVENTS} events within {t - first:.2g} s at t = {t:.9g} s",
-                "Use two events at different values (hysteresis), or let an action change the motion so that the "
-                "quantity does not cross the value again at once",
-                time=t,
-                subject=last.name,
-            )
+            self._stop_at(last, TOO_MANY_EVENTS, within=t - first)
 
     def _check_rest(self, found: list[Event]) -> None:
         """Stop the run if a quantity remains at its stop: its bounces follow each other in times that tend to zero."""
@@ -285,15 +270,7 @@ class RunEvents:
             times = [record.time for record in self.records if event.bounce and record.name == event.name]
             last = np.diff(times[-1 - RESTING_BOUNCES :])
             if len(last) == RESTING_BOUNCES and np.all(last < shortest):
-                self.stop = Diagnostic.error(
-                    "resting-bounce",
-                    f"event {event.name!r} comes to rest at its stop at t = {times[-1]:.9g} s: its last "
-                    f"{RESTING_BOUNCES + 1} bounces are within {times[-1] - times[-1 - RESTING_BOUNCES]:.2g} s",
-                    "A Bounce does not hold what rests on the stop: use an elastic stop, such as JointStop or "
-                    "DistanceStop, or a shorter stop time",
-                    time=times[-1],
-                    subject=event.name,
-                )
+                self._stop_at(event, RESTING_BOUNCE, within=times[-1] - times[-1 - RESTING_BOUNCES])
 
     def check_start(self) -> None:
         """Raise UserError if the sensor of a :class:`.Bounce` is beyond its stop."""
@@ -301,8 +278,8 @@ class RunEvents:
         if not self._stops:
             return
         t, size = run.stepper.t, self._compiled.system.size
-        beyond = np.array([e.direction for e in self._watching]) * self._differences(t, run.q, run.v)[0]
-        slopes, values = self._impacts.slopes(t, run.q), self._sensor_values()
+        slopes, values, memory = self._impacts.slopes(t, run.q), self._sensor_values(), self._search.memory
+        beyond = memory.directions * (values - memory.crossed)
         for k, event in enumerate(self._watching):
             if event.bounce:
                 unit = np.linalg.norm(slopes[self._stops[event.name]] * size)
@@ -316,11 +293,12 @@ class RunEvents:
     def state(self) -> dict[str, Any]:
         """Return what a saved run must contain."""
         records = [[r.name, r.time, r.direction, *(None if isnan(x) else x for x in r[3:])] for r in self.records]
-        search = self._search
-        limits = {"limit": search.limit if search.limited else 0.0, "limited": search.limited}
+        memory, control = self._search.memory, self._search.memory.control[0]
+        limited = int(control["limited"])
+        limits = {"limit": float(control["limit"]) if limited else 0.0, "limited": limited}
         return {
-            "sides": search.sides.tolist(),
-            "bands": search.bands.tolist(),
+            "sides": memory.sides.tolist(),
+            "bands": memory.bands.tolist(),
             "timed": self._next_timed,
             "ended": self.ended,
             "list": records,
@@ -330,8 +308,31 @@ class RunEvents:
     def restore(self, state: dict[str, Any]) -> None:
         """Return to a state of :meth:`state`; the state of the solver is restored afterwards."""
         self.locked.restore(state["locked"])
-        self._search.size = self._sizes()
-        self._search.sides, self._search.bands = np.array(state["sides"], np.int64), np.array(state["bands"])
-        self._search.limit, self._search.limited = state["limit"], state["limited"]
+        self._search.resize(self._sizes())
+        memory, control = self._search.memory, self._search.memory.control[0]
+        memory.sides[:], memory.bands[:] = state["sides"], state["bands"]
+        control["limit"], control["limited"] = state["limit"], state["limited"]
         self._next_timed, self.ended, self.stop = state["timed"], state["ended"], None
         self.records = [EventRecord(*r[:3], *(np.nan if x is None else x for x in r[3:])) for r in state["list"]]
+
+
+def search_memory(compiled: CompiledMechanism) -> EventSearch:
+    """Return what the search for the crossings of the events of a mechanism reads and changes."""
+    watching = [event for event in compiled.mechanism.events if event.sensor is not None]
+    has_rate = np.array([e.sensor is not None and e.sensor.rate_sensor() is not None for e in watching], bool)
+    places = np.where(has_rate, len(watching) + np.cumsum(has_rate) - 1, -1).astype(np.int64)
+    directions = np.array([event.direction for event in watching], np.int64)
+    stops = np.array([event.bounce is not None for event in watching], np.int64)
+    parts, system = np.append(compiled.watched, compiled.watched_rates), compiled.system
+    return EventSearch.allocate(parts, places, directions, stops, system.size[: system.n_velocities].copy())
+
+
+def describe_earlier_events(events: list[Event], t: float) -> list[Diagnostic]:
+    """Return a note if events of given times do not occur because a run starts later, at t (s)."""
+    earlier = [event for event in events if event.sensor is None and event.time < t]
+    if not earlier:
+        return []
+    given = ", ".join(f"{event.name!r} (t = {event.time:.9g} s)" for event in earlier)
+    text = f"events of times before the start of the run at t = {t:.9g} s do not occur: {given}"
+    remedy = "Start the run earlier, or give these events later times"
+    return [Diagnostic.note("earlier-event", text, remedy, time=t, subject=earlier[0].name)]

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
-from solvers.system import Array
+from mbfmu.util.diagnostics import Diagnostic
+from solvers.compiled.tuple_pointer import pin, unpin
+from solvers.projection.projection import UNRESOLVED_PIVOT_RATIO
+from solvers.projection.rank import find_normal_rank
+from solvers.projection.workspace import Workspace
+from solvers.system import Array, Equations, System, Terms
 
-DEPENDENT_ROW_RATIO = 1e-10  # singular value of the scaled constraint Jacobian, relative to the largest: it is none
+from .run_messages import MASSLESS_EVENT, SINGULAR_EVENT
+
+DEPENDENT_ROW_RATIO = 1e-10  # part of an impulse, relative to all of it, that moves nothing
+# Singular value of the constraint Jacobian, relative to the largest, below which the velocities after an impulse, and
+# the positions of a loop in which a joint is locked, are not resolved
+IMPULSE_PIVOT_RATIO, LOCK_PIVOT_RATIO = UNRESOLVED_PIVOT_RATIO, 1e-4
+SAME_JUMP_RATIO = 1e-9  # difference of two jumps, relative to the largest change of a velocity, that is none
 CONTRADICTION = 1e-10  # square of the inverse of the jump that stops require, in units of that which one requires
 
 
@@ -49,7 +62,7 @@ class Impacts:
         at_rest, unit = self._rates(t, q, np.zeros(self._compiled.system.n)), np.eye(self._compiled.system.n)
         return np.array([self._rates(t, q, v) - at_rest for v in unit]).T
 
-    def jump(self, t: float, q: Array, v: Array, hit: NDArray[np.int64]) -> Array | int | None:
+    def jump(self, t: float, q: Array, v: Array, hit: NDArray[np.int64]) -> Array | int:
         """Return the jump of the velocities (n,) when the quantities ``hit`` are at their stops.
 
         It is sum p_i W G_i^T with the impulses p >= 0 that solve the linear complementarity problem of Newton's law of
@@ -58,14 +71,16 @@ class Impacts:
 
         Returns
         -------
-        Array, int or None
-            None: what a quantity moves has no mass; a number: the rate of this quantity cannot change as its stop
-            requires.
+        Array or int
+            A number: the rate of this quantity cannot change as its stop requires.
+
+        Raises
+        ------
+        UndeterminedJumpError
+            As for :func:`velocity_jump`.
         """
         slopes, approach = self.slopes(t, q)[hit], self._rates(t, q, v)[hit]
         responses = velocity_jump(self._compiled, t, q, v, -slopes)
-        if responses is None:
-            return None
         demand = approach + self.restitutions[hit] * np.maximum(approach, 0.0)
         effects = -slopes @ responses.T
         p = solve_complementarity(effects, demand)
@@ -99,12 +114,53 @@ def solve_complementarity(A: Array, b: Array) -> Array | None:
     return p
 
 
-def velocity_jump(compiled: CompiledMechanism, t: float, q: Array, v: Array, impulses: Array) -> Array | None:
-    """Return the jump of the velocities by impulses on the coordinates; None: what they move has no mass.
+class UndeterminedJumpError(Exception):
+    """The velocities after an impulse are not determined; ``reason`` is a template of :mod:`.run_messages`."""
+
+    def __init__(self, reason: Diagnostic) -> None:
+        super().__init__(reason.text)
+        self.reason = reason
+
+
+class Motions(NamedTuple):
+    """The motions that the constraints allow at a state, in units of the coordinates."""
+
+    rows: Array  # (n, n) orthonormal rows; those from ``rank`` on are a basis of these motions
+    rank: int  # of the constraint Jacobian at regular positions nearby
+    resolved_rank: int  # at this position; less than ``rank`` in a singular configuration
+    mass: Array  # (n, n) mass matrix
+
+
+def allowed_motions(dense: System, t: float, q: Array, v: Array, resolution: float) -> Motions:
+    """Return the motions that the constraints allow at the state (q, v) of time t, s.
+
+    The units of the constraint equations are those at positions far from q, so that a singular configuration is
+    recognized, and the rank of their Jacobian is that of regular positions, so that redundant equations are not taken
+    for one. Singular values below ``resolution``, relative to the largest, are not resolved.
+    """
+    sizes, moving = (dense.nq, dense.n, dense.m), dense.n_velocities
+    terms, work = Terms.allocate(*sizes), pin(Workspace.allocate(*sizes, dense.n_states))
+    workspace, equations = unpin(work), Equations.of(dense, terms)
+    workspace.size[:] = dense.size
+    workspace.size_q[:] = dense.position_sizes(dense.size)
+    rank = int(find_normal_rank(equations, t, q, v, work)) if dense.m else 0
+    dense.fill(t, q, v, terms)
+    size = dense.size[:moving]
+    mass = terms.M[:moving, :moving] * size * size[:, None]
+    if rank == 0:
+        return Motions(np.eye(moving), 0, 0, mass)
+    _, sigma, rows = np.linalg.svd(terms.J[:, :moving] * size / workspace.row[:, None])
+    resolved = int(np.count_nonzero(sigma[:rank] > resolution * sigma[0]))
+    return Motions(rows, rank, resolved, mass)
+
+
+def velocity_jump(
+    compiled: CompiledMechanism, t: float, q: Array, v: Array, impulses: Array, resolution: float = IMPULSE_PIVOT_RATIO
+) -> Array:
+    """Return the jump of the velocities by impulses on the coordinates.
 
     The jump is N (N^T M N)^-1 N^T p with a basis N of the motions that the constraints allow (J N = 0), in units of the
-    coordinates and of the rows of J, so that redundant equations are recognized in mechanisms of any size. An impulse
-    that no motion follows has none.
+    coordinates and of the rows of J. An impulse that no motion follows has none.
 
     Parameters
     ----------
@@ -112,31 +168,48 @@ def velocity_jump(compiled: CompiledMechanism, t: float, q: Array, v: Array, imp
         Mechanism and its state, s, (nq,) and (n,).
     impulses
         Impulses p (n,), or several (k, n).
+    resolution
+        Singular value of the constraint Jacobian, relative to the largest, below which the configuration is singular.
 
     Returns
     -------
-    Array or None
+    Array
         Jumps, of the shape of the impulses.
+
+    Raises
+    ------
+    UndeterminedJumpError
+        What an impulse moves has no mass, or the jump depends on what the constraints do not determine in a singular
+        configuration.
     """
     system = compiled.system
-    dense = system if system.has_matrices else system.dense()
-    terms, moving = dense.allocate_terms(), system.n_velocities
-    dense.fill(t, q, v, terms)
-    size = system.size[:moving]
-    J, jump = terms.J[:, :moving] * size, np.zeros(impulses.shape)
-    lengths = np.linalg.norm(J, axis=1)
-    J = J[lengths > 0.0] / lengths[lengths > 0.0, None]
-    free = scipy.linalg.null_space(J, rcond=DEPENDENT_ROW_RATIO) if len(J) else np.eye(moving)
-    M = free.T @ (terms.M[:moving, :moving] * size * size[:, None]) @ free
-    unit = np.sqrt(np.diag(M))
+    dense: Any = system if system.has_matrices else system.dense()
+    moving, motions, jump = dense.n_velocities, allowed_motions(dense, t, q, v, resolution), np.zeros(impulses.shape)
+    size = dense.size[:moving]
+    given = size * impulses[..., :moving]
+    found = respond(motions, motions.rank, given)
+    if motions.resolved_rank < motions.rank:
+        others = respond(motions, motions.resolved_rank, given)
+        if np.any(np.abs(others - found) > SAME_JUMP_RATIO * np.abs(others).max(axis=-1, keepdims=True, initial=0.0)):
+            raise UndeterminedJumpError(SINGULAR_EVENT)
+    jump[..., :moving] = size * found
+    return jump
+
+
+def respond(motions: Motions, rank: int, given: Array) -> Array:
+    """Return the jumps by impulses ``given``, both (n,) or (k, n), in units of the coordinates, for constraints of this
+    rank.
+    """
+    free = motions.rows[rank:].T
+    M = free.T @ motions.mass @ free
+    unit = np.sqrt(np.maximum(np.diag(M), 0.0))
     if not np.all(unit > 0.0):
-        return None
+        raise UndeterminedJumpError(MASSLESS_EVENT)
     values, vectors = np.linalg.eigh(M / (unit * unit[:, None]))
     if len(values) and values[0] <= len(values) * np.finfo(float).eps:
-        return None
-    given = size * impulses[..., :moving]
+        raise UndeterminedJumpError(MASSLESS_EVENT)
     pushed = given @ free
     acting = np.linalg.norm(pushed, axis=-1) > DEPENDENT_ROW_RATIO * np.linalg.norm(given, axis=-1)
     moved = (pushed / unit @ vectors / values) @ vectors.T * acting[..., None]
-    jump[..., :moving] = size * ((moved / unit) @ free.T)
-    return jump
+    found: Array = (moved / unit) @ free.T
+    return found

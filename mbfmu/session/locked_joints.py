@@ -23,8 +23,9 @@ from solvers.energy_account import EXCHANGED_ENERGY, WORK
 from solvers.stepper import Stepper
 from solvers.system import Array
 
-from .impulses import velocity_jump
+from .impulses import LOCK_PIVOT_RATIO, UndeterminedJumpError, velocity_jump
 from .kernels.points import account_discontinuity, energy_at
+from .run_messages import filled
 from .stepper_run import StepperRun
 
 COUNTERS_OF_LAST_STEP = {"order", "step_size"}
@@ -88,15 +89,10 @@ class LockedJoints:
         body = compiled.data.arrays.bodies[action.joint.index]
         k, unit = int(body["vf"]), np.zeros(len(v))
         unit[k] = 1.0
-        response = velocity_jump(compiled, t, q, v, unit)
-        if response is None:
-            return Diagnostic.error(
-                "no-inertia",
-                f"event {event!r} locks the joint {name!r}, which moves a coordinate without mass, at t = {t:.9g} s",
-                "Give a mass or inertia to the bodies that move freely",
-                time=t,
-                subject=name,
-            )
+        try:
+            response = velocity_jump(compiled, t, q, v, unit, LOCK_PIVOT_RATIO)
+        except UndeterminedJumpError as error:
+            return filled(error.reason, time=t, subject=event, name=event, t=t)
         if response[k] > 0.0:
             v = v - v[k] / response[k] * response
         elif compiled.locks.is_driven and abs(v[k]) > run.stepper.options.rtol * compiled.system.size[k]:

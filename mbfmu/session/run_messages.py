@@ -54,6 +54,45 @@ SINGULAR_START = Diagnostic.warning(
     "given ones are used",
     "Give the rate{plural} of {joints} to choose the branch",
 )
+MAX_EVENTS, RESTING_BOUNCES = 100, 3  # see TOO_MANY_EVENTS and RESTING_BOUNCE
+TOO_MANY_EVENTS = Diagnostic.error(
+    "too-many-events",
+    f"event {{name!r}} at t = {{t:.9g}} s is the last of {MAX_EVENTS} events within {{within:.2g}} s",
+    "Use two events at different values (hysteresis), or let an action change the motion so that the quantity does not "
+    "cross the value again at once",
+)
+RESTING_BOUNCE = Diagnostic.error(
+    "resting-bounce",
+    "event {name!r} comes to rest at its stop at t = {t:.9g} s: its last "
+    f"{RESTING_BOUNCES + 1} bounces are within {{within:.2g}} s",
+    "A Bounce does not hold what rests on the stop: use an elastic stop, such as JointStop or DistanceStop, or a "
+    "shorter stop time",
+)
+MASSLESS_EVENT = Diagnostic.error(
+    "no-inertia",
+    "event {name!r} moves a coordinate without mass by an impulse at t = {t:.9g} s",
+    "Give a mass or inertia to the bodies that move freely",
+)
+SINGULAR_EVENT = Diagnostic.error(
+    "singular-event",
+    "event {name!r} at t = {t:.9g} s changes the velocities of a loop in a singular configuration, or too near to one, "
+    "where the velocities after the event are not unique",
+    "Let the event occur at another position of the loop, or change the lengths of the loop",
+)
+PRESCRIBED_BOUNCE = Diagnostic.error(
+    "prescribed-bounce",
+    "event {name!r} cannot bounce at t = {t:.9g} s: drives, loop-closing joints or other stops prescribe the rate of "
+    "its sensor",
+    "Use a sensor that can move freely, or remove the Bounce",
+)
+START_BEYOND_STOP = Diagnostic.error(
+    "invalid-value",
+    "the sensor of event {name!r} is beyond its stop at the start, t = {t:.9g} s",
+    "Start on the other side of the stop",
+)
+RUN_ENDED = Diagnostic.error(
+    "run-ended", "event {name!r} has ended the run at t = {t:.9g} s", "Do not step beyond this time"
+)
 
 
 def filled(template: Diagnostic, *, time: float | None = None, subject: str = "", **values: Any) -> Diagnostic:

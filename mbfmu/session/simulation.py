@@ -26,7 +26,7 @@ from solvers.steppers.guard import GuardedStepper
 
 from .element_monitor import ElementMonitor
 from .energy_check import EnergyCheck
-from .events import RunEvents, Setters
+from .events import RunEvents, Setters, describe_earlier_events
 from .failure_diagnosis import explain_rates, find_undetermined_rates, free_rates
 from .kernels.points import Session, begin_session
 from .locked_joints import LockedJoints
@@ -162,6 +162,7 @@ class Simulation(RunProgress):
         self._check_actions()
         if self._events and begins:
             self._events.check_start()
+            self._start_events(self._events)
         self._warm_up(t0, q, v)
 
     def _start_diagnostics(
@@ -182,6 +183,7 @@ class Simulation(RunProgress):
         found += describe_coarse(self.compiled, settings.tolerance, self.stepper.freedom)
         found += describe_sticking(self.compiled, self.solver_choice.solver, settings.tolerance)
         found += [*limited, *start_warnings, *self.compiled.coincident(t, q), *self.compiled.describe_assumed_length()]
+        found += describe_earlier_events(self.compiled.mechanism.events, t)
         known = {diagnostic.code for diagnostic in found}
         return [*found, *(note for note in self.compiled.assembly.notes(t, q) if note.code not in known)]
 
@@ -232,6 +234,10 @@ class Simulation(RunProgress):
         if self.report is not None:
             self.report(found)
 
+    def _start_events(self, events: RunEvents) -> None:
+        """Execute the events of the start time."""
+        events.start()
+
     def _warm_up(self, t0: float, q: Array, v: Array) -> None:
         """Have everything compiled that a run calls, once in a process for each kind of run."""
         solver = self.stepper.inner if isinstance(self.stepper, GuardedStepper) else self.stepper
@@ -251,4 +257,7 @@ class UnstartedSimulation(Simulation):
     """A simulation that is not to run: nothing is compiled for that, and its arrays are as they are at the start."""
 
     def _warm_up(self, *_: Any) -> None:
+        """Do nothing."""
+
+    def _start_events(self, events: RunEvents) -> None:
         """Do nothing."""

@@ -27,10 +27,16 @@ class StepperRun:
         Error of the last evaluation that failed; None: none has failed.
     samples, ratios
         Motion at the points of the last call of SAMPLE, and how far elements are from their limits there (k,).
+    search
+        The search for events, pinned, see :class:`.event_search.CrossingSearch`.
+    step_begin
+        State of the solver at the begin of the last step and the target of the step, s; None: it has a dense output.
     """
 
     samples: Samples
     ratios: Array
+    search: Any
+    step_begin: tuple[bytes, float] | None = None
 
     def __init__(self, session: Any, inputs: Any, stepper: Stepper, outputs: int) -> None:
         self.session, self.inputs, self.stepper = session, inputs, stepper

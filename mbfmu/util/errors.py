@@ -134,6 +134,8 @@ def shorten(text: str) -> str:
 def suggest(name: str, known: Iterable[str]) -> str:
     """Return the end of a message about an unknown name: its new name, the nearest known one, or all of them."""
     names = list(known)
+    if not names:
+        return "; there are none"
     if RENAMED.get(name) in names:
         return f"; it is now called {RENAMED[name]!r}"
     near = difflib.get_close_matches(name, names, n=1)

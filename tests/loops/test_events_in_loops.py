@@ -45,3 +45,54 @@ def test_a_row_of_fourbars_bounces_and_is_kicked(solver: str) -> None:
     assert result["rate"][-1] == pytest.approx(rate(0.5 * np.pi, after) + impulse / INERTIA, abs=1e-5)
     assert result["residual"].max() <= 1e-9
     assert not result.warning
+
+
+def parallelogram(angle: float, then: str) -> mb.Mechanism:
+    """Return cranks of 1 m and a coupler that translates, which turn with 1 rad/s and are hit or locked at an angle.
+
+    All are in one line at zero. A wheel is not connected to them.
+    """
+    m = mb.Mechanism()
+    crank = m.body("crank", m.ground, mb.Revolute(start=0.5, rate=-1.0, fixed=True), **mb.rod(mass=1.0, length=1.0))
+    joint = mb.Revolute(at=(1.0, 0.0, 0.0), start=-0.5)
+    coupler = m.body("coupler", crank, joint, **mb.rod(mass=2.0, length=2.0))
+    rocker = m.body("rocker", coupler, mb.Revolute(at=(2.0, 0.0, 0.0), start=0.5), **mb.rod(mass=1.0, length=1.0))
+    m.cut("pivot", mb.RevoluteCutJoint(at_a=(-1.0, 0.0, 0.0), at_b=(2.0, 0.0, 0.0)), rocker, m.ground)
+    wheel = m.body("wheel", m.ground, mb.Revolute(), inertia=(1, 1, 2.0))
+    actions = {
+        "impulse": mb.Impulse(rocker, -0.5),
+        "bounce": mb.Bounce(0.5),
+        "lock": mb.Lock(crank),
+        "wheel": [mb.Impulse(wheel, 3.0), mb.EndRun()],
+    }
+    m.event("hit", crank.angle(), crosses=angle, direction="down", then=actions[then])
+    m.output("crank", crank.rate())
+    m.output("wheel", wheel.rate())
+    return m
+
+
+@pytest.mark.parametrize("then", ["impulse", "bounce", "lock"])
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida", "radau"])
+def test_an_event_in_a_singular_configuration_is_refused(solver: str, then: str) -> None:
+    result = mb.simulate(parallelogram(0.0, then), 1.0, interval=0.1, solver=solver, tolerance=1e-6)
+    (error,) = (d for d in result.diagnostics if d.severity == "error")
+    assert (error.code, error.subject) == ("singular-event", "hit")
+    assert error.time == pytest.approx(0.5, abs=1e-5)
+    assert "event 'hit' at t = 0.5" in result.failure
+    np.testing.assert_allclose(result["crank"], -1.0, rtol=0.0, atol=1e-6)
+
+
+def test_an_event_of_another_body_occurs_while_a_loop_is_singular() -> None:
+    """Closed form: the impulse divided by the moment of inertia."""
+    result = mb.simulate(parallelogram(0.0, "wheel"), 1.0, interval=0.1, solver="adams", tolerance=1e-6)
+    assert not result.failed
+    assert result["wheel"][-1] == pytest.approx(1.5, rel=1e-9)
+
+
+@pytest.mark.parametrize("then", ["impulse", "lock"])
+def test_an_event_next_to_a_singular_configuration(then: str) -> None:
+    """Closed form: the rods have the moments of inertia 1/3, 2 and 7/3 kg m^2 about their pivots."""
+    result = mb.simulate(parallelogram(1e-3, then), 1.0, interval=0.1, solver="adams", tolerance=1e-6)
+    expected = 0.0 if then == "lock" else -1.0 - 0.5 / (14.0 / 3.0)
+    assert result["crank"][-1] == pytest.approx(expected, abs=1e-6)
+    assert not result.failed

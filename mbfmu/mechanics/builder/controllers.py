@@ -76,7 +76,7 @@ class Controllers(Blocks):
             ``proportional`` / ``integral`` without derivative, else sqrt(Ti Td) with Td = ``derivative`` /
             ``proportional`` (Astrom and Hagglund 2006).
         start
-            Value of the integral part at the start, in the unit of the output.
+            Value of the integral part at the start, in the unit of the output and within its limits.
         nominal
             Typical size of the output, in its unit.
         unit
@@ -117,6 +117,8 @@ class Controllers(Blocks):
                     "give it tracking_time"
                 )
         T = 0.0 if filter_time is None else positive(f"filter_time of {what}", filter_time)
+        if not ki and finite(f"start of {what}", start):
+            raise UserError(f"{what} has a start of its integral part, and no integral part; give it integral, too")
         has_integral, direct = bool(ki), kp + (kd / T if T else 0.0)
         n = has_integral + bool(T)
         inputs = {"target": target, "measured": measured, **({} if rate is None else {"rate": rate})}
@@ -128,6 +130,11 @@ class Controllers(Blocks):
         if has_integral:
             B[0, :2], K[0] = (ki, -ki), 1.0 / tracking
             begin = finite(f"start of {what}", start)
+            if begin and limits is not None and not limits[0] <= begin <= limits[1]:
+                raise UserError(
+                    f"start of {what} is {start!r}, and its output is limited to {limits[0]:g} to {limits[1]:g}; "
+                    "allowed: a value within the limits. Give another start or other limits"
+                )
             states.append(FirstOrderState(name="integral", unit=unit, start=begin, nominal=nominal))
         if T:  # x' = (kd e / T - x) / T, D = kd e / T - x
             A[-1, -1], B[-1, :2], C[0, -1] = -1.0 / T, (kd / T**2, -kd / T**2), -1.0
@@ -183,6 +190,12 @@ class Controllers(Blocks):
             As for :meth:`lag`; or a parameter is not positive.
         """
         what = f"block {name!r}"
+        if np.ndim(inductance) == 0 and inductance == 0.0:
+            raise UserError(
+                f"inductance of {what} is {inductance!r}; allowed: greater than zero, since the current is a state of "
+                "the motor. Without inductance use a JointForce with the law k N (voltage - k N w) / R of the rate w "
+                "of the joint in place of the motor, or give an inductance whose time constant L / R is short"
+            )
         R, L, k = (
             positive(f"{key} of {what}", value)
             for key, value in (

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from mbfmu.mechanics.events import DIRECTIONS, Action, Bounce, Event, Impulse, Lock, Release, SetInput
 from mbfmu.mechanics.joints import Joint, Section
 from mbfmu.mechanics.kind import check_element_type
-from mbfmu.mechanics.numbers import finite, positive
+from mbfmu.mechanics.numbers import finite, not_negative, positive
 from mbfmu.mechanics.sensors import Sensor
 from mbfmu.util.errors import UserError, short
 
@@ -48,7 +48,8 @@ class Events(Controllers):
         direction
             ``"up"``: crossings with increasing values; ``"down"``: with decreasing ones; ``"both"``.
         at
-            Time of the event, s, in place of a sensor.
+            Time of the event, s, in place of a sensor; not negative, since models start at 0 s. An event at the start
+            of a run occurs before its first output. Events of times before the start of a run do not occur in it.
         then
             Action or actions, in their order: :class:`.SetInput`, :class:`.SetParameter`, :class:`.Impulse`,
             :class:`.Bounce`, :class:`.Lock`, :class:`.Release`, :class:`.Restart`, :class:`.EndRun`. Without actions
@@ -107,6 +108,11 @@ class Events(Controllers):
                 _check_bounce(what, action, sensor, direction)
             elif isinstance(action, Lock | Release):
                 role = f"joint of the {type(action).__name__} in {what}"
+                if action.joint is self.bodies[0]:
+                    raise UserError(
+                        f"{role} is the ground, which has no joint; allowed: a body, whose joint to its parent is "
+                        "meant, or a joint from Mechanism.joint"
+                    )
                 owner = self._coordinate_owner(action.joint, role)
                 owner.coordinate()  # raises for a body that is declared without a joint
                 _check_lock(role, owner.name, owner.joint)
@@ -117,7 +123,7 @@ class Events(Controllers):
                 sensor,
                 finite(f"value of {what}", crosses),
                 DIRECTIONS[direction],
-                0.0 if at is None else finite(f"time of {what}", at),
+                0.0 if at is None else not_negative(f"time of {what}", at),
                 None if within is None else positive(f"within of {what}", within),
             )
         )
