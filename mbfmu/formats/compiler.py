@@ -18,26 +18,41 @@ import numpy as np
 from mbfmu.util.errors import UserError, shorten
 from mbfmu.util.extras import import_optional
 
-from .inertias import ReplacedInertia, does_not_move, replace_refused
+from .inertias import ReplacedInertia, replace_refused
+from .mujoco_messages import message_of
+from .spec_shapes import Mesh, count_contacts, remove_shapes
+from .urdf_checks import check_urdf
+from .xml_files import MAX_BODIES, read_xml
 
 MIN_MUJOCO = (4, 0)  # earlier versions ignore <mimic> of URDF without a warning
-MAX_BODIES = 20_000  # MuJoCo needs minutes for more: its time is proportional to the square of the number
-MAX_CHAIN = 1000  # bodies in a row: the time of MuJoCo is proportional to the third power
-MAX_FILE_SIZE = 200_000_000  # bytes
-XACRO = "ros.org/wiki/xacro"  # part of the namespace of macros
-FORMATS = {"mujoco": "MJCF", "robot": "URDF"}
-BODY_TAGS = {"MJCF": "body", "URDF": "link"}
+KINDS = {"body": "BODY", "jnt": "JOINT", "dof": "JOINT", "eq": "EQUALITY", "site": "SITE", "actuator": "ACTUATOR"}
 FINITE_ARRAYS = (
     "body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia", "jnt_pos", "jnt_axis", "jnt_range",
-    "jnt_stiffness", "dof_damping", "dof_armature", "dof_frictionloss", "qpos0", "qpos_spring", "eq_data", "site_pos",
+    "jnt_stiffness", "dof_damping", "dof_armature", "dof_frictionloss", "eq_data", "site_pos",
     "actuator_gear", "actuator_gainprm", "actuator_biasprm",
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class CompiledFile:
-    """File compiled by MuJoCo: its format, the model of MuJoCo (``mjModel``), the elements of a URDF file, warnings of
-    MuJoCo, and masses and inertias that replace those of MuJoCo, by the name of the body.
+    """File compiled by MuJoCo.
+
+    Attributes
+    ----------
+    path, format
+        File, and URDF or MJCF.
+    model, mujoco
+        Model of MuJoCo (``mjModel``) and the package.
+    robot
+        Elements of a URDF file; None: an MJCF file.
+    warnings
+        Warnings of MuJoCo.
+    inertias
+        Masses and inertias that replace those of MuJoCo, by the name of the body.
+    contacts
+        Number of shapes that can be in contact.
+    meshes
+        Files of meshes by the numbers of their geometries in MuJoCo; None: a mesh without a file.
     """
 
     path: Path
@@ -47,11 +62,17 @@ class CompiledFile:
     robot: ElementTree.Element | None
     warnings: tuple[str, ...]
     inertias: dict[str, ReplacedInertia]
+    contacts: int
+    meshes: dict[int, Mesh | None]
 
     def disables(self, *flags: str) -> bool:
         """Whether the file sets one of these flags of MuJoCo, which disable parts of its equations."""
         bits = (int(getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{flag}")) for flag in flags)
         return any(int(self.model.opt.disableflags) & bit for bit in bits)
+
+    def name_of(self, kind: str, number: int) -> str:
+        """Return the name of an element of MuJoCo; empty: it has none."""
+        return self.mujoco.mj_id2name(self.model, getattr(self.mujoco.mjtObj, f"mjOBJ_{kind}"), number) or ""
 
 
 def compile_file(path: Path, *, floating: bool = False) -> CompiledFile:
@@ -63,19 +84,9 @@ def compile_file(path: Path, *, floating: bool = False) -> CompiledFile:
         MuJoCo is not installed, the file cannot be read, or it is not a valid model.
     """
     mujoco = _mujoco()
-    text = _read(path)
-    try:
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise UserError(f"{str(path)!r} is not valid XML: {error}") from error
-    if root.tag not in FORMATS:
-        raise UserError(
-            f"{str(path)!r} has the root element <{shorten(root.tag)}>; allowed: <robot> of URDF and <mujoco> of MJCF"
-        )
-    kind = FORMATS[root.tag]
-    _check_size(path, kind, root)
-    if any(XACRO in str(element.tag) for element in root.iter()):
-        raise UserError(f"{str(path)!r} contains macros of xacro; expand them: xacro robot.urdf.xacro -o robot.urdf")
+    kind, root = read_xml(path)
+    if kind == "URDF":
+        check_urdf(repr(str(path)), root)
     messages: list[str] = []
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda found: messages.append(str(found)))  # MuJoCo would write a file otherwise
@@ -89,20 +100,23 @@ def compile_file(path: Path, *, floating: bool = False) -> CompiledFile:
             spec.compiler.LRopt.mode = mujoco.mjtLRMode.mjLRMODE_NONE.value  # it would simulate muscles
             if floating:
                 _float(path, kind, spec)
-            _remove_shapes(path, mujoco, spec)
-            inertias = replace_refused(repr(str(path)), spec) if kind == "URDF" else {}
+            contacts = count_contacts(spec)
+            geometries = remove_shapes(path, mujoco, spec)
+            inertias = replace_refused(repr(str(path)), kind, mujoco, spec)
             model = spec.compile()
+            meshes = {int(geom.id): mesh for geom, mesh in geometries}
     except UserError:
         raise
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
-        raise UserError(f"{str(path)!r} is refused by the compiler of MuJoCo: {_message(error)}") from error
+        raise UserError(f"{str(path)!r} is refused by the compiler of MuJoCo: {message_of(error)}") from error
     finally:
         mujoco.set_mju_user_warning(before)
     messages += [str(warning.message) for warning in found]
     if any("'NaN'" in message for message in messages):  # zero is in its place
         raise UserError(f"{str(path)!r} contains numbers that are nan{_nan_place(root)}; correct the file")
     _check_finite(path, mujoco, model)
-    return CompiledFile(path, kind, model, mujoco, root if kind == "URDF" else None, tuple(messages), inertias)
+    robot = root if kind == "URDF" else None
+    return CompiledFile(path, kind, model, mujoco, robot, tuple(messages), inertias, contacts, meshes)
 
 
 def _mujoco() -> Any:
@@ -116,104 +130,6 @@ def _mujoco() -> Any:
     return mujoco
 
 
-def _read(path: Path) -> bytes:
-    """Return the content of a file; entities are refused, since they may expand to any size."""
-    try:
-        size = path.stat().st_size
-        if size > MAX_FILE_SIZE:
-            raise UserError(f"{str(path)!r} has {size / 1e6:.0f} MB; allowed: up to {MAX_FILE_SIZE / 1e6:.0f} MB")
-        text = path.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise UserError(f"{str(path)!r} cannot be read: {reason}", "file-access") from error
-    if not text.strip():
-        raise UserError(f"{str(path)!r} is empty; allowed: a model in URDF or MJCF")
-    if re.search(rb"<!\s*(DOCTYPE|ENTITY)", text, re.IGNORECASE):
-        raise UserError(f"{str(path)!r} contains a document type or entities; remove <!DOCTYPE ...> from the file")
-    try:
-        text.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise UserError(
-            f"{str(path)!r} is not UTF-8 text at byte {error.start}; convert it: iconv -f ISO-8859-1 -t UTF-8"
-        ) from error
-    return text
-
-
-def _check_size(path: Path, kind: str, root: ElementTree.Element) -> None:
-    """Refuse models that MuJoCo would need minutes or hours for."""
-    count = _count_bodies(root, BODY_TAGS[kind])
-    if count > MAX_BODIES:
-        raise UserError(f"{str(path)!r} has {count} bodies; allowed: up to {MAX_BODIES}. Divide the model")
-    parents = {}
-    for joint in root.findall("joint") if kind == "URDF" else ():
-        child, parent = joint.find("child"), joint.find("parent")
-        if child is not None and parent is not None:
-            parents[child.get("link")] = parent.get("link")
-    depths: dict[str | None, int] = {}
-    for last in parents:
-        chain, link = list[str | None](), last
-        while link in parents and link not in depths and len(chain) <= len(parents):
-            chain.append(link)
-            link = parents.get(link)
-        for number, name in enumerate(reversed(chain), depths.get(link, 0) + 1):
-            depths[name] = number
-    if max(depths.values(), default=0) > MAX_CHAIN:
-        raise UserError(
-            f"{str(path)!r} has a chain of {max(depths.values())} joints; allowed: up to {MAX_CHAIN}. Write such a "
-            "chain as a loop in Python"
-        )
-
-
-def _count_bodies(root: ElementTree.Element, tag: str) -> int:
-    """Return the number of bodies, those of <replicate> as often as they are repeated."""
-    count, found = 0, [(root, 1)]
-    while found:
-        element, times = found.pop()
-        if element.tag == "replicate":
-            times *= int(text) if (text := element.get("count", "1").strip()).isdecimal() and len(text) < 10 else 1
-        count += times * (element.tag == tag)
-        found += [(child, times) for child in element]
-    return count
-
-
-def _remove_shapes(path: Path, mujoco: Any, spec: Any) -> None:
-    """Remove shapes of files, but those that give an inertia; raises UserError if the file of one is missing."""
-    kinds = mujoco.mjtGeom
-    from_file = (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF, kinds.mjGEOM_HFIELD)
-    of_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    needed = set()
-    for body in spec.bodies:
-        has_inertia = (body.explicitinertial and not of_geoms) or does_not_move(body)
-        for geom in body.geoms:
-            if geom.type in from_file:
-                if has_inertia or geom.type != kinds.mjGEOM_MESH:
-                    spec.delete(geom)
-                else:
-                    needed.add(geom.meshname)
-                    _require_mesh(path, spec, body.name, geom.meshname)
-    for element in (*spec.geoms, *spec.sites, *spec.tendons):
-        element.material = ""
-    for group in (spec.skins, spec.hfields, spec.materials, spec.textures):
-        for element in list(group):
-            spec.delete(element)
-    for mesh in list(spec.meshes):
-        if mesh.name not in needed:
-            spec.delete(mesh)
-
-
-def _require_mesh(path: Path, spec: Any, body: str, name: str) -> None:
-    """Raise UserError if a body has its inertia from a mesh whose file is missing."""
-    mesh = next((mesh for mesh in spec.meshes if mesh.name == name), None)
-    if mesh is None or not mesh.file:
-        return
-    file = path.parent / (spec.compiler.meshdir or "") / mesh.file
-    if not file.exists():
-        raise UserError(
-            f"{str(path)!r}: body {body!r} has its mass and inertia from the mesh file {str(file)!r}, which does not "
-            "exist; add the file, or give the body its inertia (<inertial>)"
-        )
-
-
 def _float(path: Path, kind: str, spec: Any) -> None:
     """Give the bodies on the ground that are fixed a free joint."""
     roots = [body for body in spec.worldbody.bodies if not list(body.joints)]
@@ -225,10 +141,16 @@ def _float(path: Path, kind: str, spec: Any) -> None:
 
 def _check_finite(path: Path, mujoco: Any, model: Any) -> None:
     """Refuse numbers that are not finite; MuJoCo accepts infinity and, with a warning, NaN."""
-    for name in FINITE_ARRAYS:
-        wrong = np.argwhere(~np.isfinite(getattr(model, name)))
+    for array in FINITE_ARRAYS:
+        wrong = np.argwhere(~np.isfinite(getattr(model, array)))
         if len(wrong):
-            raise UserError(f"{str(path)!r}: {name} of MuJoCo is not finite at number {wrong[0][0]}; correct the file")
+            prefix, _, what = array.partition("_")
+            kind, k = KINDS[prefix], int(wrong[0][0])
+            number = int(model.dof_jntid[k]) if prefix == "dof" else k
+            name = mujoco.mj_id2name(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind}"), number) or f"number {number + 1}"
+            raise UserError(f"{str(path)!r}: {what} of {kind.lower()} {name!r} is not finite; correct the file")
+    if not np.all(np.isfinite(model.qpos0)) or not np.all(np.isfinite(model.qpos_spring)):
+        raise UserError(f"{str(path)!r}: ref or springref of a joint is not finite; correct the file")
     if model.nbody == 1 or model.nv == 0:
         raise UserError(f"{str(path)!r} has no joint that moves a body; allowed: one or more")
 
@@ -240,13 +162,3 @@ def _nan_place(root: ElementTree.Element) -> str:
             if key != "name" and any(part.strip("+-").lower() == "nan" for part in value.split()):
                 return f", such as <{element.tag} {key}={shorten(value)!r}>"
     return ""
-
-
-def _message(error: Exception) -> str:
-    """Return an error of MuJoCo on one line, with what to do about the most frequent one."""
-    lines = [line.strip() for line in str(error).splitlines()]
-    text = "; ".join(line for line in lines if line and not line.startswith("The static bodies"))
-    text = re.sub(r"^(XML )?Error: ", "", text)
-    if "larger than mjMINVAL" in text:
-        text += ". Give this body a mass and an inertia (<inertial>), or fix it to its parent"
-    return shorten(text)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -46,6 +47,8 @@ class ImportedJoint:
         friction.
     lower, upper, stop_stiffness
         Range of the coordinate and the stiffness of its stops; None: no range.
+    is_locked
+        The coordinate stays at ``start``.
     """
 
     kind: Literal["Weld", "Revolute", "Translational", "Spherical", "Floating"]
@@ -62,6 +65,7 @@ class ImportedJoint:
     lower: float | None = None
     upper: float | None = None
     stop_stiffness: float = 0.0
+    is_locked: bool = False
 
     @property
     def has_one_coordinate(self) -> bool:
@@ -71,7 +75,19 @@ class ImportedJoint:
 
 @dataclass(kw_only=True)
 class ImportedBody:
-    """Body: name, parent (or GROUND_NAME), joint, mass (kg), center of mass (3,) (m), inertia about it (3, 3)."""
+    """Body.
+
+    Attributes
+    ----------
+    name, parent
+        Names of the body and of its parent, or GROUND_NAME.
+    joint
+        Joint to the parent; the frame of the body is that of the joint.
+    mass, com, inertia
+        Mass, kg, center of mass (3,), m, and inertia about it (3, 3), kg m^2.
+    origin
+        Origin (3,), m, of the frame that the file gives the body.
+    """
 
     name: str
     parent: str
@@ -79,6 +95,7 @@ class ImportedBody:
     mass: float
     com: Vector
     inertia: Matrix
+    origin: Vector = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(kw_only=True)
@@ -161,6 +178,37 @@ class ImportedPoint:
 
 
 @dataclass(kw_only=True)
+class ImportedShape:
+    """Shape of a body in pictures.
+
+    Attributes
+    ----------
+    name, body
+        Name for messages, and the body; or GROUND_NAME.
+    kind
+        Class in :mod:`mbfmu`.
+    at, rotation
+        Center (3,), m, and axes as columns (3, 3) in the body; of meshes those of the coordinates in the file.
+    size
+        Sizes that the class requires, by the names of its arguments, m; of meshes the scale.
+    file
+        File of a mesh.
+    color, opacity
+        Color ``#rrggbb``, or empty, and opacity.
+    """
+
+    name: str = ""
+    body: str
+    kind: Literal["Box", "Sphere", "Ellipsoid", "Cylinder", "Capsule", "MeshFile"]
+    at: Vector
+    rotation: Matrix
+    size: dict[str, float | Vector]
+    file: Path | None = None
+    color: str = ""
+    opacity: float = 1.0
+
+
+@dataclass(kw_only=True)
 class Description:
     """A rigid mechanism.
 
@@ -170,6 +218,8 @@ class Description:
         Identifier of the model.
     source
         Name of the imported file.
+    folder
+        Folder of the imported file.
     origin
         Text: of which file the mechanism was read and by which program.
     gravity
@@ -191,6 +241,8 @@ class Description:
     springs: list[ImportedSpring] = field(default_factory=list)
     lifts: list[ImportedLift] = field(default_factory=list)
     points: list[ImportedPoint] = field(default_factory=list)
+    shapes: list[ImportedShape] = field(default_factory=list)
+    folder: Path = Path()
     diagnostics: list[Diagnostic] = field(default_factory=list)
     renamed: dict[str, str] = field(default_factory=dict)
 

@@ -11,9 +11,10 @@ MAX_NAME_LENGTH = 80  # characters of a name in a message
 OTHER_MOTION = "The motion differs from that of the file. Add them in the Python model if they matter"
 
 Key = Literal[
-    "contact", "ball range", "ball spring", "ball damping", "ball armature", "ball friction", "polynomial", "tendon",
-    "tendon range", "actuator", "transmission", "unstable servo", "actuator limits", "velocity limits",
-    "equality", "inactive", "mocap", "fluid", "flex", "plugin", "flags", "mimic", "empty range",
+    "contact", "ball range", "ball spring", "ball damping", "ball armature", "ball friction", "polynomial", "yield",
+    "empty range", "reversed range", "planar range", "range margin", "compensation limit", "tendon", "tendon range",
+    "actuator", "transmission", "locked drive", "unstable servo", "actuator limits", "delay", "velocity limits",
+    "safety", "equality", "inactive", "mocap", "fluid", "flex", "plugin", "mimic", "unknown",
 ]  # fmt: skip
 LOSSES: dict[Key, tuple[str, str]] = {  # what is not imported, and what this means
     "contact": ("contact between shapes", "Bodies pass through each other and through the ground"),
@@ -22,23 +23,40 @@ LOSSES: dict[Key, tuple[str, str]] = {  # what is not imported, and what this me
     "ball damping": ("damping of ball joints and free joints", OTHER_MOTION),
     "ball armature": ("armature of ball joints and free joints", OTHER_MOTION),
     "ball friction": ("dry friction of ball joints and free joints", OTHER_MOTION),
-    "polynomial": ("nonlinear terms of the stiffness or damping of joints", OTHER_MOTION),
+    "polynomial": ("nonlinear terms of the stiffness or damping of joints, tendons and actuators", OTHER_MOTION),
+    "yield": ("plastic yielding of springs", OTHER_MOTION),
     "empty range": ("ranges whose ends coincide", "These joints move without limits. Weld them if they shall not move"),
+    "reversed range": (
+        "ranges whose lower end is above the upper one",
+        "These joints move without limits. Exchange lower and upper in the file",
+    ),
+    "planar range": ("ranges of planar joints", "These joints move without limits"),
+    "range margin": ("margins of ranges", "The stops act at the ends of the ranges"),
+    "compensation limit": (
+        "gravity compensation within the limits of drives (actuatorgravcomp)",
+        "The compensation acts in addition to the limited force",
+    ),
     "tendon": ("tendons, but springs between two sites", OTHER_MOTION),
-    "tendon range": ("ranges, friction and armature of tendons", OTHER_MOTION),
+    "tendon range": ("ranges, friction, armature and damping by actuators of tendons", OTHER_MOTION),
     "actuator": ("actuators with dynamics, muscles and user-defined laws", "They exert no force. Add them as inputs"),
     "transmission": ("actuators that do not act on a hinge or a slide", "They exert no force. Add them as inputs"),
+    "locked drive": ("drives of locked joints", "They have no effect"),
     "unstable servo": ("negative stiffness or damping of actuators", OTHER_MOTION),
     "actuator limits": ("limits of the forces of servos", "Limit the inputs in the controller"),
+    "delay": ("delays of actuators", "Inputs act at once. Delay the signals that set them"),
     "velocity limits": ("velocity limits of joints", "The joints can be faster"),
+    "safety": ("soft limits of <safety_controller>", "Limit the inputs in the controller"),
     "equality": ("equality constraints but connect, weld and joint", OTHER_MOTION),
     "inactive": ("equality constraints that are inactive at the start", "They are never active"),
     "mocap": ("mocap bodies", "They are fixed where they start"),
     "fluid": ("forces of the fluid (density, viscosity, wind)", OTHER_MOTION),
     "flex": ("flexible bodies (flex)", OTHER_MOTION),
     "plugin": ("plugins", OTHER_MOTION),
-    "flags": ("flags that disable springs or dampers", "The model contains the springs and dampers"),
     "mimic": ("<mimic> of joints", "These joints move independently"),
+    "unknown": (
+        "elements and attributes that URDF does not define",
+        "Check the spelling, or add them in the Python model",
+    ),
 }
 
 
@@ -62,7 +80,7 @@ class Losses:
         found = []
         for key, names in self._names.items():
             what, meaning = LOSSES[key]
-            named = [name for name in names if name]
+            named = [name for name in dict.fromkeys(names) if name]
             which = listed(named) if named else f"{len(names)} shapes" if key == "contact" else ""
             text = f"not imported: {what}" + (f" ({which})" if which else "")
             found.append(Diagnostic.warning("not-imported", text, meaning))

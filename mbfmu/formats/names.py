@@ -8,7 +8,9 @@ import re
 import unicodedata
 
 MAX_IDENTIFIER_LENGTH = 60  # characters of an identifier
-RESERVED = frozenset({*keyword.kwlist, *keyword.softkwlist, *dir(builtins), "m", "mb", "self", "ground", "Rotation"})
+RESERVED = frozenset(
+    {*keyword.kwlist, *keyword.softkwlist, *dir(builtins), "m", "mb", "self", "ground", "Rotation", "Path", "FOLDER"}
+)
 SPELLINGS = {"ß": "ss", "æ": "ae", "Æ": "Ae", "ø": "o", "Ø": "O", "ł": "l", "Ł": "L", "đ": "d", "Đ": "D"}
 
 

@@ -7,12 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
+from mbfmu.util.diagnostics import Diagnostic
+from mbfmu.util.errors import UserError
+
 from .compiler import CompiledFile, compile_file
 from .description import Closure, Description, ImportedJoint
 from .losses import Losses, listed, printable
+from .mujoco_shapes import add_geometries
+from .mujoco_table import find_lost
 from .names import identifier
 from .relations import Relations
 from .tree import Tree
+from .urdf_joints import add_default_masses, apply_limits
+from .urdf_shapes import add_visuals
+from .urdf_table import add_elements
 
 REPORTED_CORRECTION = 1e-9  # of an inertia, relative; smaller ones are rounding errors
 
@@ -37,6 +45,10 @@ def read_file(path: Path, *, floating: bool = False, close: Sequence[Closure] = 
     file, losses = compile_file(path, floating=floating), Losses()
     model = file.model
     tree = Tree(file, losses)
+    if file.robot is not None:
+        apply_limits(file.robot, tree, losses)
+        add_default_masses(tree, file.robot, losses)
+        add_elements(file.robot, losses)
     title = file.robot.get("name", "") if file.robot is not None else _model_name(file)
     given = title if title != "MuJoCo Model" else ""  # the name that MuJoCo gives to models without a name
     name = identifier(given) or identifier(path.stem) or "mechanism"
@@ -44,15 +56,16 @@ def read_file(path: Path, *, floating: bool = False, close: Sequence[Closure] = 
         name=name.lower(),
         source=printable(path.name),
         origin=f"{file.format} file, compiled by MuJoCo {file.mujoco.__version__}",
-        gravity=np.array(model.opt.gravity, float),
+        gravity=np.zeros(3) if file.disables("GRAVITY") else np.array(model.opt.gravity, float),
         bodies=tree.bodies,
         renamed=tree.renamed,
+        folder=path.resolve().parent,
     )
     Relations(tree, description, losses).add_closures(close)
-    if file.disables("GRAVITY"):
-        description.gravity = np.zeros(3)
-    if file.disables("SPRING", "DAMPER"):
-        losses.add("flags")
+    if file.robot is not None:
+        add_visuals(file.robot, tree, description, losses)
+    else:
+        add_geometries(tree, description, losses)
     add_losses(file, losses)
     with_range = [joint.name for _, joint in tree.of_joint if joint.lower is not None]
     if with_range:
@@ -68,7 +81,25 @@ def read_file(path: Path, *, floating: bool = False, close: Sequence[Closure] = 
                 "The stops push these joints at the start. Set other start positions",
             )
     description.diagnostics += losses.diagnostics()
+    check_finite(repr(str(path)), description)
     return description
+
+
+def check_finite(what: str, description: Description) -> None:
+    """Raise UserError if a number of the mechanism is not finite, such as the weight of a body of 1e308 kg."""
+    if not np.all(np.isfinite(description.gravity)):
+        raise UserError(f"{what}: gravity is not finite; correct the file")
+    elements = [item for part in vars(description).values() if isinstance(part, list) for item in part]
+    for element in (*elements, *(body.joint for body in description.bodies)):
+        if isinstance(element, Diagnostic):
+            continue
+        for key, value in vars(element).items():
+            numbers = np.asarray(value) if isinstance(value, float | tuple | np.ndarray) else np.zeros(0)
+            if not np.all(np.isfinite(numbers)):
+                raise UserError(
+                    f"{what}: {key.replace('_', ' ')} of {printable(element.name)} is not a finite number; allowed: "
+                    "numbers whose products are below 1e308. Correct the file"
+                )
 
 
 def starts_outside(joint: ImportedJoint) -> bool:
@@ -81,8 +112,10 @@ def starts_outside(joint: ImportedJoint) -> bool:
 def add_losses(file: CompiledFile, losses: Losses) -> None:
     """Add the parts of a model of MuJoCo that no element of the description represents."""
     model = file.model
+    for key, name in find_lost(model, file.disables, file.name_of):
+        losses.add(key, name)
     if not file.disables("CONTACT", "CONSTRAINT"):
-        for _ in np.flatnonzero(model.geom_contype | model.geom_conaffinity):
+        for _ in range(file.contacts):
             losses.add("contact")
     if model.opt.density or model.opt.viscosity:
         losses.add("fluid")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -17,29 +16,19 @@ from .description import (
     Description,
     ImportedCoupling,
     ImportedCut,
-    ImportedDrive,
     ImportedJoint,
     ImportedLift,
     ImportedPoint,
     ImportedSpring,
 )
+from .drives import Drives
 from .inertias import rotation_of
 from .losses import Losses, listed
 from .names import Names
 from .tree import Tree
 
 CONNECT, WELD, JOINT = range(3)  # mjtEq
-UNITS = {"Revolute": "N.m", "Translational": "N"}
-FORCES = {"Revolute": "torque", "Translational": "force"}
-
-
-def positive_number(text: str) -> float:
-    """Return a number of a file; zero if it is no positive finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        return 0.0
-    return value if 0.0 < value < np.inf else 0.0
+TORQUE_SCALE = 10  # number in the data of a weld
 
 
 class Relations:
@@ -49,11 +38,9 @@ class Relations:
         self.tree, self.description, self.losses = tree, description, losses
         self.model, self.mujoco = tree.file.model, tree.file.mujoco
         self.names = Names(frozenset())
-        self.followers: set[str] = set()
+        self.undriven: set[str] = set()  # joints that follow others or are locked
         self.add_equalities()
-        self.add_drives()
-        if tree.file.robot is not None:
-            self.add_inputs_of_joints(tree.file.robot)
+        Drives(tree, description, losses, self.names, self.undriven).add()
         self.add_tendons()
         self.add_lifts()
         self.add_sites()
@@ -66,18 +53,17 @@ class Relations:
         """Add cut joints and couplings."""
         if self.tree.file.disables("EQUALITY", "CONSTRAINT"):
             return
-        rigid = []
         for number in range(self.model.neq):
             kind = int(self.model.eq_type[number])
             name = self.tree.name_of("EQUALITY", number) or f"equality{number + 1}"
-            if kind not in (CONNECT, WELD, JOINT) or (kind == JOINT and self.model.eq_obj2id[number] < 0):
+            if kind not in (CONNECT, WELD, JOINT):
                 self.losses.add("equality", name)
             elif not self.model.eq_active0[number]:
                 self.losses.add("inactive", name)
             else:
                 name = self.tree.new_name(self.names, "EQUALITY", number, name)
-                rigid.append(name)
                 (self.add_coupling if kind == JOINT else self.add_cut)(number, name)
+        rigid = [cut.name for cut in self.description.cuts] + [own.name for own in self.description.couplings]
         if rigid:
             self.losses.note(
                 f"equality constraints are rigid ({listed(rigid)})", "solref and solimp of MuJoCo are not used"
@@ -87,13 +73,14 @@ class Relations:
         """Add a cut joint of two bodies or of the sites of two bodies."""
         model, data = self.model, self.model.eq_data[number]
         first, second = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
-        is_weld = int(model.eq_type[number]) == WELD
+        of_weld = int(model.eq_type[number]) == WELD
+        is_weld = of_weld and data[TORQUE_SCALE] != 0.0  # without it a weld holds a point only
         rotations = np.eye(3), np.eye(3)
         if int(model.eq_objtype[number]) == int(self.mujoco.mjtObj.mjOBJ_SITE):
             points = model.site_pos[first], model.site_pos[second]
             rotations = rotation_of(model.site_quat[first]), rotation_of(model.site_quat[second])
             first, second = int(model.site_bodyid[first]), int(model.site_bodyid[second])
-        elif is_weld:  # the anchor is a point of the second body, and then there is its pose in the first one
+        elif of_weld:  # the anchor is a point of the second body, and then there is its pose in the first one
             points, rotations = (data[3:6], data[0:3]), (rotation_of(data[6:10]), np.eye(3))
         else:
             points = data[0:3], data[3:6]
@@ -142,120 +129,44 @@ class Relations:
     def add_coupling(self, number: int, name: str) -> None:
         """Add a coupling: y - y0 = polynomial of x - x0, y being the coordinate of the first joint."""
         model, coefficients = self.model, self.model.eq_data[number][:5].copy()
-        numbers = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
-        (a, follower), (b, leader) = (self.tree.of_joint[j] for j in numbers)
-        if not (follower.has_one_coordinate and leader.has_one_coordinate) or not np.any(coefficients[1:]):
+        first, second = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
+        a, follower = self.tree.of_joint[first]
+        coefficients[0] += float(model.qpos0[model.jnt_qposadr[first]])
+        if second < 0 or not np.any(coefficients[1:]):
+            self.lock(follower, float(coefficients[0]), name)
+            return
+        b, leader = self.tree.of_joint[second]
+        if not (follower.has_one_coordinate and leader.has_one_coordinate):
             self.losses.add("equality", name)
             return
-        y0, x0 = (float(model.qpos0[model.jnt_qposadr[j]]) for j in numbers)
-        coefficients[0] += y0
-        follower.start = None
-        self.followers.add(follower.name)
+        if not follower.is_locked:
+            follower.start = None
+        self.undriven.add(follower.name)
+        x0 = float(model.qpos0[model.jnt_qposadr[second]])
         self.description.couplings.append(ImportedCoupling(name=name, a=a, b=b, coefficients=coefficients, origin=x0))
 
-    def add_drives(self) -> None:
-        """Add actuators on hinges and slides whose force is gain * control + an affine function of the coordinate."""
-        model = self.model
-        if self.tree.file.disables("ACTUATION"):
+    def lock(self, joint: ImportedJoint, position: float, name: str) -> None:
+        """Lock a joint at a position; forces on it have no effect then."""
+        if not joint.has_one_coordinate or joint.is_locked:
+            self.losses.add("equality", name)
             return
-        for k in range(model.nu):
-            name = self.tree.name_of("ACTUATOR", k) or f"actuator{k + 1}"
-            law = int(model.actuator_dyntype[k]), int(model.actuator_gaintype[k])
-            if law != (0, 0) or int(model.actuator_biastype[k]) > 1:
-                self.losses.add("actuator", name)
-                continue
-            if int(model.actuator_trntype[k]) > 1 or not self.driven(k).has_one_coordinate:
-                self.losses.add("transmission", name)
-                continue
-            self.add_drive(k, name)
-
-    def driven(self, k: int) -> ImportedJoint:
-        """Return the joint of an actuator."""
-        return self.tree.of_joint[int(self.model.actuator_trnid[k][0])][1]
-
-    def add_drive(self, k: int, name: str) -> None:
-        """Add an actuator: gear (gain u + b0 + b1 gear q + b2 gear v) along the coordinate q."""
-        model = self.model
-        gear, gain = float(model.actuator_gear[k][0]), float(model.actuator_gainprm[k][0])
-        bias = model.actuator_biasprm[k][:3] if int(model.actuator_biastype[k]) == 1 else np.zeros(3)
-        body, joint = self.tree.of_joint[int(model.actuator_trnid[k][0])]
-        if bias[1] > 0.0 or bias[2] > 0.0:
-            self.losses.add("unstable servo", name)
-        if np.any(model.actuator_armature[k]) or np.any(model.actuator_damping[k]):
-            self.losses.add("actuator", f"armature and damping of {name}")
-        is_force = gear * gain == 1.0 and not np.any(bias)
-        own = self.tree.new_name(self.names, "ACTUATOR", k, name)
-        self.description.drives.append(
-            ImportedDrive(
-                name=own,
-                body=body,
-                joint=joint.name,
-                input=f"{own}.{FORCES[joint.kind] if is_force else 'control'}",
-                unit=UNITS[joint.kind] if is_force else "1",
-                description=f"Control of {own}, which drives {joint.name}",
-                gain=gear * gain,
-                bias=gear * float(bias[0]),
-                stiffness=max(0.0, -float(bias[1]) * gear**2),
-                damping=max(0.0, -float(bias[2]) * gear**2),
-                limits=self.limits(k, name, gear, gain, has_bias=bool(np.any(bias))),
-            )
+        joint.is_locked, joint.start = True, np.array([position])
+        joint.stiffness = joint.damping = joint.friction = joint.armature = 0.0
+        joint.lower = joint.upper = None
+        self.undriven.add(joint.name)
+        self.losses.note(
+            f"joint {joint.name} is locked by the equality constraint {name}",
+            "Its springs, dampers, friction, ranges and drives are left out, since they have no effect",
         )
-
-    def limits(self, k: int, name: str, gear: float, gain: float, *, has_bias: bool) -> tuple[float, float] | None:
-        """Return the limits of the force of an actuator on its joint; None: it has none."""
-        model, j = self.model, int(self.model.actuator_trnid[k][0])
-        found = []
-        if model.actuator_ctrllimited[k] and not self.tree.file.disables("CLAMPCTRL"):
-            found.append(gear * gain * model.actuator_ctrlrange[k])
-        of_force = [gear * model.actuator_forcerange[k]] if model.actuator_forcelimited[k] else []
-        if model.jnt_actfrclimited[j]:
-            of_force.append(model.jnt_actfrcrange[j])
-        others = np.count_nonzero(model.actuator_trnid[:, 0] == j) > 1
-        if of_force and (has_bias or (others and model.jnt_actfrclimited[j])):
-            self.losses.add("actuator limits", name)
-        else:
-            found += of_force
-        if not found:
-            return None
-        return max(float(min(pair)) for pair in found), min(float(max(pair)) for pair in found)
-
-    def add_inputs_of_joints(self, robot: ElementTree.Element) -> None:
-        """Add an input on every joint of a URDF file that does not follow another one."""
-        limits = {joint.get("name"): joint.find("limit") for joint in robot.findall("joint")}
-        for number, (body, joint) in enumerate(self.tree.of_joint):
-            original = self.tree.name_of("JOINT", number)
-            limit = limits.get(original)
-            given = {} if limit is None else limit.attrib
-            if not joint.has_one_coordinate or joint.name in self.followers:
-                continue
-            effort, force = positive_number(given.get("effort", "")), FORCES[joint.kind]
-            text = f"{force.capitalize()} of the drive of {joint.name}"
-            if positive_number(given.get("velocity", "")):
-                self.losses.add("velocity limits", joint.name)
-            self.description.drives.append(
-                ImportedDrive(
-                    name=self.names.new(f"{joint.name}_drive", "drive"),
-                    body=body,
-                    joint=joint.name,
-                    input=f"{joint.name}.{force}",
-                    unit=UNITS[joint.kind],
-                    description=text,
-                    limits=(-effort, effort) if effort else None,
-                )
-            )
-        mimics = [joint for joint in robot.findall("joint") if joint.find("mimic") is not None]
-        moving = [joint for joint in mimics if joint.get("type") != "fixed"]
-        for element in moving[len(self.description.couplings) :]:
-            self.losses.add("mimic", element.get("name", ""))
 
     def add_tendons(self) -> None:
         """Add tendons between two sites as springs."""
         model, wrap_site = self.model, int(self.mujoco.mjtWrap.mjWRAP_SITE)
+        has_springs, has_dampers = (not self.tree.file.disables(flag) for flag in ("SPRING", "DAMPER"))
         for k in range(model.ntendon):
             name = self.tree.name_of("TENDON", k) or f"tendon{k + 1}"
-            if model.tendon_limited[k] or model.tendon_frictionloss[k] or model.tendon_armature[k]:
-                self.losses.add("tendon range", name)
-            stiffness, damping = float(model.tendon_stiffness[k]), float(model.tendon_damping[k])
+            stiffness = float(model.tendon_stiffness[k]) * has_springs
+            damping = float(model.tendon_damping[k]) * has_dampers
             if not (stiffness or damping):
                 continue
             first, free = int(model.tendon_adr[k]), model.tendon_lengthspring[k]
@@ -263,7 +174,7 @@ class Relations:
             sites = [int(site) for site in model.wrap_objid[first : first + 2]]
             bodies = [int(model.site_bodyid[site]) for site in sites] if path == [wrap_site] * 2 else [0, 0]
             a, b = (self.tree.of_body[body] for body in bodies)
-            if a == b or free[0] != free[1] or np.any(model.tendon_stiffnesspoly[k]):
+            if a == b or free[0] != free[1]:
                 self.losses.add("tendon", name)
                 continue
             at_a, at_b = (self.place(body, model.site_pos[site]) for body, site in zip(bodies, sites, strict=True))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from .description import Description, ImportedBody, ImportedDrive, ImportedJoint
+from .description import Description, ImportedBody, ImportedDrive, ImportedJoint, ImportedShape
 from .literals import axis_text, inertia_text, number_text, real_text, rotation_text, vector_text
 from .names import Names
 
@@ -54,12 +56,15 @@ class Statements:
         Code of the acceleration of gravity.
     lines
         Lines of the statements.
+    uses_folder
+        Whether the statements use FOLDER, the folder of the imported file.
     """
 
     def __init__(self, description: Description) -> None:
         self.description = description
         self.bodies = {body.name: body for body in description.bodies}
         self.parameters: list[str] = []
+        self.uses_folder = False
         self._parameter_names, self._force_names = Names(frozenset({"stops"})), Names(frozenset())
         self.gravity = self._gravity()
         self.lines = [line for body in description.bodies for line in self._body(body)]
@@ -68,6 +73,7 @@ class Statements:
         self._section("ranges of joints", self._stops())
         self._section("drives", self._drives())
         self._section("outputs", self._outputs())
+        self._section("shapes in pictures", self._shapes())
 
     def _section(self, title: str, lines: Iterator[str]) -> None:
         """Add statements under a comment, if there are any."""
@@ -112,8 +118,9 @@ class Statements:
             arguments.append(f"axis={axis}")
         if joint.start is not None and joint.has_one_coordinate:
             of = JOINT_QUANTITIES[joint.kind]
-            text = f"{of.title} of {joint.name} at the start"
-            arguments.append(f"start={self._parameter(f'{joint.name}_start', joint.start[0], of.unit, text)}")
+            text = f"{of.title} of {joint.name} {'in which it is locked' if joint.is_locked else 'at the start'}"
+            start = self._parameter(f"{joint.name}_start", joint.start[0], of.unit, text)
+            arguments.append(f"drive={start}" if joint.is_locked else f"start={start}")
         elif joint.start is not None:
             arguments.append(f"start={vector_text(joint.start)}")
         if joint.armature:
@@ -273,7 +280,7 @@ class Statements:
                     text = f"Component {letter} of the quaternion of {name}"
                     yield output(f"{name}.q{letter}", f"{name}.quaternion({k})", text)
         for name in self.description.ends:
-            yield from self._position(name, name, np.zeros(3))
+            yield from self._position(name, name, self.bodies[name].origin)
         for point in self.description.points:
             yield from self._position(point.name, point.body, point.at)
         yield output("energy", "m.energy", "Kinetic and potential energy")
@@ -281,11 +288,63 @@ class Statements:
             yield output("position_residual", "m.position_residual", "Closure error of the loops")
             yield output("velocity_residual", "m.velocity_residual", "Rate of the closure error of the loops")
 
+    def _shapes(self) -> Iterator[str]:
+        """Yield the shapes of bodies, those of a body in one statement."""
+        of_body: dict[str, list[list[str]]] = {}
+        for shape in self.description.shapes:
+            lines = call(f"mb.{shape.kind}", self._shape(shape), 12)
+            of_body.setdefault(shape.body, []).append(lines)
+        for body, shapes in of_body.items():
+            line = f"        m.shape({', '.join((body, *(lines[0].strip() for lines in shapes)))})"
+            if len(line) <= MAX_LINE_LENGTH and all(len(lines) == 1 for lines in shapes):
+                yield line
+                continue
+            yield from ("        m.shape(", f"            {body},")
+            for lines in shapes:
+                yield from (*lines[:-1], f"{lines[-1]},")
+            yield "        )"
+
+    def _shape(self, shape: ImportedShape) -> list[str]:
+        """Return the arguments of a shape as code."""
+        arguments = [f"{key}={size_text(key, value)}" for key, value in shape.size.items()]
+        if shape.file is not None:
+            arguments = [self._file(shape.file), *(text for text in arguments if text != "scale=1")]
+        if np.any(shape.at):
+            arguments.append(f"at={vector_text(shape.at)}")
+        if shape.kind in ("Cylinder", "Capsule"):
+            axis = axis_text(shape.rotation[:, 2])
+            arguments += [f"axis={axis}"] if axis != '"z"' else []
+        elif shape.kind != "Sphere" and (turned := rotation_text(shape.rotation)):
+            arguments.append(f"rotation={turned}")
+        arguments += [f'color="{shape.color}"'] if shape.color else []
+        arguments += [f"opacity={number_text(shape.opacity)}"] if shape.opacity != 1.0 else []
+        return arguments
+
+    def _file(self, file: Path) -> str:
+        """Return the path of a mesh as code: in the folder of the imported file, if it is there."""
+        if file.is_relative_to(self.description.folder):
+            self.uses_folder = True
+            return f"FOLDER / {text_of(file.relative_to(self.description.folder).as_posix())}"
+        return text_of(str(file))
+
     def _position(self, name: str, body: str, at: np.ndarray) -> Iterator[str]:
         """Yield the outputs of the position of a point."""
         point = f", {vector_text(at)}" if np.any(at) else ""
         for letter in "xyz":
             yield output(f"{name}.{letter}", f'{body}.position("{letter}"{point})', f"Position {letter} of {name}")
+
+
+def text_of(text: str) -> str:
+    """Return text as code."""
+    return json.dumps(text, ensure_ascii=False)
+
+
+def size_text(key: str, value: float | np.ndarray) -> str:
+    """Return sizes of a shape as code; one number for equal scales."""
+    sizes = np.atleast_1d(np.asarray(value, float))
+    if len(sizes) == 1 or (key == "scale" and np.ptp(sizes) == 0.0):
+        return number_text(float(sizes[0]))
+    return vector_text(sizes)
 
 
 def output(name: str, sensor: str, text: str) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from .compiler import CompiledFile
 from .description import GROUND_NAME, ImportedBody, ImportedJoint, Matrix, Vector
 from .inertias import ReplacedInertia, rotation_of
-from .losses import Losses, printable
+from .losses import Key, Losses, printable
 from .names import RESERVED, Names
 
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
@@ -59,8 +59,12 @@ class Tree:
 
     def name_of(self, kind: str, number: int) -> str:
         """Return the name of an element of MuJoCo; empty: it has none."""
+        return self.file.name_of(kind, number)
+
+    def number_of_body(self, name: str) -> int:
+        """Return the number in MuJoCo of a body."""
         mujoco = self.file.mujoco
-        return mujoco.mj_id2name(self.file.model, getattr(mujoco.mjtObj, f"mjOBJ_{kind}"), number) or ""
+        return int(mujoco.mj_name2id(self.file.model, mujoco.mjtObj.mjOBJ_BODY, name))
 
     def new_name(self, names: Names, kind: str, number: int, default: str) -> str:
         """Return an identifier for an element of MuJoCo, and remember its name if it differs."""
@@ -86,9 +90,7 @@ class Tree:
             )
             self.of_joint.append((label, joint))
             here = label
-        R = rotation_of(model.body_iquat[i])
-        of_mujoco = ReplacedInertia(float(model.body_mass[i]), R @ np.diag(model.body_inertia[i]) @ R.T)
-        mass, inertia, _ = self.file.inertias.get(self.name_of("BODY", i), of_mujoco)
+        mass, inertia = self._inertia_of(i)
         self.bodies.append(
             ImportedBody(
                 name=name,
@@ -96,13 +98,21 @@ class Tree:
                 joint=joints[-1],
                 mass=mass,
                 com=model.body_ipos[i] - anchor,
-                inertia=0.5 * (inertia + inertia.T),
+                inertia=inertia,
+                origin=-anchor,
             )
         )
         if count:
             self.of_joint.append((name, joints[-1]))
         self.of_body.append(name)
         self.shift[i] = -anchor
+
+    def _inertia_of(self, i: int) -> tuple[float, Matrix]:
+        """Return the mass of a body, and its inertia (3, 3) about the center of mass, body axes."""
+        model, R = self.file.model, rotation_of(self.file.model.body_iquat[i])
+        own = self.file.inertias.get(self.name_of("BODY", i), ReplacedInertia(float(model.body_mass[i])))
+        inertia = R @ np.diag(model.body_inertia[i] / own.factor) @ R.T if own.inertia is None else own.inertia
+        return own.mass, 0.5 * (inertia + inertia.T)
 
     def _joints_of(self, i: int, parent: int, numbers: range, name: str) -> tuple[list[ImportedJoint], Vector]:
         """Return the joints of a body, and the point of the body, in its axes, at which the last frame is."""
@@ -140,25 +150,29 @@ class Tree:
         own = slice(v, v + {FREE: 6, BALL: 3}.get(int(model.jnt_type[j]), 1))
         stiffness, damping = float(model.jnt_stiffness[j]), model.dof_damping[own]
         friction, armature = model.dof_frictionloss[own], model.dof_armature[own]
-        if np.any(model.jnt_stiffnesspoly[j]) or np.any(model.dof_dampingpoly[own]):
-            losses.add("polynomial", joint.name)
         if joint.has_one_coordinate:
             joint.stiffness, joint.damping = stiffness, float(damping[0])
             joint.unloaded = float(model.qpos_spring[model.jnt_qposadr[j]])
             joint.friction, joint.armature = float(friction[0]), float(armature[0])
         else:
-            for key, values in (
-                ("ball spring", stiffness),
-                ("ball damping", damping),
-                ("ball friction", friction),
-                ("ball armature", armature),
-                ("ball range", model.jnt_limited[j]),
-            ):
-                if np.any(values):
-                    losses.add(key, joint.name)  # type: ignore[arg-type]
+            of_ball: tuple[tuple[Key, Any, tuple[str, ...]], ...] = (
+                ("ball spring", stiffness, ("SPRING",)),
+                ("ball damping", damping, ("DAMPER",)),
+                ("ball friction", friction, ("FRICTIONLOSS", "CONSTRAINT")),
+                ("ball armature", armature, ()),
+                ("ball range", model.jnt_limited[j], ("LIMIT", "CONSTRAINT")),
+            )
+            for key, values, flags in of_ball:
+                if np.any(values) and not self.file.disables(*flags):
+                    losses.add(key, joint.name)
+        if self.file.disables("SPRING"):
+            joint.stiffness = 0.0
+        if self.file.disables("DAMPER"):
+            joint.damping = 0.0
         if self.file.disables("FRICTIONLOSS", "CONSTRAINT"):
             joint.friction = 0.0
-        if model.jnt_limited[j] and joint.has_one_coordinate and not self.file.disables("LIMIT", "CONSTRAINT"):
+        is_limited = model.jnt_limited[j] and not self.file.disables("LIMIT", "CONSTRAINT")
+        if is_limited and joint.has_one_coordinate and self.file.robot is None:
             lower, upper = map(float, model.jnt_range[j])
             if lower < upper:
                 joint.lower, joint.upper = lower, upper

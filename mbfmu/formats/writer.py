@@ -8,7 +8,7 @@ import mbfmu
 
 from .description import Description
 from .names import RESERVED, Names
-from .statements import Statements
+from .statements import Statements, text_of
 
 USE_TEXT = "Edit this file as required: neither the imported file nor MuJoCo is needed any more. Units are SI and rad."
 LISTS = {"warning": "Not imported", "note": "Changed"}  # titles, by the severity of the diagnostics
@@ -26,14 +26,17 @@ def source_of(description: Description) -> str:
     words = "".join(part[:1].upper() + part[1:] for part in description.name.split("_"))
     title = Names(RESERVED).new(words, "Imported")
     needs_rotations = any("Rotation." in line for line in statements.lines)
+    folder = [f"FOLDER = Path({text_of(str(description.folder))})  # of the meshes in pictures", ""]
     lines = [
         *docstring(description),
         "",
         "from dataclasses import dataclass",
+        *(["from pathlib import Path"] if statements.uses_folder else []),
         "",
         *(["from scipy.spatial.transform import Rotation", ""] if needs_rotations else []),
         "import mbfmu as mb",
         "",
+        *(folder if statements.uses_folder else []),
         "",
         "@dataclass(frozen=True, kw_only=True)",
         f"class {title}(mb.Model):",

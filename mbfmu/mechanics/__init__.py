@@ -14,6 +14,7 @@ from .builder.handles import CouplingHandle, CutHandle, ForceHandle, RopeHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.joint_handle import JointHandle
 from .builder.mechanism import Mechanism
+from .builder.mesh_inertia import solid_mesh
 from .builder.states import StateHandle
 from .couplings import Cam, Coupling, Gear
 from .cuts import (
@@ -64,7 +65,7 @@ from .loads import (
 )
 from .loads.base import MAX_ACCURATE_RATIO, MAX_VALID_RATIO, FirstOrderState, limit_ratio
 from .sensors import Sensor
-from .shapes import Box, Cylinder, Panel, Sphere
+from .shapes import Box, Capsule, Cylinder, Ellipsoid, MeshFile, Panel, Sphere
 from .signals import (
     Function,
     Harmonic,
@@ -95,6 +96,7 @@ __all__ = [
     "Box",
     "Bushing",
     "Cam",
+    "Capsule",
     "CompiledMechanism",
     "Coupling",
     "CouplingHandle",
@@ -106,6 +108,7 @@ __all__ = [
     "Damper",
     "DistanceCutJoint",
     "DistanceStop",
+    "Ellipsoid",
     "EndRun",
     "FirstOrderState",
     "FlexibleBody",
@@ -129,6 +132,7 @@ __all__ = [
     "LoadGroup",
     "Lock",
     "Mechanism",
+    "MeshFile",
     "MotorHandle",
     "Noise",
     "Panel",
@@ -180,6 +184,7 @@ __all__ = [
     "rod",
     "scratch_record",
     "signal_value",
+    "solid_mesh",
     "sphere",
     "tube",
 ]

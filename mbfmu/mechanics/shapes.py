@@ -1,4 +1,4 @@
-"""What bodies appearance like: pure data for pictures, without effect on the motion.
+"""Shapes of bodies in pictures, without effect on the motion.
 
 A shape is a unit solid (sphere of radius 1, cylinder of radius 1 and length 1 along z, cube of side 1, square of side 1
 across z, all centered at the origin) brought to its size and place in the body's frame.
@@ -10,22 +10,34 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.util.errors import UserError
+from mbfmu.util.mesh_files import TriangleMesh, read_mesh
 
 from .axes import along, unit_axis
 from .checks import lengths, rotation
-from .numbers import finite, positive
+from .numbers import array_of, finite, positive
 
 Vector = Sequence[float]
 Matrix = NDArray[np.float64]
 
 SURFACE_OPACITY = 0.12  # opacity of surfaces that others touch: those are seen through them
+SHAPES = ("Box", "Capsule", "Cylinder", "Ellipsoid", "MeshFile", "Panel", "Sphere")  # names of the classes
 PANEL_THICKNESS_RATIO = 1e-3  # of a panel's shorter side: its thickness to a click
+
+
+class Piece(NamedTuple):
+    """Part of a shape: a unit solid, its center (3,), m, and the 3x3 matrix of its axes and size, body axes."""
+
+    solid: str
+    at: Matrix
+    axes: Matrix
+    mesh: TriangleMesh | None = None  # the solid, in a cube of side 1 at the origin, if it is none of the unit solids
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +69,10 @@ class Shape:
     def axes(self) -> Matrix:
         """Return the 3x3 matrix that takes the unit solid to its size and orientation in the body's frame."""
         raise NotImplementedError
+
+    def pieces(self) -> list[Piece]:
+        """Return the unit solids of which the shape consists."""
+        return [Piece(self.solid, np.asarray(self.at, float), self.axes())]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +117,46 @@ class Cylinder(Shape):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Ellipsoid(Shape):
+    """Ellipsoid.
+
+    Parameters
+    ----------
+    size
+        Lengths of the three axes (3,), which are twice the radii, m.
+    rotation
+        3x3 rotation matrix whose columns are the directions of the axes in the body's frame; None: the body's axes.
+    """
+
+    size: Vector
+    rotation: Any = None
+    solid = "sphere"
+
+    def axes(self) -> Matrix:
+        """See :class:`Shape`."""
+        return rotation("rotation of an ellipsoid", self.rotation) * (0.5 * lengths("size of an ellipsoid", self.size))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Capsule(Cylinder):
+    """Circular cylinder with a hemisphere at each end.
+
+    Parameters
+    ----------
+    radius, length
+        Radius, and length of the cylinder without the hemispheres, m.
+    axis
+        Axis in the body's frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
+    """
+
+    def pieces(self) -> list[Piece]:
+        """See :class:`Shape`."""
+        (cylinder,) = super().pieces()
+        ball, half = self.radius * np.eye(3), 0.5 * cylinder.axes[:, 2]
+        return [cylinder, *(Piece("sphere", cylinder.at + sign * half, ball) for sign in (-1.0, 1.0))]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Box(Shape):
     """Rectangular box.
 
@@ -142,6 +198,49 @@ class Panel(Shape):
         """See :class:`Shape`."""
         a, b = (positive("size of a panel", length) for length in self.size)
         return rotation("rotation of a panel", self.rotation) * [a, b, PANEL_THICKNESS_RATIO * min(a, b)]
+
+
+@dataclass(frozen=True)
+class MeshFile(Shape):
+    """Triangles of a file, which is read when a picture is drawn.
+
+    If the file cannot be read then, the body is drawn as one without shapes, and a warning is given.
+
+    Parameters
+    ----------
+    path
+        STL file (text or binary) or OBJ file.
+    scale
+        Factor or factors (3,) of the coordinates in the file: 0.001 for a file in mm; negative factors mirror.
+    rotation
+        3x3 rotation matrix whose columns are the axes of the file in the body's frame; None: the body's axes.
+    """
+
+    path: Path | str
+    scale: float | Vector = 1.0
+    rotation: Any = None
+    solid = "mesh"
+
+    def axes(self) -> Matrix:
+        """Return the 3x3 matrix that takes points of the file to the body's frame, without ``at``."""
+        what = f"mesh file {str(self.path)!r}"
+        return rotation(f"rotation of {what}", self.rotation) * scale_factors(f"scale of {what}", self.scale)
+
+    def pieces(self) -> list[Piece]:
+        """See :class:`Shape`; raises UserError if the file cannot be read."""
+        mesh, axes = read_mesh(self.path), self.axes()
+        low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+        middle, size = 0.5 * (low + high), np.maximum(high - low, PANEL_THICKNESS_RATIO * (high - low).max())
+        unit = TriangleMesh((mesh.points - middle) / size, mesh.triangles)
+        return [Piece(str(self.path), axes @ middle + np.asarray(self.at, float), axes * size, unit)]
+
+
+def scale_factors(what: str, scale: float | Vector | Matrix) -> Matrix:
+    """Check one factor or three factors that are not zero; return three."""
+    factors = array_of(what, scale)
+    if factors.shape not in ((), (3,)) or not np.all(np.isfinite(factors)) or np.any(factors == 0.0):
+        raise UserError(f"{what} is {scale!r}; allowed: one number or three numbers other than zero")
+    return np.broadcast_to(factors, (3,)).astype(float)
 
 
 def ribbon(points: Matrix, across: Matrix, width: float, **appearance: Any) -> tuple[Panel, ...]:

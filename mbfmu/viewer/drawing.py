@@ -23,6 +23,7 @@ from mbfmu.mechanics.loads import Rope
 from mbfmu.util.errors import UserError
 
 from .contacts import Poses, contact_shapes
+from .mesh_solids import MeshSolids, readable_shapes
 from .picture import Bar, Link, Matrix, Numbers, Part, Picture, Skin, cells, numbers
 
 PALETTE = (
@@ -62,7 +63,8 @@ class _Artist:
         self.held = self._held_points()
         self.contact_shapes = list(contact_shapes(mechanism, poses))
         self.rolled = {body.index for body, shape in self.contact_shapes if body.index and shape.opacity == 1.0}
-        self.shaped = {body.index for body, _ in mechanism.shapes} | self.rolled
+        self.shapes, self.meshes = readable_shapes(mechanism.shapes), MeshSolids()
+        self.shaped = {body.index for body, _ in self.shapes} | self.rolled
         self.surfaces = surfaces_of(mechanism)
         self.skinned = {int(i) for surface in self.surfaces for i in surface.bodies.flat}
         bars = [float(np.linalg.norm(p)) for body in mechanism.bodies[1:] for p in self._ends(body)]
@@ -81,8 +83,10 @@ class _Artist:
                 self._bars_and_ball(body)
             if body.index not in self.skinned | self.rolled:
                 self._joint(body)
-        for body, shape in (*self.mechanism.shapes, *self.contact_shapes):
-            self._part(shape.solid, body, shape.at, shape.axes(), shape.color or color_of(body), shape.opacity)
+        for body, shape in (*self.shapes, *self.contact_shapes):
+            for solid, at, axes, mesh in shape.pieces():
+                name = solid if mesh is None else self.meshes.name_of(solid, mesh)
+                self._part(name, body, at, axes, shape.color or color_of(body), shape.opacity)
         for handle in self.mechanism.cuts:
             self._cut(handle)
         for acting in self.mechanism.loads():
@@ -113,6 +117,7 @@ class _Artist:
             bars=self._bars(),
             unnamed=tuple(body.index for body in self.mechanism.bodies if isinstance(body.joint, Section)),
             shown_outputs=tuple(self.mechanism.shown_outputs),
+            meshes=tuple(self.meshes.solids),
         )
 
     def _bars(self) -> tuple[Bar, ...]:

@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 MAX_ANIMATION_BYTES = 14_000_000  # bytes of an animation
 FLOAT_TYPE, SHORT_TYPE, INDEX_TYPE = 5126, 5123, 5125  # component types
 ACCESSOR_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+CLOSED_SOLIDS = {"sphere": meshes.sphere, "cylinder": meshes.cylinder, "box": meshes.box}
+UNIT_SOLIDS = CLOSED_SOLIDS | {"panel": meshes.panel}
 VERTICES, INDICES = 34962, 34963  # what a part of the buffer is for
 
 
@@ -137,11 +139,13 @@ class _Document:
     def solid(self, name: str, color: str, opacity: float = 1.0) -> int:
         """Return the mesh of a unit solid in a color."""
         if name not in self.solids:
-            make = {"sphere": meshes.sphere, "cylinder": meshes.cylinder, "box": meshes.box, "panel": meshes.panel}
-            self.solids[name] = self.primitive(make[name]())
+            number = name.removeprefix("mesh")
+            of_file = number != name
+            mesh = meshes.facets(self.motion.picture.meshes[int(number)]) if of_file else UNIT_SOLIDS[name]()
+            self.solids[name] = self.primitive(mesh)
         key = (name, color, opacity)
         if key not in self.found:
-            self.found[key] = self.mesh(self.solids[name], self.material(color, name == "panel", opacity))
+            self.found[key] = self.mesh(self.solids[name], self.material(color, name not in CLOSED_SOLIDS, opacity))
         return self.found[key]
 
     def node(self, parent: int, **node: Any) -> int:

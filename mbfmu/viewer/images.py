@@ -109,6 +109,8 @@ class Artist:
         fine = len(picture.parts) + len(picture.links) < MAX_FINE_PARTS
         self.solids = {"sphere": sphere(fine), "cylinder": cylinder(fine), "box": box(fine), "panel": PANEL_FACES}
         self.solids["coil"], self.wire = coil()
+        for k, mesh in enumerate(picture.meshes):
+            self.solids[f"mesh{k}"] = mesh.corners()[:, [0, 1, 2, 2]]
         self.colors = {c: np.array(to_rgb(c)) for c in self._colors()}
         ground = "none" if shot.solids_only else BACKGROUND
         self.figure = Figure(figsize=(shot.width / DPI, shot.height / DPI), facecolor=ground)
@@ -187,7 +189,7 @@ class Artist:
         for bar in picture.bars:
             faces.append(bent(motion.axis(bar, frame), A[bar.body][:, 2], bar.height, bar.width))
             colors.append(self.colors[bar.color])
-        both = [part.solid == "panel" for part in picture.parts]
+        both = [part.solid == "panel" or part.solid.startswith("mesh") for part in picture.parts]
         both += [False] * (len(faces) - len(both)) + [True] * len(picture.skins)
         opacity = [part.opacity for part in picture.parts]
         for skin, field in zip(picture.skins, self.fields, strict=True):

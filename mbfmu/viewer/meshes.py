@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .motion import matrices
-from .picture import Bar, Skin
+from .picture import Bar, MeshSolid, Skin
 
 Array = NDArray[np.float64]
 
@@ -101,6 +101,16 @@ def coil(slender: float) -> Mesh:
     points = middle[:, None] + WIRE_RADIUS_RATIO * normals * [1.0, 1.0, slender]
     leaning = normals * [1.0, 1.0, 1.0 / slender]
     return grid(points[:, ::-1], (leaning / np.linalg.norm(leaning, axis=-1, keepdims=True))[:, ::-1])
+
+
+def facets(solid: MeshSolid) -> Mesh:
+    """Return a solid of triangles, each with its own normal."""
+    corners = solid.corners()
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sizes = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.divide(normals, sizes, out=np.tile((0.0, 0.0, 1.0), (len(normals), 1)), where=sizes > 0.0)
+    points = corners.reshape(-1, 3)
+    return Mesh(points, np.repeat(normals, 3, axis=0), np.arange(len(points)).reshape(-1, 3))
 
 
 def bar(bar: Bar, scale: float) -> Mesh:

@@ -20,12 +20,25 @@ Numbers = tuple[float, ...]
 class Part:
     """A unit solid (see :mod:`mbfmu.mechanics.shapes`) fixed to a body."""
 
-    solid: str  # sphere, cylinder, box or panel
+    solid: str  # sphere, cylinder, box, panel, or mesh and a number
     body: int
     at: Numbers  # center, body axes, m
     axes: Numbers  # columns of the matrix from the unit solid to the body's axes, one after the other
     color: str
     opacity: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshSolid:
+    """A solid of triangles in a cube of side 1 at the origin; parts name it ``mesh0``, ``mesh1``, ... by its number."""
+
+    points: Numbers  # coordinates of the points, one point after the other
+    triangles: tuple[int, ...]  # numbers of their points, one triangle after the other
+
+    def corners(self) -> Matrix:
+        """Return the corners (k, 3, 3) of the triangles."""
+        found: Matrix = np.reshape(self.points, (-1, 3))[np.reshape(self.triangles, (-1, 3))]
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,6 +126,7 @@ class Picture:
     bars: tuple[Bar, ...]
     unnamed: tuple[int, ...]  # cross-sections of elastic bodies, whose names would be in the way
     shown_outputs: tuple[str, ...] = ()  # outputs, by name
+    meshes: tuple[MeshSolid, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain lists and numbers, for JSON."""
@@ -131,6 +145,7 @@ class Picture:
             bars=tuple(Bar(**bar) for bar in frozen["bars"]),
             unnamed=frozen["unnamed"],
             shown_outputs=frozen.get("shown_outputs", ()),  # pose files from before there were any
+            meshes=tuple(MeshSolid(**mesh) for mesh in frozen.get("meshes", ())),
         )
 
     def points(self) -> dict[int, Matrix]:
@@ -139,6 +154,11 @@ class Picture:
         for part in self.parts:
             half = 0.5 if part.solid in ("box", "panel") else 1.0
             at, axes = np.array(part.at), half * np.reshape(part.axes, (3, 3))
+            number = part.solid.removeprefix("mesh")
+            if number != part.solid:
+                corners = self.meshes[int(number)].corners().reshape(-1, 3) @ np.reshape(part.axes, (3, 3))
+                found.setdefault(part.body, []).append(at + corners)
+                continue
             if part.solid == "cylinder":
                 axes[2] *= 0.5
             found.setdefault(part.body, []).extend((at + axes, at - axes))

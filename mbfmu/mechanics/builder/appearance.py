@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.checks import Matrix, Vector, vector
 from mbfmu.mechanics.numbers import positive
-from mbfmu.mechanics.shapes import Shape, check_color
+from mbfmu.mechanics.shapes import SHAPES, Shape, check_color
 from mbfmu.util.errors import UserError
 
 from .bodies import Body, FlexibleBody
@@ -55,12 +55,12 @@ class Appearance(Members):
         body
             Body of this mechanism.
         *shapes
-            Shapes in the frame of the body, such as :class:`.Box`.
+            Shapes in the frame of the body, such as :class:`.Box` or :class:`.MeshFile`.
         """
         self._member(body, "body of a shape")
         for shape in shapes:
             if not isinstance(shape, Shape):
-                raise UserError(f"shape of body {body.name!r} is {shape!r}; allowed: Box, Cylinder, Panel, Sphere")
+                raise UserError(f"shape of body {body.name!r} is {shape!r}; allowed: {', '.join(SHAPES)}")
             vector(f"at of a shape of body {body.name!r}", shape.at)
             shape.axes()
             self.shapes.append((body, shape))

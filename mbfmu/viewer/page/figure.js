@@ -38,7 +38,9 @@ class Figure {
       return { ...bar, item, ends };
     });
     const opacities = [...new Set(picture.parts.map((part) => part.opacity))].filter((opacity) => opacity < 1);
-    const made = (opacity) => Object.keys(SOLIDS).map((solid) => this.group(solid, picture, opacity)).filter((own) => own);
+    this.meshes = { ...SOLIDS };
+    (picture.meshes || []).forEach((mesh, k) => (this.meshes[`mesh${k}`] = () => facets(mesh)));
+    const made = (opacity) => Object.keys(this.meshes).map((solid) => this.group(solid, picture, opacity)).filter((own) => own);
     this.groups = made(1);
     this.glasses = opacities.flatMap(made);
   }
@@ -51,7 +53,7 @@ class Figure {
       return null;
     }
     const wire = solid === "coil" ? WIRE : 0;
-    const item = this.renderer.solids(SOLIDS[solid](), parts.length + links.length, wire);
+    const item = this.renderer.solids(this.meshes[solid](), parts.length + links.length, wire);
     return { solid, parts, links, item, opacity };
   }
 

@@ -40,7 +40,7 @@ const INSIDE = {
 function distanceTo(solid, data, i, eye, direction) {
   const axes = [0, 3, 6].map((k) => [...data.subarray(i + k, i + k + 3)]);
   const e = coefficients(axes, add(eye, data.subarray(i + 9, i + 12), -1));
-  const intervals = e ? INSIDE[solid](e, coefficients(axes, direction)) : [null];
+  const intervals = e ? (INSIDE[solid] || boxed)(e, coefficients(axes, direction)) : [null];
   if (intervals.includes(null)) {
     return Infinity;
   }

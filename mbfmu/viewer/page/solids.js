@@ -94,3 +94,16 @@ function coil() {
 }
 
 const SOLIDS = { sphere, cylinder, box, panel, coil };
+
+/** Triangles between points, each with its own normal. */
+function facets({ points, triangles }) {
+  const positions = [], normals = [];
+  for (let k = 0; k < triangles.length; k += 3) {
+    const corners = [0, 1, 2].map((i) => points.slice(3 * triangles[k + i], 3 * triangles[k + i] + 3));
+    const normal = cross(add(corners[1], corners[0], -1), add(corners[2], corners[0], -1));
+    const n = Math.hypot(...normal) > 0 ? unit(normal) : [0, 0, 1];
+    positions.push(...corners.flat());
+    normals.push(...n, ...n, ...n);
+  }
+  return { positions, normals, indices: triangles.map((_, k) => k) };
+}

@@ -19,7 +19,7 @@ from mbfmu.formats.reader import read_file
 from mbfmu.formats.writer import source_of
 from mbfmu.mechanics import CompiledMechanism
 
-ROBOTS = Path(__file__).parent / "data" / "robots"
+ROBOTS = Path(__file__).parents[1] / "data" / "robots"
 ROUNDING = 1e-13  # relative; the errors are 2e-14 and less
 DISABLED = ("CONTACT", "LIMIT", "FRICTIONLOSS", "EQUALITY")
 
