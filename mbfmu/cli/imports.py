@@ -27,6 +27,7 @@ def add(commands: Commands) -> None:
         epilog="examples:\n  mbfmu import robot.urdf -o robot.py\n"
         "  mbfmu import robot.urdf --floating       the base of the robot moves freely\n"
         "  mbfmu import linkage.urdf --close rod_end pin  a ball joint closes the loop\n"
+        "  mbfmu import linkage.urdf --close loops.toml   a file lists the loops\n"
         "  mbfmu import gripper.xml --strict        an error if something is not imported\n"
         "  mbfmu run robot.py --solver adams        simulate the written model\n"
         "  mbfmu export robot.py                    export it as an FMU\n",
@@ -52,8 +53,9 @@ def add(commands: Commands) -> None:
         default=[],
         metavar=("BODY", "BODY KIND"),
         help="close a loop between two bodies, since URDF describes trees only. KIND of the joint: spherical (default; "
-        "the origins of the bodies coincide), revolute (also their z axes) or weld (also their orientations). Give the "
-        "file before this option. May be repeated",
+        "the origins of the bodies coincide), revolute (also their z axes) or weld (also their orientations); or a "
+        "TOML file with tables [[close]]: a, b, joint, and optional points at_a, at_b and axes axis_a, axis_b in the "
+        "frames of the bodies. Give the imported file before this option. May be repeated",
     )
     p.add_argument("--strict", action="store_true", help="refuse a file if any element is not imported")
     p.set_defaults(command=command_import)

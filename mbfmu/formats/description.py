@@ -5,7 +5,6 @@ Frames, axes and coordinates are those of :mod:`mbfmu.mechanics`; units are SI a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -17,12 +16,6 @@ from mbfmu.util.diagnostics import Diagnostic
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-Closure = Sequence[str]  # names of two bodies of a file, and a key of CLOSURES; by default the first one
-CLOSURES: dict[str, Literal["SphericalCutJoint", "RevoluteCutJoint", "WeldCutJoint"]] = {
-    "spherical": "SphericalCutJoint",
-    "revolute": "RevoluteCutJoint",
-    "weld": "WeldCutJoint",
-}
 GROUND_NAME = "m.ground"  # as a body in the code
 
 

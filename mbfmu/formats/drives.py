@@ -131,6 +131,9 @@ class Drives:
             self.losses.add("actuator limits", name)
         else:
             found += of_force
+        ranges = model.actuator_ctrlrange[control], model.actuator_forcerange[k], model.jnt_actfrcrange[j]
+        if any(lower > upper for lower, upper in ranges):
+            self.losses.add("reversed limits", name)
         if not found:
             return None
         return max(float(min(pair)) for pair in found), min(float(max(pair)) for pair in found)

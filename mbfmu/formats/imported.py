@@ -13,7 +13,7 @@ from mbfmu.modeling import Model
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 
-from .description import Closure
+from .closures import Closures
 from .reader import read_file
 from .writer import source_of
 
@@ -23,7 +23,7 @@ def load(
     *,
     strict: bool = False,
     floating: bool = False,
-    close: Sequence[Closure] = (),
+    close: Closures = (),
     report: Callable[[str], object] | None = None,
 ) -> Model:
     """Return the model of a URDF or MJCF file.
@@ -42,7 +42,9 @@ def load(
     close
         Loop-closing joints, since URDF describes trees only: pairs of names of bodies whose frames coincide,
         ``("rod_end", "pin")``. A third word is the kind of the joint: ``"spherical"`` (default), ``"revolute"`` about
-        the z axes of both frames, or ``"weld"``. ``"world"`` is the ground.
+        the z axes of both frames, or ``"weld"``. ``"world"`` is the ground. The name of a TOML file: tables
+        ``[[close]]`` with ``a``, ``b``, ``joint``, points ``at_a`` and ``at_b`` in the frames of the bodies (m), and
+        ``axis_a`` and ``axis_b`` of a revolute joint.
     report
         Function that receives a message on everything that is not imported or is changed. None: a Python warning is
         given for what is not imported.
@@ -68,7 +70,7 @@ def load(
 
 
 def source_code(
-    path: Path, *, strict: bool = False, floating: bool = False, close: Sequence[Closure] = ()
+    path: Path, *, strict: bool = False, floating: bool = False, close: Closures = ()
 ) -> tuple[str, Sequence[Diagnostic]]:
     """Return the Python code of the model of a file, and what is not imported or is changed; see :func:`load`."""
     description = read_file(path, floating=floating, close=close)

@@ -13,8 +13,8 @@ OTHER_MOTION = "The motion differs from that of the file. Add them in the Python
 Key = Literal[
     "contact", "ball range", "ball spring", "ball damping", "ball armature", "ball friction", "polynomial", "yield",
     "empty range", "reversed range", "planar range", "range margin", "compensation limit", "tendon", "tendon range",
-    "actuator", "transmission", "locked drive", "unstable servo", "actuator limits", "delay", "velocity limits",
-    "safety", "equality", "inactive", "mocap", "fluid", "flex", "plugin", "mimic", "unknown",
+    "actuator", "transmission", "locked drive", "unstable servo", "actuator limits", "reversed limits", "delay",
+    "velocity limits", "safety", "equality", "inactive", "mocap", "fluid", "flex", "plugin", "mimic", "unknown",
 ]  # fmt: skip
 LOSSES: dict[Key, tuple[str, str]] = {  # what is not imported, and what this means
     "contact": ("contact between shapes", "Bodies pass through each other and through the ground"),
@@ -43,6 +43,10 @@ LOSSES: dict[Key, tuple[str, str]] = {  # what is not imported, and what this me
     "locked drive": ("drives of locked joints", "They have no effect"),
     "unstable servo": ("negative stiffness or damping of actuators", OTHER_MOTION),
     "actuator limits": ("limits of the forces of servos", "Limit the inputs in the controller"),
+    "reversed limits": (
+        "limits of actuators whose lower end is above the upper one",
+        "MuJoCo does not use them. Exchange the ends in the file",
+    ),
     "delay": ("delays of actuators", "Inputs act at once. Delay the signals that set them"),
     "velocity limits": ("velocity limits of joints", "The joints can be faster"),
     "safety": ("soft limits of <safety_controller>", "Limit the inputs in the controller"),

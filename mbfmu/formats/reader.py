@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +9,9 @@ import numpy as np
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 
+from .closures import Closures
 from .compiler import CompiledFile, compile_file
-from .description import Closure, Description, ImportedJoint
+from .description import Description, ImportedJoint
 from .losses import Losses, listed, printable
 from .mujoco_shapes import add_geometries
 from .mujoco_table import find_lost
@@ -25,7 +25,7 @@ from .urdf_table import add_elements
 REPORTED_CORRECTION = 1e-9  # of an inertia, relative; smaller ones are rounding errors
 
 
-def read_file(path: Path, *, floating: bool = False, close: Sequence[Closure] = ()) -> Description:
+def read_file(path: Path, *, floating: bool = False, close: Closures = ()) -> Description:
     """Read a URDF or MJCF file.
 
     Parameters

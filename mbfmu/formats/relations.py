@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from mbfmu.util.errors import UserError, suggest
 
+from .closures import CLOSURES, Closures, closures_of
 from .description import (
-    CLOSURES,
     GROUND_NAME,
-    Closure,
     Description,
     ImportedCoupling,
     ImportedCut,
@@ -100,29 +98,27 @@ class Relations:
             cut.rotation_a, cut.rotation_b = rotations
         self.description.cuts.append(cut)
 
-    def add_closures(self, closures: Sequence[Closure]) -> None:
-        """Add cut joints between the frames of bodies that the user names; raises UserError for other names."""
+    def add_closures(self, closures: Closures) -> None:
+        """Add cut joints between bodies that the user names; raises UserError for other names."""
         known = {self.tree.name_of("BODY", i): i for i in range(self.model.nbody)}
-        for closure in closures:
-            what = f"closing joint {' '.join(map(str, closure))!r}"
-            if len(closure) not in (2, 3):
-                raise UserError(f"{what}; allowed: two bodies, and the kind: {', '.join(CLOSURES)}")
-            a, b, kind = (*closure, "spherical")[:3]
-            for name in (a, b):
+        for closure in closures_of(closures):
+            for name in (closure.a, closure.b):
                 if name not in known:
-                    raise UserError(f"{what}: the file has no body {name!r}{suggest(name, filter(None, known))}")
-            if kind not in CLOSURES:
-                raise UserError(f"{what}: kind {kind!r}{suggest(kind, CLOSURES)}")
-            if a == b:
-                raise UserError(f"{what} connects a body to itself; it needs two bodies")
-            first, second = self.tree.of_body[known[a]], self.tree.of_body[known[b]]
+                    raise UserError(
+                        f"closing joint {f'{closure.a} {closure.b}'!r}: the file has no body {name!r}"
+                        f"{suggest(name, filter(None, known))}"
+                    )
+            first, second = self.tree.of_body[known[closure.a]], self.tree.of_body[known[closure.b]]
+            rotations = closure.rotations()
             cut = ImportedCut(
                 name=self.names.unique(f"{first}_{second}".replace(GROUND_NAME, "ground")),
-                kind=CLOSURES[kind],
+                kind=CLOSURES[closure.joint],
                 a=first,
                 b=second,
-                at_a=self.place(known[a], np.zeros(3)),
-                at_b=self.place(known[b], np.zeros(3)),
+                at_a=self.place(known[closure.a], closure.at_a),
+                at_b=self.place(known[closure.b], closure.at_b),
+                rotation_a=rotations[0],
+                rotation_b=rotations[1],
             )
             self.description.cuts.append(cut)
 
@@ -195,7 +191,8 @@ class Relations:
     def add_lifts(self) -> None:
         """Add gravity compensation: a force against the weight at the center of mass."""
         for i in map(int, np.flatnonzero(self.model.body_gravcomp)):
-            force = -self.model.body_gravcomp[i] * self.model.body_mass[i] * self.description.gravity
+            with np.errstate(over="ignore"):  # which is reported as a number that is not finite
+                force = -self.model.body_gravcomp[i] * self.model.body_mass[i] * self.description.gravity
             if np.any(force):
                 body = self.tree.of_body[i]
                 name = self.names.new(f"{body}_gravity_compensation", "compensation")

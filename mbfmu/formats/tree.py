@@ -179,6 +179,8 @@ class Tree:
                 joint.stop_stiffness = stop_stiffness(model, j, v)
             else:
                 losses.add("empty range", joint.name)
+        elif self.file.robot is None and model.jnt_range[j][0] > model.jnt_range[j][1]:
+            losses.add("reversed range", joint.name)
 
 
 def stop_stiffness(model: Any, j: int, v: int) -> float:

@@ -201,7 +201,8 @@ def test_a_loop_is_closed_on_request(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("close", "message"),
     [
-        (["tool"], "allowed: two bodies, and the kind: spherical, revolute, weld"),
+        (["tool"], "allowed: two bodies, and the kind: spherical, revolute, weld; or a TOML file"),
+        (["none.toml"], "file of loops 'none.toml' cannot be read"),
         (["tol", "base"], "the file has no body 'tol'; did you mean 'tool'"),
         (["tool", "base", "hinge"], "kind 'hinge'; allowed: revolute, spherical, weld"),
         (["tool", "tool"], "connects a body to itself"),
@@ -223,3 +224,38 @@ def test_names_of_which_nothing_remains_are_replaced(tmp_path: Path, name: str) 
         f'<mujoco><worldbody>{body}</worldbody><actuator><motor name="{name}" joint="h"/></actuator></mujoco>'
     )
     assert len(mb.load(path).compile().inputs.variables) == 1
+
+
+def test_a_file_of_loops_gives_points_and_axes(tmp_path: Path) -> None:
+    """The same four-bar without links at the ends of its bars."""
+    links = bar("crank", 1.0, 1.0, "base", 0.0) + bar("coupler", 2.0, 3.0, "crank", 1.0)
+    links += bar("rocker", 1.0, -1.0, "coupler", 3.0)
+    path = written(tmp_path, f'<robot name="fourbar"><link name="base"/>{links}</robot>', "fourbar.urdf")
+    loops = '[[close]]\na = "rocker"\nb = "base"\njoint = "revolute"\nat_a = [-1, 0, 0]\nat_b = [3, 0, 0]\n'
+    loops += "axis_a = [0, 1, 0]\naxis_b = [0, 2, 0]\n"
+    file = written(tmp_path, loops, "loops.toml")
+    for close in (file, str(file), [[str(file)]]):
+        (handle,) = mb.load(path, strict=True, close=close).built().cuts
+        assert (handle.a.name, handle.b.name) == ("rocker", "base")
+        np.testing.assert_allclose((handle.cut.at_a, handle.cut.at_b), ((-1, 0, 0), (3, 0, 0)))
+        for R in handle.cut.frames():
+            np.testing.assert_allclose(R[:, 2], (0, 1, 0), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('[[loop]]\na = "x"', r"contains \['loop'\]; allowed: tables \[\[close\]\] with a, b, joint, at_a"),
+        ('close = "x"', "allowed: tables"),
+        ('[[close]]\na = "tool"', r"\[\[close\]\] number 1 has b = None; allowed: the name of a body"),
+        ('[[close]]\na = "tool"\nb = "base"\nat = [0]', "has the key 'at'; did you mean 'at_b'|'at_a'"),
+        ('[[close]]\na = "tool"\nb = "base"\nat_a = [0]', "at_a is .* needs three finite numbers"),
+        ('[[close]]\na = "tool"\nb = "base"\naxis_a = [1, 0, 0]', "has axes and is spherical"),
+        ('[[close]]\na = "tool"\nb = "base"\njoint = "revolute"\naxis_a = [0, 0, 0]', "axis_a"),
+        ("[[close", "is not valid TOML"),
+    ],
+)  # fmt: skip
+def test_wrong_files_of_loops_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    path, file = written(tmp_path, ARM, "arm.urdf"), written(tmp_path, text, "loops.toml")
+    with pytest.raises(mb.UserError, match=message):
+        mb.load(path, close=file, report=print)

@@ -85,6 +85,11 @@ REFUSED_URDF = [
          "<parent link='a'/><child link='c'/></joint></robot>", "the child of joint 'j' is 'c', which is no link"),
         (mjcf("<body/>" * 20_001), "has 20001 bodies; allowed: up to 20000"),
         (mjcf(f"<replicate count='30000'><body><joint/>{INERTIAL}</body></replicate>"), "bodies; allowed: up to 20000"),
+        (mjcf(f"<body name='a'><joint/>{INERTIAL}</body>" * 2), "repeated name 'a' in body.* Give each element"),
+        (mjcf(f"<body pos='0,1 0 0'><joint/>{INERTIAL}</body>"), "bad format in attribute 'pos'.* with a point"),
+        (mjcf(f"<body><joint type='revolute'/>{INERTIAL}</body>"), "keyword: 'revolute'.* free, ball, slide or hinge"),
+        (mjcf(f"<body><joint/>{INERTIAL}</body>", "<actuator><motor joint='x'/></actuator>"), "Check this name"),
+        (mjcf(f"<body gravcomp='1'><joint/>{INERTIAL}</body>").replace('mass="2"', 'mass="1e308"'), "is not a finite"),
         *REFUSED_URDF,
     ],
 )  # fmt: skip
