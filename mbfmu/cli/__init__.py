@@ -33,6 +33,7 @@ from . import (
     scenes,
     ssp,
     study,
+    verify,
     view,
 )
 from .compiling import report_compilation
@@ -52,6 +53,7 @@ COMMANDS = (
     effects,
     compare,
     study,
+    verify,
     models,
     scenes,
     runtime,
@@ -81,13 +83,14 @@ COMMAND_EXAMPLES = f"""examples:
   mbfmu compare fourbar                    accuracy and CPU time of the solvers
   mbfmu compare fourbar --target 1e-6      recommended solver and tolerance for a required accuracy
   mbfmu study tolerances.toml              Monte Carlo, sweeps and sensitivity, on this machine or a cluster
+  mbfmu verify --quick                     problems of the literature: is every result right
   mbfmu models governor                    all variables of a model, and its scenes
   mbfmu cache warm                         compile everything now
 
 Warnings and errors end in a code such as [energy-balance]; see the page "Warnings and errors" of the documentation.
 
-The exit code is 0 for success, 1 for a run (`run`, `check`) that ended early or whose energy error is too large, 2 for
-an invalid argument, and 130 after Ctrl-C.
+The exit code is 0 for success, 1 for a run (`run`, `check`) that ended early or whose energy error is too large and for
+a wrong result of `verify`, 2 for an invalid argument, and 130 after Ctrl-C.
 
 For completion of commands, models, scenes, parameters and solvers in the shell, add this line to ~/.bashrc or ~/.zshrc:
   {COMPLETION_COMMAND}

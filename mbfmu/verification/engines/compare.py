@@ -1,0 +1,91 @@
+"""Comparison of mass matrices and accelerations with those of other engines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+import numpy as np
+
+from mbfmu.util.text_table import format_table
+
+from . import with_mbfmu, with_mujoco, with_pinocchio
+from .random_trees import random_tree
+
+ENGINES = {"mujoco": with_mujoco, "pinocchio": with_pinocchio}  # modules by the package that each needs
+ROUNDING_FACTOR = 1e4  # allowed difference, in units of rounding errors and of the condition of the mass matrix
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Largest differences between mbfmu and an engine over random mechanisms.
+
+    Attributes
+    ----------
+    engine
+        Name of the engine.
+    count
+        Number of mechanisms.
+    mass_matrix
+        Largest difference of an entry, relative to the largest entry.
+    acceleration
+        Largest difference of an acceleration, relative to the largest one.
+    worst
+        Largest difference by the allowed one: rounding errors times the condition number of the mass matrix.
+    """
+
+    engine: str
+    count: int
+    mass_matrix: float
+    acceleration: float
+    worst: float
+
+
+def installed_engines() -> list[str]:
+    """Return the packages of engines that are installed."""
+    return [name for name in ENGINES if find_spec(name) is not None]
+
+
+def compare_engines(count: int, progress: Callable[[str], None] | None = None) -> list[Difference]:
+    """Compare random mechanisms with all engines that are installed.
+
+    Parameters
+    ----------
+    count
+        Number of mechanisms.
+    progress
+        Called with the title of an engine after each mechanism.
+    """
+    found = []
+    for name in installed_engines():
+        engine = ENGINES[name]
+        largest = np.zeros(3)
+        for seed in range(count):
+            links, gravity = random_tree(seed)
+            ours, theirs = with_mbfmu.evaluate(links, gravity), engine.evaluate(links, gravity)
+            size = np.abs(ours.mass_matrix).max()
+            mass = np.abs(theirs.mass_matrix - ours.mass_matrix).max() / size
+            rates = np.abs(theirs.acceleration - ours.acceleration).max() / np.abs(ours.acceleration).max()
+            rounding = ROUNDING_FACTOR * np.finfo(float).eps
+            worst = max(mass / rounding, rates / (rounding * np.linalg.cond(ours.mass_matrix)))
+            largest = np.maximum(largest, (mass, rates, worst))
+            if progress is not None:
+                progress(engine.ENGINE_TITLE)
+        found.append(Difference(engine.ENGINE_TITLE, count, *map(float, largest)))
+    return found
+
+
+def as_text(found: Sequence[Difference]) -> str:
+    """Return a table of the differences."""
+    rows = [
+        (
+            d.engine,
+            str(d.count),
+            f"{d.mass_matrix:.1e}",
+            f"{d.acceleration:.1e}",
+            "right" if d.worst <= 1.0 else f"WRONG: {d.worst:.2g} times the allowed difference",
+        )
+        for d in found
+    ]
+    return format_table(("engine", "mechanisms", "mass matrix", "accelerations", "verdict"), rows)

@@ -1,0 +1,1 @@
+"""Problems of the suite, one module per family."""

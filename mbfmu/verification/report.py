@@ -1,0 +1,174 @@
+"""Report of a run of the suite: table for the terminal, JSON, and a page without external files."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from datetime import date
+from html import escape
+from typing import Any
+
+import mbfmu
+from mbfmu.util.text_table import format_table, format_tolerance
+
+from .problem import Problem, Source
+from .suite import NOT_COVERED, summarize
+from .verdict import ERROR_FACTOR, LOST_PART, UNCERTAINTY_FACTOR, Line
+
+REPORT_HEADER = (
+    "problem",
+    "quantity",
+    "reference",
+    "mbfmu",
+    "method",
+    "tolerance",
+    "error",
+    "allowed",
+    "CPU ms",
+    "verdict",
+)
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; background: #fff; max-width: 82rem; margin: 2rem auto;
+       padding: 0 1.5rem; }
+h1 { font-size: 1.7rem; margin-bottom: .2rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
+p, li { max-width: 50rem; } .small { color: #57606a; font-size: .85rem; }
+table { border-collapse: collapse; width: 100%; font-size: .85rem; font-variant-numeric: tabular-nums; }
+th { text-align: left; border-bottom: 2px solid #57606a; padding: .3rem .6rem; vertical-align: bottom; }
+td { border-bottom: 1px solid #d8dee4; padding: .3rem .6rem; vertical-align: top; }
+td.number { text-align: right; white-space: nowrap; } tr.first td { border-top: 2px solid #afb8c1; }
+.right { color: #116329; } .refused, .warned { color: #7d4e00; } .WRONG { color: #a40e26; font-weight: 700; }
+.totals span { display: inline-block; margin-right: 2rem; font-size: 1.05rem; }
+dt { font-weight: 600; margin-top: .9rem; } dd { margin-left: 1.2rem; max-width: 50rem; }
+a { color: #0550ae; }
+"""
+
+
+def rule_text() -> str:
+    """Return the rule by which a verdict is found."""
+    return (
+        f"A result is right if its error is at most {ERROR_FACTOR:g} tol S(t) + {UNCERTAINTY_FACTOR:g} times the "
+        "uncertainty of the reference. S(t) is the sensitivity of the quantity: its deviation per relative error of "
+        "the state, measured with the reference by small changes of its start, or at every output time. Motions are "
+        f"compared until the allowed error exceeds {LOST_PART:g} of the range of the quantity. Problems with friction "
+        "and beams add the error of their model (elastic bristle, mesh)."
+    )
+
+
+def as_text(lines: Sequence[Line]) -> str:
+    """Return the table and the number of verdicts; reasons are below the table."""
+    rows = [cells(line) for line in lines]
+    reasons = [f"{line.problem}, {line.method}: {line.verdict}: {line.reason}" for line in lines if line.reason]
+    return "\n".join([format_table(REPORT_HEADER, rows), "", *reasons, summarize(lines)])
+
+
+def cells(line: Line) -> tuple[str, ...]:
+    """Return the cells of a line."""
+    return (
+        line.problem,
+        f"{line.quantity} [{line.unit}]",
+        number(line.reference, 10),
+        number(line.value, 10),
+        line.method,
+        "-" if line.tolerance is None else format_tolerance(line.tolerance),
+        number(line.error, 2),
+        number(line.allowed, 2),
+        f"{1e3 * line.seconds:.0f}",
+        line.verdict,
+    )
+
+
+def number(value: float | None, digits: int) -> str:
+    """Return a number with the given number of significant digits; a dash if there is none."""
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
+def environment() -> str:
+    """Return date, version and machine."""
+    return (
+        f"{date.today():%Y-%m-%d}, mbfmu {mbfmu.__version__}, Python {platform.python_version()}, {platform.machine()}"
+    )
+
+
+def as_dict(problems: Sequence[Problem], lines: Sequence[Line]) -> dict[str, Any]:
+    """Return the content of ``report.json``."""
+    return {
+        "environment": environment(),
+        "rule": rule_text(),
+        "summary": summarize(lines),
+        "problems": [
+            {
+                "name": p.name,
+                "description": p.description,
+                "sources": [source._asdict() for source in p.sources],
+                "quantity": p.quantity,
+                "unit": p.unit,
+                "reference": p.derivation,
+            }
+            for p in problems
+        ],
+        "results": [line.as_dict() for line in lines],
+        "not_covered": list(NOT_COVERED),
+    }
+
+
+def as_page(problems: Sequence[Problem], lines: Sequence[Line]) -> str:
+    """Return the report as one page of HTML without external files."""
+    counts = {word: sum(line.verdict == word for line in lines) for word in ("right", "refused", "warned", "WRONG")}
+    totals = "".join(f'<span class="{word}">{n} {word}</span>' for word, n in counts.items())
+    described = "".join(describe(problem) for problem in problems)
+    reasons = "".join(
+        f'<li>{escape(line.problem)}, {escape(line.method)}, {tolerance_text(line)}: <span class="{line.verdict}">'
+        f"{line.verdict}</span>. {escape(line.reason)}</li>"
+        for line in lines
+        if line.reason
+    )
+    parts = [
+        "<!DOCTYPE html>",
+        '<html lang="en"><head><meta charset="utf-8"><title>Verification of mbfmu</title>',
+        f"<style>{STYLE}</style></head><body>",
+        f'<h1>Verification of mbfmu</h1><p class="small">{escape(environment())}</p>',
+        f'<p class="totals">{totals}</p><p>{escape(rule_text())}</p>',
+        "<h2>Results</h2>",
+        table(lines),
+        f"<h2>Messages</h2><ul>{reasons}</ul>" if reasons else "",
+        f"<h2>Problems and references</h2><dl>{described}</dl>",
+        "<h2>Not covered</h2><ul>" + "".join(f"<li>{escape(text.replace('`', ''))}</li>" for text in NOT_COVERED),
+        "</ul></body></html>\n",
+    ]
+    return "\n".join(filter(None, parts))
+
+
+def table(lines: Sequence[Line]) -> str:
+    """Return the table of results as HTML; a problem is named in its first line."""
+    head = "".join(f"<th>{title}</th>" for title in REPORT_HEADER)
+    rows, previous = [], ""
+    for line in lines:
+        own = cells(line)
+        is_first = line.problem != previous
+        previous = line.problem
+        names = [f"<td>{escape(text) if is_first else ''}</td>" for text in own[:2]]
+        numbers = [f'<td class="number">{escape(text)}</td>' for text in own[2:4]]
+        numbers += [f"<td>{escape(own[4])}</td>", *(f'<td class="number">{escape(text)}</td>' for text in own[5:9])]
+        verdict = f'<td class="{line.verdict}">{line.verdict}</td>'
+        rows.append(f'<tr class="{"first" if is_first else ""}">{"".join(names + numbers)}{verdict}</tr>')
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+def tolerance_text(line: Line) -> str:
+    """Return the tolerance of a line for a sentence."""
+    return "no tolerance" if line.tolerance is None else f"tolerance {format_tolerance(line.tolerance)}"
+
+
+def describe(problem: Problem) -> str:
+    """Return description, reference and sources of a problem as HTML."""
+    sources = "; ".join(as_link(source) for source in problem.sources) or "devised for this suite"
+    return (
+        f"<dt>{escape(problem.name)}</dt><dd>{escape(problem.description)}<br>Quantity: {escape(problem.quantity)} "
+        f"[{escape(problem.unit)}]. Reference: {escape(problem.derivation)}.<br>Source: {sources}.</dd>"
+    )
+
+
+def as_link(source: Source) -> str:
+    """Return a source as HTML."""
+    text = escape(str(source))
+    return f'<a href="{escape(source.link, quote=True)}">{text}</a>' if source.link else text
