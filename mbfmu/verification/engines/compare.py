@@ -13,7 +13,7 @@ from mbfmu.util.text_table import format_table
 from . import with_mbfmu, with_mujoco, with_pinocchio
 from .random_trees import random_tree
 
-ENGINES = {"mujoco": with_mujoco, "pinocchio": with_pinocchio}  # modules by the package that each needs
+ENGINES = {"mujoco": ("MuJoCo", with_mujoco), "pinocchio": ("Pinocchio", with_pinocchio)}  # by their packages
 ROUNDING_FACTOR = 1e4  # allowed difference, in units of rounding errors and of the condition of the mass matrix
 
 
@@ -59,7 +59,7 @@ def compare_engines(count: int, progress: Callable[[str], None] | None = None) -
     """
     found = []
     for name in installed_engines():
-        engine = ENGINES[name]
+        title, engine = ENGINES[name]
         largest = np.zeros(3)
         for seed in range(count):
             links, gravity = random_tree(seed)
@@ -71,8 +71,8 @@ def compare_engines(count: int, progress: Callable[[str], None] | None = None) -
             worst = max(mass / rounding, rates / (rounding * np.linalg.cond(ours.mass_matrix)))
             largest = np.maximum(largest, (mass, rates, worst))
             if progress is not None:
-                progress(engine.ENGINE_TITLE)
-        found.append(Difference(engine.ENGINE_TITLE, count, *map(float, largest)))
+                progress(title)
+        found.append(Difference(title, count, *map(float, largest)))
     return found
 
 

@@ -10,20 +10,20 @@ from mbfmu.mechanics import CompiledMechanism, Mechanism, Revolute, Spherical, T
 
 from .random_trees import Array, Dynamics, Link
 
-JOINT_TYPES: dict[str, Any] = {"revolute": Revolute, "translational": Translational}
+AXIAL_JOINTS: dict[str, Any] = {"revolute": Revolute, "translational": Translational}
 
 
 def build(links: list[Link], gravity: Array) -> Mechanism:
     """Return the mechanism."""
     m = Mechanism(gravity=tuple(gravity))
-    bodies = []
+    bodies: list[Any] = []
     for k, link in enumerate(links):
         frame: dict[str, Any] = {"at": tuple(link.place), "rotation": link.rotation, "fixed": True}
         if link.joint == "spherical":
             joint = Spherical(start=tuple(link.position), rate=tuple(link.rate), **frame)
         else:
             state = {"start": float(link.position[0]), "rate": float(link.rate[0])}
-            joint = JOINT_TYPES[link.joint](axis=tuple(link.axis), **state, **frame)
+            joint = AXIAL_JOINTS[link.joint](axis=tuple(link.axis), **state, **frame)
         parent = m.ground if link.parent < 0 else bodies[link.parent]
         bodies.append(m.body(f"link{k}", parent, joint, mass=link.mass, com=tuple(link.com), inertia=link.inertia))
     return m

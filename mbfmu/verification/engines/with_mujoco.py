@@ -12,7 +12,6 @@ from mbfmu.util.extras import import_optional
 
 from .random_trees import Array, Dynamics, Link
 
-ENGINE_TITLE = "MuJoCo"
 MJCF_JOINTS = {"revolute": "hinge", "translational": "slide", "spherical": "ball"}
 
 
@@ -35,8 +34,9 @@ def as_mjcf(links: list[Link], gravity: Array) -> str:
         I = link.inertia
         full = listed((I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]))
         ElementTree.SubElement(body, "inertial", pos=listed(link.com), mass=repr(link.mass), fullinertia=full)
-        axis = {} if link.joint == "spherical" else {"axis": listed(link.axis)}
-        ElementTree.SubElement(body, "joint", name=f"joint{k}", type=MJCF_JOINTS[link.joint], **axis)
+        joint = ElementTree.SubElement(body, "joint", name=f"joint{k}", type=MJCF_JOINTS[link.joint])
+        if link.joint != "spherical":
+            joint.set("axis", listed(link.axis))
         elements.append(body)
     return ElementTree.tostring(root, encoding="unicode")
 
@@ -55,5 +55,6 @@ def evaluate(links: list[Link], gravity: Array) -> Dynamics:
         places += range(v, v + len(link.rate))
     mujoco.mj_forward(model, data)
     M = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, M, data.qM)
+    for column, unit in zip(M, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, column, unit)
     return Dynamics(M[np.ix_(places, places)], np.array(data.qacc)[places])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from mbfmu.util.extras import import_optional
 
 from .random_trees import Array, Dynamics, Link
-
-ENGINE_TITLE = "Pinocchio"
 
 
 def evaluate(links: list[Link], gravity: Array) -> Dynamics:
@@ -16,7 +16,8 @@ def evaluate(links: list[Link], gravity: Array) -> Dynamics:
     pin = import_optional("pinocchio", "bench")
     model = pin.Model()
     model.gravity.linear = gravity
-    numbers, q, v = [], [], []
+    numbers: list[Any] = []
+    q, v = [], []
     for k, link in enumerate(links):
         if link.joint == "spherical":
             joint = pin.JointModelSpherical()
