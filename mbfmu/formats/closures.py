@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mbfmu.mechanics.axes import along, unit_axis
+from mbfmu.mechanics.axes import ORIGIN, along, unit_axis
 from mbfmu.mechanics.checks import Matrix, vector
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.toml import read_toml
@@ -22,8 +22,8 @@ CLOSURES: dict[str, Literal["SphericalCutJoint", "RevoluteCutJoint", "WeldCutJoi
     "revolute": "RevoluteCutJoint",
     "weld": "WeldCutJoint",
 }
-TABLE = "close"  # of a TOML file
-ORIGIN, Z_AXIS = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+TABLE_NAME = "close"  # of a TOML file
+DEFAULT_AXIS = (0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,12 @@ class LoopClosure:
     joint: str = "spherical"
     at_a: Point = ORIGIN
     at_b: Point = ORIGIN
-    axis_a: Point = Z_AXIS
-    axis_b: Point = Z_AXIS
+    axis_a: Point = DEFAULT_AXIS
+    axis_b: Point = DEFAULT_AXIS
 
     def rotations(self) -> tuple[Matrix, Matrix]:
         """Return the axes (3, 3) of the frames of the joint in the bodies."""
-        if self.joint != "revolute" or (self.axis_a, self.axis_b) == (Z_AXIS, Z_AXIS):
+        if self.joint != "revolute" or (self.axis_a, self.axis_b) == (DEFAULT_AXIS, DEFAULT_AXIS):
             return np.eye(3), np.eye(3)
         return along(unit_axis(self.axis_a, "axis_a")), along(unit_axis(self.axis_b, "axis_b"))
 
@@ -84,12 +84,16 @@ def _read(path: Path) -> list[LoopClosure]:
     """Return the loop-closing joints of a TOML file."""
     content, names = read_toml(path, "file of loops"), [field.name for field in fields(LoopClosure)]
     what = f"file of loops {str(path)!r}"
-    tables = content.get(TABLE)
-    if set(content) != {TABLE} or not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise UserError(f"{what} contains {sorted(content)}; allowed: tables [[{TABLE}]] with {', '.join(names)}")
+    tables = content.get(TABLE_NAME)
+    if (
+        set(content) != {TABLE_NAME}
+        or not isinstance(tables, list)
+        or not all(isinstance(table, dict) for table in tables)
+    ):
+        raise UserError(f"{what} contains {sorted(content)}; allowed: tables [[{TABLE_NAME}]] with {', '.join(names)}")
     found = []
     for number, table in enumerate(tables, 1):
-        place = f"{what}: [[{TABLE}]] number {number}"
+        place = f"{what}: [[{TABLE_NAME}]] number {number}"
         for key in table:
             if key not in names:
                 raise UserError(f"{place} has the key {key!r}{suggest(key, names)}")
@@ -109,7 +113,7 @@ def _checked(what: str, closure: LoopClosure) -> LoopClosure:
     numbers: dict[str, Any] = {}
     for key in ("at_a", "at_b", "axis_a", "axis_b"):
         numbers[key] = tuple(map(float, vector(f"{what}: {key}", getattr(closure, key))))
-    has_axes = (numbers["axis_a"], numbers["axis_b"]) != (Z_AXIS, Z_AXIS)
+    has_axes = (numbers["axis_a"], numbers["axis_b"]) != (DEFAULT_AXIS, DEFAULT_AXIS)
     if has_axes and closure.joint != "revolute":
         raise UserError(f"{what} has axes and is {closure.joint}; allowed: axes of a revolute joint")
     for key in ("axis_a", "axis_b"):
