@@ -147,7 +147,7 @@ CASES: dict[str, tuple[Callable[[], Any], float, str]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_auto_takes_the_cheapest_family_and_says_why(case: str) -> None:
+def test_auto_takes_the_cheapest_family_and_reports_why(case: str) -> None:
     make, tolerance, solver = CASES[case]
     settings = mb.Settings(solver="auto", tolerance=tolerance)
     simulation = mb.Simulation(make(), settings)
@@ -180,7 +180,7 @@ def test_the_absolute_tolerance_decides_what_is_followed() -> None:
         assert mb.Simulation(model, settings).solver_choice.solver == solver
 
 
-def test_a_run_is_that_of_the_solver_it_takes_and_says_so() -> None:
+def test_a_run_is_that_of_the_selected_solver_and_reports_it() -> None:
     auto, named = (mb.simulate(FourBar(), 1.0, solver=solver) for solver in ("auto", "adams"))
     np.testing.assert_array_equal(auto.values, named.values)
     assert auto.diagnostics[0].text.startswith("auto selected 'adams': not stiff")
@@ -216,7 +216,7 @@ def test_old_numbers_of_solvers_keep_their_meaning() -> None:
     assert solver.default == "ida"
 
 
-def test_an_fmu_takes_auto_and_tells_its_log(fourbar_fmu: Path) -> None:
+def test_an_fmu_accepts_auto_and_logs_the_selection(fourbar_fmu: Path) -> None:
     ends, said = [], []
     for solver in (7, "adams"):
         with Fmu(fourbar_fmu, {"solver": solver}) as fmu:
@@ -233,7 +233,7 @@ def test_an_fmu_takes_auto_and_tells_its_log(fourbar_fmu: Path) -> None:
     assert any("auto selected 'adams': not stiff" in line for line in said), said
 
 
-def test_the_command_tells_what_was_taken(
+def test_the_command_prints_what_was_used(
     command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

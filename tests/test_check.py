@@ -59,7 +59,7 @@ def test_a_singular_position_is_found_when_the_drive_gets_there(scale: float) ->
     assert 0.0 < loop.gap < 1e-10
 
 
-def test_one_that_is_missed_is_told_from_one_that_is_passed() -> None:
+def test_a_missed_configuration_is_distinguished_from_one_that_is_passed() -> None:
     near = mb.check(parallelogram(longer=1e-5), 2.0, solver="adams").nearest
     assert near is not None
     assert near.t == pytest.approx((pi - START) / RATE, abs=1e-3)
@@ -122,7 +122,7 @@ def open_loop() -> mb.Mechanism:
     return m
 
 
-def test_a_scene_that_cannot_start_is_told_why() -> None:
+def test_a_scene_that_cannot_start_is_an_error_with_the_reason() -> None:
     found = mb.check(open_loop(), 1.0)
     assert found.failure.startswith("loop cannot close: constraint 'pin.x'")
     assert found.freedom is None
@@ -135,7 +135,7 @@ def test_a_scene_that_cannot_start_is_told_why() -> None:
     assert mb.check(mb.Mechanism(), 1.0).failure.startswith("the mechanism has no bodies")
 
 
-def test_a_run_that_stops_is_told_when_and_why() -> None:
+def test_a_run_that_stops_reports_time_and_reason() -> None:
     found = mb.check(parallelogram(longer=-0.1), 2.0, solver="adams")  # shorter than it needs to stretch out
     assert 0.1 < found.reached < 2.0
     assert found.hard[0] == "it stops early"
@@ -154,7 +154,7 @@ def test_forced_time_scales_and_the_largest_step_are_seen_to_set_the_steps() -> 
     assert mb.check(pendulum(1.0, 1e3, 0.0), 0.2, solver="adams").limit == "accuracy"
 
 
-def test_of_a_large_tree_the_fastest_motion_is_found_and_what_is_not_looked_at_said() -> None:
+def test_the_fastest_motion_of_a_large_tree_is_found_and_what_is_not_checked_is_reported() -> None:
     found = mb.check(Sheet(nx=7, nz=5, damping=0.01), 0.01, solver="esdirk", tolerance=1e-4)
     assert found.tree
     assert found.stiffness is not None
@@ -164,7 +164,7 @@ def test_of_a_large_tree_the_fastest_motion_is_found_and_what_is_not_looked_at_s
     assert any("(large model)" in d.text for d in found.diagnostics)
 
 
-def test_a_run_that_takes_too_long_is_left_and_said_so() -> None:
+def test_a_run_that_takes_too_long_is_ended_and_reported() -> None:
     found = mb.check(parallelogram(), 2.0, patience=1e-6, solver="adams")
     assert found.reached < 2.0
     assert "the run takes longer than 1e-06 s" in next(d.text for d in found.diagnostics if d.code == "not-examined")
@@ -187,7 +187,7 @@ def test_odd_arguments_are_refused(given: dict[str, Any], message: str) -> None:
         mb.check(3)  # type: ignore[arg-type]
 
 
-def test_the_command_tells_the_same(command: Callable[..., Any], tmp_path: Path) -> None:
+def test_the_command_prints_the_same(command: Callable[..., Any], tmp_path: Path) -> None:
     given = ("check", "fourbar", "--solver", "adams", "--stop-time", "1")
     code, out, err = command(*given)
     assert (code, err) == (0, "")
@@ -255,7 +255,7 @@ def door(floating: bool) -> mb.Mechanism:
     return m
 
 
-def test_a_second_hinge_is_told_of_in_one_way() -> None:
+def test_a_second_hinge_is_reported_in_one_way() -> None:
     assert "redundant constraints: 5 of 10 (" in mb.check(door(floating=True), 0.1).as_text()
     expected = "redundant constraints: none (5 constraints always satisfied and removed)"
     assert expected in mb.check(door(floating=False), 0.1).as_text()

@@ -196,7 +196,7 @@ def test_near_branches_name_drives_and_several_loops_if_there_are_any(drive: boo
 # words of stability, tables
 
 
-def test_every_word_of_stability_has_a_description_and_a_style(tmp_path: Path) -> None:
+def test_every_verdict_of_stability_has_a_description_and_a_style(tmp_path: Path) -> None:
     assert list(STABILITY_STYLES) == list(Stability)
     assert all(word.text for word in Stability)
     table = Path("docs/equilibrium.md").read_text(encoding="utf-8")
@@ -244,7 +244,7 @@ class Bare(mb.Model):
         return m
 
 
-def test_a_model_that_is_no_dataclass_says_what_to_add() -> None:
+def test_the_error_of_a_model_that_is_no_dataclass_has_a_remedy() -> None:
     for call in (Bare, lambda: Bare(length=2.0), Bare.parameters):  # type: ignore[call-arg]
         with pytest.raises(mb.UserError, match=r"model Bare declares .* @dataclass\(frozen=True, kw_only=True\) above"):
             call()

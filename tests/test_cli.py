@@ -93,7 +93,7 @@ def test_fmu_and_direct_write_the_same_numbers(command: Command, tmp_path: Path)
         (mb.Diagnostic.warning("energy-balance", "energy is lost"), "inaccurate"),
     ],
 )
-def test_a_run_that_is_not_to_be_trusted_says_so_everywhere(
+def test_a_run_that_may_be_wrong_has_its_warning_in_all_outputs(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found: mb.Diagnostic, word: str
 ) -> None:
     told = ("run", "fourbar/paper", "--direct", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
@@ -151,7 +151,7 @@ def test_processes_that_end_at_once_do_not_meet(tmp_path: Path) -> None:
     assert folders(tmp_path / "fourbar") == ["x", *(f"x-{number}" for number in range(2, 9))]
 
 
-def test_ctrl_c_while_modules_are_loaded_is_told(
+def test_ctrl_c_while_modules_are_loaded_is_reported(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     class Interrupted:
@@ -166,7 +166,7 @@ def test_ctrl_c_while_modules_are_loaded_is_told(
     assert capsys.readouterr().err == "mbfmu: interrupted before the start\n"
 
 
-def test_the_former_word_for_direct_is_taken_with_a_notice(command: Command, tmp_path: Path) -> None:
+def test_the_former_name_of_direct_is_accepted_with_a_notice(command: Command, tmp_path: Path) -> None:
     told = ("run", "fourbar", "--native", "--stop-time=0.01", "--plot=energy", "-o", str(tmp_path))
     code, out, err = command(*told)
     assert code == 0
@@ -220,7 +220,7 @@ def test_a_name_is_given_one_value(command: Command) -> None:
     )
 
 
-def test_a_model_may_import_what_is_beside_it(tmp_path: Path) -> None:
+def test_a_model_may_import_modules_of_its_folder(tmp_path: Path) -> None:
     """Two models, each with a module of the same name beside it, do not meet."""
     for folder, length in (("a", 1.0), ("b", 2.0)):
         (tmp_path / folder).mkdir()
@@ -241,7 +241,7 @@ def test_a_model_may_import_what_is_beside_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("way", ["root", "model", "above"])
-def test_a_file_in_the_place_of_a_folder_is_told_before_the_run(command: Command, tmp_path: Path, way: str) -> None:
+def test_a_file_in_the_place_of_a_folder_is_reported_before_the_run(command: Command, tmp_path: Path, way: str) -> None:
     root = {"root": tmp_path / "file", "model": tmp_path, "above": tmp_path / "file" / "results"}[way]
     (tmp_path / ("fourbar" if way == "model" else "file")).write_text("kept")
     code, out, err = command("run", "fourbar", "-o", str(root))
@@ -250,7 +250,7 @@ def test_a_file_in_the_place_of_a_folder_is_told_before_the_run(command: Command
     assert "cannot be created" in err
 
 
-def test_a_folder_that_is_read_only_is_told_before_the_run(command: Command) -> None:
+def test_a_folder_that_is_read_only_is_reported_before_the_run(command: Command) -> None:
     code, out, err = command("run", "fourbar", "-o", "/proc/results")
     assert (code, out) == (2, "")
     assert err == "mbfmu: folder '/proc/results/fourbar' cannot be created: No such file or directory [file-access]\n"
@@ -336,13 +336,13 @@ def test_mistakes_get_a_message_and_exit_code_2(command: Command, arguments: tup
     assert "Traceback" not in err
 
 
-def test_a_tolerance_that_is_not_run_is_told(command: Command, tmp_path: Path) -> None:
+def test_a_tolerance_that_is_not_run_is_reported(command: Command, tmp_path: Path) -> None:
     fine = ("run", "fourbar", "--direct", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
     assert "warning: The solver uses a tolerance of 1e-09 instead of 1e-12" in command(*fine, "--tolerance=1e-12")[1]
     assert "note:" not in command(*fine)[1]
 
 
-def test_a_huge_number_is_refused_in_words(command: Command, tmp_path: Path) -> None:
+def test_a_huge_number_is_refused_with_a_message(command: Command, tmp_path: Path) -> None:
     code, _, err = command("run", "fourbar", "--direct", "--set", "crank_length=1e200", "-o", str(tmp_path))
     assert code == 2
     assert err.startswith("mbfmu: ")
@@ -386,7 +386,7 @@ def test_a_build_of_machine_code_shows_its_progress(monkeypatch: pytest.MonkeyPa
     assert (len(bars), bars[-1].disable) == (3, True)  # closed if a build fails
 
 
-def test_the_cache_says_where_it_is(command: Command) -> None:
+def test_the_cache_reports_where_it_is(command: Command) -> None:
     code, out, _ = command("cache")
     assert code == 0
     assert str(cache.cache_root()) in out
@@ -418,7 +418,7 @@ def test_two_models_of_one_file_and_two_solvers_keep_their_results(command: Comm
     assert folders(tmp_path / "second") == ["default-adams-1e-6", "default-ida-1e-6"]
 
 
-def test_a_full_disk_is_told_in_words(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(_options: object) -> int:
         raise OSError(28, "No space left on device")
 

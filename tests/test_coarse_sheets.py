@@ -15,7 +15,7 @@ from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.steady.equilibrium import equilibrium
 
 
-def test_a_coarse_grid_is_told_of_and_a_fine_one_is_not(command: Any, tmp_path: Path) -> None:
+def test_a_coarse_grid_is_reported_and_a_fine_one_is_not(command: Any, tmp_path: Path) -> None:
     """0.1 mm on 7 x 5 nodes hangs 25 mm off."""
     thin = Sheet(nx=7, nz=5, thickness=0.1e-3)
     advice = r"rotated by up to (4|5)\d deg between nodes 'sheet.5.\d' and 'sheet.6.\d'.*Refine the grid .* \d\d x 5"
@@ -35,7 +35,7 @@ def test_a_coarse_grid_is_told_of_and_a_fine_one_is_not(command: Any, tmp_path: 
     assert "cells" not in command("run", "sheet", "--set=nx=13", "--set=nz=5", *short)[2]
 
 
-def test_a_sheet_spun_till_it_folds_ends_with_a_sentence(capfd: Any) -> None:
+def test_a_sheet_spun_until_it_folds_ends_with_a_message(capfd: Any) -> None:
     """Ten times its lowest frequency; SUNDIALS keeps its warnings to itself."""
     model = Sheet(nx=4, nz=3, support="free", start_spin=600.0)
     result = run(model, Settings(tolerance=1e-5), np.linspace(0.0, 0.05, 51))
@@ -58,7 +58,7 @@ def test_a_host_reads_the_warning_in_the_log(tmp_path: Path) -> None:
     assert sum("Refine the grid of 'sheet'" in text for text in told) == 1
 
 
-def test_what_was_said_of_a_fold_goes_back_with_the_state() -> None:
+def test_the_warning_of_a_fold_is_part_of_the_saved_state() -> None:
     model = Sheet(nx=4, nz=3, support="free", start_spin=600.0)
     simulation = Simulation(model, Settings(tolerance=1e-5))
     flat = simulation.save()

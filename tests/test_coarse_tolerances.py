@@ -50,7 +50,7 @@ def test_errors_at_coarse_tolerances_are_reported_and_not_larger(family: Callabl
     assert silent > LARGE
 
 
-def test_the_remark_states_the_size_of_the_errors() -> None:
+def test_the_warning_states_the_size_of_the_errors() -> None:
     draw = pendulum(np.random.default_rng(0))
     result = simulate(draw.mechanism, draw.end, interval=draw.end, solver="adams", tolerance=2e-3)
     (text,) = (str(d) for d in result.diagnostics if d.code == "coarse-tolerance")
@@ -59,7 +59,7 @@ def test_the_remark_states_the_size_of_the_errors() -> None:
     assert "a tenth of the tolerance" in text
 
 
-def test_finer_runs_and_runs_without_errors_have_no_remark() -> None:
+def test_finer_runs_and_runs_without_errors_have_no_warning() -> None:
     draw = double_pendulum(np.random.default_rng(0))
     for tolerance in (9e-4, 1e-4, 1e-6):
         result = simulate(draw.mechanism, 0.1, interval=0.1, solver="adams", tolerance=tolerance)

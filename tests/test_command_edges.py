@@ -143,7 +143,7 @@ def test_the_name_of_a_result_has_the_values_that_were_set() -> None:
     assert len(run_part(scene, [f"a{k}=1" for k in range(99)])) < 200
 
 
-def test_a_study_has_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_study_has_a_separate_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "results" / "governor" / "default-sweep-spindle_speed").mkdir(parents=True)
     options = SimpleNamespace(output=None, study=Path("governor.toml"), resume=False)

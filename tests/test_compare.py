@@ -84,7 +84,7 @@ def drawn(monkeypatch: Any, plot: Any, found: Comparison) -> Any:
     return kept[0]
 
 
-def test_pictures_say_the_tolerance_and_leave_out_the_start(swings: Comparison, monkeypatch: Any) -> None:
+def test_pictures_state_the_tolerance_and_omit_the_start(swings: Comparison, monkeypatch: Any) -> None:
     figure = drawn(monkeypatch, work_precision.plot_energy, swings)
     assert "tolerance 1e-6" in figure.axes[0].get_title()
     assert all(line.get_xdata()[0] == pytest.approx(0.01) for line in figure.axes[0].lines)
@@ -100,7 +100,7 @@ def test_the_best_choices_are_a_front(swings: Comparison) -> None:
         assert any(one.cpu_s <= other.cpu_s and one.error <= other.error for one in best)  # type: ignore[operator]
 
 
-def test_driven_outputs_judge_nobody() -> None:
+def test_driven_outputs_are_not_compared() -> None:
     assert driven_outputs(SpinningArm().compile()) == {"hub.angle", "hub.speed"}
     assert {"crank.angle", "crank.speed"} <= driven_outputs(SwingPendulum().compile())
     assert "rod.angle" not in driven_outputs(SwingPendulum().compile())
@@ -112,7 +112,7 @@ def test_driven_outputs_judge_nobody() -> None:
     assert found.rows[0].error > 1e-9  # type: ignore[operator]
 
 
-def test_a_mechanism_in_which_nothing_is_free_says_so() -> None:
+def test_a_mechanism_without_degrees_of_freedom_is_reported() -> None:
     m = Mechanism()
     arm = m.body("arm", m.ground, Revolute(drive=RunUp(speed=1.0, duration=1.0)), **rod(mass=1.0, length=1.0))
     m.output("arm.angle", arm.angle())
@@ -120,7 +120,7 @@ def test_a_mechanism_in_which_nothing_is_free_says_so() -> None:
         compare(m, repeats=1)
 
 
-def test_an_output_that_cannot_judge_is_named() -> None:
+def test_an_output_that_allows_no_comparison_is_named() -> None:
     with pytest.raises(
         UserError, match=r"output 'hub.angle' of model 'spinning_arm' cannot be compared: driven; allowed: "
     ):
@@ -177,7 +177,7 @@ def test_a_run_that_takes_too_long_is_stopped() -> None:
     assert 0.02 < account.spent < 1.0
 
 
-def test_what_takes_too_long_is_left_out_and_said() -> None:
+def test_what_takes_too_long_is_omitted_and_reported() -> None:
     scene = short(SwingPendulum(), 6.0, 0.1)
     found = compare(scene, solvers=["adams", "ida"], tolerances=[1e-9, 1e-10], repeats=1, budget=2.0)
     assert {r.solver for r in found.rows} == {"adams"}
@@ -266,7 +266,7 @@ def test_large_trees_are_compared_with_the_shell_code() -> None:
     assert found.rows[0].space_error > 0.0  # type: ignore[operator]
 
 
-def test_a_solver_that_is_none_for_a_mechanism_says_why() -> None:
+def test_the_refusal_of_a_solver_has_a_reason() -> None:
     with pytest.raises(UserError, match=r"nothing can be compared: .*esdirk.* is for large models only"):
         compare(short(FourBar(), 0.1), solvers=["esdirk"], tolerances=[1e-4], repeats=1)
 
@@ -343,7 +343,7 @@ def test_targets_that_are_not_reached(target: Any, more: dict[str, Any], message
         recommend_solver(short(FourBar(), 0.5), target, solvers=["adams"], **more)
 
 
-def test_command_answers_in_a_sentence_and_saves_a_scene(command: Any, tmp_path: Path) -> None:
+def test_command_prints_one_message_and_saves_a_scene(command: Any, tmp_path: Path) -> None:
     saved, rows = tmp_path / "quick.toml", tmp_path / "rows.json"
     code, out, _ = command(
         "compare", "fourbar", "--stop-time", "0.5", "--target", "1e-3", "--output", "crank.angle", "--solver", "adams",

@@ -26,7 +26,7 @@ def scene(nx: int = 5) -> Scene:
     return replace(default_scene(Feeder(**FREE, nx=nx, nz=4)), stop_time=0.01, output_interval=0.002)
 
 
-def test_solvers_that_do_not_suit_contact_are_left_out_in_a_sentence() -> None:
+def test_solvers_that_do_not_suit_contact_are_omitted_with_a_message() -> None:
     found = compare(scene(), resolutions=[{}], **SMALL)
     assert {row.solver for row in found.rows} == {"esdirk", "ida"}
     assert all(row.trusted and row.error is not None and row.error < 1e-2 for row in found.rows)
@@ -71,7 +71,7 @@ def test_sheets_without_contact_are_compared_as_they_were() -> None:
     assert [pair[1][0] for pair in runs[1:]] == ["ida"] * (len(runs) - 1)
 
 
-def test_a_sheet_that_nothing_holds_has_no_equilibrium_and_is_told_so() -> None:
+def test_a_sheet_without_support_has_no_equilibrium_and_is_refused() -> None:
     with pytest.raises(
         EquilibriumError, match=r"^no equilibrium was found .* friction of contacts is proportional to slip"
     ):

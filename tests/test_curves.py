@@ -31,7 +31,7 @@ def result(names: list[tuple[str, str]], *, times: int = 50, failed: bool = Fals
 @pytest.mark.parametrize("failed", [False, True])
 @pytest.mark.parametrize("times", [1, 50])
 @pytest.mark.parametrize("kind", NAMES)
-def test_texts_of_curves_lie_inside_the_figure_and_beside_the_panels(kind: str, times: int, failed: bool):
+def test_labels_of_curves_are_inside_the_figure_and_outside_the_panels(kind: str, times: int, failed: bool):
     shown = result(NAMES[kind], times=times, failed=failed)
     asked = errors_of(shown) if kind == "errors" else []
     figure = Figure(figsize=size(shown, asked))

@@ -73,7 +73,7 @@ def test_a_slider_passes_the_center_of_its_crank(solver: str, length: float, tol
 
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
 @pytest.mark.parametrize(("longer", "locks"), [(-1e-9, 1.222), (1e-6, 2.793), (1e-2, 2.72)])
-def test_a_crank_stops_with_a_sentence_where_it_locks(solver: str, longer: float, locks: float) -> None:
+def test_a_crank_stops_with_a_message_where_it_locks(solver: str, longer: float, locks: float) -> None:
     """And does not hang."""
     result = run(Driven(longer=longer), Settings(solver=solver), np.linspace(0.0, 4.0, 201))
     assert result.failure

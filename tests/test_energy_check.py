@@ -179,7 +179,7 @@ def test_compare_marks_the_row(monkeypatch: Any) -> None:
     assert found.rows[0].energy_error == np.abs(found.energies["adams"][1]).max() > 0.0
 
 
-def test_an_fmu_tells_in_its_message(tmp_path: Path, monkeypatch: Any) -> None:
+def test_an_fmu_reports_it_in_its_message(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr(Systems, "_works", lambda self: False)
     path = export(Governor(damping=5.0), tmp_path / "wrong.fmu", native=False)
     with Fmu(path) as fmu:

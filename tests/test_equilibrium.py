@@ -105,7 +105,7 @@ def test_eigenvalues_are_those_of_the_hand_derived_motion(model: Any) -> None:
     np.testing.assert_allclose([m.frequency for m in found.modes], expected, rtol=1e-7)
 
 
-def test_damping_makes_it_stable_and_a_mode_decays_in_time_as_it_says() -> None:
+def test_damping_makes_it_stable_and_a_mode_decays_according_to_its_eigenvalue() -> None:
     model = Governor(damping=30.0, start_angle=0.80)
     found = equilibrium(model)
     assert found.stability == "stable"
@@ -198,7 +198,7 @@ def test_what_is_no_steady_state_is_refused_with_its_residual(model: Model, word
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("off", [0.0, 1e-9])
 @pytest.mark.parametrize("locked", [False, True])
-def test_a_loop_whose_only_row_vanishes_at_rest_is_refused(scale: float, off: float, locked: bool) -> None:
+def test_a_loop_whose_only_constraint_is_singular_at_rest_is_refused(scale: float, off: float, locked: bool) -> None:
     """Two cranks and a rod between their tips in line: two branches cross there, or it is the one position there is."""
     m, (at, tip) = Mechanism(gravity=(9.81, 0.0, 0.0)), (4.0, -scale) if locked else (2.0, scale)
     left = m.body("left", m.ground, Revolute(start=off), **rod(mass=1.0, length=scale))
@@ -292,7 +292,7 @@ def test_linearized_response_to_gravity_by_an_input() -> None:
     np.testing.assert_allclose(space.D, [[-0.5]], atol=1e-12)
 
 
-def test_a_step_of_the_drive_speed_moves_the_collar_as_the_gain_says() -> None:
+def test_a_step_of_the_drive_speed_moves_the_collar_according_to_the_gain() -> None:
     model = Governor(damping=60.0)
     space = equilibrium(model).state_space
     free = len(space.free)  # without the angle of the spindle, on which the height does not depend
@@ -372,7 +372,7 @@ def test_command_prints_and_writes_json(tmp_path: Path, command: Callable[..., A
     assert re.match(r"1 +5 +8 to 12 +0\.0\S+ to 0\.0\S+ +undamped$", table[2])
 
 
-def test_a_branch_tells_where_its_stability_changes() -> None:
+def test_a_branch_reports_where_its_stability_changes() -> None:
     def state(stability: str) -> Any:
         return SimpleNamespace(stability=stability, outputs={"x": 1.0})
 

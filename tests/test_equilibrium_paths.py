@@ -174,7 +174,7 @@ def test_a_column_buckles_and_bends_as_by_shooting(n: int, length: float) -> Non
 
 
 @pytest.mark.parametrize("n", [6, 110])
-def test_a_guided_column_buckles_where_its_eigenvalues_say(n: int) -> None:
+def test_a_guided_column_buckles_at_the_loads_of_its_eigenvalues(n: int) -> None:
     loads = buckling_loads(n, guided=True)
     found = mb.equilibrium_path(column(n, guided=True), "force", (0.0, 1.1 * loads[1]), second=True)
     assert [s.value for s in found.bifurcations] == pytest.approx(loads[:2], rel=1e-7)
@@ -348,7 +348,7 @@ def test_what_cannot_be_followed_is_refused() -> None:
         mb.equilibrium_path(truss(), "force", (0.0, 1.0), steps=0)
 
 
-def test_a_path_tells_why_it_ended_early() -> None:
+def test_a_path_that_ended_early_has_the_reason() -> None:
     (branch,) = mb.equilibrium_path(truss(), "force", (0.0, -5.0), steps=3).branches
     assert branch.ended == "the maximum of 3 steps was reached"
     assert len(branch.states) == 4
@@ -377,7 +377,7 @@ def test_the_command_leaves_a_picture_and_a_table(tmp_path: Path, capsys: pytest
         (["--over", "gravity=5:9"], "is a parameter"),
     ],
 )
-def test_the_command_says_what_is_wrong(
+def test_the_command_reports_what_is_wrong(
     arguments: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["path", "governor", *arguments, "-o", str(tmp_path)]) == 2

@@ -85,7 +85,7 @@ def test_the_dozen_lines_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.M
     assert (tmp_path / "crank.png").stat().st_size > 10_000
 
 
-def test_steady_states_are_read_as_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steady_states_are_read_as_documented(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["linearize", "governor", "-o", "governor.npz"]) == 0
     for language, _, text in blocks("equilibrium.md"):

@@ -39,7 +39,7 @@ def told(sensors: dict[str, Any], m: Mechanism) -> dict[str, float]:
     return dict(zip(sensors, found.outputs(), strict=False))
 
 
-def test_sensors_of_a_rigid_sheet_tell_its_geometry() -> None:
+def test_sensors_of_a_rigid_sheet_return_its_geometry() -> None:
     """Sheet of an even number of nodes, so that no middle is a node."""
     m, R = Mechanism(), rotation()
     kind = {"thickness": 1e-4, "youngs_modulus": 4e9, "density": 800.0, "grid": (4, 6), "tree": "master"}
@@ -104,7 +104,7 @@ def test_paths_go_on_where_their_parts_end(kind: str) -> None:
     assert angles[-1] == pytest.approx(ends.get(kind, 0.0), abs=1e-12)
 
 
-def test_an_s_bend_lifts_the_path_as_its_arcs_say() -> None:
+def test_an_s_bend_lifts_the_path_according_to_its_arcs() -> None:
     route = lay_out(0.1, [0.05, (0.04, 0.6), (0.04, -0.6), 0.2])
     (_, y), _ = route.at(route.length)
     assert y == pytest.approx(2.0 * 0.04 * (1.0 - np.cos(0.6)))
@@ -249,7 +249,7 @@ def test_effects_that_are_off_are_absent() -> None:
         ({"path": "loop"}, "allowed: 'straight', 's_bend', 'turn', 'chute'"),
     ],
 )
-def test_bad_input_is_refused_in_a_sentence(given: dict[str, Any], message: str) -> None:
+def test_bad_input_is_refused_with_a_message(given: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError) as refused:
         Feeder(**given).build()
     assert message in str(refused.value)

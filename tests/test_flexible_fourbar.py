@@ -98,7 +98,7 @@ def test_four_modes_are_nearer() -> None:
     assert errors[0] == pytest.approx(errors[1], rel=1e-3)  # the second mode is zero by symmetry
 
 
-def test_lu_fails_at_a_singular_position_as_the_paper_says() -> None:
+def test_lu_fails_at_a_singular_position_as_published() -> None:
     times = np.linspace(0.0, 10.0, 101)
     result = run(FourBar(coupler_modes=2), Settings(solver="adams-lu", tolerance=1e-8), times)
     assert "the time no longer changes" in result.failure
@@ -234,7 +234,7 @@ def test_ida_pays_for_accuracy_and_not_for_stiffness() -> None:
 
 @pytest.mark.parametrize("solver", ["adams", "hybrid"])
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-8])
-def test_adams_says_that_stability_limits_it(solver: str, tolerance: float) -> None:
+def test_adams_reports_that_stability_limits_it(solver: str, tolerance: float) -> None:
     times, settings = np.linspace(0.0, 0.05, 3), Settings(solver=solver, tolerance=tolerance)
     stiff, rigid = run(FourBar(**STIFF), settings, times), run(FourBar(), settings, np.linspace(0.0, 10.0, 3))
     assert stiff.statistics.stability_limited > 0.9 * stiff.statistics.steps > 1000

@@ -42,7 +42,7 @@ class Lifted(Model):
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
 @pytest.mark.parametrize("beside", [False, True])
 @pytest.mark.parametrize("speed", [0.1, 1.0, 10.0])
-def test_the_effort_is_what_virtual_work_says(speed: float, beside: bool, solver: str) -> None:
+def test_the_effort_follows_from_virtual_work(speed: float, beside: bool, solver: str) -> None:
     """The coupler translates and nothing accelerates: M = weight cos, whatever the pins hold."""
     angles = np.concatenate(([-0.6], -BESIDE[::-1], BESIDE, [0.6]))
     times = (angles + 0.6) / speed
@@ -56,7 +56,7 @@ def test_the_effort_is_what_virtual_work_says(speed: float, beside: bool, solver
 
 
 @pytest.mark.parametrize("solver", ["adams", "ida"])
-def test_forces_in_the_singular_position_itself_are_remarked(solver: str) -> None:
+def test_forces_in_the_singular_position_itself_are_reported(solver: str) -> None:
     result = run(Lifted(), Settings(solver=solver, tolerance=1e-6), np.array([0.0, 0.3, 0.6, 0.9]))
     assert [text for text in map(str, result.diagnostics) if "are not determined and may be" in text]
     assert "t = 0.6 s" in result.diagnostics[-1].text

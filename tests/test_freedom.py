@@ -41,7 +41,7 @@ def test_rigid_motions(compiled: CompiledMechanism, twists: Any, words: str) -> 
     assert described(compiled, *twists) == words
 
 
-def test_other_motions_are_told_by_their_coordinates(compiled: CompiledMechanism) -> None:
+def test_other_motions_are_reported_by_their_coordinates(compiled: CompiledMechanism) -> None:
     motion = np.zeros((compiled.system.n, 1))
     names = compiled.system.coordinate_names
     moving = [names.index(name) for name in ("sheet.0.0.alpha", "sheet.0.4.alpha", "sheet.1.1.theta_x")]

@@ -34,7 +34,7 @@ def test_both_frequencies_of_a_damped_oscillator() -> None:
         assert word in text
 
 
-def test_pictures_have_the_words_of_the_table(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_pictures_have_the_terms_of_the_table(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     labels: list[str] = []
 
     def note(figure: Any, path: Path) -> None:

@@ -31,7 +31,7 @@ def geared(length: float, start: float, ratio: float, torque: float) -> Mechanis
 @pytest.mark.parametrize(("solver", "tolerance"), [("adams", 1e-8), ("hybrid", 1e-6), ("ida", 1e-6)])
 @pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize(("start", "ratio"), [(0.4, -2.5), (1e-3, 0.3)])
-def test_a_geared_parallelogram_crosses_as_one_coordinate_says(
+def test_a_geared_parallelogram_crosses_according_to_one_coordinate(
     start: float, ratio: float, length: float, solver: str, tolerance: float
 ) -> None:
     torque, stop = 0.05 * 9.81 * length, 4.0 * np.sqrt(length / 9.81)

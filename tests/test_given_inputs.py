@@ -176,7 +176,7 @@ def remarks_of(m: mb.Mechanism, **given: Any) -> list[str]:
     return [remark for remark in map(str, found.diagnostics) if "input" in remark]
 
 
-def test_what_cannot_be_evaluated_at_any_time_is_held_and_said() -> None:
+def test_inputs_that_cannot_be_evaluated_at_any_time_are_held_with_a_note() -> None:
     """A position whose rate jumps, a speed that jumps, noise, gravity."""
     position = base(mb.Input(name="u", unit="m"))
     (told,) = remarks_of(position, u=lambda t: max(t - 0.31, 0.0))
@@ -305,7 +305,7 @@ def test_values_set_step_by_step_are_held_or_extrapolated(how: str, order: float
     assert np.log2(error(0.02) / error(0.01)) == pytest.approx(order, abs=0.25)
 
 
-def test_a_saved_result_says_how_inputs_were_treated(tmp_path: Any) -> None:
+def test_a_saved_result_contains_how_inputs_were_treated(tmp_path: Any) -> None:
     found = mb.simulate(slider(LOAD), 0.1, interval=0.1, solver="adams", inputs={"F": np.cos})
     found.save(tmp_path / "r.npz")
     assert mb.Result.load(tmp_path / "r.npz").inputs == found.inputs

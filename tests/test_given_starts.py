@@ -123,7 +123,7 @@ def test_what_is_not_given_changes_first_where_given_values_contradict_each_othe
         ),
     ],
 )
-def test_a_run_remarks_on_given_values_that_were_changed_and_on_nothing_else(joints: Any, told: Any) -> None:
+def test_a_run_reports_given_values_that_were_changed_and_nothing_else(joints: Any, told: Any) -> None:
     run = mb.simulate(four_bar(**joints), 0.01, solver="adams")
     said = [text.partition(" is changed from ")[0] for text in map(str, run.diagnostics) if " is changed from " in text]
     assert tuple(said) == told

@@ -488,7 +488,7 @@ def test_what_cannot_be_is_refused_with_what_to_do(change: Any, text: str) -> No
         declare(change)
 
 
-def test_a_parent_that_hangs_on_its_child_is_refused() -> None:
+def test_a_parent_that_is_connected_to_its_child_is_refused() -> None:
     m = mb.Mechanism()
     one = m.body("one", **mb.rod(mass=1.0, length=1.0))
     two = m.body("two", one, mb.Revolute(), **mb.rod(mass=1.0, length=1.0))

@@ -95,7 +95,7 @@ def test_a_spring_of_1e7_newton_a_meter_is_only_a_faster_motion(model: Model, so
         np.testing.assert_allclose(result[name], values, atol=bound)
 
 
-def test_a_run_tells_where_rounding_allows_no_finer_tolerance() -> None:
+def test_a_run_reports_where_rounding_allows_no_finer_tolerance() -> None:
     model, times = FourBar(rocker_length=1.0 + 1e-9), np.linspace(0.0, 2.0, 11)
     finest, fine = (run(model, Settings(solver="adams", tolerance=rtol), times) for rtol in (1e-10, 1e-7))
     assert any("rounding errors" in text for text in map(str, finest.diagnostics))

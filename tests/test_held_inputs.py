@@ -56,7 +56,7 @@ def test_a_comparison_names_inputs_that_do_not_move(
     assert f"not examined: {SAYS}" in out
 
 
-def test_without_inputs_nothing_is_said() -> None:
+def test_without_inputs_nothing_is_reported() -> None:
     assert describe_held_inputs([]) == []
     assert "input" not in mb.check(still(), stop_time=0.1).as_text()
 

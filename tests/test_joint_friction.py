@@ -233,7 +233,7 @@ def test_solver_and_tolerance_fit_the_bristle() -> None:
     assert {found.code for found in simulation.diagnostics} == {"selected-solver"}
 
 
-def test_displacement_and_angle_of_a_cylindrical_joint_have_their_own_friction() -> None:
+def test_displacement_and_angle_of_a_cylindrical_joint_have_separate_friction() -> None:
     """Each stops after v^2 / (2 a), with a = F / m and M / I."""
     m = mb.Mechanism()
     joint = mb.Cylindrical(axis="x", rate=(6.0, 2.0), nominal=1.0)

@@ -190,6 +190,9 @@ PRIVATE_WORDS = frozenset(
     "stepped twin twins "
     .split()
 )  # fmt: skip
+NOT_IN_NAMES_OF_TESTS = frozenset(
+    "told tell tells say says said sentence sentences anew beside remarked nobody".split()
+)
 ADJECTIVES = frozenset(  # no quantity
     "ALIKE ALL ALREADY BEYOND BRIEF BRIEFLY CHANGED CLEAR CLOSE CLOSED COARSE COARSEST COMMON CROWD DEEP ENOUGH "
     "EXACT FAR FEW FINE FINEST FIRST FLAT FRESH GONE GOOD HIGH INSIDE KNOWN LARGE LARGEST LAST LEAST LEFT LIGHT "
@@ -262,6 +265,16 @@ def test_identifiers_have_no_private_words() -> None:
         for name, line in identifiers(path).items()
         for word in parts(name)
         if word in PRIVATE_WORDS and name not in EXCEPTIONS.get(path, {})
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_names_of_tests_are_in_plain_technical_english() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in sorted((ROOT / "tests").rglob("*.py"))
+        for name in re.findall(r"^\s*def (test_\w+)", path.read_text(), re.MULTILINE)
+        if NOT_IN_NAMES_OF_TESTS.intersection(name.split("_"))
     ]
     assert not found, "\n".join(found)
 

@@ -68,7 +68,7 @@ def test_accelerations_are_those_of_lagranges_equations(solver: str) -> None:
     np.testing.assert_allclose(np.cumsum(stepper.accelerations()[0]), expected, atol=1e-9 * np.abs(expected).max())
 
 
-def test_a_chain_falls_as_lagranges_equations_say() -> None:
+def test_a_chain_falls_according_to_lagranges_equations() -> None:
     """The links jitter; ida's error is that of order two, in proportion to rtol to the power 2/3."""
     n = systems.MAX_DENSE_TREE_COORDINATES + 1
     start = np.concatenate((np.full(n, -0.3), np.zeros(n)))

@@ -247,14 +247,14 @@ def declaring(what: str, decorated: bool = True) -> str:
         ("raise SystemExit(3)", "cannot be imported: SystemExit: 3"),
     ],
 )
-def test_what_no_model_may_declare_is_said(what: str, message: str, tmp_path: Path) -> None:
+def test_reserved_names_of_models_are_refused(what: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "pendulum.py"
     path.write_text(declaring(what))
     with pytest.raises(UserError, match=re.escape(message)):
         load_scene(str(path))
 
 
-def test_a_model_that_is_no_dataclass_is_told_so(tmp_path: Path) -> None:
+def test_a_model_that_is_no_dataclass_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "pendulum.py"
     path.write_text(declaring("p: float = parameter(1.0)", decorated=False))
     with pytest.raises(UserError, match=r"write @dataclass\(frozen=True, kw_only=True\) above the class"):

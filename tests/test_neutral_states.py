@@ -131,7 +131,7 @@ def test_a_torque_on_a_free_wheel_is_refused(count: int) -> None:
 
 @pytest.mark.parametrize("stiffness", [1e2, 1e5, 1e8, 1e10])
 @pytest.mark.parametrize("others", [0, 60])
-def test_a_small_force_beside_a_stiff_spring_is_refused(stiffness: float, others: int) -> None:
+def test_a_small_force_in_parallel_with_a_stiff_spring_is_refused(stiffness: float, others: int) -> None:
     m = mb.Mechanism()
     sled = m.body("sled", m.ground, mb.Translational(axis="x"), mass=1.0)
     m.force("push", mb.JointForce(0.01), sled)

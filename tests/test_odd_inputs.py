@@ -132,7 +132,7 @@ def test_settings_of_another_kind(odd: dict[str, Any]) -> None:
         Settings(**odd)
 
 
-def test_settings_take_numbers_of_numpy_and_keep_their_own() -> None:
+def test_settings_accept_numbers_of_numpy_and_copy_them() -> None:
     settings = Settings(tolerance=np.float64(1e-8), max_steps=np.int64(500))
     assert repr((settings.tolerance, settings.max_steps)) == "(1e-08, 500)"
 
@@ -227,7 +227,7 @@ def test_numbers_of_settings_that_are_out_of_range(odd: dict[str, Any]) -> None:
         Settings(**odd)
 
 
-def test_a_largest_step_without_end_is_told_to_be_finite() -> None:
+def test_an_infinite_largest_step_is_refused() -> None:
     with pytest.raises(UserError, match="max_step is inf; allowed: finite, at least 0 s"):
         Settings(max_step=float("inf"))
 
@@ -249,7 +249,7 @@ def test_an_inertia_that_no_body_has_is_refused_at_any_size(scale: float) -> Non
             m.body("b", m.ground, Revolute(), mass=1.0, inertia=scale**5 * np.array(odd))
 
 
-def test_light_bodies_may_move_beside_heavy_ones() -> None:
+def test_light_bodies_may_move_with_heavy_ones() -> None:
     def more(m: Mechanism, bar: Any) -> None:
         tiny = m.body("tiny", m.ground, Revolute(at=(3.0, 0.0, 0.0)), **rod(mass=1e-9, length=1e-4))
         m.output("tiny", tiny.angle())
@@ -271,7 +271,7 @@ def test_a_mass_on_the_axis_but_for_rounding_moves_no_mass(mass: float) -> None:
         CompiledMechanism(m).assemble()
 
 
-def test_a_start_in_a_singular_position_is_told() -> None:
+def test_a_start_in_a_singular_position_is_reported() -> None:
     @dataclass(frozen=True, kw_only=True)
     class Flat(Model):
         name = "flat"

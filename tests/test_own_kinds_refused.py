@@ -78,7 +78,7 @@ def force(**said: Any) -> Callable[[Mechanism, Body], Any]:
         (lambda m, b: m.output("s", own(Sensor, read=two)(unit="m")), "kernel 'read' .* cannot be compiled"),
     ],
 )
-def test_a_mistake_in_a_kind_is_a_sentence(add: Callable[[Mechanism, Body], Any], message: str) -> None:
+def test_a_mistake_in_an_element_type_is_an_error_message(add: Callable[[Mechanism, Body], Any], message: str) -> None:
     def made_and_run() -> None:
         m = Mechanism()
         add(m, m.body("b", m.ground, Translational(), mass=1.0))

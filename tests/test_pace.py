@@ -86,7 +86,7 @@ def test_the_check_does_not_change_the_motion() -> None:
     assert plain.statistics == watched.statistics
 
 
-def test_a_run_that_ends_soon_is_not_remarked() -> None:
+def test_a_run_that_ends_soon_is_not_reported() -> None:
     """4000 steps of the same links, and 1500 of loose ones."""
     short = run(links(), Settings(tolerance=1e-8), communication_points(5e-3, 1e-3), warn=pytest.fail)
     loose = run(links(1e-1), Settings(tolerance=1e-8), communication_points(0.1, 1e-2), warn=pytest.fail)
@@ -95,7 +95,7 @@ def test_a_run_that_ends_soon_is_not_remarked() -> None:
     assert not loose.diagnostics
 
 
-def test_the_command_line_prints_the_remark(
+def test_the_command_line_prints_the_warning(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(step_count, "MIN_EXPECTED_STEPS", 3000)

@@ -142,7 +142,7 @@ def test_speeds_without_a_common_period() -> None:
         _ = found.modes
 
 
-def test_state_matrices_say_which_of_them_change() -> None:
+def test_state_matrices_report_which_of_them_change() -> None:
     """An output of a point that goes round changes C alone; a rotor that is not alike about its axis changes A too."""
     for inertia, expected in ((ALIKE, ("C",)), (UNLIKE, ("A", "C"))):
         m = rotor(inertia)

@@ -224,7 +224,7 @@ def reference(stop: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
-def test_runs_as_the_closed_equations_say(beads: Any, solver: str) -> None:
+def test_runs_according_to_the_closed_equations(beads: Any, solver: str) -> None:
     result = simulate(beads(), 1.0, solver=solver, tolerance=1e-8)
     assert not result.failure
     assert [result["x"][-1], result["other"][-1]] == pytest.approx(reference(1.0), abs=2e-6)

@@ -82,7 +82,7 @@ def test_inputs_are_numbers_or_functions_of_time() -> None:
         ({"inputs": [1.0]}, r"inputs are \[1\.0\]; allowed: numbers or functions of time"),
     ],
 )
-def test_what_is_wrong_is_said(given: dict[str, object], message: str) -> None:
+def test_what_is_wrong_is_reported(given: dict[str, object], message: str) -> None:
     with pytest.raises(mb.UserError, match=message):
         mb.simulate(swing(), 1.0, **given)  # type: ignore[arg-type]
     with pytest.raises(mb.UserError, match="model is 3; allowed: a Mechanism, or an instance of a subclass"):
@@ -112,7 +112,7 @@ def test_arrays_that_do_not_belong_together_are_no_result(result: mb.Result, tmp
         mb.Result.load(tmp_path / "bad.npz")
 
 
-def test_where_nothing_can_be_written_is_said(result: mb.Result, tmp_path: Path) -> None:
+def test_an_unwritable_folder_is_reported(result: mb.Result, tmp_path: Path) -> None:
     for write in (result.save, result.write_csv):
         for path in (tmp_path, tmp_path / "none" / "run.npz"):
             with pytest.raises(mb.UserError, match="cannot be written"):
@@ -169,7 +169,7 @@ def made(columns: dict[str, Any], **how: Any) -> mb.Result:
     return mb.Result(np.arange(10.0), values, variables, Statistics(), 1.0, name="a/b", settings=mb.Settings(), **how)
 
 
-def test_curves_that_lie_on_each_other_are_told_apart() -> None:
+def test_curves_that_lie_on_each_other_are_distinguishable() -> None:
     """Also where they do not move: the second is dashed, over the wide first."""
     four = mb.simulate(mb.models()["fourbar"](), 0.2, solver="adams")
     still = made({"x": -5.718, "y": -5.718 + 1e-11 * np.arange(10.0)})
@@ -218,7 +218,7 @@ def test_a_dozen_curves_are_drawn_in_a_panel_and_the_rest_on_request() -> None:
         (mb.Diagnostic.warning("energy-balance", "it broke", "Try again"), "INACCURATE: the energy err"),
     ],
 )
-def test_a_picture_says_that_a_run_went_wrong(found: mb.Diagnostic, word: str) -> None:
+def test_a_picture_shows_that_a_run_failed(found: mb.Diagnostic, word: str) -> None:
     figure = made({"x": 1.0}, diagnostics=[found]).plot()
     lines = figure.get_suptitle().splitlines()
     assert lines[0] == "a/b, ida, tolerance 1e-6"

@@ -118,7 +118,7 @@ def test_it_does_so_at_every_size_and_attitude(size: float, attitude: Any) -> No
         assert run["angle"][-1] == pytest.approx(MOVED, abs=2e-5)
 
 
-def test_an_exact_loop_is_not_remarked_on() -> None:
+def test_an_exact_loop_is_not_reported() -> None:
     run = mb.simulate(four_bar(0.0, "ball"), 0.1, solver="adams")
     assert not any("is left out" in text or "cannot move" in text for text in map(str, run.diagnostics))
     assert CompiledMechanism(four_bar(0.0, "ball")).rounded_rows == {}
@@ -228,7 +228,7 @@ def test_large_systems_that_are_locked_name_the_axes_too(solver: str) -> None:
     assert free["angle34"][-1] == pytest.approx(swing(0.5), abs=1e-3)
 
 
-def test_a_truss_says_that_nothing_moves_and_a_driven_loop_does_not() -> None:
+def test_a_truss_is_reported_as_immobile_and_a_driven_loop_is_not() -> None:
     def triangle(**crank: Any) -> Mechanism:
         m = Mechanism()
         a = m.body("a", m.ground, Revolute(**crank), **rod(mass=1, length=1))

@@ -190,7 +190,7 @@ def test_lengths_that_do_not_close_are_refused_with_the_tolerance_that_accepts_t
     assert any("1 redundant constraint is not satisfied" in text for text in map(str, run.diagnostics))
 
 
-def test_trusses_and_dead_centers_beside_moving_parts_are_not_reported() -> None:
+def test_trusses_and_dead_centers_with_moving_parts_are_not_reported() -> None:
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     a = m.body("a", m.ground, Revolute(start=1.0471), **rod(mass=1, length=1))
     b = m.body("b", a, Revolute(at=(1, 0, 0), start=-2.0943), **rod(mass=1, length=1))

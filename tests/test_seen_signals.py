@@ -69,7 +69,7 @@ def shaken_slider(frequency: float) -> Mechanism:
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
 @pytest.mark.parametrize("frequency", [0.5, 5.0, 50.0, 52.0, 400.0])
-def test_a_sine_that_is_zero_wherever_one_looks(frequency: float, tolerance: float, solver: str) -> None:
+def test_a_sine_that_is_zero_at_all_samples(frequency: float, tolerance: float, solver: str) -> None:
     omega, times = 2.0 * pi * frequency, np.array([0.0, 0.3, 1.0, 2.0])
     result = run(Made(make=lambda: shaken_slider(frequency)), Settings(solver=solver, tolerance=tolerance), times)
     exact = 100.0 * (times / omega - np.sin(omega * times) / omega**2)
@@ -187,7 +187,7 @@ def own_signal(**said: Any) -> Signal:
     return made
 
 
-def test_a_signal_of_a_user_s_own_may_say_how_short_steps_must_be() -> None:
+def test_a_user_defined_signal_may_limit_the_steps() -> None:
     assert CompiledMechanism(pushed_by(own_signal())).system.input_step_limit(2.5) == (np.inf, np.inf)
     told = own_signal(longest_step=chirp_seen)
     assert CompiledMechanism(pushed_by(told)).system.input_step_limit(2.5) == (pytest.approx(1.0 / 15.0), 3.0)

@@ -204,7 +204,7 @@ def test_explicit_and_implicit_agree() -> None:
 
 
 @pytest.mark.parametrize("damping", [0.005, 0.02])
-def test_damped_sheet_comes_to_rest_where_newton_says(damping: float) -> None:
+def test_damped_sheet_comes_to_rest_in_the_state_of_newtons_method(damping: float) -> None:
     model = Sheet(nx=9, nz=7, damping=damping)
     result = run(model, Settings(tolerance=1e-5), np.array([0.0, 0.2, 20.0 if damping < 0.01 else 10.0]))
     assert result["energy"][1] < result["energy"][0] - 1e-4
@@ -227,7 +227,7 @@ def test_a_free_sheet_falls_in_statics_and_the_message_names_the_motion() -> Non
         equilibrium(Sheet(support="free"))
 
 
-def test_statics_that_fail_say_so_though_modes_fail_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_statics_are_reported_though_modes_fail_too(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: Any) -> Any:
         raise EquilibriumError("the natural modes were not found")
 
@@ -256,7 +256,7 @@ def test_pinned_sheet_swings_down_and_hangs_as_a_pendulum(grid: tuple[int, int],
     ],
 )
 @pytest.mark.parametrize("grid", [(7, 5), (33, 23)])
-def test_statics_says_what_is_free_to_move(support: str, words: str, grid: tuple[int, int]) -> None:
+def test_statics_reports_what_is_free_to_move(support: str, words: str, grid: tuple[int, int]) -> None:
     found = equilibrium(Sheet(nx=grid[0], nz=grid[1], support=support, gravity_y=0.0))
     assert found.free == words
     assert found.stability == ("neutral" if words else "undamped")
@@ -400,7 +400,7 @@ def test_ledger_of_effects(command: Any) -> None:
     assert command("effects", "pendulum")[0] == 2
 
 
-def test_the_shell_code_is_told_of_its_own_sheet_alone() -> None:
+def test_the_shell_code_is_given_one_sheet_only() -> None:
     times = np.arange(0.0, 0.5001, 0.005)
     told = Sheet(nx=7, nz=5).independent(times)
     assert told is not None

@@ -48,7 +48,7 @@ def test_an_error_of_a_hundred_tolerances_on_a_sheet_is_reported(motion: tuple[A
     assert error <= SILENT or "orders 1 and 2" in str(run.diagnostics), error
 
 
-def test_the_remark_grows_with_the_sheet_and_names_what_to_use() -> None:
+def test_the_warning_depends_on_the_sheet_and_names_a_remedy() -> None:
     """Coarse tolerances of small sheets are silent, and so are orders that were asked for."""
 
     def remarks(tolerance: float, **settings: Any) -> str:

@@ -152,7 +152,7 @@ def test_the_model_stretches_on_request() -> None:
         mb.equilibrium(replace(held, slide=False, stretch=False))
 
 
-def test_forces_in_the_plane_at_a_loose_tolerance_are_remarked_once() -> None:
+def test_forces_in_the_plane_at_a_loose_tolerance_are_reported_once() -> None:
     """Curvatures and moments are not, nor anything at 1e-7."""
     said = r"output 'force.xx\[0,0\]' and 23 more depends .* the tolerance of 1e-05 .* Use a tolerance of 1e-07 or less"
     for field, tolerance, wanted in (

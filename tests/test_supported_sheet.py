@@ -209,7 +209,7 @@ def test_modes_on_cut_joints_are_the_dense_ones(monkeypatch: pytest.MonkeyPatch)
     np.testing.assert_allclose(frequencies, expected, rtol=1e-5)
 
 
-def test_redundant_cut_joints_are_survived() -> None:
+def test_redundant_cut_joints_are_allowed() -> None:
     """One node held twice: it moves as held once, and the two share its reaction."""
     once, twice = still(Held()), still(Held(doubled=True))
     assert twice.outputs["middle"] == pytest.approx(once.outputs["middle"], abs=1e-11)
@@ -232,7 +232,7 @@ def test_a_saved_run_goes_on() -> None:
     np.testing.assert_allclose(first.outputs(), second.outputs().copy(), atol=1e-4)
 
 
-def test_radau_says_what_it_cannot_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_radau_reports_what_it_cannot_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(solvers.steppers, "MAX_RADAU_COORDINATES", 100)
     with pytest.raises(UserError, match=r"solver 'radau' is given 168 joint coordinates and 21 constraints; .* 'ida'"):
         Simulation(Held(), Settings(solver="radau"))

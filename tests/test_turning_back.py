@@ -112,7 +112,7 @@ def test_driven_through_slowly(solver: str, tolerance: float) -> None:
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-5, 1e-6, 1e-7])
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
-def test_settles_beside(solver: str, tolerance: float) -> None:
+def test_settles_near_the_singular_position(solver: str, tolerance: float) -> None:
     """A damped oscillator that comes to rest just behind the flat position."""
     times = np.linspace(0.0, 20.0, 101)
     for rest in (1e-3, 3e-3):

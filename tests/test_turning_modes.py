@@ -125,7 +125,7 @@ def test_carts_too_many_for_matrices(damping: float, speed: float, monkeypatch: 
 
 @pytest.mark.parametrize(("slow", "fast"), [(0.05, 505.0), (0.05, 5e4), (1e-4, 1e4)])
 @pytest.mark.parametrize("count", [3, 59, 70])
-def test_slow_modes_beside_fast_ones(count: int, slow: float, fast: float) -> None:
+def test_slow_modes_with_fast_ones(count: int, slow: float, fast: float) -> None:
     def build(k: float) -> mb.Mechanism:
         m = mb.Mechanism(gravity=(0.0, 0.0, 0.0))
         for i in range(count):

@@ -199,7 +199,7 @@ class Spun(Model):
         return m
 
 
-def test_a_rate_that_is_not_kept_is_told() -> None:
+def test_a_rate_that_is_changed_is_reported() -> None:
     note, family = (found.text for found in equilibrium(Spun()).diagnostics)
     assert family == "neutral family: 1 direction in which nothing changes"  # it may turn about its axis
     assert "the given rate of 'top.wz' (30) is not kept" in note

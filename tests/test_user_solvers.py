@@ -607,7 +607,7 @@ def test_an_fmu_with_an_installed_solver_runs(packages: Path) -> None:
     assert found == pytest.approx(mb.simulate(FourBar(), 0.1, interval=0.1)["crank.angle"][-1], abs=1e-5)
 
 
-def test_an_fmu_whose_solver_is_not_installed_says_so_without_logging(packages: Path) -> None:
+def test_an_fmu_whose_solver_is_not_installed_reports_it_without_logging(packages: Path) -> None:
     path = mb.export(FourBar(), packages / "crank.fmu", mb.Settings(solver="installed-rk4"), native=False)
     script = "import fmpy, sys; fmpy.simulate_fmu(sys.argv[1], stop_time=0.1, debug_logging=False)"
     done = subprocess.run([sys.executable, "-c", script, str(path)], capture_output=True, text=True, check=False)
@@ -686,7 +686,7 @@ def test_a_comparison_leaves_a_broken_package_out(packages: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["adams", "auto"])
-def test_a_package_that_takes_the_name_of_a_solver_is_told_and_not_used(packages: Path, name: str) -> None:
+def test_a_package_with_the_name_of_a_solver_is_reported_and_not_used(packages: Path, name: str) -> None:
     entries = packages / "site" / "others-1.0.dist-info" / "entry_points.txt"
     entries.write_text(f"[mbfmu.solvers]\n{name} = broken_plugin:Solver\n")
     with pytest.warns(RuntimeWarning, match=f"solver '{name}' .*package 'others'.* is not used.*another name"):

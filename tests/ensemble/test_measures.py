@@ -86,7 +86,7 @@ def test_functions_of_the_user_give_numbers():
         ("frequency 0", "from 1 on"), ("frequency x", "'x'"),
     ],
 )  # fmt: skip
-def test_what_is_no_measure_is_told(given: Any, told: str):
+def test_what_is_no_measure_is_reported(given: Any, told: str):
     with pytest.raises(UserError, match="'q'") as error:
         read_measure("q", given, ("y", "z"), steady=True)
     assert told in str(error.value)

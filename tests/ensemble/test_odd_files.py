@@ -31,7 +31,7 @@ ODD = {
 
 @pytest.mark.parametrize("name", ODD)
 @pytest.mark.parametrize("read", [read_study, lambda path: load_scene(str(path))], ids=["study", "scene"])
-def test_odd_files_are_refused_in_a_sentence(read: Any, name: str, tmp_path: Path) -> None:
+def test_odd_files_are_refused_with_a_message(read: Any, name: str, tmp_path: Path) -> None:
     content, why = ODD[name]
     path = tmp_path / "odd.toml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())

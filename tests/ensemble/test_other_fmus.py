@@ -81,7 +81,7 @@ def test_a_thousand_runs_leave_nothing_behind(oscillator: Path, tmp_path: Path, 
     assert not list(tmp_path.iterdir())
 
 
-def test_what_fails_is_told(oscillator: Path):
+def test_what_fails_is_reported(oscillator: Path):
     study = define({"fmu": str(oscillator), "vary": {"k": [1.0, -1.0, 1e7]}, "measure": {"end": "end x"}})
     job = study.job()
     good, bad, discarded = run_batch(job, list(enumerate(study.points())))
@@ -93,7 +93,7 @@ def test_what_fails_is_told(oscillator: Path):
     forget_job(job)
 
 
-def test_what_is_asked_wrongly_is_told(oscillator: Path, tmp_path: Path):
+def test_wrong_arguments_are_reported(oscillator: Path, tmp_path: Path):
     told = {"fmu": str(oscillator), "vary": {"k": [1.0]}, "measure": {"end": "end x"}}
     for change, text in (
         ({"vary": {"q": [1.0]}}, "no parameter or input 'q'"), ({"measure": {"end": "end y"}}, "no output 'y'"),
@@ -123,7 +123,7 @@ def test_an_output_that_is_no_number_makes_its_run_suspect(oscillator: Path):
     forget_job(job)
 
 
-def test_a_process_ends_where_a_run_hangs(oscillator: Path, tmp_path: Path):
+def test_a_process_ends_if_a_run_does_not_return(oscillator: Path, tmp_path: Path):
     """The run within its limit is made, the one that hangs ends the process by a signal."""
     script = tmp_path / "script.py"
     script.write_text(
@@ -139,7 +139,7 @@ def test_a_process_ends_where_a_run_hangs(oscillator: Path, tmp_path: Path):
 
 
 @pytest.mark.campaign
-def test_a_run_that_hangs_fails_after_its_time_limit(oscillator: Path, tmp_path: Path):
+def test_a_run_that_does_not_return_fails_after_its_time_limit(oscillator: Path, tmp_path: Path):
     study = mb.study(
         str(oscillator), {"k": [1.0, 321.0, 4.0]}, {"end": "end x"}, time_limit=1.0, folder=tmp_path / "a", workers=1
     )

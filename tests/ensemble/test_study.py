@@ -310,7 +310,7 @@ def test_two_studies_at_once(cluster: Cluster, tmp_path: Path):
     assert found["a"].column("fastest").tolist() != found["b"].column("fastest").tolist()
 
 
-def test_a_pool_of_its_own(tmp_path: Path):
+def test_a_separate_pool(tmp_path: Path):
     script = tmp_path / "script.py"
     script.write_text(
         "import mbfmu as mb\nif __name__ == '__main__':\n"
@@ -368,7 +368,7 @@ def test_a_pool_of_its_own(tmp_path: Path):
         ({"vary": {"gravity": [10**400]}}, "finite"),
     ],
 )
-def test_what_is_wrong_with_a_study_is_told(change: dict[str, Any], told: str):
+def test_what_is_wrong_with_a_study_is_reported(change: dict[str, Any], told: str):
     with pytest.raises(UserError, match=told):
         define({"scene": "fourbar", **FOURBAR, "measure": FASTEST, **change})
 
@@ -423,7 +423,7 @@ def kept(folder: Path, measure: str) -> Records:
     return records
 
 
-def test_files_that_are_not_of_the_study_are_told(tmp_path: Path):
+def test_files_that_are_not_of_the_study_are_reported(tmp_path: Path):
     own = kept(tmp_path / "a", "end")
     kept(tmp_path / "b", "other")
     (part,) = (tmp_path / "a" / PARTS_FOLDER).iterdir()
@@ -451,7 +451,7 @@ def test_a_run_whose_history_is_lost_is_made_again(tmp_path: Path):
         again.close()
 
 
-def test_where_no_worker_is_there_that_is_said(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch):
+def test_a_missing_worker_is_reported(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch):
     class Late:
         looks = 0
 
@@ -477,13 +477,13 @@ def test_a_batch_that_takes_longer_comes_back(monkeypatch: pytest.MonkeyPatch):
     forget_job(job)
 
 
-def test_an_address_that_is_none_is_told():
+def test_an_invalid_address_is_reported():
     for address in ("abc", "http://host:8786", "tcp://"):
         with pytest.raises(UserError, match="such as 'tcp://host:8786'"):
             Workers(address)
 
 
-def test_a_scheduler_that_is_not_there_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_scheduler_that_is_not_there_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("mbfmu.ensemble.engine.SCHEDULER_TIMEOUT", 0.5)
     with pytest.raises(UserError, match=r"'tcp://127.0.0.1:9' does not answer"):
         mb.study(
@@ -492,7 +492,7 @@ def test_a_scheduler_that_is_not_there_is_told(tmp_path: Path, monkeypatch: pyte
         )  # fmt: skip
 
 
-def test_a_worker_of_another_version_says_so(monkeypatch: pytest.MonkeyPatch):
+def test_a_worker_of_another_version_is_reported(monkeypatch: pytest.MonkeyPatch):
     job = define({"scene": "fourbar", **FOURBAR, "measure": FASTEST}).job()
     monkeypatch.setattr(mb, "__version__", "0.0.1")
     with pytest.raises(UserError, match=r"a worker has mbfmu 0\.0\.1"):
@@ -500,7 +500,7 @@ def test_a_worker_of_another_version_says_so(monkeypatch: pytest.MonkeyPatch):
     forget_job(job)
 
 
-def test_without_dask_one_sentence_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_without_dask_a_message_names_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UserError, match=r"pip install 'mbfmu\[study\]'"):
         mb.study("fourbar", {"gravity": [1.0, 2.0]}, FASTEST, stop_time=0.1, folder=tmp_path / "a")

@@ -80,7 +80,7 @@ def test_distributions_are_those_of_scipy():
         ({"from": 1.0, "to": 2.0, "log": "yes"}, "log is 'yes'"),
     ],
 )
-def test_what_is_no_variation_is_told(given: object, told: str):
+def test_what_is_no_variation_is_reported(given: object, told: str):
     with pytest.raises(UserError, match="'x'") as error:
         read_variation("x", given, "m")
     assert told in str(error.value)
@@ -131,7 +131,7 @@ def test_discrete_distributions_give_whole_numbers():
     assert {type(p["n"]) for p in found} == {int}
 
 
-def test_odd_correlations_are_told():
+def test_odd_correlations_are_reported():
     for entry, told in (
         (["x", "y", 1.0], "between -1 and 1"), (["x", "x", 0.5], "two names"), (["x", 0.5], "such as"),
         ({"of": ["x", "q"], "covariance": 1.0}, "has a distribution"), ({"of": 3, "covariance": 1.0}, "such as"),
@@ -176,12 +176,12 @@ def test_sensitivity_mixes_two_samples():
         ({"method": "sensitivity", "count": 100}, "powers of two"), ({"together": 1}, "true or false"),
     ],
 )  # fmt: skip
-def test_odd_samplings_are_told(given: dict[str, object], told: str):
+def test_odd_samplings_are_reported(given: dict[str, object], told: str):
     with pytest.raises(UserError, match=told):
         Sampling(**given)  # type: ignore[arg-type]
 
 
-def test_what_a_method_needs_is_told():
+def test_what_a_method_needs_is_reported():
     with pytest.raises(UserError, match="'a' is a list"):
         points({"a": Listed((1.0,)), **NORMAL}, Sampling(method="sensitivity", count=4))
     with pytest.raises(UserError, match="more than"):

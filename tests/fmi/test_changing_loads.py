@@ -62,7 +62,7 @@ def test_a_ramp_is_met_from_the_second_point_on(fmu: Fmu) -> None:
         assert fmu["speed"] == pytest.approx(speed(fmu.t), rel=1e-7)
 
 
-def test_a_value_that_is_refused_and_given_anew_leaves_no_trace(fmu: Fmu) -> None:
+def test_a_value_that_is_refused_and_given_again_leaves_no_trace(fmu: Fmu) -> None:
     for step in STEPS:
         fmu["torque"] = math.nan
         with pytest.raises(UserError, match="'torque' was set to nan"):
@@ -72,7 +72,7 @@ def test_a_value_that_is_refused_and_given_anew_leaves_no_trace(fmu: Fmu) -> Non
         assert fmu["speed"] == pytest.approx(speed(fmu.t), rel=1e-7)
 
 
-def test_a_state_knows_how_the_load_came_there(fmu: Fmu, path: Path) -> None:
+def test_a_state_contains_the_history_of_the_load(fmu: Fmu, path: Path) -> None:
     """Before the first step, and in every point; taken up by an instance that was somewhere else."""
     with Fmu(path) as other:
         other["torque"] = -7.0

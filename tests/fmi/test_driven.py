@@ -106,9 +106,7 @@ def test_a_drive_input_decides_the_start_in_balance(fmus: dict[str, Path]) -> No
         assert degrees(fmu["arm1.angle"]) == pytest.approx(degrees(expected["arm1.angle"]), rel=1e-9)
 
 
-def test_no_balance_to_start_in_is_an_error_that_says_so(
-    fmus: dict[str, Path], capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_start_without_a_steady_state_is_an_error(fmus: dict[str, Path], capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(UserError, match="no steady state"):
         Fmu(fmus["pendulum"], {"start_at_equilibrium": True, "gravity": 9.81})
     assert "does not turn with it" in capfd.readouterr().err

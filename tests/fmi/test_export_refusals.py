@@ -50,7 +50,7 @@ def test_one_that_does_is_exported(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("arguments", [("feeder", "--solver", "adams"), ("fourbar", "--solver", "esdirk")])
-def test_the_command_says_so(command: Any, arguments: tuple[str, ...], tmp_path: Path) -> None:
+def test_the_command_reports_it(command: Any, arguments: tuple[str, ...], tmp_path: Path) -> None:
     code, _, err = command("export", *arguments, "-o", str(tmp_path / "model.fmu"))
     assert code != 0
     assert "solver" in err

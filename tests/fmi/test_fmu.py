@@ -26,7 +26,7 @@ def test_validates(fourbar_fmu: Path) -> None:
     assert validate_fmu(str(fourbar_fmu)) == []
 
 
-def test_every_variable_says_what_it_is(fourbar_fmu: Path) -> None:
+def test_every_variable_has_a_description(fourbar_fmu: Path) -> None:
     with Fmu(fourbar_fmu) as fmu:
         for name, variable in fmu.variables.items():
             assert variable.description, name
@@ -74,7 +74,7 @@ def test_two_hundred_lives_and_two_at_once(fourbar_fmu: Path) -> None:
         assert len(sys.path) <= places + 2  # the wrapper adds a folder with every instance
 
 
-def test_the_log_tells_vanishing_rows(fourbar_fmu: Path) -> None:
+def test_the_log_reports_constraint_equations_that_become_singular(fourbar_fmu: Path) -> None:
     said: list[str] = []
     simulate_fmu(
         str(fourbar_fmu),
@@ -188,7 +188,7 @@ def test_a_fresh_process_ends_well(fourbar_fmu: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_archive_holds_what_a_user_looks_for(fourbar_fmu: Path) -> None:
+def test_archive_contains_description_documentation_and_sources(fourbar_fmu: Path) -> None:
     names = zipfile.ZipFile(fourbar_fmu).namelist()
     assert {f"documentation/{name}" for name in ("index.html", "licenses/mbfmu.txt", "licenses/pythonfmu.txt")} <= {
         *names
@@ -204,7 +204,7 @@ def test_native_fmus_contain_the_license_of_the_headers_they_are_compiled_with()
         assert words in texts["fmi-headers.txt"]
 
 
-def test_a_fault_at_the_very_end_of_the_initialization_is_told(
+def test_a_fault_at_the_very_end_of_the_initialization_is_reported(
     fourbar_fmu: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fault(_: ModelSlave) -> None:

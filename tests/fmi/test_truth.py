@@ -152,7 +152,7 @@ def test_a_failed_initialization_is_no_success(fourbar_fmu: Path) -> None:
         assert fmu.message() == ""
 
 
-def test_who_waits_for_the_compiler_is_told(
+def test_compilation_is_reported(
     fourbar_fmu: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Once an instance that starts a run, and nobody else."""
@@ -195,7 +195,7 @@ def test_a_mistake_in_setting_costs_one_step(fmu: Fmu, kind: str, name: str | No
     assert fmu.message() == ""
 
 
-def test_many_mistakes_are_told_in_few_words(fmu: Fmu) -> None:
+def test_many_mistakes_are_reported_in_few_words(fmu: Fmu) -> None:
     for reference in (*range(9000, 9020), *[9000] * 1000):
         fmu.slave.getReal([reference])
     refuses_a_step(fmu, r"9000 is not a variable.* \(1001 times\); .*15 other errors")
@@ -220,7 +220,7 @@ def test_reading_what_is_not_there_gives_no_number(fmu: Fmu) -> None:
     fmu.step(0.01)
 
 
-def test_a_value_out_of_range_is_refused_until_it_is_given_anew(fmu: Fmu) -> None:
+def test_a_value_out_of_range_is_refused_until_it_is_given_again(fmu: Fmu) -> None:
     fmu["gravity"] = float("inf")
     for _ in range(2):
         refuses_a_step(fmu, "'gravity' was set to inf")

@@ -123,9 +123,7 @@ def test_what_is_not_there_at_the_start_is_not_called_tunable() -> None:
         run.retune(Sheet(nx=4, nz=3, pressure=0.5))
 
 
-def test_the_page_the_command_and_the_description_tell_the_same(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_page_command_and_description_agree(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from mbfmu.cli import main
 
     path = export(FourBar(crank_mass=2.5), tmp_path / "m.fmu", Settings(solver="adams", tolerance=1e-7), native=False)
@@ -198,7 +196,7 @@ def test_an_fmu_of_a_scene_runs_as_the_scene_does(tmp_path: Path) -> None:
     assert (float(told.stopTime), float(told.stepSize), float(told.tolerance)) == (10.0, 0.02, 1e-5)
 
 
-def test_choices_are_read_and_set_in_words(fourbar_fmu: Path, tmp_path: Path) -> None:
+def test_choices_are_read_and_set_by_name(fourbar_fmu: Path, tmp_path: Path) -> None:
     with Fmu(fourbar_fmu, {"solver": "hybrid"}) as fmu:
         assert fmu["solver"] == "hybrid"
     with Fmu(fourbar_fmu, {"solver": 2}) as fmu:

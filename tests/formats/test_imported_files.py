@@ -136,7 +136,7 @@ def test_names_become_identifiers(name: str, expected: str) -> None:
     assert identifier(name) == expected
 
 
-def test_identifiers_are_different_and_no_words_of_python() -> None:
+def test_identifiers_are_different_and_no_keywords_of_python() -> None:
     names = Names(RESERVED)
     found = [names.new(name, "part") for name in ("class", "a b", "a-b", "a_b", "a_b_2", "m", "右", "左", "print")]
     assert found == ["class_2", "a_b", "a_b_2", "a_b_3", "a_b_2_2", "m_2", "part", "part_2", "print_2"]

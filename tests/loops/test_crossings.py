@@ -41,7 +41,7 @@ def known(name):
 
 @pytest.mark.parametrize(("solver", "finest"), [("ida", 1e-8), ("adams", 1e-10), ("hybrid", 1e-10), ("radau", 1e-10)])
 @pytest.mark.parametrize("name", CROSSES)
-def test_a_motion_begins_anew_beside_a_crossing(name, solver, finest):
+def test_a_motion_restarts_near_a_crossing(name, solver, finest):
     mechanism, motion, beside = known(name)
     for rtol in (1e-4, 1e-6, finest):
         for restart in beside:

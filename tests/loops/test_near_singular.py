@@ -26,7 +26,7 @@ def known(make, stop_time, **options):
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "radau"])
 @pytest.mark.parametrize("gap", [*GAPS[::2], -1e-09, -1e-06])
 @pytest.mark.parametrize("name", FOUR_BARS)
-def test_a_four_bar_beside_its_singular_position(name, gap, solver):
+def test_a_four_bar_near_its_singular_position(name, gap, solver):
     mechanism, motion = known(FOUR_BARS[name], 2.0, eps=gap)
     for rtol in (1e-4, 1e-6, 1e-8):
         verdict = judge(mechanism, motion, solver, rtol)
@@ -36,7 +36,7 @@ def test_a_four_bar_beside_its_singular_position(name, gap, solver):
 @pytest.mark.parametrize("solver", ["adams", "hybrid"])
 @pytest.mark.parametrize("make", [parallelogram, grashof])
 @pytest.mark.parametrize("gap", [1e-9, -1e-9, 1e-8])
-def test_where_rounding_sets_the_accuracy_the_tolerance_follows_and_it_is_said(make, gap, solver):
+def test_a_tolerance_that_rounding_limits_is_raised_with_a_note(make, gap, solver):
     mechanism, motion = known(make, 2.0, eps=gap)
     verdict = judge(mechanism, motion, solver, 1e-10)
     assert verdict.word == "right", verdict
@@ -68,7 +68,7 @@ def test_redundant_and_singular_loops(name, solver):
         ("left_by_energy", Switching(energy_jump=1e-15)),
     ],
 )
-def test_what_makes_the_hybrid_leave_lu_beside_a_singular_position(why, switching):
+def test_what_makes_the_hybrid_leave_lu_near_a_singular_position(why, switching):
     mechanism = grashof(1e-3).mechanism
     compiled = CompiledMechanism(mechanism)
     q, v = compiled.assemble()

@@ -74,7 +74,7 @@ def resting(one: float, other: float):
 
 
 @pytest.mark.parametrize("angle", [0.1, 0.01, 3e-3])
-def test_a_jump_to_the_branch_of_two_freedoms_is_found(angle: float) -> None:
+def test_a_jump_to_the_branch_of_two_degrees_of_freedom_is_found(angle: float) -> None:
     """Flat, the plate may rise or rest: the positions at rest form a surface, each of them singular. Exact positions,
     no integration.
     """

@@ -148,7 +148,7 @@ def test_a_conical_pendulum_goes_round() -> None:
 
 @pytest.mark.parametrize("eps", [1e-3, -1e-4, 1e-6])
 @pytest.mark.parametrize("make", [parallelogram, grashof])
-def test_beside_singular_positions_two_runs_agree_and_keep_their_energy(make: Any, eps: float) -> None:
+def test_near_singular_positions_two_runs_agree_and_keep_their_energy(make: Any, eps: float) -> None:
     case = make(eps)
     run = reference(case.mechanism, np.linspace(0.0, 1.25, 6))
     assert not run.ended
@@ -168,7 +168,7 @@ def test_no_exact_singular_position_is_passed(make: Any) -> None:
 
 
 @pytest.mark.parametrize("drive", ["constant", "run-up", "harmonic"])
-def test_a_slewed_crane_does_not_care_where_it_looks(drive: str) -> None:
+def test_a_crane_is_independent_of_its_slewing_angle(drive: str) -> None:
     """Gravity acts along the axis of the base."""
     times = np.linspace(0.0, 1.25, 4)
     runs = []
@@ -252,7 +252,7 @@ def test_in_space_a_planar_mechanism_moves_as_in_its_plane(seed: int) -> None:
     assert distance(drawn.case.mechanism, v, *(np.c_[r, np.tile(q[n:], (4, 1))] for r in runs)).max() < 1e-8
 
 
-def test_the_judge_tells_right_from_refused_from_wrong() -> None:
+def test_right_refused_and_wrong_runs_are_distinguished() -> None:
     case = three_cranks()
     known = truth(case.mechanism, np.linspace(0.0, 2.0, 21), case.exact)
     assert judge(case.mechanism, known, "adams", 1e-6).word == "right"

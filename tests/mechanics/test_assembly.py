@@ -55,7 +55,7 @@ def test_closes_from_a_bad_guess_and_holds_what_is_fixed() -> None:
     assert max(compiled.residuals(0.0, q, v)) < 1e-11
 
 
-def test_says_which_loop_cannot_close_and_by_how_much() -> None:
+def test_a_loop_that_cannot_close_is_reported_with_its_gap() -> None:
     with pytest.raises(AssemblyError, match=r"'pivot\.[xy]' is violated by"):
         CompiledMechanism(four_bar(ground=10.0)).assemble()
 
@@ -104,7 +104,7 @@ def test_zero_mass_is_refused_where_inertia_is_needed_and_welcome_where_not() ->
     CompiledMechanism(m).assemble()
 
 
-def test_driven_joint_moves_as_told_and_tells_its_effort() -> None:
+def test_driven_joint_moves_as_prescribed_and_its_effort_is_an_output() -> None:
     """A point mass on a driven slide: effort = m (a + g)."""
     m = Mechanism(gravity=(0, -9.81, 0))
     slide = m.body("slide", m.ground, Translational(axis="y", drive=Harmonic(amplitude=0.2, frequency=1.5)), mass=2.0)

@@ -132,7 +132,7 @@ def roller(m: Mechanism, z: float, drive: Any = None) -> Body:
 
 
 @pytest.mark.parametrize(("z", "off"), [(-0.03, "0.02"), (0.25, "0.03"), (0.0, ""), (0.21, "")])
-def test_a_nip_beside_the_sheet_is_remarked_on(z: float, off: str) -> None:
+def test_a_nip_outside_the_sheet_is_reported(z: float, off: str) -> None:
     m, sheet = scene(0.0)
     add_nip(m, "n", sheet, roller(m, z), radius=0.01, at=(0.0, 0.0, z), width=0.02, force=2.0)
     told = [text for text in map(str, Simulation(m, ESDIRK).diagnostics) if "nip" in text]
@@ -153,7 +153,7 @@ def test_a_stiffness_that_numbers_cannot_bear_is_refused() -> None:
 
 @pytest.mark.parametrize(("points", "thick"), [((4, 4), True), ((48, 2), False)])
 @pytest.mark.parametrize("turn", [False, True])
-def test_an_edge_thinner_than_the_points_are_apart_is_remarked_on(
+def test_an_edge_thinner_than_the_points_are_apart_is_reported(
     points: tuple[int, int], thick: bool, turn: bool
 ) -> None:
     """A plate that stands on edge below the sheet, 2 mm thick, across its length or along it."""
@@ -166,7 +166,7 @@ def test_an_edge_thinner_than_the_points_are_apart_is_remarked_on(
     assert [re.match(wanted, text) is not None for text in told] == [True] * thick
 
 
-def test_a_narrow_rail_is_remarked_on() -> None:
+def test_a_narrow_rail_is_reported() -> None:
     m, sheet = scene(1e-3 + ABOVE)
     rail = Guide(start=(-0.1, -0.02, 0.1), end=(0.4, -0.02, 0.1), radius=0.02, width=5e-3)
     add_contact(m, "rail", sheet, rail)
@@ -203,7 +203,7 @@ NO_AXIS = (*NO_VECTOR, (0, 0, 0))
 
 
 @pytest.mark.parametrize("kind", GOOD)
-def test_every_argument_of_a_surface_is_looked_at(kind: type[Surface]) -> None:
+def test_every_argument_of_a_surface_is_checked(kind: type[Surface]) -> None:
     m, sheet = scene()
     for key, good in GOOD[kind].items():
         bad: tuple[Any, ...] = NO_NUMBER if isinstance(good, float) else NO_AXIS if isinstance(good, str) else NO_VECTOR
@@ -237,7 +237,7 @@ def test_the_grid_that_a_drum_takes_is_taken() -> None:
 
 
 @pytest.mark.parametrize("key", ["friction", "stiffness", "depth", "damping", "creep"])
-def test_numbers_of_a_touch_are_looked_at(key: str) -> None:
+def test_numbers_of_a_contact_are_checked(key: str) -> None:
     m, sheet = scene()
     for value in (nan, inf, -0.1, True, "1", (1, 2)):
         with refused(f"{key} of contact 't' is"):
@@ -259,7 +259,7 @@ def test_numbers_of_a_touch_are_looked_at(key: str) -> None:
         ("pairs", (0, 1.0, True, 1001, "2")),
     ],
 )  # fmt: skip
-def test_every_argument_of_a_nip_is_looked_at(key: str, values: tuple[Any, ...]) -> None:
+def test_every_argument_of_a_nip_is_checked(key: str, values: tuple[Any, ...]) -> None:
     m, sheet = scene()
     driving = roller(m, 0.0)
     nip: dict[str, Any] = {"radius": 0.01, "at": (0.0, 0.0, 0.0), "width": 0.02, "force": 2.0}
@@ -302,7 +302,7 @@ def test_an_idler_turns_where_its_nip_is() -> None:
 
 
 @pytest.mark.parametrize("force", [None, (1.0, 2.0), "abc", "nan", 1j])
-def test_a_force_that_is_none_is_told_when_the_mechanism_is_complete(force: Any) -> None:
+def test_a_force_that_is_none_is_reported_when_the_mechanism_is_complete(force: Any) -> None:
     m, sheet = scene()
     with refused("force of nip 'n' is"):
         add_nip(m, "n", sheet, roller(m, 0.0), radius=0.01, at=(0.0, 0.0, 0.0), width=0.02, force=force)

@@ -60,7 +60,7 @@ def test_a_motion_from_the_point_is_the_closed_form(solver: str) -> None:
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
-def test_an_elastic_force_without_direction_is_remarked(size: float) -> None:
+def test_an_elastic_force_without_direction_is_reported(size: float) -> None:
     m = held("x", free=0.3 * size)
     (told,) = [text for text in map(str, mb.simulate(m, 0.1, solver="adams").diagnostics) if "coincide" in text]
     assert "the ends of force 's' coincide" in told
@@ -70,7 +70,7 @@ def test_an_elastic_force_without_direction_is_remarked(size: float) -> None:
     assert not [text for text in map(str, mb.simulate(apart, 0.1, solver="adams").diagnostics) if "coincide" in text]
 
 
-def test_a_buffer_without_direction_is_remarked() -> None:
+def test_a_buffer_without_direction_is_reported() -> None:
     """And pushes nowhere, damped or not."""
     m = mb.Mechanism()
     body = m.body("b", m.ground, mb.Translational(axis="x"), mass=1.0)

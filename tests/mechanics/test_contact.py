@@ -142,7 +142,7 @@ def test_derivatives_of_the_straight_patch() -> None:
             np.testing.assert_allclose(c, found, atol=1e-9)
 
 
-def test_a_clamped_beam_gives_way_as_its_equation_says() -> None:
+def test_a_clamped_beam_gives_way_according_to_its_equation() -> None:
     """w'''' = 0 but for a jump of one in w''' at the force, w and w' zero at both ends; the slope by differences."""
     plain = getattr(clamped_beam_compliance, "py_func", clamped_beam_compliance)
     x, h = np.linspace(0.0, 1.0, 2001), 1e-6
@@ -277,7 +277,7 @@ def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: st
 
 
 @pytest.mark.parametrize("name", SURFACES)
-def test_a_surface_tells_its_distance_and_normal(name: str) -> None:
+def test_distance_and_normal_of_a_surface(name: str) -> None:
     """The normal is the gradient of the distance; as far along it the surface is met."""
     surface, rng = SURFACES[name], np.random.default_rng(7)
     record, contact = records(1, record_of(surface)), records(1, CONTACT_SCRATCH)
@@ -297,7 +297,7 @@ def test_a_surface_tells_its_distance_and_normal(name: str) -> None:
         assert met(p - g * n)[0] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_thrown_sheet_slides_as_far_as_friction_says() -> None:
+def test_a_thrown_sheet_slides_as_far_as_friction_allows() -> None:
     """v^2 / (2 mu g), but for what creep smears; A4 paper, thrown at 0.5 m/s on a table."""
     m, k, d0 = Mechanism(gravity=(0.0, -9.81, 0.0)), 2e6, 2e-5
     sunk = np.sqrt(2.0 * d0 * 800.0 * 9.81 * 1e-4 / k)

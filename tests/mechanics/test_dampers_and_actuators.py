@@ -33,7 +33,7 @@ def test_dampers_have_the_identities_of_forces(kind: Any, damping: Any) -> None:
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("kind", [Damper, JointDamper])
-def test_quadratic_drag_slows_a_slider_as_the_closed_form_says(kind: Any, size: float) -> None:
+def test_quadratic_drag_slows_a_slider_according_to_the_closed_form(kind: Any, size: float) -> None:
     """m v' = -c v |v|: v = v0 / (1 + c v0 t / m), in both directions."""
     mass, drag = 2.0, 3.0 / size
     for way in (1.0, -1.0):
@@ -112,7 +112,7 @@ class Cylinder(mb.Model):
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_an_actuator_stops_at_the_ends_of_its_stroke_as_scipy_says(size: float) -> None:
+def test_an_actuator_stops_at_the_ends_of_its_stroke_as_computed_by_scipy(size: float) -> None:
     result = mb.simulate(Cylinder(size=size), 2.0, interval=0.05, **TIGHT)
     assert not result.failure
     assert not result.warning

@@ -163,7 +163,7 @@ def test_left_alone_it_gains_what_drives_give_and_loses_what_is_dissipated(effec
 
 
 @pytest.mark.parametrize("effect", [key for key in ON if key != "bending"])
-def test_each_effect_has_a_power_of_its_own(effect: str) -> None:
+def test_each_effect_has_a_separate_power(effect: str) -> None:
     """On against off in one state: without this the balance would hold of an effect that does nothing."""
     on, off = shaken("spine", **ON[effect])[0], shaken("spine")[0]
     assert abs(sum(powers(on)) - sum(powers(off))) > 1e-3

@@ -44,7 +44,7 @@ def observed(case: Case, t: float, q: Any, v: Any, a: Any, lam: Any) -> dict[str
 
 
 @pytest.mark.parametrize("joint", JOINTS)
-def test_a_joint_has_as_many_motions_as_it_says_and_places_by_a_rotation(joint: Any) -> None:
+def test_a_joint_has_as_many_motions_as_declared_and_places_by_a_rotation(joint: Any) -> None:
     m = Mechanism()
     needed: dict[Any, dict[str, Any]] = {kind: {"at": (1.0, 0.0, 0.0)} for kind in (Geodesic, Stretching)}
     needed[Screw] = {"lead": 0.1}

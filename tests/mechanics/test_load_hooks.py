@@ -149,7 +149,7 @@ def test_derivatives_come_from_complex_scratch_memory() -> None:
     assert shape.mode.frequency == pytest.approx(np.sqrt(150.0 * 0.1 ** (2.0 / 3.0) / 2.0), rel=1e-9)  # rad/s
 
 
-def test_scratch_memory_is_kept_and_each_has_its_own() -> None:
+def test_scratch_memory_is_kept_for_each_instance() -> None:
     compiled = CompiledMechanism(bob(0.3))
     (record,) = compiled.records(Anchor)
     scratch, places = compiled.data.state.scratch, (int(record["entry"]), int(record["calls"]))
@@ -258,7 +258,7 @@ def test_companions_are_loads(then: Any) -> None:
         CompiledMechanism(hung(Pair(force=1.0, then=then)))
 
 
-def test_a_load_is_not_its_own_companion() -> None:
+def test_a_load_is_not_a_companion_of_itself() -> None:
     endless = Pair(force=1.0)
     object.__setattr__(endless, "then", (endless,))
     with pytest.raises(UserError, match="cannot be a companion of itself"):
@@ -395,7 +395,7 @@ class Placed(Load):
 
 
 @pytest.mark.parametrize("height", [0.4, 0.5, 0.6, 5.0])
-def test_a_load_that_is_misplaced_is_refused_without_a_check_of_its_own(height: float) -> None:
+def test_a_misplaced_load_is_refused_without_a_separate_check(height: float) -> None:
     m = mb.Mechanism()
     body = m.body("bob", m.ground, mb.Translational(axis="y", start=height, fixed=True), mass=2.0)
     m.element(Placed(), body)

@@ -516,7 +516,7 @@ def test_rows_of_a_cut_joint_about_z_are_called_as_ever() -> None:
     ],
     ids=str,
 )
-def test_frames_agree_about_the_axis_that_is_told(cut: Any, turn: Any, words: str) -> None:
+def test_frames_agree_about_the_given_axis(cut: Any, turn: Any, words: str) -> None:
     quaternion = np.roll(Rotation.from_rotvec(turn).as_quat(), 1)
     m = Mechanism()
     m.body("box", m.ground, Floating(start=(0, 0, 0, *quaternion)), mass=1.0, inertia=(1, 1, 1))

@@ -78,7 +78,7 @@ def test_a_stop_on_one_side_leaves_the_other_free() -> None:
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
-def test_a_ball_bounces_as_scipy_says(size: float) -> None:
+def test_a_ball_bounces_as_computed_by_scipy(size: float) -> None:
     """Dropped from its size onto a stop that is pressed in by some hundredths of that."""
     mass, g = 2.0, 9.81 * size
     k, c = 400.0 * mass * g / size, 0.3 / np.sqrt(g * size)
@@ -102,7 +102,7 @@ def test_a_ball_bounces_as_scipy_says(size: float) -> None:
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.05, 2.0])
-def test_a_slider_comes_back_as_the_closed_form_says(damping: float) -> None:
+def test_a_slider_comes_back_according_to_the_closed_form(damping: float) -> None:
     """m v dv = -k x (1 + c v) dx, so that v / c - ln(1 + c v) / c^2 is the same going in and coming out."""
     m, v = Mechanism(), 3.0
     slider = m.body("slider", m.ground, Translational(axis="x", start=-0.5, rate=v), mass=0.7)
@@ -119,7 +119,7 @@ def test_a_slider_comes_back_as_the_closed_form_says(damping: float) -> None:
         assert back == pytest.approx(v * (1.0 - 2.0 * damping * v / 3.0), rel=0.02)
 
 
-def test_a_pendulum_between_two_stops_swings_as_scipy_says() -> None:
+def test_a_pendulum_between_two_stops_swings_as_computed_by_scipy() -> None:
     g, k, c, length = 9.81, 60.0, 0.4, 0.8
     m = Mechanism(gravity=(0.0, -g, 0.0))
     hinge = Revolute(start=-np.pi / 2 + 0.7, rate=1.0, fixed=True)
@@ -196,7 +196,7 @@ def test_a_distance_is_stopped_along_its_line(x: float, v: float, force: float) 
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
-def test_a_ball_falls_into_a_rope_as_scipy_says(size: float) -> None:
+def test_a_ball_falls_into_a_rope_as_computed_by_scipy(size: float) -> None:
     """Thrown sideways, slack at first; then it swings, the rope now and then slack."""
     mass, g = 2.0, 9.81 * size
     k, c = 300.0 * mass * g / size, 0.5 / np.sqrt(g * size)
@@ -307,7 +307,7 @@ def test_a_torsion_spring_exerts_nothing_where_its_axis_is_upside_down() -> None
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
-def test_two_free_discs_turn_against_each_other_as_the_closed_form_says(size: float) -> None:
+def test_two_free_discs_turn_against_each_other_according_to_the_closed_form(size: float) -> None:
     m, J = Mechanism(), 2.0 * size**2
     a = m.body("a", m.ground, Floating(rate=(0, 0, 0, 0, 0, 1.0)), mass=1.0, inertia=(J, J, J))
     b = m.body("b", m.ground, Floating(start=(size, 0, 0, 1, 0, 0, 0)), mass=1.0, inertia=(3 * J, 3 * J, 3 * J))
@@ -335,7 +335,7 @@ def test_a_body_on_a_bushing_has_the_frequencies_of_its_axes(size: float) -> Non
     np.testing.assert_allclose(np.sort(found), np.sort(expected), rtol=1e-8)
 
 
-def test_a_bushing_damps_along_each_axis_as_the_closed_form_says() -> None:
+def test_a_bushing_damps_along_each_axis_according_to_the_closed_form() -> None:
     m, c, gamma = Mechanism(), np.array((2.0, 3.0, 5.0)), np.array((1.0, 2.0, 4.0))
     body = m.body("block", m.ground, Floating(), mass=2.0, inertia=(1.0, 1.5, 2.0))
     m.force(

@@ -138,7 +138,7 @@ def test_a_quaternion_is_of_the_attitude_and_its_first_component_positive(given:
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("pair", [(1, 4), (2, 1), (0, 3), (4, 0)])
-def test_pairs_of_bodies_are_as_their_positions_and_axes_say(pair: tuple[int, int], size: float) -> None:
+def test_pairs_of_bodies_follow_from_their_positions_and_axes(pair: tuple[int, int], size: float) -> None:
     rng, m = np.random.default_rng(sum(pair)), Mechanism()
     bodies = tree(m, rng, size)
     a, b = (bodies[k] for k in pair)
@@ -168,7 +168,7 @@ def test_pairs_of_bodies_are_as_their_positions_and_axes_say(pair: tuple[int, in
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 1.0, np.pi - 1e-9, np.pi])
-def test_angles_between_axes_are_told_where_their_cosine_is_flat(angle: float) -> None:
+def test_angles_between_axes_are_exact_where_their_cosine_is_flat(angle: float) -> None:
     m = Mechanism()
     arm = m.body("arm", m.ground, Revolute(axis="z", start=angle), mass=1.0)
     m.output("angle", m.angle_between(m.ground, "x", arm, "x"))
@@ -215,7 +215,7 @@ def loaded(m: Mechanism, rng: Any) -> dict[str, Any]:
     return {name: m.force(name, *what) for name, what in given.items()}
 
 
-def test_a_floating_body_moves_as_the_forces_and_its_child_tell() -> None:
+def test_a_floating_body_moves_by_the_forces_and_its_child() -> None:
     """Newton and Euler about its center of mass, with what sensors say that each force exerts on it."""
     rng, m = np.random.default_rng(11), Mechanism()
     handles = loaded(m, rng)
@@ -277,7 +277,7 @@ def test_what_acts_between_bodies_is_a_reaction_about_every_point() -> None:
         assert np.abs(np.r_[fa, three(f"{handle.name}.ma")]).max() > 0.1
 
 
-def test_given_forces_and_joint_forces_are_told_as_given() -> None:
+def test_given_forces_and_joint_forces_are_returned_as_given() -> None:
     rng, m = np.random.default_rng(13), Mechanism()
     handles = loaded(m, rng)
     for axis in "xyz":
@@ -394,7 +394,7 @@ def test_a_force_follows_an_input_at_once_and_what_moves_does_not() -> None:
     assert line.D[0, 1] == 0.0
 
 
-def test_a_run_tells_what_a_spring_does() -> None:
+def test_a_run_reports_power_and_energy_of_a_spring() -> None:
     """On a slider from rest: force -k x0 cos(omega t)."""
     m = Mechanism()
     slider = m.body("slider", m.ground, Translational(axis="x", start=1.2), mass=2.0)
@@ -406,7 +406,7 @@ def test_a_run_tells_what_a_spring_does() -> None:
     np.testing.assert_allclose(result["length"], 1.0 + 0.2 * np.cos(2.0 * result.t), atol=1e-8)
 
 
-def test_what_cannot_be_told_is_refused() -> None:
+def test_ambiguous_arguments_are_refused() -> None:
     m, other = Mechanism(), Mechanism()
     arm = m.body("arm", m.ground, Revolute(), mass=1.0)
     stranger = other.body("stranger", other.ground, Revolute(), mass=1.0)

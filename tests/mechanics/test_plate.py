@@ -445,7 +445,7 @@ def test_effects_that_are_off_are_absent() -> None:
         ({"creases": (1.0, -2.0)}, "creases of a plate are .* not negative"),
     ],
 )
-def test_says_what_is_wrong_with_a_plate(options: dict[str, Any], message: str) -> None:
+def test_mistakes_in_a_plate_are_reported(options: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError, match=message):
         element(**options)
 

@@ -69,7 +69,7 @@ def test_without_arms_springs_and_gyration_measure_and_last_a_meter() -> None:
         assert CompiledMechanism(m).length == pytest.approx(0.07 if pushed else 0.3)
 
 
-def test_a_joint_may_be_told_its_size() -> None:
+def test_the_size_of_a_joint_may_be_given() -> None:
     def floating(size: Any) -> Any:
         m = Mechanism()
         m.body("b", m.ground, Floating(nominal=size), **rod(mass=1.0, length=1.0))

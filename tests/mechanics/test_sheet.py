@@ -412,7 +412,7 @@ def add(m: Mechanism, **options: Any) -> Sheet:
         ({"grid": (True, 4)}, r"grid of sheet 'sheet' is \(True, 4\); allowed: two whole numbers"),
     ],
 )
-def test_says_what_is_wrong_with_a_sheet(options: dict[str, Any], message: str) -> None:
+def test_mistakes_in_a_sheet_are_reported(options: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError, match=message):
         add(Mechanism(), **options)
 

@@ -95,7 +95,7 @@ def test_bending_in_the_plane_of_a_rectangle_is_that_of_a_beam() -> None:
 
 
 @pytest.mark.parametrize("grain", [{}, {"youngs_modulus": (10.0, 4.0), "poisson": 0.4, "angle": 0.6}])
-def test_a_curled_shell_feels_the_curvatures_that_are_left(grain: dict[str, Any]) -> None:
+def test_a_curled_shell_has_the_moments_of_the_remaining_curvatures(grain: dict[str, Any]) -> None:
     """w = (kx x^2 + kz z^2) / 2 + kxz x z, small: energy (k - curl) D (k - curl) a b / 2; none where it rests."""
     own, k = 1e-4 * np.array([1.0, -0.4, 0.3]), 1e-4 * np.array([0.5, 0.2, -0.7])
     options: dict[str, Any] = {"a": SIDE_X, "b": SIDE_Z, "thickness": T, "youngs_modulus": E}

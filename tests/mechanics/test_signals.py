@@ -193,7 +193,7 @@ LAW = {"function": lambda x: 3.0 * x + 20.0 * x**3, "expression": "3*x + 20*x**3
 
 @pytest.mark.parametrize("solver", ["adams", "ida"])
 @pytest.mark.parametrize("law", LAW)
-def test_a_spring_with_a_function_moves_as_scipy_says(law: str, solver: str) -> None:
+def test_a_spring_with_a_function_moves_as_computed_by_scipy(law: str, solver: str) -> None:
     m = Mechanism()
     slider = m.body("slider", m.ground, Translational(axis="x", start=0.9), mass=2.0)
     other = m.body("other", m.ground, Translational(axis="x", at=(0, 1, 0), start=0.9), mass=2.0)
@@ -230,7 +230,7 @@ def test_a_torsion_spring_with_a_table_stores_energy_and_a_function_has_a_slope(
 
 
 @pytest.mark.parametrize("solver", ["adams", "ida"])
-def test_a_spring_with_a_table_moves_as_scipy_says_and_keeps_its_energy(solver: str) -> None:
+def test_a_spring_with_a_table_moves_as_computed_by_scipy_and_keeps_its_energy(solver: str) -> None:
     x, f = np.array([-1.0, -0.2, 0.0, 0.3, 1.0]), np.array([-30.0, -2.0, 0.0, 1.0, 40.0])
     force = CubicSpline(x, f, bc_type="natural")
     m = Mechanism()

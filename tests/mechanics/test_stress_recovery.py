@@ -53,7 +53,7 @@ def test_curvatures_of_the_rectangle_store_its_energy() -> None:
     np.testing.assert_allclose(found, K, atol=1e-13 * K.max())
 
 
-def test_what_a_shell_feels_stores_its_energy() -> None:
+def test_forces_of_a_shell_are_derivatives_of_its_energy() -> None:
     """Forces times strains over a rectangle are the energy but for that of the turns, moments times curvatures all."""
     a, b = 0.7, 0.4
     shell = Shell(corners=[[0, 0, 0], [a, 0, 0], [a, 0, b], [0, 0, b]], stretching=A, bending=D)
@@ -78,7 +78,7 @@ def test_what_a_shell_feels_stores_its_energy() -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_a_cantilever_feels_the_moment_of_its_weight(model: str) -> None:
+def test_a_cantilever_bends_by_the_moment_of_its_weight(model: str) -> None:
     """-q (L - x)^2 / 2 under a slight weight q along -y, and the stress 6 M / t^2 of it, tension on top."""
     g = 1e-3
     m, s = sheet((0.0, -g, 0.0), poisson=0.0, **MODELS[model])
@@ -103,7 +103,7 @@ def test_a_cantilever_feels_the_moment_of_its_weight(model: str) -> None:
             assert found[f"bottom{n}"] == pytest.approx(6.0 * moment / T**2, rel=1e-4)
 
 
-def test_a_sheet_that_hangs_down_feels_its_weight() -> None:
+def test_a_sheet_that_hangs_down_has_the_tension_of_its_weight() -> None:
     """Pulled along x, far from its clamp: force per length rho t g (L - x), that over E t, contraction nu times it."""
     g, width = 9.81, 0.3 * W
     m, s = sheet((g, 0.0, 0.0), stretch=True, width=width)
@@ -122,7 +122,7 @@ def test_a_sheet_that_hangs_down_feels_its_weight() -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_a_curled_sheet_feels_no_moment_in_its_arc(model: str) -> None:
+def test_a_curled_sheet_has_no_moment_in_its_arc(model: str) -> None:
     """At rest without a load: the curvature is the natural one, moments and stresses none; flat, it is the reverse."""
     kx = 4.0
     m, s = sheet((0.0, 0.0, 0.0), poisson=0.0, curl=(kx, 0.0), **MODELS[model])

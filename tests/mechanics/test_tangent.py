@@ -81,7 +81,7 @@ def test_solves_the_linearized_inverse_dynamics(case: Case, c2: float, how: int 
 
 @pytest.mark.parametrize("how", [None, 1, 2])
 @given(kinds=st.permutations([Floating, Stretching, Geodesic, Revolute]), seed=st.integers(0, 2**32 - 1))
-def test_joints_of_six_coordinates_beside_others(kinds: list[type[Joint]], seed: int, how: int | None) -> None:
+def test_joints_of_six_coordinates_with_others(kinds: list[type[Joint]], seed: int, how: int | None) -> None:
     """In a group or between two, above and below joints that lock directions, with forces."""
     case = build(seed, [Revolute, *kinds, Weld], [], driven=False, forces=True)
     compiled = case.compiled

@@ -163,7 +163,7 @@ def test_the_crane_is_the_same_in_every_attitude(drive: str, axis: str) -> None:
         )
 
 
-def test_the_ram_carries_the_jib_as_statics_says() -> None:
+def test_the_ram_carries_the_jib_according_to_statics() -> None:
     """A crane that stands still and one that has slewed by 90 deg: the ram's force from the jib's moment balance."""
     for angle in (0.0, 0.5 * pi, 2.0):
         compiled = CompiledMechanism(crane(Revolute(axis="y", drive=angle)))

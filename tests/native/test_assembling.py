@@ -122,7 +122,7 @@ def test_a_start_that_python_assembled_is_assembled_by_machine_code_again():
         np.testing.assert_array_equal(native.view(native.instance.given.q), before)
 
 
-def test_a_loop_that_cannot_close_is_told_by_row_and_gap():
+def test_a_loop_that_cannot_close_is_reported_by_constraint_and_gap():
     native, compiled = Running(Simulation(FourBar(), Settings(solver="adams"))), FourBar(ground_length=12.0).compile()
     adopt(native, compiled)
     assert assembled(native, *guess(compiled, 0.0)) == OPEN
@@ -130,7 +130,7 @@ def test_a_loop_that_cannot_close_is_told_by_row_and_gap():
     assert f"{compiled.system.constraint_names[row]!r} is violated by {gap:.3g} (SI units) in" in refused(compiled)
 
 
-def test_rates_that_open_a_loop_are_told_by_row_and_rate():
+def test_rates_that_open_a_loop_are_reported_by_constraint_and_rate():
     def cranks(rate: float) -> Mechanism:
         return pair(lambda k: {"fixed": True, "rate": 1.0 if k == 0 else rate})
 
@@ -140,7 +140,7 @@ def test_rates_that_open_a_loop_are_told_by_row_and_rate():
     assert f"{compiled.system.constraint_names[row]!r} changes by {gap:.3g} (SI units) per second" in refused(compiled)
 
 
-def test_a_motion_without_inertia_is_told_by_its_coordinates():
+def test_a_motion_without_inertia_is_reported_by_its_coordinates():
     def arms(mass: float) -> Mechanism:
         m = Mechanism(gravity=(0.0, -9.81, 0.0))
         arm = m.body("arm", m.ground, Revolute(start=0.2), **rod(mass=1.0, length=1.0))
@@ -157,7 +157,7 @@ def test_a_motion_without_inertia_is_told_by_its_coordinates():
 
 
 @pytest.mark.parametrize(("turn", "axis"), [(120.0, (1, 1, 1)), (180.0, (1, 0, 0)), (180.0, (0, 0, 1))])
-def test_a_weld_that_closes_turned_is_told_by_cut_joint_and_angle(turn: float, axis: tuple[float, ...]):
+def test_a_weld_that_closes_turned_is_reported_by_cut_joint_and_angle(turn: float, axis: tuple[float, ...]):
     def glued(angle: float) -> Mechanism:
         half, along = np.radians(0.5 * angle), np.array(axis) / np.linalg.norm(axis)
         m = Mechanism(gravity=(0.0, -9.81, 0.0))

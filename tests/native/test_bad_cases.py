@@ -117,7 +117,7 @@ def test_a_start_so_late_that_times_are_too_far_apart_is_refused(time: float, fm
     assert begin(fmu, 1e4) == OK
 
 
-def test_a_position_so_far_out_that_it_cannot_be_told_is_refused(opened: Opened):
+def test_a_position_too_far_out_for_floating_point_numbers_is_refused(opened: Opened):
     pendulum = opened(SwingPendulum()).instantiate()
     with pytest.raises(UserError, match="Start nearer to zero"):
         Simulation(SwingPendulum(start_angle=1e12), ADAMS)
@@ -190,7 +190,7 @@ def test_states_of_other_formats_and_lengths_are_refused(fmu: Instance):
     fmu.release(state)
 
 
-def test_a_balance_that_is_lost_is_told_in_the_numbers_of_a_simulation(tmp_path: Path):
+def test_a_lost_energy_balance_is_reported_with_the_numbers_of_a_simulation(tmp_path: Path):
     """Partitioning by LU does not survive the singular position, and at a loose tolerance it does not stop there."""
     settings = Settings(solver="adams-lu", tolerance=1e-2)
     four_bar = Binary(export(FourBar(), tmp_path / "model.fmu", settings, native=True), tmp_path).instantiate()

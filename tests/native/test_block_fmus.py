@@ -79,7 +79,7 @@ def native(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("ModelExchange", {"limit": 10.0}),
     ],
 )
-def test_native_fmu_with_blocks_moves_as_scipy_says(native: Path, kind: str, values: dict[str, float]) -> None:
+def test_native_fmu_with_blocks_moves_as_computed_by_scipy(native: Path, kind: str, values: dict[str, float]) -> None:
     found = simulate_fmu(
         str(native), stop_time=0.6, output_interval=0.02, start_values=values, fmi_type=kind, relative_tolerance=1e-8
     )

@@ -46,7 +46,7 @@ REFUSED = {  # with what is said, of every model or of those without a free coor
 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("what", COMMANDS)
-def test_commands_answer_or_say_what_is_missing(
+def test_commands_return_a_result_or_report_what_is_missing(
     name: str, what: str, command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

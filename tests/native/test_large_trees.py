@@ -121,7 +121,7 @@ def test_a_state_goes_to_another_instance():
 
 @needs_linker
 @pytest.mark.parametrize("grid", [(4, 3), (9, 7)])  # a small mechanism, and a large tree
-def test_how_sharply_plates_bend_is_told(grid: tuple[int, int]):
+def test_the_bending_angle_of_plates_is_reported(grid: tuple[int, int]):
     make = lambda: Sheet(nx=grid[0], nz=grid[1], support="free", start_spin=300.0)  # noqa: E731
     simulation, native = pair(make, ADAMS)
     for k in range(6):

@@ -201,7 +201,7 @@ def test_a_wrong_number_of_values_is_called_so(third: Third, instance: Any) -> N
     assert third.logged[-1].startswith("the number of values is not that of the value references")
 
 
-def test_every_function_that_is_never_offered_says_so(third: Third, instance: Any) -> None:
+def test_every_function_that_is_not_supported_returns_an_error(third: Third, instance: Any) -> None:
     """Called with nothing but zeros, in a phase where all calls of co-simulation may come."""
     import fmpy
 

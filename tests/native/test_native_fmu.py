@@ -295,7 +295,7 @@ def test_a_refused_value_stops_steps_until_it_is_given_right(fmu: Instance):
     assert fmu.step(0.0, 0.01) == OK
 
 
-def test_a_loop_that_cannot_close_says_which_row_and_by_how_much(fmu: Instance):
+def test_a_loop_that_cannot_close_is_reported_with_constraint_and_gap(fmu: Instance):
     known = references(fmu.binary)
     assert fmu.set("Real", [known["ground_length"]], [9.0]) == OK
     assert fmu.call("EnterInitializationMode") == OK
@@ -373,7 +373,7 @@ def test_what_cannot_be_exported_is_refused(more: dict[str, Any], told: str, tmp
         export(FourBar(), tmp_path / "model.fmu", native=True, **more)
 
 
-def test_the_solver_that_auto_selects_is_told(tmp_path: Path):
+def test_the_solver_that_auto_selects_is_reported(tmp_path: Path):
     told: list[str] = []
     export(
         Sheet(**GRID), tmp_path / "model.fmu", Settings(solver="auto", tolerance=1e-6), native=True, report=told.append

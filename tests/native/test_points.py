@@ -185,7 +185,7 @@ def test_a_hub_that_a_host_turns(solver: str, name: str):
 
 
 @needs_linker
-def test_a_hub_that_starts_as_a_host_says():
+def test_a_hub_starts_with_the_values_of_the_host():
     settings = Settings(solver="adams")
     simulation, native = Simulation(hub(), settings, inputs={0: 0.1, 1: 2.0}), Running(Simulation(hub(), settings))
     for index, value in ((0, 0.1), (1, 2.0)):
@@ -246,7 +246,7 @@ def parallelogram() -> Mechanism:
 
 
 @needs_linker
-def test_an_impulse_that_is_not_known_is_told():
+def test_an_impulse_that_is_not_determined_is_reported():
     simulation, native = pair(parallelogram, Settings(solver="adams"))
     simulation.set_input(1, 1.0)
     assert native.call("set", 1, 1.0, np.nan) == OK
@@ -268,7 +268,7 @@ def simulation_memory(native: Running) -> NDArray[np.uint8]:
 
 
 @needs_linker
-def test_balance_that_is_lost_is_told():
+def test_a_lost_energy_balance_is_reported():
     simulation, native = pair(FourBar, Settings(solver="adams"))
     follow(simulation, native, torque, last=10)
     assert not native.run_status["lost"]

@@ -94,7 +94,7 @@ def test_a_scene_runs_as_a_native_fmu_to_the_bits_of_a_direct_run(
     assert bool(loops) == ("fourbar" in scene)
 
 
-def test_loops_are_told_of_a_native_run_too(runtime: Path, command: Command, tmp_path: Path):
+def test_loops_are_reported_for_a_native_run_too(runtime: Path, command: Command, tmp_path: Path):
     _, out, _ = command("-v", "run", "fourbar", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
     assert NATIVE in out
     assert "  note: loop 'pivot': 3 of its 5 constraints are trivially satisfied (z, zx, zy) and removed [" in out
@@ -126,7 +126,7 @@ def without_runtime(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("without_runtime")
-def test_without_a_runtime_the_fmu_calls_python_and_one_line_says_why(command: Command, tmp_path: Path):
+def test_without_a_runtime_the_fmu_calls_python_and_one_line_gives_the_reason(command: Command, tmp_path: Path):
     why = f"nothing here compiles C for {host()}, and zig cannot be downloaded: pip reports "
     _, out, _ = command("run", "fourbar", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
     assert COUPLED in out
@@ -199,7 +199,7 @@ def test_nothing_is_compiled_for_a_native_run(runtime: Path, tmp_path: Path):
     assert "use `mbfmu view fourbar`" in done.stdout
 
 
-def test_who_waits_for_the_compiler_is_told_after_work_was_given_up():
+def test_compilation_is_reported_after_work_was_given_up():
     told: list[str] = []
     with when_compiling(lambda: told.append("compiling")):
         for _ in range(2):
@@ -225,7 +225,7 @@ def test_interpreted_kernels_make_the_bytes_of_compiled_ones(runtime: Path, tmp_
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
-def test_an_export_without_a_compiler_has_the_bytes_and_the_sentences_of_another_one(runtime: Path, tmp_path: Path):
+def test_an_export_without_a_compiler_has_the_bytes_and_the_messages_of_another_one(runtime: Path, tmp_path: Path):
     scene, told = load_scene("fourbar").changed(solver="radau"), ([], [])
     paths = tmp_path / "compiled.fmu", tmp_path / "interpreted.fmu"
     export_scene(scene, paths[0], FmuKind.NATIVE, fmi=3, report=told[0].append)
@@ -236,7 +236,7 @@ def test_an_export_without_a_compiler_has_the_bytes_and_the_sentences_of_another
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
-def test_what_is_wrong_with_a_model_is_told_without_a_compiler_too(runtime: Path, tmp_path: Path):
+def test_what_is_wrong_with_a_model_is_reported_without_a_compiler_too(runtime: Path, tmp_path: Path):
     scene = load_scene("fourbar").changed(solver="radau", model=FourBar(ground_length=9.0))
     for kind in (FmuKind.NATIVE, FmuKind.ONE_RUN):
         wrong = pytest.raises(UserError, match=r"^loop cannot close: constraint 'pivot.x' is violated by [^\n]*$")

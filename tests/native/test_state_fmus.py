@@ -82,7 +82,7 @@ def test_states_are_variables_with_units_and_nominal_values(native: Path) -> Non
         ("ModelExchange", {"lag": 0.02, "first": 0.7}),
     ],
 )
-def test_native_fmu_moves_as_scipy_says(native: Path, kind: str, values: dict[str, float]) -> None:
+def test_native_fmu_moves_as_computed_by_scipy(native: Path, kind: str, values: dict[str, float]) -> None:
     found = simulate_fmu(
         str(native), stop_time=1.5, output_interval=0.05, start_values=values, fmi_type=kind, relative_tolerance=1e-8
     )
@@ -103,7 +103,7 @@ def test_native_fmu_has_the_bits_of_a_simulation_for_every_solver(tmp_path: Path
             assert [row[name] for name in ("arm.angle", "reading", "integral")] == simulation.outputs()[:3].tolist()
 
 
-def test_fmu_that_calls_python_moves_as_scipy_says(tmp_path: Path) -> None:
+def test_fmu_that_calls_python_moves_as_computed_by_scipy(tmp_path: Path) -> None:
     path = export(ControlledRod(), tmp_path / "rod.fmu", SETTINGS, native=False)
     found = simulate_fmu(str(path), stop_time=0.5, output_interval=0.05, start_values={"first": 0.1})
     assert found["reading"] == pytest.approx(ControlledRod(first=0.1).motion(found["time"])[2], abs=2e-7)

@@ -171,7 +171,7 @@ def run(fmu: Path, **values: float) -> Any:
 
 @needs_compiler
 @pytest.mark.parametrize("values", [{}, {"mass": 0.7, "drag": 2.0}, {"drag": 0.0}])
-def test_elements_and_functions_of_the_model_move_as_scipy_says(slider: Path, values: dict[str, float]) -> None:
+def test_elements_and_functions_of_the_model_move_as_computed_by_scipy(slider: Path, values: dict[str, float]) -> None:
     assert validate_fmu(str(slider)) == []
     found = run(slider, **values)
     assert found["x"] == pytest.approx(Slider(**values).positions(found["time"]), abs=1e-7)

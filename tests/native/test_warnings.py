@@ -214,7 +214,7 @@ def test_what_the_solver_and_the_inputs_cause_is_logged_as_in_python(
 
 
 @pytest.mark.parametrize("tolerance", [1e-10, 1e-9])
-def test_ida_tells_that_it_uses_another_tolerance(tolerance: float, tmp_path: Path) -> None:
+def test_ida_reports_that_it_uses_another_tolerance(tolerance: float, tmp_path: Path) -> None:
     settings = Settings(solver="ida", tolerance=tolerance)
     expected = [str(d) for d in Simulation(FourBar(), settings).diagnostics if d.code == "limited-tolerance"]
     told = [text for text in logged(FourBar(), settings, tmp_path) if code_of(text) == "limited-tolerance"]

@@ -81,7 +81,7 @@ def test_solutions_are_those_of_the_whole_matrix(sizes: list[int], inward: list[
 
 
 @pytest.mark.parametrize("symmetric", [True, False])
-def test_a_singular_block_is_told(symmetric: bool) -> None:
+def test_a_singular_block_is_reported(symmetric: bool) -> None:
     A = matrix([3, 4], [1, -1], symmetric)
     A[:3, :3] = 0.0
     assert not eliminated([3, 4], [1, -1], A, symmetric)[1]

@@ -92,7 +92,7 @@ def test_a_kernel_is_compiled_once_and_found_again(script: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize("damage", ["cut", "emptied", "flipped", "gone"])
-def test_damaged_files_are_compiled_anew(script: Path, tmp_path: Path, damage: str) -> None:
+def test_damaged_files_are_compiled_again(script: Path, tmp_path: Path, damage: str) -> None:
     home = tmp_path / "home"
     ended(start(script, home))
     files = [file for file in home.rglob("*.nbc") if file.name.startswith("demo.")]
@@ -212,7 +212,7 @@ def test_a_caller_sees_that_what_it_calls_was_edited(tmp_path: Path) -> None:
     assert told == [7.0, 4.0, 23.5]
 
 
-def test_where_nothing_can_be_written_all_is_compiled_and_said_once(script: Path) -> None:
+def test_an_unwritable_cache_is_reported_once_and_all_is_compiled(script: Path) -> None:
     told = ended(start(script, "/proc/nowhere"))
     assert told["began"] == [0]
     assert len(told["warned"]) == 1

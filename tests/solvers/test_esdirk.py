@@ -37,7 +37,7 @@ def row(simulation: Simulation, *names: str) -> NDArray[np.float64]:
     return np.array([found[name] for name in names])
 
 
-def test_coefficients_are_of_order_three_with_one_of_order_two_beside_them() -> None:
+def test_coefficients_are_of_order_three_with_an_embedded_method_of_order_two() -> None:
     ones = np.ones(4)
     np.testing.assert_allclose(A @ ones, C, atol=1e-15)
     np.testing.assert_allclose([B @ ones, B @ C, B @ C**2, B @ A @ C], [1.0, 1 / 2, 1 / 3, 1 / 6], atol=1e-14)
@@ -119,7 +119,7 @@ def exact_attitude(end: float) -> NDArray[np.float64]:
     return found
 
 
-def test_quaternions_turn_as_euler_says_to_order_three() -> None:
+def test_quaternions_turn_according_to_euler_to_order_three() -> None:
     errors = []
     for h in (0.08, 0.04, 0.02):
         simulation = in_fixed_steps(rotors(), h)
@@ -209,7 +209,7 @@ def exact_crank(end: float, far: float) -> float:
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
-def test_loops_move_as_lagrange_says(size: float, tolerance: float) -> None:
+def test_loops_move_according_to_lagrange(size: float, tolerance: float) -> None:
     copies = 36  # 108 coordinates under constraints
     simulation = of(linkage(copies, size), tolerance=tolerance)
     assert simulation.advance(1.0).ok
@@ -219,7 +219,7 @@ def test_loops_move_as_lagrange_says(size: float, tolerance: float) -> None:
     assert simulation.warning == ""
 
 
-def test_a_row_that_says_nothing_new_changes_nothing() -> None:
+def test_a_redundant_constraint_equation_changes_nothing() -> None:
     found = []
     for doubled in (False, True):
         simulation = of(linkage(36, doubled=doubled), tolerance=1e-7)

@@ -13,7 +13,7 @@ from solvers.steppers.dense import DenseFormulation
 
 
 @pytest.mark.parametrize(("longer", "low", "high"), [(0.0, 0.0, 0.0), (1e-5, 1e-6, 1e-5), (1e-3, 1e-4, 1e-3)])
-def test_the_gap_grows_with_what_a_bar_is_too_long_and_is_asked_for_anew(
+def test_the_gap_grows_with_the_excess_length_of_a_bar_and_is_computed_again(
     longer: float, low: float, high: float
 ) -> None:
     compiled = FourBar(coupler_length=3.0 * (1.0 + longer)).compile()

@@ -74,7 +74,7 @@ def test_both_ways_take_the_same_steps(both_ways: Ways, model: Any, end: float, 
     assert direct.stepper.energy_account == pytest.approx(bound.stepper.energy_account, rel=1e-6, abs=1e-9)
 
 
-def test_order_and_length_of_the_last_step_are_told() -> None:
+def test_order_and_length_of_the_last_step_are_reported() -> None:
     simulation = Simulation(pendulum(), Settings(solver="ida", tolerance=1e-8))
     simulation.advance(1.0)
     told = simulation.statistics

@@ -105,7 +105,7 @@ def test_lu_at_a_loose_tolerance_jumps_branch():
     assert abs(np.sin(0.5 * (angles[2] - np.pi - angles[0]))) > 1e-3
 
 
-def test_hybrid_uses_both_partitions_and_says_why_it_switched():
+def test_hybrid_uses_both_partitions_and_reports_why_it_switched():
     stepper, _ = run("hybrid", 1e-6, max_step=0.01)
     s = stepper.statistics
     assert s.partition_switches >= 2 * s.left_by_turn - 1 > 0

@@ -137,14 +137,14 @@ def test_every_surface_is_drawn_once_on_its_body() -> None:
         assert abs(np.linalg.det(np.reshape(part.axes, (3, 3)))) == pytest.approx(0.2 * 0.2 * 0.3)
 
 
-def test_a_surface_of_ones_own_is_drawn_as_it_says() -> None:
+def test_a_user_defined_surface_is_drawn_by_its_lines() -> None:
     knobs = [part for part in draw(feeder(Knob()), 0.3).parts if part.color == "#102030"]
     assert [part.solid for part in knobs] == ["sphere", "sphere"]
     plain = draw(feeder(type("Plain", (Wall,), {"shapes": Surface.shapes})()), 0.3).parts
     assert all(part.opacity == 1.0 for part in plain)
 
 
-def test_bodies_with_shapes_look_as_those_say() -> None:
+def test_bodies_with_shapes_are_drawn_with_them() -> None:
     mechanism = feeder(Drum(radius=0.2, length=0.3), shaped=True)
     roller, arm = (mechanism.bodies[k].index for k in (-2, -1))
     own = [part.solid for part in draw(mechanism, 0.3).parts if part.body == arm]

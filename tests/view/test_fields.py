@@ -96,7 +96,7 @@ def test_lightness_is_alike_on_both_sides() -> None:
     assert below.min() > 30.0
 
 
-def test_limits_suit_the_whole_run_and_the_one_beside_it() -> None:
+def test_limits_suit_the_whole_run_and_its_reference_run() -> None:
     motion, other = motion_of(RAMP), motion_of(-2.0 * RAMP)
     (own,) = fields(motion)
     assert own is not None
@@ -174,7 +174,7 @@ def test_picture_shows_cells_by_the_sign_of_their_values(tmp_path: Path) -> None
     assert plain[:2] == (0, 0)
 
 
-def test_picture_tells_what_the_colors_mean(tmp_path: Path) -> None:
+def test_picture_explains_its_colors(tmp_path: Path) -> None:
     corners = {field: pixels(motion_of(RAMP, field), tmp_path / "m.png")[:, 460:] for field in ("push", "")}
     assert not np.array_equal(corners["push"], corners[""])
     for stop in (COLOR_STOPS[0], COLOR_STOPS[-1]):
@@ -237,7 +237,7 @@ def test_both_triangles_of_a_cell_end_in_the_corner_that_has_its_color() -> None
 
 
 @pytest.mark.skipif(NODE is None, reason="no node here, which the page's program is tested with")
-def test_surface_without_a_field_has_its_own_color_everywhere() -> None:
+def test_surface_without_a_field_has_one_color() -> None:
     found = evaluated(
         FIGURE
         + """
@@ -261,7 +261,7 @@ def test_surface_without_a_field_has_its_own_color_everywhere() -> None:
         (0.0, 0.0, COLOR_STOPS[4:], ["0"]),
     ],
 )
-def test_page_tells_what_the_colors_mean(low: float, limit: float, stops: tuple[str, ...], ticks: list[str]) -> None:
+def test_page_explains_its_colors(low: float, limit: float, stops: tuple[str, ...], ticks: list[str]) -> None:
     own = {"title": "push [N/m]", "low": low, "limit": limit}
     scene = {"fields": [None, own], "stops": COLOR_STOPS, "against": None}
     viewer = (Path(html.__file__).parent / "page" / "viewer.js").read_text().replace("start().catch", "(() => {}).call")

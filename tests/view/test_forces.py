@@ -50,7 +50,7 @@ def vectors(motion: Motion, name: str, unit: str = "N") -> np.ndarray:
     return motion.forces[:, k]
 
 
-def test_cut_joint_shows_what_its_sensors_tell() -> None:
+def test_a_cut_joint_is_drawn_at_the_values_of_its_sensors() -> None:
     result, motion = recorded(FourBar())
     force, (arrow,) = vectors(motion, "pivot"), motion.arrows
     told = np.column_stack((result["pivot.force.x"], result["pivot.force.y"]))

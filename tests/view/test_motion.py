@@ -169,7 +169,7 @@ def test_pose_file_of_another_version_is_refused(tmp_path: Path) -> None:
         Motion.load(tmp_path / "old.npz")
 
 
-def test_default_picture_knows_every_joint_cut_and_spring() -> None:
+def test_default_picture_contains_every_joint_cut_joint_and_spring() -> None:
     m = Mechanism()
     arm = m.body("arm", m.ground, Revolute(), **rod(mass=1.0, length=1.0))
     hung = m.body("hung", arm, Spherical(at=(1.0, 0.0, 0.0)), **rod(mass=1.0, length=0.5))
@@ -185,7 +185,7 @@ def test_default_picture_knows_every_joint_cut_and_spring() -> None:
     assert len({part.color for part in picture.parts}) >= 5
 
 
-def test_own_joint_and_own_force_are_drawn_as_they_say() -> None:
+def test_user_defined_joints_and_forces_are_drawn_by_their_lines() -> None:
     @dataclass(frozen=True, kw_only=True)
     class Hinge(Joint):
         record, place = Revolute.record, Revolute.place

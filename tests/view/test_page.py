@@ -197,7 +197,7 @@ def test_page_holds_the_poses() -> None:
     assert motion.picture.bars[0].body in html.turning_bodies(motion)
 
 
-def test_page_knows_the_scale_of_the_deflection() -> None:
+def test_page_contains_the_scale_of_the_deflection() -> None:
     _, motion = recorded(FourBar(coupler_modes=2), 0.1)
     scene = scene_in(html.page(motion.scaled(10.0))[0])
     assert (scene["note"], scene["scale"]) == ("3 bodies · deflection × 10", 10.0)
@@ -283,7 +283,7 @@ def test_png_gif_and_page_at_once(command: Command, tmp_path: Path) -> None:
         assert film.info["duration"] == 100
 
 
-def test_film_without_ffmpeg_says_what_to_install(command: Command, tmp_path: Path, monkeypatch: Any) -> None:
+def test_film_without_ffmpeg_reports_what_to_install(command: Command, tmp_path: Path, monkeypatch: Any) -> None:
     recorded(FourBar(), 0.05)[1].save(tmp_path / "f.npz")
     monkeypatch.setattr(images.FFMpegWriter, "isAvailable", lambda: False)
     code, _, err = command("view", str(tmp_path / "f.npz"), "--mp4", str(tmp_path / "f.mp4"))
@@ -369,7 +369,7 @@ def test_readouts_are_read_out_in_pictures_and_kept_in_pose_files(tmp_path: Path
         Motion.load(tmp_path / "lost.npz")
 
 
-def test_view_sets_what_its_model_shows_unless_it_is_told_otherwise() -> None:
+def test_view_sets_what_its_model_shows_unless_given_otherwise() -> None:
     def found(*arguments: str) -> str:
         options = parser().parse_args(["view", *arguments])
         return str(with_view_settings(scene_of(options), options).model.field)  # type: ignore[attr-defined]

@@ -107,7 +107,7 @@ def test_curves_of_two_runs_share_their_times() -> None:
     assert found["beyond"] is None
 
 
-def test_readouts_are_told_of_both_runs() -> None:
+def test_readouts_are_reported_for_both_runs() -> None:
     motion, other = beside()
     names = ("coupler.angle", "energy")
     motion, other = (replace(run, picture=replace(run.picture, shown_outputs=names)) for run in (motion, other))
@@ -156,7 +156,7 @@ def test_click_picks_the_body_it_meets_first() -> None:
     assert found == [coupler, crank, None, None]
 
 
-def test_picked_body_tells_its_joint_its_place_and_its_speed() -> None:
+def test_joint_position_and_speed_of_a_picked_body_are_shown() -> None:
     result, motion = recorded(FourBar(), 0.5)
     found = evaluated(
         FIGURE + "figure.place(0.253); return told(scene, motion, scene.bodies.indexOf('coupler'), 0.253);",
