@@ -38,7 +38,7 @@ class Row(NamedTuple):
 
     own: float  # rad, error under the torque as it was held
     held: float  # rad, under the sine
-    gone_on: float  # rad, under the sine, where the torque goes on
+    gone_on: float  # rad, under the sine, where the torque continues
     time: float  # us a point
     evaluations: float  # a point
     steps: float  # a point

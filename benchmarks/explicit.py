@@ -40,7 +40,7 @@ Vector = NDArray[np.float64]
 
 
 class Swing:
-    """A simulation that starts anew at every call."""
+    """A simulation that restarts at every call."""
 
     def __init__(self, model: Model, solver: str, tolerance: float) -> None:
         self.simulation = Simulation(model, Settings(solver=solver, tolerance=tolerance))

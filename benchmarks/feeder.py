@@ -119,7 +119,7 @@ def host() -> Iterator[Row]:
 
 
 def main() -> None:
-    """Print what is asked for."""
+    """Print the requested tables."""
     tables: dict[str, tuple[Row, Any]] = {
         "scenes": (("scene", "simulated [s]", "solver", "CPU [s]", "steps", "found"), scenes),
         "accuracy": (("S, 0.25 s", "CPU [s]", "steps", "edge is off by"), accuracy),

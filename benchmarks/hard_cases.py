@@ -147,7 +147,7 @@ SOURCES = {
 
 
 class Hard(NamedTuple):
-    """A case to be run; ``gap`` (m) is the distance by which it misses a singular position, if that is its purpose."""
+    """A case to be run; ``gap`` (m): distance by which it misses a singular configuration, if that is its purpose."""
 
     name: str
     make: Callable[[], Case]

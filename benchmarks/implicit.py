@@ -1,7 +1,7 @@
 """What implicit steps cost: ``python benchmarks/implicit.py``. CPU time, medians, compile time apart, runs in turn.
 
 * ``ida`` at tolerance 1e-6 against ``adams`` at ida's error, and against ida by way of scikit-sundae;
-* the four-bar under a torque that is set anew each millisecond;
+* the four-bar under a torque that is set every millisecond;
 * Andrews' squeezer, against the state of the IVP test set after 0.03 s; with the extra ``bench`` CasADi's IDAS on the
   same bodies, constraints at the level of accelerations.
 """
@@ -34,7 +34,7 @@ TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 
 
 def against_adams() -> None:
-    """Print ida's time in units of adams' at equal error, and of its own by way of scikit-sundae."""
+    """Print ida's time in units of adams' at equal error, and in units of ida by way of scikit-sundae."""
     model = FourBar()
     exact = exact_motion(model)
     ida = Swing(model, "ida", 1e-6)

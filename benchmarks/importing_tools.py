@@ -1,6 +1,6 @@
 """Native FMUs in tools that import FMUs: ``python benchmarks/importing_tools.py [TOOL ...]``.
 
-Every tool is installed in a virtual environment of its own. It simulates the four-bar (`adams`) and the governor
+Every tool is installed in a separate virtual environment. It simulates the four-bar (`adams`) and the governor
 (`ida`) for 2 s in steps of 10 ms, by the programs in the folder ``importers``, one for each tool. The table shows the
 difference of an output at the end from a simulation in Python at a tolerance of 1e-10. Tools read outputs at 1.99 s or
 at 2 s; the difference is that at the time that the program prints.

@@ -184,7 +184,7 @@ def inject_error(mutant: Mutant) -> None:
 
 
 def main() -> None:
-    """Report the mutants that survive."""
+    """Report the mutants that no test detects."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--file", choices=TESTS, help="of this file alone")
     parser.add_argument("--function", help="of this function alone")

@@ -6,7 +6,7 @@ A change of structure must not change what the program computes. Run this on bot
     PYTHONPATH=../before python benchmarks/same_bits.py > before.txt
     python benchmarks/same_bits.py > after.txt && diff before.txt after.txt
 
-Every line is a run, a steady state or a state matrix and a fingerprint of its numbers. The time is told on stderr. With
+Every line is a run, a steady state or a state matrix and a fingerprint of its numbers. stderr has the time. With
 ``--speed`` every line has the lowest CPU time of some runs in place of the numbers, ms, of building the mechanism, of
 starting, and of the run: do that on both commits in turn.
 """
@@ -193,7 +193,7 @@ def steady(model: Any) -> list[Any]:
 
 
 def speeds(repeats: int = 21) -> None:
-    """Tell the lowest CPU times of building, starting and running."""
+    """Print the lowest CPU times of building, starting and running."""
     for name, stop in (("fourbar", 2.0), ("governor", 2.0), ("pendulum", 2.0), ("sheet", 0.02)):
         model = load_scene(name).model
         for solver in ("adams", "ida"):
@@ -211,7 +211,7 @@ def speeds(repeats: int = 21) -> None:
 
 
 def main() -> None:
-    """Tell every fingerprint, or every time."""
+    """Print every fingerprint, or every time."""
     if "--speed" in sys.argv:
         speeds()
         return

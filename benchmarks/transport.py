@@ -203,7 +203,7 @@ def buckle(grids: list[int]) -> Iterator[Row]:
 
 
 def capstan(grids: list[int]) -> Iterator[Row]:
-    """What hangs on the strip pulls down; it swings into place within 0.1 s."""
+    """The weight on the strip pulls down; it swings into place within 0.1 s."""
     for nodes in grids or [41]:
         for way, speed in (("drawn", -0.03), ("fed", 0.03)):
             m, load = Mechanism(), 0.1

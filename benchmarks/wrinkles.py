@@ -4,7 +4,7 @@ A film between two clamped rails, one of which slides along itself by H / 43: th
 membranes, J. Mech. Mater. Struct. 1, 2006), but thicker, as a wave wants nine cells. Slight forces at random break the
 symmetry, damping and air bring it to rest.
 
-Told are the length of a wave along the middle line and its height, beside those of tension field theory: along 45
+The output is the length of a wave along the middle line and its height, and those of tension field theory: along 45
 degrees the film is pulled by T = E t gamma / 2 over the length H sqrt(2), so that (Cerda and Mahadevan, Phys. Rev.
 Lett. 90, 2003) a wave is 2 sqrt(pi) (B / T)^(1/4) (H sqrt(2))^(1/2) long across, and it is as high as takes up the part
 (1 - nu) gamma / 2 by which the film is wider than the field: A = wave sqrt((1 - nu) gamma / 2) / pi.
@@ -27,7 +27,7 @@ SLIGHT = 2e-5  # N
 
 
 def film(t: float, nx: int, nz: int) -> Mechanism:
-    """The film of thickness t (m) on nx x nz nodes, whose middle line is told."""
+    """The film of thickness t (m) on nx x nz nodes, whose middle line is an output."""
     m, chance = Mechanism(), np.random.default_rng(0)
     rail = m.body("rail", m.ground, Translational(axis="x", drive=Step(height=SHEAR, begin=0.05, duration=0.5)))
     sheet = add_sheet(
@@ -45,7 +45,7 @@ def film(t: float, nx: int, nz: int) -> Mechanism:
 
 
 def main() -> None:
-    """Shear the film and tell what came of it."""
+    """Shear the film and print length and height of its waves."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("thickness", nargs="?", type=float, default=0.8, help="mm (0.8)")
     parser.add_argument("grid", nargs="*", type=int, default=(39, 14), help="nodes (39 14)")

@@ -1,9 +1,9 @@
 """A feeder, two motors and a controller of skew, four FMUs in one co-simulation: ``python examples/feeder_motor.py``.
 
-The feeder (``fmus/feeder``, mbfmu) takes the speeds of its rollers and tells their torques and what two beams of light
+The feeder (``fmus/feeder``, mbfmu) takes the speeds of its rollers and returns their torques and what two light beams
 see. Each roller has a motor (``roller_motor.py``, plain PythonFMU, one FMU instanced twice); the tachometer of the left
 one reads ERROR too much, so that the left roller is slow and the sheet turns. The controller (``skew_controller.py``)
-finds by how much when the leading edge is in the beams, turns the sheet back, and goes on against what turned it.
+finds by how much when the leading edge is in the beams, turns the sheet back, and continues against what turned it.
 
 What must come out follows from rigid kinematics (:func:`kinematics`): how fast the sheet turns from the speeds of the
 rollers, when its edge is in the beams from geometry, and how the motors follow from their equations without a load. The
@@ -13,7 +13,7 @@ The own loop (:func:`co_simulate`) steps one FMU after the other, with what thos
 all with the values of the last point (Jacobi), as hosts of the ``.ssp`` do. In Jacobi's way it is what libcosim does,
 and with zero on every connection at first what FMPy does: skews agree within 1e-6 rad, as nothing is between them but
 round-off and what the feeder's tolerance makes of it. Gauss and Seidel's way differs from both by what falls with the
-step, 0.6 mrad at 1 ms. From beams to rollers it is two steps faster, in which the sheet goes on turning; and in FMPy's
+step, 0.6 mrad at 1 ms. From beams to rollers it is two steps faster, in which the sheet still turns; and in FMPy's
 first step rollers stand and motors brake, so that the sheet is late, which the controller takes for slower turning.
 
 Writes three FMUs, ``feeder_motor.ssp`` and ``feeder_motor.png`` into a folder (``-o``) and prints a table.
@@ -182,7 +182,7 @@ def co_simulate(fmus: Fmus, step: float, *, on: bool = True, jacobi: bool = Fals
 
 
 def study(methods: Mapping[str, Callable[[float], Run]]) -> None:
-    """Run every method at every step of STEPS, and print what the controller finds and leaves beside kinematics."""
+    """Run every method at every step of STEPS, and print the skew that it finds and leaves, and that of kinematics."""
     expected = kinematics(np.array([0.0, STOP_TIME]))
     lines = [("kinematics", "", *(f"{1e3 * expected[name][-1]:.3f}" for name in ("controller.skew", SKEW)), "")]
     for label, method in methods.items():

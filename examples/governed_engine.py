@@ -163,7 +163,7 @@ def co_simulate(fmus: Fmus, step: float, *, second_order: bool = False) -> Run:
         Between communication points, s.
     second_order
         Give the engine the speed and the height expected in the middle of its step, from the last two points; without
-        it the engine sees the last ones, and the coupling is of first order.
+        it the engine uses the last ones, and the coupling is of first order.
     """
     times = communication_points(STOP_TIME, step)
     with Fmu(fmus.governor) as governor, Fmu(fmus.engine, {"collar_height": governor["collar.height"]}) as engine:
@@ -219,7 +219,7 @@ def study(methods: dict[str, Callable[[float], Run]]) -> dict[str, list[float]]:
 
 
 def draw(run: Run, errors: dict[str, list[float]], path: Path) -> None:
-    """Draw the load's step and how it is caught, and beside it the study."""
+    """Draw the load's step and how it is caught, and next to it the study."""
     figure = plt.figure(figsize=(12.0, 6.5), layout="constrained")
     grid = figure.add_gridspec(3, 2, width_ratios=(1.2, 1.0))
     left = [figure.add_subplot(grid[i, 0]) for i in range(3)]

@@ -1,7 +1,7 @@
 """A controller of skew as a plain PythonFMU slave: light beams in, wanted speeds of two rollers out.
 
-The leading edge of a sheet covers the right and the left beam one after the other. The time between tells by what angle
-the sheet is turned, and the time since the start how fast it turned. The controller turns it back within ``turn_back``
+The leading edge of a sheet covers the right and the left beam one after the other. The time between gives its angle,
+and the time since the start how fast it turned. The controller turns it back within ``turn_back``
 by a difference of the wanted speeds, and from then on keeps the part of it that works against what turned the sheet.
 """
 

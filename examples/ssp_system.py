@@ -29,7 +29,7 @@ class SspSystem:
     connections
         Element and output, element and input.
     recorded
-        Elements and outputs that a run tells.
+        Elements and outputs that a run returns.
     values
         Start values of parameters by "element.name", where the FMU's own are not the right ones.
     """
@@ -61,7 +61,7 @@ class SspSystem:
         """Run the archive in FMPy: all FMUs step with the values of the last point (Jacobi).
 
         FMPy starts every connection at zero: the first step is a jolt, look at what comes after it has died. It takes
-        no start values from an archive, so they are passed, with ``values`` beside them or instead.
+        no start values from an archive, so they are passed, with ``values`` in addition to them or instead.
         """
         told = [Parameter(name=name, value=value) for name, value in {**self.values, **(values or {})}.items()]
         result = simulate_ssp(

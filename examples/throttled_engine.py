@@ -6,7 +6,7 @@
 The shaft turns the spindle of a governor, whose collar closes the throttle as it rises. Two choices make this a good
 partner in a co-simulation, whatever the host does with its inputs:
 
-- between communication points the spindle's angle goes on at the spindle's speed. Held instead, it would lag behind by
+- between communication points the spindle's angle is extrapolated at its speed. Held instead, it would lag behind by
   speed * step / 2, and the shaft would twist by that much even where nothing changes;
 - ``shaft_torque`` is the mean over the last step, so that what the engine gives to the shaft the spindle receives.
 """

@@ -28,7 +28,7 @@ DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
 
 @dataclass(frozen=True, kw_only=True)
 class Sprung(mb.Model):
-    """A bob of 1 kg on a damped spring, pulled, beside one on a soft spring."""
+    """A bob of 1 kg on a damped spring, pulled, next to one on a soft spring."""
 
     name = "sprung"
     stiffness: float = mb.parameter(10.0, min=0.0, unit="N/m", doc="of the spring", tunable=True)

@@ -118,7 +118,7 @@ def test_a_load_that_goes_on_converges_with_the_square_of_the_step(solver: str, 
 
 
 def test_a_load_that_is_not_set_again_is_what_it_was() -> None:
-    """It goes on for the step it was set for, and then stays."""
+    """It continues for the step it was set for, and then stays."""
     simulation = going_on()
     for t, torque in ((0.0, 1.0), (1.0, 3.0)):
         simulation.set_input("torque", torque)
@@ -140,7 +140,7 @@ def test_a_load_changes_by_no_more_than_it_did_however_long_the_step() -> None:
 
 
 def test_points_that_are_recorded_are_points() -> None:
-    """What comes after them goes on alike."""
+    """What comes after them continues alike."""
     found = []
     for recorded in (True, False):
         simulation = going_on()
@@ -329,7 +329,7 @@ def test_the_ramp_of_ida_does_not_rise_for_ever() -> None:
 
 
 def test_one_change_before_ten_thousand_points() -> None:
-    """An oscillator that is loaded once goes on to be as exact as one that never was, however the host steps."""
+    """An oscillator that is loaded once continues to be as exact as one that never was, however the host steps."""
     stiffness, load, step = 4.0, 3.0, 0.01
 
     class Swinging(Model):

@@ -221,7 +221,7 @@ def test_a_name_is_given_one_value(command: Command) -> None:
 
 
 def test_a_model_may_import_modules_of_its_folder(tmp_path: Path) -> None:
-    """Two models, each with a module of the same name beside it, do not meet."""
+    """Two models, each with a module of the same name next to it, do not meet."""
     for folder, length in (("a", 1.0), ("b", 2.0)):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "lengths.py").write_text(f"LENGTH = {length}\n")
@@ -428,7 +428,7 @@ def test_a_full_disk_is_reported(command: Command, monkeypatch: pytest.MonkeyPat
     assert (code, err) == (2, "mbfmu: standard output: No space left on device\n")
 
 
-# ---- what is asked for on the command line ---------------------------------------------------------------------------
+# ---- what is requested on the command line ---------------------------------------------------------------------------
 
 
 OTHER = {

@@ -1,4 +1,4 @@
-"""What accuracy costs: what runs are judged by, how they are timed, resolutions, and the choice for a target."""
+"""What accuracy costs: what runs are compared by, how they are timed, resolutions, and the choice for a target."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def short(model: Any, stop_time: float, interval: float = 0.01) -> Scene:
 
 @pytest.fixture(scope="module")
 def swings() -> Comparison:
-    """The four-bar till LU has failed in its second singular position."""
+    """The four-bar till LU has failed in its second singular configuration."""
     return compare(
         short(FourBar(), 1.2), solvers=["adams", "adams-lu"], tolerances=[1e-4, 1e-6, 1e-8], repeats=3, budget=60.0
     )

@@ -107,7 +107,7 @@ LAWS = {
 
 
 def lifted(angle: Any, order: int = 0) -> Any:
-    """The law of the table, written anew."""
+    """The law of the table, written again."""
     return CubicSpline(ANGLES, LIFT, bc_type="periodic")(np.mod(angle, 2.0 * np.pi), order)
 
 

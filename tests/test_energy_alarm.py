@@ -328,7 +328,7 @@ def damped_chain(damping: float) -> Mechanism:
 
 
 def small_swing(damping: float) -> Mechanism:
-    """A parallelogram at rest beside its singular position, which swings by 0.01 rad."""
+    """A parallelogram at rest next to its singular configuration, which swings by 0.01 rad."""
     m, start = Mechanism(gravity=(G, 0.0, 0.0)), 0.01
     one = m.body("a", m.ground, Revolute(start=start, fixed=True), **rod(mass=1.0, length=1.0))
     two = m.body("b", one, Revolute(at=(1.0, 0.0, 0.0), start=-start), **rod(mass=1.0, length=2.0))

@@ -45,7 +45,7 @@ def references(fmu: Path) -> dict[str, int]:
 
 @pytest.fixture(scope="module")
 def direct() -> Mapping[str, Any]:
-    """The same inputs without an FMU, each set when it changes: a value that is set anew begins a step anew."""
+    """The same inputs without an FMU, each set when it changes: a value that is set again begins a step again."""
     run, last = Simulation(MODEL, default_scene(MODEL).settings), {SPEED: 50.0, FORCE: 4.0}
     rows = [run.outputs().copy()]
     for k in range(COUNT):

@@ -75,7 +75,7 @@ def test_the_coupling_converges_to_kinematics(fmus: Fmus) -> None:
 @pytest.mark.parametrize("host", ["fmpy", "libcosim"])
 def test_the_ssp_is_the_own_loop(fmus: Fmus, ssp: Path, host: str) -> None:
     """Round-off alone is between them, and what the feeder's tolerance of 1e-4 makes of it: a speed that has settled is
-    set anew or is not, and steps begin elsewhere.
+    set again or is not, and steps begin elsewhere.
     """
     if host == "libcosim":
         pytest.importorskip("libcosimpy")

@@ -1,4 +1,4 @@
-"""Forces of a loop that a drive takes through a singular position: unbounded in the pins, and not in the drive."""
+"""Forces of a loop that a drive takes through a singular configuration: unbounded in the pins, and not in the drive."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BESIDE = np.array([1e-4, 3e-4, 1e-3, 2e-3, 2.5e-3, 3e-3, 1e-2])
 
 @dataclass(frozen=True, kw_only=True)
 class Lifted(Model):
-    """A parallelogram whose crank is driven through the horizontal at constant speed, maybe with a free bar beside."""
+    """A parallelogram whose crank is driven through the horizontal at constant speed, maybe with a free bar next to."""
 
     speed: float = 1.0
     beside: bool = False

@@ -1,4 +1,4 @@
-"""The four-bar against its exact motion: singular positions, hard starts, every solver and tolerance."""
+"""The four-bar against its exact motion: singular configurations, hard starts, every solver and tolerance."""
 
 from __future__ import annotations
 

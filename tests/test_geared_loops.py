@@ -1,4 +1,4 @@
-"""A gear on a loop: a parallelogram that swings through its singular position turns a wheel."""
+"""A gear on a loop: a parallelogram that swings through its singular configuration turns a wheel."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ LOAD = mb.Input(name="F", unit="N")
 
 
 def slider(load: Any, omega: float = 10.0, mass: float = 1.0, others: int = 0) -> mb.Mechanism:
-    """A loaded mass on a spring, and others at rest beside it."""
+    """A loaded mass on a spring, and others at rest next to it."""
     m = mb.Mechanism()
     body = m.body("b", m.ground, mb.Translational(axis="x"), mass=mass)
     m.force("k", mb.JointSpring(stiffness=mass * omega**2), body)

@@ -1,4 +1,4 @@
-"""What begins while nothing else varies is not stepped over, whenever it begins and whenever outputs are asked for."""
+"""What begins while nothing else varies is not stepped over, whenever it begins and whenever outputs are requested."""
 
 from __future__ import annotations
 

@@ -141,7 +141,7 @@ def test_the_force_on_a_base_converges_where_the_rate_is_given() -> None:
 
 @pytest.mark.parametrize("solver", ["adams", "ida"])
 def test_energy_closes_across_a_jump_of_speed(solver: str) -> None:
-    """The base goes on at speed V: x = V (t - sin(w t) / w), and the spring's force has done V m x' of work since."""
+    """The base continues at speed V: x = V (t - sin(w t) / w), and the spring's force has done V m x' of work since."""
     speed, t, w = 0.7, 0.13, np.sqrt(STIFFNESS)
 
     def make(m: Mechanism) -> None:

@@ -1,4 +1,4 @@
-"""Parameters of the models at the ends of what they allow: right, or refused, or stopped with a sentence."""
+"""Parameters of the models at the ends of what they allow: right, or refused, or stopped with a message."""
 
 from __future__ import annotations
 

@@ -179,7 +179,7 @@ def test_curves_that_lie_on_each_other_are_distinguishable() -> None:
         assert below.get_linewidth() > 2.0 * above.get_linewidth()
     apart = made({"x": 0.0, "y": 1.0}).plot().axes[0].lines
     assert [line.get_linestyle() for line in apart] == ["-", "-"]
-    for level in (0.0, 1.0):  # all on each other, and all apart: colors begin anew after ten
+    for level in (0.0, 1.0):  # all on each other, and all apart: colors begin again after ten
         dozen = made({f"y{k}": level * k for k in range(12)}).plot().axes[0].lines
         looks = {
             (line.get_color(), line.get_linestyle(), line.get_linewidth(), str(line._dash_pattern)) for line in dozen

@@ -59,7 +59,7 @@ def flat(coupler: float | None = None, rocker: float | None = None) -> mb.Mechan
 
 
 def flat_row(rates: Sequence[float | None], scale: float, others: int = 0) -> mb.Mechanism:
-    """A parallelogram that starts flat, with bars of ``scale`` m, tilted about y, and pendulums beside it."""
+    """A parallelogram that starts flat, with bars of ``scale`` m, tilted about y, and pendulums next to it."""
     m = mb.Mechanism()
     stand = m.body("stand", m.ground, mb.Weld(rotation=Rotation.from_rotvec([0.0, 0.7, 0.0]).as_matrix()))
     crank = m.body("crank", stand, mb.Revolute(start=0.0, rate=rates[0]), **mb.rod(mass=1.0, length=scale))

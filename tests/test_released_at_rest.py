@@ -1,4 +1,4 @@
-"""A parallelogram released at rest just beside its flat position, through which it may fall: it is a pendulum."""
+"""A parallelogram released at rest just next to its flat position, through which it may fall: it is a pendulum."""
 
 from __future__ import annotations
 

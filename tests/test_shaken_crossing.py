@@ -1,4 +1,4 @@
-"""A loop that passes its singular position while something else is fast: its base, or a flap that it carries."""
+"""A loop that passes its singular configuration while something else is fast: its base, or a flap that it carries."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class Sled(Model):
     ],
 )
 def test_alike_cranks_on_a_shaken_sled(model: Sled, solver: str) -> None:
-    """Errors are judged by how a mistake in the start grows."""
+    """Errors are compared by how a mistake in the start grows."""
     times = np.linspace(0.0, 4.0 * model.time, 81)
     exact = model.angle(times)
     growth = np.abs(replace(model, start=model.start + 1e-6).angle(times) - exact).max() / 1e-6

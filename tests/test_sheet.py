@@ -285,7 +285,7 @@ def inputs_of(simulation: Simulation) -> dict[str, int]:
 
 
 def test_fmu(tmp_path: Path) -> None:
-    """Held, then moved, then gravity turns: as the direct run; a saved state goes on with what was set."""
+    """Held, then moved, then gravity turns: as the direct run; a saved state continues with what was set."""
     model = Sheet(nx=7, nz=5, support="moved")
     path = export(model, tmp_path / "sheet.fmu", native=False)
     assert validate_fmu(str(path)) == []

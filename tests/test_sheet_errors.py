@@ -49,7 +49,7 @@ def test_an_error_of_a_hundred_tolerances_on_a_sheet_is_reported(motion: tuple[A
 
 
 def test_the_warning_depends_on_the_sheet_and_names_a_remedy() -> None:
-    """Coarse tolerances of small sheets are silent, and so are orders that were asked for."""
+    """Coarse tolerances of small sheets are silent, and so are orders that were requested."""
 
     def remarks(tolerance: float, **settings: Any) -> str:
         run = mb.simulate(Sheet(nx=7, nz=5), 1e-4, interval=1e-4, tolerance=tolerance, **settings)

@@ -1,4 +1,4 @@
-"""A parallelogram that turns back, creeps or settles in its flat position or beside it: right, or refused in time."""
+"""A parallelogram that turns back, creeps or settles in its flat position or next to it: right, or refused in time."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ SETTINGS = (
     "of type SX, compiled by a C compiler (-O2)"
 )
 TOLERANCES = 10.0 ** np.arange(-3.0, -12.5, -1.0)
-REGULARIZATION = 1e-9  # 1/kg, of the multipliers of stabilized constraints: for singular positions
+REGULARIZATION = 1e-9  # 1/kg, of the multipliers of stabilized constraints: for singular configurations
 MAX_ELIMINATED = 8  # accelerations and multipliers that are eliminated as expressions
 
 

@@ -1,4 +1,4 @@
-"""What the studies beside this measure of a run by functions of their own."""
+"""Measures of a run that the studies in this folder define by functions."""
 
 import numpy as np
 

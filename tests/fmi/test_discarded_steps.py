@@ -1,4 +1,4 @@
-"""A step that is discarded leaves no trace: the run goes on to the bit as one that never tried it."""
+"""A step that is discarded leaves no trace: the run continues to the bit as one that never tried it."""
 
 from __future__ import annotations
 

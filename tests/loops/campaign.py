@@ -39,7 +39,7 @@ SOURCES = sorted(p for p in HERE.glob("*.py") if not p.name.startswith(("campaig
 
 
 class Task(NamedTuple):
-    """One seed to be judged."""
+    """One seed to be compared."""
 
     seed: int
     family: str | None

@@ -28,7 +28,7 @@ def fan(
 
     ``tilts`` of the couplers (rad); ``start`` and ``rate`` of the columns (rad, rad/s), or the ``drive`` of the first
     one and its ``motion``: a function of time (k,) that gives angle and rate. ``longer`` maps the number of a coupler
-    to the length that is added to it: its loop then misses its singular positions.
+    to the length that is added to it: its loop then misses its singular configurations.
     """
     m = Mechanism(gravity=(0.0, -G, 0.0))
     joint = Revolute(start=start, rate=rate, fixed=True) if drive is None else Revolute(drive=drive)

@@ -18,7 +18,7 @@ from mbfmu.verification.mechanisms.trees import chain, integrated, light_cart, p
 
 
 def light_cart_among(count: int, ratio: float = 1e-6) -> Case:
-    """:func:`light_cart` for 1.5 s beside rods at rest, ``count`` coordinates in all."""
+    """:func:`light_cart` for 1.5 s next to rods at rest, ``count`` coordinates in all."""
     case = light_cart(ratio)
     for k in range(count - 2):
         case.mechanism.body(f"rod{k}", case.mechanism.ground, Revolute(start=-0.5 * pi), **rod(mass=1.0, length=1.0))

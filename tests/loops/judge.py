@@ -31,9 +31,9 @@ from mbfmu.util.errors import UserError
 from solvers import Options, stepper
 
 FACTOR = 100.0  # c: errors of a right run, in rtol and amplifications
-LIMIT = 0.1  # of a length of the mechanism or rad: up to here positions are judged
+LIMIT = 0.1  # of a length of the mechanism or rad: up to here positions are compared
 OPEN = 1e-4  # of a length of the mechanism, or rad: a loop that gapes so far is open
-LOST = 0.02  # of the largest kinetic energy: so much may be lost where positions are no longer judged
+LOST = 0.02  # of the largest kinetic energy: so much may be lost where positions are no longer compared
 NUDGE = 1e-7  # error of every step of the runs that tell how errors grow
 
 
@@ -44,7 +44,7 @@ class Truth:
     Attributes
     ----------
     times, q
-        (k,) s, (k, nq) in the compiled mechanism's order; fewer than asked for where the reference ended.
+        (k,) s, (k, nq) in the compiled mechanism's order; fewer than requested where the reference ended.
     v
         (k, n).
     amplification
@@ -80,13 +80,13 @@ class Verdict:
     why
         Of a refusal its message, of what is wrong what is.
     error
-        Largest error while positions are judged, lengths of the mechanism or rad.
+        Largest error while positions are compared, lengths of the mechanism or rad.
     ratio
         The largest part of  rtol A(t)  that it was.
     energy
         Largest error of the energy over all times, by the largest kinetic energy.
     until
-        Up to when positions were judged, s.
+        Up to when positions were compared, s.
     evaluations, seconds
         What the run took.
     rtol
@@ -148,7 +148,7 @@ def judge(
 ) -> Verdict:
     """Run a solver at a tolerance from the truth's start to its end, and judge what it gives.
 
-    At the time ``restart`` (s), one of the truth's, it begins anew, as it does where an input jumps.
+    At the time ``restart`` (s), one of the truth's, it begins again, as it does where an input jumps.
     """
     begin = time.process_time()
     compiled = CompiledMechanism(mechanism)

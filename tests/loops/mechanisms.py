@@ -1,4 +1,4 @@
-"""Mechanisms with closed loops, by name: singular ones with their exact motion, ones beside them, redundant ones.
+"""Mechanisms with closed loops, by name: singular ones with their exact motion, ones next to them, redundant ones.
 
 Every function returns a :class:`Case`. Where all cranks of a linkage stay parallel its motion is that of a few angles;
 ``exact`` integrates their equation and gives the compiled mechanism's coordinates, through every singular position.

@@ -4,12 +4,12 @@ Five families:
 
 ``beside``    a four-bar or slider-crank that misses a singular position by 1e-9 ... 1e-2 of its size; 0 to 2 more loops
 ``planar``    a crank or a double pendulum with one to four loops, bodies and sizes unlike
-``parallel``  equal parallel cranks on a coupler, all but two redundant; exact, through singular positions or not
+``parallel``  equal parallel cranks on a coupler, all but two redundant; exact, through singular configurations or not
 ``spatial``   one to three loops of revolute, spherical, translational and free joints, some with a redundant row
 ``driven``    planar or spatial ones on a base that a drive turns or shifts, or with a driven crank
 
 Most planar ones lie in any plane, so that the rows out of it are redundant; a third in one of the global axes, where
-these rows vanish, until a drive turns them. Lengths and masses are scaled by 1e-3 ... 1e3, times by 0.1 ... 10.
+these rows are zero, until a drive turns them. Lengths and masses are scaled by 1e-3 ... 1e3, times by 0.1 ... 10.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Drawn:
     case
         The mechanism, its exact motion if known, how long to run it.
     gap
-        By how much of its size it misses a singular position; None: not built to.
+        By how much of its size it misses a singular configuration; None: not built to.
     scale
         Lengths, masses and times of it.
     """
@@ -225,7 +225,7 @@ def _parallel(rng: Generator, scale: Scale) -> tuple[Case, float | None]:
     return case._replace(stop_time=5.0 * case.stop_time), None  # the exact motion costs nothing
 
 
-# Joints of a chain and the cut joints that close it: more freedoms than rows.
+# Joints of a chain and the cut joints that close it: more degrees of freedom than rows.
 CHAINS: tuple[tuple[tuple[Any, ...], tuple[Any, ...]], ...] = (
     ((Revolute, Spherical), (DistanceCutJoint,)),
     ((Revolute, Revolute), (PlaneCutJoint,)),

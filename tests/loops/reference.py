@@ -13,7 +13,7 @@ Beside a singular position the constraints turn within a time ~ sigma / |sigma'|
 not resolve that turn may come out on the branch that is not there; so a step is no longer than a part of it
 (``resolution``), and it is taken again, halved, where the tangent has turned by more than 20 degrees or where the frame
 of rows and tangents has changed its orientation, which no motion on one branch does. An exact singular position is not
-passed: the motion ends there and says so.
+passed: the motion ends there and reports it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from mbfmu.mechanics import CompiledMechanism, Mechanism
 
 TOLERANCE = 1e-12  # of DOP853, relative to the mechanism's own units
 RESOLUTION = 0.3  # largest step by sigma / |sigma'|
-REDUNDANT = 1e-10  # singular values below this part of the largest are those of redundant rows
+REDUNDANT = 1e-10  # singular values below this part of the largest are those of redundant constraint equations
 SINGULAR = 3e-7  # ... below this one the position counts as singular: the motion ends
 TURN = cos(radians(20.0))  # least cosine between the tangents before and after a step
 NOISE = 1e-18  # over (sigma / largest sigma)^2: errors of a step that rounding, a hundred times larger, would hide
@@ -49,7 +49,7 @@ class Motion:
     Attributes
     ----------
     times, q, v
-        (k,) s, (k, nq), (k, n); fewer than asked for where the motion ended early.
+        (k,) s, (k, nq), (k, n); fewer than requested where the motion ended early.
     energy
         (k,) kinetic energy and that of gravity and springs, J.
     gap

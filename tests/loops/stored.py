@@ -2,7 +2,7 @@
 
     python tests/loops/stored.py --seeds 0:320 --cache DIR
 
-writes them anew, after what draws mechanisms has changed. They depend on this directory's formulation alone.
+writes them again, after what draws mechanisms has changed. They depend on this directory's formulation alone.
 """
 
 from __future__ import annotations

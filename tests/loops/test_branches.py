@@ -1,4 +1,4 @@
-"""Steps of a fan of loops to another branch, at its singular positions and next to them: all are found.
+"""Steps of a fan of loops to another branch, at its singular configurations and next to them: all are found.
 
 Positions are exact, without integration. Next to each other the loops are singular one after the other.
 """
@@ -16,7 +16,7 @@ from watch import Watch
 from solvers.projection.singular import SINGULAR_PIVOT_RATIO
 
 SPREADS = (0.0, 1e-9, 1e-7, 1e-5, 1e-4, 1e-3, 1e-2, 0.1)  # rad, between the loops
-DISTANCES = (0.2, 0.05, 1e-2, 3e-3)  # rad, from the singular positions before the step
+DISTANCES = (0.2, 0.05, 1e-2, 3e-3)  # rad, from the singular configurations before the step
 PARTS = (0.3, 0.8, 1.5)  # of it, after the step
 
 
@@ -39,7 +39,7 @@ def choices(loops: int):
 @pytest.mark.parametrize("spread", SPREADS)
 @pytest.mark.parametrize("loops", [1, 2, 3, 5])
 def test_folded_loops_are_found(loops: int, spread: float) -> None:
-    """Loops fold in the step, whether the column passes all singular positions or returns before them."""
+    """Loops fold in the step, whether the column passes all singular configurations or returns before them."""
     tilts, compared = draw(loops, spread), 0
     watch = Watch(fan(tilts).mechanism)
     first, last = pi + tilts.max(), pi + tilts.min()

@@ -1,4 +1,4 @@
-"""Motions that begin anew at a crossing or close to it, as where an input jumps: right, whatever the distance."""
+"""Motions that begin again at a crossing or close to it, as where an input jumps: right, whatever the distance."""
 
 from __future__ import annotations
 

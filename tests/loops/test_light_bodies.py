@@ -180,7 +180,7 @@ def test_light_bodies_are_reported_by_check_and_leave_a_run_silent() -> None:
 
 @pytest.mark.parametrize("solver", ["adams", "radau"])
 def test_growth_is_saved_with_the_state(solver: str) -> None:
-    """A restored run goes on with the tolerance it had, here in the middle of a passage."""
+    """A restored run continues with the tolerance it had, here in the middle of a passage."""
     compiled = CompiledMechanism(light_cart().mechanism)
     motion = stepper(solver, compiled.system, 0.0, *compiled.assemble(), Options(rtol=1e-6))
     assert motion.advance(0.4514).ok

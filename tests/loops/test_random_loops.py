@@ -1,4 +1,4 @@
-"""Random closed loops under every solver: right, or refused with a sentence, and never wrong."""
+"""Random closed loops under every solver: right, or refused with a message, and never wrong."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ EVERY = [pytest.param(n, marks=() if n in (4, 9) else CAMPAIGN) for n in range(1
 
 @cache
 def known(loops: int, grounded: bool):
-    """The mechanism and its exact motion, through its first two singular positions."""
+    """The mechanism and its exact motion, through its first two singular configurations."""
     case = n_four_bar(loops, grounded=grounded)
     return case.mechanism, truth(case.mechanism, np.linspace(0.0, 2.0, 21), case.exact)
 

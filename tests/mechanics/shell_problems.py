@@ -118,7 +118,7 @@ class Surface:
         """Add all bodies and elements.
 
         ``held(i, k)`` gives the joints that node holds the ground by, one after the other, as pairs of a kind and the
-        axis it has in the ground; None: the node hangs on a neighbor.
+        axis it has in the ground; None: the node is connected to a neighbor.
         """
         nu, nv = self.P.shape[:2]
         rows, columns = (
@@ -171,7 +171,7 @@ class Surface:
         self.mechanism.force(f"force{number}", PointForce(magnitude=magnitude, axis=axis), self.bodies[node])
 
     def output(self, name: str, node: Node, axis: str) -> None:
-        """Tell where a node is, along an axis of the ground."""
+        """Return where a node is, along an axis of the ground."""
         self.mechanism.output(name, self.bodies[node].position(axis))
         self.start[name] = float(self.P[node]["xyz".index(axis)])
 

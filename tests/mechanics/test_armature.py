@@ -102,7 +102,7 @@ def test_the_effort_of_a_drive_accelerates_its_rotor_too() -> None:
     result = mb.simulate(m, 0.5, **TIGHT)
     assert not result.warning
     a, v = -0.4 * rate**2 * np.sin(rate * result.t), 0.4 * rate * np.cos(rate * result.t)
-    start = 0.4 * rate  # of the tip, which turns about the same axis and has no load, for ever
+    start = 0.4 * rate  # of the tip, which turns about the same axis and has no load, without limit
     np.testing.assert_allclose(result["effort"], 5.0 * a, rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(result["energy"], 2.5 * v**2 + 0.5 * start**2, rtol=1e-7)
     np.testing.assert_allclose(result["energy"] - result["jacobi"], (5.0 * v + start) * v, rtol=1e-7)

@@ -42,7 +42,7 @@ def test_tables_and_functions_are_damped_too(stiffness: Any) -> None:
 
 
 def test_a_large_tree_loses_its_energy_there() -> None:
-    """61 coordinates: the mode of the spring decays with c / 2 m, those beside it do not."""
+    """61 coordinates: the mode of the spring decays with c / 2 m, those next to it do not."""
     found = mb.modes(held("x", others=60), count=61)
     rates = np.sort([shape.mode.eigenvalue.real for shape in found])
     assert rates[0] == pytest.approx(-C / (2.0 * MASS), rel=1e-6)

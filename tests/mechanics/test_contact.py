@@ -333,7 +333,7 @@ def test_pressure_is_the_force_on_a_cell_over_its_area() -> None:
 
 
 def test_pressure_of_touches_on_both_sides_adds_up() -> None:
-    """A cell that two walls pinch, and turned ones beside it; without friction all of it is their forces."""
+    """A cell that two walls pinch, and turned ones next to it; without friction all of it is their forces."""
     m = Mechanism()
     sheet = add_sheet(m, "s", at=(0.0, 0.0, 0.0), grid=(4, 3), **PAPER)
     m.force("weight", PointForce(magnitude=1.0, axis="y"), sheet.node(0, 0))  # loads of other kinds come before

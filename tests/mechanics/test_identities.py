@@ -164,7 +164,7 @@ def test_power_equals_energy_rate(case: Case) -> None:
 
 
 def non_conservative_power(case: Case) -> float:
-    """Power of dampers and given forces, from the records and the body motions, written out anew."""
+    """Power of dampers and given forces, from the records and the body motions, written out again."""
     compiled, power = case.compiled, 0.0
     state, signals = compiled.data.state, compiled.signals(compiled.data)
     for _, force, a, b in compiled.mechanism.forces:

@@ -188,7 +188,7 @@ def spill(load: Any, t: float, arrays: Any, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Spilling(Load):
-    """Writes 40 kB of scratch memory, whatever it has asked for."""
+    """Writes 40 kB of scratch memory, whatever it has requested."""
 
     record = np.dtype([("body", np.int64), ("scratch", np.int64)])
     apply = spill

@@ -81,7 +81,7 @@ def assert_same(found: dict[str, float], expected: dict[str, float], tolerance: 
 
 
 def observed(m: Mechanism, name: str, body: Body, point: Any) -> None:
-    """Tell how a point of a body moves."""
+    """Return how a point of a body moves."""
     for axis in "xyz":
         m.output(f"{name}.position.{axis}", body.position(axis, point))
         m.output(f"{name}.velocity.{axis}", body.velocity(axis, point))

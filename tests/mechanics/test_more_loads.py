@@ -1,4 +1,4 @@
-"""Stops, torsion springs, bushings and follower forces against closed forms, and against SciPy on their laws anew."""
+"""Stops, torsion springs, bushings and follower forces against closed forms, and against SciPy on their laws again."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def test_a_stop_needs_a_joint_of_one_coordinate() -> None:
     ],
 )
 def test_a_distance_is_stopped_along_its_line(x: float, v: float, force: float) -> None:
-    """Between a point beside the ground's origin and one beside the slider's, level with each other."""
+    """Between a point next to the ground's origin and one next to the slider's, level with each other."""
     m = Mechanism()
     slider = m.body("slider", m.ground, Translational(axis="x"), mass=1.0)
     stop = DistanceStop(lower=1.0, upper=3.0, stiffness=10.0, damping=0.25, at_a=(0.5, 2, 0), at_b=(0.5, 2, 0))

@@ -1,4 +1,4 @@
-"""Nips beside each other and one behind the other, what they and touches refuse."""
+"""Nips next to each other and one behind the other, what they and touches refuse."""
 
 from __future__ import annotations
 

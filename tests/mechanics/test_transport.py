@@ -154,7 +154,7 @@ def test_the_weaker_of_two_nips_slips() -> None:
     assert found["heat0"][-1] + found["heat1"][-1] == pytest.approx(work, rel=1e-3)
 
 
-# ---- nips beside each other -----------------------------------------------------------------------------------------
+# ---- nips next to each other -----------------------------------------------------------------------------------------
 
 
 def beside(

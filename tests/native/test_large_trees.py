@@ -23,7 +23,7 @@ LINK = {"mass": 0.1, "com": (0.05, 0.0, 0.0), "inertia": (1e-5, 1e-4, 1e-4)}
 
 
 def chain(links: int, joint: Any = Revolute, gravity: float = -9.81) -> Mechanism:
-    """Rods that hang on each other; the first is bent aside, or turns where nothing weighs."""
+    """Rods that are connected to each other; the first is bent aside, or turns where nothing weighs."""
     m = Mechanism(gravity=(0.0, gravity, 0.0))
     on = m.ground
     for k in range(links):

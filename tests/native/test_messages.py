@@ -1,4 +1,4 @@
-"""What native FMUs log: what was asked for and nothing else, in texts that fit the call."""
+"""What native FMUs log: what was requested and nothing else, in texts that fit the call."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ EMULATORS = {  # programs that run what is built for a machine, and what else th
     "x86_64-windows": (("wine64", "wine"), ()),
 }
 
-pytestmark = pytest.mark.campaign  # the runtime of each machine is built anew, in minutes
+pytestmark = pytest.mark.campaign  # the runtime of each machine is built again, in minutes
 
 
 def emulator(name: str) -> str:

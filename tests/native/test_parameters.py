@@ -96,7 +96,7 @@ def check_entries(model: Model, live: SettableParameters, values: dict[str, floa
 
 
 def largest_term(live: SettableParameters, entry, values: dict[str, float]) -> float:
-    """Return by how much rounding of a sum is judged: its largest term; of one term or a root its value."""
+    """Return by how much rounding of a sum is compared: its largest term; of one term or a root its value."""
     if entry.root != 1 or len(entry.sums[0]) == 1:
         return 0.0
     return max(abs(term.value({**live.start, **values})) for term in entry.sums[0])
@@ -271,7 +271,7 @@ def test_a_model_that_cannot_be_built_is_refused():
 
 @dataclass(frozen=True, kw_only=True)
 class Stopped(Model):
-    """A mass that falls onto a floor, or hangs on a rope: stops with one end, the other at infinity."""
+    """A mass that falls onto a floor, or is connected to a rope: stops with one end, the other at infinity."""
 
     depth: float = parameter(0.5, unit="m", min=0.0)
     rope: float = parameter(2.0, unit="m", min=0.0)

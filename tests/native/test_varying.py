@@ -72,7 +72,7 @@ DRIVES: dict[str, Any] = {
 
 
 def crane(drive: Any) -> Mechanism:
-    """A four-bar with a rod that hangs on its coupler, on a hub that is driven."""
+    """A four-bar with a rod that is connected to its coupler, on a hub that is driven."""
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     hub = m.body("hub", m.ground, Revolute(drive=drive), mass=1.0, inertia=(0.1, 0.1, 0.1))
     left = m.body("left", hub, Revolute(start=1.0, fixed=True), **rod(mass=1.0, length=0.5))

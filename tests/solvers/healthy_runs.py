@@ -143,7 +143,7 @@ def stopped(rng: Any) -> Draw:
 
 
 def loop(rng: Any) -> Draw:
-    """A parallelogram of bars, which passes its singular positions; by hand in the angle of its crank."""
+    """A parallelogram of bars, which passes its singular configurations; by hand in the angle of its crank."""
     crank, coupler = rng.uniform(0.3, 1.2), rng.uniform(1.5, 3.0)
     m1, m2, m3 = rng.uniform(0.5, 2.0, 3)
     angle, rate = rng.uniform(0.3, 2.8), rng.uniform(0.5, 2.0)

@@ -1,4 +1,4 @@
-"""Work summed beside the steps of another integrator."""
+"""Work summed next to the steps of another integrator."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def test_it_is_l_stable() -> None:
 
 
 def swings(stiffness: float = 30.0, torque: bool = False) -> Mechanism:
-    """Pendulums beside each other, the last one on a spring."""
+    """Pendulums next to each other, the last one on a spring."""
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     for k in range(MANY):
         b = m.body(f"b{k}", m.ground, Revolute(start=-1.5 + 0.5 * k / MANY), **rod(mass=0.5, length=0.4))
@@ -95,7 +95,7 @@ def test_steps_are_of_order_three() -> None:
 
 
 def rotors() -> Mechanism:
-    """Free bodies beside each other that tumble."""
+    """Free bodies next to each other that tumble."""
     m = Mechanism(gravity=(0.0, 0.0, 0.0))
     for k in range(MANY // 6 + 1):
         joint = Floating(at=(float(k), 0.0, 0.0), rate=(0.3, 0.0, 0.0, 4.0, 0.2, 0.1))
@@ -169,7 +169,7 @@ def test_attitudes_too(tolerance: float) -> None:
 
 
 def linkage(copies: int, size: float = 1.0, doubled: bool = False) -> Mechanism:
-    """Slider-cranks beside each other, of lengths of their own; the last one is looked at, and may be held twice."""
+    """Slider-cranks next to each other, of lengths of their own; the last one is looked at, and may be held twice."""
     m = Mechanism(gravity=(0.0, -9.81 * size, 0.0))
     for k in range(copies):
         far = 0.1 * (k % 3) * size

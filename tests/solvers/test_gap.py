@@ -1,4 +1,4 @@
-"""By how much a loop misses a singular position, as a stepper tells it."""
+"""By how much a loop misses a singular configuration, as a stepper tells it."""
 
 from __future__ import annotations
 

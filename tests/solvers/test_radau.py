@@ -49,7 +49,7 @@ def test_order_is_five() -> None:
     assert min(orders) > 4.7
 
 
-LOW = np.radians(-33.0)  # crank angle from which the four-bar swings between two singular positions
+LOW = np.radians(-33.0)  # crank angle from which the four-bar swings between two singular configurations
 SPIN = np.array([0.7, 1.9, -0.8])  # rad/s
 
 

@@ -1,4 +1,4 @@
-"""Every solver against exact motions, through singular positions, and against its contract."""
+"""Every solver against exact motions, through singular configurations, and against its contract."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def run(name, rtol, times=TIMES, theta=START, rate=0.0, rocker_mass=1.0, redunda
     return stepper, largest
 
 
-SOON = 0.01  # s, after a singular position
+SOON = 0.01  # s, after a singular configuration
 CASES = {
     "generic": {},
     "starts singular": {"theta": 0.0, "rate": 2.0},

@@ -108,7 +108,7 @@ class Knob(Wall):
 
 
 def feeder(surface: Surface, *, shaped: bool = False, turned: float = 0.0) -> Mechanism:
-    """A sheet, a nip beside the middle of its roller, and a surface on a body and on the ground."""
+    """A sheet, a nip next to the middle of its roller, and a surface on a body and on the ground."""
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     sheet = add_sheet(
         m, "paper", length=0.3, width=0.2, thickness=1e-3, youngs_modulus=4e7, density=800.0, grid=(4, 3),
@@ -158,7 +158,7 @@ def test_a_nip_has_its_roller_with_marks_and_an_idler(turned: float) -> None:
     mechanism = feeder(Knob(), turned=turned)
     roller = mechanism.bodies[-2]
     drum, *marks = (part for part in draw(mechanism, 0.3).parts if part.body == roller.index)
-    assert drum.at == pytest.approx((0.0, 0.0, 0.03))  # beside the middle of its body
+    assert drum.at == pytest.approx((0.0, 0.0, 0.03))  # next to the middle of its body
     x, y, z = np.reshape(drum.axes, (3, 3))
     assert (np.linalg.norm(x), np.linalg.norm(y)) == pytest.approx((0.05, 0.05))
     assert np.abs(z) == pytest.approx((0.0, 0.0, 0.06))
@@ -212,7 +212,7 @@ def test_picture_shows_what_is_behind_glass(tmp_path: Path) -> None:
     full = shot(window(1.0), BALL)
     assert full[150, 150, 2] > 2.0 * full[150, 150, 0]  # nothing but the panel
     empty = shot(Sphere(radius=1e-3), window(0.0), BALL)
-    here = (100, 60)  # on the panel, beside the ball
+    here = (100, 60)  # on the panel, next to the ball
     assert glass[here] == pytest.approx(0.25 * full[here] + 0.75 * empty[here], abs=0.02)
 
 

@@ -1,4 +1,4 @@
-"""Forces beside the poses of a motion: those of cut joints, loads and drives."""
+"""Forces next to the poses of a motion: those of cut joints, loads and drives."""
 
 from __future__ import annotations
 

@@ -410,7 +410,7 @@ def opened(page: Path, *more: str) -> str:
 
 @pytest.mark.skipif(browser() is None, reason="no Chromium here; MBFMU_BROWSER may name one")
 def test_line_of_the_clock_stays_where_it_is_as_axes_get_wider(tmp_path: Path) -> None:
-    """An output of a second unit brings an axis; the page stands still, and nothing else draws it anew."""
+    """An output of a second unit brings an axis; the page stands still, and nothing else draws it again."""
     _, motion = recorded(FourBar(), 0.3)
     motion = replace(motion, picture=replace(motion.picture, shown_outputs=("crank.angle",)))
     page = tmp_path / "page.html"
