@@ -2,7 +2,7 @@
 
 from .ensemble.study import Study, load_study, study
 from .fmi import Batch, export, simulate_many, write_ssp
-from .formats import load
+from .formats import load, write_mjcf, write_urdf
 from .mechanics import (
     Beam,
     BeamElement,
@@ -126,7 +126,7 @@ __all__ = [
     "WeldCutJoint", "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder",
     "equilibrium", "equilibrium_path", "export", "find", "linearize", "load", "load_study", "models", "modes",
     "pade_delay", "parameter", "read_table", "recommend_solver", "rod", "simulate", "simulate_many", "solid_mesh",
-    "sphere", "study", "tube", "view", "write_ssp",
+    "sphere", "study", "tube", "view", "write_mjcf", "write_ssp", "write_urdf",
 ]  # fmt: skip
 
 __version__: str

@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from mbfmu.modeling import Model
 from mbfmu.modeling.scene import DEFAULT_SCENE
 from mbfmu.util.diagnostics import Diagnostic, render
+from mbfmu.util.errors import UserError
 
 from .common import (
     Commands,
@@ -31,19 +33,22 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu export``."""
     p = commands.add_parser(
         "export",
-        help="export a model as an FMU",
+        help="export a model as an FMU, or as an MJCF or URDF file",
         description="Export a model or a scene as an FMU for co-simulation and model exchange. Values given here are "
         "start values of its variables; `mbfmu models NAME` lists these. The importing tool can change them, except "
         "in a native FMU --solver, --input-interpolation, --start-at-equilibrium and the parameters that this command "
         "lists as constant. The FMU is native if possible: it contains machine code and does not require Python. The "
         "first native FMU with a solver builds the machine code of this solver, which takes one to two minutes. "
         "If the model, the solver or this machine does not permit a native FMU, the FMU calls Python, and the "
-        "importing tool requires Python with this version of mbfmu. The command prints the reason.",
+        "importing tool requires Python with this version of mbfmu. The command prints the reason. With --mjcf or "
+        "--urdf the rigid mechanism is written as a file for other programs; the command lists what is "
+        "not exported.",
         epilog="examples:\n  mbfmu export fourbar\n"
         "  mbfmu export fourbar --fmi 3 --platforms x86_64-linux x86_64-windows\n"
         "  mbfmu export fourbar --set crank_mass=2 -o heavy.fmu\n"
         "  mbfmu export my_model.py:MyModel --solver adams\n"
-        "  mbfmu export fourbar --python\n",
+        "  mbfmu export fourbar --python\n"
+        "  mbfmu export fourbar --mjcf -o fourbar.xml\n",
     )
     add_scene(p)
     add_set(p)
@@ -54,12 +59,19 @@ def add(commands: Commands) -> None:
         "--output",
         type=Path,
         metavar="FILE",
-        help="FMU file (default: MODEL.fmu or MODEL_SCENE.fmu); an existing file is overwritten",
+        help="file (default: MODEL.fmu or MODEL_SCENE.fmu; with --mjcf .xml, with --urdf .urdf); an existing file is "
+        "overwritten",
     )
     add_solver(p)
     add_fmu_kind(p)
     p.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of FMI (default 2); 3 for native FMUs")
     add_platforms(p, "platforms of a native FMU (default: this machine)")
+    formats = p.add_mutually_exclusive_group()
+    formats.add_argument("--mjcf", action="store_true", help="write an MJCF file of MuJoCo instead of an FMU")
+    formats.add_argument(
+        "--urdf", action="store_true", help="write a URDF file instead of an FMU; loops are not exported"
+    )
+    p.add_argument("--strict", action="store_true", help="with --mjcf or --urdf: an error if something is not exported")
     p.set_defaults(command=command_export)
 
 
@@ -69,6 +81,10 @@ def command_export(options: argparse.Namespace) -> int:
 
     scene = scene_of(options)
     name, part = file_name(scene.model.name), scene_part(scene)
+    if options.mjcf or options.urdf:
+        return _write_description(options, scene.model, name)
+    if options.strict:
+        raise UserError("--strict is given without --mjcf or --urdf; leave it out: an FMU contains the whole model")
     path = options.output or Path(f"{name}.fmu" if part == DEFAULT_SCENE else f"{name}_{part}.fmu")
     found: list[Diagnostic] = []
     export_scene(
@@ -85,4 +101,17 @@ def command_export(options: argparse.Namespace) -> int:
         print_unless_quiet(options, line)
     print_paths(options, path)
     print_if_verbose(options, f"{path.stat().st_size / 1e3:.0f} kB; `mbfmu models {options.scene}` lists its variables")
+    return 0
+
+
+def _write_description(options: argparse.Namespace, model: Model, name: str) -> int:
+    """Write an MJCF or URDF file."""
+    from mbfmu.formats import write_mjcf, write_urdf
+
+    write, suffix = (write_mjcf, ".xml") if options.mjcf else (write_urdf, ".urdf")
+    path = options.output or Path(f"{name}{suffix}")
+    found = write(model, path, strict=options.strict)
+    for line in render(found, details=options.verbose):
+        print_unless_quiet(options, line)
+    print_paths(options, path)
     return 0

@@ -75,6 +75,8 @@ MESSAGE_TITLES = OF_SOLVERS | {
     "omitted-run": "A run of a comparison was omitted",
     "not-imported": "Elements of an imported file have no counterpart",
     "changed-import": "Elements of an imported file are imported in another form",
+    "not-exported": "Elements of a model have no counterpart in the format of an exported file",
+    "changed-export": "Elements of a model are exported in another form",
     "not-native": "A model or solver cannot be exported as a native FMU",
     "python-fmu": "An FMU calls Python because a native FMU is not possible",
     "no-front": "An FMU that calls Python is written without its front",
