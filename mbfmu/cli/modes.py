@@ -68,7 +68,7 @@ def command_modes(options: argparse.Namespace) -> int:
         )
         write_text(place.file("modes.txt"), text + "\n")
         mechanism = found.compiled.mechanism
-        if modes and (mechanism.surfaces or mechanism.flexible_bodies):
+        if modes and (mechanism.surfaces or mechanism.beams()):
             plot = plot_shapes if mechanism.surfaces else plot_bars
             plot(found.compiled, found.q, modes, f"{scene.name}: natural modes", place.file("shapes.png"))
         print_unless_quiet(options, text)

@@ -7,9 +7,10 @@ from .arrays.compiled_mechanism import CompiledMechanism
 from .arrays.load_groups import LoadGroup
 from .arrays.numbering import Variable
 from .builder.blocks import BlockHandle
-from .builder.bodies import Body, FlexibleBody
+from .builder.bodies import Body
 from .builder.chain import add_chain
 from .builder.controllers import MotorHandle
+from .builder.flexible_handle import FlexibleHandle
 from .builder.handles import CouplingHandle, CutHandle, ForceHandle, RopeHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.joint_handle import JointHandle
@@ -31,7 +32,7 @@ from .cuts import (
 )
 from .dispatch import part_value, scratch_record, signal_value
 from .events import Bounce, EndRun, Impulse, Lock, Release, Restart, SetInput, SetParameter
-from .flexible import MODES, Beam
+from .flexible import MODES, Beam, FlexibleBody, Interface
 from .joints import (
     Cylindrical,
     Floating,
@@ -112,6 +113,7 @@ __all__ = [
     "EndRun",
     "FirstOrderState",
     "FlexibleBody",
+    "FlexibleHandle",
     "Floating",
     "Force",
     "ForceHandle",
@@ -120,6 +122,7 @@ __all__ = [
     "Harmonic",
     "Impulse",
     "Input",
+    "Interface",
     "Joint",
     "JointDamper",
     "JointForce",

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.flexible.modal import MODES, FlexibleRecord, NodeRecord
+from mbfmu.mechanics.flexible.records import FlexibleRecord, NodeRecord
 from solvers.compiled.kernel import records
 from solvers.compiled.record import Mat3, Mat6, Record, Table, Vec3, Vec6, f8, i8
 from solvers.compiled.record_view import COMPLEX_FACTOR, aligned_bytes, complex_dtype
@@ -123,7 +123,7 @@ class Arrays(NamedTuple):
     nodes: Table[NodeRecord]
     kernels: NDArray[np.int64]  # addresses of kernels, MAX_KERNELS for each kind that is there; 0: it has none
     memory: NDArray[np.uint8]  # every record of whatever has a kind
-    numbers: NDArray[np.float64]  # of tables, which are of any length
+    numbers: NDArray[np.float64]  # of tables and bodies of finite elements, which are of any length
 
 
 class MotionRecord(Record):
@@ -190,7 +190,8 @@ class State(NamedTuple):
     product: NDArray[np.float64]  # (3, 3) a product of matrices on its way
     wrench: NDArray[np.float64]  # (6,) a wrench on its way inward
     U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
-    D: NDArray[np.float64]  # (nv, MODES + 1) articulated body: a joint's Cholesky factor, and last its right-hand side
+    D: NDArray[np.float64]  # (nv, largest nv of a joint + 1) articulated body: a joint's Cholesky factor, and last its
+    # right-hand side
     scratch: NDArray[np.uint8]  # scratch memory of element types, see mbfmu.mechanics.dispatch.scratch_record
     time: NDArray[np.float64]  # (1,) s, when the forces were applied last
     cached_power: NDArray[np.float64]  # (1,) W, non-conservative power that loads have evaluated with their forces
@@ -204,8 +205,12 @@ class Data(NamedTuple):
     state: State
 
 
-def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspaces: int, scratch: int) -> State:
-    """Return zeroed memory for ``nb`` bodies (ground included), with the ground placed; ``scratch`` is in bytes."""
+def allocate_state(
+    nb: int, rows: int, couplings: int, nq: int, nv: int, widest: int, subspaces: int, scratch: int
+) -> State:
+    """Return zeroed memory for ``nb`` bodies (ground included), with the ground placed; ``widest`` is the largest
+    number of coordinates of a joint, and ``scratch`` is in bytes.
+    """
     z = np.zeros
     state = State(
         bodies=MotionRecord.zeros(nb),
@@ -222,7 +227,7 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
         product=z((3, 3)),
         wrench=z(6),
         U=z((nv, 6)),
-        D=z((nv, MODES + 1)),
+        D=z((nv, widest + 1)),
         scratch=aligned_bytes(scratch),
         time=z(1),
         cached_power=z(1),
@@ -252,7 +257,7 @@ def empty_data() -> Data:
         memory=np.zeros(1, np.uint8),
         numbers=np.zeros(1),
     )
-    return Data(arrays, allocate_state(1, 1, 1, 1, 1, 1, 0))
+    return Data(arrays, allocate_state(1, 1, 1, 1, 1, 1, 1, 0))
 
 
 def to_complex_data(data: Data) -> Data:

@@ -224,3 +224,20 @@ def quaternion_of(X: Any, Y: Any, Z: Any) -> Any:
         square = e[3]
     size = 2.0 * np.sqrt(square)
     return e[0] / size, e[1] / size, e[2] / size, e[3] / size
+
+
+@kernel
+def to_body_axis(A: Vec, x: Vec, i: int) -> tuple[float, float, float]:
+    """A^T x[i:i+3]: a vector of global axes in the body's."""
+    return (
+        A[0, 0] * x[i] + A[1, 0] * x[i + 1] + A[2, 0] * x[i + 2],
+        A[0, 1] * x[i] + A[1, 1] * x[i + 1] + A[2, 1] * x[i + 2],
+        A[0, 2] * x[i] + A[1, 2] * x[i + 1] + A[2, 2] * x[i + 2],
+    )
+
+
+@kernel
+def add_from_body_axes(A: Vec, x: float, y: float, z: float, out: Vec, i: int) -> None:
+    """out[i:i+3] += A (x, y, z)."""
+    for k in range(3):
+        out[i + k] += A[k, 0] * x + A[k, 1] * y + A[k, 2] * z

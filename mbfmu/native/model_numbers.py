@@ -25,7 +25,7 @@ ARRAY_DESCRIPTIONS = {
     "world": "gravity",
     "bodies": "a body",
     "memory": "a joint, a force, a signal or a sensor",
-    "numbers": "a table or the path of a rope",
+    "numbers": "a table, the path of a rope or a body of finite elements",
     "flexibles": "an elastic body",
     "nodes": "the shape of an elastic body",
     "q": "a start position",

@@ -41,6 +41,7 @@ MESSAGE_TITLES = OF_SOLVERS | {
     "corrected-geometry": "Joint frames are corrected so that redundant constraints close",
     "locked-loop": "Joints cannot move because lengths or axes of their loops have errors",
     "coincident-ends": "The ends of an elastic force coincide",
+    "implausible-units": "The matrices of a finite element model are in implausible units",
     "assumed-length": "The size of the mechanism is unknown, and 1 m is assumed",
     "element-at-start": "An element is not usable at the start, such as a sheet that penetrates a contact surface",
     "unreachable-drive": "A drive requires a position that the loops cannot reach",

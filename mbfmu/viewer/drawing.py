@@ -15,9 +15,11 @@ import numpy as np
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.axes import along
 from mbfmu.mechanics.builder.appearance import Surface
-from mbfmu.mechanics.builder.bodies import Body, FlexibleBody
+from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.builder.flexible_handle import FlexibleHandle
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.cuts import CutJoint
+from mbfmu.mechanics.flexible import Beam, FlexibleBody
 from mbfmu.mechanics.joints.section import Section
 from mbfmu.mechanics.loads import Rope
 from mbfmu.util.errors import UserError
@@ -69,9 +71,11 @@ class _Artist:
         self.skinned = {int(i) for surface in self.surfaces for i in surface.bodies.flat}
         bars = [float(np.linalg.norm(p)) for body in mechanism.bodies[1:] for p in self._ends(body)]
         bars += [handle.cut.extent() for handle in mechanism.cuts if handle.cut.drawn == "rod"]
-        bars += [elastic.beam.length for elastic in mechanism.flexible_bodies]
+        bars += [beam.length for _, beam in mechanism.beams()]
         self.radius = bar_radius(bars, max([span, *bars]) or 1.0)
-        masses = [body.mass for body in mechanism.bodies] + [elastic.beam.mass for elastic in mechanism.flexible_bodies]
+        masses = [body.mass for body in mechanism.bodies] + [
+            handle.elastic.mass for handle in mechanism.flexible_bodies
+        ]
         self.heaviest = max(masses, default=0.0)
         self.parts: list[Part] = []
         self.links: list[Link] = []
@@ -89,6 +93,7 @@ class _Artist:
                 self._part(name, body, at, axes, shape.color or color_of(body), shape.opacity)
         for handle in self.mechanism.cuts:
             self._cut(handle)
+        self._stars()
         for acting in self.mechanism.loads():
             if isinstance(acting.load, Rope):
                 points = [(acting.bodies[k], point) for k, point in acting.load.path]
@@ -123,13 +128,13 @@ class _Artist:
     def _bars(self) -> tuple[Bar, ...]:
         bars: list[Bar] = []
         first = 0
-        for elastic in self.mechanism.flexible_bodies:
-            bars.append(self._bar(elastic, first))
-            first += elastic.beam.modes
+        for handle, beam in self.mechanism.beams():
+            bars.append(self._bar(handle, beam, first))
+            first += beam.modes
         return tuple(bars)
 
-    def _bar(self, elastic: FlexibleBody, first: int) -> Bar:
-        beam, profile = elastic.beam, self.mechanism.profiles.get(elastic.index)
+    def _bar(self, elastic: FlexibleHandle, beam: Beam, first: int) -> Bar:
+        profile = self.mechanism.profiles.get(elastic.index)
         x = np.linspace(0.0, beam.length, BENT_AXIS_PIECES + 1)
         return Bar(
             name=elastic.name,
@@ -143,10 +148,20 @@ class _Artist:
             color=profile.color if profile and profile.color else color_of(elastic.body),
         )
 
+    def _stars(self) -> None:
+        """Draw a body of finite elements as bars from its center of mass to its interfaces."""
+        for handle in self.mechanism.flexible_bodies:
+            if isinstance(handle.elastic, FlexibleBody):
+                center = handle.elastic.com
+                self._part("sphere", handle.body, center, np.eye(3) * 2.0 * self.radius, color_of(handle.body))
+                for body in (handle.body, *handle.sections()):
+                    ends = (handle.body, center, body, np.zeros(3))
+                    self._link("cylinder", *ends, self.radius, color_of(handle.body))
+
     def _middles(self) -> tuple[Numbers, ...]:
         middles = [numbers(body.com) for body in self.mechanism.bodies]
-        for elastic in self.mechanism.flexible_bodies:
-            middles[elastic.body.index] = (0.5 * elastic.beam.length, 0.0, 0.0)
+        for handle, beam in self.mechanism.beams():
+            middles[handle.body.index] = (0.5 * beam.length, 0.0, 0.0)
         for surface in self.surfaces:
             for i in surface.bodies.flat:
                 middles[i] = numbers(surface.at)

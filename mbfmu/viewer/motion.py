@@ -226,10 +226,10 @@ def joint_of(body: Body) -> str:
 
 
 def amplitudes(compiled: CompiledMechanism) -> Array:
-    """Return the amplitudes (na,) of the elastic bodies of a compiled mechanism whose bodies are in place, in their
+    """Return the amplitudes (na,) of the beams of a compiled mechanism whose bodies are in place, in their
     order, m.
     """
-    owners = [compiled.data.arrays.bodies[elastic.modes.index] for elastic in compiled.mechanism.flexible_bodies]
+    owners = [compiled.data.arrays.bodies[handle.modes.index] for handle, _ in compiled.mechanism.beams()]
     q = compiled.data.state.q
     return np.array([q[own["qi"] + k] for own in owners for k in range(own["nv"])])
 

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from mbfmu.mechanics import MODES, Beam
-from mbfmu.mechanics.flexible.modal import FlexibleRecord, NodeRecord
+from mbfmu.mechanics.flexible.records import FlexibleRecord, NodeRecord
 from mbfmu.util.errors import UserError
 
 L, MASS, EI = 3.0, 24.057, 7897.5

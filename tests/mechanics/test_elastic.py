@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fe_models import bracket
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_mechanisms import Case, random_inertia, random_rotation
@@ -14,11 +15,13 @@ from mbfmu.mechanics import (
     Beam,
     BeamElement,
     CompiledMechanism,
+    FlexibleBody,
     Floating,
     Mechanism,
     Revolute,
     SphericalCutJoint,
     Translational,
+    Weld,
     add_chain,
 )
 from mbfmu.mechanics.recursions.aba import forward_dynamics
@@ -30,8 +33,24 @@ from solvers import Options, stepper
 TOLERANCE = 1e-9
 
 
+FRAME = bracket(2.0, young=7e7)
+SOLIDS = {
+    stiffening: FlexibleBody.from_fe(
+        FRAME.M,
+        FRAME.K,
+        FRAME.nodes,
+        {"foot": [0], "corner": [3], "tip": [5]},
+        modes=2,
+        geometric_stiffness=FRAME.geometric_stiffness if stiffening else None,
+    )
+    for stiffening in (False, True)
+}
+
+
 def build(seed: int, stiffening: bool, loop: bool) -> Case:
-    """A floating body with a beam, a beam on that beam, rigid bodies on sections of both; a loop on request."""
+    """A floating body with a beam, on it a beam and a body of finite elements, and rigid bodies on sections of all; a
+    loop on request.
+    """
     rng = np.random.default_rng(seed)
     m = Mechanism(gravity=rng.normal(size=3))
 
@@ -57,6 +76,9 @@ def build(seed: int, stiffening: bool, loop: bool) -> Case:
     arm = m.flexible_body("arm", base, placed(Revolute, axis=rng.normal(size=3)), first)
     rigid("hung", arm.section(1.1), placed(Revolute, axis=rng.normal(size=3)))
     strut = m.flexible_body("strut", arm.section(2.0), placed(Translational, axis=rng.normal(size=3)), second)
+    solid = m.flexible_body("solid", arm.section(0.6), placed(Revolute, axis=rng.normal(size=3)), SOLIDS[stiffening])
+    rigid("corner", solid.section("corner"), placed(Revolute, axis=rng.normal(size=3)))
+    rigid("end", solid.section("tip"), placed(Weld))
     tip = rigid("tip", strut.section(1.5), placed(Revolute, axis=rng.normal(size=3)))
     if loop:
         m.cut("loop", SphericalCutJoint(at_a=rng.normal(size=3), at_b=rng.normal(size=3)), tip, arm.section(0.4))
@@ -70,7 +92,8 @@ def build(seed: int, stiffening: bool, loop: bool) -> Case:
     n = compiled.system.n
     amplitudes = np.array([".mode." in name for name in compiled.system.coordinate_names])
     # Bending is small: the theory is of second order. From 0.05 m on its mass matrix may be indefinite.
-    compiled.system.apply(q, np.where(amplitudes, rng.uniform(-0.03, 0.03, n), rng.normal(size=n)))
+    size = np.where([name.startswith("solid") for name in compiled.system.coordinate_names], 0.001, 0.03)
+    compiled.system.apply(q, np.where(amplitudes, size * rng.uniform(-1.0, 1.0, n), rng.normal(size=n)))
     return Case(compiled, 0.0, q, 0.5 * rng.normal(size=n), rng.normal(size=n))
 
 
@@ -215,7 +238,7 @@ def test_a_chain_sags_as_a_cantilever() -> None:
 def test_a_beam_and_its_sections_are_refused_by_name_where_they_cannot_be() -> None:
     m = Mechanism()
     beam = Beam(length=1.0, mass=1.0, bending_stiffness=1.0, modes=1)
-    with pytest.raises(UserError, match="beam of elastic body 'b' is None"):
+    with pytest.raises(UserError, match="shape of elastic body 'b' is None"):
         m.flexible_body("b", m.ground, Revolute(), None)  # type: ignore[arg-type]
     elastic = m.flexible_body("b", m.ground, Revolute(), beam)
     with pytest.raises(UserError, match="place on a beam is 2"):

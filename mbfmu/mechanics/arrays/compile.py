@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation, vector
-from mbfmu.mechanics.flexible.modal import FlexibleRecord, NodeRecord
+from mbfmu.mechanics.flexible.records import FlexibleRecord, NodeRecord
 from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.kind import ElementType, record_of
 from mbfmu.mechanics.records import (
@@ -115,7 +115,9 @@ class CompiledElements:
         flexibles, nodes = flexible_records(mechanism, numbering)
         world["drives"] = np.any(bodies["drive"] >= 0)
         world["nonconservative"] = (
-            world["drives"] | any(a.load.is_nonconservative for a in loads) | np.any(flexibles["beta"])
+            world["drives"]
+            | any(a.load.is_nonconservative for a in loads)
+            | any(handle.elastic.is_damped for handle in mechanism.flexible_bodies)
         )
         observing = item_records(sensors, SensorRecord)
         observing["energy"] = [sensor.reads_energy for sensor in self.sensors]
@@ -136,7 +138,8 @@ class CompiledElements:
             memory=tables.memory,
             numbers=np.array(numbering.numbers, float),
         )
-        sizes = (numbering.nq_full, numbering.nv_full, numbering.subspaces, numbering.scratch_size)
+        widest = max((body.joint.nv for body in mechanism.bodies), default=0)
+        sizes = (numbering.nq_full, numbering.nv_full, widest, numbering.subspaces, numbering.scratch_size)
         self.data = Data(arrays, allocate_state(len(mechanism.bodies), rows, len(couplings), *sizes))
         self.signals = self.signals_in(self.data)
 
@@ -260,15 +263,17 @@ def coupling_records(
 def flexible_records(mechanism: Mechanism, numbering: Numbering) -> tuple[Table[FlexibleRecord], Table[NodeRecord]]:
     """One record an elastic body, and one a cross-section in the order of the bodies."""
     flexibles = FlexibleRecord.zeros(len(mechanism.flexible_bodies))
-    for record, elastic in zip(flexibles, mechanism.flexible_bodies, strict=True):
-        i = elastic.modes.index
+    for record, handle in zip(flexibles, mechanism.flexible_bodies, strict=True):
+        i = handle.modes.index
         record["body"], record["qi"], record["vi"] = i, numbering.q[i], numbering.v[i]
-        elastic.beam.fill(record)
+        handle.elastic.fill(record, numbering.keep)
     sections = [body.joint for body in mechanism.bodies if isinstance(body.joint, Section)]
     nodes = NodeRecord.zeros(len(sections))
     for node, section in zip(nodes, sections, strict=True):
-        if section.frame is not None:  # bending leaves the frame in place
-            section.beam.fill_node(section.x, node)
+        if section.frame is None:
+            section.elastic.fill_frame(node, numbering.keep)
+        else:
+            section.elastic.fill_node(section.key, node, numbering.keep)
     return flexibles, nodes
 
 

@@ -155,6 +155,12 @@ class Numbering:
         self.scratch_places.append((dtype, place))
         return place
 
+    def keep(self, values: Any) -> int:
+        """Keep numbers; return where they begin."""
+        first = len(self.numbers)
+        self.numbers.extend(np.ravel(values))
+        return first
+
     def _number(self, signal: Signal, *, drive: bool = False) -> int:
         if isinstance(signal, Input) and signal.acceleration_name and not drive:
             raise UserError(
@@ -264,6 +270,4 @@ class CompiledAttachment:
 
     def numbers(self, values: Any) -> int:
         """Keep numbers; return where they begin."""
-        first = len(self._numbering.numbers)
-        self._numbering.numbers.extend(np.ravel(values))
-        return first
+        return self._numbering.keep(values)

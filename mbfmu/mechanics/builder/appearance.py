@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.checks import Matrix, Vector, vector
+from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.shapes import SHAPES, Shape, check_color
 from mbfmu.util.errors import UserError
 
-from .bodies import Body, FlexibleBody
+from .bodies import Body
+from .flexible_handle import FlexibleHandle
 from .members import Members
 
 
@@ -42,10 +44,14 @@ class Appearance(Members):
 
     def __init__(self) -> None:
         super().__init__()
-        self.flexible_bodies: list[FlexibleBody] = []
+        self.flexible_bodies: list[FlexibleHandle] = []
         self.shapes: list[tuple[Body, Shape]] = []
         self.profiles: dict[int, Profile] = {}  # by flexible body
         self.surfaces: list[Surface] = []
+
+    def beams(self) -> list[tuple[FlexibleHandle, Beam]]:
+        """Return the flexible bodies that are beams, with their beams."""
+        return [(own, own.elastic) for own in self.flexible_bodies if isinstance(own.elastic, Beam)]
 
     def shape(self, body: Body, *shapes: Shape) -> None:
         """Draw a body with these shapes instead of its default picture.
@@ -65,7 +71,7 @@ class Appearance(Members):
             shape.axes()
             self.shapes.append((body, shape))
 
-    def profile(self, flexible_body: FlexibleBody, *, height: float, width: float, color: str = "") -> None:
+    def profile(self, flexible_body: FlexibleHandle, *, height: float, width: float, color: str = "") -> None:
         """Draw an elastic body with this rectangular cross-section instead of a slender one.
 
         Parameters
@@ -80,6 +86,10 @@ class Appearance(Members):
         if not any(flexible_body is own for own in self.flexible_bodies):
             named = getattr(flexible_body, "name", flexible_body)
             raise UserError(f"elastic body of a profile is {named!r}; it must be one of this mechanism")
+        if not isinstance(flexible_body.elastic, Beam):
+            raise UserError(
+                f"elastic body of a profile is {flexible_body.name!r}, of finite elements; it must be a beam"
+            )
         self.profiles[flexible_body.index] = Profile(
             height=positive(f"height of the profile of {flexible_body.name!r}", height),
             width=positive(f"width of the profile of {flexible_body.name!r}", width),

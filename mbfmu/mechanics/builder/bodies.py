@@ -1,22 +1,19 @@
-"""Handles that the builder returns (bodies, cut joints, couplings, forces, elastic bodies) and their sensors."""
+"""Handles that the builder returns (bodies, cut joints, couplings, forces) and their sensors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from mbfmu.mechanics.checks import Matrix, Vector, one_of, vector
-from mbfmu.mechanics.flexible import Beam
-from mbfmu.mechanics.joints import Joint, Section
+from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.numbers import is_whole
 from mbfmu.mechanics.sensors import (
     Acceleration,
     AngularVelocity,
-    BendingMoment,
     Coordinate,
-    Deflection,
     DirectionCosine,
     Effort,
     JointForce,
@@ -29,9 +26,6 @@ from mbfmu.mechanics.sensors import (
     axis_index,
 )
 from mbfmu.util.errors import UserError
-
-if TYPE_CHECKING:
-    from .mechanism import Mechanism
 
 UNPLACED = -1  # parent of a body whose parent and joint are not known before the mechanism is compiled
 
@@ -320,67 +314,3 @@ def coordinate_of(what: str, body: Body, given: int | None) -> int:
     if not is_whole(k) or not 0 <= k < plain:
         raise UserError(f"{what} is {given!r}, of body {body.name!r}; allowed: {names}")
     return int(k)
-
-
-@dataclass(frozen=True, eq=False)
-class FlexibleBody:
-    """Elastic body, as returned by :meth:`Mechanism.flexible_body`.
-
-    Attributes
-    ----------
-    name, index
-        Name, and number among the elastic bodies.
-    beam
-        Beam and its modes.
-    body
-        Frame of the beam as a body of the tree without mass, connected to the parent by the joint.
-    modes
-        First section: coordinate k is the amplitude of mode k + 1, m.
-    """
-
-    name: str
-    index: int
-    beam: Beam
-    body: Body
-    modes: Body
-    _mechanism: Mechanism
-    _sections: dict[float, Body] = field(default_factory=dict)
-
-    def section(self, x: float) -> Body:
-        """Return a cross-section as a body, for joints, cut joints, loads and outputs.
-
-        Parameters
-        ----------
-        x
-            Position along the beam from its origin, m.
-
-        Returns
-        -------
-        Body
-            Body without mass, whose frame moves and rotates with the cross-section.
-        """
-        if x not in self._sections:
-            self.beam.shape(x)
-            joint = Section(beam=self.beam, x=float(x), frame=self.modes)
-            self._sections[x] = self._mechanism.add_section(f"{self.name}[{x:g}]", self.modes, joint)
-        return self._sections[x]
-
-    def deflection(self, x: float) -> Sensor:
-        """Deflection along y at x, m.
-
-        Parameters
-        ----------
-        x
-            Position along the beam from its origin, m.
-        """
-        return Deflection(unit="m", item=self.section(x))
-
-    def moment(self, x: float) -> Sensor:
-        """Bending moment E I w'' about z, N m; without the damping of the material.
-
-        Parameters
-        ----------
-        x
-            Position along the beam from its origin, m.
-        """
-        return BendingMoment(unit="N.m", item=self.section(x))

@@ -129,7 +129,7 @@ class Graph(Members):
 def check_joint(what: str, joint: Joint) -> None:
     """Refuse what is no joint, or one that cannot be driven."""
     if isinstance(joint, Section):
-        raise UserError(f"{what} is of class Section; use FlexibleBody.section")
+        raise UserError(f"{what} is of class Section; use FlexibleHandle.section")
     check_element_type(what, joint, Joint)
     joint.check(what)
     if joint.drive is not None and joint.nv != 1:

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbfmu.mechanics.axes import ORIGIN, unit_axis
 from mbfmu.mechanics.checks import Vector, rotation, vector
+from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Revolute, Section
 from mbfmu.mechanics.sensors import (
     AngleBetween,
@@ -127,7 +128,8 @@ class Measurements(Members):
             joint = here.joint
             own = joint.direction if isinstance(joint, Revolute) else np.array((0.0, 0.0, 1.0))
             axis, turned = own if axis is None else axis, rotation("rotation", joint.rotation) @ own
-            if not isinstance(joint, Revolute | Section) or abs(abs(turned @ axis) - 1.0) > 1e-12:
+            planar = isinstance(joint, Revolute) or (isinstance(joint, Section) and isinstance(joint.elastic, Beam))
+            if not planar or abs(abs(turned @ axis) - 1.0) > 1e-12:
                 raise UserError(
                     f"turn of body {body.name!r} requires parallel revolute joints (or beams) from the ground "
                     "to the body; use a "

@@ -19,7 +19,8 @@ import numpy as np
 from mbfmu.mechanics.checks import Vector, inertia_matrix, vector
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import CutJoint
-from mbfmu.mechanics.flexible import Beam
+from mbfmu.mechanics.flexible import Beam, FlexibleBody
+from mbfmu.mechanics.flexible.interfaces import CENTER
 from mbfmu.mechanics.joints import Floating, Joint, Section
 from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.numbers import not_negative
@@ -35,8 +36,9 @@ from mbfmu.mechanics.signals import Input, Signal
 from mbfmu.util.errors import UserError, missing_attribute
 
 from .appearance import Appearance
-from .bodies import UNPLACED, Body, FlexibleBody, coordinate_of
+from .bodies import UNPLACED, Body, coordinate_of
 from .events import Events
+from .flexible_handle import FlexibleHandle
 from .graph import check_joint
 from .handles import CouplingHandle, CutHandle, ForceHandle, Mesh
 from .joint_handle import JointHandle
@@ -153,37 +155,44 @@ class Mechanism(Appearance, Events, Measurements):
         )
         return self._append(new)
 
-    def flexible_body(self, name: str, parent: Body, joint: Joint, beam: Beam) -> FlexibleBody:
-        """Add a flexible body (beam) that is connected to a parent body by a joint.
+    def flexible_body(self, name: str, parent: Body, joint: Joint, elastic: Beam | FlexibleBody) -> FlexibleHandle:
+        """Add a flexible body (beam, or body of finite elements) that is connected to a parent body by a joint.
 
         Parameters
         ----------
         name
             Unique name among the bodies; its frame is a body of this name.
         parent, joint
-            As for :meth:`body`; the joint places the frame of the beam, whose axis is along x.
-        beam
-            Beam and its modes.
+            As for :meth:`body`; the joint places the frame of the flexible body: of a beam, whose axis is along x, or
+            of the interface that carries the frame.
+        elastic
+            Beam or body of finite elements, with its modes.
 
         Returns
         -------
-        FlexibleBody
-            Handle of the elastic body: its cross-sections carry joints, loads and sensors.
+        FlexibleHandle
+            Handle of the elastic body: its cross-sections or interfaces carry joints, loads and sensors.
 
         Raises
         ------
         UserError
-            As for :meth:`body`; ``beam`` is not a Beam.
+            As for :meth:`body`; ``elastic`` is of another class; the joint of a body whose frame is in its center of
+            mass is not Floating.
         """
-        if not isinstance(beam, Beam):
-            raise UserError(f"beam of elastic body {name!r} is {beam!r}; it must be a Beam")
+        if not isinstance(elastic, Beam | FlexibleBody):
+            raise UserError(f"shape of elastic body {name!r} is {elastic!r}; it must be a Beam or a FlexibleBody")
+        if isinstance(elastic, FlexibleBody) and elastic.frame == CENTER and not isinstance(joint, Floating):
+            raise UserError(
+                f"joint of elastic body {name!r} is {type(joint).__name__}, and its frame is in the center of mass, "
+                "where no joint can hold it; allowed: Floating, or a frame at an interface"
+            )
         body = self.body(name, parent, joint)
-        modes = self.add_section(f"{name}.mode", body, Section(beam=beam))
-        self.flexible_bodies.append(FlexibleBody(name, len(self.flexible_bodies), beam, body, modes, self))
+        modes = self.add_section(f"{name}.mode", body, Section(elastic=elastic))
+        self.flexible_bodies.append(FlexibleHandle(name, len(self.flexible_bodies), elastic, body, modes, self))
         return self.flexible_bodies[-1]
 
     def add_section(self, name: str, parent: Body, joint: Section) -> Body:
-        """Append a cross-section of an elastic body; users call :meth:`FlexibleBody.section`.
+        """Append a section of an elastic body; users call :meth:`FlexibleHandle.section`.
 
         Parameters
         ----------

@@ -1,8 +1,10 @@
-"""Bodies that bend by their modes."""
+"""Bodies that deform by their modes."""
 
 from __future__ import annotations
 
 from .beam import Beam
-from .modal import MODES
+from .body import FlexibleBody
+from .interfaces import Interface
+from .records import MODES
 
-__all__ = ["MODES", "Beam"]
+__all__ = ["MODES", "Beam", "FlexibleBody", "Interface"]

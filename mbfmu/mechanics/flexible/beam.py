@@ -20,7 +20,7 @@ from mbfmu.mechanics.checks import flag, whole
 from mbfmu.mechanics.numbers import finite, not_negative, positive
 from mbfmu.util.errors import UserError
 
-from .modal import MODES
+from .records import MODES
 
 Array = NDArray[np.float64]
 
@@ -251,18 +251,20 @@ class Beam:
         G: Array = np.einsum("x,xk,xl->kl", lengths, slope, slope)
         return G
 
-    def fill(self, record: Any) -> None:
+    def fill(self, record: Any, keep: Any = None) -> None:
         """Write mass, modes and stiffness into a record for kernels.
 
         Parameters
         ----------
         record
-            Record of the type ``FLEXIBLE``.
+            Record of the type ``FlexibleRecord``.
+        keep
+            Not used; see :meth:`FlexibleBody.fill`.
         """
         L, n = self.length, self.modes
         x, lengths, phi, slope = self._integrate(L)
         rho = self.mass / L * lengths
-        record["modes"], record["shortens"] = n, n if self.stiffening else 0
+        record["at"], record["modes"], record["shortens"] = -1, n, n if self.stiffening else 0
         record["mass"], record["X1"], record["X2"] = self.mass, 0.5 * self.mass * L, self.mass * L**2 / 3.0
         record["a"][:n], record["c"][:n] = rho @ phi, (rho * x) @ phi
         record["mu"][:n] = rho @ phi**2
@@ -271,7 +273,24 @@ class Beam:
         record["g0"][:n, :n] = np.einsum("x,xk,xl->kl", rho * (L - x), slope, slope)
         record["g1"][:n, :n] = np.einsum("x,xk,xl->kl", 0.5 * rho * (L**2 - x**2), slope, slope)
 
-    def fill_node(self, x: float, record: Any) -> None:
+    @property
+    def is_damped(self) -> bool:
+        """Whether the material is damped."""
+        return self.damping > 0.0
+
+    def fill_frame(self, record: Any, keep: Any = None) -> None:
+        """Write the frame of the beam, which bending leaves in place, as a section for kernels.
+
+        Parameters
+        ----------
+        record
+            Record of the type ``NodeRecord``.
+        keep
+            As for :meth:`fill`.
+        """
+        record["at"] = -1
+
+    def fill_node(self, x: Any, record: Any, keep: Any = None) -> None:
         """Write a cross-section into a record for kernels.
 
         Parameters
@@ -279,11 +298,13 @@ class Beam:
         x
             Position along the beam from its origin, m.
         record
-            Record of the type ``NODE``.
+            Record of the type ``NodeRecord``.
+        keep
+            As for :meth:`fill`.
         """
         n = self.modes
         phi, slope = self.shape(x)
-        record["x"], record["phi"][:n], record["slope"][:n] = x, phi, slope
+        record["at"], record["x"], record["phi"][:n], record["slope"][:n] = -1, x, phi, slope
         record["moment"][:n] = self.moment(x)
         record["shortens"] = n if self.stiffening else 0
         record["G"][:n, :n] = self.shortening(x)

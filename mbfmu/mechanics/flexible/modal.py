@@ -1,319 +1,135 @@
-"""A slender elastic body by its modes of bending, as kernels: how its points move and what its inertia does.
+"""Interface of the recursions to flexible bodies: planar beams and bodies of finite elements, by their records.
 
-In the body's frame E a point of the axis at x goes to (x - s, w, 0), with the modes phi_k and the amplitudes p_k,
-
-    w(x) = phi(x).p,      s(x) = p^T G(x) p / 2,   G(x) = int_0^x phi'^T phi' dx,
-
-and a cross-section turns about z by phi'(x).p. s is the shortening by bending, which lets axial forces stiffen or
-soften the bending (geometric stiffening): an optional effect, without which it is zero (``shortens`` is 0). Other
-bodies are connected to a *node* of it, which is a body of the tree whose joint has the amplitudes as coordinates; all
-nodes share them. The first node is the frame itself, phi = 0, and has the inertia.
-
-The nodes are not where the mass is: integrals of the shapes, taken once, make the dynamics cost what the modes cost and
-not what the elements cost, and are exact where lumped masses would be of second order.
-
-**Inertia.** Kinetic energy of the axis' mass, with the terms of p and p' kept to second order. With rho the mass a
-length and int over it, everything is in
-
-    m = int rho,  X = (int rho x,  int rho x^2),  a_k = int rho phi_k,  c_k = int rho x phi_k,  mu_k = int rho phi_k^2,
-    g0 = int rho G,  g1 = int rho x G
-
-(the modes are orthogonal in rho), in E axes:
-
-    first moment    S = (X_1 - p^T g0 p / 2,  a.p,  0)
-    second moments  P_xx = X_2 - p^T g1 p,  P_xy = c.p,  P_yy = sum mu_k p_k^2,   J = tr P 1 - P
-    momentum of p'  S_k = dS/dp_k along the axes, h_k = (0, 0, c_k) about the origin.
-
-With r'', w' of the frame (accelerations less gravity), s = sum S_k p'_k, Lagrange's and Boltzmann's equations read
-
-    f     = m r'' + w' x S + w x (w x S) + 2 w x s + sum S_k p''_k + s_p,      s_p = (-p'^T g0 p', 0, 0)
-    n     = S x r'' + J w' + w x J w + J. w + h.p'' + w x h.p'
-    tau_k = S_k.r'' + h_k.w' + mu_k p''_k - w.(dJ/dp_k) w / 2 + kappa_k (p_k + beta p'_k),
-
-J. by p', kappa_k the modal stiffness, beta the damping time of the material.
+``numbers`` is Arrays.numbers, where the data of bodies of finite elements are.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import numpy as np
+from solvers.compiled.kernel import inlined, kernel
 
-from solvers.compiled.kernel import kernel
-from solvers.compiled.record import Reals, Record, f8, i8
+from . import planar, solid
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import BodyRecord, MotionRecord, State
+    from solvers.compiled.record import Reals
 
-MODES = 12  # most of one body
-
-
-class FlexibleRecord(Record):
-    """A slender body by its modes; everything about the origin of its frame."""
-
-    body: i8  # its first node: the frame
-    modes: i8
-    qi: i8  # the amplitudes in State.q and State.v
-    vi: i8
-    shortens: i8  # 0: no geometric stiffening, else the number of modes
-    mass: f8  # kg
-    X1: f8  # kg m, first and second moment along the axis
-    X2: f8  # kg m^2
-    a: Annotated[Reals, (MODES,)]  # kg, momentum of a mode
-    c: Annotated[Reals, (MODES,)]  # kg m, its angular momentum about the origin
-    mu: Annotated[Reals, (MODES,)]  # kg, modal mass
-    kappa: Annotated[Reals, (MODES,)]  # N/m, modal stiffness
-    beta: f8  # s, damping time of the material
-    g0: Annotated[Reals, (MODES, MODES)]  # kg/m, kg: shortening in the first and second moment
-    g1: Annotated[Reals, (MODES, MODES)]
+    from .records import FlexibleRecord, NodeRecord
 
 
-class NodeRecord(Record):
-    """A cross-section of an elastic body."""
-
-    shortens: i8
-    x: f8  # place on the axis, m
-    phi: Annotated[Reals, (MODES,)]  # deflection of each mode at amplitude 1
-    slope: Annotated[Reals, (MODES,)]  # 1/m, turn
-    moment: Annotated[Reals, (MODES,)]  # N, bending moment per amplitude
-    G: Annotated[Reals, (MODES, MODES)]  # 1/m, shortening from the frame to here
-
-
-@kernel
-def quadratic(G: Reals, size: int, x: Reals, i: int, y: Reals, j: int) -> float:
-    """x^T G y over the entries of x from i and of y from j on."""
-    total = 0.0 * x[i]
-    for k in range(size):
-        for l in range(size):
-            total += x[i + k] * G[k, l] * y[j + l]
-    return total
+@inlined
+def place_section(
+    body: BodyRecord, node: NodeRecord, parent: MotionRecord, here: MotionRecord, state: State, numbers: Reals
+) -> None:
+    """Position r, A of a section and its rows of the motion subspaces; ``parent`` is the body's frame."""
+    if node.at < 0:
+        planar.place_section(body, node, parent, here, state)
+    else:
+        solid.place_section(body, node, parent, here, state, numbers)
 
 
-@kernel
-def row_times(G: Reals, k: int, size: int, x: Reals, i: int) -> float:
-    """(G x)_k over the entries of x from i on."""
-    total = 0.0 * x[i]
-    for l in range(size):
-        total += G[k, l] * x[i + l]
-    return total
+@inlined
+def add_section_bias(
+    body: BodyRecord, node: NodeRecord, frame: MotionRecord, state: State, numbers: Reals, beta: Reals
+) -> None:
+    """Add to the velocity products of a section what the changing of its subspace adds."""
+    if node.at >= 0:
+        solid.add_section_bias(body, node, frame, state, numbers, beta)
+    elif node.shortens > 0:
+        planar.add_section_bias(body, node, frame, state, beta)
 
 
-@kernel
-def place_section(body: BodyRecord, node: NodeRecord, parent: MotionRecord, here: MotionRecord, state: State) -> None:
-    """Position r, A of a node and its rows of the motion subspaces; ``parent`` is the body's frame E."""
-    qi, C, A = body.qi, parent.A, here.A
-    w, turn = 0.0 * state.q[qi], 0.0 * state.q[qi]
-    for k in range(body.nv):
-        w += node.phi[k] * state.q[qi + k]
-        turn += node.slope[k] * state.q[qi + k]
-    x = node.x - 0.5 * quadratic(node.G, node.shortens, state.q, qi, state.q, qi)
-    c, s = np.cos(turn), np.sin(turn)
-    for i in range(3):
-        here.r[i] = parent.r[i] + C[i, 0] * x + C[i, 1] * w
-        A[i, 0], A[i, 1], A[i, 2] = c * C[i, 0] + s * C[i, 1], c * C[i, 1] - s * C[i, 0], C[i, 2]
-    for k in range(body.nv):
-        back = 0.0 * w
-        if node.shortens > 0:
-            back = row_times(node.G, k, node.shortens, state.q, qi)
-        for i in range(3):
-            state.S[body.si + k, i] = C[i, 1] * node.phi[k] - C[i, 0] * back
-            state.S[body.si + k, 3 + i] = C[i, 2] * node.slope[k]
+@inlined
+def composite(elastic: FlexibleRecord, here: MotionRecord, q: Reals, numbers: Reals) -> None:
+    """Mass, first moment and inertia about the origin of the deformed body, global axes."""
+    if elastic.at < 0:
+        planar.composite(elastic, here, q)
+    else:
+        solid.composite(elastic, here, q, numbers)
 
 
-@kernel
-def add_section_bias(body: BodyRecord, node: NodeRecord, frame: MotionRecord, state: State, beta: Reals) -> None:
-    """Add to a node's velocity products what the changing of its subspace adds, -p'^T G p' along the axis."""
-    back = quadratic(node.G, node.shortens, state.v, body.vi, state.v, body.vi)
-    for i in range(3):
-        beta[i] -= frame.A[i, 0] * back
+@inlined
+def modal_mass(elastic: FlexibleRecord, k: int, numbers: Reals) -> float:
+    """mu_k, kg."""
+    return elastic.mu[k] if elastic.at < 0 else solid.modal_mass(elastic, k, numbers)
 
 
-@kernel
-def to_body_axis(A: Reals, x: Reals, i: int) -> tuple[float, float, float]:
-    """A^T x[i:i+3]: a vector of global axes in the body's."""
-    return (
-        A[0, 0] * x[i] + A[1, 0] * x[i + 1] + A[2, 0] * x[i + 2],
-        A[0, 1] * x[i] + A[1, 1] * x[i + 1] + A[2, 1] * x[i + 2],
-        A[0, 2] * x[i] + A[1, 2] * x[i + 1] + A[2, 2] * x[i + 2],
-    )
+@inlined
+def coupling(elastic: FlexibleRecord, k: int, here: MotionRecord, q: Reals, numbers: Reals, out: Reals) -> None:
+    """out = momentum wrench of p'_k = 1 about the origin, global axes."""
+    if elastic.at < 0:
+        planar.coupling(elastic, k, here, q, out)
+    else:
+        solid.coupling(elastic, k, here, q, numbers, out)
 
 
-@kernel
-def add_from_body_axes(A: Reals, x: float, y: float, z: float, out: Reals, i: int) -> None:
-    """out[i:i+3] += A (x, y, z)."""
-    for k in range(3):
-        out[i + k] += A[k, 0] * x + A[k, 1] * y + A[k, 2] * z
+@inlined
+def inertia(elastic: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals) -> None:
+    """Add inertia to the wrench W of the frame and to State.tau of the amplitudes."""
+    if elastic.at < 0:
+        planar.inertia(elastic, here, state)
+    else:
+        solid.inertia(elastic, here, state, numbers)
 
 
-@kernel
-def moments(elastic: FlexibleRecord, q: Reals) -> tuple[float, float, float, float, float]:
-    """S_x, S_y, P_xx, P_xy, P_yy."""
-    qi, shortens = elastic.qi, elastic.shortens
-    sx = elastic.X1 - 0.5 * quadratic(elastic.g0, shortens, q, qi, q, qi)
-    pxx = elastic.X2 - quadratic(elastic.g1, shortens, q, qi, q, qi)
-    sy, pxy, pyy = 0.0 * sx, 0.0 * sx, 0.0 * sx
-    for k in range(elastic.modes):
-        p = q[qi + k]
-        sy += elastic.a[k] * p
-        pxy += elastic.c[k] * p
-        pyy += elastic.mu[k] * p * p
-    return sx, sy, pxx, pxy, pyy
-
-
-@kernel
-def shift_rate(elastic: FlexibleRecord, k: int, q: Reals) -> float:
-    """x component of S_k, -(g0 p)_k."""
-    if elastic.shortens == 0:
-        return 0.0 * q[elastic.qi]
-    return -row_times(elastic.g0, k, elastic.shortens, q, elastic.qi)
-
-
-@kernel
-def composite(elastic: FlexibleRecord, here: MotionRecord, q: Reals) -> None:
-    """Mass, first moment and second moment about the origin of the bent body, global axes."""
-    A = here.A
-    sx, sy, pxx, pxy, pyy = moments(elastic, q)
-    here.mass = elastic.mass
-    for i in range(3):
-        here.mc[i] = A[i, 0] * sx + A[i, 1] * sy
-        for j in range(3):
-            here.J[i, j] = (
-                pyy * A[i, 0] * A[j, 0]
-                + pxx * A[i, 1] * A[j, 1]
-                + (pxx + pyy) * A[i, 2] * A[j, 2]
-                - pxy * (A[i, 0] * A[j, 1] + A[i, 1] * A[j, 0])
-            )
-
-
-@kernel
-def coupling(elastic: FlexibleRecord, k: int, here: MotionRecord, q: Reals, out: Reals) -> None:
-    """out = momentum wrench of p'_k = 1 about the origin, global axes: (S_k, h_k)."""
-    for i in range(6):
-        out[i] = 0.0
-    add_from_body_axes(here.A, shift_rate(elastic, k, q), elastic.a[k], 0.0, out, 0)
-    add_from_body_axes(here.A, 0.0, 0.0, elastic.c[k], out, 3)
-
-
-@kernel
-def inertia(elastic: FlexibleRecord, here: MotionRecord, state: State) -> None:
-    """Add f and n to the wrench W of the frame and the tau_k to State.tau (module docstring)."""
-    A, q, v, a, qi, vi = here.A, state.q, state.v, state.a, elastic.qi, elastic.vi
-    ax, ay, az = to_body_axis(A, here.dY, 0)
-    bx, by, bz = to_body_axis(A, here.dY, 3)
-    wx, wy, wz = to_body_axis(A, here.Y, 3)
-    sx, sy, pxx, pxy, pyy = moments(elastic, q)
-    # rates by p' and what p'' moves
-    dsx, dsy, dpxy, dpyy = 0.0 * sx, 0.0 * sx, 0.0 * sx, 0.0 * sx
-    ux = -quadratic(elastic.g0, elastic.shortens, v, vi, v, vi)
-    uy, hz = 0.0 * sx, 0.0 * sx
-    dpxx = -2.0 * quadratic(elastic.g1, elastic.shortens, q, qi, v, vi)
-    for k in range(elastic.modes):
-        back = shift_rate(elastic, k, q)
-        dsx += back * v[vi + k]
-        dsy += elastic.a[k] * v[vi + k]
-        dpxy += elastic.c[k] * v[vi + k]
-        dpyy += 2.0 * elastic.mu[k] * q[qi + k] * v[vi + k]
-        ux += back * a[vi + k]
-        uy += elastic.a[k] * a[vi + k]
-        hz += elastic.c[k] * a[vi + k]
-        tau = elastic.mu[k] * (a[vi + k] - q[qi + k] * (wx * wx + wz * wz)) + elastic.c[k] * (bz + wx * wy)
-        tau += back * ax + elastic.a[k] * ay
-        if elastic.shortens > 0:
-            tau += row_times(elastic.g1, k, elastic.shortens, q, qi) * (wy * wy + wz * wz)
-        state.tau[vi + k] += tau
-    # w x S, then f
-    m = elastic.mass
-    px, py, pz = -wz * sy, wz * sx, wx * sy - wy * sx
-    fx = m * ax - bz * sy + wy * pz - wz * py - 2.0 * wz * dsy + ux
-    fy = m * ay + bz * sx + wz * px - wx * pz + 2.0 * wz * dsx + uy
-    fz = m * az + bx * sy - by * sx + wx * py - wy * px + 2.0 * (wx * dsy - wy * dsx)
-    # J w, then n; h = (0, 0, dpxy)
-    jx, jy, jz = pyy * wx - pxy * wy, pxx * wy - pxy * wx, (pxx + pyy) * wz
-    nx = sy * az + pyy * bx - pxy * by + wy * jz - wz * jy + dpyy * wx - dpxy * wy + wy * dpxy
-    ny = -sx * az + pxx * by - pxy * bx + wz * jx - wx * jz + dpxx * wy - dpxy * wx - wx * dpxy
-    nz = sx * ay - sy * ax + (pxx + pyy) * bz + wx * jy - wy * jx + (dpxx + dpyy) * wz + hz
-    add_from_body_axes(A, fx, fy, fz, here.W, 0)
-    add_from_body_axes(A, nx, ny, nz, here.W, 3)
-
-
-@kernel
-def momentum(elastic: FlexibleRecord, here: MotionRecord, state: State, out: Reals) -> None:
+@inlined
+def momentum(elastic: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals, out: Reals) -> None:
     """out += momentum and angular momentum about the frame's origin, global axes."""
-    A, v, vi = here.A, state.v, elastic.vi
-    vx, vy, vz = to_body_axis(A, here.Y, 0)
-    wx, wy, wz = to_body_axis(A, here.Y, 3)
-    sx, sy, pxx, pxy, pyy = moments(elastic, state.q)
-    dx, dy, h = 0.0 * sx, 0.0 * sx, 0.0 * sx
-    for k in range(elastic.modes):
-        dx += shift_rate(elastic, k, state.q) * v[vi + k]
-        dy += elastic.a[k] * v[vi + k]
-        h += elastic.c[k] * v[vi + k]
-    m = elastic.mass
-    add_from_body_axes(A, m * vx - wz * sy + dx, m * vy + wz * sx + dy, m * vz + wx * sy - wy * sx, out, 0)
-    add_from_body_axes(
-        A,
-        sy * vz + pyy * wx - pxy * wy,
-        -sx * vz + pxx * wy - pxy * wx,
-        sx * vy - sy * vx + (pxx + pyy) * wz + h,
-        out,
-        3,
-    )
+    if elastic.at < 0:
+        planar.momentum(elastic, here, state, out)
+    else:
+        solid.momentum(elastic, here, state, numbers, out)
 
 
-@kernel
-def modal_momentum(elastic: FlexibleRecord, k: int, here: MotionRecord, state: State) -> float:
+@inlined
+def modal_momentum(elastic: FlexibleRecord, k: int, here: MotionRecord, state: State, numbers: Reals) -> float:
     """dT/dp'_k."""
-    _, _, wz = to_body_axis(here.A, here.Y, 3)
-    vx, vy, _ = to_body_axis(here.A, here.Y, 0)
-    back = shift_rate(elastic, k, state.q)
-    return back * vx + elastic.a[k] * vy + elastic.c[k] * wz + elastic.mu[k] * state.v[elastic.vi + k]
+    if elastic.at < 0:
+        return planar.modal_momentum(elastic, k, here, state)
+    return solid.modal_momentum(elastic, k, here, state, numbers)
 
 
 @kernel
-def kinetic(elastic: FlexibleRecord, here: MotionRecord, state: State, scratch: Reals) -> float:
+def kinetic(elastic: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals, scratch: Reals) -> float:
     """T = (Y . momentum wrench + p' . dT/dp') / 2, J."""
     for i in range(6):
         scratch[i] = 0.0
-    momentum(elastic, here, state, scratch)
+    momentum(elastic, here, state, numbers, scratch)
     total = 0.0 * scratch[0]
     for i in range(6):
         total += 0.5 * here.Y[i] * scratch[i]
     for k in range(elastic.modes):
-        total += 0.5 * state.v[elastic.vi + k] * modal_momentum(elastic, k, here, state)
+        total += 0.5 * state.v[elastic.vi + k] * modal_momentum(elastic, k, here, state, numbers)
     return total
 
 
-@kernel
-def apply_elastic_forces(elastic: FlexibleRecord, state: State) -> None:
+@inlined
+def apply_elastic_forces(elastic: FlexibleRecord, state: State, numbers: Reals) -> None:
     """Modal stiffness and damping among the forces along the coordinates."""
-    for k in range(elastic.modes):
-        p, rate = state.q[elastic.qi + k], state.v[elastic.vi + k]
-        state.Q[elastic.vi + k] -= elastic.kappa[k] * (p + elastic.beta * rate)
+    if elastic.at < 0:
+        planar.apply_elastic_forces(elastic, state)
+    else:
+        solid.apply_elastic_forces(elastic, state, numbers)
 
 
-@kernel
-def potential(elastic: FlexibleRecord, state: State) -> float:
+@inlined
+def potential(elastic: FlexibleRecord, state: State, numbers: Reals) -> float:
     """Strain energy, J."""
-    total = 0.0 * state.q[elastic.qi]
-    for k in range(elastic.modes):
-        total += 0.5 * elastic.kappa[k] * state.q[elastic.qi + k] ** 2
-    return total
+    return planar.potential(elastic, state) if elastic.at < 0 else solid.potential(elastic, state, numbers)
 
 
-@kernel
-def power(elastic: FlexibleRecord, state: State) -> float:
-    """-beta sum kappa_k p'_k^2, W."""
-    total = 0.0 * state.v[elastic.vi]
-    for k in range(elastic.modes):
-        total -= elastic.beta * elastic.kappa[k] * state.v[elastic.vi + k] ** 2
-    return total
+@inlined
+def power(elastic: FlexibleRecord, state: State, numbers: Reals) -> float:
+    """Power of the damping, W."""
+    return planar.power(elastic, state) if elastic.at < 0 else solid.power(elastic, state, numbers)
 
 
-@kernel
-def gravity_potential(elastic: FlexibleRecord, here: MotionRecord, state: State, g: Reals) -> float:
-    """Energy in the gravity field g, zero at the global origin, J."""
-    sx, sy, _, _, _ = moments(elastic, state.q)
-    total = 0.0 * sx
-    for i in range(3):
-        total -= g[i] * (elastic.mass * here.r[i] + here.A[i, 0] * sx + here.A[i, 1] * sy)
-    return total
+@inlined
+def gravity_potential(
+    elastic: FlexibleRecord, here: MotionRecord, state: State, gravity: Reals, numbers: Reals
+) -> float:
+    """Energy in the gravity field, zero at the global origin, J."""
+    if elastic.at < 0:
+        return planar.gravity_potential(elastic, here, state, gravity)
+    return solid.gravity_potential(elastic, here, state, gravity, numbers)

@@ -22,11 +22,11 @@ from solvers.compiled.kernel import kernel
 from .rnea import inertia_wrench
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.flexible.modal import FlexibleRecord
+    from mbfmu.mechanics.flexible.records import FlexibleRecord
     from mbfmu.mechanics.records import Arrays, BodyRecord, MotionRecord, State
     from solvers.compiled.record import Reals
 
-RHS_COLUMN = modal.MODES  # column of D with the right-hand side
+RHS_COLUMN = -1  # column of D with the right-hand side
 
 
 @kernel
@@ -140,14 +140,14 @@ def initialize_articulated_inertia(arrays: Arrays, state: State) -> None:
         for k in range(state.D.shape[1]):
             state.D[row, k] = 0.0
     for i in range(arrays.flexibles.shape[0]):
-        initialize_elastic_inertia(arrays.flexibles[i], state)
+        initialize_elastic_inertia(arrays.flexibles[i], state, arrays.numbers)
 
 
 @kernel
-def initialize_elastic_inertia(elastic: FlexibleRecord, state: State) -> None:
+def initialize_elastic_inertia(elastic: FlexibleRecord, state: State, numbers: Reals) -> None:
     """Inertia of an elastic body about its frame's origin, and its wrench and modal forces at zero acceleration."""
     here, vi = state.bodies[elastic.body], elastic.vi
-    modal.composite(elastic, here, state.q)
+    modal.composite(elastic, here, state.q, numbers)
     m, mc, IA = here.mass, here.mc, here.IA
     for k in range(3):
         IA[k, k] += m
@@ -163,12 +163,12 @@ def initialize_elastic_inertia(elastic: FlexibleRecord, state: State) -> None:
         state.tau[vi + k] = 0.0
     for k in range(6):
         here.W[k] = 0.0
-    modal.inertia(elastic, here, state)
+    modal.inertia(elastic, here, state, numbers)
     for k in range(6):
         here.pA[k] += here.W[k]
     for k in range(elastic.modes):
-        modal.coupling(elastic, k, here, state.q, state.U[vi + k])
-        state.D[vi + k, k] = elastic.mu[k]
+        modal.coupling(elastic, k, here, state.q, numbers, state.U[vi + k])
+        state.D[vi + k, k] = modal.modal_mass(elastic, k, numbers)
         state.D[vi + k, RHS_COLUMN] = -state.tau[vi + k]
 
 

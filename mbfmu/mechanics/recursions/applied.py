@@ -25,7 +25,7 @@ def apply_loads(t: float, arrays: Arrays, state: State) -> None:
     for i in range(arrays.loads.shape[0]):
         apply_load(arrays.loads[i], t, arrays, state)
     for i in range(arrays.flexibles.shape[0]):
-        modal.apply_elastic_forces(arrays.flexibles[i], state)
+        modal.apply_elastic_forces(arrays.flexibles[i], state, arrays.numbers)
     state.time[0] = t
 
 
@@ -42,7 +42,7 @@ def stored_energy(arrays: Arrays, state: State) -> float:
     for i in range(arrays.loads.shape[0]):
         total += load_potential(arrays.loads[i], arrays, state)
     for i in range(arrays.flexibles.shape[0]):
-        total += modal.potential(arrays.flexibles[i], state)
+        total += modal.potential(arrays.flexibles[i], state, arrays.numbers)
     return total
 
 
@@ -55,5 +55,5 @@ def sum_load_powers(t: float, arrays: Arrays, state: State) -> float:
     for i in range(arrays.loads.shape[0]):
         total += load_power(arrays.loads[i], t, arrays, state)
     for i in range(arrays.flexibles.shape[0]):
-        total += modal.power(arrays.flexibles[i], state)
+        total += modal.power(arrays.flexibles[i], state, arrays.numbers)
     return total

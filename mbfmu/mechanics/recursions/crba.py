@@ -33,7 +33,7 @@ def composite_inertia(arrays: Arrays, state: State) -> None:
                 here.J[k, j] = here.Jc[k, j] - mass * c[k] * c[j]
             here.J[k, k] += cc
     for i in range(arrays.flexibles.shape[0]):
-        modal.composite(arrays.flexibles[i], state.bodies[arrays.flexibles[i].body], state.q)
+        modal.composite(arrays.flexibles[i], state.bodies[arrays.flexibles[i].body], state.q, arrays.numbers)
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         j = arrays.bodies[i].parent
         if j > 0:
@@ -107,8 +107,8 @@ def mass_matrix(arrays: Arrays, state: State, M: Reals) -> None:
         for k in range(elastic.modes):
             for j in range(k):
                 set_symmetric(first + k, first + j, 0.0, False, M)
-            set_symmetric(first + k, first + k, elastic.mu[k], False, M)
-            modal.coupling(elastic, k, state.bodies[elastic.body], state.q, f)
+            set_symmetric(first + k, first + k, modal.modal_mass(elastic, k, arrays.numbers), False, M)
+            modal.coupling(elastic, k, state.bodies[elastic.body], state.q, arrays.numbers, f)
             propagate_force(elastic.body, first + k, f, False, arrays, state, M)
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]

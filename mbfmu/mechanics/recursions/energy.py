@@ -40,7 +40,8 @@ def kinetic_energy(arrays: Arrays, state: State) -> float:
         if body.armature != 0.0:
             total += 0.5 * body.armature * state.v[body.vi] * state.v[body.vi]
     for i in range(arrays.flexibles.shape[0]):
-        total += modal.kinetic(arrays.flexibles[i], state.bodies[arrays.flexibles[i].body], state, state.wrench)
+        elastic = arrays.flexibles[i]
+        total += modal.kinetic(elastic, state.bodies[elastic.body], state, arrays.numbers, state.wrench)
     return total
 
 
@@ -54,7 +55,8 @@ def potential_energy(arrays: Arrays, state: State) -> float:
         for k in range(3):
             total -= arrays.bodies[i].mass * g[k] * (here.r[k] + here.com[k])
     for i in range(arrays.flexibles.shape[0]):
-        total += modal.gravity_potential(arrays.flexibles[i], state.bodies[arrays.flexibles[i].body], state, g)
+        elastic = arrays.flexibles[i]
+        total += modal.gravity_potential(elastic, state.bodies[elastic.body], state, g, arrays.numbers)
     return total
 
 
@@ -81,8 +83,8 @@ def generalized_momenta(arrays: Arrays, state: State) -> float:
         elastic = arrays.flexibles[i]
         here = state.bodies[elastic.body]
         for k in range(elastic.modes):
-            state.tau[elastic.vi + k] = modal.modal_momentum(elastic, k, here, state)
-        modal.momentum(elastic, here, state, here.W)
+            state.tau[elastic.vi + k] = modal.modal_momentum(elastic, k, here, state, arrays.numbers)
+        modal.momentum(elastic, here, state, arrays.numbers, here.W)
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         body, here = arrays.bodies[i], state.bodies[i]
         for k in range(body.nv):
@@ -233,7 +235,7 @@ def driven_action(arrays: Arrays, state: State) -> float:
         for k in range(6):
             p[k] = 0.0
         i = arrays.flexibles[e].body
-        modal.momentum(arrays.flexibles[e], state.bodies[i], state, p)
+        modal.momentum(arrays.flexibles[e], state.bodies[i], state, arrays.numbers, p)
         total += power_on_drives(i, p, arrays, state)
     return total
 

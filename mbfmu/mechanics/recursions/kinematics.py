@@ -58,7 +58,7 @@ def update_positions(arrays: Arrays, state: State) -> None:
         here = state.bodies[i]
         parent = state.bodies[body.parent]
         if body.role != RIGID:
-            place_section(body, arrays.nodes[body.node], parent, here, state)
+            place_section(body, arrays.nodes[body.node], parent, here, state, arrays.numbers)
             continue
         place_child(body, arrays, state)
         multiply(parent.A, body.R, C)
@@ -120,8 +120,8 @@ def update_velocities(arrays: Arrays, state: State) -> None:
         if body.role == RIGID and has_bias(body, arrays):
             joint_bias(body, arrays, state)
             add_bias(body, parent, state.rel[0].bias, beta)
-        if body.role != RIGID and arrays.nodes[body.node].shortens > 0:
-            add_section_bias(body, arrays.nodes[body.node], parent, state, beta)
+        if body.role != RIGID:
+            add_section_bias(body, arrays.nodes[body.node], parent, state, arrays.numbers, beta)
         Y[0] += Yj[0] + px
         Y[1] += Yj[1] + py
         Y[2] += Yj[2] + pz

@@ -53,7 +53,7 @@ def inverse_dynamics(arrays: Arrays, state: State) -> None:
         elastic = arrays.flexibles[i]
         for k in range(elastic.vi, elastic.vi + elastic.modes):
             state.tau[k] = -state.Q[k]
-        modal.inertia(elastic, state.bodies[elastic.body], state)
+        modal.inertia(elastic, state.bodies[elastic.body], state, arrays.numbers)
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         body = arrays.bodies[i]
         here = state.bodies[i]
@@ -92,5 +92,5 @@ def momentum(arrays: Arrays, state: State, out: Reals) -> None:
         here = state.bodies[arrays.flexibles[i].body]
         for k in range(6):
             here.W[k] = 0.0
-        modal.momentum(arrays.flexibles[i], here, state, here.W)
+        modal.momentum(arrays.flexibles[i], here, state, arrays.numbers, here.W)
         add_wrench(out, here.r[0], here.r[1], here.r[2], here.W)

@@ -1,0 +1,102 @@
+"""Handle of a flexible body that the builder returns, with its sections and sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from mbfmu.mechanics.flexible import Beam, FlexibleBody
+from mbfmu.mechanics.joints import Section
+from mbfmu.mechanics.sensors import BendingMoment, Deflection, Sensor
+from mbfmu.util.errors import UserError
+
+from .bodies import Body
+
+if TYPE_CHECKING:
+    from .mechanism import Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class FlexibleHandle:
+    """Elastic body of a mechanism, as returned by :meth:`Mechanism.flexible_body`.
+
+    Attributes
+    ----------
+    name, index
+        Name, and number among the elastic bodies.
+    elastic
+        Beam, or body of finite elements, with its modes.
+    body
+        Frame of the elastic body as a body of the tree without mass, connected to the parent by the joint.
+    modes
+        First section: coordinate k is the amplitude of mode k + 1, m.
+    """
+
+    name: str
+    index: int
+    elastic: Beam | FlexibleBody
+    body: Body
+    modes: Body
+    _mechanism: Mechanism
+    _sections: dict[float | str, Body] = field(default_factory=dict)
+
+    def section(self, x: float | str) -> Body:
+        """Return a cross-section or an interface as a body, for joints, cut joints, loads and outputs.
+
+        Parameters
+        ----------
+        x
+            Position along a beam from its origin, m, or name of an interface of a body of finite elements.
+
+        Returns
+        -------
+        Body
+            Body without mass, whose frame moves and rotates with the cross-section or the interface.
+        """
+        if x not in self._sections:
+            self._sections[x] = self._new_section(x)
+        return self._sections[x]
+
+    def sections(self) -> list[Body]:
+        """Return the sections that are in use, in the order of their creation, without the frame."""
+        return [body for body in self._sections.values() if body is not self.body]
+
+    def _new_section(self, x: float | str) -> Body:
+        if isinstance(self.elastic, FlexibleBody):
+            self.elastic.interface(x)
+            if x == self.elastic.frame:
+                return self.body
+            joint, label = Section(elastic=self.elastic, key=x, frame=self.modes), str(x)
+        else:
+            self.elastic.shape(x)  # type: ignore[arg-type]
+            joint, label = Section(elastic=self.elastic, key=float(x), frame=self.modes), f"{x:g}"
+        return self._mechanism.add_section(f"{self.name}[{label}]", self.modes, joint)
+
+    def deflection(self, x: float) -> Sensor:
+        """Deflection of a beam along y at x, m.
+
+        Parameters
+        ----------
+        x
+            Position along the beam from its origin, m.
+        """
+        self._require_beam("deflection")
+        return Deflection(unit="m", item=self.section(x))
+
+    def moment(self, x: float) -> Sensor:
+        """Bending moment E I w'' of a beam about z, N m; without the damping of the material.
+
+        Parameters
+        ----------
+        x
+            Position along the beam from its origin, m.
+        """
+        self._require_beam("moment")
+        return BendingMoment(unit="N.m", item=self.section(x))
+
+    def _require_beam(self, what: str) -> None:
+        if isinstance(self.elastic, FlexibleBody):
+            raise UserError(
+                f"{what} of elastic body {self.name!r}: it is a body of finite elements; allowed for a Beam. "
+                "Displacements of an interface are Mechanism.relative_position(handle.section(name), handle.body, axis)"
+            )

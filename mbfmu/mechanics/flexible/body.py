@@ -1,0 +1,402 @@
+"""A flexible body of finite elements: its reduced modes, and what the dynamics need of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.checks import flag
+from mbfmu.mechanics.numbers import array_of, is_whole, positive
+from mbfmu.util.errors import UserError
+
+from .fe_model import checked_matrices
+from .interfaces import CENTER, ties_of
+from .invariants import PAIRS, Invariants, first_moment, invariants
+from .mesh import assemble
+from .reduction import Reduced, reduce_model
+
+Array = NDArray[np.float64]
+Keep = Callable[[Any], int]  # keeps numbers in Arrays.numbers, returns where they begin
+
+DEFAULT_MODES = 10
+
+
+class Frame(NamedTuple):
+    """Frame of an interface in the frame of the body."""
+
+    at: Array  # (3,) origin, m
+    motion: Array  # (6, modes) displacement and rotation by unit amplitudes
+    shortening: Array  # (6, modes, modes) Gt and Gr of :mod:`.solid`; zero without geometric stiffening
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FlexibleBody:
+    """Flexible body of finite elements, reduced to modes. :meth:`from_fe` and :meth:`from_mesh` return it.
+
+    Attributes
+    ----------
+    frame
+        Name of the interface whose frame is the frame of the body, or ``"center"``.
+    mass, com, inertia
+        Mass, kg, center of mass (3,), m, and inertia about it (3, 3), kg m^2, undeformed, in the frame of the body.
+    frequencies
+        Natural frequencies (modes,), rad/s, with the frame fixed; with the frame in the center of mass, of the
+        free body.
+    damping
+        Damping ratios (modes,).
+    modal_masses
+        Modal masses (modes,), kg, for the scale of the shapes.
+    nodes
+        Positions (n, 3) of the nodes in the frame of the body, m.
+    shapes
+        Displacements (n, 3, modes) of the nodes by unit amplitudes. The largest displacement of a mode, or the largest
+        rotation of a node times the size of the body, is 1 m.
+    interfaces
+        Frames of the interfaces by name.
+    stiffening
+        Whether the body has geometric stiffening.
+    """
+
+    frame: str
+    mass: float
+    com: Array
+    inertia: Array
+    frequencies: Array
+    damping: Array
+    nodes: Array
+    shapes: Array
+    interfaces: Mapping[str, Frame]
+    stiffening: bool
+    modal_masses: Array
+    _invariants: Invariants
+
+    @classmethod
+    def from_fe(
+        cls,
+        mass_matrix: Any,
+        stiffness_matrix: Any,
+        nodes: Any,
+        interfaces: Mapping[str, Any],
+        *,
+        modes: int | None = None,
+        frequency_limit: float | None = None,
+        frame: str = "",
+        damping: float | Sequence[float] | Callable[[Array], Array] = 0.0,
+        geometric_stiffness: Callable[[Array], Any] | None = None,
+    ) -> FlexibleBody:
+        """Reduce a finite element model by the method of Craig and Bampton.
+
+        Parameters
+        ----------
+        mass_matrix, stiffness_matrix
+            Consistent mass matrix and stiffness matrix (N, N) of the body without supports, sparse or dense, in kg, m
+            and N. A node has three degrees of freedom (displacements) or six (displacements and rotations about x, y,
+            z); the order is node by node.
+        nodes
+            Positions (n, 3) of the nodes, m; N = 3 n or 6 n.
+        interfaces
+            Names of the interfaces with their nodes, counted from 0, or with an :class:`Interface`. Joints, forces and
+            sensors of the mechanism act on them.
+        modes
+            Number of modes with fixed interfaces, from the lowest; six for every interface but that of the frame are
+            added to them. None without a frequency limit: 10, or as many as there are.
+        frequency_limit
+            Frequency up to which modes with fixed interfaces are used, rad/s; in place of ``modes``.
+        frame
+            Name of the interface whose frame is the frame of the body; empty: the first one. ``"center"``: the frame
+            is in the center of mass and follows the mean motion of the body, for bodies that are connected by cut
+            joints only, or fly freely.
+        damping
+            Damping ratio of the modes: one number, one for every mode, or a function of the frequencies (modes,),
+            rad/s.
+        geometric_stiffness
+            Optional effect: function that returns the geometric stiffness matrix (N, N), symmetric, for the stresses
+            of static displacements (N,), linear in these; positive for tension. None: no geometric stiffening.
+
+        Returns
+        -------
+        FlexibleBody
+            Body for :meth:`Mechanism.flexible_body`.
+
+        Raises
+        ------
+        UserError
+            A matrix is not symmetric, not that of a free body, or indefinite; an interface has no nodes or too few; a
+            name or a number is not allowed.
+
+        Notes
+        -----
+        R. R. Craig, M. C. C. Bampton: Coupling of substructures for dynamic analyses. AIAA Journal 6 (1968), 1313-1319,
+        doi:10.2514/3.4741.
+        """
+        M, K, X, dof = checked_matrices(mass_matrix, stiffness_matrix, nodes)
+        ties = ties_of(interfaces, X, dof)
+        names = [tie.name for tie in ties]
+        frame = names[0] if frame == "" else frame
+        if frame not in (CENTER, *names):
+            raise UserError(f"frame is {frame!r}; allowed: {', '.join(map(repr, (*names, CENTER)))}")
+        if geometric_stiffness is not None and frame == CENTER:
+            raise UserError(
+                f"frame is {CENTER!r} with geometric stiffening; allowed with it: {', '.join(map(repr, names))}"
+            )
+        at = names.index(frame) if frame != CENTER else -1
+        mass, S, _ = first_moment(M, X, dof)
+        center = S / mass
+        origin = ties[at].origin if at >= 0 else center
+        modes = _mode_count(
+            modes, frequency_limit, M.shape[0] - sum(6 if t.average is not None else dof * len(t.nodes) for t in ties)
+        )
+        stiffens = geometric_stiffness is not None
+        reduced = reduce_model(M, K, ties, dof, at, center, _extent(X), modes, frequency_limit, stiffens)
+        stiffness = _Stiffening(geometric_stiffness, reduced) if geometric_stiffness is not None else None
+        U, n = reduced.shapes, len(reduced.squares)
+        found = invariants(M, X - origin, dof, U, stiffness.by_loads if stiffness else None)
+        frequencies = np.sqrt(reduced.squares)
+        com = found.S0 / mass
+        frames = {
+            tie.name: Frame(
+                tie.origin - origin,
+                reduced.frames[k],
+                np.array([stiffness.by_wrench(k, j) if k != at else np.zeros((n, n)) for j in range(6)])
+                if stiffness
+                else np.zeros((6, n, n)),
+            )
+            for k, tie in enumerate(ties)
+        }
+        return cls(
+            frame=frame,
+            mass=mass,
+            com=com,
+            inertia=found.J0 - mass * (com @ com * np.eye(3) - np.outer(com, com)),
+            frequencies=frequencies,
+            damping=_damping(damping, frequencies),
+            nodes=X - origin,
+            shapes=U.reshape(len(X), dof, n)[:, :3],
+            interfaces=frames,
+            stiffening=stiffens,
+            _invariants=found,
+            modal_masses=np.einsum("ik,ik->k", U, M @ U),
+        )
+
+    @classmethod
+    def from_mesh(
+        cls,
+        mesh: Any,
+        density: float,
+        young: float,
+        poisson: float,
+        interfaces: Mapping[str, Any],
+        *,
+        length_unit: str = "m",
+        stiffening: bool = False,
+        modes: int | None = None,
+        frequency_limit: float | None = None,
+        frame: str = "",
+        damping: float | Sequence[float] | Callable[[Array], Array] = 0.0,
+    ) -> FlexibleBody:
+        """Assemble a solid body of one isotropic material from a mesh, and reduce it.
+
+        Parameters
+        ----------
+        mesh
+            Path of a mesh in a format of meshio, such as Gmsh, Abaqus, VTK or Nastran, or a ``meshio.Mesh``, of
+            tetrahedra or hexahedra. The packages meshio and scikit-fem are required (extra ``fe``).
+        density, young, poisson
+            Density, kg/m^3, Young's modulus, Pa, and Poisson's ratio.
+        interfaces
+            As for :meth:`from_fe`; nodes are the name of a set of faces or nodes in the mesh, or a function that
+            returns for positions (n, 3), m, which of them belong to the interface.
+        length_unit
+            Unit of the positions in the mesh: ``"m"``, ``"cm"``, ``"mm"`` or ``"in"``.
+        stiffening
+            Optional effect: geometric stiffening.
+        modes, frequency_limit, frame, damping
+            As for :meth:`from_fe`.
+
+        Returns
+        -------
+        FlexibleBody
+            Body for :meth:`Mechanism.flexible_body`.
+
+        Raises
+        ------
+        UserError
+            The mesh cannot be read or has no solid cells, a set does not exist, or as for :meth:`from_fe`.
+        """
+        if not isinstance(interfaces, Mapping):
+            raise UserError(f"interfaces are {interfaces!r}; allowed: names with their nodes")
+        flag("stiffening", stiffening)
+        found = assemble(mesh, density, young, poisson, interfaces, length_unit)
+        return cls.from_fe(
+            found.M,
+            found.K,
+            found.nodes,
+            found.interfaces,
+            modes=modes,
+            frequency_limit=frequency_limit,
+            frame=frame,
+            damping=damping,
+            geometric_stiffness=found.geometric_stiffness if stiffening else None,
+        )
+
+    @property
+    def modes(self) -> int:
+        """Number of modes."""
+        return len(self.frequencies)
+
+    @property
+    def size(self) -> float:
+        """Largest extent of the mesh along an axis, m."""
+        return _extent(self.nodes)
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether a mode is damped."""
+        return bool(np.any(self.damping))
+
+    def interface(self, name: Any) -> Frame:
+        """Return the frame of an interface.
+
+        Parameters
+        ----------
+        name
+            Name of the interface.
+
+        Raises
+        ------
+        UserError
+            No interface has this name.
+        """
+        if not isinstance(name, str) or name not in self.interfaces:
+            raise UserError(f"interface is {name!r}; allowed: {', '.join(map(repr, self.interfaces))}")
+        return self.interfaces[name]
+
+    def displaced(self, amplitudes: Any, scale: float = 1.0) -> Array:
+        """Return the positions of the nodes of the deformed body.
+
+        Parameters
+        ----------
+        amplitudes
+            Amplitudes (modes,) of the modes, m.
+        scale
+            Factor of the displacements.
+
+        Returns
+        -------
+        Array
+            Positions (n, 3) in the frame of the body, m.
+        """
+        p = array_of("amplitudes", amplitudes)
+        if p.shape != (self.modes,):
+            raise UserError(f"amplitudes have the shape {p.shape}; allowed: ({self.modes},)")
+        return self.nodes + scale * self.shapes @ p
+
+    def fill(self, record: Any, keep: Keep) -> None:
+        """Write inertia and stiffness for kernels.
+
+        Parameters
+        ----------
+        record
+            Record of the type ``FlexibleRecord``.
+        keep
+            Function that keeps numbers and returns where they begin.
+        """
+        found, mu, omega = self._invariants, self.modal_masses, self.frequencies
+        J0 = [found.J0[pair] for pair in PAIRS]
+        own = np.vstack([found.S1, found.h1, found.J1, mu, mu * omega**2, 2.0 * self.damping * mu * omega])
+        matrices = [found.J2, found.C, *((found.G, found.H) if self.stiffening else ())]
+        parts = [[found.mass], found.S0, J0, own.T, *matrices]
+        record["at"] = keep(np.concatenate([np.ravel(part) for part in parts]))
+        record["modes"], record["shortens"] = self.modes, self.modes if self.stiffening else 0
+
+    def fill_frame(self, record: Any, keep: Keep) -> None:
+        """Write the frame of the body as a section for kernels.
+
+        Parameters
+        ----------
+        record
+            Record of the type ``NodeRecord``.
+        keep
+            As for :meth:`fill`.
+        """
+        record["at"] = keep(np.zeros(3 + 6 * self.modes))
+        record["x"] = self.size
+
+    def fill_node(self, name: Any, record: Any, keep: Keep) -> None:
+        """Write an interface for kernels.
+
+        Parameters
+        ----------
+        name
+            Name of the interface.
+        record
+            Record of the type ``NodeRecord``.
+        keep
+            As for :meth:`fill`.
+        """
+        frame = self.interface(name)
+        record["at"] = keep(
+            np.concatenate([frame.at, frame.motion.T.ravel(), self.stiffening * frame.shortening.ravel()])
+        )
+        record["shortens"], record["x"] = self.modes if self.stiffening else 0, np.linalg.norm(frame.at)
+
+
+class _Stiffening:
+    """Geometric stiffness in modes by the stresses of unit loads."""
+
+    def __init__(self, function: Callable[[Array], Any], reduced: Reduced) -> None:
+        self._function, self._U, self._statics = function, reduced.shapes, reduced.statics
+
+    def by_loads(self, load: Array) -> Array:
+        """Return K[F] (modes, modes) of loads (dof n,) on the nodes."""
+        assert self._statics is not None
+        return self._reduced(self._statics.by_loads(load))
+
+    def by_wrench(self, interface: int, component: int) -> Array:
+        """Return K[F] (modes, modes) of a unit force or moment on an interface."""
+        assert self._statics is not None
+        return self._reduced(self._statics.by_wrench(interface, component))
+
+    def _reduced(self, u: Array) -> Array:
+        matrix = self._function(u)
+        if getattr(matrix, "shape", None) != (len(u), len(u)):
+            raise UserError(
+                f"geometric_stiffness returns {getattr(matrix, 'shape', matrix)!r}; allowed: a matrix of {len(u)} rows "
+                "and columns, dense or sparse"
+            )
+        found: Array = self._U.T @ (matrix @ self._U)
+        if not np.all(np.isfinite(found)):
+            raise UserError("geometric_stiffness returns numbers that are not finite")
+        return 0.5 * (found + found.T)
+
+
+def _extent(nodes: Array) -> float:
+    return float(np.ptp(nodes, axis=0).max())
+
+
+def _mode_count(modes: int | None, limit: float | None, available: int) -> int | None:
+    """Return the number of modes with fixed interfaces; None: by a frequency limit."""
+    if limit is not None:
+        if modes is not None:
+            raise UserError("modes and frequency_limit are given; allowed: one of them")
+        positive("frequency_limit", limit)
+        return None
+    if modes is None:
+        return min(DEFAULT_MODES, available)
+    if not is_whole(modes) or modes < 0:
+        raise UserError(f"modes is {modes!r}; allowed: a whole number, 0 or greater")
+    return int(modes)
+
+
+def _damping(given: Any, frequencies: Array) -> Array:
+    ratios = array_of("damping of a flexible body", given(frequencies) if callable(given) else given)
+    if ratios.shape not in ((), frequencies.shape) or not np.all(np.isfinite(ratios)) or np.any(ratios < 0.0):
+        raise UserError(
+            f"damping of a flexible body is {given!r}; allowed: one ratio, or one for each of the {len(frequencies)} "
+            "modes, not negative"
+        )
+    return np.array(np.broadcast_to(ratios, frequencies.shape))

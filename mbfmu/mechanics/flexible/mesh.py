@@ -1,0 +1,130 @@
+"""Matrices of a solid body from a mesh: read by meshio, assembled by scikit-fem (extra ``fe``).
+
+Displacements are quadratic in tetrahedra and hexahedra, also in meshes with straight edges: linear tetrahedra are much
+too stiff in bending.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.checks import one_of
+from mbfmu.mechanics.numbers import is_finite, positive
+from mbfmu.util.errors import UserError
+from mbfmu.util.extras import import_optional
+
+from .interfaces import Interface
+
+Array = NDArray[np.float64]
+
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
+ELEMENTS = {
+    "MeshTet1": "ElementTetP2",
+    "MeshTet2": "ElementTetP2",
+    "MeshHex1": "ElementHex2",
+    "MeshHex2": "ElementHex2",
+}
+QUADRATURE_ORDER = 4  # of products of two quadratic displacements
+CELLS = ("tetra", "tetra10", "hexahedron", "hexahedron27")
+
+
+class Assembled(NamedTuple):
+    """Matrices of a mesh."""
+
+    M: Any  # (3 n, 3 n)
+    K: Any
+    nodes: Array  # (n, 3) m
+    interfaces: dict[str, Interface]
+    geometric_stiffness: Callable[[Array], Any]
+
+
+def assemble(
+    mesh: Any, density: float, young: float, poisson: float, interfaces: Mapping[str, Any], length_unit: str
+) -> Assembled:
+    """Assemble a mesh; arguments as for :meth:`FlexibleBody.from_mesh`."""
+    skfem, meshio = import_optional("skfem", "fe"), import_optional("meshio", "fe")
+    positive("density", density)
+    positive("young", young)
+    if np.ndim(poisson) or not is_finite(poisson) or not -1.0 < poisson < 0.5:
+        raise UserError(f"poisson is {poisson!r}; allowed: greater than -1 and less than 0.5")
+    one_of("length_unit", length_unit, tuple(LENGTHS))
+    read = _read(meshio, mesh) if isinstance(mesh, str | Path) else mesh
+    if not isinstance(read, meshio.Mesh):
+        raise UserError(f"mesh is {mesh!r}; allowed: a path or a meshio.Mesh")
+    if not any(kind in read.cells_dict for kind in CELLS):
+        kinds = ", ".join(read.cells_dict) or "none"
+        raise UserError(f"mesh has the cells: {kinds}; allowed: one of {', '.join(CELLS)}")
+    solid = import_optional("skfem.io.meshio", "fe").from_meshio(read)
+    solid = type(solid)(LENGTHS[length_unit] * solid.doflocs, solid.t, solid._boundaries, solid._subdomains)
+    element = skfem.ElementVector(getattr(skfem, ELEMENTS[type(solid).__name__])())
+    basis = skfem.Basis(solid, element, intorder=QUADRATURE_ORDER)
+    lame, shear = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), 0.5 * young / (1.0 + poisson)
+    helpers = import_optional("skfem.helpers", "fe")
+
+    def stress(u: Any) -> Any:
+        strain = helpers.sym_grad(u)
+        return 2.0 * shear * strain + lame * helpers.eye(helpers.trace(strain), 3)
+
+    stiffness = skfem.BilinearForm(lambda u, v, w: helpers.ddot(stress(u), helpers.sym_grad(v)))
+    inertia = skfem.BilinearForm(lambda u, v, w: density * helpers.dot(u, v))
+    geometric = skfem.BilinearForm(
+        lambda u, v, w: np.einsum("ij...,ki...,kj...->...", stress(w["static"]), helpers.grad(u), helpers.grad(v))
+    )
+    order = _order(basis)
+    back = np.argsort(order)
+
+    def geometric_stiffness(u: Array) -> Any:
+        return geometric.assemble(basis, static=basis.interpolate(u[back]))[order][:, order]
+
+    nodes = basis.doflocs[:, order[::3]].T
+    ties = {name: _tie(name, given, basis, read, nodes, order) for name, given in interfaces.items()}
+    M, K = (form.assemble(basis)[order][:, order] for form in (inertia, stiffness))
+    return Assembled(M, K, nodes, ties, geometric_stiffness)
+
+
+def _read(meshio: Any, path: str | Path) -> Any:
+    try:
+        return meshio.read(path)
+    except (OSError, meshio.ReadError, SystemExit) as error:
+        raise UserError(f"mesh {str(path)!r} cannot be read: {error}; allowed: a format of meshio") from error
+
+
+def _order(basis: Any) -> NDArray[np.int64]:
+    """Return the numbers of the degrees of freedom, node by node: of vertices, edges, faces and cells."""
+    kinds = (basis.nodal_dofs, basis.edge_dofs, basis.facet_dofs, basis.interior_dofs)
+    return np.concatenate([np.asarray(dofs, np.int64).T.ravel() for dofs in kinds])
+
+
+def _tie(name: str, given: Any, basis: Any, read: Any, nodes: Array, order: NDArray[np.int64]) -> Interface:
+    """Return an interface whose nodes are given by the name of a set, a function of positions, or numbers."""
+    interface = given if isinstance(given, Interface) else Interface(nodes=given)
+    chosen: Any = interface.nodes
+    what = f"interface {name!r}"
+    if callable(chosen):
+        mask = np.asarray(chosen(nodes))
+        if mask.shape != (len(nodes),) or mask.dtype != bool:
+            raise UserError(f"nodes of {what}: the function returns {mask!r}; allowed: {len(nodes)} truth values")
+        return replace(interface, nodes=np.flatnonzero(mask))
+    if not isinstance(chosen, str):
+        return interface
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order)) // 3
+    if chosen in (basis.mesh.boundaries or {}):
+        return replace(interface, nodes=np.unique(place[basis.get_dofs(chosen).flatten()]))
+    if chosen in read.point_sets:
+        held = np.zeros(basis.mesh.p.shape[1], bool)
+        held[np.asarray(read.point_sets[chosen], np.int64)] = True
+        vertices, edges = place[basis.nodal_dofs[0]], np.asarray(basis.edge_dofs, np.int64)
+        within = held[basis.mesh.edges].all(axis=0)
+        return replace(interface, nodes=np.concatenate([vertices[held], place[edges[0, within]]]))
+    sets = [*map(repr, basis.mesh.boundaries or {}), *map(repr, read.point_sets)]
+    raise UserError(
+        f"set of {what} is {chosen!r}, which the mesh does not have; allowed: "
+        f"{', '.join(sets) or 'none, it has no sets'}. Or give a function of the positions of the nodes"
+    )
