@@ -37,8 +37,8 @@ def checked_matrices(mass_matrix: Any, stiffness_matrix: Any, nodes: Any) -> tup
     if size not in (3 * count, 6 * count):
         raise UserError(
             f"the matrices have {size} rows and there are {count} nodes; allowed: 3 or 6 degrees of freedom a "
-            f"node, {3 * count} or {6 * count} rows, node by node. Keep degrees of freedom that supports remove: joints "
-            "of the mechanism support the body"
+            f"node, {3 * count} or {6 * count} rows, node by node. Keep degrees of freedom that supports remove: the "
+            "joints of the mechanism support the body"
         )
     dof = size // count
     _check_mass(M, positions, dof)
