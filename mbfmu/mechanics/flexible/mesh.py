@@ -23,15 +23,15 @@ from .interfaces import Interface
 
 Array = NDArray[np.float64]
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
-ELEMENTS = {
+METERS_OF_UNIT = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
+QUADRATIC_ELEMENTS = {
     "MeshTet1": "ElementTetP2",
     "MeshTet2": "ElementTetP2",
     "MeshHex1": "ElementHex2",
     "MeshHex2": "ElementHex2",
 }
 QUADRATURE_ORDER = 4  # of products of two quadratic displacements
-CELLS = ("tetra", "tetra10", "hexahedron", "hexahedron27")
+SOLID_CELLS = ("tetra", "tetra10", "hexahedron", "hexahedron27")
 
 
 class Assembled(NamedTuple):
@@ -53,16 +53,16 @@ def assemble(
     positive("young", young)
     if np.ndim(poisson) or not is_finite(poisson) or not -1.0 < poisson < 0.5:
         raise UserError(f"poisson is {poisson!r}; allowed: greater than -1 and less than 0.5")
-    one_of("length_unit", length_unit, tuple(LENGTHS))
+    one_of("length_unit", length_unit, tuple(METERS_OF_UNIT))
     read = _read(meshio, mesh) if isinstance(mesh, str | Path) else mesh
     if not isinstance(read, meshio.Mesh):
         raise UserError(f"mesh is {mesh!r}; allowed: a path or a meshio.Mesh")
-    if not any(kind in read.cells_dict for kind in CELLS):
+    if not any(kind in read.cells_dict for kind in SOLID_CELLS):
         kinds = ", ".join(read.cells_dict) or "none"
-        raise UserError(f"mesh has the cells: {kinds}; allowed: one of {', '.join(CELLS)}")
+        raise UserError(f"mesh has the cells: {kinds}; allowed: one of {', '.join(SOLID_CELLS)}")
     solid = import_optional("skfem.io.meshio", "fe").from_meshio(read)
-    solid = type(solid)(LENGTHS[length_unit] * solid.doflocs, solid.t, solid._boundaries, solid._subdomains)
-    element = skfem.ElementVector(getattr(skfem, ELEMENTS[type(solid).__name__])())
+    solid = type(solid)(METERS_OF_UNIT[length_unit] * solid.doflocs, solid.t, solid._boundaries, solid._subdomains)
+    element = skfem.ElementVector(getattr(skfem, QUADRATIC_ELEMENTS[type(solid).__name__])())
     basis = skfem.Basis(solid, element, intorder=QUADRATURE_ORDER)
     lame, shear = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), 0.5 * young / (1.0 + poisson)
     helpers = import_optional("skfem.helpers", "fe")
