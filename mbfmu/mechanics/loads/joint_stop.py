@@ -9,7 +9,16 @@ from mbfmu.mechanics.kind import Attachment
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import i8
 
-from .stops import LimitRecord, Stop, dissipated_power, stop_energy, stop_force
+from .base import Force
+from .stops import (
+    LimitRecord,
+    MovingLimitRecord,
+    Stop,
+    dissipated_power,
+    moving_stop_force,
+    stop_energy,
+    stop_force,
+)
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -40,6 +49,33 @@ def power(force: JointStopRecord, t: float, arrays: Arrays, state: State) -> flo
     return dissipated_power(force, state.q[force.q], state.v[force.v])
 
 
+class MovingJointStopRecord(MovingLimitRecord):
+    """Parameters of :class:`JointStop` of which a limit is a signal."""
+
+    q: i8
+    v: i8
+
+
+@kernel
+def apply_moving(force: MovingJointStopRecord, t: float, arrays: Arrays, state: State) -> None:
+    """See :mod:`.base`."""
+    state.Q[force.v] += moving_stop_force(force, state.q[force.q], state.v[force.v], t, arrays)
+
+
+@kernel
+def power_moving(force: MovingJointStopRecord, t: float, arrays: Arrays, state: State) -> float:
+    """Force times rate of the coordinate."""
+    return moving_stop_force(force, state.q[force.q], state.v[force.v], t, arrays) * state.v[force.v]
+
+
+class MovingJointStop(Force):
+    """Record and kernels of a :class:`JointStop` of which a limit is a signal."""
+
+    record = MovingJointStopRecord
+    apply = apply_moving
+    power = power_moving
+
+
 @dataclass(frozen=True, kw_only=True)
 class JointStop(Stop):
     """End stops of the joint coordinate of a body.
@@ -47,7 +83,8 @@ class JointStop(Stop):
     Parameters
     ----------
     lower, upper
-        Limits of the coordinate, rad or m; None: no limit on that side.
+        Limits of the coordinate, rad or m; None: no limit on that side. A limit may be a signal, an input, or an
+        expression of time: the work of the stop is computed then, its energy is not.
     stiffness
         Stiffness, N m/rad for an angle, N/m for a displacement.
     damping
@@ -60,6 +97,8 @@ class JointStop(Stop):
     apply = apply
     potential = potential
     power = power
+    moving = MovingJointStop
+    variants = (MovingJointStop,)
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write its coordinate too."""
