@@ -16,6 +16,7 @@ from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.joint_handle import JointHandle
 from .builder.mechanism import Mechanism
 from .builder.mesh_inertia import solid_mesh
+from .builder.sampled import SampledHandle
 from .builder.states import StateHandle
 from .couplings import Cam, Coupling, Gear
 from .cuts import (
@@ -152,6 +153,7 @@ __all__ = [
     "RevoluteCutJoint",
     "RopeHandle",
     "RunUp",
+    "SampledHandle",
     "Screw",
     "Sensor",
     "SetInput",

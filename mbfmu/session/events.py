@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.events import EndRun, Event, Impulse, Lock, Release, SetInput, SetParameter
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.util.diagnostics import Diagnostic
@@ -30,10 +30,10 @@ from .run_messages import (
     TOO_MANY_EVENTS,
     filled,
 )
+from .sampled_blocks import EQUAL_TIME_SPACINGS, SampledBlocks
 from .stepper_run import SEQUENCE, StepperRun
 
 MIN_EVENTS_TIME_RATIO = 1e-6  # MAX_EVENTS events need at least this part of the duration of the run
-EQUAL_TIME_SPACINGS = 8  # of floating-point numbers, up to which two given times are one: no step is so short
 
 Setters = dict[type, Callable[[str, Any], None]]  # by the class of the action: sets a value by its name
 
@@ -93,6 +93,7 @@ class RunEvents:
         self._impacts = Impacts(compiled, rates, memory.directions[are_stops].astype(float))
         units = [event.sensor.unit for event in watching if event.sensor and compiled.locks.can_lock]
         self._bands = run.stepper.options.rtol * np.array([compiled.nominal(unit) for unit in units])
+        self._samples = SampledBlocks(compiled, run)
         self._declare(declared)
         t = run.stepper.t
         self._next_timed = sum(event.time < t for event in self._timed)
@@ -117,14 +118,15 @@ class RunEvents:
         self._impacts.restitutions = np.array([bounce.restitution for bounce in bounces if bounce])
         memory.control["within"] = min((e.within for e in self._watching if e.within is not None), default=np.inf)
 
-    def adopt(self, declared: list[Event]) -> None:
-        """Use the values and actions of the same events with other parameters of the model.
+    def adopt(self, mechanism: Mechanism) -> None:
+        """Use the values and actions of the same events, and sampled blocks, with other parameters of the model.
 
         Raises
         ------
         UserError
-            They are other events: their names, times, directions or stops differ.
+            They are other events: their names, times, directions or stops differ; or other periods.
         """
+        declared = mechanism.events
         before, after = (
             [(event.name, event.time, event.direction, event.bounce is None) for event in events]
             for events in (self._declared, declared)
@@ -135,6 +137,7 @@ class RunEvents:
                 f"a parameter changes the number, time or direction of events{f', such as {name!r}' if name else ''}; "
                 "allowed during a run: other values and actions. Use a parameter that is not tunable"
             )
+        self._samples.adopt(mechanism.sampled)
         self._declare(declared)
 
     def start(self) -> None:
@@ -144,6 +147,14 @@ class RunEvents:
         if here:
             self._act(sorted(here, key=lambda event: self._order[event.name]))
         self._restarts_at_start = any(event.restarts for event in here)
+        self._sample()
+
+    def _sample(self) -> bool:
+        """Take the samples of the time reached; return whether there are any."""
+        jump = self._samples.jump() if self.stop is None else None
+        if jump is not None:
+            self._let_jump(jump)
+        return jump is not None
 
     def step(self, end: float) -> None:
         """Advance to the communication point at ``end`` (s) with all events before it, or to one that ends the run."""
@@ -159,7 +170,8 @@ class RunEvents:
             changed = bool(found) and self._act(found)
             if any(event.restarts for event in found) and run.stepper.t < end:
                 self._search.restart(end, self._restarting)
-            if run.stepper.t >= end and not found:
+            sampled = self._sample() if not self.ended else False
+            if run.stepper.t >= end and not found and not sampled:
                 break
             if changed:
                 code = SEQUENCE.begin_step(run, end)
@@ -168,7 +180,8 @@ class RunEvents:
         """Advance to the next event or to ``end``, s; return the events there."""
         run, timed = self._run, self._timed[self._next_timed :]
         stepper, slack = run.stepper, EQUAL_TIME_SPACINGS * spacing(end)
-        due = timed[0].time if timed and timed[0].time < end - slack else end
+        first = min(timed[0].time if timed else np.inf, self._samples.next_time())
+        due = first if first < end - slack else end
         found = [self._watching[k] for k in self._search.advance(due)]
         state = stepper.t, run.q, run.v, run.energy_account
         check_point(run.session, *state, False)
@@ -303,6 +316,7 @@ class RunEvents:
             "ended": self.ended,
             "list": records,
             "locked": self.locked.state(),
+            "samples": self._samples.counts.tolist(),
         } | limits
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -312,6 +326,7 @@ class RunEvents:
         memory, control = self._search.memory, self._search.memory.control[0]
         memory.sides[:], memory.bands[:] = state["sides"], state["bands"]
         control["limit"], control["limited"] = state["limit"], state["limited"]
+        self._samples.counts[:] = state["samples"]
         self._next_timed, self.ended, self.stop = state["timed"], state["ended"], None
         self.records = [EventRecord(*r[:3], *(np.nan if x is None else x for x in r[3:])) for r in state["list"]]
 

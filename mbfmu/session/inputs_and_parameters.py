@@ -105,7 +105,7 @@ class InputsAndParameters(Diagnosed):
     def _adopt_compiled(self, compiled: CompiledMechanism) -> None:
         """Take the numbers of a compiled mechanism of the same structure, those of its events included."""
         if self._events:
-            self._events.adopt(compiled.mechanism.events)
+            self._events.adopt(compiled.mechanism)
         self.compiled.adopt(compiled)
 
     def _set_parameter(self, name: str, value: Any) -> None:

@@ -156,7 +156,7 @@ class Simulation(RunProgress):
         self._reported_undetermined, self._end = False, t0
         setters: Setters = {SetInput: self.set_input, SetParameter: self._set_parameter}
         self._events: RunEvents | None = None
-        if self.compiled.mechanism.events:
+        if self.compiled.mechanism.events or self.compiled.mechanism.sampled:
             locked = LockedJoints(self.compiled, self._run, self._stepper, self._noted.append)
             self._events = RunEvents(self.compiled, self._run, setters, locked)
         self._check_actions()

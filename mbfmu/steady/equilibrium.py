@@ -29,12 +29,17 @@ def build_problem(model: Model | Mechanism, compiled: CompiledMechanism | None =
     ------
     UserError
         The model cannot be assembled, has no free coordinate, a drive is not at constant speed, or a load never
-        becomes constant.
+        becomes constant; or the model has sampled blocks.
     """
     model = as_model(model)
     made = compiled or model.compile()
     if made.system.n == 0:
         raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")
+    if sampled := made.mechanism.sampled:
+        raise EquilibriumError(
+            f"model {model.name!r} has sampled blocks, such as {sampled[0].name!r}; allowed: models without them. Use "
+            "continuous blocks in their place, or run the model until it stands"
+        )
     supports = Supports(made, finishes=compiled is None)
     if compiled is None:
         finish(model.name, made)

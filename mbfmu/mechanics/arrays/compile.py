@@ -54,6 +54,8 @@ class CompiledElements:
         What can be observed: the outputs, and last the energy and the kinetic energy.
     watched, watched_rates
         Numbers of the parts that are the sensors of events, and their rates as far as they are known.
+    sampled
+        Numbers of the parts that are the inputs of sampled blocks.
     magnitudes
         Numbers of the signals of loads, by what each is in messages.
     used
@@ -93,6 +95,8 @@ class CompiledElements:
         self.watched, self.watched_rates = (
             np.array([watching.part(sensor) for sensor in sensors], np.int64) for sensors in (watched, rates)
         )
+        sampled = [sensor for block in mechanism.sampled for sensor in block.inputs]
+        self.sampled = np.array([watching.part(sensor) for sensor in sampled], np.int64)
         of_parts: list[tuple[ElementType, CompiledAttachment]] = []
         filled_parts = []
         for part in numbering.parts:  # those that a part is made of come up meanwhile

@@ -67,6 +67,8 @@ class CompiledMechanism:
         Variables in the order of :meth:`observe`.
     watched, watched_rates
         Numbers of the parts that are the sensors of events, and their rates as far as they are known.
+    sampled
+        Numbers of the parts that are the inputs of sampled blocks.
     locks
         Joints that events lock.
     length
@@ -93,6 +95,7 @@ class CompiledMechanism:
             what = f"a mechanism of {len(mechanism.bodies)} bodies"
             raise UserError(f"{what} needs more memory than is available; use fewer bodies") from error
         self.data, self.watched, self.watched_rates = elements.data, elements.watched, elements.watched_rates
+        self.sampled = elements.sampled
         check_bounds(mechanism, elements.called(), self.data)
         self.length = characteristic_length(mechanism, self.data.arrays)
         self.drives = Drives(mechanism, numbering, elements.signals, self.length)

@@ -12,10 +12,10 @@ from mbfmu.mechanics.sensors import Sensor
 from mbfmu.util.errors import UserError, short
 
 from .bodies import coordinate_of
-from .controllers import Controllers
+from .sampled import Sampled
 
 
-class Events(Controllers):
+class Events(Sampled):
     """Base of :class:`.Mechanism`: events, where the motion crosses a value or at given times."""
 
     def __init__(self) -> None:
