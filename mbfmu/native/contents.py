@@ -23,6 +23,7 @@ ENTRY_PARTS: dict[str, tuple[str, ...]] = {
     STEPS: (),
     "exchange": ("exchange",),  # model exchange and derivatives
     "steady": ("balance",),  # start in a steady state
+    "events": ("events",),  # steps of models with events
 }
 
 
@@ -57,7 +58,9 @@ def complete(family: str) -> Contents:
     return Contents(family, (*kernel_tables(), *ENTRY_PARTS))
 
 
-def contents_for(family: str, numbers: Iterable[int], *, exchanges: bool, is_steady: bool) -> Contents:
+def contents_for(
+    family: str, numbers: Iterable[int], *, exchanges: bool, is_steady: bool, has_events: bool
+) -> Contents:
     """Return the contents of a library for a model.
 
     Parameters
@@ -70,11 +73,14 @@ def contents_for(family: str, numbers: Iterable[int], *, exchanges: bool, is_ste
         Whether it supports model exchange.
     is_steady
         Whether it starts in a steady state.
+    has_events
+        Whether it has events.
     """
     called, tables, first = set(numbers), [], 0
     for name, table in kernel_tables().items():
         if not called.isdisjoint(range(first, first + len(table.kernels))):
             tables.append(name)
         first += len(table.kernels)
-    unused = {*(() if exchanges else ("exchange",)), *(() if is_steady else ("steady",))}
+    needed = {"exchange": exchanges, "steady": is_steady, "events": has_events}
+    unused = {part for part, is_needed in needed.items() if not is_needed}
     return Contents(family, (*tables, *(name for name in ENTRY_PARTS if name not in unused)))

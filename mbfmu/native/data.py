@@ -20,6 +20,7 @@ from mbfmu.modeling.variables import ArrayVariable, Role, ScalarVariable, Type, 
 from mbfmu.session.failure_diagnosis import advise
 from mbfmu.session.simulation import Simulation, UnstartedSimulation
 from mbfmu.session.tolerances import COARSE_TOLERANCE, describe_coarse
+from mbfmu.util.errors import UserError
 from solvers.diagnostics import Diagnostic
 from solvers.loop_closure import Outcome
 from solvers.outcome import CODES, KEYS, MESSAGES, Status
@@ -40,7 +41,7 @@ from .exchange_states import (
 from .families import FAMILIES
 from .image import MemoryImage
 from .kernel_table import user_kernels
-from .model_numbers import Place
+from .model_numbers import EVENTS, Place
 from .parameter_map import LENGTH_NAME, Entry, Term
 from .parameters import SettableParameters, find_settable
 from .steady_export import explain_missing_search, restricted_inputs
@@ -105,6 +106,8 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
         The model cannot be built, or the runtime cannot run it.
     """
     simulation = UnstartedSimulation(model, settings)
+    if for_one_run and (events := simulation.compiled.mechanism.events):
+        raise UserError(f"native runs do not list events, such as {events[0].name!r}; use Python", "not-native")
     exchanges = not for_one_run and not explain_missing_exchange(simulation)
     differentiates = exchanges and not explain_missing_derivatives(simulation)
     instance, image = image_of(simulation, differentiates)
@@ -121,8 +124,9 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     messages, family = [*simulation.diagnostics, *notes], family_of(simulation)
     own = user_kernels(called_in_steps(simulation.compiled, family))
     inputs, is_steady = simulation.compiled.inputs, simulation.steady_state is not None
+    has_events = bool(simulation.compiled.mechanism.events)
     numbers = (relocation.target for relocation in image.kernels)
-    contents = contents_for(family, numbers, exchanges=states is not None, is_steady=is_steady)
+    contents = contents_for(family, numbers, exchanges=states is not None, is_steady=is_steady, has_events=has_events)
     moving = tuple(v.name for k, v in enumerate(inputs.variables) if inputs.moves_support(k))
     provided = states, moving, differentiates, _takes_rates(simulation)
     return NativeModel(variables, several, frozen, messages, *provided, file.write(), bool(own), contents)
@@ -220,6 +224,7 @@ class _File:
             "direction_inputs": image.at(instance.linearization.inputs),
             "derivative_slopes": image.at(instance.linearization.slopes),
             "derivative_outputs": image.at(instance.linearization.outputs),
+            "events": image.at(instance.events.control),
         }  # fmt: skip
         control = instance.given.memory.control
         self._places |= {
@@ -248,6 +253,7 @@ class _File:
             for acting in self._simulation.compiled.mechanism.loads()
         ]
         mechanism, inputs = self._simulation.compiled.mechanism, self._simulation.compiled.inputs
+        rows["events"] = [(self._add_text(event.name),) for event in self._simulation.compiled.mechanism.events]
         rows["free_rates"] = [
             (self._add_text(body.name if body.joint.rate is None else ""),)
             for body in free_bodies(mechanism)
@@ -342,7 +348,7 @@ class _File:
         if place.array in known:
             return self._image.at(self._instance.known) + known[place.array]
         texts: dict[str, NDArray[Any]] = {"q": start.q, "v": start.v}
-        texts |= {"size": start.scratch.size, "row_size": start.scratch.row}
+        texts |= {EVENTS: self._instance.events.numbers, "size": start.scratch.size, "row_size": start.scratch.row}
         arrays = self._simulation.compiled.data.arrays._asdict()
         array = texts[place.array] if place.array in texts else arrays[place.array]
         return self._image.at(array) + place.offset

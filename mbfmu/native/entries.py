@@ -22,6 +22,8 @@ from mbfmu.mechanics.arrays.tables import LINEARIZED, TANGENT_NUMBERS, CalledKer
 from mbfmu.mechanics.records import ItemRecord, empty_data
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
 from mbfmu.modeling.variables import COUNTERS
+from mbfmu.session.events import search_memory
+from mbfmu.session.kernels.event_points import EventSearch
 from mbfmu.session.kernels.points import Session, begin_session
 from mbfmu.session.kernels.sequence import SolverActions, sequence_of
 from mbfmu.session.simulation import Simulation
@@ -41,6 +43,8 @@ from solvers.system import Array
 
 from . import eliminated
 from .derivatives import Linearization, empty_linearized, to_linearized
+from .event_memory import StepBegin, empty_memory, memory_of, refuse_unsupported
+from .event_steps import event_entries
 from .exchange_memory import Exchange
 from .families import ELIMINATED_FAMILIES, FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
 from .image import MemoryImage
@@ -79,6 +83,9 @@ class Instance(NamedTuple):
     exchange: Any  # mbfmu.native.exchange_memory.Exchange
     steady: Any  # mbfmu.native.steady_start.SteadyStart
     linearization: Any  # mbfmu.native.derivatives.Linearization
+    search: Any  # mbfmu.session.kernels.event_points.EventSearch
+    events: Any  # .event_memory.EventMemory
+    step_begin: Any  # .event_memory.StepBegin
 
 
 class Entry(NamedTuple):
@@ -133,7 +140,9 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     branch = FORMULATIONS[family_of(simulation)].branch
     more = Exchange.allocate(system.nq, system.n, lambda: branch(*sizes)), steady_start(simulation), linear
     first = session, session.inputs, *state, *buffers, own, shared_eqs, shared, start
-    return Instance(*first, *settings, *places, *more)
+    events = memory_of(compiled)
+    search = search_memory(compiled)._replace(crossed=events.crossed)
+    return Instance(*first, *settings, *places, *more, search, events, StepBegin.allocate())
 
 
 def linearization_of(simulation: Simulation) -> Linearization:
@@ -167,12 +176,6 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
             "not-native",
         )
-    if events := simulation.compiled.mechanism.events:
-        raise UserError(
-            f"native FMUs do not support events, such as {events[0].name!r}; remove the events, or export the model "
-            "with --python",
-            "not-native",
-        )
     if system.n_states and simulation.steady_state is not None:
         raise UserError(
             f"native FMUs do not start in the steady state of a model with first-order states, such as "
@@ -195,6 +198,14 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{', '.join(drop_unlisted(NATIVE_SOLVERS))}",
             "not-native",
         )
+    events = simulation.compiled.mechanism.events
+    if sampled := simulation.compiled.mechanism.sampled:
+        raise UserError(
+            f"native FMUs do not support sampled blocks, such as {sampled[0].name!r}; remove them, or export the model "
+            "with --python",
+            "not-native",
+        )
+    refuse_unsupported(events, is_large=not FAMILIES[family].has_factors)
     instance, arrays = instance_of(simulation, differentiates), simulation.compiled.data.arrays
     compiled, known = simulation.compiled, numbers_in_fmu(called_in_steps(simulation.compiled, family))
     tables = [(arrays.kernels, kernel_numbers(compiled.called(), known))]
@@ -216,6 +227,7 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
         *own.work.memory(),
         *own.scales,
     ]
+    state += [*instance.events.memory(), *instance.search.memory()]
     units = instance.work.size, instance.work.size_q, start.scratch.row
     state += [start.q, start.v, *units, instance.known, instance.options]
     if family in ELIMINATED_FAMILIES:
@@ -223,7 +235,9 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
     state += instance.session.memory()
     state += [array for array in arrays if array is not arrays.kernels]
     state += instance.exchange.memory()
-    return instance, MemoryImage(instance, state, tables)
+    step_begin = instance.step_begin
+    snapshot = (step_begin.state, step_begin.copy, instance.events.control) if events else None
+    return instance, MemoryImage(instance, state, tables, snapshot)
 
 
 def example(name: str) -> Any:
@@ -244,7 +258,10 @@ def example(name: str) -> Any:
     linear = Linearization.example(pin(empty_linearized()))
     more = Exchange.allocate(1, 1, lambda: FORMULATIONS[name].branch(1, 1, 1)), SteadyStart.empty(), linear
     shared_eqs, shared = family.formulation(eqs, work)
-    return pin(Instance(*run, given, shared_eqs, shared, start, *settings, frames, z(1), positions, *more))
+    places = np.zeros(2, np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64), z(1)
+    event_parts = EventSearch.allocate(*places), empty_memory(), StepBegin.allocate()
+    first = *run, given, shared_eqs, shared, start, *settings
+    return pin(Instance(*first, frames, z(1), positions, *more, *event_parts))
 
 
 _named = cache(as_kernel)  # what two families call is compiled once
@@ -393,6 +410,7 @@ def entries(name: str) -> dict[str, Entry]:
 
     timed, given = (types.float64,), (types.int64, types.float64)
     exchange = exchange_entries(name, jit_uncached(sequence.read))
+    events = event_entries(family, actions, sequence)
     return {
         "start": Entry(start, given),
         "assemble": Entry(assemble, timed),
@@ -410,4 +428,5 @@ def entries(name: str) -> dict[str, Entry]:
         "restore": Entry(restore, ()),
         "close": Entry(close, ()),
         **{own: Entry(*entry) for own, entry in exchange.items()},
+        **{own: Entry(function, timed) for own, function in events.items()},
     }

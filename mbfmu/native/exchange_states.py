@@ -57,6 +57,8 @@ def explain_missing_exchange(simulation: Simulation) -> str:
             f"it has {count} continuous states and {outputs} outputs, each of which depends on all states; supported: "
             f"{MAX_STATES} states, and a product of the two numbers of {MAX_DEPENDENCIES}"
         )
+    if events := simulation.compiled.mechanism.events:
+        return f"it has events, such as {events[0].name!r}"
     return ""
 
 

@@ -55,6 +55,7 @@ from solvers.system import Equations, TangentCallbacks, Terms, TreeEquations
 
 from . import eliminated
 from .closing import close_positions, close_velocities
+from .event_steps import ADAMS_STEPS, IDA_STEPS, ONE_STEP_STEPS, StepKernels
 from .start_checks import NO_BRANCH, mark_free_rates
 from .steady_start import find_start_in_steady_state, no_search
 
@@ -130,6 +131,8 @@ class Family(NamedTuple):
     uses_tangent: bool = False  # whether it factors the structured tangent
     evaluates_placed: bool = True  # whether an evaluation leaves the bodies at the reported state
     formulation: Callable[[Any, Any], tuple[Any, Any]] = whole_of  # (eqs, work) -> those of the Instance
+    steps: StepKernels = ADAMS_STEPS
+    has_factors: bool = False  # whether the Instance has factors of the constraints, so that impulses are possible
 
 
 @kernel
@@ -331,15 +334,17 @@ FAMILIES = {  # by the prefix of their entry points
     "adams": Family(
         adams, DENSE_KERNELS, _dense_equations, History.allocate, _workspace,
         assemble_dense, begin_adams, evaluate_dense, solve_dense, True, checks_or_watches_energy, ADAMS_KERNELS,
+        has_factors=True,
     ),
     "radau": Family(
         radau, DENSE_KERNELS, _dense_equations, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
         assemble_dense, begin_radau, evaluate_dense, solve_dense, True, checks_energy, RadauMethod.kernels,
+        steps=ONE_STEP_STEPS, has_factors=True,
     ),
     "ida": Family(
         dense_ida, DENSE_KERNELS, _dense_equations, IDAMemory.allocate, _workspace,
         assemble_dense, begin_ida, evaluate_dense, solve_dense, True, checks_energy, dense_ida.IDA_KERNELS,
-        start_ida, dense_ida.restore, dense_ida.close, keeps_history_at_jumps=False,
+        start_ida, dense_ida.restore, dense_ida.close, keeps_history_at_jumps=False, steps=IDA_STEPS, has_factors=True,
     ),
     "tree": Family(
         tree_loop, EXPLICIT_KERNELS, _explicit_equations, History.allocate,
@@ -351,13 +356,14 @@ FAMILIES = {  # by the prefix of their entry points
         assemble_tree, begin_esdirk, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
         ESDIRK_KERNELS,
         restore=esdirk.discard_factors, balance=no_search, structure=STRUCTURED_TANGENT, uses_tangent=True,
+        steps=ONE_STEP_STEPS,
     ),
     "tree_ida": Family(
         tree_ida, TREE_KERNELS, _tree_equations, tree_memory.TreeIDAMemory.allocate, tree_memory.Work.allocate,
         assemble_tree, begin_tree_ida, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
         tree_ida.IDA_KERNELS,
         restore=tree_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, balance=no_search,
-        structure=STRUCTURED_TANGENT, uses_tangent=True,
+        structure=STRUCTURED_TANGENT, uses_tangent=True, steps=IDA_STEPS,
     ),
     "eliminated": Family(
         eliminated_loop, eliminated.ELIMINATION_KERNELS, eliminated.ClosableEquations.of,
@@ -373,7 +379,7 @@ FAMILIES = {  # by the prefix of their entry points
         eliminated.evaluate_eliminated, False, checks_energy, tree_ida.IDA_KERNELS,
         restore=eliminated_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, balance=no_search,
         structure=Structure(eliminated.implicit_structure_of, eliminated.empty_implicit_structure), uses_tangent=True,
-        evaluates_placed=False, formulation=eliminated.formulation_of,
+        evaluates_placed=False, formulation=eliminated.formulation_of, steps=IDA_STEPS,
     ),
 }  # fmt: skip
 TREE_FAMILIES = ("tree", "esdirk", "tree_ida")  # families of large models without constraints

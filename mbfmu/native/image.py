@@ -45,6 +45,9 @@ class MemoryImage:
     tables
         Arrays of addresses of kernels, which are other ones in the runtime, each with the numbers of those kernels in
         the runtime; -1: there is none.
+    snapshot
+        Two arrays of words (1,) and an array of ``state``: in the block the first of the two is the memory of all
+        arrays before that one, and the second has the size of it. None: there are no such arrays.
 
     Attributes
     ----------
@@ -61,8 +64,10 @@ class MemoryImage:
         root: tuple[Any, ...],
         state: Sequence[NDArray[Any]],
         tables: Sequence[tuple[NDArray[np.int64], Sequence[int]]],
+        snapshot: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[Any]] | None = None,
     ) -> None:
         self.size = 0
+        self._regions: dict[int, tuple[int, int]] = {}  # place and bytes of memory, by the identity of an array
         self._arrays: dict[int, tuple[int, NDArray[Any]]] = {}  # place and array, by address in this process
         self._tuples: dict[int, tuple[int, Any]] = {}  # place and tuple, by address
         self._words: list[tuple[int, bytes]] = []
@@ -70,6 +75,10 @@ class MemoryImage:
         for array in state:
             self._emit_array(array)
         self.saved = self.size
+        if snapshot is not None:
+            before, copy, first = snapshot
+            extent = self.at(first)
+            self._regions = {id(before): (0, extent), id(copy): (self._grow(extent), extent)}
         self.root = self._emit_tuple(root)
         self.kernels = [
             Relocation(self.at(addresses) + 8 * k, number)
@@ -133,6 +142,10 @@ class MemoryImage:
         if isinstance(own, tuple):
             self.relocations.append(Relocation(at, self._emit_tuple(own)))
             return bytes(8)
+        if id(own) in self._regions:
+            place, extent = self._regions[id(own)]
+            self.relocations.append(Relocation(at + 8 * ADDRESS_WORD, place))
+            return struct.pack(f"={words_of(own)}q", 0, 0, extent // 8, 8, 0, extent // 8, 8)
         if isinstance(own, np.ndarray):
             self.relocations.append(Relocation(at + 8 * ADDRESS_WORD, self._emit_array(own)))
             return struct.pack(f"={words_of(own)}q", 0, 0, own.size, own.itemsize, 0, *own.shape, *own.strides)

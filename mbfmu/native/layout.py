@@ -33,6 +33,7 @@ from . import sundials
 from .checksum import crc64
 from .contents import Contents
 from .entries import Entry
+from .event_memory import EVENT_FAILED, FAILURES, RUN_ENDED_CODE, EventControlRecord
 from .exchange_memory import LEFT_BRANCH, NEXT_EVENT, NOT_DIFFERENTIABLE, RESTART, STATES_NOT_FINITE, TIMES
 from .families import FAMILIES
 from .kernel_table import USER_LIBRARY, USER_TABLE_SYMBOL, kernel_tables
@@ -106,6 +107,7 @@ SECTIONS = {
     "loads": NAME_RECORD,
     "free_rates": NAME_RECORD,  # of the coordinates: their bodies if their rates are not given, else empty
     "supports": SUPPORT_RECORD,
+    "events": NAME_RECORD,
     "text": np.dtype("u1"),
 }
 HEADER_OFFSETS = (
@@ -130,6 +132,7 @@ HEADER_OFFSETS = (
     "undetermined_time",
     "near_miss_factor",
     "near_miss_gap",
+    "events",
 )  # of arrays that C looks at, in the block
 HEADER = np.dtype(
     [
@@ -164,7 +167,7 @@ STRUCTS = {
     "Header": HEADER, "Variable": VARIABLE, "Array": ARRAY, "Member": MEMBER, "Entry": ENTRY, "Sum": SUM, "Term": TERM,
     "Factor": FACTOR, "Relocation": RELOCATION, "Sentence": SENTENCE, "Failure": FAILURE, "Name": NAME_RECORD,
     "Support": SUPPORT_RECORD, "Library": LIBRARY, "Options": OPTIONS, "RunStatus": RUN_STATUS,
-    "Worst": WorstRecord.dtype,
+    "Worst": WorstRecord.dtype, "EventControl": EventControlRecord.dtype,
 }  # fmt: skip
 
 
@@ -175,6 +178,13 @@ TEXTS: dict[str, Diagnostic | str] = {  # of diagnostics, with fields that C fil
     "INPUT_JUMP_TEXT": run_messages.INPUT_JUMP,
     "LIMITED_RTOL_TEXT": LIMITED_RTOL,
     "LIMITED_TOLERANCE_TEXT": LIMITED_TOLERANCE,
+    "MASSLESS_EVENT_TEXT": run_messages.MASSLESS_EVENT,
+    "PRESCRIBED_BOUNCE_TEXT": run_messages.PRESCRIBED_BOUNCE,
+    "RESTING_BOUNCE_TEXT": run_messages.RESTING_BOUNCE,
+    "RUN_ENDED_TEXT": run_messages.RUN_ENDED,
+    "SINGULAR_EVENT_TEXT": run_messages.SINGULAR_EVENT,
+    "START_BEYOND_STOP_TEXT": run_messages.START_BEYOND_STOP,
+    "TOO_MANY_EVENTS_TEXT": run_messages.TOO_MANY_EVENTS,
     "SINGULAR_START_TEXT": run_messages.SINGULAR_START,
     "SLOW_PASSAGE_TEXT": run_messages.SLOW_PASSAGE,
     "UNDETERMINED_FORCES_TEXT": run_messages.UNDETERMINED_FORCES,
@@ -211,6 +221,7 @@ def declarations(contents: Contents, entries: Mapping[str, Entry]) -> str:
     lines += [f"#define MAX_VALID_RATIO {MAX_VALID_RATIO!r}", f"#define PASSAGE_INACCURATE {PASSAGE_INACCURATE}"]
     lines += [f"#define LEFT_BRANCH ({LEFT_BRANCH})", f"#define STATES_NOT_FINITE ({STATES_NOT_FINITE})"]
     lines += [f"#define NOT_DIFFERENTIABLE ({NOT_DIFFERENTIABLE})", f"#define EXCHANGE_TIMES {TIMES}"]
+    lines += [f"#define RUN_ENDED ({RUN_ENDED_CODE})", f"#define EVENT_FAILED ({EVENT_FAILED})"]
     lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]
@@ -224,6 +235,7 @@ def declarations(contents: Contents, entries: Mapping[str, Entry]) -> str:
         _enum("SETTABLE", SETTABLE),
         _enum("SETTING", (p.name for p in declared(Settings))),
         _enum("CODE", (code.name for code in Code)),
+        _enum("EVENT", FAILURES),
         _enum("ASSEMBLY", (outcome.name for outcome in (*Outcome, *Flaw))),
     ]
     for name, more in known:

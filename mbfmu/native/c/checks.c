@@ -88,7 +88,7 @@ static bool good_table(const Header *h)
 /* Whether the library has all entry points that are called. */
 static bool good_entry_points(const Header *h)
 {
-    return (!h->steady || family.balance) && (!(h->exchange || h->derivatives) || family.exchange_evaluate);
+    return (!h->steady || family.balance) && (!h->events_count || family.events_step) && (!(h->exchange || h->derivatives) || family.exchange_evaluate);
 }
 
 static bool good_header(const Header *h)
@@ -103,7 +103,7 @@ static bool good_header(const Header *h)
            in_block(h, h->undetermined_at, 1, sizeof(int64_t)) &&
            in_block(h, h->undetermined_time_at, 1, sizeof(double)) &&
            in_block(h, h->near_miss_factor_at, 1, sizeof(double)) &&
-           in_block(h, h->near_miss_gap_at, 1, sizeof(double)) &&
+           in_block(h, h->near_miss_gap_at, 1, sizeof(double)) && in_block(h, h->events_at, 1, sizeof(EventControl)) &&
            h->free_rates_count <= h->coordinates_count && is_index(h->exchange, 2) && good_states(h) &&
            good_table(h) && good_entry_points(h);
 }
@@ -116,7 +116,7 @@ static bool good_sections(const Header *h)
            SECTION(entries, Entry) && SECTION(sums, Sum) && SECTION(terms, Term) && SECTION(factors, Factor) &&
            SECTION(relocations, Relocation) && SECTION(kernels, Relocation) && SECTION(sentences, Sentence) &&
            SECTION(failures, Failure) && SECTION(rows, Name) && SECTION(coordinates, Name) && SECTION(cuts, Name) && SECTION(loads, Name) &&
-           SECTION(free_rates, Name) && SECTION(supports, Support) &&
+           SECTION(free_rates, Name) && SECTION(supports, Support) && SECTION(events, Name) &&
            SECTION(text, char) && h->sentences_count >= CODE_COUNT && h->failures_count >= ASSEMBLY_COUNT;
 }
 
@@ -264,7 +264,7 @@ static bool good_texts(const Instance *own)
             return false;
     return good_names(own, h->rows, h->rows_count) && good_names(own, h->coordinates, h->coordinates_count) &&
            good_names(own, h->cuts, h->cuts_count) && good_names(own, h->loads, h->loads_count) &&
-           good_names(own, h->free_rates, h->free_rates_count) && good_supports(own);
+           good_names(own, h->free_rates, h->free_rates_count) && good_names(own, h->events, h->events_count) && good_supports(own);
 }
 
 /* Whether all that the tables refer to is there; the sections are checked before anything in them is read. */

@@ -32,7 +32,7 @@ static void begin_life(Instance *own)
         own->values[k] = own->variables[k].start;
     memset(own->flags, 0, count_of(own));
     own->start = own->reached = 0.0;
-    own->stopped = false;
+    own->stopped = own->ended = false;
     own->phase = INSTANTIATED;
     own->fresh = own->derived = false;
     own->message[0] = '\0';
@@ -229,8 +229,10 @@ static Outcome go(Instance *own, double t, double length)
     memcpy(own->kept, own->block, saved);
     double here = clock_of(own), end = fmax(here, t + length); /* the host's clock may be a little slow */
     clear_report(own);
-    int64_t code = call_entry_at(own, own->family->step, end);
-    if (code != CODE_OK) {
+    bool has_events = own->header->events_count > 0;
+    int64_t code = call_entry_at(own, has_events ? own->family->events_step : own->family->step, end);
+    own->ended = code == RUN_ENDED;
+    if (code != CODE_OK && !own->ended) {
         warn_reported(own);
         describe_stop(own, code, text);
         if (status->unknown) {
@@ -249,10 +251,19 @@ static Outcome go(Instance *own, double t, double length)
     unmark(own, RATED);
     own->fresh = own->derived = false;
     own->message[0] = '\0';
-    own->reached = end;
+    own->reached = own->ended ? clock_of(own) : end;
     log_new(own, status, here);
-    own->advanced = end > here;
-    return OK;
+    own->advanced = !has_events && end > here;
+    if (!own->ended)
+        return OK;
+    describe_end(own, text);
+    return fail(own, DISCARD, text);
+}
+
+/* Whether an event has ended the run in the last step: the FMU stands at the time of the event. */
+bool has_ended(const Instance *own)
+{
+    return own->ended;
 }
 
 /* Go from t by a length, both s; ``reached`` is where the FMU stands afterwards. */
@@ -260,6 +271,7 @@ Outcome step(Instance *own, double t, double length, double *reached)
 {
     Outcome outcome = go(own, t, length);
     own->stopped = outcome != OK;
+    own->ended = own->ended && own->stopped;
     *reached = own->reached;
     return outcome;
 }

@@ -34,6 +34,7 @@ Outcome enter_initialization(Instance *own);
 Outcome exit_initialization(Instance *own);
 Outcome step(Instance *own, double t, double length, double *reached);
 bool stopped(const Instance *own);
+bool has_ended(const Instance *own);
 Outcome terminate(Instance *own);
 Outcome reset(Instance *own);
 Outcome refuse(Instance *own, const char *call);

@@ -52,11 +52,14 @@ static fmi3Instance instantiate(fmi3String token, fmi3String folder, bool exchan
 }
 
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
-                                         fmi3Boolean logging, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
-                                         size_t, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
-                                         fmi3IntermediateUpdateCallback)
+                                         fmi3Boolean logging, fmi3Boolean, fmi3Boolean may_return_early,
+                                         const fmi3ValueReference[], size_t, fmi3InstanceEnvironment environment,
+                                         fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback)
 {
-    return instantiate(token, folder, false, logging, environment, log);
+    Host *host = instantiate(token, folder, false, logging, environment, log);
+    if (host)
+        host->may_return_early = may_return_early;
+    return host;
 }
 
 fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
@@ -97,17 +100,19 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 length, fmi3Boo
 {
     if (!c)
         return fmi3Error;
+    const Host *host = c;
     double last;
     Outcome outcome = step(instance(c), t, length, &last);
+    bool has_left = has_ended(instance(c)); /* the step has succeeded up to the event that ends the run */
     if (event)
         *event = false;
     if (ends)
         *ends = stopped(instance(c));
     if (early)
-        *early = false;
+        *early = has_left && host->may_return_early && last < t + length;
     if (reached)
         *reached = last;
-    return (fmi3Status)outcome;
+    return has_left ? fmi3OK : (fmi3Status)outcome;
 }
 
 /* ---- values ------------------------------------------------------------------------------------------------------ */

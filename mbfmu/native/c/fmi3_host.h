@@ -11,6 +11,7 @@ typedef struct {
     fmi3LogMessageCallback log;
     fmi3InstanceEnvironment environment;
     unsigned logged; /* categories */
+    bool may_return_early;
 } Host;
 
 static inline Instance *instance(fmi3Instance c)

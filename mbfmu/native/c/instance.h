@@ -29,6 +29,7 @@ struct Instance {
     Phase phase;
     bool exchange;  /* for model exchange, not for co-simulation */
     bool stopped;   /* the last step failed */
+    bool ended;     /* an event has ended the run in the last step */
     bool untouched; /* the block is that of the file */
     bool fresh;     /* outputs are those of the present state */
     bool derived;   /* so are derivatives */
@@ -105,6 +106,7 @@ void add(char text[SAYS], const char *more);
 void add_all(char text[SAYS], const char *const parts[], size_t count);
 Outcome fail(Instance *own, Outcome outcome, const char *text);
 void describe_stop(Instance *own, int64_t code, char text[SAYS]);
+void describe_end(Instance *own, char text[SAYS]);
 void describe_assembly(Instance *own, int64_t code, char text[SAYS]);
 void describe_energy_error(const Instance *own, char text[SAYS]);
 void describe_bend(Instance *own, const char *before, const char *after, char text[SAYS]);

@@ -71,9 +71,57 @@ Outcome fail(Instance *own, Outcome outcome, const char *text)
     return outcome;
 }
 
+/* Fill a text of mbfmu/session/run_messages.py: fields with a format, such as {t:.6g}, with numbers, others with texts,
+   in quotes where it is {name!r}. */
+static void fill(char text[SAYS], const char *form, const double numbers[], const char *const texts[])
+{
+    char part[SAYS], format[16], digits[32];
+    text[0] = '\0';
+    for (const char *open; (open = strchr(form, '{')); form = strchr(open, '}') + 1) {
+        size_t before = (size_t)(open - form), width = (size_t)(strchr(open, '}') - open);
+        const char *colon = memchr(open, ':', width);
+        memcpy(part, form, before);
+        part[before] = '\0';
+        add(text, part);
+        if (colon) {
+            snprintf(format, sizeof format, "%%%.*s", (int)(width - (size_t)(colon - open) - 1), colon + 1);
+            snprintf(digits, sizeof digits, format, *numbers++);
+            add(text, with_point(digits));
+            continue;
+        }
+        const char *quote = memchr(open, '!', width) ? "'" : "";
+        const char *const parts[] = {quote, *texts++, quote};
+        add_all(text, parts, 3);
+    }
+    add(text, form);
+}
+
+/* Describe the event that has ended or stopped the run, by a text of mbfmu/session/run_messages.py. */
+static void describe_event(Instance *own, const char *form, char text[SAYS])
+{
+    const EventControl *control = (const EventControl *)(own->block + own->header->events_at);
+    const Name *names = section(own, own->header->events);
+    const double numbers[] = {clock_of(own), control->within};
+    const char *const texts[] = {text_at(own, names[control->event].name)};
+    fill(text, form, numbers, texts);
+}
+
+void describe_end(Instance *own, char text[SAYS])
+{
+    describe_event(own, RUN_ENDED_TEXT, text);
+}
+
 /* Say why a solver stopped where it stands, and what to try. */
 void describe_stop(Instance *own, int64_t code, char text[SAYS])
 {
+    static const char *const failed_events[] = {[EVENT_TOO_MANY] = TOO_MANY_EVENTS_TEXT, [EVENT_RESTING] = RESTING_BOUNCE_TEXT,
+        [EVENT_MASSLESS] = MASSLESS_EVENT_TEXT, [EVENT_PRESCRIBED] = PRESCRIBED_BOUNCE_TEXT,
+        [EVENT_SINGULAR] = SINGULAR_EVENT_TEXT, [EVENT_BEYOND] = START_BEYOND_STOP_TEXT};
+    if (code == EVENT_FAILED) {
+        const EventControl *control = (const EventControl *)(own->block + own->header->events_at);
+        describe_event(own, failed_events[control->failure], text);
+        return;
+    }
     const Sentence *sentence = (const Sentence *)section(own, own->header->sentences) + code;
     const double *clock = (const double *)(own->block + own->header->clock_at);
     char digits[32];
@@ -118,31 +166,6 @@ void describe_assembly(Instance *own, int64_t code, char text[SAYS])
             add_all(text, parts, sizeof parts / sizeof parts[0]);
         }
     add(text, text_at(own, f->between));
-}
-
-/* Fill a text of mbfmu/session/run_messages.py: fields with a format, such as {t:.6g}, with numbers, others with texts,
-   in quotes where it is {name!r}. */
-static void fill(char text[SAYS], const char *form, const double numbers[], const char *const texts[])
-{
-    char part[SAYS], format[16], digits[32];
-    text[0] = '\0';
-    for (const char *open; (open = strchr(form, '{')); form = strchr(open, '}') + 1) {
-        size_t before = (size_t)(open - form), width = (size_t)(strchr(open, '}') - open);
-        const char *colon = memchr(open, ':', width);
-        memcpy(part, form, before);
-        part[before] = '\0';
-        add(text, part);
-        if (colon) {
-            snprintf(format, sizeof format, "%%%.*s", (int)(width - (size_t)(colon - open) - 1), colon + 1);
-            snprintf(digits, sizeof digits, format, *numbers++);
-            add(text, with_point(digits));
-            continue;
-        }
-        const char *quote = memchr(open, '!', width) ? "'" : "";
-        const char *const parts[] = {quote, *texts++, quote};
-        add_all(text, parts, 3);
-    }
-    add(text, form);
 }
 
 /* Say when and by how much the balance of energy and work was lost. */

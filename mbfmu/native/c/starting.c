@@ -155,6 +155,11 @@ Outcome start_anew(Instance *own)
         describe_assembly(own, status->flaw, text);
         return fail(own, ERROR, text);
     }
+    if (own->header->events_count && !own->exchange &&
+        (code = call_entry_at(own, own->family->events_begin, own->start)) != CODE_OK) {
+        describe_stop(own, code, text);
+        return fail(own, ERROR, text);
+    }
     own->reached = own->start;
     if (status->singular)
         warn_singular_start(own);

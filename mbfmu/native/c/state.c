@@ -91,7 +91,7 @@ Outcome restore(Instance *own, const State *state)
     own->phase = (Phase)state->phase;
     own->start = state->start;
     own->reached = state->reached;
-    own->stopped = false;
+    own->stopped = own->ended = false;
     memcpy(own->message, state->message, sizeof own->message);
     memcpy(own->values, state->values, count * sizeof *state->values);
     memcpy(own->rates, state->values + count, inputs_of(own) * sizeof *state->values);

@@ -1,0 +1,304 @@
+"""Actions of the events of a native FMU: kernels over an instance that has matrices, and those of any instance.
+
+They do what :mod:`mbfmu.session.events` and :mod:`mbfmu.session.impulses` do in Python. The jump of the velocities by
+an impulse is found by the factors of the solver: M dv + J^T Lambda = p and J dv = 0 are the equations of motion with p
+in place of the forces.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.recursions.dynamics import watch_sensors
+from mbfmu.session.events import MIN_EVENTS_TIME_RATIO
+from mbfmu.session.impulses import CONTRADICTION, DEPENDENT_ROW_RATIO
+from mbfmu.session.kernels.event_points import BEGIN, VALUES, EventSearch
+from mbfmu.session.run_messages import MAX_EVENTS, RESTING_BOUNCES
+from solvers.compiled.kernel import kernel
+from solvers.linalg.dense import rank_at
+from solvers.outcome import OK
+from solvers.projection.projection import UNRESOLVED_PIVOT_RATIO, evaluate_regular_acceleration
+from solvers.projection.workspace import evaluate_and_factor
+
+from .event_memory import (
+    BEYOND,
+    BOUNCE,
+    END_RUN,
+    MASSLESS,
+    NO_FAILURE,
+    PRESCRIBED,
+    RESTING,
+    SINGULAR,
+    TOO_MANY,
+    EventMemory,
+)
+
+MAX_IMPACT_SWEEPS = 10_000  # of the impulses of several stops that are hit at one time
+IMPACT_TOLERANCE = 1e-14  # change of the impulses in a sweep, relative to the largest
+
+
+@kernel
+def begin_events(events: EventMemory, t: float) -> None:
+    """Begin at t, s: events of times before do not occur."""
+    control = events.control[0]
+    control.ended, control.failure, control.count, control.changed = 0, NO_FAILURE, 0, 0
+    for k in range(events.times.shape[0]):
+        events.done[k] = 1 if events.times[k] < t else 0
+    for k in range(events.recent.shape[0]):
+        events.recent[k] = -np.inf
+    for k in range(events.bounces.shape[0]):
+        for i in range(events.bounces.shape[1]):
+            events.bounces[k, i] = -np.inf
+
+
+@kernel
+def next_event_time(events: EventMemory) -> float:
+    """Time of the next event of a given time, s; infinite: there is none."""
+    found = np.inf
+    for k in range(events.times.shape[0]):
+        if events.done[k] == 0:
+            found = min(found, events.times[k])
+    return float(found)
+
+
+@kernel
+def collect_due(events: EventMemory, search: EventSearch, t: float, slack: float) -> bool:
+    """Collect the events at the reported state of time t (s): crossings, and given times up to ``slack`` (s) later."""
+    is_any = False
+    for k in range(events.due.shape[0]):
+        events.due[k] = 0
+    for k in range(events.sensed.shape[0]):
+        if search.found[k] == 1:
+            events.due[events.sensed[k]], is_any = 1, True
+    for k in range(events.times.shape[0]):
+        if events.done[k] == 0 and events.times[k] <= t + slack:
+            events.done[k], events.due[events.timed[k]], is_any = 1, 1, True
+    return is_any
+
+
+@kernel
+def stop_by_event(events: EventMemory, event: int, failure: int) -> None:
+    """Note that an event stops the run with an error; the first one is reported."""
+    control = events.control[0]
+    if control.failure == NO_FAILURE:
+        control.failure, control.event = failure, event
+
+
+@kernel
+def end_by_event(events: EventMemory, event: int) -> None:
+    """Note that an event ends the run."""
+    control = events.control[0]
+    if control.ended == 0:
+        control.ended, control.event = 1, event
+
+
+@kernel
+def record_events(events: EventMemory, search: EventSearch, t: float, duration: float) -> None:
+    """Record the events that are due, and stop the run if too many follow each other or a sensor rests at its stop."""
+    control, shortest = events.control[0], MIN_EVENTS_TIME_RATIO * duration
+    for event in range(events.due.shape[0]):
+        if events.due[event] == 0:
+            continue
+        for i in range(MAX_EVENTS):
+            events.recent[i] = events.recent[i + 1]
+        events.recent[MAX_EVENTS] = t
+        control.count += 1
+    for row in range(events.actions.shape[0]):
+        action = events.actions[row]
+        if events.due[action.event] == 0 or action.kind != BOUNCE:
+            continue
+        times, is_short = events.bounces[action.place], True
+        for i in range(RESTING_BOUNCES):
+            times[i] = times[i + 1]
+        times[RESTING_BOUNCES] = t
+        for i in range(RESTING_BOUNCES):
+            is_short = is_short and times[i + 1] - times[i] < shortest
+        if is_short:
+            control.within = times[RESTING_BOUNCES] - times[0]
+            stop_by_event(events, action.event, RESTING)
+    if control.count > MAX_EVENTS and t - events.recent[0] < shortest:
+        for event in range(events.due.shape[0] - 1, -1, -1):
+            if events.due[event] == 1:
+                control.within = t - events.recent[0]
+                stop_by_event(events, event, TOO_MANY)
+
+
+@kernel
+def respond_to_impulse(instance: Any, impulse: Any, response: Any) -> int:
+    """Fill the jump of the velocities (n,) by an impulse (n,) at the reported state; return one of FAILURES.
+
+    The terms and factors of the state are those of the last :func:`evaluate_and_factor`.
+    """
+    eqs, work, rank = instance.eqs, instance.work, instance.given.memory.control[0].rank
+    if rank_at(work.pivot, rank, UNRESOLVED_PIVOT_RATIO) < rank:
+        return SINGULAR
+    n = impulse.shape[0]
+    for i in range(n):
+        eqs.terms.h[i] = -impulse[i]
+    for i in range(eqs.terms.gamma.shape[0]):
+        eqs.terms.gamma[i] = 0.0
+    if evaluate_regular_acceleration(eqs.terms, rank, work, response) != OK:
+        return MASSLESS
+    given, pushed = 0.0, 0.0  # squares of the impulse, and of the part that the constraints let move something
+    for i in range(n):
+        given += (work.size[i] * impulse[i]) ** 2
+    for k in range(n - rank):
+        part = 0.0
+        for i in range(n):
+            part += work.T[k, i] * impulse[i]
+        pushed += part * part
+    for i in range(n):
+        response[i] *= 1.0 if pushed > DEPENDENT_ROW_RATIO**2 * given else 0.0
+    return NO_FAILURE
+
+
+@kernel
+def fill_impulse_jump(instance: Any, place: int, value: float) -> int:
+    """Fill the jump of the velocities by an impulse on one coordinate; return one of FAILURES."""
+    events = instance.events
+    evaluate_and_factor(instance.eqs, instance.clock[0], instance.q, instance.v, instance.work)
+    for i in range(events.impulse.shape[0]):
+        events.impulse[i] = value if i == place else 0.0
+    found: int = respond_to_impulse(instance, events.impulse, instance.dv)
+    return found
+
+
+@kernel
+def fill_approach_rates(instance: Any, v: Any, rates: Any) -> None:
+    """Fill the rates (k,) of sensors towards their stops at velocities v (n,)."""
+    search = instance.search
+    watch_sensors(instance.clock[0], instance.q, v, search.parts, instance.session.data, search.values)
+    for k in range(rates.shape[0]):
+        place = search.rate_places[k]
+        rates[k] = search.directions[k] * search.values[place] if place >= 0 else 0.0
+
+
+@kernel
+def fill_slopes(instance: Any) -> None:
+    """Fill the slopes of the rates of sensors towards their stops, which are linear in the velocities."""
+    events, v = instance.events, instance.events.impulse
+    for i in range(v.shape[0]):
+        v[i] = 0.0
+    fill_approach_rates(instance, v, events.rates)
+    for i in range(v.shape[0]):
+        v[i] = 1.0
+        fill_approach_rates(instance, v, events.demand)
+        v[i] = 0.0
+        for k in range(events.rates.shape[0]):
+            events.slopes[k, i] = events.demand[k] - events.rates[k]
+
+
+@kernel
+def check_stops(instance: Any) -> bool:
+    """Whether no sensor is beyond its stop at the start; else the run is stopped."""
+    events, search, is_right = instance.events, instance.search, True
+    for row in range(events.actions.shape[0]):
+        action = events.actions[row]
+        if action.kind != BOUNCE:
+            continue
+        fill_slopes(instance)
+        square, k = 0.0, action.place
+        for i in range(search.size.shape[0]):
+            square += (events.slopes[k, i] * search.size[i]) ** 2
+        if search.directions[k] * search.points[BEGIN, VALUES + k] > instance.options[0].rtol * np.sqrt(square):
+            stop_by_event(events, action.event, BEYOND)
+            is_right = False
+    return is_right
+
+
+@kernel
+def solve_impacts(events: EventMemory) -> int:
+    """Find the impulses p >= 0 (k,) with E p >= d and p (E p - d) = 0 of the stops that are hit; return a sensor whose
+    demand d cannot be met, or -1.
+
+    E is symmetric and positive semidefinite. Each sweep solves one equation after the other (projected Gauss-Seidel
+    iteration: Cottle, Pang and Stone, *The Linear Complementarity Problem*, 2009, section 5.3); one stop needs one.
+    """
+    p, count = events.impulses, events.hit.shape[0]
+    for k in range(count):
+        p[k] = 0.0
+        if events.hit[k] == 1 and events.demand[k] > 0.0 and not events.effects[k, k] > 0.0:
+            return k
+    change, largest, sweeps = 1.0, 0.0, 0
+    while change > IMPACT_TOLERANCE * largest and sweeps < MAX_IMPACT_SWEEPS:
+        change, largest = 0.0, 0.0
+        sweeps += 1
+        for k in range(count):
+            if events.hit[k] == 0 or not events.effects[k, k] > 0.0:
+                continue
+            rest = events.demand[k]
+            for j in range(count):
+                rest -= events.effects[k, j] * p[j] if events.hit[j] == 1 else 0.0
+            root = np.sqrt(events.effects[k, k])
+            before = p[k]
+            p[k] = max(0.0, p[k] + rest / events.effects[k, k])
+            change, largest = max(change, root * abs(p[k] - before)), max(largest, root * p[k])
+    for k in range(count):
+        if events.hit[k] == 1:
+            rest = events.demand[k]
+            for j in range(count):
+                rest -= events.effects[k, j] * p[j] if events.hit[j] == 1 else 0.0
+            if rest > np.sqrt(CONTRADICTION) * max(abs(events.demand[k]), np.sqrt(events.effects[k, k]) * largest):
+                return k
+    return -1
+
+
+@kernel
+def fill_bounce_jump(instance: Any) -> bool:
+    """Fill the jump of the velocities by the impacts of the stops that are due; False: there is none, or it stops the
+    run.
+    """
+    events, is_any = instance.events, False
+    n, count = events.impulse.shape[0], events.sensed.shape[0]
+    for k in range(count):
+        events.hit[k] = 0
+    for row in range(events.actions.shape[0]):
+        action = events.actions[row]
+        if action.kind == BOUNCE and events.due[action.event] == 1:
+            events.hit[action.place], is_any = 1, True
+    if not is_any:
+        return False
+    fill_slopes(instance)
+    evaluate_and_factor(instance.eqs, instance.clock[0], instance.q, instance.v, instance.work)
+    for k in range(count):
+        if events.hit[k] == 0:
+            continue
+        for i in range(n):
+            events.impulse[i] = -events.slopes[k, i]
+        failure = respond_to_impulse(instance, events.impulse, instance.dv)
+        if failure != NO_FAILURE:
+            stop_by_event(events, events.sensed[k], failure)
+            return False
+        for i in range(n):
+            events.responses[k, i] = instance.dv[i]
+    fill_approach_rates(instance, instance.v, events.demand)
+    for row in range(events.actions.shape[0]):
+        action = events.actions[row]
+        if action.kind == BOUNCE and events.hit[action.place] == 1:
+            rate = events.demand[action.place]
+            events.demand[action.place] = rate + events.values[row] * max(rate, 0.0)
+    for k in range(count):
+        for j in range(count):
+            events.effects[k, j] = 0.0
+            for i in range(n):
+                events.effects[k, j] -= events.slopes[k, i] * events.responses[j, i] if events.hit[j] == 1 else 0.0
+    wrong = solve_impacts(events)
+    if wrong >= 0:
+        stop_by_event(events, events.sensed[wrong], PRESCRIBED)
+        return False
+    for i in range(n):
+        instance.dv[i] = 0.0
+        for k in range(count):
+            instance.dv[i] += events.impulses[k] * events.responses[k, i] if events.hit[k] == 1 else 0.0
+    return True
+
+
+@kernel
+def end_if_requested(events: EventMemory) -> None:
+    """Note that the run ends if one of the events that are due ends it."""
+    for row in range(events.actions.shape[0]):
+        action = events.actions[row]
+        if action.kind == END_RUN and events.due[action.event] == 1:
+            end_by_event(events, action.event)

@@ -1,0 +1,176 @@
+"""Events of a native FMU as arrays: what they are, and which of them have occurred."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
+from mbfmu.mechanics.events import Action, Bounce, EndRun, Event, Impulse, SetInput
+from mbfmu.session.run_messages import MAX_EVENTS, RESTING_BOUNCES
+from mbfmu.util.errors import UserError
+from solvers.compiled.record import Record, f8, i8
+from solvers.system import Array
+
+if TYPE_CHECKING:
+    from solvers.compiled.record import Table
+
+SET_INPUT, IMPULSE, END_RUN, BOUNCE = range(4)  # kinds of actions
+ACTION_KINDS: dict[type[Action], int] = {SetInput: SET_INPUT, Impulse: IMPULSE, EndRun: END_RUN, Bounce: BOUNCE}
+# Codes of a step in addition to those of solvers.outcome: an event has ended the run, or stops it with an error
+RUN_ENDED_CODE, EVENT_FAILED = -10, -11
+FAILURES = ("NONE", "TOO_MANY", "RESTING", "MASSLESS", "PRESCRIBED", "SINGULAR", "BEYOND")  # why an event stops a run
+NO_FAILURE, TOO_MANY, RESTING, MASSLESS, PRESCRIBED, SINGULAR, BEYOND = range(len(FAILURES))
+
+
+class EventControlRecord(Record):
+    """State of the events of a run."""
+
+    ended: i8  # 1: an event has ended the run
+    failure: i8  # one of FAILURES
+    event: i8  # number of the event that has ended or stopped the run
+    within: f8  # s, in which too many events have occurred
+    count: i8  # number of events that have occurred
+    changed: i8  # 1: an input was set by the last events
+
+
+class ActionRecord(Record):
+    """An action of an event."""
+
+    event: i8  # number of the event
+    kind: i8
+    place: i8  # number of the input, or of the velocity on which an impulse acts; of the sensor of a bounce
+
+
+class EventMemory(NamedTuple):
+    """The events of a run, k of which have sensors and m given times, with a actions."""
+
+    control: Table[EventControlRecord]  # (1,)
+    numbers: Array  # values of the sensors (k,), times (m,), s, values of actions (a,)
+    crossed: Array  # parts of it: (k,) values of the sensors
+    times: Array  # (m,) s
+    values: Array  # (a,) values of inputs, impulses, coefficients of restitution
+    actions: Table[ActionRecord]  # (a,), in the order of the events and of their actions
+    sensed: NDArray[np.int64]  # (k,) numbers of the events that have sensors
+    timed: NDArray[np.int64]  # (m,) numbers of the events of given times
+    done: NDArray[np.int64]  # (m,) 1: this event has occurred, or is before the start
+    due: NDArray[np.int64]  # (events,) 1: the event is at the reported state
+    recent: Array  # (MAX_EVENTS + 1,) s, times of the last events
+    bounces: Array  # (k, RESTING_BOUNCES + 1) s, times of the last bounces of each sensor
+    # scratch of impacts: of k sensors, n velocities
+    hit: NDArray[np.int64]
+    slopes: Array  # (k, n)
+    responses: Array  # (k, n)
+    effects: Array  # (k, k)
+    demand: Array  # (k,) then the impulses
+    impulses: Array
+    rates: Array  # (k,)
+    impulse: Array  # (n,)
+
+    @staticmethod
+    def allocate(
+        actions: Any, numbers: Array, sensed: Sequence[int], timed: Sequence[int], events: int, n: int
+    ) -> EventMemory:
+        """Return events that have not begun."""
+        k, m, z, i = len(sensed), len(timed), np.zeros, np.int64
+        parts = numbers, numbers[:k], numbers[k : k + m], numbers[k + m :]
+        which = actions, np.array(sensed, i), np.array(timed, i), z(m, i), z(events, i)
+        history = z(MAX_EVENTS + 1), z((k, RESTING_BOUNCES + 1))
+        scratch = z(k, i), z((k, n)), z((k, n)), z((k, k)), z(k), z(k), z(k), z(n)
+        return EventMemory._make((EventControlRecord.zeros(1), *parts, *which, *history, *scratch))
+
+    def memory(self) -> list[NDArray[Any]]:
+        """Return the arrays to save."""
+        return [self.control, self.numbers, self.done, self.recent, self.bounces]
+
+
+class StepBegin(NamedTuple):
+    """State of a solver at the begin of a step without dense output, which is repeated to the times that are examined.
+
+    ``state`` is the memory in which the state of the solver is: the first part of the block of the instance.
+    """
+
+    is_kept: NDArray[np.int64]  # (1,) 1: the last step has no dense output
+    target: Array  # (1,) s, time to which this step was to lead
+    state: NDArray[np.int64]  # words
+    copy: NDArray[np.int64]
+
+    @staticmethod
+    def allocate() -> StepBegin:
+        """Return a place that has not got its memory, see :class:`.image.MemoryImage`."""
+        i = np.int64
+        return StepBegin(np.zeros(1, i), np.zeros(1), np.zeros(1, i), np.zeros(1, i))
+
+
+def event_numbers(mechanism: Any) -> Array:
+    """Return the numbers of the events of a mechanism: see :class:`EventMemory`."""
+    events: list[Event] = mechanism.events
+    crossed = [event.value for event in events if event.sensor is not None]
+    times = [event.time for event in events if event.sensor is None]
+    values = [_value(action) for event in events for action in event.actions]
+    return np.array([*crossed, *times, *values], float)
+
+
+def _value(action: Action) -> float:
+    if isinstance(action, Bounce):
+        return action.restitution
+    return float(getattr(action, "value", 0.0)) if isinstance(action, SetInput | Impulse) else 0.0
+
+
+def event_structure(mechanism: Any) -> list[tuple[Any, ...]]:
+    """Return what native FMUs have of the events as it is at the export: all but their numbers."""
+    return [
+        (event.name, event.sensor is None, event.direction, *map(_structure, event.actions))
+        for event in mechanism.events
+    ]
+
+
+def _structure(action: Action) -> tuple[Any, ...]:
+    if isinstance(action, Impulse):
+        return Impulse, action.body.index, action.coordinate
+    return type(action), getattr(action, "name", "")
+
+
+def memory_of(compiled: CompiledMechanism) -> EventMemory:
+    """Return the events of a compiled mechanism."""
+    events, system = compiled.mechanism.events, compiled.system
+    numbers = {variable.name: k for k, variable in enumerate(compiled.inputs.variables)}
+    sensed = [k for k, event in enumerate(events) if event.sensor is not None]
+    timed = [k for k, event in enumerate(events) if event.sensor is None]
+    listed = [(k, action) for k, event in enumerate(events) for action in event.actions]
+    actions = ActionRecord.zeros(len(listed))
+    for row, (k, action) in zip(actions, listed, strict=True):
+        row["event"], row["kind"] = k, ACTION_KINDS[type(action)]
+        if isinstance(action, SetInput):
+            row["place"] = numbers[action.name]
+        elif isinstance(action, Impulse):
+            row["place"] = int(compiled.data.arrays.bodies["vf"][action.body.index]) + action.coordinate
+        elif isinstance(action, Bounce):
+            row["place"] = sensed.index(k)
+    return EventMemory.allocate(actions, event_numbers(compiled.mechanism), sensed, timed, len(events), system.n)
+
+
+def empty_memory() -> EventMemory:
+    """Return events of the types that all have, without any event."""
+    return EventMemory.allocate(ActionRecord.zeros(1), np.zeros(3), [0], [0], 1, 1)
+
+
+def refuse_unsupported(events: Sequence[Event], is_large: bool) -> None:
+    """Raise UserError if native FMUs do not support one of these events.
+
+    ``is_large``: the equations of motion are not available as matrices.
+    """
+    allowed = [kind.__name__ for kind in ACTION_KINDS if not is_large or kind not in (Impulse, Bounce)]
+    for event in events:
+        for action in event.actions:
+            kind = type(action).__name__
+            if kind not in allowed:
+                raise UserError(
+                    f"native FMUs do not support the action {kind} of event {event.name!r}"
+                    f"{' in large models' if is_large else ''}; allowed: {', '.join(allowed)}. Remove the action, or "
+                    "export the model with --python",
+                    "not-native",
+                )
