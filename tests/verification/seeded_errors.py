@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 MECHANICS = "mbfmu.mechanics"
 TOLERANCE = 1e-6
+NOT_PLANTED = "not planted"
 
 
 class Change(NamedTuple):
@@ -71,7 +72,14 @@ SEEDS = (
     ),
     Seed(
         "dropped parallel axis term",
-        (Change(f"{MECHANICS}.recursions.crba", "accumulate_composite_inertia", "- m * rho[k] * rho[j]", ""),),
+        (
+            Change(
+                f"{MECHANICS}.recursions.crba",
+                "accumulate_composite_inertia",
+                "m * rho[k] + 2.0 * mc[k]",
+                "2.0 * mc[k]",
+            ),
+        ),
         "sprung four-bar",
         "adams",
     ),
@@ -142,14 +150,7 @@ SEEDS = (
     ),
     Seed(
         "dropped gyroscopic term of the linear model",
-        (
-            Change(
-                "mbfmu.steady.linear",
-                "LinearizedPlant.respond",
-                "s.fill(self.t, q, v, T)\n    a, lam",
-                "s.fill(self.t, q, self.v, T)\n    a, lam",
-            ),
-        ),
+        (Change("solvers.statics.matrices", "_dense_terms", "C[:, k] = terms", "C[:, k] = 0.0 * terms"),),
         "whirl",
         "modes",
     ),
@@ -192,11 +193,16 @@ def verdicts(seed: Seed, *, planted: bool) -> list[str]:
         try:
             os.close(reading)
             if planted:
-                plant(seed.changes)
+                try:
+                    plant(seed.changes)
+                except (AttributeError, ImportError, ValueError) as error:
+                    found = [f"{NOT_PLANTED}: {error}"]
+                    raise
             (problem,) = (p for p in PROBLEMS if p.name == seed.problem)
             found = [line.verdict for line in check(problem, [seed.method], [TOLERANCE])]
         except Exception as error:
-            found = [f"ended: {error}"]
+            if not found[0].startswith(NOT_PLANTED):
+                found = [f"ended: {error}"]
         finally:
             os.write(writing, json.dumps(found).encode())
             os._exit(0)

@@ -21,6 +21,7 @@ def check(names: list[str]) -> None:
     for entry in found:
         assert entry["right"] == ["right"], entry
         assert entry["planted"] != ["right"], entry
+        assert not entry["planted"][0].startswith("not planted"), entry
 
 
 def test_a_few_errors_are_found() -> None:
