@@ -26,6 +26,11 @@ class Source(NamedTuple):
     title: str
     link: str = ""  # address: DOI, or the page of a library of problems
 
+    @property
+    def key(self) -> str:
+        """Surname of the first author and year."""
+        return f"{self.authors.split(',')[0].split()[-1]} {self.year}"
+
     def __str__(self) -> str:
         return f"{self.authors} ({self.year}): {self.title}"
 
@@ -127,6 +132,11 @@ class Problem:
     derivation: str
     build: Callable[[], Mechanism]
     is_quick: bool = True
+
+    @property
+    def source_keys(self) -> str:
+        """First authors and years of the sources; empty if there are none."""
+        return ", ".join(source.key for source in self.sources)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,27 +16,21 @@ from .suite import NOT_COVERED, summarize
 from .verdict import ERROR_FACTOR, LOST_PART, UNCERTAINTY_FACTOR, Line
 
 REPORT_HEADER = (
-    "problem",
-    "quantity",
-    "reference",
-    "mbfmu",
-    "method",
-    "tolerance",
-    "error",
-    "allowed",
-    "CPU ms",
-    "verdict",
-)
+    "problem", "source", "quantity", "reference", "uncertainty", "mbfmu", "method", "tolerance", "error", "allowed",
+    "CPU ms", "verdict",
+)  # fmt: skip
+TEXT_COLUMNS = 3  # at the beginning; the other ones but the method and the verdict are numbers
 STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; background: #fff; max-width: 82rem; margin: 2rem auto;
+body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; background: #fff; max-width: 96rem; margin: 2rem auto;
        padding: 0 1.5rem; }
 h1 { font-size: 1.7rem; margin-bottom: .2rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
 p, li { max-width: 50rem; } .small { color: #57606a; font-size: .85rem; }
 table { border-collapse: collapse; width: 100%; font-size: .85rem; font-variant-numeric: tabular-nums; }
 th { text-align: left; border-bottom: 2px solid #57606a; padding: .3rem .6rem; vertical-align: bottom; }
 td { border-bottom: 1px solid #d8dee4; padding: .3rem .6rem; vertical-align: top; }
-td.number { text-align: right; white-space: nowrap; } tr.first td { border-top: 2px solid #afb8c1; }
+th.number, td.number { text-align: right; white-space: nowrap; } tr.first td { border-top: 2px solid #afb8c1; }
 .right { color: #116329; } .refused, .warned { color: #7d4e00; } .WRONG { color: #a40e26; font-weight: 700; }
+.none { color: #57606a; }
 .totals span { display: inline-block; margin-right: 2rem; font-size: 1.05rem; }
 dt { font-weight: 600; margin-top: .9rem; } dd { margin-left: 1.2rem; max-width: 50rem; }
 a { color: #0550ae; }
@@ -65,8 +59,10 @@ def cells(line: Line) -> tuple[str, ...]:
     """Return the cells of a line."""
     return (
         line.problem,
+        line.source,
         f"{line.quantity} [{line.unit}]",
         number(line.reference, 10),
+        number(line.uncertainty, 1),
         number(line.value, 10),
         line.method,
         "-" if line.tolerance is None else format_tolerance(line.tolerance),
@@ -79,7 +75,7 @@ def cells(line: Line) -> tuple[str, ...]:
 
 def number(value: float | None, digits: int) -> str:
     """Return a number with the given number of significant digits; a dash if there is none."""
-    return "-" if value is None else f"{value:.{digits}g}"
+    return "-" if value is None else f"{value:.{digits}g}".replace("e-0", "e-")
 
 
 def environment() -> str:
@@ -114,7 +110,7 @@ def as_dict(problems: Sequence[Problem], lines: Sequence[Line]) -> dict[str, Any
 def as_page(problems: Sequence[Problem], lines: Sequence[Line]) -> str:
     """Return the report as one page of HTML without external files."""
     counts = {word: sum(line.verdict == word for line in lines) for word in ("right", "refused", "warned", "WRONG")}
-    totals = "".join(f'<span class="{word}">{n} {word}</span>' for word, n in counts.items())
+    totals = "".join(f'<span class="{word if n else "none"}">{n} {word}</span>' for word, n in counts.items())
     described = "".join(describe(problem) for problem in problems)
     reasons = "".join(
         f'<li>{escape(line.problem)}, {escape(line.method)}, {tolerance_text(line)}: <span class="{line.verdict}">'
@@ -129,7 +125,7 @@ def as_page(problems: Sequence[Problem], lines: Sequence[Line]) -> str:
         f'<h1>Verification of mbfmu</h1><p class="small">{escape(environment())}</p>',
         f'<p class="totals">{totals}</p><p>{escape(rule_text())}</p>',
         "<h2>Results</h2>",
-        table(lines),
+        table(lines, problems),
         f"<h2>Messages</h2><ul>{reasons}</ul>" if reasons else "",
         f"<h2>Problems and references</h2><dl>{described}</dl>",
         "<h2>Not covered</h2><ul>" + "".join(f"<li>{escape(text.replace('`', ''))}</li>" for text in NOT_COVERED),
@@ -138,19 +134,24 @@ def as_page(problems: Sequence[Problem], lines: Sequence[Line]) -> str:
     return "\n".join(filter(None, parts))
 
 
-def table(lines: Sequence[Line]) -> str:
-    """Return the table of results as HTML; a problem is named in its first line."""
-    head = "".join(f"<th>{title}</th>" for title in REPORT_HEADER)
+def table(lines: Sequence[Line], problems: Sequence[Problem]) -> str:
+    """Return the table of results as HTML; the first line of a problem contains its name, sources and quantity."""
+    sources = {
+        problem.name: "; ".join(as_link(source, source.key) for source in problem.sources) for problem in problems
+    }
+    is_text = [k < TEXT_COLUMNS or title in ("method", "verdict") for k, title in enumerate(REPORT_HEADER)]
+    styles = ["" if text else ' class="number"' for text in is_text]
+    head = "".join(f"<th{style}>{title}</th>" for style, title in zip(styles, REPORT_HEADER, strict=True))
     rows, previous = [], ""
     for line in lines:
-        own = cells(line)
-        is_first = line.problem != previous
+        own = [escape(text) for text in cells(line)]
+        own[1] = sources[line.problem]
+        if line.problem == previous:
+            own[:TEXT_COLUMNS] = [""] * TEXT_COLUMNS
+        own[-1] = f'<span class="{line.verdict}">{line.verdict}</span>'
+        row = "".join(f"<td{style}>{text}</td>" for style, text in zip(styles, own, strict=True))
+        rows.append(f"<tr>{row}</tr>" if line.problem == previous else f'<tr class="first">{row}</tr>')
         previous = line.problem
-        names = [f"<td>{escape(text) if is_first else ''}</td>" for text in own[:2]]
-        numbers = [f'<td class="number">{escape(text)}</td>' for text in own[2:4]]
-        numbers += [f"<td>{escape(own[4])}</td>", *(f'<td class="number">{escape(text)}</td>' for text in own[5:9])]
-        verdict = f'<td class="{line.verdict}">{line.verdict}</td>'
-        rows.append(f'<tr class="{"first" if is_first else ""}">{"".join(names + numbers)}{verdict}</tr>')
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
@@ -168,7 +169,7 @@ def describe(problem: Problem) -> str:
     )
 
 
-def as_link(source: Source) -> str:
-    """Return a source as HTML."""
-    text = escape(str(source))
-    return f'<a href="{escape(source.link, quote=True)}">{text}</a>' if source.link else text
+def as_link(source: Source, text: str = "") -> str:
+    """Return a source as HTML, by its whole description or another text."""
+    shown = escape(text or str(source))
+    return f'<a href="{escape(source.link, quote=True)}">{shown}</a>' if source.link else shown

@@ -32,8 +32,10 @@ class Line:
 
     Attributes
     ----------
-    problem, quantity, unit
-        Name of the problem, and the quantity that is compared with its unit.
+    problem, source
+        Name of the problem, and authors and years of its sources.
+    quantity, unit
+        Quantity that is compared, and its unit.
     method
         Solver, or the function that computes the numbers.
     tolerance
@@ -54,6 +56,7 @@ class Line:
     """
 
     problem: str
+    source: str
     quantity: str
     unit: str
     method: str
@@ -113,6 +116,7 @@ def check_motion(problem: Motion, reference: Reference, method: str, tolerance: 
     """Compare a simulation with the reference."""
     line = Line(
         problem=problem.name,
+        source=problem.source_keys,
         quantity=problem.quantity,
         unit=problem.unit,
         method=method,
@@ -172,6 +176,7 @@ def check_value(problem: Value) -> Line:
     begin = time.process_time()
     line = Line(
         problem=problem.name,
+        source=problem.source_keys,
         quantity=problem.quantity,
         unit=problem.unit,
         method=problem.method,

@@ -149,6 +149,12 @@ SEEDS = (
         "adams",
     ),
     Seed(
+        "dropped constraint forces of the linear model",
+        (Change("solvers.statics.matrices", "_dense_terms", "(terms.h + terms.J.T @ lam)", "terms.h"),),
+        "governor with rods",
+        "equilibrium",
+    ),
+    Seed(
         "dropped gyroscopic term of the linear model",
         (Change("solvers.statics.matrices", "_dense_terms", "C[:, k] = terms", "C[:, k] = 0.0 * terms"),),
         "whirl",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-JOINT_NAMES = ("revolute", "translational", "spherical")
+POSITIONS = {"revolute": 1, "translational": 1, "spherical": 4, "universal": 2, "cylindrical": 2, "planar": 3}
 MAX_LINKS = 12
 
 
@@ -20,21 +20,24 @@ class Link(NamedTuple):
     parent
         Number of the parent among the links; -1: the ground.
     joint
-        ``revolute``, ``translational`` or ``spherical``.
-    axis
-        Unit vector of the joint (3,), in the joint frame.
+        Name of the joint, a key of ``POSITIONS``.
+    axis, second
+        Unit vector of the joint (3,), in the joint frame; and that of the second axis of a universal joint, in the
+        frame that has turned about the first. The axis of a planar joint is z.
     place, rotation
         Position (3,), m, and orientation (3, 3) of the joint frame in the frame of the parent.
     mass, com, inertia
         Mass, kg; center of mass (3,), m; and inertia about it (3, 3), kg m^2, in the frame of the body.
     position, rate
-        Coordinate of the joint and its velocity: m, rad, or a unit quaternion (4,), scalar first, and the angular
+        Coordinates of the joint and their rates: rad and m; of a cylindrical joint the angle and the displacement; of a
+        planar joint x, y and the angle; of a spherical joint a unit quaternion (4,), scalar first, and the angular
         velocity (3,) in the frame of the body.
     """
 
     parent: int
     joint: str
     axis: Array
+    second: Array
     place: Array
     rotation: Array
     mass: float
@@ -42,6 +45,17 @@ class Link(NamedTuple):
     inertia: Array
     position: Array
     rate: Array
+
+    @property
+    def parts(self) -> list[tuple[str, Array]]:
+        """Simple joints in series, ``revolute``, ``translational`` or ``spherical``, with their axes."""
+        x, y, z = np.eye(3)
+        composed = {
+            "universal": [("revolute", self.axis), ("revolute", self.second)],
+            "cylindrical": [("revolute", self.axis), ("translational", self.axis)],
+            "planar": [("translational", x), ("translational", y), ("revolute", z)],
+        }
+        return composed.get(self.joint, [(self.joint, self.axis)])
 
 
 class Dynamics(NamedTuple):
@@ -56,24 +70,25 @@ def random_tree(seed: int) -> tuple[list[Link], Array]:
     rng = np.random.default_rng(seed)
     links = []
     for k in range(int(rng.integers(1, MAX_LINKS + 1))):
-        joint = str(rng.choice(JOINT_NAMES))
-        axis = rng.normal(size=3)
+        joint = str(rng.choice(list(POSITIONS)))
+        axis, second = random_rotation(rng)[:2]
         points = rng.normal(size=(5, 3))
         inertia = sum((p @ p) * np.eye(3) - np.outer(p, p) for p in points)
-        size = 4 if joint == "spherical" else 1
+        size = POSITIONS[joint]
         position = rng.normal(size=size)
         links.append(
             Link(
                 parent=int(rng.integers(-1, k)),
                 joint=joint,
-                axis=axis / np.linalg.norm(axis),
+                axis=axis,
+                second=second,
                 place=rng.normal(size=3),
                 rotation=random_rotation(rng),
                 mass=float(rng.uniform(0.5, 3.0)),
                 com=0.5 * rng.normal(size=3),
                 inertia=0.1 * np.asarray(inertia),
                 position=position / np.linalg.norm(position) if size == 4 else position,
-                rate=rng.normal(size=3 if size == 4 else 1),
+                rate=rng.normal(size=3 if size == 4 else size),
             )
         )
     return links, rng.normal(size=3) * 5.0

@@ -6,11 +6,46 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics import CompiledMechanism, Mechanism, Revolute, Spherical, Translational
+from mbfmu.mechanics import (
+    CompiledMechanism,
+    Cylindrical,
+    Mechanism,
+    Planar,
+    Revolute,
+    Spherical,
+    Translational,
+    Universal,
+)
+from mbfmu.mechanics.joints import Joint
 
 from .random_trees import Array, Dynamics, Link
 
-AXIAL_JOINTS: dict[str, Any] = {"revolute": Revolute, "translational": Translational}
+AXIAL_JOINTS: dict[str, Any] = {
+    "revolute": Revolute,
+    "translational": Translational,
+    "universal": Universal,
+    "cylindrical": Cylindrical,
+}
+
+
+def joint_of(link: Link) -> Joint:
+    """Return the joint of a link."""
+    scalar = len(link.position) == 1
+    frame: dict[str, Any] = {
+        "at": tuple(link.place),
+        "rotation": link.rotation,
+        "fixed": True,
+        "start": float(link.position[0]) if scalar else tuple(link.position),
+        "rate": float(link.rate[0]) if scalar else tuple(link.rate),
+    }
+    if link.joint == "spherical":
+        return Spherical(**frame)
+    if link.joint == "planar":
+        return Planar(axis="z", **frame)
+    if link.joint == "universal":
+        frame["second"] = tuple(link.second)
+    made: Joint = AXIAL_JOINTS[link.joint](axis=tuple(link.axis), **frame)
+    return made
 
 
 def build(links: list[Link], gravity: Array) -> Mechanism:
@@ -18,14 +53,9 @@ def build(links: list[Link], gravity: Array) -> Mechanism:
     m = Mechanism(gravity=tuple(gravity))
     bodies: list[Any] = []
     for k, link in enumerate(links):
-        frame: dict[str, Any] = {"at": tuple(link.place), "rotation": link.rotation, "fixed": True}
-        if link.joint == "spherical":
-            joint = Spherical(start=tuple(link.position), rate=tuple(link.rate), **frame)
-        else:
-            state = {"start": float(link.position[0]), "rate": float(link.rate[0])}
-            joint = AXIAL_JOINTS[link.joint](axis=tuple(link.axis), **state, **frame)
         parent = m.ground if link.parent < 0 else bodies[link.parent]
-        bodies.append(m.body(f"link{k}", parent, joint, mass=link.mass, com=tuple(link.com), inertia=link.inertia))
+        solid: dict[str, Any] = {"mass": link.mass, "com": tuple(link.com), "inertia": link.inertia}
+        bodies.append(m.body(f"link{k}", parent, joint_of(link), **solid))
     return m
 
 

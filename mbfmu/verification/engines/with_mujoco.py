@@ -34,9 +34,10 @@ def as_mjcf(links: list[Link], gravity: Array) -> str:
         I = link.inertia
         full = listed((I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]))
         ElementTree.SubElement(body, "inertial", pos=listed(link.com), mass=repr(link.mass), fullinertia=full)
-        joint = ElementTree.SubElement(body, "joint", name=f"joint{k}", type=MJCF_JOINTS[link.joint])
-        if link.joint != "spherical":
-            joint.set("axis", listed(link.axis))
+        for i, (kind, axis) in enumerate(link.parts):
+            joint = ElementTree.SubElement(body, "joint", name=f"joint{k}.{i}", type=MJCF_JOINTS[kind])
+            if kind != "spherical":
+                joint.set("axis", listed(axis))
         elements.append(body)
     return ElementTree.tostring(root, encoding="unicode")
 
@@ -47,8 +48,8 @@ def evaluate(links: list[Link], gravity: Array) -> Dynamics:
     model = mujoco.MjModel.from_xml_string(as_mjcf(links, gravity))
     data = mujoco.MjData(model)
     places: list[int] = []
-    for k, link in enumerate(links):
-        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT.value, f"joint{k}")
+    for k, link in enumerate(links):  # joints of a body follow each other
+        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT.value, f"joint{k}.0")
         q, v = int(model.jnt_qposadr[number]), int(model.jnt_dofadr[number])
         data.qpos[q : q + len(link.position)] = link.position
         data.qvel[v : v + len(link.rate)] = link.rate

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import ellipj, ellipkinc
 
 from mbfmu.mechanics import (
+    Bounce,
     Gear,
     Harmonic,
     JointDamper,
@@ -65,6 +66,36 @@ def cart_exact() -> Pushed:
     motion = light_cart(1e-4).exact
     assert motion is not None
     return Pushed(motion, lambda q, _: q[:, 1:], 1e-10)
+
+
+DROP, RESTITUTION = 1.0, 0.8  # m, -
+
+
+def bouncing_ball() -> Mechanism:
+    """Return a ball that falls onto a rigid stop."""
+    m = Mechanism(gravity=(0.0, -G, 0.0))
+    ball = m.body("ball", m.ground, Translational(axis="y", start=DROP), mass=1.0)
+    m.event("floor", ball.coordinate(), crosses=0.0, direction="down", then=Bounce(restitution=RESTITUTION))
+    m.output("height", ball.coordinate(), "Height of the ball")
+    return m
+
+
+def bouncing_ball_exact() -> Exact:
+    """Return parabolas between impacts, at each of which the velocity is reversed and multiplied by the restitution."""
+
+    def solution(start: Array, times: Array) -> Array:
+        height, velocity = start
+        begin, values = 0.0, np.empty(len(times))
+        while begin <= times[-1]:
+            later = times >= begin
+            t = times[later] - begin
+            values[later] = height + velocity * t - 0.5 * G * t * t
+            impact = sqrt(velocity**2 + 2.0 * G * height)
+            begin += (velocity + impact) / G
+            height, velocity = 0.0, RESTITUTION * impact
+        return values[:, None]
+
+    return closed_form(solution, (DROP, 0.0), (1.0, sqrt(G)), 10.0)
 
 
 def first_rod(m: Mechanism) -> Mechanism:
@@ -217,5 +248,16 @@ PENDULUM_PROBLEMS = (
         exact=chain_exact,
         stop_time=1.0,
         is_quick=False,
+    ),
+    Motion(
+        name="bouncing ball",
+        description="Ball that falls 1 m onto a rigid stop with a restitution of 0.8, 2 s with three impacts.",
+        quantity="Height",
+        unit="m",
+        derivation="closed form",
+        build=bouncing_ball,
+        outputs=("height",),
+        exact=bouncing_ball_exact,
+        stop_time=2.0,
     ),
 )

@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipeinc, ellipkinc
 
 from mbfmu.mechanics import (
+    DistanceCutJoint,
     JointSpring,
     Mechanism,
     PointForce,
@@ -52,6 +53,52 @@ def pendulum_reference() -> Array:
     """Return cos a = g / (w^2 l) and the frequency w sin a."""
     angle = np.arccos(G / (SPINDLE_SPEED**2 * PENDULUM_LENGTH))
     return np.array((angle, SPINDLE_SPEED * np.sin(angle)))
+
+
+BALL_ARM, ROD_PIN, ROD = 0.3, 0.15, 0.2  # m: pivot to ball, pivot to rod on the arm, length of the rod
+BALL_MASS, COLLAR_MASS, COLLAR_STIFFNESS, COLLAR_FREE, GOVERNOR_SPEED = 1.0, 1.5, 800.0, 0.25, 9.0  # SI units
+
+
+def collar_distance(angle: Any) -> Any:
+    """Return the distance of the collar below the pivot for an angle of the arms below the horizontal."""
+    return ROD_PIN * np.sin(angle) + np.sqrt(ROD**2 - (ROD_PIN * np.cos(angle)) ** 2)
+
+
+def rod_governor() -> Mechanism:
+    """Return a governor with two arms, two rods and a sprung collar on a driven spindle."""
+    m = Mechanism(gravity=(0.0, -G, 0.0))
+    drive = Revolute(axis="y", drive=Polynomial((0.0, GOVERNOR_SPEED)))
+    spindle = m.body("spindle", m.ground, drive, inertia=(1.0, 1.0, 1.0))
+    start = Translational(axis=(0.0, -1.0, 0.0), start=float(collar_distance(0.8)))
+    collar = m.body("collar", spindle, start, mass=COLLAR_MASS)
+    for name, side in (("left", -1.0), ("right", 1.0)):
+        hinge = Revolute(axis=(0.0, 0.0, -side), start=0.8)
+        arm = m.body(name, spindle, hinge, mass=BALL_MASS, com=(side * BALL_ARM, 0.0, 0.0))
+        m.cut(f"{name}.rod", DistanceCutJoint(at_a=(side * ROD_PIN, 0.0, 0.0), length=ROD), arm, collar)
+    m.force("spring", JointSpring(stiffness=COLLAR_STIFFNESS, free=COLLAR_FREE), collar)
+    return m
+
+
+def rod_governor_state(m: Mechanism) -> Array:
+    """Return the angle of the arms, rad, and the natural frequency, rad/s."""
+    state = equilibrium(m)
+    return np.array((state.positions()["left"], state.modes[0].frequency))
+
+
+def rod_governor_reference() -> Array:
+    """Return the stationary point of the potential in the rotating frame, and the frequency (V'' / I)^(1/2)."""
+
+    def slope(angle: Any) -> Any:
+        root = np.sqrt(ROD**2 - (ROD_PIN * np.cos(angle)) ** 2)
+        lever = ROD_PIN * np.cos(angle) * (1.0 + ROD_PIN * np.sin(angle) / root)
+        spring = COLLAR_STIFFNESS * (collar_distance(angle) - COLLAR_FREE) - G * COLLAR_MASS
+        balls = (GOVERNOR_SPEED * BALL_ARM) ** 2 * np.sin(2.0 * angle) - 2.0 * G * BALL_ARM * np.cos(angle)
+        return spring * lever + BALL_MASS * balls
+
+    angle = brentq(slope, 0.2, 1.4, xtol=1e-15, rtol=1e-15)
+    lever = collar_distance(angle + 1e-30j).imag / 1e-30
+    inertia = 2.0 * BALL_MASS * BALL_ARM**2 + COLLAR_MASS * lever**2
+    return np.array((angle, sqrt(slope(angle + 1e-30j).imag / 1e-30 / inertia)))
 
 
 WHIRL_SPEED, STIFF = 7.0, (200.0, 90.0)  # rad/s, N/m along x and y of the rotor, 1 kg
@@ -224,6 +271,18 @@ STEADY_STATE_PROBLEMS = (
         measure=pendulum_state,
         method="equilibrium",
         reference=pendulum_reference,
+    ),
+    Value(
+        name="governor with rods",
+        description="Two arms of 0.3 m with balls of 1 kg on a spindle at 9 rad/s; rods of 0.2 m connect points at "
+        "0.15 m on the arms to a collar of 1.5 kg on a spring of 800 N/m with a free length of 0.25 m.",
+        quantity="Steady angle of the arms and natural frequency",
+        unit="rad, rad/s",
+        derivation="stationary potential, by SciPy",
+        build=rod_governor,
+        measure=rod_governor_state,
+        method="equilibrium",
+        reference=rod_governor_reference,
     ),
     Value(
         name="whirl",
