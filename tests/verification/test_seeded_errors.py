@@ -10,7 +10,11 @@ from pathlib import Path
 import pytest
 
 SCRIPT = Path(__file__).with_name("seeded_errors.py")
-FAST = ("dropped damping of a spring", "gear ratio one percent too large", "output scaled by 1.001")
+FAST = (
+    "gear ratio one percent too large",
+    "dropped constraint forces of the linear model",
+    "dropped gyroscopic term of the linear model",
+)
 
 
 def check(names: list[str]) -> None:
