@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import warnings
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +31,7 @@ from solvers.steppers.plugins import is_given
 from .description import Experiment
 from .documentation import dependencies, licenses, page
 from .native_fmu import Libraries, build_native_fmu
-from .python_fmu import build_python_fmu
+from .python_fmu import build_python_fmu, source_file
 from .terminals import terminal_files
 
 
@@ -241,8 +240,9 @@ def _licenses(*, native: bool, sundials: bool = False) -> dict[str, bytes]:
 
 def _pictures(model: Model, fmi: int) -> dict[str, bytes]:
     """Return the picture of a model, where importing tools look for it."""
-    picture = Path(inspect.getsourcefile(type(model)) or ".").parent / "model.png"
-    if not picture.is_file():
+    file = source_file(type(model))
+    picture = None if file is None else file.parent / "model.png"
+    if picture is None or not picture.is_file():
         return {}
     names = ("terminalsAndIcons/icon.png", *(("model.png",) if fmi == 2 else ()))
     return dict.fromkeys(names, picture.read_bytes())

@@ -129,8 +129,19 @@ def write_script(model: Model, settings: Settings, experiment: Experiment, folde
     return script, owner
 
 
+def source_file(cls: type[Model]) -> Path | None:
+    """Return the file of a model; None: it is in memory, such as an imported robot."""
+    try:
+        file = inspect.getsourcefile(cls)
+    except TypeError:  # its module has no file
+        return None
+    return None if file is None else Path(file)
+
+
 def own_source(cls: type[Model]) -> str:
     """Return the source of a model's file if it cannot be imported by name; empty otherwise."""
+    if code := getattr(sys.modules.get(cls.__module__), "__mbfmu_code__", ""):
+        return str(code)
     try:
         if cls.__module__ != "__main__" and importlib.util.find_spec(cls.__module__) is not None:
             module = sys.modules[cls.__module__]
@@ -138,7 +149,7 @@ def own_source(cls: type[Model]) -> str:
                 return ""
     except (ImportError, ValueError):
         pass
-    file = inspect.getsourcefile(cls)
+    file = source_file(cls)
     if file is None:
         raise UserError(f"model {cls.__name__!r} has no source file; put it into a file to export it")
     beside = getattr(sys.modules.get(cls.__module__), "__mbfmu_beside__", ())
@@ -148,7 +159,7 @@ def own_source(cls: type[Model]) -> str:
             "is not part of an FMU; move everything into one file or into an installed package, or run it with "
             "--direct"
         )
-    return importlib.util.decode_source(Path(file).read_bytes())
+    return importlib.util.decode_source(file.read_bytes())
 
 
 @contextmanager

@@ -91,6 +91,7 @@ def model_of(code: str) -> Model:
     module = sys.modules.get(name)
     if module is None:
         module = ModuleType(name)
+        vars(module)["__mbfmu_code__"] = code  # which an FMU that calls Python contains
         sys.modules[name] = module  # dataclasses search there for the module of a class
         exec(compile(code, f"<{name}>", "exec"), module.__dict__)
     found = [value for value in vars(module).values() if isinstance(value, type) and issubclass(value, Model)]

@@ -10,6 +10,9 @@ from mbfmu.util.errors import UserError, shorten, suggest
 from .losses import listed, printable
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
+WITH_NUMBERS = frozenset(  # elements
+    "origin mass inertia box sphere cylinder capsule mesh axis dynamics limit mimic".split()
+)
 NUMBER_COUNTS = {  # attributes with numbers, and how many
     **dict.fromkeys(("xyz", "rpy", "size", "scale"), 3),
     **dict.fromkeys(("value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz", "radius", "length"), 1),
@@ -118,7 +121,7 @@ def _check_numbers(what: str, owner: Element) -> None:
     for element in owner.iter():
         for key, text in element.attrib.items():
             count = NUMBER_COUNTS.get(key)
-            if count is None or element is owner:
+            if count is None or element.tag not in WITH_NUMBERS:
                 continue
             parts = text.split()
             if len(parts) != count or not all(map(is_number, parts)):

@@ -141,7 +141,10 @@ def default_scene(model: Model, reference: str = "") -> Scene:
 
 def scenes(model: type[Model]) -> dict[str, Path | None]:
     """Return the scenes of a model by name with their files: its own, which has none, then those that ship with it."""
-    folder = Path(inspect.getfile(model)).parent / "scenes"
+    try:
+        folder = Path(inspect.getfile(model)).parent / "scenes"
+    except TypeError:  # a model in memory, such as an imported robot
+        return {DEFAULT_SCENE: None}
     return {DEFAULT_SCENE: None} | {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 

@@ -28,6 +28,10 @@ Array = NDArray[np.float64]
 DPI = 100
 BACKGROUND, INK, GRID_COLOR, SHADOW = "#eef1f5", "#1d2430", "#c3cad4", "#d3d8e0"
 PANEL_FACES = np.array([[(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)]])
+ONE_SIDE, BOTH_SIDES, SKIN_SIDES = range(
+    3
+)  # solids, of which one side is seen; meshes, which may be open; skins and panels
+SHOWN_SIDES = {"panel": SKIN_SIDES, "mesh": BOTH_SIDES}
 MAX_FINE_PARTS = 300  # parts; more are drawn with fewer faces
 
 
@@ -133,12 +137,12 @@ class Artist:
         ax.set_ylim(-0.5, 0.5)
         if not self.shot.solids_only:
             ax.add_collection(LineCollection(self.grid, colors=GRID_COLOR, linewidths=0.7, zorder=0))
-        faces, colors, both, opacity = self._faces(frame)
+        faces, colors, sides, opacity = self._faces(frame)
         clear = opacity < 1.0
         if not clear.all() and not self.shot.solids_only:
             self._cast(ax, faces[~clear])
         for own in filter(np.any, (clear, ~clear)):  # what is led along glass stands before it, as it is seen through
-            self._paint(ax, faces[own], colors[own], both[own], opacity[own])
+            self._paint(ax, faces[own], colors[own], sides[own], opacity[own])
         if not self.shot.solids_only:
             self._caption(frame)
 
@@ -167,8 +171,8 @@ class Artist:
         for x, value in ticks.items():
             self.figure.text(x, low - 12.0 / high, f"{value:.3g}", color=INK, fontsize=9, ha="center", va="center")
 
-    def _faces(self, frame: int) -> tuple[Array, Array, NDArray[np.bool_], Array]:
-        """Return faces (n, 4, 3) in global axes, their colors (n, 3), which show both sides, and opacities (n,)."""
+    def _faces(self, frame: int) -> tuple[Array, Array, NDArray[np.int64], Array]:
+        """Return faces (n, 4, 3) in global axes, their colors (n, 3), which sides are shown, and opacities (n,)."""
         motion, picture = self.motion, self.motion.picture
         r, A = motion.r[frame].astype(float), matrices(motion.e[frame].astype(float))
         faces: list[Array] = []
@@ -189,8 +193,8 @@ class Artist:
         for bar in picture.bars:
             faces.append(bent(motion.axis(bar, frame), A[bar.body][:, 2], bar.height, bar.width))
             colors.append(self.colors[bar.color])
-        both = [part.solid == "panel" or part.solid.startswith("mesh") for part in picture.parts]
-        both += [False] * (len(faces) - len(both)) + [True] * len(picture.skins)
+        sides = [SHOWN_SIDES.get(part.solid.rstrip("0123456789"), ONE_SIDE) for part in picture.parts]
+        sides += [ONE_SIDE] * (len(faces) - len(sides)) + [SKIN_SIDES] * len(picture.skins)
         opacity = [part.opacity for part in picture.parts]
         for skin, field in zip(picture.skins, self.fields, strict=True):
             grid = np.array(skin.bodies)
@@ -199,12 +203,12 @@ class Artist:
             faces.append(quads.reshape(-1, 4, 3))
             colors.append(self._cells(field, self.colors[skin.color], frame) if field else self.colors[skin.color])
         if not faces:
-            return np.zeros((0, 4, 3)), np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0)
+            return np.zeros((0, 4, 3)), np.zeros((0, 3)), np.zeros(0, int), np.zeros(0)
         total = np.concatenate(faces)
         tints = np.concatenate([np.broadcast_to(c, (len(f), 3)) for f, c in zip(faces, colors, strict=True)])
         counts = [len(f) for f in faces]
         opacity += [1.0] * (len(faces) - len(opacity))
-        return total, tints, np.repeat(both, counts), np.repeat(opacity, counts)
+        return total, tints, np.repeat(sides, counts), np.repeat(opacity, counts)
 
     def _cells(self, field: Field, otherwise: Array, frame: int) -> Array:
         """Return the colors (cells, 3) of a field; ``otherwise`` where its values are not finite."""
@@ -220,8 +224,9 @@ class Artist:
         fallen: Any = self.camera.project(faces - drop[..., None] * self.light)[0]
         ax.add_collection(PolyCollection(fallen, facecolors=SHADOW, edgecolors=SHADOW, linewidths=0.3, zorder=1))
 
-    def _paint(self, ax: Any, faces: Array, colors: Array, both: NDArray[np.bool_], opacity: Array) -> None:
+    def _paint(self, ax: Any, faces: Array, colors: Array, sides: NDArray[np.int64], opacity: Array) -> None:
         """Draw faces, all of them opaque or all translucent, over what is there."""
+        both, thin = sides != ONE_SIDE, sides == SKIN_SIDES
         normals = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-30)[:, None]
         middle = faces.mean(axis=1)
@@ -230,7 +235,7 @@ class Artist:
         normals[both & (front < 0.0)] *= -1.0
         shown = both | (front >= 0.0)
         n = normals[shown]
-        through = np.where(both[shown], 0.25, 0.0)  # skins let light shine through
+        through = np.where(thin[shown], 0.25, 0.0)  # skins let light shine through
         sky, key = n @ self.axes[1], n @ self.light
         bright = 0.45 + 0.11 * (1.0 - 2.0 * through) * sky + 0.14 * np.abs(front[shown])
         bright += 0.42 * np.where(key > 0.0, 1.0 - through, through) * np.abs(key)
@@ -241,7 +246,7 @@ class Artist:
         if opacity[0] < 1.0:  # outlines would be seen twice where one face meets the next
             look: Any = {"edgecolors": "none", "alpha": opacity[shown][order]}
         else:
-            look = {"edgecolors": np.where(both[shown][:, None], 0.8 * color, color)[order], "linewidths": 0.35}
+            look = {"edgecolors": np.where(thin[shown][:, None], 0.8 * color, color)[order], "linewidths": 0.35}
         ax.add_collection(PolyCollection(outlines, facecolors=color[order], zorder=2, **look))
 
     def _grid(self) -> Any:

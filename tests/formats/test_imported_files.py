@@ -17,9 +17,11 @@ from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
 from mbfmu.cli import main
+from mbfmu.fmi.python_fmu import own_source
 from mbfmu.formats.imported import model_of, source_code
 from mbfmu.formats.literals import inertia_text, number_text, rotation_text
 from mbfmu.formats.names import RESERVED, Names, identifier
+from mbfmu.modeling.scene import scenes
 
 # ---- what is written ------------------------------------------------------------------------------------------------
 
@@ -119,6 +121,11 @@ def test_the_page_on_imports_runs(
         capsys.readouterr()
         exec(compile(block, "docs/importing.md", "exec"), {})
         assert re.findall(r"^print\(.*#\s(.*)", block, re.MULTILINE) == capsys.readouterr().out.splitlines()[-1:]
+    model = mb.load("arm.urdf", report=print)
+    mb.export(model, "loaded.fmu")
+    assert any(name.endswith("model.bin") for name in zipfile.ZipFile("loaded.fmu").namelist())
+    assert "class Arm(mb.Model)" in own_source(type(model)), "FMUs that call Python contain the model"
+    assert list(scenes(type(model))) == ["default"]
 
 
 # ---- names ----------------------------------------------------------------------------------------------------------

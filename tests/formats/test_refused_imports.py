@@ -136,6 +136,12 @@ def test_warnings_of_mujoco_are_notes(tmp_path: Path) -> None:
     assert "MuJoCo reports: compiler attribute 'settotalmass' is deprecated" in found.text
 
 
+def test_numbers_of_other_elements_are_not_checked(tmp_path: Path) -> None:
+    """Such as <verbose value="Yes"/> of the PR2."""
+    text = robot(GOOD, links="ab").replace("</link>", '<verbose value="Yes"/></link>', 1)
+    assert "<verbose>" in source_code(written(tmp_path, text))[1][0].text
+
+
 def test_an_old_version_of_mujoco_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     old = type(sys)("mujoco")
     old.__version__ = "3.3.7"  # type: ignore[attr-defined]
