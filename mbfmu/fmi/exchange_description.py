@@ -78,11 +78,14 @@ class ExchangeInterface(NamedTuple):
         Names of the inputs that move joints: outputs depend on them at once in model exchange, not in co-simulation.
     has_derivatives
         Whether directional derivatives are provided.
+    indicators
+        Number of event indicators.
     """
 
     variables: Sequence[ExchangeVariable]
     moving_inputs: Sequence[str]
     has_derivatives: bool
+    indicators: int = 0
 
     def derivative_capabilities(self, fmi: int) -> dict[str, str]:
         """Return the attributes of directional derivatives, for both types of FMU."""

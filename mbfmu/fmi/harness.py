@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from ctypes import byref, c_void_p, cast
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -23,6 +24,7 @@ from fmpy.fmi2 import (
 )
 from numpy.typing import NDArray
 
+from mbfmu.session.run_messages import RUN_ENDED
 from mbfmu.util.diagnostics import Diagnostic, without_repeats
 from mbfmu.util.errors import UserError, suggest
 from solvers.compiled.foreign_call import address_of_array, call_int
@@ -55,6 +57,11 @@ def fill_rows(do_step: int, get_real: int, fmu: int, times: Array, references: N
 def severity_of(status: int) -> Severity:
     """Return the severity of a message that an FMU logs with a status of FMI."""
     return "note" if status < fmi2Warning else "warning" if status == fmi2Warning else "error"
+
+
+def as_note_of_end(found: Diagnostic) -> Diagnostic:
+    """Return a note in place of the error that an event has ended the run; other errors as they are."""
+    return replace(found, severity="note") if found.code == RUN_ENDED.code else found
 
 
 class Fmu:
@@ -157,7 +164,7 @@ class Fmu:
         -------
         tuple[int, tuple[Diagnostic, ...]]
             Number of rows that are complete, and the diagnostics of the run: fewer than k, and an error, if the start
-            fails or a step is discarded.
+            fails or a step is discarded; fewer, and a note, if an event ends the run.
         """
         self.slave.reset()
         self.diagnostics.clear()
@@ -172,7 +179,7 @@ class Fmu:
             if done < len(times):
                 raise UserError(self.message())
         except UserError as error:
-            failures.append(error.diagnostic)
+            failures.append(as_note_of_end(error.diagnostic))
         return done, without_repeats([*(d for d in self.diagnostics if d.severity != "error"), *failures])
 
     def step(self, dt: float) -> None:

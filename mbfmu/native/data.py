@@ -18,6 +18,7 @@ from mbfmu.modeling.parameters import declared, span
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import ArrayVariable, Role, ScalarVariable, Type, arrays, list_variables
 from mbfmu.session.failure_diagnosis import advise
+from mbfmu.session.kernels.event_points import place_of_indicators
 from mbfmu.session.simulation import Simulation, UnstartedSimulation
 from mbfmu.session.tolerances import COARSE_TOLERANCE, describe_coarse
 from mbfmu.util.errors import UserError
@@ -80,6 +81,8 @@ class NativeModel(NamedTuple):
         Whether the FMU needs the library of :mod:`.user_kernels`.
     contents
         What the runtime of the FMU contains.
+    indicators
+        Number of event indicators of model exchange.
     """
 
     variables: tuple[ScalarVariable, ...]
@@ -93,6 +96,7 @@ class NativeModel(NamedTuple):
     data: bytes
     has_user_kernels: bool
     contents: Contents
+    indicators: int
 
 
 def native_model(model: Model, settings: Settings, for_one_run: bool = False) -> NativeModel:
@@ -129,7 +133,8 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     contents = contents_for(family, numbers, exchanges=states is not None, is_steady=is_steady, has_events=has_events)
     moving = tuple(v.name for k, v in enumerate(inputs.variables) if inputs.moves_support(k))
     provided = states, moving, differentiates, _takes_rates(simulation)
-    return NativeModel(variables, several, frozen, messages, *provided, file.write(), bool(own), contents)
+    indicators = len(instance.search.sides)
+    return NativeModel(variables, several, frozen, messages, *provided, file.write(), bool(own), contents, indicators)
 
 
 def _takes_rates(simulation: Simulation) -> bool:
@@ -225,6 +230,7 @@ class _File:
             "derivative_slopes": image.at(instance.linearization.slopes),
             "derivative_outputs": image.at(instance.linearization.outputs),
             "events": image.at(instance.events.control),
+            "indicators": image.at(instance.search.points) + place_of_indicators(instance.search),
         }  # fmt: skip
         control = instance.given.memory.control
         self._places |= {
@@ -278,6 +284,7 @@ class _File:
         header["user_kernels"] = len(user_kernels(called_in_steps(compiled, family_of(self._simulation))))
         header["saved_alone"] = self._image.at(self._instance.exchange.times)  # the first of model exchange
         header["exchange"], header["positions"], header["velocities"] = self._exchanges, system.nq, system.n
+        header["indicators"] = len(self._instance.search.sides)
         header["derivatives"], header["inputs"] = self._differentiates, len(compiled.inputs)
         header["takes_rates"] = _takes_rates(self._simulation)
         header["min_rtol"] = self._simulation.stepper.min_rtol

@@ -43,6 +43,7 @@ from solvers.system import Array
 
 from . import eliminated
 from .derivatives import Linearization, empty_linearized, to_linearized
+from .event_exchange import event_exchange_entries
 from .event_memory import StepBegin, empty_memory, memory_of, refuse_unsupported
 from .event_steps import event_entries
 from .exchange_memory import Exchange
@@ -411,6 +412,7 @@ def entries(name: str) -> dict[str, Entry]:
     timed, given = (types.float64,), (types.int64, types.float64)
     exchange = exchange_entries(name, jit_uncached(sequence.read))
     events = event_entries(family, actions, sequence)
+    events |= event_exchange_entries(family, FORMULATIONS[name], exchange["exchange_update"][0])
     return {
         "start": Entry(start, given),
         "assemble": Entry(assemble, timed),

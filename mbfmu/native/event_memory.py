@@ -22,6 +22,7 @@ SET_INPUT, IMPULSE, END_RUN, BOUNCE = range(4)  # kinds of actions
 ACTION_KINDS: dict[type[Action], int] = {SetInput: SET_INPUT, Impulse: IMPULSE, EndRun: END_RUN, Bounce: BOUNCE}
 # Codes of a step in addition to those of solvers.outcome: an event has ended the run, or stops it with an error
 RUN_ENDED_CODE, EVENT_FAILED = -10, -11
+EVENT_REQUESTED_CODE = -12  # a completed step in model exchange has ended at an event
 FAILURES = ("NONE", "TOO_MANY", "RESTING", "MASSLESS", "PRESCRIBED", "SINGULAR", "BEYOND")  # why an event stops a run
 NO_FAILURE, TOO_MANY, RESTING, MASSLESS, PRESCRIBED, SINGULAR, BEYOND = range(len(FAILURES))
 

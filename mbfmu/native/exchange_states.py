@@ -11,6 +11,7 @@ import numpy as np
 from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.mechanics.arrays.numbering import states_of
 from mbfmu.mechanics.arrays.tables import has_state
+from mbfmu.mechanics.events import SetInput
 from mbfmu.mechanics.sensors import Follows
 from mbfmu.modeling.variables import VARIABLE_NAME_PATTERN
 from mbfmu.session.simulation import Simulation
@@ -57,8 +58,11 @@ def explain_missing_exchange(simulation: Simulation) -> str:
             f"it has {count} continuous states and {outputs} outputs, each of which depends on all states; supported: "
             f"{MAX_STATES} states, and a product of the two numbers of {MAX_DEPENDENCIES}"
         )
-    if events := simulation.compiled.mechanism.events:
-        return f"it has events, such as {events[0].name!r}"
+    constant = list_constant_inputs(simulation)
+    for event in simulation.compiled.mechanism.events:
+        for action in event.actions:
+            if isinstance(action, SetInput) and action.name in constant:
+                return f"event {event.name!r} sets input {action.name!r}, which is constant in model exchange"
     return ""
 
 

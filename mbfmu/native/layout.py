@@ -33,7 +33,7 @@ from . import sundials
 from .checksum import crc64
 from .contents import Contents
 from .entries import Entry
-from .event_memory import EVENT_FAILED, FAILURES, RUN_ENDED_CODE, EventControlRecord
+from .event_memory import EVENT_FAILED, EVENT_REQUESTED_CODE, FAILURES, RUN_ENDED_CODE, EventControlRecord
 from .exchange_memory import LEFT_BRANCH, NEXT_EVENT, NOT_DIFFERENTIABLE, RESTART, STATES_NOT_FINITE, TIMES
 from .families import FAMILIES
 from .kernel_table import USER_LIBRARY, USER_TABLE_SYMBOL, kernel_tables
@@ -133,6 +133,7 @@ HEADER_OFFSETS = (
     "near_miss_factor",
     "near_miss_gap",
     "events",
+    "indicators",
 )  # of arrays that C looks at, in the block
 HEADER = np.dtype(
     [
@@ -159,6 +160,7 @@ HEADER = np.dtype(
         ("takes_rates", "i8"),  # 1: all inputs take a derivative by time in co-simulation
         ("positions", "i8"),  # number of free positions, and of velocities
         ("velocities", "i8"),
+        ("indicators", "i8"),  # number of event indicators
         *((f"{name}_at", "i8") for name in HEADER_OFFSETS),
         *(field for name in SECTIONS for field in ((name, "i8"), (f"{name}_count", "i8"))),
     ]
@@ -222,6 +224,7 @@ def declarations(contents: Contents, entries: Mapping[str, Entry]) -> str:
     lines += [f"#define LEFT_BRANCH ({LEFT_BRANCH})", f"#define STATES_NOT_FINITE ({STATES_NOT_FINITE})"]
     lines += [f"#define NOT_DIFFERENTIABLE ({NOT_DIFFERENTIABLE})", f"#define EXCHANGE_TIMES {TIMES}"]
     lines += [f"#define RUN_ENDED ({RUN_ENDED_CODE})", f"#define EVENT_FAILED ({EVENT_FAILED})"]
+    lines.append(f"#define EVENT_REQUESTED ({EVENT_REQUESTED_CODE})")
     lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]

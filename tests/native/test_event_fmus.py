@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from ctypes import POINTER, c_double
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from fmpy import extract, read_model_description, simulate_fmu
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import fmi2Discard, fmi2LastSuccessfulTime, fmi2Terminated
+from fmpy.fmi2 import FMU2Model, fmi2Discard, fmi2LastSuccessfulTime, fmi2Terminated
 from fmpy.fmi3 import FMU3Slave
 
 import mbfmu as mb
@@ -205,6 +206,20 @@ def test_a_ball_that_rests_stops_the_fmu_with_the_message_of_a_run(path: Path) -
         assert not fmu.slave.getBooleanStatus(fmi2Terminated) or fmu.slave.getRealStatus(fmi2LastSuccessfulTime) == 0.5
 
 
+def test_an_event_ends_runs_of_many_without_a_failure() -> None:
+    """Closed form; after the end there are no values."""
+    marks = [0.3, 0.5, 1.9]
+    batch = mb.simulate_many(
+        Yard(), 1.6, interval=0.2, parameters={"mark": marks}, outputs=["sled"], solver="adams", tolerance=1e-8
+    )
+    assert batch.failures == ("", "", "")
+    assert [[d.code for d in own] for own in batch.diagnostics] == [["run-ended"], ["run-ended"], []]
+    for mark, found in zip(marks, batch["sled"], strict=True):
+        runs = batch.t < 1.5 * np.sqrt(2.0 * mark)
+        np.testing.assert_allclose(found[runs], [sled(t, mark)[0] for t in batch.t[runs]], rtol=0.0, atol=3e-6)
+        assert np.isnan(found[~runs]).all()
+
+
 def test_events_that_native_fmus_do_not_have_are_refused(tmp_path: Path) -> None:
     @dataclass(frozen=True, kw_only=True)
     class Braked(mb.Model):
@@ -221,3 +236,57 @@ def test_events_that_native_fmus_do_not_have_are_refused(tmp_path: Path) -> None
     text = "native FMUs do not support the action Lock of event 'brake'; allowed: SetInput, Impulse, EndRun, Bounce"
     with pytest.raises(UserError, match=text):
         export(Braked(), tmp_path / "braked.fmu", SETTINGS, native=True)
+
+
+@pytest.mark.parametrize("values", [{}, {"restitution": 0.5, "mark": 0.3, "hit": 0.21}])
+def test_events_in_model_exchange(path: Path, values: dict[str, float]) -> None:
+    """CVode locates the changes of sign of the event indicators; the FMU acts in event mode, and ends the run."""
+    assert int(read_model_description(str(path)).numberOfEventIndicators) == 3
+    found = simulate_fmu(
+        str(path), stop_time=5.0, output_interval=0.17, output=NAMES, start_values=values, fmi_type="ModelExchange",
+        relative_tolerance=1e-9, record_events=False,
+    )  # fmt: skip
+    end = 1.5 * np.sqrt(2.0 * values.get("mark", 0.5))
+    assert found["time"][-1] == pytest.approx(0.17 * np.floor(end / 0.17), abs=1e-9)
+    check(found, **values, atol=2e-5)
+
+
+def test_a_completed_step_beyond_an_event_requires_event_mode(path: Path) -> None:
+    """An importing tool without a search for changes of sign sets states beyond the mark of the sled."""
+    description = read_model_description(str(path))
+    fmu = FMU2Model(
+        guid=description.guid,
+        unzipDirectory=extract(str(path)),
+        modelIdentifier=description.modelExchange.modelIdentifier,
+        instanceName="one",
+    )
+    fmu.instantiate()
+    fmu.setupExperiment(startTime=0.0)
+    fmu.enterInitializationMode()
+    fmu.exitInitializationMode()
+    assert fmu.newDiscreteStates()[:2] == (False, False)
+    assert fmu.newDiscreteStates()[4:] == (True, 0.35)
+    fmu.enterContinuousTimeMode()
+    count = int(description.numberOfContinuousStates)
+    x, slopes, indicators = np.zeros(count), np.zeros(count), np.zeros(3)
+    places = [array.ctypes.data_as(POINTER(c_double)) for array in (x, slopes, indicators)]
+    fmu.getContinuousStates(places[0], count)
+    fmu.setTime(0.25)
+    x[1], x[count // 2 + 1] = 0.03125, 0.25
+    fmu.setContinuousStates(places[0], count)
+    fmu.getEventIndicators(places[2], 3)
+    np.testing.assert_allclose(indicators, [1.0, 0.03125 - 0.5, 0.25], rtol=1e-12)
+    assert fmu.completedIntegratorStep() == (False, False)
+    fmu.setTime(0.3)
+    x[1], x[count // 2 + 1] = 0.6, 1.0
+    fmu.setContinuousStates(places[0], count)
+    assert fmu.completedIntegratorStep() == (True, False)
+    for force in (1.0, -2.0):
+        fmu.getDerivatives(places[1], count)
+        assert slopes[count // 2 + 1] == pytest.approx(force, rel=1e-9)
+        fmu.enterEventMode()
+        fmu.newDiscreteStates()
+        fmu.enterContinuousTimeMode()
+    assert fmu.completedIntegratorStep() == (False, False)
+    fmu.terminate()
+    fmu.freeInstance()

@@ -104,6 +104,7 @@ static bool good_header(const Header *h)
            in_block(h, h->undetermined_time_at, 1, sizeof(double)) &&
            in_block(h, h->near_miss_factor_at, 1, sizeof(double)) &&
            in_block(h, h->near_miss_gap_at, 1, sizeof(double)) && in_block(h, h->events_at, 1, sizeof(EventControl)) &&
+           is_index(h->indicators, h->size) && in_block(h, h->indicators_at, h->indicators, sizeof(double)) &&
            h->free_rates_count <= h->coordinates_count && is_index(h->exchange, 2) && good_states(h) &&
            good_table(h) && good_entry_points(h);
 }

@@ -61,7 +61,7 @@ uint32_t element(const Instance *own, uint32_t reference, size_t k);
 
 /* Model exchange; ``call`` is the name of the function that the host has called. */
 typedef struct {
-    bool states_changed, nominals_changed, has_next;
+    bool states_changed, nominals_changed, has_next, ends;
     double next; /* s, time of the next event */
 } Events;
 size_t state_count(const Instance *own);
@@ -70,7 +70,7 @@ Outcome set_states(Instance *own, const char *call, const double *x, size_t n);
 Outcome get_states(Instance *own, const char *call, double *x, size_t n);
 Outcome get_derivatives(Instance *own, const char *call, double *dx, size_t n);
 Outcome get_nominals(Instance *own, const char *call, double *nominal, size_t n);
-Outcome get_indicators(Instance *own, const char *call, size_t n);
+Outcome get_indicators(Instance *own, const char *call, double *z, size_t n);
 Outcome enter_event_mode(Instance *own, const char *call);
 Outcome update_events(Instance *own, const char *call, Events *events);
 Outcome enter_continuous_mode(Instance *own, const char *call);

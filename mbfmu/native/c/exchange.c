@@ -44,7 +44,7 @@ Outcome count_exchanged(Instance *own, const char *call, bool indicators, size_t
         return not_offered(own, call);
     if (!is_given(own, call, n))
         return ERROR;
-    *n = indicators ? 0 : state_count(own);
+    *n = indicators ? (size_t)own->header->indicators : state_count(own);
     return OK;
 }
 
@@ -86,12 +86,13 @@ void apply_exchange_changes(Instance *own)
     own->fresh = own->derived = false;
 }
 
-/* Begin a run at the start time and the reported state. */
-void start_exchange(Instance *own)
+/* Begin a run at the start time and the reported state; return a code. */
+int64_t start_exchange(Instance *own)
 {
     call_entry_at(own, own->family->exchange_start, own->start);
     own->derived = false;
     own->reported = 0;
+    return own->header->events_count ? call_entry_at(own, own->family->events_exchange_start, own->start) : CODE_OK;
 }
 
 /* Call an entry point at the present time; return a code of the solvers. */
@@ -267,16 +268,31 @@ Outcome get_nominals(Instance *own, const char *call, double *nominal, size_t n)
     return outcome;
 }
 
-/* There is no event indicator. */
-Outcome get_indicators(Instance *own, const char *call, size_t n)
+/* Evaluate the event indicators; those of a discarded evaluation are no numbers. */
+Outcome get_indicators(Instance *own, const char *call, double *z, size_t n)
 {
-    char text[SAYS];
+    char text[SAYS], one[32], two[32];
+    size_t count = (size_t)own->header->indicators;
     if (!is_in(own, AT_WORK | 1u << INITIALIZING, call))
         return ERROR;
+    if (n != count || (n && !z)) {
+        SAY(text, call, " was called with ", in_digits(one, (double)n), n && !z ? " (and NULL)" : "",
+            " as the number of event indicators; allowed: ", in_digits(two, (double)count));
+        return mistake(own, text);
+    }
     if (!n)
         return OK;
-    SAY(text, call, " was called for several event indicators; this FMU has none");
-    return mistake(own, text);
+    Outcome outcome = own->phase == INITIALIZING && !own->fresh ? start_anew(own) : OK;
+    if (outcome == OK && own->phase != INITIALIZING && is_marked(own, GIVEN))
+        apply_changes(own);
+    if (outcome == OK) {
+        int64_t code = call_now(own, own->family->events_exchange_indicate);
+        outcome = code == CODE_OK ? OK : discard(own, code);
+    }
+    const double *known = numbers_at(own, own->header->indicators_at);
+    for (size_t k = 0; k < n; k++)
+        z[k] = outcome == OK ? known[k] : NAN;
+    return outcome;
 }
 
 Outcome enter_event_mode(Instance *own, const char *call)
@@ -312,8 +328,12 @@ Outcome update_events(Instance *own, const char *call, Events *events)
     double *x = numbers_at(own, own->header->exchange_x_at), *before = (double *)own->kept; /* a part of the block */
     bool restarts = times_of(own)[RESTART] > 0.0;
     memcpy(before, x, bytes);
-    int64_t code = call_now(own, own->family->exchange_update);
-    if (code != CODE_OK) {
+    bool has_events = own->header->events_count > 0;
+    int64_t code = call_now(own, has_events ? own->family->events_exchange_update : own->family->exchange_update);
+    events->ends = code == RUN_ENDED;
+    if (events->ends)
+        describe_end(own, own->message);
+    else if (code != CODE_OK) {
         describe_stop(own, code, text);
         return fail(own, ERROR, text);
     }
@@ -334,6 +354,8 @@ Outcome complete_step(Instance *own, const char *call, bool *event, bool *ends)
     *event = *ends = false;
     apply_changes(own);
     int64_t code = call_now(own, own->family->exchange_accept);
+    if (own->header->events_count && (code == CODE_OK || code == LEFT_BRANCH))
+        *event = call_now(own, own->family->events_exchange_accept) == EVENT_REQUESTED;
     if (code == CODE_OK)
         return OK;
     if (code != LEFT_BRANCH) {

@@ -302,7 +302,8 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info)
     Outcome outcome = c ? update_events(instance(c), "fmi2NewDiscreteStates", info ? &events : NULL) : ERROR;
     if (outcome != OK)
         return (fmi2Status)outcome;
-    info->newDiscreteStatesNeeded = info->terminateSimulation = fmi2False;
+    info->newDiscreteStatesNeeded = fmi2False;
+    info->terminateSimulation = events.ends;
     info->nominalsOfContinuousStatesChanged = events.nominals_changed;
     info->valuesOfContinuousStatesChanged = events.states_changed;
     info->nextEventTimeDefined = events.has_next;

@@ -323,7 +323,8 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *more, fmi3Boole
     Outcome outcome = c ? update_events(instance(c), "fmi3UpdateDiscreteStates", given ? &events : NULL) : ERROR;
     if (outcome != OK)
         return (fmi3Status)outcome;
-    *more = *ends = false;
+    *more = false;
+    *ends = events.ends;
     *nominals = events.nominals_changed;
     *values = events.states_changed;
     *has_next = events.has_next;

@@ -45,7 +45,7 @@ Status FMI(GetNominalsOfContinuousStates)(Component c, Real nominal[], size_t n)
     return c ? (Status)get_nominals(instance(c), NAME(GetNominalsOfContinuousStates), nominal, n) : (Status)ERROR;
 }
 
-Status FMI(GetEventIndicators)(Component c, Real[], size_t n)
+Status FMI(GetEventIndicators)(Component c, Real z[], size_t n)
 {
-    return c ? (Status)get_indicators(instance(c), NAME(GetEventIndicators), n) : (Status)ERROR;
+    return c ? (Status)get_indicators(instance(c), NAME(GetEventIndicators), z, n) : (Status)ERROR;
 }

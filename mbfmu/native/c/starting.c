@@ -165,7 +165,9 @@ Outcome start_anew(Instance *own)
         warn_singular_start(own);
     warn_coarse(own, status);
     own->derived = false;
-    if (own->exchange)
-        start_exchange(own);
+    if (own->exchange && (code = start_exchange(own)) != CODE_OK) {
+        describe_stop(own, code, text);
+        return fail(own, ERROR, text);
+    }
     return evaluate(own);
 }

@@ -92,6 +92,11 @@ class EventSearch(NamedTuple):
         return [self.control, self.crossed, self.sides, self.bands]
 
 
+def place_of_indicators(search: EventSearch) -> int:
+    """Return where the sensors minus their values at HERE are in ``points``, bytes."""
+    return int(search.points.itemsize * (HERE * search.points.shape[1] + VALUES))
+
+
 @kernel
 def fill_point(search: EventSearch, session: Session, t: float, q: Reals, v: Reals, row: int) -> None:
     """Evaluate a point at the state (q, v) of time t, s."""

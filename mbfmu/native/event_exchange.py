@@ -1,0 +1,171 @@
+"""Events in model exchange: event indicators, and what an event of the importing tool changes.
+
+An indicator is a sensor minus the value that it may cross. The importing tool locates its change of sign. In event mode
+the FMU compares it with the side that the sensor had before, and executes the actions. A sensor that is on the other
+side of its value at a completed step requires event mode, too, so that importing tools without a search for changes of
+sign do not miss events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from mbfmu.mechanics.arrays.input_kernels import start_input
+from mbfmu.session.kernels.event_points import BEGIN, HERE, VALUES, EventSearch, fill_point, note_sides
+from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.outcome import OK
+
+from .event_actions import (
+    begin_events,
+    check_stops,
+    collect_due,
+    end_if_requested,
+    fill_bounce_jump,
+    fill_impulse_jump,
+    next_event_time,
+    record_events,
+    stop_by_event,
+)
+from .event_memory import EVENT_FAILED, EVENT_REQUESTED_CODE, IMPULSE, NO_FAILURE, RUN_ENDED_CODE, SET_INPUT
+from .exchange_memory import NEXT_EVENT, pack_states
+from .exchange_times import begin_evaluation
+
+SAME_TIME_RATIO = 1e-9  # of times, relative or s: so much may the clock of an importing tool differ
+
+
+@kernel
+def mark_crossings(search: EventSearch) -> bool:
+    """Mark the sensors that have crossed their values at HERE, or are at their values; return whether there are any.
+
+    A stop is hit by a sensor that moves towards it.
+    """
+    count, is_any = search.sides.shape[0], False
+    for k in range(count):
+        value, side, direction = search.points[HERE, VALUES + k], search.sides[k], search.directions[k]
+        is_over = side != 0 and side * value <= 0.0 and direction * side <= 0
+        if search.stops[k] == 1:
+            is_over = is_over and direction * search.points[HERE, VALUES + count + k] > 0.0
+        search.found[k] = 1 if is_over else 0
+        is_any = is_any or is_over
+    return is_any
+
+
+@kernel
+def take_sides(search: EventSearch) -> None:
+    """Let sensors that were at their values be on the other side of them, and note the sides of all at HERE."""
+    for k in range(search.sides.shape[0]):
+        if search.found[k] == 1 and search.stops[k] == 0:
+            search.sides[k] = -search.sides[k]
+    note_sides(search, HERE)
+
+
+@kernel
+def find_next_time(instance: Any) -> None:
+    """Let the time of the next event be that of an event of a given time, if this is earlier."""
+    times = instance.exchange.times
+    times[NEXT_EVENT] = min(times[NEXT_EVENT], next_event_time(instance.events))
+
+
+def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., int]) -> dict[str, Callable[..., int]]:
+    """Return the entry points of model exchange of models with events; all take an instance and a time, s.
+
+    ``update`` is the entry point ``exchange_update``, which updates at an event.
+    """
+    project_at, keep, restore = formulation.project, formulation.keep, formulation.restore
+    makes_jumps, update_at = family.has_factors, jit_uncached(update)
+
+    @jit_uncached
+    def evaluate(instance: Any, t: float) -> int:
+        """Evaluate the sensors at (t, P(x))."""
+        evaluated, work = begin_evaluation(instance, t), instance.work
+        keep(instance)
+        code: int = project_at(instance, evaluated)
+        if code == OK:
+            fill_point(instance.search, instance.session, evaluated, work.q, work.v, HERE)
+        restore(instance)
+        return code
+
+    @jit_uncached
+    def report_projected(instance: Any, t: float) -> int:
+        """Let the reported state be (t, P(x))."""
+        work = instance.work
+        code: int = evaluate(instance, t)
+        for i in range(work.q.shape[0]):
+            instance.q[i] = work.q[i]
+        for i in range(work.v.shape[0]):
+            instance.v[i] = work.v[i]
+        instance.clock[0] = t
+        return code
+
+    @jit_uncached
+    def let_jump(instance: Any) -> None:
+        for i in range(instance.dv.shape[0]):
+            instance.v[i] += instance.dv[i]
+
+    @jit_uncached
+    def act(instance: Any) -> None:
+        """Execute the actions of the events that are due."""
+        events, control = instance.events, instance.events.control[0]
+        if makes_jumps and fill_bounce_jump(instance):
+            let_jump(instance)
+        for row in range(events.actions.shape[0]):
+            action = events.actions[row]
+            if events.due[action.event] == 0 or control.failure != NO_FAILURE:
+                continue
+            if action.kind == SET_INPUT:
+                start_input(instance.inputs, action.place, events.values[row], instance.clock[0])
+            elif makes_jumps and action.kind == IMPULSE:
+                failure = fill_impulse_jump(instance, action.place, events.values[row])
+                if failure == NO_FAILURE:
+                    let_jump(instance)
+                else:
+                    stop_by_event(events, action.event, failure)
+        end_if_requested(events)
+        record_events(events, instance.search, instance.clock[0], instance.options[0].duration)
+
+    def events_exchange_start(instance: Any, t: float) -> int:
+        """Begin at the reported state of time t, s."""
+        begin_events(instance.events, t)
+        fill_point(instance.search, instance.session, t, instance.q, instance.v, BEGIN)
+        note_sides(instance.search, BEGIN)
+        if makes_jumps and not check_stops(instance):
+            return EVENT_FAILED
+        return OK
+
+    def events_exchange_indicate(instance: Any, t: float) -> int:
+        """Evaluate the event indicators at (t, x)."""
+        return int(evaluate(instance, t))
+
+    def events_exchange_accept(instance: Any, t: float) -> int:
+        """EVENT_REQUESTED_CODE if an event is at the end of a completed step, else note on which sides sensors are."""
+        code: int = evaluate(instance, t)
+        if code == OK and mark_crossings(instance.search):
+            return EVENT_REQUESTED_CODE
+        if code == OK:
+            note_sides(instance.search, HERE)
+        return code
+
+    def events_exchange_update(instance: Any, t: float) -> int:
+        """Execute the actions of the events at (t, x), and update; RUN_ENDED_CODE if one of them ends the run."""
+        events, search, control = instance.events, instance.search, instance.events.control[0]
+        code: int = report_projected(instance, t)
+        if code != OK:
+            return code
+        mark_crossings(search)
+        if collect_due(events, search, t, SAME_TIME_RATIO * max(1.0, abs(t))):
+            act(instance)
+            pack_states(instance.q, instance.v, instance.exchange)
+        if control.failure != NO_FAILURE:
+            return EVENT_FAILED
+        take_sides(search)
+        code = update_at(instance, t)
+        if code == OK:
+            find_next_time(instance)
+            code = evaluate(instance, t)
+        if code == OK:
+            note_sides(search, HERE)
+        return RUN_ENDED_CODE if code == OK and control.ended == 1 else code
+
+    found = events_exchange_start, events_exchange_indicate, events_exchange_accept, events_exchange_update
+    return {function.__name__: function for function in found}
