@@ -42,6 +42,8 @@ class ImportedJoint:
         Range of the coordinate and the stiffness of its stops; None: no range.
     is_locked
         The coordinate stays at ``start``.
+    stop_time
+        Time constant of the stops in the start position, s, at critical damping; only of exported mechanisms.
     """
 
     kind: Literal["Weld", "Revolute", "Translational", "Spherical", "Floating"]
@@ -59,6 +61,7 @@ class ImportedJoint:
     upper: float | None = None
     stop_stiffness: float = 0.0
     is_locked: bool = False
+    stop_time: float = 0.0
 
     @property
     def has_one_coordinate(self) -> bool:

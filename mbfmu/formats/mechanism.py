@@ -16,6 +16,7 @@ from mbfmu.mechanics import (
     Cylindrical,
     Floating,
     Gear,
+    Mechanism,
     Planar,
     Polynomial,
     Revolute,
@@ -30,7 +31,7 @@ from mbfmu.mechanics import (
 from mbfmu.mechanics.axes import plane_axes, unit_axis
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.checks import rotation
-from mbfmu.mechanics.sensors import PointPosition
+from mbfmu.mechanics.sensors import Coordinate, PointPosition
 from mbfmu.mechanics.shapes import Box, Capsule, Cylinder, Ellipsoid, MeshFile, Shape, Sphere, scale_factors
 from mbfmu.util.errors import UserError
 
@@ -86,6 +87,18 @@ def constant_of(drive: Any) -> float | None:
     return float(drive) if is_number(drive) else None
 
 
+def names_in_outputs(mechanism: Mechanism) -> dict[int, str]:
+    """Return names of joints by the number of the body, from outputs of their coordinates such as ``elbow.angle``."""
+    found: dict[int, str] = {}
+    for name, sensor, *_ in mechanism.outputs:
+        owner, is_body = name.rpartition(".")[0], isinstance(sensor.item, Body)
+        if isinstance(sensor, Coordinate) and is_body and sensor.item.joint.nv == 1 and owner:
+            found.setdefault(sensor.item.index, owner)
+    names = list(found.values())
+    others = {body.name for body in mechanism.bodies if body.index not in found}
+    return {index: name for index, name in found.items() if names.count(name) == 1 and name not in others}
+
+
 class Described:
     """Builds the description of a mechanism, with the start positions in which its loops are closed.
 
@@ -95,6 +108,8 @@ class Described:
         Description.
     coordinates
         Described bodies and their joints, by the number of the body and of the coordinate.
+    joint_names
+        Names of joints of one coordinate in the outputs, by the number of the body.
     limiters
         Names of blocks that are limits of drives.
     """
@@ -106,6 +121,7 @@ class Described:
         self.q = compiled.assemble()[0] if has_loops else None
         self.first = [int(record["qi"]) for record in compiled.data.arrays.bodies]
         self.description = Description(name=name, source=name, origin="", gravity=np.array(mechanism.gravity, float))
+        self.joint_names = names_in_outputs(mechanism)
         self.coordinates: dict[tuple[int, int], tuple[str, ImportedJoint]] = {}
         self.limiters: set[str] = set()
         self.frames = [(np.zeros(3), np.eye(3))]  # of described bodies in the bodies of the mechanism
@@ -116,6 +132,7 @@ class Described:
         for coupling in mechanism.couplings:
             self._add_coupling(coupling)
         add_forces(self)
+        self._set_stop_times(compiled)
         self._add_points()
         for body, shape in mechanism.shapes:
             self._add_shape(body, shape)
@@ -169,7 +186,7 @@ class Described:
 
     def _joints(self, body: Body, at: Vector, axes: Matrix) -> list[ImportedJoint]:
         """Return the described joints of a body."""
-        joint, name = body.joint, body.coordinate_name
+        joint, name = body.joint, self.joint_names.get(body.index, body.coordinate_name)
         start = self._start_of(body)
         if joint.rate is not None and np.any(joint.rate):
             self.losses.add("rates", name)
@@ -205,6 +222,23 @@ class Described:
         elif joint.drive is not None:
             self.losses.add("drives", name)
         return found
+
+    def _set_stop_times(self, compiled: CompiledMechanism) -> None:
+        """Set the time constants of stops: T^2 = 1 / (k (M^-1)_ii), stiffness k, mass matrix M at the start."""
+        limited = [own for own in self.coordinates if self.coordinates[own][1].lower is not None]
+        if not limited:
+            return
+        q = np.concatenate([self._start_of(body) for body in self.mechanism.bodies[1:]])
+        inverse = np.diag(np.linalg.pinv(compiled.mass_matrix(0.0, q)))
+        for index, k in limited:
+            joint = self.coordinates[index, k][1]
+            mobility = float(inverse[int(compiled.data.arrays.bodies[index]["vi"]) + k])
+            if joint.stop_stiffness > 0.0 and mobility > 0.0:
+                joint.stop_time = 1.0 / np.sqrt(joint.stop_stiffness * mobility)
+        self.losses.note(
+            f"stops of joints ({len(limited)}) are limits of the format",
+            "In MJCF they have the same stiffness in the start position, and critical damping; URDF has ranges only",
+        )
 
     def _start_of(self, body: Body) -> Vector:
         """Return the start positions (nq,) of the joint of a body."""

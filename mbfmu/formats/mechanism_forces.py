@@ -57,12 +57,12 @@ def _add_force(described: Described, name: str, force: Any, joint: ImportedJoint
     if joint is None:
         return False
     if isinstance(force, JointSpring):
-        values = force.stiffness, force.damping, force.free
-        if not all(map(is_number, values)) or (joint.stiffness and force.stiffness and joint.unloaded != force.free):
+        if not all(map(is_number, (force.stiffness, force.damping, force.free))):
             return False
+        torque = joint.stiffness * joint.unloaded + float(force.stiffness) * float(force.free)
         joint.stiffness += float(force.stiffness)
+        joint.unloaded = torque / joint.stiffness if joint.stiffness else 0.0
         joint.damping += float(force.damping)
-        joint.unloaded = float(force.free) if force.stiffness else joint.unloaded
         return True
     if isinstance(force, JointDamper):
         joint.damping += float(force.damping) if is_number(force.damping) else 0.0

@@ -14,11 +14,12 @@ from mbfmu.util.errors import UserError
 
 from .description import GROUND_NAME, Description, ImportedBody, ImportedJoint, Matrix, Vector
 from .export_losses import ExportLosses
-from .inertias import PLACEHOLDER
 from .literals import number_text
 from .names import Names
 from .tree import rotation_about
 
+LEAST_MASS = 2e-15  # kg and kg m^2, of bodies that move; MuJoCo requires more than 1e-15
+LARGEST_IMPEDANCE = 0.95  # of constraints, dmax of solimp, by default
 ROUNDING_RATIO = 1e-14  # of moments of inertia, relative to the largest one
 MJCF_TYPES = {"Revolute": "hinge", "Translational": "slide", "Spherical": "ball"}
 GEOMETRIES = {"Box": "box", "Sphere": "sphere", "Ellipsoid": "ellipsoid", "Cylinder": "cylinder", "Capsule": "capsule"}
@@ -103,12 +104,19 @@ class MjcfWriter:
         if body.mass or np.any(body.inertia) or not body.joint.has_one_coordinate:
             return False
         used = body.name in self.points or body.name in self.geometries
+        if (used or len(carried) != 1 or carried[0].joint.kind == "Weld") and self._carries_mass(body):
+            return False
         if used or len(carried) != 1 or carried[0].joint.kind in ("Weld", "Floating"):
             raise UserError(
                 f"body {body.name!r} has a joint and no mass; allowed in MJCF: such bodies between two joints, to "
-                "which nothing else is connected. Give it a mass and an inertia"
+                "which nothing else is connected, or with a mass that is welded to them. Give it a mass and an inertia"
             )
         return True
+
+    def _carries_mass(self, body: ImportedBody) -> bool:
+        """Whether a body that is welded to this one has a mass."""
+        welded = [child for child in self.children.get(body.name, []) if child.joint.kind == "Weld"]
+        return any(child.mass or self._carries_mass(child) for child in welded)
 
     def _add_joint(self, element: Element, body: ImportedBody, at: Vector, axes: Matrix) -> None:
         """Add a joint at a point of the body whose frame it moves; ``axes`` are those of its joint frame."""
@@ -144,6 +152,8 @@ class MjcfWriter:
                 own.set(key, text_of([value]))
         if joint.lower is not None and joint.upper is not None:
             own.set("range", text_of((joint.lower, joint.upper)))
+            if joint.stop_time:
+                own.set("solreflimit", text_of((joint.stop_time / LARGEST_IMPEDANCE, 1.0)))
 
     def _add_inertia(self, element: Element, body: ImportedBody) -> None:
         """Add mass and inertia; moments that MuJoCo refuses because they are zero are changed by rounding errors."""
@@ -151,12 +161,10 @@ class MjcfWriter:
             return
         moments, axes = np.linalg.eigh(body.inertia)
         moves = body.joint.kind != "Weld"
-        least = max(PLACEHOLDER, ROUNDING_RATIO * moments[2]) if moves else 0.0
+        least = max(LEAST_MASS, ROUNDING_RATIO * moments[2]) if moves else 0.0
         raised = np.maximum(moments, least)
         raised[2] = min(raised[2], raised[0] + raised[1])
-        own = SubElement(
-            element, "inertial", pos=text_of(body.com), mass=text_of([max(body.mass, PLACEHOLDER * moves)])
-        )
+        own = SubElement(element, "inertial", pos=text_of(body.com), mass=text_of([max(body.mass, LEAST_MASS * moves)]))
         if np.any(np.abs(raised - moments) > ROUNDING_RATIO * moments[2]):
             self.losses.note(
                 f"the inertia of {body.name} is changed ({number_text(float(moments[0]))} to "

@@ -10,10 +10,11 @@ import numpy as np
 
 from .description import GROUND_NAME, Description, ImportedBody, ImportedJoint, Matrix, Vector
 from .export_losses import ExportLosses
-from .mjcf_writer import move, start_of, text_of
+from .mjcf_writer import move, text_of
 from .names import Names
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # m/s^2, of programs that read URDF
+REST = np.array((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))  # positions of a free joint, and at their end of a ball joint
 UNLIMITED = 1e9  # N, N m, m/s and rad/s: URDF requires an effort and a velocity of joints with a range
 URDF_TYPES = {
     "Weld": "fixed",
@@ -37,7 +38,7 @@ class UrdfWriter:
     def __init__(self, description: Description, folder: Path, losses: ExportLosses) -> None:
         self.description, self.folder, self.losses = description, folder, losses
         self.names = Names(frozenset(body.name for body in description.bodies))
-        self.ground = self.names.unique("ground")
+        self.ground = self.names.unique("world")  # the name by which other programs recognize the ground
         self.root = Element("robot", name=description.name)
         self.limits = {drive.joint: drive for drive in description.drives}
         self._add_link(self.ground, None)
@@ -119,7 +120,7 @@ class UrdfWriter:
                     coupling.coefficients[1],
                 )
                 SubElement(joint, "mimic", joint=leader, multiplier=text_of([ratio]), offset=text_of([offset]))
-        is_rest = own.start is None or (not np.any(own.start[:-4]) if len(own.start) > 3 else start_of(own) == 0.0)
+        is_rest = own.start is None or not np.any(own.start - (REST[-len(own.start) :] if len(own.start) > 1 else 0.0))
         if not is_rest:
             self.losses.add("starts", own.name)
         if own.stiffness:

@@ -237,6 +237,42 @@ def test_joints_of_a_graph_are_exported_in_the_direction_of_the_tree(tmp_path: P
     close(second.h, first.h[order])
 
 
+def with_stop() -> mb.Mechanism:
+    m = mb.Mechanism(gravity=(0, 0, -9.81))
+    a = m.body("a", m.ground, mb.Revolute(axis="y"), **solid(1))
+    b = m.body("b", a, mb.Revolute(at=(1, 0, 0), axis="y", start=0.3), **solid(2))
+    m.force("stop", mb.JointStop(lower=-1.0, upper=1.5, stiffness=1234.0, damping=1.0), b)
+    m.force("spring", mb.JointSpring(stiffness=2.0, free=0.5, damping=0.3), b)
+    m.force("servo", mb.JointSpring(stiffness=6.0, free=-0.1, damping=0.4), b)
+    m.output("elbow.angle", b.angle())
+    return m
+
+
+def test_stops_springs_and_names_of_joints_remain(tmp_path: Path) -> None:
+    """The stiffness of the stop follows from a time constant; two springs have the sum of their torques."""
+    path = tmp_path / "stop.xml"
+    mb.write_mjcf(Given(make=with_stop), path, strict=True)
+    model = model_of(source_code(path, strict=True)[0])
+    stop = next(force for name, force, *_ in model.built().forces if name == "elbow_stop")
+    assert (stop.lower, stop.upper) == (-1.0, 1.5)
+    assert stop.stiffness == pytest.approx(1234.0, rel=1e-3)
+    values = {p.name: p.default for p in model.parameters()}
+    assert (values["elbow_stiffness"], values["elbow_damping"]) == (8.0, pytest.approx(0.7))
+    check_equal(Given(make=with_stop).compile(), model.compile())
+
+
+def test_a_floating_base_is_imported_again(tmp_path: Path) -> None:
+    def base() -> mb.Mechanism:
+        m = mb.Mechanism(gravity=(0, 0, -9.81))
+        a = m.body("base", m.ground, mb.Floating(), **solid(1))
+        m.body("arm", a, mb.Revolute(at=(1, 0, 0), rotation=TURN), **solid(2))
+        return m
+
+    for write, name in ((mb.write_mjcf, "base.xml"), (mb.write_urdf, "base.urdf")):
+        write(Given(make=base), tmp_path / name, strict=True)
+        check_equal(Given(make=base).compile(), model_of(source_code(tmp_path / name, strict=True)[0]).compile())
+
+
 def locked() -> mb.Mechanism:
     m = mb.Mechanism(gravity=(0, 0, -9.81))
     a = m.body("a", m.ground, mb.Revolute(axis="y"), **solid(1))
@@ -297,10 +333,11 @@ def with_screw() -> mb.Mechanism:
     return m
 
 
-def with_end() -> mb.Mechanism:
+def with_fork() -> mb.Mechanism:
     m = mb.Mechanism()
     a = m.body("a", m.ground, mb.Revolute())
-    m.body("b", a, mb.Weld(), **solid(1))
+    for name in ("b", "c"):
+        m.body(name, a, mb.Revolute(), **solid(1))
     return m
 
 
@@ -315,7 +352,7 @@ def with_child() -> mb.Mechanism:
     ("make", "message"),
     [
         (with_screw, "joint 'nut' is a Screw, which these formats do not have; allowed: Weld"),
-        (with_end, "body 'a' has a joint and no mass; allowed in MJCF"),
+        (with_fork, "body 'a' has a joint and no mass; allowed in MJCF"),
         (with_child, "joint 'b' has six degrees of freedom relative to body 'a'"),
     ],
 )

@@ -328,9 +328,9 @@ def test_inertias_of_any_size_are_imported(tmp_path: Path, size: float) -> None:
     R = Rotation.from_euler("xyz", (0.3, 0.2, 0.1)).as_matrix()
     own = np.array(((3.0, 0.2, 0.1), (0.2, 2.0, -0.3), (0.1, -0.3, 1.5))) * scale
     text = "".join(
-        f' i{"xyz"[i]}{"xyz"[j]}="{own[i, j]!r}"' for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+        f' i{"xyz"[i]}{"xyz"[j]}="{float(own[i, j])!r}"' for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     )
-    path = written(tmp_path, urdf(f"<inertia{text}/>".replace("np.float64(", "").replace(")", ""), mass=mass), "r.urdf")
+    path = written(tmp_path, urdf(f"<inertia{text}/>", mass=mass), "r.urdf")
     body = model_of(source_code(path, strict=True)[0]).built().bodies[-1]
     assert body.mass == pytest.approx(mass, rel=1e-14)
     np.testing.assert_allclose(body.inertia, R @ own @ R.T, rtol=0.0, atol=1e-13 * scale)
