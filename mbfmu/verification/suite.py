@@ -8,7 +8,7 @@ from fnmatch import fnmatch
 from mbfmu.util.errors import UserError, suggest
 
 from .problem import Problem
-from .problems import friction, pendulums, planar_loops, published, rotors, spatial_loops, steady
+from .problems import friction, pendulums, planar_loops, published, rotors, sheets, spatial_loops, steady
 from .verdict import RIGHT, WRONG, Line, check, methods_of
 
 PROBLEMS: tuple[Problem, ...] = (
@@ -19,16 +19,19 @@ PROBLEMS: tuple[Problem, ...] = (
     *published.PUBLISHED_PROBLEMS,
     *friction.FRICTION_PROBLEMS,
     *steady.STEADY_STATE_PROBLEMS,
+    *sheets.SHEET_PROBLEMS,
 )
 TOLERANCES, QUICK_TOLERANCES = (1e-6, 1e-8), (1e-6,)
 NOT_COVERED = (
-    "Sheets, plates and shells: `benchmarks/shells.py` and the tests of `tests/mechanics` compare them with problems "
+    "Plates, shells and sheets that bend about two axes or stretch: `benchmarks/shells.py` compares them with problems "
     "of the literature.",
-    "Sheet contact, roller nips and the friction of ropes.",
+    "Roller nips, guides and drums other than the capstan: `benchmarks/transport.py` compares them with the elastica.",
     "Flexible bodies with modes, and beams in three dimensions.",
-    "Rolling without slip: there is no element for it.",
-    "Events and impacts: `docs/hard_cases.md` contains stops, the tests contain events.",
+    "Flexible slider-crank, and the wheelset of the IVP test set.",
+    "Rolling without slip, such as the bicycle: there is no element for it.",
+    "Stops with elastic contact (`docs/hard_cases.md`), and locks, releases and impulses of events (tests).",
     "Native FMUs: the tests compare them bit by bit with simulations in Python.",
+    "Motions of other engines: `benchmarks/peers.py` compares their errors and computing times.",
     "Computing times: they are measured, but no verdict depends on them.",
 )
 

@@ -195,3 +195,9 @@ def test_the_command_writes_a_report(
     wrong = tuple(replace(p, reference=lambda: 1.1 * steady.whirl_reference()) for p in PROBLEMS if p.name == "whirl")
     monkeypatch.setattr(suite, "PROBLEMS", wrong)
     assert main(["verify", "--only", "whirl", "-q"]) == 1
+
+
+@pytest.mark.campaign
+def test_all_results_of_the_quick_part_are_right() -> None:
+    lines = list(suite.verify(select(quick=True), tolerances=suite.QUICK_TOLERANCES))
+    assert [line for line in lines if line.verdict != "right"] == []

@@ -13,12 +13,13 @@ from math import cos, radians, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import JointFriction, JointSpring, Mechanism, Translational
+from mbfmu.mechanics import JointFriction, JointSpring, Mechanism, Polynomial, Spring, Translational
 from mbfmu.verification.mechanisms.case import G
 from mbfmu.verification.problem import Exact, Motion, Source
 from mbfmu.verification.references import closed_form
 
 Array = NDArray[np.float64]
+YIELDING_PART, YIELDING_DEFLECTIONS = 0.1, 5.0  # of the friction, and of the deflection, while the bristle yields
 DEFLECTION = 1e-5  # m, of the bristle in place of Coulomb friction
 FRICTION_SOLVERS = ("radau", "ida")
 
@@ -92,6 +93,44 @@ def rubbing_exact() -> Exact:
     return closed_form(solution, (RELEASE,), (1.0,), 10.0)
 
 
+BELT_SPEED, BELT_FRICTION = 0.5, 10.0  # m/s, N
+
+
+def belt() -> Mechanism:
+    """Return a mass on a spring that a belt carries along until it slips."""
+    m = Mechanism()
+    belt = m.body("belt", m.ground, Translational(axis="x", drive=Polynomial((0.0, BELT_SPEED))), mass=1.0)
+    block = m.body("block", belt, Translational(axis="x", nominal=1.0), mass=SPRING_MASS)
+    spring = Spring(stiffness=SPRING_STIFFNESS, free=1.0, at_b=(-1.0, 0.0, 0.0))
+    m.force("spring", spring, block, m.ground)
+    m.force("friction", JointFriction(coulomb=BELT_FRICTION, deflection=DEFLECTION), block)
+    m.output("x", block.position("x"), "Displacement of the mass")
+    return m
+
+
+def belt_exact() -> Exact:
+    """Return v t while the mass sticks, then F/k + (v / w) sin w (t - t1), during three quarters of a period."""
+
+    def solution(start: Array, times: Array) -> Array:
+        w, band = sqrt(SPRING_STIFFNESS / SPRING_MASS), BELT_FRICTION / SPRING_STIFFNESS
+        slip = times - (band - start[0]) / BELT_SPEED
+        sliding = band + BELT_SPEED / w * np.sin(w * np.maximum(slip, 0.0))
+        return np.asarray(np.where(slip < 0.0, start[0] + BELT_SPEED * times, sliding))[:, None]
+
+    return closed_form(solution, (0.0,), (1.0,), 10.0)
+
+
+def slipping_belt_error() -> float:
+    """Return the largest error of the displacement of the mass on the belt, m.
+
+    The bristle yields between 0.9 and 1 of the friction F, until the slip v w^2 t^3 / 6 is a few of its deflections.
+    The friction is too small by at most F / 10 for this time.
+    """
+    w = sqrt(SPRING_STIFFNESS / SPRING_MASS)
+    time = (6.0 * YIELDING_DEFLECTIONS * DEFLECTION / (BELT_SPEED * w * w)) ** (1.0 / 3.0)
+    return float(YIELDING_PART * BELT_FRICTION / SPRING_MASS * time / w)
+
+
 def rubbing_error() -> float:
     """Return the largest error of the displacement of the mass on a spring, m: delay of all reversals times speed."""
     band, w = SPRING_FRICTION / SPRING_STIFFNESS, sqrt(SPRING_STIFFNESS / SPRING_MASS)
@@ -151,5 +190,19 @@ FRICTION_PROBLEMS = (
         stop_time=4.0,
         solvers=FRICTION_SOLVERS,
         model_error=rubbing_error(),
+    ),
+    Motion(
+        name="mass on a belt",
+        description="Mass of 1 kg on a spring of 100 N/m that a belt at 0.5 m/s carries along by dry friction of 10 N, "
+        "0.6 s. It sticks for 0.2 s and then slips.",
+        quantity="Displacement",
+        unit="m",
+        derivation="exact in pieces",
+        build=belt,
+        outputs=("x",),
+        exact=belt_exact,
+        stop_time=0.6,
+        solvers=FRICTION_SOLVERS,
+        model_error=slipping_belt_error(),
     ),
 )

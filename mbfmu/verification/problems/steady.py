@@ -197,14 +197,27 @@ def elastica_tip(load: float) -> Array:
     return np.array((sqrt(2.0 * np.sin(slope) / load), 2.0 * parts(slope)[1] / sqrt(load) - 1.0))
 
 
+BUCKLING_PARTS = (0.9, 0.95, 0.99)  # of the critical load, at which frequencies are computed
+
+
+def buckling_load(m: Mechanism) -> Array:
+    """Return the load of zero frequency, by a parabola through three squared frequencies, in pi^2 E I / 4 L^2."""
+    extrapolated = []
+    for elements in (BEAM_ELEMENTS // 2, BEAM_ELEMENTS):
+        squares = [lowest_frequency(column(elements, part))[0] ** 2 for part in BUCKLING_PARTS]
+        roots = np.roots(np.polyfit(BUCKLING_PARTS, squares, 2)).real
+        extrapolated.append(roots[np.argmin(np.abs(roots - 1.0))])
+    return np.array([(4.0 * extrapolated[1] - extrapolated[0]) / 3.0])
+
+
 PRESSED = 0.6  # part of the critical load
 
 
-def column(elements: int = BEAM_ELEMENTS) -> Mechanism:
-    """Return a cantilever column with a compressive load at its tip."""
+def column(elements: int = BEAM_ELEMENTS, part: float = PRESSED) -> Mechanism:
+    """Return a cantilever column with a compressive load at its tip, a part of the critical one."""
     m = Mechanism()
     nodes = beam(m, m.ground, Weld(), elements)
-    m.force("load", PointForce(magnitude=-PRESSED * 0.25 * pi**2 * BEAM_BENDING, axis="x"), nodes[-1])
+    m.force("load", PointForce(magnitude=-part * 0.25 * pi**2 * BEAM_BENDING, axis="x"), nodes[-1])
     return m
 
 
@@ -323,6 +336,19 @@ STEADY_STATE_PROBLEMS = (
         method="modes",
         reference=lambda: np.array([polynomial_beam(PRESSED * 0.25 * pi**2, 0.0)]),
         uncertainty=1e-8,
+        allowed=MESH_ERROR,
+    ),
+    Value(
+        name="buckling",
+        description=f"Critical load of a cantilever column of {BEAM_ELEMENTS} beam elements, from its frequencies "
+        "under three loads (Euler).",
+        quantity="Critical load by that of the closed form",
+        unit="1",
+        derivation="closed form, pi^2 E I / 4 L^2",
+        build=column,
+        measure=buckling_load,
+        method="modes",
+        reference=lambda: np.ones(1),
         allowed=MESH_ERROR,
     ),
     *(
