@@ -30,7 +30,7 @@ from solvers.steppers import ORDER_LIMITS
 from . import layout, start_checks
 from .contents import Contents, contents_for
 from .curves import Shifted
-from .entries import Instance, called_in_steps, family_of, image_of, uses_sundials
+from .entries import Instance, called_in_steps, family_of, has_events, image_of, uses_sundials
 from .exchange_states import (
     ExchangeState,
     exchange_states,
@@ -42,7 +42,7 @@ from .exchange_states import (
 from .families import FAMILIES
 from .image import MemoryImage
 from .kernel_table import user_kernels
-from .model_numbers import EVENTS, Place
+from .model_numbers import EVENTS, SAMPLED, Place
 from .parameter_map import LENGTH_NAME, Entry, Term
 from .parameters import SettableParameters, find_settable
 from .steady_export import explain_missing_search, restricted_inputs
@@ -128,9 +128,10 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     messages, family = [*simulation.diagnostics, *notes], family_of(simulation)
     own = user_kernels(called_in_steps(simulation.compiled, family))
     inputs, is_steady = simulation.compiled.inputs, simulation.steady_state is not None
-    has_events = bool(simulation.compiled.mechanism.events)
     numbers = (relocation.target for relocation in image.kernels)
-    contents = contents_for(family, numbers, exchanges=states is not None, is_steady=is_steady, has_events=has_events)
+    contents = contents_for(
+        family, numbers, exchanges=states is not None, is_steady=is_steady, has_events=has_events(simulation.compiled)
+    )
     moving = tuple(v.name for k, v in enumerate(inputs.variables) if inputs.moves_support(k))
     provided = states, moving, differentiates, _takes_rates(simulation)
     indicators = len(instance.search.sides)
@@ -284,6 +285,7 @@ class _File:
         header["user_kernels"] = len(user_kernels(called_in_steps(compiled, family_of(self._simulation))))
         header["saved_alone"] = self._image.at(self._instance.exchange.times)  # the first of model exchange
         header["exchange"], header["positions"], header["velocities"] = self._exchanges, system.nq, system.n
+        header["has_events"] = has_events(compiled)
         header["indicators"] = len(self._instance.search.sides)
         header["derivatives"], header["inputs"] = self._differentiates, len(compiled.inputs)
         header["takes_rates"] = _takes_rates(self._simulation)
@@ -355,7 +357,8 @@ class _File:
         if place.array in known:
             return self._image.at(self._instance.known) + known[place.array]
         texts: dict[str, NDArray[Any]] = {"q": start.q, "v": start.v}
-        texts |= {EVENTS: self._instance.events.numbers, "size": start.scratch.size, "row_size": start.scratch.row}
+        texts |= {EVENTS: self._instance.events.numbers, SAMPLED: self._instance.sampled.numbers}
+        texts |= {"size": start.scratch.size, "row_size": start.scratch.row}
         arrays = self._simulation.compiled.data.arrays._asdict()
         array = texts[place.array] if place.array in texts else arrays[place.array]
         return self._image.at(array) + place.offset

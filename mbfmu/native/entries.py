@@ -51,6 +51,7 @@ from .families import ELIMINATED_FAMILIES, FAMILIES, NATIVE_SOLVERS, TREE_FAMILI
 from .image import MemoryImage
 from .kernel_table import kernel_numbers, numbers_in_fmu
 from .model_exchange import FORMULATIONS, exchange_entries
+from .sampled_blocks import no_sampled_memory, sampled_memory
 from .start_checks import Start, check_resolution, find_misplaced
 from .steady_export import steady_start
 from .steady_start import SteadyStart
@@ -87,6 +88,7 @@ class Instance(NamedTuple):
     search: Any  # mbfmu.session.kernels.event_points.EventSearch
     events: Any  # .event_memory.EventMemory
     step_begin: Any  # .event_memory.StepBegin
+    sampled: Any  # .sampled_blocks.SampledMemory
 
 
 class Entry(NamedTuple):
@@ -143,7 +145,8 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     first = session, session.inputs, *state, *buffers, own, shared_eqs, shared, start
     events = memory_of(compiled)
     search = search_memory(compiled)._replace(crossed=events.crossed)
-    return Instance(*first, *settings, *places, *more, search, events, StepBegin.allocate())
+    examined = search, events, StepBegin.allocate(), sampled_memory(compiled)
+    return Instance(*first, *settings, *places, *more, *examined)
 
 
 def linearization_of(simulation: Simulation) -> Linearization:
@@ -155,6 +158,11 @@ def linearization_of(simulation: Simulation) -> Linearization:
     for signal, (_, coefficients, _) in inputs.supports().items():
         signals[[inputs.number(signal, k) for k in coefficients]] = signal
     return Linearization.allocate(data, signals, system.nq, system.n, system.m, len(simulation.variables))
+
+
+def has_events(compiled: CompiledMechanism) -> bool:
+    """Whether a mechanism has events or sampled blocks, so that the steps of the solver are examined."""
+    return bool(compiled.mechanism.events or compiled.mechanism.sampled)
 
 
 def uses_sundials(instance: Instance) -> bool:
@@ -200,12 +208,6 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             "not-native",
         )
     events = simulation.compiled.mechanism.events
-    if sampled := simulation.compiled.mechanism.sampled:
-        raise UserError(
-            f"native FMUs do not support sampled blocks, such as {sampled[0].name!r}; remove them, or export the model "
-            "with --python",
-            "not-native",
-        )
     refuse_unsupported(events, is_large=not FAMILIES[family].has_factors)
     instance, arrays = instance_of(simulation, differentiates), simulation.compiled.data.arrays
     compiled, known = simulation.compiled, numbers_in_fmu(called_in_steps(simulation.compiled, family))
@@ -228,7 +230,7 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
         *own.work.memory(),
         *own.scales,
     ]
-    state += [*instance.events.memory(), *instance.search.memory()]
+    state += [*instance.events.memory(), *instance.search.memory(), *instance.sampled.memory()]
     units = instance.work.size, instance.work.size_q, start.scratch.row
     state += [start.q, start.v, *units, instance.known, instance.options]
     if family in ELIMINATED_FAMILIES:
@@ -237,7 +239,7 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
     state += [array for array in arrays if array is not arrays.kernels]
     state += instance.exchange.memory()
     step_begin = instance.step_begin
-    snapshot = (step_begin.state, step_begin.copy, instance.events.control) if events else None
+    snapshot = (step_begin.state, step_begin.copy, instance.events.control) if has_events(compiled) else None
     return instance, MemoryImage(instance, state, tables, snapshot)
 
 
@@ -260,7 +262,7 @@ def example(name: str) -> Any:
     more = Exchange.allocate(1, 1, lambda: FORMULATIONS[name].branch(1, 1, 1)), SteadyStart.empty(), linear
     shared_eqs, shared = family.formulation(eqs, work)
     places = np.zeros(2, np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64), z(1)
-    event_parts = EventSearch.allocate(*places), empty_memory(), StepBegin.allocate()
+    event_parts = EventSearch.allocate(*places), empty_memory(), StepBegin.allocate(), no_sampled_memory()
     first = *run, given, shared_eqs, shared, start, *settings
     return pin(Instance(*first, frames, z(1), positions, *more, *event_parts))
 

@@ -30,6 +30,7 @@ from .event_actions import (
 from .event_memory import EVENT_FAILED, EVENT_REQUESTED_CODE, IMPULSE, NO_FAILURE, RUN_ENDED_CODE, SET_INPUT
 from .exchange_memory import NEXT_EVENT, pack_states
 from .exchange_times import begin_evaluation
+from .sampled_blocks import begin_samples, fill_sample_jump, next_sample_time
 
 SAME_TIME_RATIO = 1e-9  # of times, relative or s: so much may the clock of an importing tool differ
 
@@ -62,9 +63,10 @@ def take_sides(search: EventSearch) -> None:
 
 @kernel
 def find_next_time(instance: Any) -> None:
-    """Let the time of the next event be that of an event of a given time, if this is earlier."""
+    """Let the time of the next event be that of an event of a given time or of a sample, if this is earlier."""
     times = instance.exchange.times
-    times[NEXT_EVENT] = min(times[NEXT_EVENT], next_event_time(instance.events))
+    own = min(next_event_time(instance.events), next_sample_time(instance.sampled))
+    times[NEXT_EVENT] = min(times[NEXT_EVENT], own)
 
 
 def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., int]) -> dict[str, Callable[..., int]]:
@@ -127,6 +129,7 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
     def events_exchange_start(instance: Any, t: float) -> int:
         """Begin at the reported state of time t, s."""
         begin_events(instance.events, t)
+        begin_samples(instance.sampled, t)
         fill_point(instance.search, instance.session, t, instance.q, instance.v, BEGIN)
         note_sides(instance.search, BEGIN)
         if makes_jumps and not check_stops(instance):
@@ -158,6 +161,9 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
             pack_states(instance.q, instance.v, instance.exchange)
         if control.failure != NO_FAILURE:
             return EVENT_FAILED
+        if control.ended == 0 and fill_sample_jump(instance, SAME_TIME_RATIO * max(1.0, abs(t))):
+            let_jump(instance)
+            pack_states(instance.q, instance.v, instance.exchange)
         take_sides(search)
         code = update_at(instance, t)
         if code == OK:

@@ -27,6 +27,7 @@ from .event_actions import (
     stop_by_event,
 )
 from .event_memory import EVENT_FAILED, IMPULSE, NO_FAILURE, RUN_ENDED_CODE, SET_INPUT
+from .sampled_blocks import begin_samples, fill_sample_jump, next_sample_time
 
 
 class StepKernels(NamedTuple):
@@ -206,32 +207,43 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
             return EVENT_FAILED
         return code
 
+    @jit_uncached
+    def sample(instance: Any) -> bool:
+        """Take the samples of the time reached; return whether there are any."""
+        is_any: bool = fill_sample_jump(instance, EQUAL_TIME_SPACINGS * spacing(instance.clock[0]))
+        if is_any:
+            let_jump(instance)
+        return is_any
+
     def events_begin(instance: Any, t: float) -> int:
         """Begin at the reported state of time t (s), with the events of this time."""
         begin_events(instance.events, t)
+        begin_samples(instance.sampled, t)
         begin_search(instance)
         if makes_jumps and not check_stops(instance):
             return EVENT_FAILED
-        if collect_due(instance.events, instance.search, t, 0.0):
-            return int(act(instance))
-        return OK
+        code: int = act(instance) if collect_due(instance.events, instance.search, t, 0.0) else OK
+        if code == OK and instance.events.control[0].ended == 0:
+            sample(instance)
+        return code
 
     def events_step(instance: Any, end: float) -> int:
         """Advance to the communication point at ``end`` (s) with all events before it, or to one that ends the run."""
         events, control, slack = instance.events, instance.events.control[0], EQUAL_TIME_SPACINGS * spacing(end)
         code: int = begin_step(instance, end) if control.ended == 0 else OK
         while code == OK and control.ended == 0:
-            due = next_event_time(events)
+            due = min(next_event_time(events), next_sample_time(instance.sampled))
             code = advance(instance, due if due < end - slack else end)
             account = instance.energy_account
             check_point(instance.session, instance.clock[0], instance.q, instance.v, account, False)
             if code != OK:
                 break
-            if not collect_due(events, instance.search, instance.clock[0], slack):
-                if instance.clock[0] >= end:
-                    break
-                continue
-            code = act(instance)
+            is_event = collect_due(events, instance.search, instance.clock[0], slack)
+            control.changed = 0
+            code = act(instance) if is_event else OK
+            is_sample = code == OK and control.ended == 0 and sample(instance)
+            if not is_event and not is_sample and instance.clock[0] >= end:
+                break
             if code == OK and control.changed == 1 and control.ended == 0:
                 code = begin_step(instance, end)
         return RUN_ENDED_CODE if code == OK and control.ended == 1 else code

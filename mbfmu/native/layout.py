@@ -160,6 +160,7 @@ HEADER = np.dtype(
         ("takes_rates", "i8"),  # 1: all inputs take a derivative by time in co-simulation
         ("positions", "i8"),  # number of free positions, and of velocities
         ("velocities", "i8"),
+        ("has_events", "i8"),  # 1: there are events or sampled blocks
         ("indicators", "i8"),  # number of event indicators
         *((f"{name}_at", "i8") for name in HEADER_OFFSETS),
         *(field for name in SECTIONS for field in ((name, "i8"), (f"{name}_count", "i8"))),

@@ -15,12 +15,13 @@ from mbfmu.util.errors import UserError
 from solvers.system import Array
 
 from .event_memory import event_numbers, event_structure
+from .sampled_blocks import sampled_numbers, sampled_structure
 from .user_kernels import fingerprints
 
 STRUCTURE_REASON = "it changes the structure of the mechanism"
 KERNEL_REASON = "it changes a user-defined function, which is compiled into the FMU"
 
-EVENTS = "events"  # name of the numbers of events, see .event_memory.EventMemory
+EVENTS, SAMPLED = "events", "sampled"  # names of the numbers of events and of sampled blocks
 ESTIMATED = "estimated_"  # begins the names of fields that loads estimate, see Load.fill_estimates
 
 ARRAY_DESCRIPTIONS = {
@@ -39,15 +40,16 @@ ARRAY_DESCRIPTIONS = {
     "drive size": "the rate of the mechanism",
     "drive rate": "the rate of the mechanism",
     EVENTS: "an event",
+    SAMPLED: "a sampled block",
 }
 
 
 class Place(NamedTuple):
     """Where a number is.
 
-    ``array`` is a field of :class:`mbfmu.mechanics.records.Arrays`; or ``events``: numbers of events; or ``q``, ``v``:
-    start positions and velocities before loops are closed; or ``size``, ``row_size``, ``rate``, ``loop_rate`` of the
-    system; or ``length`` of the compiled mechanism.
+    ``array`` is a field of :class:`mbfmu.mechanics.records.Arrays`; or ``events``, ``sampled``: numbers of events and
+    of sampled blocks; or ``q``, ``v``: start positions and velocities before loops are closed; or ``size``,
+    ``row_size``, ``rate``, ``loop_rate`` of the system; or ``length`` of the compiled mechanism.
     """
 
     array: str
@@ -82,7 +84,7 @@ class Reader:
         self._model = model
         self._known: dict[tuple[tuple[str, float], ...], Array | UserError] = {}
         compiled = model.compile()
-        self._kernels, self._events = fingerprints(compiled.called()), event_structure(compiled.mechanism)
+        self._kernels, self._events = fingerprints(compiled.called()), _structure(compiled)
         arrays = compiled.data.arrays
         masks = {name: _real_words(name, array, compiled) for name, array in arrays._asdict().items()}
         self._real = np.concatenate(list(masks.values()))
@@ -130,7 +132,7 @@ class Reader:
             if fingerprints(compiled.called()) != self._kernels:
                 raise UserError(KERNEL_REASON)
             words = _words(compiled)
-            if event_structure(compiled.mechanism) != self._events:
+            if _structure(compiled) != self._events:
                 raise UserError(STRUCTURE_REASON)
             if len(words) != len(self._real) or np.any(words[self._fixed] != self._whole):
                 raise UserError(STRUCTURE_REASON)
@@ -148,6 +150,11 @@ class Reader:
         if not np.isfinite(found).all():
             raise UserError("other values lead to numbers that are not finite")
         return found
+
+
+def _structure(compiled: CompiledMechanism) -> list[tuple[Any, ...]]:
+    """Return what events and sampled blocks are, without their numbers."""
+    return [*event_structure(compiled.mechanism), *sampled_structure(compiled.mechanism)]
 
 
 def _words(compiled: CompiledMechanism) -> NDArray[np.int64]:
@@ -200,6 +207,7 @@ def _solver_data(compiled: CompiledMechanism) -> dict[str, Array]:
     time_scales = [(drives.sizes[k], drives.time_scale(k)) for k in drives.signals]
     return {
         EVENTS: event_numbers(compiled.mechanism),
+        SAMPLED: sampled_numbers(compiled.mechanism),
         "q": compiled.assembly.start_positions(),
         "v": compiled.assembly.start_velocities(),
         "size": system.size,

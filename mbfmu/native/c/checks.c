@@ -88,7 +88,7 @@ static bool good_table(const Header *h)
 /* Whether the library has all entry points that are called. */
 static bool good_entry_points(const Header *h)
 {
-    return (!h->steady || family.balance) && (!h->events_count || family.events_step) && (!(h->exchange || h->derivatives) || family.exchange_evaluate);
+    return (!h->steady || family.balance) && is_index(h->has_events, 2) && (!h->has_events || family.events_step) && (!(h->exchange || h->derivatives) || family.exchange_evaluate);
 }
 
 static bool good_header(const Header *h)

@@ -229,7 +229,7 @@ static Outcome go(Instance *own, double t, double length)
     memcpy(own->kept, own->block, saved);
     double here = clock_of(own), end = fmax(here, t + length); /* the host's clock may be a little slow */
     clear_report(own);
-    bool has_events = own->header->events_count > 0;
+    bool has_events = own->header->has_events != 0;
     int64_t code = call_entry_at(own, has_events ? own->family->events_step : own->family->step, end);
     own->ended = code == RUN_ENDED;
     if (code != CODE_OK && !own->ended) {

@@ -92,7 +92,7 @@ int64_t start_exchange(Instance *own)
     call_entry_at(own, own->family->exchange_start, own->start);
     own->derived = false;
     own->reported = 0;
-    return own->header->events_count ? call_entry_at(own, own->family->events_exchange_start, own->start) : CODE_OK;
+    return own->header->has_events ? call_entry_at(own, own->family->events_exchange_start, own->start) : CODE_OK;
 }
 
 /* Call an entry point at the present time; return a code of the solvers. */
@@ -328,7 +328,7 @@ Outcome update_events(Instance *own, const char *call, Events *events)
     double *x = numbers_at(own, own->header->exchange_x_at), *before = (double *)own->kept; /* a part of the block */
     bool restarts = times_of(own)[RESTART] > 0.0;
     memcpy(before, x, bytes);
-    bool has_events = own->header->events_count > 0;
+    bool has_events = own->header->has_events != 0;
     int64_t code = call_now(own, has_events ? own->family->events_exchange_update : own->family->exchange_update);
     events->ends = code == RUN_ENDED;
     if (events->ends)
@@ -354,7 +354,7 @@ Outcome complete_step(Instance *own, const char *call, bool *event, bool *ends)
     *event = *ends = false;
     apply_changes(own);
     int64_t code = call_now(own, own->family->exchange_accept);
-    if (own->header->events_count && (code == CODE_OK || code == LEFT_BRANCH))
+    if (own->header->has_events && (code == CODE_OK || code == LEFT_BRANCH))
         *event = call_now(own, own->family->events_exchange_accept) == EVENT_REQUESTED;
     if (code == CODE_OK)
         return OK;

@@ -155,7 +155,7 @@ Outcome start_anew(Instance *own)
         describe_assembly(own, status->flaw, text);
         return fail(own, ERROR, text);
     }
-    if (own->header->events_count && !own->exchange &&
+    if (own->header->has_events && !own->exchange &&
         (code = call_entry_at(own, own->family->events_begin, own->start)) != CODE_OK) {
         describe_stop(own, code, text);
         return fail(own, ERROR, text);
