@@ -11,6 +11,7 @@ are no trouble: z has as many entries as there are independent ones, and all row
 
 Three sets of coordinates may change, one after the other until the loops close: those without a given value; all that
 are not held, given ones by ``GIVEN_WEIGHT`` of what the others change by; and all that are not held, alike.
+Deformations change in the last stage only, by ``GIVEN_WEIGHT`` of what the others change by.
 
 The inertia of the allowed motions is checked in the same way: Q_2, the last columns of Q, spans them.
 """
@@ -87,7 +88,8 @@ class ClosureScratch(NamedTuple):
     size: Array  # (n,) units of the coordinates
     row: Array  # (m,) units of the constraints
     free: Array  # (n,) 1 for coordinates that may be changed, 0 for those that are held
-    given: Array  # (2, n) 1 where the position, and the velocity, is given and not only a default; else 0
+    given: Array  # (2, n) 1 where the position, and the velocity, is given and not only a default; 2: of a
+    # deformation; else 0
     states: NDArray[np.int64]  # (k,) places of first-order states in v: the last ones
     weight: Array  # (n,) weight of the change of each coordinate now
     gaps: Array  # (m,) what is to be closed, in units of the rows
@@ -118,12 +120,11 @@ class ClosureScratch(NamedTuple):
         )  # fmt: skip
 
     @staticmethod
-    def of(
-        system: AnySystem, held: NDArray[np.bool_] | None = None, given: NDArray[np.bool_] | None = None
-    ) -> ClosureScratch:
+    def of(system: AnySystem, held: NDArray[np.bool_] | None = None, given: Array | None = None) -> ClosureScratch:
         """Return scratch with the units of a system; ``held`` (n,) coordinates are to stay, none by default.
 
-        ``given`` (2, n) positions and velocities change after the others; none by default.
+        ``given`` (2, n) positions and velocities, 1, change after the others, deformations, 2, after these; none by
+        default.
         """
         scratch = ClosureScratch.allocate(system.n, system.m, system.n_states)
         scratch.size[:], scratch.row[:] = system.size, system.row_size
@@ -157,15 +158,20 @@ def find_closed_positions(eqs: Loops, t: float, start: Any, q: Reals, work: Clos
 @kernel
 def set_weights(stage: int, given: Any, work: ClosureScratch) -> bool:
     """Fill work.weight for a stage of the module docstring; False if the stage does not differ from the last one."""
-    some, others = False, False
+    some, others, deforms = False, False, False
     for j in range(given.shape[0]):
         if work.free[j] > 0.0:
-            some, others = some or given[j] > 0.0, others or not given[j] > 0.0
+            deforms = deforms or given[j] > 1.0
+            some, others = some or given[j] == 1.0, others or not given[j] > 0.0
         weight = 1.0
-        if given[j] > 0.0:
+        if given[j] > 1.0:
+            weight = GIVEN_WEIGHT if stage == MAX_STAGES - 1 else 0.0
+        elif given[j] > 0.0:
             weight = 0.0 if stage == 0 else GIVEN_WEIGHT if stage == 1 else 1.0
         work.weight[j] = work.free[j] * weight
-    return stage == MAX_STAGES - 1 or (some and others)
+    if stage == MAX_STAGES - 1 or (some and others):
+        return True
+    return deforms and (others if stage == 0 else some)
 
 
 @kernel

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy
-from fe_models import block, bracket, straight
+from fe_models import Frame, block, bracket, straight
 
 import mbfmu as mb
 from mbfmu.mechanics import CompiledMechanism
@@ -213,3 +214,86 @@ def test_bodies_and_interfaces_are_refused_by_name_where_they_cannot_be() -> Non
     free = mb.FlexibleBody.from_fe(BLOCK.M, BLOCK.K, BLOCK.nodes, FACES, modes=2, frame="center")
     with pytest.raises(UserError, match="joint of elastic body 'free' is Weld"):
         m.flexible_body("free", m.ground, mb.Weld(), free)
+
+
+def chain_of_links(times: Any, links: int = 12) -> Any:
+    """Tip deflection of the arm of Simo and Vu-Quoc as a chain of rigid links with angular springs, by SciPy.
+
+    Absolute angles theta_i of links of length h: sum_j c_ij (cos(theta_i - theta_j) theta_j'' + sin(theta_i - theta_j)
+    theta_j'^2) = torques of the springs E I / h; half an element is between the hub and the first link.
+    """
+    h, speed, duration = 10.0 / links, 6.0, 15.0
+    i, j = np.indices((links, links)) + 1
+    c = 1.2 * h**3 * (np.where(i == j, 1.0 / 3.0, 0.5) + links - np.maximum(i, j))
+    springs = 1.4e4 / h * np.r_[2.0, np.ones(links - 1)]
+
+    def hub(t: float) -> float:
+        phase = 2.0 * np.pi * t / duration
+        return float(speed / duration * (0.5 * t**2 + (duration / (2.0 * np.pi)) ** 2 * (np.cos(phase) - 1.0)))
+
+    def rate(t: float, y: Any) -> Any:
+        theta, w = np.split(y, 2)
+        torques = springs * np.diff(np.r_[hub(t), theta])
+        difference = theta[:, None] - theta
+        forces = np.r_[torques[1:], 0.0] - torques - c * np.sin(difference) @ w**2
+        return np.r_[w, np.linalg.solve(c * np.cos(difference), forces)]
+
+    found = scipy.integrate.solve_ivp(rate, (0.0, times[-1]), np.zeros(2 * links), "LSODA", times, rtol=1e-7, atol=1e-9)
+    return h * np.sin(found.y[:links] - [hub(t) for t in times]).sum(axis=0)
+
+
+def test_an_arm_that_is_spun_up_bends_back_and_stretches() -> None:
+    """Data of Simo and Vu-Quoc (1986); the steady extension is rho w^2 L^3 / (3 E A)."""
+    nodes = np.column_stack([np.linspace(0.0, 10.0, 11), np.zeros((11, 2))])
+    elements = list(pairwise(range(11)))
+    arm = Frame(nodes, elements, axial=2.8e7, bending=(1.4e4, 1.4e4), torsion=1e4, rho=1.2, spin=6e-4)
+    body = mb.FlexibleBody.from_fe(
+        arm.M, arm.K, nodes, {"hub": [0], "tip": [10]}, modes=4, geometric_stiffness=arm.geometric_stiffness
+    )
+    m = mb.Mechanism()
+    handle = m.flexible_body("arm", m.ground, mb.Revolute(drive=mb.RunUp(speed=6.0, duration=15.0)), body)
+    for axis in "xyz":
+        m.output(f"tip.{axis}", m.relative_position(handle.section("tip"), handle.body, axis))
+    result = mb.simulate(m, 20.0, interval=0.25, solver="radau", tolerance=1e-6)
+    assert not result.diagnostics
+    early = result.t <= 8.0
+    exact = chain_of_links(result.t[early])
+    np.testing.assert_allclose(result["tip.y"][early], exact, rtol=0, atol=0.01 * np.abs(exact).max())
+    assert np.mean(result["tip.x"][result.t > 16.0]) - 10.0 == pytest.approx(1.2 * 36.0 * 1e3 / (3.0 * 2.8e7), rel=2e-3)
+    assert np.abs(result["tip.z"]).max() < 1e-9
+
+
+def test_a_rod_in_a_loop_starts_undeformed_keeps_the_energy_and_is_rigid_if_it_is_stiff() -> None:
+    """Slider-crank: the slider is at r cos(phi) + sqrt(l^2 - (r sin(phi))^2); the given angles do not close the loop."""
+    found = {}
+    for stiffness in (1e4, 20.0):
+        rod = straight(1.0, 4, stiffness=stiffness)
+        body = mb.FlexibleBody.from_fe(rod.M, rod.K, rod.nodes, {"crank": [0], "slider": [4]}, modes=2)
+        m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+        crank = m.body("crank", m.ground, mb.Revolute(start=0.3, rate=5.0), **mb.rod(mass=1.0, length=0.3))
+        handle = m.flexible_body("rod", crank, mb.Revolute(at=(0.3, 0.0, 0.0), start=-0.4), body)
+        slider = m.body("slider", handle.section("slider"), mb.Revolute(), mass=0.5, inertia=(1e-3, 1e-3, 1e-3))
+        m.cut("guide", mb.TranslationalCutJoint(axis="x"), m.ground, slider)
+        for name, sensor in (("phi", crank.angle()), ("x", slider.position("x")), ("energy", m.energy)):
+            m.output(name, sensor)
+        result = mb.simulate(m, 1.0, interval=0.05, solver="adams", tolerance=1e-8)
+        assert {d.code for d in result.diagnostics} == {"changed-start"}
+        np.testing.assert_allclose(result["energy"], result["energy"][0], rtol=1e-7)
+        phi = result["phi"]
+        found[stiffness] = result["x"] - 0.3 * np.cos(phi) - np.sqrt(1.0 - (0.3 * np.sin(phi)) ** 2), result["energy"][0]
+    (stiff, energy), (soft, other) = found.values()
+    assert energy == pytest.approx(other, rel=1e-9)
+    assert np.abs(stiff).max() < 1e-6
+    assert np.abs(soft).max() > 1e-3
+
+
+def test_a_loop_that_only_a_deformation_closes_is_closed_by_it() -> None:
+    """The force on the tip of a cantilever is 3 E I w / L^3."""
+    beam = straight(0.5, 3, stiffness=40.0)
+    body = mb.FlexibleBody.from_fe(beam.M, beam.K, beam.nodes, {"root": [0], "tip": [3]}, modes=1)
+    m = mb.Mechanism()
+    handle = m.flexible_body("beam", m.ground, mb.Weld(), body)
+    slider = m.body("slider", m.ground, mb.Translational(axis="y", at=(0.5, 0.0, 0.0), drive=1e-3), mass=0.1)
+    m.cut("tip", mb.SphericalCutJoint(), handle.section("tip"), slider)
+    m.output("force", slider.effort())
+    assert mb.equilibrium(m).outputs["force"] == pytest.approx(3.0 * 40.0 * 1e-3 / 0.5**3, rel=1e-5)

@@ -13,6 +13,7 @@ from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 import pytest
+from flexible_models import SwungBracket
 from running import Running, needs_linker
 
 from fmus.feeder import Feeder
@@ -43,6 +44,7 @@ MODELS = {
     "four-bar, LU": (FourBar(start_angle=1.0), "adams-lu"),
     "four-bar, radau": (FourBar(), "radau"),
     "elastic coupler": (FourBar(coupler_modes=2), "adams"),
+    "body of finite elements": (SwungBracket(), "adams"),
     "governor": (Governor(), "adams"),
     "pendulum": (SwingPendulum(), "adams"),
     "pendulum, radau": (SwingPendulum(), "radau"),

@@ -42,6 +42,7 @@ MODELS: dict[str, tuple[Model, str, float]] = {  # with their solver, and the le
     "four-bar, hybrid": (FourBar(), "hybrid", 0.01),
     "four-bar, radau": (FourBar(), "radau", 0.01),
     "elastic coupler": (FourBar(coupler_modes=2), "adams", 0.01),
+    "body of finite elements": (SwungBracket(), "radau", 0.01),
     "governor": (Governor(), "adams", 0.01),
     "pendulum": (SwingPendulum(), "radau", 0.01),
     "four-bar, ida": (FourBar(), "ida", 0.01),

@@ -11,6 +11,7 @@ from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import with_unit_quaternion
 from mbfmu.mechanics.elimination import EliminatedLoops
+from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.numbers import array_of
 from mbfmu.mechanics.records import Data
 from mbfmu.util.diagnostics import Diagnostic
@@ -80,15 +81,17 @@ class Assembly:
         """Return which free velocity coordinates (n,) must be left as they are."""
         return held_coordinates(self._mechanism)
 
-    def given(self) -> NDArray[np.bool_]:
-        """Return which positions and which velocities (2, n) of the free coordinates the joints give values for."""
+    def given(self) -> Array:
+        """Return 1 for the positions and velocities (2, n) of free coordinates for which joints give values, 2 for
+        amplitudes of elastic bodies, else 0.
+        """
         bodies = free_bodies(self._mechanism)
         return np.array(
             [
                 np.concatenate(
                     [
-                        *(np.full(b.joint.nv, getattr(b.joint, what) is not None) for b in bodies),
-                        np.zeros(self._system.n_states, bool),
+                        *(np.full(b.joint.nv, _rank_of_start(b, what)) for b in bodies),
+                        np.zeros(self._system.n_states),
                     ]
                 )
                 for what in ("start", "rate")
@@ -135,7 +138,7 @@ class Assembly:
                 found.append(_changed("rate", body, first_v[own_v], v[own_v]))
         return first_of(found, "given starts and rates are changed")
 
-    def close(self, t: float, start: Array, held: NDArray[np.bool_], given: NDArray[np.bool_] | None = None) -> Array:
+    def close(self, t: float, start: Array, held: NDArray[np.bool_], given: Array | None = None) -> Array:
         """Return positions (nq,) with closed loops near ``start``; ``held`` coordinates (n,) stay.
 
         ``given`` (2, n) positions stay if the others can close the loops.
@@ -260,6 +263,11 @@ def _changed(what: str, body: Body, given: Array, found: Array) -> Diagnostic:
         "Give consistent values, or declare as fixed the start values that must be kept",
         subject=body.coordinate_name,
     )
+
+
+def _rank_of_start(body: Body, what: str) -> float:
+    """Return 1 if a joint gives its ``start`` or ``rate``, 2 for the modes of an elastic body, else 0."""
+    return 2.0 if isinstance(body.joint, Section) else float(getattr(body.joint, what) is not None)
 
 
 def start_positions(mechanism: Mechanism) -> Array:

@@ -69,7 +69,7 @@ def assemble_positions(
     t: float,
     start: Array,
     held: NDArray[np.bool_],
-    given: NDArray[np.bool_] | None = None,
+    given: Array | None = None,
     loops: EliminatedLoops | None = None,
 ) -> Array:
     """Return positions (nq,) with Phi = 0 near ``start``; ``held`` (n,) coordinates stay.
@@ -105,7 +105,7 @@ def assemble_velocities(
     q: Array,
     start: Array,
     held: NDArray[np.bool_],
-    given: NDArray[np.bool_] | None = None,
+    given: Array | None = None,
     loops: EliminatedLoops | None = None,
 ) -> Array:
     """Return velocities (n,) with J v = nu, the least change from ``start``; ``held`` coordinates stay.

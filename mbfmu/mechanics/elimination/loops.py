@@ -124,9 +124,7 @@ class EliminatedLoops:
             return None
         return EliminatedLoops(system)
 
-    def close(
-        self, t: float, start: Array, held: NDArray[np.bool_], given: NDArray[np.bool_] | None = None
-    ) -> Array | None:
+    def close(self, t: float, start: Array, held: NDArray[np.bool_], given: Array | None = None) -> Array | None:
         """Return closed positions (nq,) near ``start``; None if none are found.
 
         ``held`` (n,) coordinates stay; ``given`` (n,) ones change only if the loops cannot close by the others.
@@ -138,7 +136,7 @@ class EliminatedLoops:
         return None
 
     def find_velocities(
-        self, t: float, q: Array, start: Array, held: NDArray[np.bool_], given: NDArray[np.bool_] | None = None
+        self, t: float, q: Array, start: Array, held: NDArray[np.bool_], given: Array | None = None
     ) -> Array | None:
         """Return velocities (n,) with J v = nu at closed positions q, the least change from ``start``; None if none are
         found. ``held`` and ``given`` as for :meth:`close`.
@@ -197,12 +195,12 @@ def _independent_columns(E: Array) -> NDArray[np.int64]:
     return np.sort(scipy.linalg.qr(E, mode="r", pivoting=True)[-1][: len(E)])
 
 
-def _stages(held: NDArray[np.bool_], given: NDArray[np.bool_] | None) -> list[Array]:
+def _stages(held: NDArray[np.bool_], given: Array | None) -> list[Array]:
     """Return the weights (n,) of the coordinates, of sets that are tried one after the other; see
     :mod:`solvers.loop_closure`.
     """
     free = np.where(held, 0.0, 1.0)
-    known = np.zeros(len(held), bool) if given is None else given & ~held
+    known = np.zeros(len(held), bool) if given is None else (given > 0) & ~held
     if not known.any() or known[~held].all():
         return [free]
     return [np.where(known, 0.0, free), np.where(known, GIVEN_WEIGHT, free), free]
