@@ -15,6 +15,7 @@ import fmpy
 import numpy as np
 import pytest
 from binding import DISCARD, ERROR, OK, Binary, Instance
+from flexible_models import SwungBracket
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from numpy.typing import NDArray

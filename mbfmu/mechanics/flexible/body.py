@@ -115,7 +115,9 @@ class FlexibleBody:
             rad/s.
         geometric_stiffness
             Optional effect: function that returns the geometric stiffness matrix (N, N), symmetric, for the stresses
-            of static displacements (N,), linear in these; positive for tension. None: no geometric stiffening.
+            of static displacements (N,), linear in these; positive for tension. It is reliable if the frame of the body
+            is held or driven: if the frame moves freely and little mass is connected to it, the mass matrix may be
+            indefinite at displacements of one percent of the size of the body. None: no geometric stiffening.
 
         Returns
         -------
@@ -213,7 +215,7 @@ class FlexibleBody:
         length_unit
             Unit of the positions in the mesh: ``"m"``, ``"cm"``, ``"mm"`` or ``"in"``.
         stiffening
-            Optional effect: geometric stiffening.
+            Optional effect: geometric stiffening, with the limits of ``geometric_stiffness`` of :meth:`from_fe`.
         modes, frequency_limit, frame, damping
             As for :meth:`from_fe`.
 
