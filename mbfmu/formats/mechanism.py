@@ -28,6 +28,7 @@ from mbfmu.mechanics import (
     Weld,
     WeldCutJoint,
 )
+from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.mechanics.axes import plane_axes, unit_axis
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.checks import rotation
@@ -117,8 +118,10 @@ class Described:
     def __init__(self, compiled: CompiledMechanism, name: str, losses: ExportLosses) -> None:
         self.mechanism = mechanism = compiled.mechanism
         self.losses = losses
-        has_loops = bool(mechanism.cuts or mechanism.couplings)
-        self.q = compiled.assemble()[0] if has_loops else None
+        self.q: Vector | None = None  # of all joints, in the start position in which loops are closed
+        if mechanism.cuts or mechanism.couplings:
+            compiled.place_bodies(0.0, compiled.assemble()[0])
+            self.q = np.array(compiled.data.state.q, float)
         self.first = [int(record["qi"]) for record in compiled.data.arrays.bodies]
         self.description = Description(name=name, source=name, origin="", gravity=np.array(mechanism.gravity, float))
         self.joint_names = names_in_outputs(mechanism)
@@ -228,11 +231,15 @@ class Described:
         limited = [own for own in self.coordinates if self.coordinates[own][1].lower is not None]
         if not limited:
             return
-        q = np.concatenate([self._start_of(body) for body in self.mechanism.bodies[1:]])
+        free = free_bodies(self.mechanism)
+        q = np.concatenate([self._start_of(body) for body in free])
+        first = dict(
+            zip((body.index for body in free), np.cumsum([0, *(body.joint.nv for body in free)]), strict=False)
+        )
         inverse = np.diag(np.linalg.pinv(compiled.mass_matrix(0.0, q)))
         for index, k in limited:
             joint = self.coordinates[index, k][1]
-            mobility = float(inverse[int(compiled.data.arrays.bodies[index]["vi"]) + k])
+            mobility = float(inverse[first[index] + k]) if index in first else 0.0
             if joint.stop_stiffness > 0.0 and mobility > 0.0:
                 joint.stop_time = 1.0 / np.sqrt(joint.stop_stiffness * mobility)
         self.losses.note(
@@ -243,7 +250,7 @@ class Described:
     def _start_of(self, body: Body) -> Vector:
         """Return the start positions (nq,) of the joint of a body."""
         joint = body.joint
-        if self.q is not None and joint.drive is None:
+        if self.q is not None:
             first = self.first[body.index]
             return self.q[first : first + joint.nq]
         given: Vector = joint.rest() if joint.start is None else np.atleast_1d(np.asarray(joint.start, float))
