@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PLACE, BIAS = 0, 1  # of a joint
 EVALUATE = 0  # of a cut joint, of a coupling, of a signal
 LONGEST_STEP = 1  # of a signal
-APPLY, POTENTIAL, POWER, TANGENT, MONITOR, MISPLACEMENT = 0, 1, 2, 3, 4, 5  # of a load
+APPLY, POTENTIAL, POWER, TANGENT, MONITOR, MISPLACEMENT, CLEARANCE = 0, 1, 2, 3, 4, 5, 6  # of a load
 READ = 0  # of a sensor
 
 
@@ -136,6 +136,15 @@ def load_misplacement(load: ItemRecord, arrays: Arrays, state: State) -> float:
     address = arrays.kernels[load.kind + MISPLACEMENT]
     if address == 0:
         return 0.0
+    return call_f(address, arrays.memory, load.at, state.time, (arrays, state))
+
+
+@inlined
+def load_clearance(load: ItemRecord, arrays: Arrays, state: State) -> float:
+    """How far bodies may move before a load acts, m; see :mod:`.loads.base`. Zero where it does not say."""
+    address = arrays.kernels[load.kind + CLEARANCE]
+    if address == 0:
+        return 0.0 * state.time[0]
     return call_f(address, arrays.memory, load.at, state.time, (arrays, state))
 
 

@@ -20,7 +20,7 @@ from solvers.compiled.kernel import records
 from solvers.compiled.record import Mat3, Mat6, Record, Table, Vec3, Vec6, f8, i8
 from solvers.compiled.record_view import COMPLEX_FACTOR, aligned_bytes, complex_dtype
 
-MAX_KERNELS = 6  # most that a role has
+MAX_KERNELS = 7  # most that a role has
 
 RIGID, MODAL, SECTION = 0, 1, 2  # roles of a body: moved by its joint; first section of a flexible body, whose
 # amplitudes are its coordinates and do not move it; another section, which shares them
@@ -46,6 +46,7 @@ class BodyRecord(Record):
     attached: i8  # 1: the joint is reversed, or its frame on this body is not the body's frame; see child_frame
     reversed: i8  # 1: the second frame of the joint is in the parent
     armature: f8  # inertia of a drive's rotor as seen at the joint, kg m^2 or kg
+    lever: f8  # of loads with a clearance, see mbfmu.mechanics.recursions.active_loads, m; -1: none depends on the body
     mass: f8  # kg
     com: Vec3  # center of mass from the body's origin, body axes, m
     inertia: Mat3  # about the center of mass, body axes, kg m^2
@@ -104,6 +105,8 @@ class WorldRecord(Record):
     nonconservative: i8  # 1: there is work that no potential contains
     drives: i8  # 1: a drive does
     states: i8  # number of first-order states: the last entries of State.v and of the solver's free v
+    has_clearances: i8  # 1: some loads return a clearance
+    search_margin: f8  # m, see mbfmu.mechanics.recursions.active_loads
 
 
 class Arrays(NamedTuple):
@@ -164,6 +167,25 @@ class CoupledRecord(Record):
     lam: f8  # multiplier that loaded the coordinates last
 
 
+class SearchRecord(Record):
+    """Lists of loads, see mbfmu.mechanics.recursions.active_loads."""
+
+    active: i8  # number of active loads in the last search
+    acting: i8  # number of loads that acted in the last evaluation
+    is_searched: i8  # 1: there is a search, with the present records of loads
+    is_evaluated: i8  # 1: and an evaluation
+    has_acted: i8  # 1: the load that is evaluated acts
+    is_repeated: i8  # 1: it is evaluated where it acted in the last evaluation
+    parts: i8  # bits of its parts that act there, as it has set them
+
+
+class PlacementRecord(Record):
+    """Where a body was in the last search or evaluation, real numbers in every state."""
+
+    r: Vec3
+    A: Mat3
+
+
 class RelativeMotionRecord(Record):
     """What the kernels of a joint write: the motion of the child relative to the joint frame, in its axes."""
 
@@ -193,6 +215,13 @@ class State(NamedTuple):
     D: NDArray[np.float64]  # (nv, largest nv of a joint + 1) articulated body: a joint's Cholesky factor, and last its
     # right-hand side
     scratch: NDArray[np.uint8]  # scratch memory of element types, see mbfmu.mechanics.dispatch.scratch_record
+    search: Table[SearchRecord]  # (1,), see mbfmu.mechanics.recursions.active_loads, as the six that follow
+    searched: Table[PlacementRecord]  # (nb,)
+    evaluated: Table[PlacementRecord]  # (nb,)
+    active: NDArray[np.int64]  # (loads,) first the numbers of the active ones, ascending
+    acting: NDArray[np.int64]  # (loads,) ... of those that acted
+    acting_parts: NDArray[np.int64]  # (loads,) SearchRecord.parts of these
+    is_acting: NDArray[np.int64]  # (loads,) 1: it acted
     time: NDArray[np.float64]  # (1,) s, when the forces were applied last
     cached_power: NDArray[np.float64]  # (1,) W, non-conservative power that loads have evaluated with their forces
     energy: NDArray[np.float64]  # (2,) J, kinetic and potential, where sensors are read
@@ -206,7 +235,7 @@ class Data(NamedTuple):
 
 
 def allocate_state(
-    nb: int, rows: int, couplings: int, nq: int, nv: int, widest: int, subspaces: int, scratch: int
+    nb: int, rows: int, couplings: int, loads: int, nq: int, nv: int, widest: int, subspaces: int, scratch: int
 ) -> State:
     """Return zeroed memory for ``nb`` bodies (ground included), with the ground placed; ``widest`` is the largest
     number of coordinates of a joint, and ``scratch`` is in bytes.
@@ -229,6 +258,13 @@ def allocate_state(
         U=z((nv, 6)),
         D=z((nv, widest + 1)),
         scratch=aligned_bytes(scratch),
+        search=SearchRecord.zeros(1),
+        searched=PlacementRecord.zeros(nb),
+        evaluated=PlacementRecord.zeros(nb),
+        active=z(loads, np.int64),
+        acting=z(loads, np.int64),
+        acting_parts=z(loads, np.int64),
+        is_acting=z(loads, np.int64),
         time=z(1),
         cached_power=z(1),
         energy=z(2),
@@ -257,7 +293,7 @@ def empty_data() -> Data:
         memory=np.zeros(1, np.uint8),
         numbers=np.zeros(1),
     )
-    return Data(arrays, allocate_state(1, 1, 1, 1, 1, 1, 1, 0))
+    return Data(arrays, allocate_state(1, 1, 1, 1, 1, 1, 1, 1, 0))
 
 
 def to_complex_data(data: Data) -> Data:
@@ -274,7 +310,17 @@ def to_complex_state(state: State) -> State:
     """Return a copy whose real numbers are complex."""
     scratch = aligned_bytes(COMPLEX_FACTOR * len(state.scratch))
     arrays: Any = [to_complex(array) for array in state]
-    return State(*arrays)._replace(scratch=scratch)
+    searched: Any = state.searched.copy()
+    evaluated: Any = state.evaluated.copy()
+    return State(*arrays)._replace(scratch=scratch, searched=searched, evaluated=evaluated)
+
+
+def share_lists(state: State, moving: State) -> State:
+    """Return a state that has the lists of loads of another one at the same real positions."""
+    return state._replace(
+        search=moving.search, searched=moving.searched, evaluated=moving.evaluated, active=moving.active,
+        acting=moving.acting, acting_parts=moving.acting_parts, is_acting=moving.is_acting,
+    )  # fmt: skip
 
 
 def copy_state(state: State) -> State:

@@ -20,6 +20,7 @@ from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
 from mbfmu.mechanics.arrays.input_kernels import InputRecords, start_input
 from mbfmu.mechanics.arrays.tables import LINEARIZED, TANGENT_NUMBERS, CalledKernel
 from mbfmu.mechanics.records import ItemRecord, empty_data
+from mbfmu.mechanics.recursions.active_loads import discard_lists
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
 from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.events import search_memory
@@ -352,6 +353,7 @@ def entries(name: str) -> dict[str, Entry]:
         If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state.
         It may be TURNED or MISPLACED too.
         """
+        discard_lists(instance.eqs.data.state)
         code: int = assembled(instance, t)
         return code if code != ASSEMBLED else int(find_misplaced(instance, t))
 
@@ -403,6 +405,7 @@ def entries(name: str) -> dict[str, Entry]:
 
     def restore(instance: Any) -> int:
         """Continue from arrays that were saved, which are in their places again."""
+        discard_lists(instance.eqs.data.state)
         restored(instance.given, instance.options)
         return OK
 

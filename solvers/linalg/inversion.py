@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from solvers.compiled.record import Integers, Reals
 
 ROOK_RATIO = (1.0 + 17.0**0.5) / 8.0  # bounds the growth in steps with pivots of one and of two rows alike
+PANEL = 4  # columns that are eliminated at once
 SINGULAR = -1  # instead of a number of negative eigenvalues
 
 
@@ -64,12 +65,13 @@ def find_largest(row: Reals, first: int, left_out: int) -> int:
 
 
 @kernel
-def invert(A: Reals, order: Integers, scratch: Reals) -> bool:
-    """A (n, n) <- A^-1 by LU with row pivoting; scratch (n, n) and order (n,) are scratch. False: A is singular."""
+def factor_panel(A: Reals, first: int, end: int, order: Integers) -> bool:
+    """Eliminate columns ``first`` to ``end`` of A below their diagonal, with row pivoting, in these columns alone.
+
+    Factors of L go below the diagonal. False: A is singular.
+    """
     n = A.shape[0]
-    for k in range(n):
-        order[k] = k
-    for k in range(n):
+    for k in range(first, end):
         best = k
         for i in range(k + 1, n):
             if abs(A[i, k]) > abs(A[best, k]):
@@ -85,9 +87,55 @@ def invert(A: Reals, order: Integers, scratch: Reals) -> bool:
             if A[i, k] != 0.0:
                 factor = A[i, k] * pivot
                 A[i, k] = factor
-                out, row = A[i, k + 1 :], A[k, k + 1 :]
-                for j in range(out.shape[0]):
-                    out[j] -= factor * row[j]
+                for j in range(k + 1, end):
+                    A[i, j] -= factor * A[k, j]
+    return True
+
+
+@inlined
+def subtract_rows(A: Reals, i: int, first: int, end: int, column: int) -> None:
+    """Row i of A, from ``column`` on, less what rows ``first`` to ``end`` have to do with it: its factors times them.
+
+    They are subtracted one after the other, four at once: each entry is read and written once.
+    """
+    out = A[i, column:]
+    if end - first == PANEL:
+        a, b, c, d = A[i, first], A[i, first + 1], A[i, first + 2], A[i, first + 3]
+        if a != 0.0 or b != 0.0 or c != 0.0 or d != 0.0:
+            one, two, three, four = (
+                A[first, column:],
+                A[first + 1, column:],
+                A[first + 2, column:],
+                A[first + 3, column:],
+            )
+            for j in range(out.shape[0]):
+                out[j] = out[j] - a * one[j] - b * two[j] - c * three[j] - d * four[j]
+        return
+    for k in range(first, end):
+        factor, row = A[i, k], A[k, column:]
+        if factor != 0.0:
+            for j in range(out.shape[0]):
+                out[j] -= factor * row[j]
+
+
+@kernel
+def invert(A: Reals, order: Integers, scratch: Reals) -> bool:
+    """A (n, n) <- A^-1 by LU with row pivoting; scratch (n, n) and order (n,) are scratch. False: A is singular.
+
+    Columns are eliminated in panels, which then change the columns behind them at once. Every entry gets its terms in
+    the order of the pivots, as without panels.
+    """
+    n = A.shape[0]
+    for k in range(n):
+        order[k] = k
+    for first in range(0, n, PANEL):
+        end = min(first + PANEL, n)
+        if not factor_panel(A, first, end, order):
+            return False
+        for i in range(first + 1, end):
+            subtract_rows(A, i, first, i, end)
+        for i in range(end, n):
+            subtract_rows(A, i, first, end, end)
     for i in range(n):  # scratch <- L^-1, of which what is right of the diagonal is zero
         for j in range(n):
             scratch[i, j] = 0.0

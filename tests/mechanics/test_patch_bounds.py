@@ -32,14 +32,15 @@ def sampled(cell: Any, bodies: Any) -> Any:
     return np.array(found)
 
 
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("turn", [0.0, 0.3, 1.0, 3.0])
-def test_a_patch_is_within_its_bounds(turn: float) -> None:
+def test_a_patch_is_within_its_bounds(turn: float, size: float) -> None:
     """However it is bent: each node turned and moved at random. Of a flat one the bounds are exact."""
-    random, sides = np.random.default_rng(5), (0.02, 0.03)
-    flat = np.array([(0.0, 0.0, 0.0), (0.02, 0.0, 0.0), (0.02, 0.0, 0.03), (0.0, 0.0, 0.03)])
+    random, sides = np.random.default_rng(5), (0.02 * size, 0.03 * size)
+    flat = size * np.array([(0.0, 0.0, 0.0), (0.02, 0.0, 0.0), (0.02, 0.0, 0.03), (0.0, 0.0, 0.03)])
     for _ in range(20):
         turns, shifts = (random.uniform(-1.0, 1.0, (4, 3)) for _ in range(2))
-        cell, bodies = cell_of(flat + 0.01 * turn * shifts, turn * turns, sides)
+        cell, bodies = cell_of(flat + 0.01 * size * turn * shifts, turn * turns, sides)
         center, n = np.zeros(3), random.normal(size=3)
         evaluate_center(cell, bodies, center)
         n /= np.linalg.norm(n)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.dispatch import BIAS, LONGEST_STEP, MISPLACEMENT, MONITOR, POTENTIAL, POWER
+from mbfmu.mechanics.dispatch import BIAS, CLEARANCE, LONGEST_STEP, MISPLACEMENT, MONITOR, POTENTIAL, POWER
 from mbfmu.mechanics.records import MAX_KERNELS, Arrays, Data, State, copy_state
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import COMPILED, bounds_checked, records
@@ -122,6 +122,7 @@ def _uses(mechanism: Mechanism, arrays: Arrays, state: State) -> Iterator[Kernel
         yield KernelUse(acting.what, kind + POWER, at, (t, a, s))
         yield KernelUse(acting.what, kind + MONITOR, at, (a, s))
         yield KernelUse(acting.what, kind + MISPLACEMENT, at, (a, s))
+        yield KernelUse(acting.what, kind + CLEARANCE, at, (a, s))
     for own in arrays.signals:
         yield KernelUse("a signal", int(own["kind"]), int(own["at"]), (t, a))
         yield KernelUse("a signal", int(own["kind"]) + LONGEST_STEP, int(own["at"]), (t, a))

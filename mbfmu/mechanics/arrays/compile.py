@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.builder.loading import Acting
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation, vector
 from mbfmu.mechanics.flexible.records import FlexibleRecord, NodeRecord
 from mbfmu.mechanics.joints import Section
-from mbfmu.mechanics.kind import ElementType, record_of
+from mbfmu.mechanics.kind import ElementType, kernel_of, record_of
 from mbfmu.mechanics.records import (
     MAX_KERNELS,
     MODAL,
@@ -27,6 +28,7 @@ from mbfmu.mechanics.records import (
     SensorRecord,
     WorldRecord,
     allocate_state,
+    share_lists,
     to_complex_data,
     to_complex_state,
 )
@@ -39,6 +41,10 @@ from solvers.compiled.record_view import complex_dtype
 
 from .numbering import CompiledAttachment, Numbering, shares_coordinates
 from .tables import COMPLEX, COMPLEX_STEP_NUMBERS, REAL, TANGENT_NUMBERS, CalledKernel, NumberTypes, Tables
+
+# Margin of the search for active loads relative to the largest lever: at a smaller one there are more searches, at a
+# larger one more loads are listed.
+SEARCH_MARGIN_RATIO = 0.2
 
 
 class CompiledElements:
@@ -123,6 +129,7 @@ class CompiledElements:
             | any(a.load.is_nonconservative for a in loads)
             | any(handle.elastic.is_damped for handle in mechanism.flexible_bodies)
         )
+        set_levers(loads, world, bodies)
         observing = item_records(sensors, SensorRecord)
         observing["energy"] = [sensor.reads_energy for sensor in self.sensors]
         arrays = Arrays(
@@ -144,13 +151,13 @@ class CompiledElements:
         )
         widest = max((body.joint.nv for body in mechanism.bodies), default=0)
         sizes = (numbering.nq_full, numbering.nv_full, widest, numbering.subspaces, numbering.scratch_size)
-        self.data = Data(arrays, allocate_state(len(mechanism.bodies), rows, len(couplings), *sizes))
+        self.data = Data(arrays, allocate_state(len(mechanism.bodies), rows, len(couplings), len(loads), *sizes))
         self.signals = self.signals_in(self.data)
 
     def complex_step_data(self) -> Data:
         """Return the same arrays with a complex state, for derivatives by complex steps."""
         arrays = self.data.arrays._replace(kernels=self._tables.kernels(COMPLEX_STEP_NUMBERS))
-        return Data(arrays, to_complex_state(self.data.state))
+        return Data(arrays, share_lists(to_complex_state(self.data.state), self.data.state))
 
     def tangent_arrays(self) -> Arrays:
         """Return the same arrays with the kernels that give derivatives by the state."""
@@ -207,6 +214,17 @@ def filled_record(item: ElementType, place: CompiledAttachment) -> NDArray[Any]:
 def observed_sensors(sensor: Sensor) -> tuple[Body, ...]:
     """Return the bodies of a sensor: those it lists, or the one body that is its item."""
     return sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ())
+
+
+def set_levers(loads: list[Acting], world: Table[WorldRecord], bodies: Table[BodyRecord]) -> None:
+    """Write what the search for active loads requires, see :mod:`mbfmu.mechanics.recursions.active_loads`."""
+    bodies["lever"] = -1.0
+    for acting in loads:
+        if kernel_of(acting.load, "clearance") is not None:
+            for body, lever in zip(acting.bodies, acting.load.levers, strict=False):
+                bodies["lever"][body.index] = max(bodies["lever"][body.index], lever)
+    largest = float(bodies["lever"].max())
+    world["has_clearances"], world["search_margin"] = largest > 0.0, SEARCH_MARGIN_RATIO * largest
 
 
 def item_records(items: NDArray[np.int64], record: type[R]) -> Table[R]:

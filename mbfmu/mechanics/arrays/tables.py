@@ -33,13 +33,14 @@ class NumberTypes(NamedTuple):
     left_out: frozenset[str]
 
 
-UNMOVED = frozenset(("longest_step", "power", "monitor", "misplacement"))  # nothing is derived from these
+# nothing is derived from these
+UNMOVED = frozenset(("longest_step", "power", "monitor", "misplacement", "clearance"))
 REAL = NumberTypes(float, float, frozenset(("tangent",)))
 COMPLEX = NumberTypes(complex, complex, UNMOVED | {"tangent"})  # derivatives by all that is in both
 TANGENT_NUMBERS = NumberTypes(float, complex, UNMOVED | {"bias", "potential", "read"})  # ... by the state alone
 LINEARIZED = NumberTypes(float, complex, UNMOVED | {"tangent"})  # ... and of all that is computed from it
 COMPLEX_STEP_NUMBERS = NumberTypes(
-    float, complex, UNMOVED | {"potential", "read", "tangent"}
+    float, complex, UNMOVED - {"clearance"} | {"potential", "read", "tangent"}
 )  # ... along one direction
 
 

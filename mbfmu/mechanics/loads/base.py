@@ -16,6 +16,13 @@ Its kernels:
                                              :func:`limit_ratio`; None: it does not say
     misplacement(load, arrays, state)        returns how far its bodies are from where it requires them at the start:
                                              more than MAX_MISPLACEMENT is refused; None: it requires nothing
+    clearance(load, arrays, state)           returns how far its bodies may be displaced, m, in the measure of
+                                             :mod:`mbfmu.mechanics.recursions.active_loads` before it acts: a lower
+                                             bound; 0.0 where it may act; None: it always may. Such a load sets
+                                             ``state.search[0].has_acted`` to 1 where it acts: where what it applies, or
+                                             its derivative, is not zero. Whether it acts depends on the placements of
+                                             the bodies with :attr:`Load.levers` alone. It may set bits of its ``parts``
+                                             that act, and evaluate these alone if ``is_repeated`` is 1
     extrapolate(loads, arrays, state)        writes to the records of all loads of its type the strains e + e', by
                                              positions and velocities; ``apply`` and ``tangent`` use them instead of
                                              e if the field ``is_extrapolated`` of the record is 1; None: they have
@@ -154,6 +161,7 @@ class Load(ElementType):
         "tangent": "time, arrays, state, perturbed, matrix -> number",
         "monitor": "arrays, state -> number",
         "misplacement": "arrays, state -> number",
+        "clearance": "arrays, state -> number",
     }
     apply: ClassVar[Any]
     potential: ClassVar[Any] = None
@@ -161,6 +169,7 @@ class Load(ElementType):
     tangent: ClassVar[Any] = None
     monitor: ClassVar[Any] = None
     misplacement: ClassVar[Any] = None
+    clearance: ClassVar[Any] = None
     extrapolate: ClassVar[Any] = None
     drawings: ClassVar = ("", "coil")
     drawn: ClassVar[str] = ""  # how pictures show it: one of these; a coil is between its points, or along its joint
@@ -181,6 +190,13 @@ class Load(ElementType):
     def n_untied_bodies(self) -> int:
         """Number of trailing bodies whose coupling to the others is left out of the groups of the tangent (border)."""
         return 0
+
+    @property
+    def levers(self) -> tuple[float, ...]:
+        """Distances (m) from the origins of its first bodies within which points of these determine its ``clearance``;
+        where it is positive, it must not depend on other bodies.
+        """
+        return ()
 
     @property
     def slip_scale(self) -> float:

@@ -8,6 +8,8 @@ from mbfmu.mechanics.dispatch import apply_load, load_potential, load_power
 from mbfmu.mechanics.flexible import modal
 from solvers.compiled.kernel import inlined, kernel
 
+from .active_loads import apply_active_loads
+
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
 
@@ -22,8 +24,11 @@ def apply_loads(t: float, arrays: Arrays, state: State) -> None:
         for k in range(6):
             F[k] = 0.0
     state.cached_power[0] = 0.0
-    for i in range(arrays.loads.shape[0]):
-        apply_load(arrays.loads[i], t, arrays, state)
+    if arrays.world[0].has_clearances == 1:
+        apply_active_loads(t, arrays, state)
+    else:
+        for i in range(arrays.loads.shape[0]):
+            apply_load(arrays.loads[i], t, arrays, state)
     for i in range(arrays.flexibles.shape[0]):
         modal.apply_elastic_forces(arrays.flexibles[i], state, arrays.numbers)
     state.time[0] = t

@@ -116,6 +116,8 @@ def store_state(moving: Any, state: Any) -> None:
         state.q[i] = moving.q[i]
     for i in range(state.v.shape[0]):
         state.v[i], state.a[i], state.Q[i], state.tau[i] = moving.v[i], moving.a[i], moving.Q[i], moving.tau[i]
+    for e in range(state.is_acting.shape[0]):
+        state.is_acting[e] = moving.is_acting[e]
     state.time[0] = moving.time[0]
 
 

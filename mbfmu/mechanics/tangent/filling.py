@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.dispatch import load_tangent
+from mbfmu.mechanics.recursions.active_loads import is_idle
 from solvers.compiled.kernel import inlined, kernel
 
 from . import couplings, cuts, loads
@@ -73,7 +74,7 @@ def add_analytic_tangent(
     scratch: TangentScratch,
 ) -> None:
     """A load with a tangent between bodies of a group and its neighbor; scratch.K is zero before and after."""
-    if load_tangent(arrays.loads[e], c1, arrays, state, perturbed, scratch.K) == 0.0:
+    if is_idle(e, arrays, state) or load_tangent(arrays.loads[e], c1, arrays, state, perturbed, scratch.K) == 0.0:
         return
     inner = (
         layout.inward[group] if layout.home[e] == group else -1

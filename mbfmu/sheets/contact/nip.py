@@ -59,22 +59,24 @@ from .initial_contact import misplaced_nips
 from .patch import (
     apply_reaction,
     apply_to_nodes,
-    bounding_radius,
-    evaluate_center,
+    bezier_lever,
     evaluate_ruled_weights,
     interpolate_point,
     point_velocity,
 )
 from .scratch import ALL_POINTS, CONTACT_REASON, CONTACT_SCRATCH, NIP_SCRATCH, contact_scratch, nip_scratch
 from .stations import (
+    bound_cell,
+    cell_clearance,
     cell_share,
     clamped_beam_compliance,
+    edge_margins,
     entry_gap,
     entry_gap_law,
     find_material_point,
-    is_separated,
+    height_beyond_reach,
     is_within_cell,
-    station_position,
+    station_offset,
 )
 
 if TYPE_CHECKING:
@@ -82,10 +84,6 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
     from mbfmu.sheets.contact.scratch import ContactScratch, NipScratch
     from solvers.compiled.record import Reals, Table
-
-SEAM_WIDTH = (
-    1e-6  # sides of a cell: where a station passes from one to the next, both have it, with parts that add up to one
-)
 
 
 class NipRecord(Record):
@@ -125,35 +123,35 @@ class NipRecord(Record):
 def evaluate_contact(nip: NipRecord, t: float, arrays: Arrays, state: State) -> None:
     """Add the forces at all stations in this cell to ``here.result``, and unless ``accumulate_only`` to the bodies."""
     here, bodies, pair = contact_scratch(nip, state), state.bodies, nip_scratch(nip, state)
-    evaluate_center(nip, bodies, here.r)
-    x, y, z = here.r[0].real, here.r[1].real, here.r[2].real
-    far = bounding_radius(nip) + nip.half + 0.5 * nip.width
-    if (x - nip.place[0].real) ** 2 + (y - nip.place[1].real) ** 2 + (z - nip.place[2].real) ** 2 > far.real**2:
+    if height_beyond_reach(nip, bodies) > 0.0:
         return
+    back, front = bound_cell(nip, nip.d, bodies)
+    if front < -nip.half.real or back > nip.half.real:
+        return
+    near, far = bound_cell(nip, nip.e, bodies)
     N = signal_value(nip.force, t, arrays)
     if N.real < 0.0:  # an idler does not pull
         N = 0.0 * N
-    mx, mz = nip.entry / nip.a, nip.entry / nip.b
-    x0, x1 = mx if nip.ends[0, 0] == 1 else SEAM_WIDTH, mx if nip.ends[0, 1] == 1 else SEAM_WIDTH
-    z0, z1 = mz if nip.ends[1, 0] == 1 else SEAM_WIDTH, mz if nip.ends[1, 1] == 1 else SEAM_WIDTH
+    before, after, left, right = edge_margins(nip)
     for j in range(nip.pairs):
         place = (2.0 * j + 1.0) / nip.pairs - 1.0  # across: from -1 to 1
         met = False
         for i in range(2):
             pair.part[i], pair.y[i] = 0.0, 0.0
-            P = station_position(nip, place, i)
-            if is_separated(nip, P, x, y, z):
+            along, sideways = station_offset(nip, place, i)
+            if along.real < back or along.real > front or sideways.real < near or sideways.real > far:
                 continue
-            xi, zeta, found = find_material_point(nip, P, bodies, here)
+            xi, zeta, found = find_material_point(nip, along, sideways, bodies, here)
             if not found:
                 continue
-            part = cell_share(xi, x0, x1) * cell_share(zeta, z0, z1)
+            u, w = (xi, zeta) if nip.way == 0 else (zeta, xi)
+            part = cell_share(u, before, after) * cell_share(w, left, right)
             if part.real > 0.0:
-                met = True
+                met, state.search[0].has_acted = True, 1
                 pair.part[i], pair.at[i, 0], pair.at[i, 1] = part, xi, zeta
-                pair.u[i] = xi if nip.way == 0 else zeta
+                pair.u[i] = u
                 for k in range(3):
-                    pair.y[i] += (here.r[k] - P[k]) * nip.n[k]
+                    pair.y[i] += (here.r[k] - nip.place[k]) * nip.n[k]
                 pair.y[i], pair.gain[i] = entry_gap_law(pair.y[i], entry_gap(nip, pair.u[i]))
         if not met:
             continue
@@ -322,6 +320,12 @@ def apply(nip: NipRecord, t: float, arrays: Arrays, state: State) -> None:
 
 
 @kernel
+def clearance(nip: NipRecord, arrays: Arrays, state: State) -> Any:
+    """See :mod:`mbfmu.mechanics.loads.base`: distance of a cell from the stations."""
+    return cell_clearance(nip, state.bodies) + 0.0 * state.time[0]
+
+
+@kernel
 def potential(nip: NipRecord, arrays: Arrays, state: State) -> float:
     """Energy that rubber and cells store, J."""
     return evaluate_quantity(nip, state.time[0].real, arrays, state, 6)
@@ -335,6 +339,7 @@ class RollerNip(Load):
     apply = apply
     potential = potential
     tangent = tangent
+    clearance = clearance
     symmetric = False  # friction
     nonsmooth_reason = CONTACT_REASON
     stiffness_reason = "the contact stiffness of nips is thousands of times the bending stiffness of the sheet"
@@ -349,6 +354,11 @@ class RollerNip(Load):
     def n_untied_bodies(self) -> int:
         """A roller that turns freely, or an idler, would tie all cells to each other."""
         return 2 if self.common["idler_radius"] > 0.0 else 1
+
+    @property
+    def levers(self) -> tuple[float, ...]:
+        """Of the nodes."""
+        return (bezier_lever(self.sides),) * 4
 
     @property
     def slip_scale(self) -> float:

@@ -111,19 +111,11 @@ def evaluate_on_line(line: Reals, zeta: float, r: Reals) -> None:
 
 @kernel
 def evaluate_center(cell: CellSides, bodies: Table[MotionRecord], r: Reals) -> None:
-    """r (3,) <- the mean of the nodes; the patch lies within :func:`hull_radius` of it."""
+    """r (3,) <- the mean of the nodes; the patch is within :func:`hull_radius` of it."""
     for k in range(3):
         r[k] = 0.0
         for i in range(4):
             r[k] += 0.25 * bodies[cell.node[i]].r[k]
-
-
-@kernel
-def bounding_radius(cell: CellSides) -> float:
-    """Radius of a ball about the middle of a cell in a nip that holds all of it, m: half a diagonal and some for
-    bending.
-    """
-    return 0.6 * np.sqrt(cell.a * cell.a + cell.b * cell.b)
 
 
 @kernel
@@ -175,6 +167,11 @@ def sagitta(cell: CellSides, bodies: Table[MotionRecord], r: Reals, n: Reals) ->
         down += max(cell.a.real * along, 0.0) / 3.0 + max(cell.b.real * across, 0.0) / 3.0
         deepest = max(deepest, down)
     return deepest
+
+
+def bezier_lever(sides: tuple[float, float]) -> float:
+    """Return the largest distance of a Bezier point of a cell from the node that it moves with, or a little more, m."""
+    return sum(sides) / 3.0
 
 
 @inlined

@@ -11,8 +11,9 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.loads.base import Load
 
 from .initial_contact import check_surface_contacts, undersampled_edges
+from .patch import bezier_lever
 from .scratch import CONTACT_REASON, CONTACT_SCRATCH
-from .surface_force import SurfaceContactRecord, apply, potential, tangent
+from .surface_force import SurfaceContactRecord, apply, clearance, potential, tangent
 from .surfaces import Surface
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ class SurfaceContact(Load):
     apply = apply
     potential = potential
     tangent = tangent
+    clearance = clearance
     symmetric = False  # friction
     nonsmooth_reason = CONTACT_REASON
 
@@ -45,6 +47,11 @@ class SurfaceContact(Load):
     def slip_scale(self) -> float:
         """Slip at which friction turns over, m/s."""
         return self.friction_velocity if self.friction > 0.0 else np.inf
+
+    @property
+    def levers(self) -> tuple[float, ...]:
+        """Of the nodes."""
+        return (bezier_lever(self.sides),) * 4
 
     @property
     def is_nonconservative(self) -> bool:

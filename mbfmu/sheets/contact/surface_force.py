@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from solvers.compiled.record import Reals, Table
 
 GAP = 0  # number of that kernel of a surface
+MAX_BIT = 62  # of a whole number: points from this one on have it in common
 
 
 class SurfaceContactRecord(Record):
@@ -110,19 +111,44 @@ def is_separated(
 
 
 @kernel
+def clearance(contact: SurfaceContactRecord, arrays: Arrays, state: State) -> Any:
+    """See :mod:`mbfmu.mechanics.loads.base`: distance of a cell from a surface that is fixed to the ground."""
+    here, bodies = contact_scratch(contact, state), state.bodies
+    if contact.body > 0:
+        return 0.0 * state.time[0]
+    evaluate_center(contact, bodies, here.r)
+    distance = gap(contact, arrays, state)
+    if contact.convex == 1:
+        return distance - sagitta(contact, bodies, here.r, here.f)
+    return distance - hull_radius(contact, bodies, here.r)
+
+
+@kernel
 def evaluate_contact(contact: SurfaceContactRecord, arrays: Arrays, state: State) -> None:
     """Add the forces at all points to ``here.result``, and unless ``accumulate_only`` to the bodies."""
     here, bodies = contact_scratch(contact, state), state.bodies
-    evaluate_center(contact, bodies, here.r)
-    if is_separated(contact, gap(contact, arrays, state), bodies, here):
-        return
+    search = state.search[0]
+    repeated = search.is_repeated == 1 and here.accumulate_only == 0 and contact.body == 0
+    if contact.body > 0:  # it may act as soon as that moves
+        search.has_acted = 1
+    if not repeated:
+        evaluate_center(contact, bodies, here.r)
+        if is_separated(contact, gap(contact, arrays, state), bodies, here):
+            return
     nx, nz, own = contact.samples[0], contact.samples[1], here.accumulate_only == OWN_SHARE
     for i in range(nx + (1 if own else contact.ends[0, 1])):
-        evaluate_line(contact, i / nx, bodies, here.line)
+        has_line = False
         for k in range(nz + (1 if own else contact.ends[1, 1])):
+            bit = 1 << min(i * (nz + 1) + k, MAX_BIT)
+            if repeated and search.parts & bit == 0:
+                continue
+            if not has_line:
+                evaluate_line(contact, i / nx, bodies, here.line)
+                has_line = True
             evaluate_on_line(here.line, k / nz, here.r)
             d = -gap(contact, arrays, state)
             if not (d.real <= 0.0 or here.part.real <= 0.0):  # nan passes, and ends the run
+                search.has_acted, search.parts = 1, search.parts | bit
                 evaluate_weights(contact, i / nx, k / nz, here.c)
                 point_velocity(contact, here.c, bodies, here.v)
                 point_force(contact, point_area(contact, i, k, own), d, bodies[contact.body], here)

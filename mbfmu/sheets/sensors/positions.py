@@ -12,10 +12,10 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.sensors.base import Follows, Sensor
 from mbfmu.mechanics.spatial import angle_of
 from mbfmu.sheets.contact.patch import (
-    bounding_radius,
     evaluate_center,
     evaluate_ruled_weights,
     evaluate_weights,
+    hull_radius,
     interpolate_point,
     smooth_step,
 )
@@ -125,7 +125,7 @@ def covered(sensor: CoveredRecord, lam: Reals, arrays: Arrays, state: State) -> 
         for j in range(3):
             off = here.r[j].real - P[j]
             along, square = along + off * d[j], square + off * off
-        if square - along * along > (bounding_radius(cell) + EDGE_BLUR_WIDTH) ** 2:
+        if square - along * along > (edge_growth(cell) * hull_radius(cell, state.bodies, here.r)) ** 2:
             continue
         xi, zeta, found = find_beam_intersection(cell, sensor, state.bodies, here)
         if not found:
@@ -135,6 +135,15 @@ def covered(sensor: CoveredRecord, lam: Reals, arrays: Arrays, state: State) -> 
         if part.real > most.real:
             most = part
     return most
+
+
+@kernel
+def edge_growth(cell: Cell) -> float:
+    """Factor by which a ball about a cell that holds its Bezier points grows if its surface is continued by
+    :data:`EDGE_BLUR_WIDTH` at its edges.
+    """
+    x, z = 1.0 + 2.0 * EDGE_BLUR_WIDTH / cell.a, 1.0 + 2.0 * EDGE_BLUR_WIDTH / cell.b
+    return x * x * x * z
 
 
 @kernel

@@ -3,7 +3,8 @@
 Its kernel ``gap(surface, contact)`` returns the distance of the point ``contact.p`` from it, m, positive outside, and
 writes the unit normal there, towards the outside, into ``contact.n``, both in the axes of the body. The distance is
 that to the nearest point, so that it bounds the distances of all points of a ball about the point. Where a surface
-ends, ``contact.part``, which is one, falls to zero over :data:`FADE_LENGTH`. The kernel is analytic in p. ``contact``
+ends, ``contact.part``, which is one, falls to zero over :data:`FADE_LENGTH`. Where it is zero there is no contact, and
+the distance is that to the nearest point with contact, or less. The kernel is analytic in p. ``contact``
 is a record of :data:`.scratch.CONTACT_SCRATCH`.
 """
 

@@ -39,8 +39,10 @@ def gap(trough: TroughRecord, contact: ContactScratch) -> float:
     """See :mod:`.base`: the radius less the distance from the axis, between two planes through that."""
     x, y, z = to_frame_axes(trough, contact)
     distance = np.sqrt(x * x + y * y)
-    if distance.real <= 0.0 or distance.real > (1.0 + BACK_DISTANCE_RATIO) * trough.radius.real:
-        return abs(trough.radius - distance.real) + 0.0 * x
+    outside = distance - (1.0 + BACK_DISTANCE_RATIO) * trough.radius
+    if distance.real <= 0.0 or outside.real > 0.0:  # no normal; behind it
+        contact.part = 0.0
+        return outside if distance.real > 0.0 else trough.radius + 0.0 * x
     set_normal(trough, -x / distance, -y / distance, contact)
     # from the middle of the arc, along it; beyond a quarter turn as far as that
     sideways = trough.radius * y / distance if x.real >= 0.0 else 2.0 * trough.radius * (1.0 if y.real > 0.0 else -1.0)
