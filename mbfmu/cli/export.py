@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from mbfmu.modeling import Model
 from mbfmu.modeling.scene import DEFAULT_SCENE
 from mbfmu.util.diagnostics import Diagnostic, render
 from mbfmu.util.errors import UserError
@@ -27,6 +27,9 @@ from .common import (
     scene_part,
 )
 from .runtime import add_platforms
+
+if TYPE_CHECKING:
+    from mbfmu.modeling import Model
 
 
 def add(commands: Commands) -> None:
