@@ -54,7 +54,10 @@ class Loop(mb.Model):
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "radau", "ida"])
 def test_events_in_a_loop_and_at_two_stops(solver: str, kind: str, tmp_path: Path) -> None:
-    """Closed forms: after the kick the loop turns with 1 rad/s until it bounces at 1.5 rad; the rod does not turn."""
+    """Closed forms: after the kick the loop turns with 1 rad/s until it bounces at 1.5 rad; the rod does not turn.
+
+    Errors of the solver decide which end of the rod hits first at its second impact, which is not compared.
+    """
     path = export(Loop(), tmp_path / "loop.fmu", mb.Settings(solver=solver, tolerance=1e-8), native=True)
     how = {"fmi_type": kind, "relative_tolerance": 1e-9, "record_events": False}
     found = simulate_fmu(str(path), stop_time=1.0, output_interval=0.1, **how)
@@ -68,7 +71,7 @@ def test_events_in_a_loop_and_at_two_stops(solver: str, kind: str, tmp_path: Pat
     height = np.where(flight < 0.0, FALL - 0.5 * G * t**2, speed * flight - 0.5 * G * flight**2)
     once = flight < 2.0 * speed / G
     np.testing.assert_allclose(found["height"][once], height[once], rtol=0.0, atol=2e-6)
-    np.testing.assert_allclose(found["turning"], 0.0, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(found["turning"][once], 0.0, rtol=0.0, atol=1e-8)
 
 
 @dataclass(frozen=True, kw_only=True)
