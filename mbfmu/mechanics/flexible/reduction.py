@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-import scipy.sparse.linalg as sparse
 from numpy.typing import NDArray
 
 from mbfmu.util.errors import UserError
@@ -107,7 +106,9 @@ class Factor:
             return
         options = {"SymmetricMode": True}
         try:
-            self._factor = sparse.splu(K, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+            self._factor = scipy.sparse.linalg.splu(
+                K, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options
+            )
         except RuntimeError:
             raise _not_held() from None
         pivots = self._factor.U.diagonal() / K.diagonal()[np.argsort(self._factor.perm_c)]
@@ -166,10 +167,10 @@ def _sparse_modes(K: Any, M: Any, factor: Any, modes: int | None, limit: float |
     count = modes if modes is not None else 20
     if count == 0:
         return np.zeros(0), np.zeros((K.shape[0], 0))
-    operator = sparse.LinearOperator(K.shape, matvec=factor.solve)
+    operator = scipy.sparse.linalg.LinearOperator(K.shape, matvec=factor.solve)
     start = np.random.default_rng(0).normal(size=K.shape[0])  # the same modes in every run
     while True:
-        squares, Phi = sparse.eigsh(K, count, M, sigma=0.0, OPinv=operator, v0=start)
+        squares, Phi = scipy.sparse.linalg.eigsh(K, count, M, sigma=0.0, OPinv=operator, v0=start)
         order = np.argsort(squares)
         squares, Phi = squares[order], Phi[:, order]
         if squares[0] <= 0.0:
