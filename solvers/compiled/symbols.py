@@ -74,6 +74,26 @@ class LinkedCache(Cache):
     _impl_class: Any = CacheEntry
 
 
+class CallbackLocator(Locator):
+    """The folder of one module, where files of callbacks have other names than those of kernels."""
+
+    def get_disambiguator(self) -> str:
+        """Return what distinguishes a callback from a kernel of the same function, and functions of one name."""
+        return super().get_disambiguator() + "c"
+
+
+class CallbackEntry(CacheEntry):
+    """How a callback is written."""
+
+    _locator_classes: Any = (CallbackLocator,)
+
+
+class CallbackCache(Cache):
+    """A cache of callbacks, whose code contains the function that C calls."""
+
+    _impl_class: Any = CallbackEntry
+
+
 _Dispatcher: Any = CPUDispatcher  # a part of numba without types
 
 
@@ -173,7 +193,7 @@ class Callback(CFunc):
 
     def enable_caching(self) -> None:
         """Store machine code on disk."""
-        self._cache = CacheOnDemand(self.__wrapped__, LinkedCache)
+        self._cache = CacheOnDemand(self.__wrapped__, CallbackCache)
 
     def compile(self) -> None:
         """Compile or load it."""

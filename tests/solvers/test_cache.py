@@ -128,6 +128,23 @@ def test_code_of_another_signature_is_not_taken(tmp_path: Path) -> None:
     assert ended(start(script, home))["told"] == first == ["6", "3.0", "2j"]
 
 
+def test_a_kernel_and_a_callback_of_one_function_are_stored_apart(tmp_path: Path) -> None:
+    script, home = tmp_path / "demo.py", tmp_path / "home"
+    script.write_text(
+        "import json, os\n"
+        "from solvers.compiled.kernel import callback, kernel, types\n\n"
+        "def half(x):\n"
+        "    return 0.5 * x\n\n"
+        "signature = types.float64(types.float64)\n"
+        "makers = {'kernel': lambda: kernel(half), 'callback': lambda: callback(signature)(half).ctypes}\n"
+        "told = [makers[name]()(3.0) for name in os.environ['MADE'].split()]\n"
+        "print(json.dumps({'found': 19.0, 'told': told}))\n"
+    )
+    for made in ("kernel", "callback", "kernel callback", "callback kernel"):
+        told = ended(start(script, home, MADE=made))["told"]
+        assert told == [1.5] * len(made.split())
+
+
 def test_a_kernel_that_was_compiled_again_is_called(tmp_path: Path) -> None:
     """What calls it from Python is on disk for the symbol of another process."""
     script, home = tmp_path / "demo.py", tmp_path / "home"
