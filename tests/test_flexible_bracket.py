@@ -14,6 +14,7 @@ from mbfmu.util.errors import UserError
 
 PAGE = Path(__file__).parents[1] / "docs" / "flexible_bodies.md"
 skfem: Any = pytest.importorskip("skfem")
+mesh_package: Any = pytest.importorskip("meshio")
 mesh_files: Any = pytest.importorskip("skfem.io.meshio")
 STEEL = {"density": 7800.0, "young": 2.1e11, "poisson": 0.3}
 ENDS = {"left": lambda x: x[:, 0] < 1e-6, "right": lambda x: x[:, 0] > 0.1999}
@@ -68,11 +69,58 @@ def test_meshes_that_are_no_solids_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="cannot be read"):
         mb.FlexibleBody.from_mesh(tmp_path / "none.msh", **STEEL, interfaces=ENDS)
     flat = mesh_files.to_meshio(skfem.MeshTri.init_tensor(np.arange(3.0), np.arange(3.0)))
-    with pytest.raises(UserError, match="mesh has the cells: triangle; allowed: one of tetra"):
+    with pytest.raises(UserError, match="mesh has the cells: 8 triangle; allowed: solid cells of one kind"):
         mb.FlexibleBody.from_mesh(flat, **STEEL, interfaces=ENDS)
     for wrong, message in (({"poisson": 0.5}, "poisson is 0.5"), ({"length_unit": "ft"}, "length_unit is 'ft'")):
         with pytest.raises(UserError, match=message):
             mb.FlexibleBody.from_mesh(bar(), **(STEEL | {"interfaces": ENDS} | wrong))
+
+
+def changed_bar(change: str) -> Any:
+    """The bar of hexahedra with an error, or with a node that belongs to no cell."""
+    mesh = bar("MeshHex")
+    points, cells = mesh.points.copy(), mesh.cells_dict["hexahedron"].copy()
+    if change == "mixed":
+        more = mesh_files.to_meshio(skfem.MeshTet()).cells_dict["tetra"]
+        return mesh_package.Mesh(points, [("hexahedron", cells), ("tetra", more)])
+    if change == "twisted":
+        cells[0, :2] = cells[0, 1::-1]
+    elif change == "flat":
+        points[:, 2] = 0.0
+    elif change == "twice":
+        cells = np.vstack([cells, cells[:3]])
+    else:
+        points, cells = np.vstack([[0.0, 0.0, 900.0], points]), cells + 1
+    return mesh_package.Mesh(points, [("hexahedron", cells)], point_sets={"first": np.arange(len(points))})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("mixed", r"mesh has the cells: 12 hexahedron, \d+ tetra; allowed: solid cells of one kind"),
+        ("twisted", "cell 0 of the mesh, .* nodes are in a wrong order"),
+        ("flat", "of the mesh, .* is flat"),
+        ("twice", "mesh has 3 of its 15 hexahedron cells twice"),
+    ],
+)
+def test_damaged_meshes_are_refused(change: str, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        mb.FlexibleBody.from_mesh(changed_bar(change), **STEEL, interfaces=ENDS, length_unit="mm", modes=1)
+
+
+def test_nodes_without_cells_are_left_out() -> None:
+    """As the centers of arcs that mesh generators write."""
+    options: dict[str, Any] = {**STEEL, "interfaces": ENDS, "length_unit": "mm", "modes": 2}
+    found, exact = (mb.FlexibleBody.from_mesh(mesh, **options) for mesh in (changed_bar("node"), bar("MeshHex")))
+    np.testing.assert_allclose(found.frequencies, exact.frequencies, rtol=1e-9)
+    np.testing.assert_allclose(found.com, exact.com, atol=1e-12)
+
+
+def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "cut.vtk"
+    path.write_text("# vtk DataFile Version 3.0\nbar\nASCII\n")
+    with pytest.raises(UserError, match=r"cut.vtk' cannot be read \(KeyError"):
+        mb.FlexibleBody.from_mesh(path, **STEEL, interfaces=ENDS)
 
 
 def test_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy
-from fe_models import Block, block, bracket
+from fe_models import Block, block, bracket, straight
 
 import mbfmu as mb
 from mbfmu.mechanics.flexible.interfaces import rigid_motion
@@ -164,8 +164,51 @@ def test_models_that_are_wrong_are_refused_by_what_is_wrong() -> None:
             mb.FlexibleBody.from_fe(*arguments, **options)
     loose = np.vstack([X, [[9.0, 9.0, 9.0]]])
     grown = [np.pad(A, (0, 3)) for A in (M, K)]
-    with pytest.raises(UserError, match="A part of the mesh may be connected to no interface"):
+    with pytest.raises(UserError, match="node 20 has neither mass nor stiffness"):
         mb.FlexibleBody.from_fe(*grown, loose, FACES)
+
+
+@pytest.mark.parametrize("spring", [0.02, 1.0, 50.0])
+def test_weak_springs_to_the_ground_are_refused(spring: float) -> None:
+    """In units of the stiffness of the tip, 3 E I / L^3; single nodes resist with up to 1e6 times as much."""
+    beam = straight(1.0, 20, slender=1e4)
+    held = np.array(beam.K)
+    held[121, 121] += spring * 3.0  # along y at the tip
+    ends = {"root": [0], "tip": [20]}
+    assert mb.FlexibleBody.from_fe(beam.M, beam.K, beam.nodes, ends, modes=2).modes == 8
+    with pytest.raises(UserError, match="resists rigid-body motions"):
+        mb.FlexibleBody.from_fe(beam.M, held, beam.nodes, ends, modes=2)
+
+
+def test_parts_that_are_not_joined_are_refused() -> None:
+    beam = straight(1.0, 4)
+    M, K = (scipy.linalg.block_diag(A, A) for A in (beam.M, beam.K))
+    nodes = np.vstack([beam.nodes, beam.nodes + np.array([0.0, 1.0, 0.0])])
+    with pytest.raises(UserError, match="Parts of the body may not be joined"):
+        mb.FlexibleBody.from_fe(M, K, nodes, {"a": [0], "b": [9]}, modes=4)
+
+
+def test_lumped_masses_without_rotational_inertia_are_reported_as_such() -> None:
+    beam = straight(1.0, 4)
+    M = np.kron(np.eye(5), np.diag([0.2, 0.2, 0.2, 0.0, 0.0, 0.0]))
+    with pytest.raises(UserError, match="give fewer modes, and inertias to nodes that rotate"):
+        mb.FlexibleBody.from_fe(M, beam.K, beam.nodes, {"a": [0], "b": [4]}, modes=2)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (lambda K: K, "geometric_stiffness is a ndarray; allowed: a function"),
+        (lambda K: lambda u: np.triu(K) * u.sum(), "not symmetric"),
+        (lambda K: lambda u: K * float(u @ u), "not linear"),
+    ],
+)
+def test_geometric_stiffness_is_a_linear_function_with_symmetric_values(given: Any, message: str) -> None:
+    beam = straight(1.0, 4)
+    with pytest.raises(UserError, match=message):
+        mb.FlexibleBody.from_fe(
+            beam.M, beam.K, beam.nodes, {"a": [0], "b": [4]}, modes=2, geometric_stiffness=given(beam.K)
+        )
 
 
 def test_positions_in_millimeters_are_found() -> None:

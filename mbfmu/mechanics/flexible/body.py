@@ -13,7 +13,7 @@ from mbfmu.mechanics.checks import flag
 from mbfmu.mechanics.numbers import array_of, is_whole, positive
 from mbfmu.util.errors import UserError
 
-from .fe_model import checked_matrices
+from .fe_model import WRITTEN_DIGITS, checked_matrices
 from .interfaces import CENTER, ties_of
 from .invariants import PAIRS, Invariants, first_moment, invariants
 from .mesh import assemble
@@ -352,6 +352,17 @@ class _Stiffening:
 
     def __init__(self, function: Callable[[Array], Any], reduced: Reduced) -> None:
         self._function, self._U, self._statics = function, reduced.shapes, reduced.statics
+        if not callable(function):
+            raise UserError(
+                f"geometric_stiffness is a {type(function).__name__}; allowed: a function of static displacements"
+            )
+        assert self._statics is not None
+        u = self._statics.by_loads(np.ones(len(self._U)))
+        once, twice = self._reduced(u), self._reduced(2.0 * u)
+        if np.abs(twice - 2.0 * once).max() > WRITTEN_DIGITS * np.abs(twice).max():
+            raise UserError(
+                "geometric_stiffness is not linear in the displacements; allowed: a linear function of them"
+            )
 
     def by_loads(self, load: Array) -> Array:
         """Return K[F] (modes, modes) of loads (dof n,) on the nodes."""
@@ -373,6 +384,8 @@ class _Stiffening:
         found: Array = self._U.T @ (matrix @ self._U)
         if not np.all(np.isfinite(found)):
             raise UserError("geometric_stiffness returns numbers that are not finite")
+        if np.abs(found - found.T).max() > WRITTEN_DIGITS * np.abs(found).max():
+            raise UserError("geometric_stiffness returns a matrix that is not symmetric; allowed: a symmetric one")
         return 0.5 * (found + found.T)
 
 

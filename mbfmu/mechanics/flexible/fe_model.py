@@ -27,8 +27,12 @@ LENGTH_UNITS = {"mm": 1e-3, "in": 0.0254, "km": 1e3, "cm": 1e-2}
 def checked_matrices(mass_matrix: Any, stiffness_matrix: Any, nodes: Any) -> tuple[Any, Any, Array, int]:
     """Return both matrices, sparse and symmetric, the positions (n, 3), and the degrees of freedom of a node."""
     positions = array_of("nodes of the finite element model", nodes)
-    if positions.ndim != 2 or positions.shape[1] != 3 or not len(positions) or not np.all(np.isfinite(positions)):
-        raise UserError(f"nodes have the shape {positions.shape}; allowed: positions (n, 3), finite, m")
+    if positions.ndim != 2 or positions.shape[1] != 3 or not len(positions):
+        raise UserError(f"nodes have the shape {positions.shape}; allowed: positions (n, 3), m")
+    finite = np.isfinite(positions).all(axis=1)
+    if not finite.all():
+        i = int(finite.argmin())
+        raise UserError(f"node {i} is at {positions[i].tolist()}; allowed: finite numbers, m")
     M, K = _symmetric("mass matrix", mass_matrix), _symmetric("stiffness matrix", stiffness_matrix)
     size = M.shape[0]
     if K.shape[0] != size:
@@ -41,10 +45,26 @@ def checked_matrices(mass_matrix: Any, stiffness_matrix: Any, nodes: Any) -> tup
             "joints of the mechanism support the body"
         )
     dof = size // count
+    loose = np.flatnonzero(~belongs_to_element(M, K, dof))
+    if len(loose):
+        raise UserError(
+            f"node {loose[0]} has neither mass nor stiffness{_others(len(loose) - 1)}; allowed: nodes of elements. "
+            "Remove it from nodes and matrices"
+        )
     _check_mass(M, positions, dof)
     _check_rigid_motions(K, positions, dof)
     _check_waves(M, K, positions, dof)
     return M, K, positions, dof
+
+
+def belongs_to_element(M: Any, K: Any, dof: int) -> NDArray[np.bool_]:
+    """Return for every node (n,) whether it has mass or stiffness."""
+    found: NDArray[np.bool_] = ((M.diagonal() != 0.0) | (K.diagonal() != 0.0)).reshape(-1, dof).any(axis=1)
+    return found
+
+
+def _others(count: int) -> str:
+    return f", as {count} other node{'s' * (count > 1)}" if count else ""
 
 
 def _symmetric(what: str, given: Any) -> Any:

@@ -31,6 +31,8 @@ QUADRATIC_ELEMENTS = {
     "MeshHex2": "ElementHex2",
 }
 QUADRATURE_ORDER = 4  # of products of two quadratic displacements
+OTHER_CELLS = ("vertex", "line", "triangle", "quad", "polygon")  # beginnings of names of cells that are not solid
+FLAT_CELL = 1e-12  # volume relative to that of the largest cell
 SOLID_CELLS = ("tetra", "tetra10", "hexahedron", "hexahedron27")
 
 
@@ -57,11 +59,10 @@ def assemble(
     read = _read(meshio, mesh) if isinstance(mesh, str | Path) else mesh
     if not isinstance(read, meshio.Mesh):
         raise UserError(f"mesh is {mesh!r}; allowed: a path or a meshio.Mesh")
-    if not any(kind in read.cells_dict for kind in SOLID_CELLS):
-        kinds = ", ".join(read.cells_dict) or "none"
-        raise UserError(f"mesh has the cells: {kinds}; allowed: one of {', '.join(SOLID_CELLS)}")
+    read = _checked(meshio, read)
     solid = import_optional("skfem.io.meshio", "fe").from_meshio(read)
     solid = type(solid)(METERS_OF_UNIT[length_unit] * solid.doflocs, solid.t, solid._boundaries, solid._subdomains)
+    _check_shapes(skfem, solid)
     element = skfem.ElementVector(getattr(skfem, QUADRATIC_ELEMENTS[type(solid).__name__])())
     basis = skfem.Basis(solid, element, intorder=QUADRATURE_ORDER)
     lame, shear = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), 0.5 * young / (1.0 + poisson)
@@ -91,8 +92,62 @@ def assemble(
 def _read(meshio: Any, path: str | Path) -> Any:
     try:
         return meshio.read(path)
-    except (OSError, meshio.ReadError, SystemExit) as error:
-        raise UserError(f"mesh {str(path)!r} cannot be read: {error}; allowed: a format of meshio") from error
+    except (Exception, SystemExit) as error:  # readers raise errors of any kind for damaged files
+        raise UserError(
+            f"mesh {str(path)!r} cannot be read ({type(error).__name__}: {error}); allowed: an undamaged file in a "
+            "format of meshio"
+        ) from error
+
+
+def _checked(meshio: Any, read: Any) -> Any:
+    """Return a mesh without nodes that belong to no solid cell; UserError unless its solid cells are of one kind."""
+    kinds = [kind for kind in read.cells_dict if not kind.startswith(OTHER_CELLS)]
+    if len(kinds) != 1 or kinds[0] not in SOLID_CELLS:
+        found = ", ".join(f"{len(cells)} {kind}" for kind, cells in read.cells_dict.items()) or "none"
+        raise UserError(f"mesh has the cells: {found}; allowed: solid cells of one kind, {' or '.join(SOLID_CELLS)}")
+    cells = read.cells_dict[kinds[0]]
+    repeated = len(cells) - len(np.unique(np.sort(cells, axis=1), axis=0))
+    if repeated:
+        raise UserError(f"mesh has {repeated} of its {len(cells)} {kinds[0]} cells twice; allowed: each cell once")
+    used = np.unique(cells)
+    if len(used) == len(read.points):
+        return read
+    place = np.full(len(read.points), -1)
+    place[used] = np.arange(len(used))
+    whole = [(place[block.data] >= 0).all(axis=1) for block in read.cells]
+    return meshio.Mesh(
+        read.points[used],
+        [(block.type, place[block.data[kept]]) for block, kept in zip(read.cells, whole, strict=True)],
+        point_sets={name: _kept(place, numbers) for name, numbers in read.point_sets.items()},
+        cell_sets={
+            name: [
+                None if numbers is None else _kept(np.where(kept, np.cumsum(kept) - 1, -1), numbers)
+                for numbers, kept in zip(sets, whole, strict=True)
+            ]
+            for name, sets in read.cell_sets.items()
+        },
+    )
+
+
+def _kept(place: NDArray[np.int64], numbers: Any) -> NDArray[np.int64]:
+    """Return new numbers of what is left of a set."""
+    found = place[np.asarray(numbers, np.int64)]
+    return found[found >= 0]
+
+
+def _check_shapes(skfem: Any, solid: Any) -> None:
+    """Refuse cells that are flat or whose nodes are in a wrong order, so that a part of their volume is negative."""
+    points = skfem.quadrature.get_quadrature(solid.elem.refdom, QUADRATURE_ORDER)[0]
+    volumes = np.linalg.det(np.moveaxis(solid.mapping().DF(points), (0, 1), (-2, -1)))  # (cells, points)
+    volumes = volumes * np.sign(volumes.sum(axis=1, keepdims=True))
+    least = volumes.min(axis=1)
+    if least.min() <= FLAT_CELL * volumes.max():
+        cell = int(least.argmin())
+        corners = ", ".join(f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in solid.p[:, solid.t[:, cell]].T)
+        raise UserError(
+            f"cell {cell} of the mesh, with the corners {corners} m, is flat, or its nodes are in a wrong order; "
+            "allowed: cells whose volume is positive everywhere, also for curved edges"
+        )
 
 
 def _order(basis: Any) -> NDArray[np.int64]:

@@ -31,6 +31,8 @@ EQUAL_DISPLACEMENTS = 1e-6  # relative difference of displacements that symmetry
 MIN_STIFFNESS_RATIO = (
     1e-14  # part of the largest squared frequency that a motion without stiffness reaches by rounding errors
 )
+MIN_MASS_RATIO = 1e-14  # part of the masses of its coordinates that a motion without mass reaches by rounding errors
+SUPPORT_RATIO = 1e-4  # of the squared frequency of a rigid-body motion to that of the softest deformation
 
 
 class Reduced(NamedTuple):
@@ -70,6 +72,7 @@ def reduce_model(
     Kr[:m, :m] = np.diag(squares)
     Kr[m:, m:] = Ky[free:, free:].toarray() + Ky[free:, :free] @ Psi
     Mr = basis.T @ (My @ basis)
+    check_free(Kr, Mr)
     if frame >= 0:
         kept = np.delete(np.eye(basis.shape[1]), m + 6 * frame + np.arange(6), axis=1)
     else:
@@ -180,16 +183,49 @@ def _sparse_modes(K: Any, M: Any, factor: Any, modes: int | None, limit: float |
         count = min(2 * count, K.shape[0] - 1)
 
 
+def check_free(K: Array, M: Array) -> None:
+    """Refuse a reduced model (k, k) that is held by supports, or whose parts are not joined.
+
+    Forces of single nodes do not show weak supports of a slender body: they are compared with its softest deformation.
+    """
+    if len(K) <= 6:
+        return
+    size, scaled = scaled_masses(M)
+    if scipy.linalg.eigvalsh(scaled)[0] <= MIN_MASS_RATIO:  # reported with the natural modes, unless it is a rigid body
+        return
+    squares = np.abs(scipy.linalg.eigvalsh(K * np.outer(size, size), scaled))
+    squares.sort()
+    if squares[6] <= MIN_STIFFNESS_RATIO * squares[-1]:
+        raise UserError(
+            "the stiffness matrix has more than six motions without energy; allowed: the six rigid-body motions. Parts "
+            "of the body may not be joined (nodes at one place that are not one node), or joined by hinges only"
+        )
+    ratio = squares[5] / squares[6]
+    if ratio > SUPPORT_RATIO:
+        raise UserError(
+            f"the stiffness matrix resists rigid-body motions: their squared frequency is {ratio:.2g} of that of the "
+            "softest deformation; allowed: a model without supports and springs to the ground. If a program has "
+            "written the matrix, write more digits"
+        )
+
+
+def scaled_masses(M: Array) -> tuple[Array, Array]:
+    """Return scales (k,) of coordinates and the mass matrix (k, k) in them; its diagonal is 1, or 0 without mass."""
+    diagonal = np.diag(M)
+    size = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 1.0)
+    return size, M * np.outer(size, size)
+
+
 def natural_modes(K: Array, M: Array) -> tuple[Array, Array]:
     """Return squared frequencies (k,) and modes (k, k), orthonormal in M, of the reduced model."""
-    size = 1.0 / np.sqrt(np.abs(np.diag(M)))
-    try:
-        squares, own = scipy.linalg.eigh(K * np.outer(size, size), M * np.outer(size, size))
-    except np.linalg.LinAlgError:
+    size, scaled = scaled_masses(M)
+    if scipy.linalg.eigvalsh(scaled)[0] <= MIN_MASS_RATIO:
         raise UserError(
-            "the mass matrix of the reduced model is not positive definite: a motion has no or a negative kinetic "
-            "energy; allowed: a positive semidefinite matrix that gives every motion of the interfaces a mass"
-        ) from None
+            "the mass matrix of the reduced model is not positive definite: a motion has no kinetic energy, or a "
+            "negative one; allowed: a mass or an inertia for every motion of the interfaces and of the modes. If "
+            "masses are lumped at nodes, give fewer modes, and inertias to nodes that rotate"
+        )
+    squares, own = scipy.linalg.eigh(K * np.outer(size, size), scaled)
     if squares[0] <= MIN_STIFFNESS_RATIO * squares[-1]:
         raise UserError(
             "the stiffness matrix gives no positive energy to a deformation; allowed: one whose only motions without "
