@@ -26,6 +26,7 @@ from mbfmu.mechanics import (
     Weld,
     rod,
 )
+from mbfmu.verification.mechanisms import spatial
 
 MASS, INERTIA = 1.0, 0.1 + 0.25
 ASKEW = Rotation.from_rotvec((0.7, -1.1, 0.4)).as_matrix()
@@ -214,7 +215,7 @@ def test_overconstrained_linkages_move_with_rounded_numbers(
 ) -> None:
     exact = overconstrained.OVERCONSTRAINED[name](scale=Scale(size, 1.0, np.sqrt(size)))
     motion = truth(exact.mechanism, np.linspace(0.0, 0.3 * np.sqrt(size), 4), exact.exact)
-    monkeypatch.setattr(overconstrained, "Mechanism", lambda **given: Rounded(2e-6, size, **given))
+    monkeypatch.setattr(spatial, "Mechanism", lambda **given: Rounded(2e-6, size, **given))
     rounded = overconstrained.OVERCONSTRAINED[name](scale=Scale(size, 1.0, np.sqrt(size))).mechanism
     for k, body in enumerate(rounded.bodies[1:]):
         rounded.output(f"q{k}", body.angle())

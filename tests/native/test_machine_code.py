@@ -33,7 +33,23 @@ from mbfmu.util.errors import UserError
 from mbfmu.util.progress import when_progressing
 
 TIMES = 0.01 * np.arange(1, 201)
-LIBM = {"acos", "asin", "atan", "atan2", "cos", "exp", "floor", "hypot", "log", "pow", "sin", "sincos", "sqrt", "tan"}
+LIBM = {
+    "acos",
+    "asin",
+    "atan",
+    "atan2",
+    "ceil",
+    "cos",
+    "exp",
+    "floor",
+    "hypot",
+    "log",
+    "pow",
+    "sin",
+    "sincos",
+    "sqrt",
+    "tan",
+}
 LIBM |= {"asinh", "cosh", "sinh"}  # parts of functions of complex numbers
 MEMORY = {"memcpy", "memmove", "memset"}
 COMPLEX_POWER = {"numba_cpow"}  # complex_power.c has it
