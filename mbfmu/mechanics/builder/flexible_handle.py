@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.flexible import Beam, FlexibleBody
 from mbfmu.mechanics.joints import Section
@@ -38,7 +38,7 @@ class FlexibleHandle:
     body: Body
     modes: Body
     _mechanism: Mechanism
-    _sections: dict[Any, Body] = field(default_factory=dict)
+    _sections: dict[float | str, Body] = field(init=False, repr=False, default_factory=dict)
 
     def section(self, x: float | str) -> Body:
         """Return a cross-section or an interface as a body, for joints, cut joints, loads and outputs.
