@@ -21,3 +21,11 @@ def test_the_core_does_not_mention_sheets(package: str) -> None:
     }
     counts = {name: len(lines) for name, lines in found.items() if lines}
     assert counts == {name: count for name, count in ALLOWED.items() if name.startswith(package)}, found
+
+
+def test_long_tests_exist() -> None:
+    """Else one that has been renamed would be a test of every run again."""
+    for line in (ROOT / "tests" / "long_tests.txt").read_text().splitlines():
+        if not line.startswith("#"):
+            path, name = line.split("[")[0].split("::")
+            assert f"def {name}(" in (ROOT / "tests" / path).read_text(), line
