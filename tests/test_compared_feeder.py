@@ -1,4 +1,4 @@
-"""Studies of a sheet in nips: solvers that do not suit contact are told once, with a message, and not run; no rest."""
+"""Studies of a sheet in nips: solvers that do not suit contact are reported once and not run; there is no rest."""
 
 from __future__ import annotations
 

@@ -14,15 +14,15 @@ from mbfmu.session.simulation import Settings
 from mbfmu.util.diagnostics import without_details
 
 WEIGHT = (0.5 * 1.0 + 2.0 + 0.5 * 1.5) * 9.81  # N m at the crank, of coupler and half of both cranks
-BESIDE = np.array([1e-4, 3e-4, 1e-3, 2e-3, 2.5e-3, 3e-3, 1e-2])
+DISTANCES = np.array([1e-4, 3e-4, 1e-3, 2e-3, 2.5e-3, 3e-3, 1e-2])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lifted(Model):
-    """A parallelogram whose crank is driven through the horizontal at constant speed, maybe with a free bar next to."""
+    """A parallelogram whose crank is driven through the horizontal at constant speed, and optionally a free bar."""
 
     speed: float = 1.0
-    beside: bool = False
+    has_bar: bool = False
 
     def build(self) -> Mechanism:
         m = Mechanism(gravity=(0.0, -9.81, 0.0))
@@ -30,7 +30,7 @@ class Lifted(Model):
         coupler = m.body("coupler", crank, Revolute(at=(1.0, 0.0, 0.0), start=0.6), **rod(mass=2.0, length=3.0))
         rocker = m.body("rocker", m.ground, Revolute(at=(3.0, 0.0, 0.0), start=-0.6), **rod(mass=1.5, length=1.0))
         pin = m.cut("pin", RevoluteCutJoint(at_a=(3.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
-        if self.beside:
+        if self.has_bar:
             m.body("bar", m.ground, Revolute(at=(0.0, -2.0, 0.0), start=1.0), **rod(mass=1.0, length=1.0))
         m.output("crank", crank.angle())
         m.output("rocker", rocker.angle())
@@ -40,13 +40,13 @@ class Lifted(Model):
 
 
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
-@pytest.mark.parametrize("beside", [False, True])
+@pytest.mark.parametrize("has_bar", [False, True])
 @pytest.mark.parametrize("speed", [0.1, 1.0, 10.0])
-def test_the_effort_follows_from_virtual_work(speed: float, beside: bool, solver: str) -> None:
+def test_the_effort_follows_from_virtual_work(speed: float, has_bar: bool, solver: str) -> None:
     """The coupler translates and nothing accelerates: M = weight cos, whatever the pins hold."""
-    angles = np.concatenate(([-0.6], -BESIDE[::-1], BESIDE, [0.6]))
+    angles = np.concatenate(([-0.6], -DISTANCES[::-1], DISTANCES, [0.6]))
     times = (angles + 0.6) / speed
-    result = run(Lifted(speed=speed, beside=beside), Settings(solver=solver, tolerance=1e-8), times)
+    result = run(Lifted(speed=speed, has_bar=has_bar), Settings(solver=solver, tolerance=1e-8), times)
     assert result.failure == result.warning == ""
     np.testing.assert_allclose(result["rocker"], result["crank"], atol=1e-8)
     np.testing.assert_allclose(result["effort"], WEIGHT * np.cos(angles), rtol=2e-3)

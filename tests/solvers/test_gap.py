@@ -1,4 +1,4 @@
-"""By how much a loop misses a singular configuration, as a stepper tells it."""
+"""By how much a loop misses a singular configuration, as a stepper reports it."""
 
 from __future__ import annotations
 

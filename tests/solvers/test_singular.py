@@ -1,4 +1,4 @@
-"""What tells singular configurations apart, against the same by numpy's singular values and determinants."""
+"""Measures that distinguish singular configurations, against numpy's singular values and determinants."""
 
 from __future__ import annotations
 
