@@ -291,7 +291,7 @@ def compare(names: Sequence[str]) -> None:
 
 
 def compare_scenes(names: Sequence[str]) -> None:
-    """Print what ``auto`` and ``ida`` cost and err by on every scene that ships: in 10 s, of sheets in 0.5 s."""
+    """Print times and errors of ``auto`` and ``ida`` on every scene of the package: for 10 s, for sheets 0.5 s."""
     for name in names or [f"{model}/{scene}" for model in sorted(models()) for scene in scenes(find(model))]:
         scene = load_scene(name)
         tolerance, large = scene.settings.tolerance, not scene.model.compile().system.has_matrices

@@ -38,7 +38,7 @@ KIB_PER_MIB = 1024.0
 
 
 def chain(links: int) -> mb.Mechanism:
-    """Links of 0.1 m that hang from the ground."""
+    """Links of 0.1 m suspended from the ground."""
     m = mb.Mechanism(gravity=DOWN)
     link = m.ground
     for k in range(links):

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-# The same examples in every run: a failure tells of a change. ``--hypothesis-profile=search`` looks for new ones.
+# The same examples in every run: a new failure means changed code. ``--hypothesis-profile=search`` looks for new ones.
 settings.register_profile("same", max_examples=20, derandomize=True, deadline=None)
 settings.register_profile("search", max_examples=500, deadline=None)
 settings.load_profile("same")

@@ -1,4 +1,4 @@
-"""Whether a scene is hard, and why: judged by mechanisms whose singular positions, eigenvalues and rows are known."""
+"""Whether a scene is hard, and why: mechanisms with known singular configurations, eigenvalues and equations."""
 
 from __future__ import annotations
 
@@ -70,8 +70,8 @@ def test_a_missed_configuration_is_distinguished_from_one_that_is_passed() -> No
 @pytest.mark.parametrize("cranks", [2, 3, 4])
 def test_redundant_rows_of_planar_loops_in_space_are_counted(cranks: int) -> None:
     found = mb.check(parallelogram(cranks=cranks), 0.2, solver="adams")
-    assert len(found.redundant) == cranks - 2  # every crank beyond the second says what the others say
-    assert len(found.vanishing) == 3 * (cranks - 1)  # of the five rows of a hinge, three
+    assert len(found.redundant) == cranks - 2  # every crank beyond the second adds dependent equations
+    assert len(found.vanishing) == 3 * (cranks - 1)  # of the five equations of a hinge, three
     assert sum(len(loop.redundant) for loop in found.loops) == cranks - 2
     assert f"redundant constraints: {cranks - 2 or 'none'} of {2 * (cranks - 1)}" in found.as_text()
     assert any("redundant" in text for text in found.hard) == (cranks > 2)

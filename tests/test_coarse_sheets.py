@@ -1,4 +1,4 @@
-"""Sheets that bend too far for their grid: they say so, and one that folds ends its run."""
+"""Sheets that bend too far for their grid: a warning reports it, and a folded sheet ends the run."""
 
 from __future__ import annotations
 

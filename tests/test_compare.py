@@ -47,7 +47,7 @@ def row(found: Comparison, solver: str, rtol: float) -> Row:
     return next(row for row in found.rows if (row.solver, row.rtol) == (solver, rtol))
 
 
-# ---- what judges -----------------------------------------------------------------------------------------------------
+# ---- reference runs --------------------------------------------------------------------------------------------------
 
 
 def test_errors_are_those_of_all_outputs_over_their_ranges(swings: Comparison) -> None:

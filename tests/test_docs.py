@@ -1,4 +1,4 @@
-"""What the site says of the package agrees with the package."""
+"""Statements of the site about the package agree with the package."""
 
 from __future__ import annotations
 

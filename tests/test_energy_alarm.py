@@ -349,7 +349,7 @@ def small_swing(damping: float) -> Mechanism:
 def test_energy_that_is_lost_is_reported(
     build: Any, damping: float, solver: str, tolerance: float, monkeypatch: Any
 ) -> None:
-    """A damper that the check is not told of loses what a wrong solver would; told of it, the check is silent."""
+    """A damper that the balance does not contain loses energy like a wrong solver; with it there is no warning."""
     end = 0.6 if build is damped_chain else 2.0
     if (build, solver) != (damped_chain, "ida"):  # which may lose energy by itself there
         right = simulate(build(damping), end, interval=0.02, solver=solver, tolerance=tolerance)

@@ -88,7 +88,7 @@ def test_work_is_that_of_drive_and_damper(solver: str) -> None:
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_damping_that_the_equations_do_not_have_is_seen(solver: str, tolerance: float, monkeypatch: Any) -> None:
-    """A damper of which the balance is not told takes energy as a regularization or a wrong closing would."""
+    """A damper that the balance does not contain dissipates energy like a regularization or a wrong projection."""
     damped = Arm(driven=False, damping=2e3 * tolerance)
     settings = Settings(solver=solver, tolerance=tolerance)
     assert not run(damped, settings, TIMES).warning

@@ -32,7 +32,7 @@ def rotation() -> Any:
 
 
 def told(sensors: dict[str, Any], m: Mechanism) -> dict[str, float]:
-    """Return what sensors tell at the start."""
+    """Return the values of sensors at the start."""
     for name, sensor in sensors.items():
         m.output(name, sensor)
     found = Simulation(m, Settings(solver="esdirk"))

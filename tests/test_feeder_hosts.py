@@ -80,13 +80,13 @@ class Run:
         return self.fmu.set("Real", [self.references[name]], [value])
 
     def told(self) -> list[float]:
-        """Return what it tells where it stands."""
+        """Return the outputs at the present time."""
         status, values = self.fmu.get("Real", [self.references[name] for name in TOLD])
         assert status == OK
         return values
 
     def go(self, begin: int, end: int, changing: bool = True) -> Any:
-        """Return what it tells after each of these steps."""
+        """Return the outputs after each of these steps."""
         rows = []
         for k in range(begin, end):
             if changing:
@@ -97,7 +97,7 @@ class Run:
 
 
 def agrees(rows: Any, direct: Mapping[str, Any]) -> None:
-    """Check outputs (steps, told) against the direct run."""
+    """Check outputs (steps, columns) against the direct run."""
     for name, column in zip(TOLD, np.transpose(rows), strict=True):
         np.testing.assert_allclose(column, direct[name][1:], rtol=1e-9, atol=1e-12, err_msg=name)
 

@@ -233,9 +233,9 @@ def test_a_name_of_the_largest_length_can_be_written(tmp_path: Path) -> None:
         assert (tmp_path / name).read_text() == "new"
 
 
-# ---- no writer beside it ---------------------------------------------------------------------------------------------
+# ---- no other writer --------------------------------------------------------------------------------------------
 
-TEMPORARY = {  # functions that write into a folder of their own, which is removed again
+TEMPORARY = {  # functions that write into a temporary folder
     "fmi/python_fmu.py:write_script",
     "fmi/subprocess_export.py:files_uncompiled",
     "native/runtime.py:compiler_arguments",

@@ -1,4 +1,4 @@
-"""The four-bar with an elastic coupler against independent models; ``tests/data/fourbar`` says what they are."""
+"""The four-bar with an elastic coupler against independent models; described in ``tests/data/fourbar``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions in words: rigid ones by axis, point and pitch, others by the coordinates that move most."""
+"""Text of a motion: rigid ones by axis, point and pitch, others by the coordinates that move most."""
 
 from __future__ import annotations
 

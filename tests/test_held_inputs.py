@@ -1,4 +1,4 @@
-"""Inputs stay at their start values in checks and comparisons: these say so, and name them."""
+"""Inputs stay at their start values in checks and comparisons, which report their names."""
 
 from __future__ import annotations
 

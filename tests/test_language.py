@@ -64,6 +64,13 @@ SOURCES = [
     for path in sorted((ROOT / package).rglob("*.py"))
 ]
 
+CHECKS = [
+    path.relative_to(ROOT).as_posix()
+    for folder in ("tests", "benchmarks", "examples")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+    if path != Path(__file__)  # which contains the words
+]
+
 
 def prose(page: str) -> list[tuple[int, str]]:
     """Return the lines of a page outside blocks and spans of code, with their numbers."""
@@ -111,7 +118,7 @@ def test_pages_are_in_plain_technical_english(page: str) -> None:
 
 def test_docstrings_and_comments_are_in_plain_technical_english() -> None:
     patterns = {pattern: instead for pattern, instead in PATTERNS.items() if not pattern.startswith("^#")}
-    found = [line for path in SOURCES for line in hits(path, explanations(path), patterns)]
+    found = [line for path in SOURCES + CHECKS for line in hits(path, explanations(path), patterns)]
     assert not found, "\n".join(found)
 
 

@@ -69,7 +69,8 @@ def test_a_table_that_begins_late_is_seen(solver: str):
 def test_a_crane_that_moves_late_swings(solver: str):
     """A pendulum of 1 m on a trolley that moves by 1 m within 1 s; SciPy on its angle.
 
-    The jerk of the trolley jumps, over which formulas of a high order err by up to 200 tolerances; missed it is 1 rad.
+    The jerk of the trolley jumps: formulas of high order have errors of up to 200 tolerances there, and of 1 rad if
+    they miss the jump.
     """
     for begin in (1.0, 3.0, 4.5):
 

@@ -1,4 +1,4 @@
-"""Parameters, discovery, scenes: what a user writes, and what is said when it is wrong."""
+"""Parameters, discovery, scenes: input of users, and messages for wrong input."""
 
 from __future__ import annotations
 

@@ -286,7 +286,7 @@ def test_inputs_that_jump_together_make_one_impulse() -> None:
 
 @pytest.mark.parametrize("way", ["position", "rate"])
 def test_a_jump_of_position_is_a_motion_of_one_step(way: str) -> None:
-    """The host is told where it gave a rate that says otherwise; what then stays costs no restart."""
+    """A message reports the jump if the host gave another rate; a constant position afterwards causes no restart."""
     simulation = begin(oscillator(way))
     names = [v.name for v in simulation.compiled.outputs]
     assert simulation.advance(0.01).ok
@@ -413,7 +413,7 @@ class Shaken(Sheet):
 
 @pytest.mark.parametrize("grid", [(4, 3), (7, 5)])
 def test_a_shaken_sheet_is_that_on_a_harmonic_drive(grid: tuple[int, int]) -> None:
-    """The inputs say from the start how fast the edge goes: what hangs on it goes with it then, as on the drive."""
+    """The inputs give the speed of the edge from the start: connected nodes move with it, as on the drive."""
     values = {"nx": grid[0], "nz": grid[1], "gravity_y": 0.0, "thickness": 1e-3}
     settings, times = Settings(tolerance=1e-7), np.linspace(0.0, 0.06, 13)
     exact = run(Shaken(**values), settings, times)["tip.y"][1:]

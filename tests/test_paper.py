@@ -119,7 +119,7 @@ def test_a_curled_strip_under_its_weight_follows_the_elastica(k: float, stretch:
 
 @pytest.mark.parametrize("stretch", [False, True])
 def test_curl_may_grow_along_a_strip(stretch: bool) -> None:
-    """k = c x: a clothoid, whose tip Fresnel's integrals tell."""
+    """k = c x: a clothoid, whose tip is given by Fresnel's integrals."""
     c = 20.0
     unit = np.sqrt(np.pi / c)
     y, x = np.array(fresnel(LENGTH / unit)) * unit
@@ -172,7 +172,7 @@ def test_cells_share_the_angle_of_a_crease_by_where_it_lies() -> None:
 
 @pytest.mark.parametrize("stretch", [False, True])
 def test_a_tapered_cantilever_hangs_as_a_beam(stretch: bool) -> None:
-    """w'' = M / EI, both by quadrature; it weighs what its thickness says."""
+    """w'' = M / EI, both by quadrature; its weight follows from its thickness."""
     gravity, t0 = 1e-3, 0.1e-3
 
     def thickness(x: float, z: float = 0.0) -> float:

@@ -1,4 +1,4 @@
-"""Starts at rest without gravity and drives: nothing but the load says how fast the motion will be.
+"""Starts at rest without gravity and drives: only the load determines how fast the motion will be.
 
 References are closed forms: Newton's law for the mass center of a free body, and the response of an oscillator.
 """

@@ -1,4 +1,4 @@
-"""Drives that loops cannot follow, and rates that they leave open: every solver says the same right thing."""
+"""Drives that loops cannot follow, and rates that they leave open: every solver reports the same reason."""
 
 from __future__ import annotations
 

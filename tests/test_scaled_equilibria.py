@@ -20,7 +20,7 @@ SCALES = [(1e-3, 1.0, 1.0), (1e3, 1.0, 1.0), (1.0, 1e-6, 1.0), (1e-3, 1e-6, 1e-2
 
 @dataclass(frozen=True, kw_only=True)
 class Copy(Model):
-    """Something in other units: meters, kilograms and seconds of it are so many."""
+    """A model in other units, given by the numbers of its units in a meter, a kilogram and a second."""
 
     length: float = 1.0
     mass: float = 1.0

@@ -43,7 +43,7 @@ def chain(length: float, mass: float, time: float, gravity: float = -9.8125) -> 
 
 
 def thrown(length: float, mass: float, time: float) -> CompiledMechanism:
-    """The same without gravity: only the start says how fast it moves."""
+    """The same without gravity: only the start determines how fast it moves."""
     return chain(length, mass, time, gravity=0.0)
 
 

@@ -170,7 +170,7 @@ def test_a_drive_passes_while_the_base_is_shaken(amplitude: float, frequency: fl
 
 @dataclass(frozen=True, kw_only=True)
 class Spinning(Model):
-    """A torque of 300 Hz swings a parallelogram slowly through its flat position; a rotor spins, on it or beside it."""
+    """A torque of 300 Hz swings a parallelogram slowly through its flat position; a rotor spins on it or near it."""
 
     torque: float
     spin: float

@@ -316,7 +316,7 @@ def test_fmu(tmp_path: Path) -> None:
             fmu.step(0.02)
             again.append((fmu["tip.x"], fmu["tip.y"]))
         assert again[1] == again[0]
-        assert again[0] == pytest.approx(once, abs=5e-4)  # ida begins anew amid waves that the edge's stop has sent out
+        assert again[0] == pytest.approx(once, abs=5e-4)  # ida restarts among waves caused by the stop of the edge
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 
 @pytest.fixture(scope="module", params=[(7, 5, 0.0), (7, 5, 2e-4)], ids=str)
 def motion(request: pytest.FixtureRequest) -> tuple[Any, Any]:
-    """A clamped sheet of so many nodes and this damping time (s), and its positions at the end, by DOP853."""
+    """A clamped sheet with these nodes and damping time (s), and its positions at the end, by DOP853."""
     nx, nz, damping = request.param
     compiled = Sheet(nx=nx, nz=nz, damping=damping).compile()
     system, (q, v) = compiled.system, compiled.assemble()

@@ -1,4 +1,4 @@
-"""Sheets that give way in their plane: at rest, held at all edges, in motion, against independent solutions."""
+"""Sheets that are elastic in their plane: at rest, held at all edges, in motion, against independent solutions."""
 
 from __future__ import annotations
 

@@ -136,7 +136,7 @@ def test_modes_and_state_matrices_are_those_of_the_final_load() -> None:
 
 
 def lifted(drive: Any) -> mb.Mechanism:
-    """A mass that hangs from a vertically driven support."""
+    """A mass suspended from a vertically driven support."""
     m = mb.Mechanism(gravity=(0.0, 0.0, -GRAVITY))
     support = m.body("support", m.ground, mb.Translational(axis="z", drive=drive))
     mass = m.body("mass", support, mb.Translational(axis="z"), mass=MASS)

@@ -23,7 +23,7 @@ from solvers.steppers import MAX_RADAU_COORDINATES, describe_refusal
 
 
 def chain(count: int, length: float = 1.0, gravity: float = 9.81, stiffness: float = 0.0) -> mb.Mechanism:
-    """Return rods in a row that hang from the ground, released at rest."""
+    """Return a chain of rods suspended from the ground, released at rest."""
     m = mb.Mechanism(gravity=(0, -gravity, 0))
     body = m.ground
     for k in range(count):

@@ -101,7 +101,7 @@ def test_driven_back(solver: str, tolerance: float) -> None:
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5, 1e-6])
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
 def test_driven_through_slowly(solver: str, tolerance: float) -> None:
-    """Where only time moves the orientation does not tell one branch from the other."""
+    """If only time moves the mechanism, the orientation is the same on both branches."""
     times = np.linspace(0.0, 2.0, 41)
     for speed in (1e-3, 5e-3, 1e-2, 3e-2):
         model = Parallelogram(first=-speed, drive=Polynomial((-speed, speed)))

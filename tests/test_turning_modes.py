@@ -39,7 +39,7 @@ def test_rods_on_a_spindle(count: int, size: float) -> None:
 
 
 def chain_matrices(count: int, speed: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """M and K of a chain of rods that hangs from a point of a turning axis, by absolute angles, mass and length one.
+    """M and K of a chain of rods suspended from a point of a turning axis, by absolute angles, mass and length one.
 
     Centers at x_k, masses 1: kinetic and centrifugal energies are quadratic forms of the sines of the angles.
     """

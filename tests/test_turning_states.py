@@ -123,7 +123,7 @@ def expected(model: Umbrella) -> tuple[float, Any]:
     [(kind, swapped) for kind in KINDS for swapped in (False, True) if not (swapped and kind == "plane")],
 )  # a plane that the arm carries is another mechanism
 def test_every_cut_joint_turns_with_its_column(kind: str, swapped: bool) -> None:
-    """The steady state, its modes and its state matrices; links without mass, so that one angle says it all."""
+    """The steady state, its modes and its state matrices; links without mass, so that one angle is enough."""
     model = Umbrella(kind=kind, swapped=swapped)
     found = equilibrium(model)
     angle, values = expected(model)

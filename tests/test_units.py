@@ -1,4 +1,4 @@
-"""Units in words."""
+"""Names of units."""
 
 from __future__ import annotations
 

@@ -361,7 +361,7 @@ def direct(**methods: Any) -> type[Stepper]:
 
 
 def late(change: Callable[[Any, float], Any]) -> type[Stepper]:
-    """A solver of its own steps that does something else from 0.5 s on."""
+    """A user-defined solver that behaves differently from 0.5 s on."""
 
     def advance_to(base: Any, self: Any, t: float) -> Any:
         code = base.advance_to(self, t)

@@ -414,7 +414,7 @@ def test_one_process_has_a_folder(tmp_path: Path):
 
 
 def kept(folder: Path, measure: str) -> Records:
-    """A folder with one run of its own, and the history of it."""
+    """A folder with a single run and its history."""
     records = Records(folder, define({"scene": "fourbar", **FOURBAR, "measure": {measure: "end crank.rate"},
                                       "keep": ["crank.rate"]}))  # fmt: skip
     records.begin(resume=False)

@@ -24,7 +24,7 @@ def check_against_direct(path: Path, model: Model, solver: str, times: NDArray[n
 
 
 def check_continuation(first: Fmu, second: Fmu, before: int, after: int) -> None:
-    """Bit for bit, over so many steps after so many before."""
+    """The second instance continues the first bit by bit: ``before`` steps, a saved state, ``after`` steps."""
     for _ in range(before):
         first.step(STEP)
     second.restore(first.save())

@@ -1,9 +1,9 @@
-"""Any calls in any order, with any values: a status that FMI knows, a reason, and an instance that can go on.
+"""Any calls in any order, with any values: a status of FMI, a reason, and an instance that continues.
 
-What is drawn drives the C functions of every model's FMU directly. Beside it runs what a host may rely on:
+Random calls of the C functions of every model's FMU. Hosts may rely on the following, which is checked after each call:
 
 - no call crashes, and fmi2Fatal is what a failed initialization returns and nothing else;
-- a step is fmi2OK or fmi2Discard; discarded, it leaves outputs and time as they were, and says why;
+- a step is fmi2OK or fmi2Discard; a discarded step changes neither outputs nor time, and gives the reason;
 - a mistake or a refused value discards the next step, and one that is made right costs no more than that;
 - outputs that are read after a good step are numbers; a state goes back to the bit.
 """

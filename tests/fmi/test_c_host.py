@@ -1,4 +1,4 @@
-"""A host written in C, without Python of its own, ends as well as it runs."""
+"""A host written in C that does not embed Python runs FMUs and ends without an error."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def torque(t: float) -> float:
 
 
 def speed(t: float) -> float:
-    """What follows, rad/s: all but the rise in the first step, which nothing tells of."""
+    """Speed, rad/s: without the rise in the first step, of which the FMU has no information."""
     first = min(t, STEPS[0])
     return 2.0 * t + 2.5 * (t * t - first * first)
 

@@ -113,7 +113,7 @@ def test_what_the_solver_reports_is_local(fourbar_fmu: Path) -> None:
 
 
 def test_descriptions_of_fmi_3_have_what_older_importers_read() -> None:
-    """FMPy 0.3.10 to 0.3.22 pass every attribute of a type to a class that knows a name and a unit alone."""
+    """FMPy 0.3.10 to 0.3.22 pass every attribute of a type to a class that only has a name and a unit."""
     variables = list_variables(FourBar(), ADAMS)
     identity = Identity(name="m", identifier="m", description="m", guid="m")
     experiment = Experiment(stop_time=1.0, step_size=0.1, tolerance=1e-6)

@@ -61,7 +61,7 @@ def told(fmu: Fmu) -> tuple[list[float], dict[str, Any]]:
 
 
 def go(fmu: Fmu, count: int, length: float, name: str) -> list[Any]:
-    """Steps with an input that changes, and what is told after each."""
+    """Make steps with an input that changes; return the outputs after each."""
     rows = []
     for k in range(count):
         if name in SET:

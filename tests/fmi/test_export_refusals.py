@@ -35,7 +35,7 @@ def test_a_solver_that_does_not_suit_a_model_is_refused_as_a_run_refuses_it(name
         why, path = describe_refusal(solver, system), tmp_path / f"{solver}.fmu"
         assert bool(why) == ((name, solver) in REFUSED), (solver, why)
         if why:
-            with pytest.raises(ValueError) as said:  # noqa: PT011  # what it says is compared
+            with pytest.raises(ValueError) as said:  # noqa: PT011  # the message is compared
                 stepper(solver, system, *start)
             with pytest.raises(UserError) as error:
                 export(model, path, Settings(solver=solver), native=False)

@@ -1,4 +1,4 @@
-"""The four-bar FMU as a host sees it."""
+"""The four-bar FMU, used by a host."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ def run(
     places: tuple[str, ...] = tuple(PLACES),
     more: Mapping[str, str] | None = None,
 ) -> tuple[int, str]:
-    """Run the FMU in a C program whose environment only says where Python is; return its exit code and what it logs."""
+    """Run the FMU in a C program whose environment only has the path of Python; return exit code and log."""
     environment = {"PATH": str(path), "PYTHONPATH": os.pathsep.join(places), **(more or {})}
     if cache := os.environ.get("NUMBA_CACHE_DIR"):
         environment["NUMBA_CACHE_DIR"] = cache
@@ -145,7 +145,7 @@ def test_any_address(program: Path, fourbar_fmu: Path, tmp_path: Path, form: str
 
 
 def test_another_python_in_path(program: Path, fmu: Unpacked, bare_python: Path) -> None:
-    """The reason says which Python was found; MBFMU_PYTHON selects another one."""
+    """The reason names the Python that was found; MBFMU_PYTHON selects another one."""
     text = logged_by(program, fmu, path=bare_python, places=())
     assert text.startswith("Python 3.")
     assert f"('{bare_python / 'python3'}') cannot import mbfmu (ModuleNotFoundError" in text

@@ -1,4 +1,4 @@
-"""An FMU says so when something is wrong, keeps what it had, and takes up a state whole or not at all."""
+"""An FMU reports errors, keeps its state after them, and restores a saved state completely or not at all."""
 
 from __future__ import annotations
 

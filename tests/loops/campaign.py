@@ -1,4 +1,4 @@
-"""Judge solvers on many random loops: counts right, refused and wrong, and prints every seed that is wrong.
+"""Compare solvers with references on many random loops: count right, refused and wrong runs, print wrong seeds.
 
     python tests/loops/campaign.py --seeds 0:100 --solvers ida,adams,hybrid --tolerances 1e-6 --cache DIR
 
@@ -65,7 +65,7 @@ class Late(Exception):
 
 @contextmanager
 def patience(seconds: int) -> Iterator[None]:
-    """Raise Late after so many seconds; a compiled loop is not interrupted before it returns."""
+    """Raise Late after a time limit (s); a compiled loop is not interrupted before it returns."""
 
     def ring(*_: Any) -> None:
         raise Late
@@ -106,7 +106,7 @@ def compiled(solvers: tuple[str, ...]) -> None:
 
 
 def examine(task: Task) -> list[Row]:
-    """Judge every solver and tolerance on one seed."""
+    """Compare every solver and tolerance with the reference of one seed."""
     compiled(task.solvers)
     drawn, rows = draw(task.seed, task.family), []
     found: Truth | None = None

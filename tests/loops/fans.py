@@ -1,4 +1,4 @@
-"""Parallelograms on one column, each with its base line tilted by an angle of its own, so that they become singular one
+"""Parallelograms on one column, each with its base line tilted by a different angle, so that they become singular one
 after the other: as the column passes each tilt.
 """
 

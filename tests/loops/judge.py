@@ -1,8 +1,8 @@
 """One mechanism, one solver, one tolerance: right, refused or wrong.
 
-**Right** is what stays within  c rtol A(t)  of the truth. A(t) tells how errors grow in this motion: how far the truth
-goes astray, by unit of error, when every step commits a small random one. Where c rtol A(t) becomes large, nothing is
-asked of positions any more, but loops must stay closed and what nothing drives or damps must keep its energy.
+**Right** is a run within  c rtol A(t)  of the truth. A(t) is the growth of errors in this motion: the deviation of the
+truth per unit of error if every step has a small random error. If c rtol A(t) becomes large, positions are no longer
+compared, but loops must stay closed, and a motion without drives and damping must keep its energy.
 
 rtol is the requested tolerance, or a larger one that the solver reports to have used.
 
@@ -34,7 +34,7 @@ FACTOR = 100.0  # c: errors of a right run, in rtol and amplifications
 LIMIT = 0.1  # of a length of the mechanism or rad: up to here positions are compared
 OPEN = 1e-4  # of a length of the mechanism, or rad: a loop that gapes so far is open
 LOST = 0.02  # of the largest kinetic energy: so much may be lost where positions are no longer compared
-NUDGE = 1e-7  # error of every step of the runs that tell how errors grow
+NUDGE = 1e-7  # error of every step of the runs that measure the growth of errors
 
 
 @dataclass(frozen=True)
@@ -146,9 +146,9 @@ def judge(
     max_steps: int = 20_000,
     restart: float | None = None,
 ) -> Verdict:
-    """Run a solver at a tolerance from the truth's start to its end, and judge what it gives.
+    """Run a solver at a tolerance from the truth's start to its end, and compare the result with the truth.
 
-    At the time ``restart`` (s), one of the truth's, it begins again, as it does where an input jumps.
+    At the time ``restart`` (s), one of the truth's, the solver restarts, as it does after a jump of an input.
     """
     begin = time.process_time()
     compiled = CompiledMechanism(mechanism)
@@ -237,7 +237,7 @@ def _weigh(
 
 
 def energy_error(mechanism: Mechanism, compiled: Any, known: Truth, q: Any, v: Any) -> Any:
-    """Error of the energy (k,) by the largest kinetic energy of the truth; of a driven mechanism only while judged."""
+    """Error of the energy (k,) by the largest kinetic energy of the truth; only while it is compared if driven."""
     k, zero = len(known.times), 0.0 * known.start[1]
     true = np.array([compiled.energy(t, a, b) for t, a, b in zip(known.times, known.q, known.v, strict=True)])
     rest = np.array([compiled.energy(t, a, zero) for t, a in zip(known.times, known.q, strict=True)])

@@ -1,7 +1,7 @@
 """Rigid bodies in maximal coordinates: every joint and every cut joint is a constraint between two free bodies.
 
-Rows are written on marks. A mark is a point or a direction fixed in a body (or moving in it as a drive says); with X
-its global components every row is of one of these forms, a Phi of at most second degree in the X:
+Equations are written in terms of marks. A mark is a point or a direction that is fixed in a body or moved in it by a
+drive. With its global components X every equation has one of these forms, a Phi of at most second degree in the X:
 
     meet    X_b - X_a = 0                     two points coincide
     across  X_i . X_j = 0                     two directions stay perpendicular
@@ -191,7 +191,7 @@ class Maximal:
         body = self.body[self._entry_mark]
         column = per * (body[:, None] - 1) + np.arange(per)
         flat = self._entry_row[:, None] * self.n + column
-        self._flat = np.where(body[:, None] > 0, flat, self.m * self.n).ravel()  # the ground's go into a spare place
+        self._flat = np.where(body[:, None] > 0, flat, self.m * self.n).ravel()  # ground: after the last one, unused
         self._entry_body = body
         self._entry_local, self._entry_point = self.local[self._entry_mark], self.point[self._entry_mark]
         self._J_angle = np.zeros((sizes[4], self.n))

@@ -1,7 +1,7 @@
 """Mechanisms with closed loops, by name: singular ones with their exact motion, ones next to them, redundant ones.
 
 Every function returns a :class:`Case`. Where all cranks of a linkage stay parallel its motion is that of a few angles;
-``exact`` integrates their equation and gives the compiled mechanism's coordinates, through every singular position.
+``exact`` integrates their equation and gives the coordinates of the mechanism, through every singular configuration.
 ``scale`` makes the same mechanism of another size: what is returned moves alike, in its own lengths, masses and times.
 """
 
@@ -149,7 +149,7 @@ def table(*, start: float = -20.0, rate: float = 0.0, scale: Scale = UNSCALED) -
 
 
 def ladder(loops: int, *, start: Any = -60.0, rate: Any = 0.0, scale: Scale = UNSCALED) -> Case:
-    """A rope ladder of parallelograms below each other, each storey with an angle of its own; all rungs stay level.
+    """A rope ladder of parallelograms below each other, each storey with a different angle; all rungs stay level.
 
     ``start`` (degrees) and ``rate`` (rad/s) of the storeys, one number or one each.
     """

@@ -2,14 +2,14 @@
 
 Five families:
 
-``beside``    a four-bar or slider-crank that misses a singular position by 1e-9 ... 1e-2 of its size; 0 to 2 more loops
+``beside``    a four-bar or slider-crank that misses a singular configuration by 1e-9 ... 1e-2 of its size; 0-2 more
 ``planar``    a crank or a double pendulum with one to four loops, bodies and sizes unlike
 ``parallel``  equal parallel cranks on a coupler, all but two redundant; exact, through singular configurations or not
-``spatial``   one to three loops of revolute, spherical, translational and free joints, some with a redundant row
+``spatial``   one to three loops of revolute, spherical, translational and free joints, some with a redundant equation
 ``driven``    planar or spatial ones on a base that a drive turns or shifts, or with a driven crank
 
-Most planar ones lie in any plane, so that the rows out of it are redundant; a third in one of the global axes, where
-these rows are zero, until a drive turns them. Lengths and masses are scaled by 1e-3 ... 1e3, times by 0.1 ... 10.
+Most planar ones lie in any plane, so that equations out of it are redundant; a third in a plane of global axes, where
+these equations are zero until a drive turns them. Lengths and masses are scaled by 1e-3 ... 1e3, times by 0.1 ... 10.
 """
 
 from __future__ import annotations

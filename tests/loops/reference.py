@@ -9,11 +9,11 @@ follow from the equations of index 1,
 C J are the rows without what is redundant: C is the identity, or from the singular value decomposition of J where a
 step begins. SciPy's DOP853 advances x and v; after every step both go back onto the constraints on the shortest way.
 
-Beside a singular position the constraints turn within a time ~ sigma / |sigma'|, sigma a singular value of J. What does
-not resolve that turn may come out on the branch that is not there; so a step is no longer than a part of it
-(``resolution``), and it is taken again, halved, where the tangent has turned by more than 20 degrees or where the frame
-of rows and tangents has changed its orientation, which no motion on one branch does. An exact singular position is not
-passed: the motion ends there and reports it.
+Near a singular configuration the constraints turn within a time ~ sigma / |sigma'|, sigma a singular value of J. Steps
+that do not resolve this turn may end on the other branch. Therefore a step is not longer than a part of this time
+(``resolution``). It is repeated with half the length if the tangent has turned by more than 20 degrees or if the frame
+of rows and tangents has changed its orientation, which is impossible on one branch. An exact singular configuration is
+not passed: the motion ends there and reports it.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Motion:
 
 @dataclass
 class Reference(Motion):
-    """A motion with a measure of its own error.
+    """A motion with a measure of its error.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ def reference(
     """The motion at ``times`` (k,), ascending from the start; ``start``: (q, v) of the compiled mechanism, None: as it
     assembles.
 
-    The second run, at thirty times the tolerance and half the resolution, tells how far the first can be trusted.
+    The second run, at thirty times the tolerance and half the resolution, estimates the error of the first.
     """
     if start is None:
         start = CompiledMechanism(mechanism).assemble(float(times[0]))

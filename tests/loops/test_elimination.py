@@ -200,7 +200,7 @@ def bent(loops: int, off: float) -> tuple[CompiledMechanism, Any]:
 
 @pytest.mark.parametrize("off", [1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 0.0])
 def test_dead_centers_of_many_loops_cost_no_accuracy(off: float) -> None:
-    """Elimination that uses pivots as they come would lose a power of 1 / off in every loop."""
+    """Elimination without delayed pivots would lose a power of 1 / off in every loop."""
     compiled, q = bent(12, off)
     solved = Solved(compiled, 0.0, q, np.random.default_rng(1).normal(size=len(q)))
     assert solved.report[RANK] == compiled.system.m

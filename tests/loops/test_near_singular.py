@@ -1,4 +1,4 @@
-"""Beside singular positions, at them and with redundant rows: each solver right against the reference, or refused."""
+"""Near and in singular configurations and with redundant equations every solver is right or refuses."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def test_errors_stay_within_a_few_tolerances(name: str, solver: str, size: str) 
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
 def test_redundant_equations_take_no_energy(rtol: float) -> None:
-    """Off the constraints their combinations act like friction: the energy tells it before the position does."""
+    """Off the constraints their combinations act like friction: the energy shows it before the position does."""
     mechanism, motion = known("bennett")
     assert conservative(mechanism)
     compiled = CompiledMechanism(mechanism)

@@ -1,4 +1,4 @@
-"""The judge of closed loops, judged itself: by closed forms, by numbers from the literature, by identities."""
+"""The reference of closed loops against closed forms, numbers of the literature, and identities."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def test_long_chains_are_nearly_singular_far_from_their_singular_positions(
 
 @pytest.mark.parametrize("loops", [13, 14])
 def test_a_crossing_that_lies_behind_is_found_where_pivots_have_no_gap(loops: int) -> None:
-    """In serial chains of so many loops pivots decrease without a gap already 0.05 rad from the singular position."""
+    """In serial chains of this length pivots decrease without a gap from 0.05 rad before the singular configuration."""
     mechanism, motion = known(loops, False)
     verdict = judge(mechanism, motion, "ida", 1e-8)
     assert verdict.word == "right", verdict

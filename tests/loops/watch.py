@@ -34,7 +34,7 @@ def passes(eqs, q, rank, work):
 
 
 class Watch:
-    """What a stepper knows of the motion so far, without any step."""
+    """The part of a stepper that follows the branch of a motion, without steps."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         compiled = CompiledMechanism(mechanism)

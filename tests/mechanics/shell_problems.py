@@ -80,8 +80,9 @@ class Surface:
     root
         The node that the tree grows from, first along u, then along v.
     hung
-        Whether nodes hang on their neighbors, which suits what is held at one end: it takes a tenth of the steps.
-        Else on the ground, which suits what is held all around: it takes a third of them.
+        Whether the joints of nodes connect them to their neighbors. For a sheet that is held at one end this needs a
+        tenth of the steps. Otherwise they connect nodes to the ground, which needs a third of the steps for a
+        sheet that is held at all edges.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Strips of paper in nips and guides, and what the equation of the elastica says of them.
+"""Strips of paper in nips and guides, by the equation of the elastica.
 
 Paper of 80 g/m^2 and 0.1 mm, E = 4 GPa, 30 mm wide, not contracting across. The stations of a nip stand at +-c = 0.5 mm
 along the feed, which holds a strip as a clamp c/3 ahead of its middle does, one that turns by M / (k c^2).
@@ -63,7 +63,7 @@ def run(
 
 
 def hanging(length: float, clamp: float = CLAMP, gives: float = GIVES) -> tuple[float, float, float]:
-    """Tip (m) of a strip that hangs from a nip at x = 0, by this length beyond it; moment per width in the nip, N."""
+    """Tip (m) of a strip of this length below a nip at x = 0; moment per width in the nip, N."""
     free = length - clamp
 
     def rates(s: Any, y: Any, load: float) -> Any:

@@ -146,7 +146,7 @@ def test_inputs_are_written_and_must_be_finite() -> None:
 
 
 def falling(x: float, gravity: Any) -> Any:
-    """A point mass of 2 kg at (0, 3, 0); gravity is x along x, and what an input says along y."""
+    """A point mass of 2 kg at (0, 3, 0); gravity is x along x, and an input along y."""
     m = Mechanism(gravity=(x, gravity, 0.0))
     m.body("a", m.ground, Floating(start=(0, 3, 0, 1, 0, 0, 0)), mass=2, inertia=(1, 1, 1))
     return CompiledMechanism(m)

@@ -82,7 +82,7 @@ def test_a_sheet_may_rest_on_what_is_soft() -> None:
 
 
 def test_the_start_is_where_inputs_have_put_it() -> None:
-    """A table that a support carries: where the input says at the start, and not where the model has it."""
+    """The input, and not the model, gives the start position of a table on a moved support."""
     m, sheet = scene()
     lift = m.body("lift", m.ground, Translational(axis="y", drive=Input(name="lift", unit="m")), mass=1.0)
     add_contact(m, "table", sheet, Wall(), body=lift)
@@ -122,7 +122,7 @@ def test_a_restored_state_is_no_start() -> None:
         Simulation(m, ESDIRK)
 
 
-# ---- nips beside the sheet -------------------------------------------------------------------------------------------
+# ---- nips next to the sheet -----------------------------------------------------------------------------------------
 
 
 def roller(m: Mechanism, z: float, drive: Any = None) -> Body:
@@ -269,7 +269,7 @@ def test_every_argument_of_a_nip_is_checked(key: str, values: tuple[Any, ...]) -
 
 
 def test_an_idler_turns_where_its_nip_is() -> None:
-    """On a Revolute beyond the sheet, at its radius, which is the roller's where it is not told."""
+    """On a Revolute beyond the sheet, at its radius, by default the radius of the roller."""
     m, sheet = scene()
     driving = roller(m, 0.0)
     nip: dict[str, Any] = {"radius": 0.01, "at": (0.0, 0.0, 0.0), "width": 0.02, "force": 2.0}

@@ -161,7 +161,7 @@ def flag(
     surface: Surface | None = None, *, moving: bool = False, nip: bool = False, idle: bool = False,
     carried: bool = False, grid: Any = (4, 3),
 ) -> Mechanism:  # fmt: skip
-    """A sheet in contact, with all that is told."""
+    """A sheet in contact, with all outputs."""
     m = Mechanism(gravity=(0.3, -9.81, 0.2))
     paper = PAPER | {"length": 0.3, "width": 0.2, "youngs_modulus": 4e7, "thickness": 1e-3}
     sheet = add_sheet(m, "paper", grid=grid, rate=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0), **paper)

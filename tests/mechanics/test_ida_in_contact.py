@@ -50,7 +50,7 @@ def crowded() -> Mechanism:
 
 
 def test_products_are_derivatives_of_the_residual() -> None:
-    """Beside contact, friction, cut joints, couplings, quaternions; against central differences of small steps."""
+    """With contact, friction, cut joints, couplings, quaternions; against central differences of small steps."""
     compiled = CompiledMechanism(crowded())
     system, random = compiled.system, np.random.default_rng(1)
     q, v = compiled.assemble()

@@ -1,4 +1,4 @@
-"""What a type of load says about itself, here types of a user: the core asks for it and knows none of them."""
+"""Hooks by which a type of load describes itself, here user-defined types: the core contains no list of types."""
 
 from __future__ import annotations
 

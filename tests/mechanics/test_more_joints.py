@@ -104,7 +104,7 @@ def massive(rng: np.random.Generator, L: float) -> dict[str, Any]:
 
 
 def carried(chain: list[Any], L: float) -> CompiledMechanism:
-    """A body at the end of a chain of joints on a swung base, the others without mass, and a flap that hangs on it."""
+    """A body at the end of a chain of joints on a swung base, the others without mass, and a flap on the body."""
     rng = np.random.default_rng(5)
     m = Mechanism(gravity=L * rng.normal(size=3))
     body = swung(m, L, rng)

@@ -437,7 +437,7 @@ def accelerations(joint: Any, q: Any, load: Any) -> Any:
 
 
 def test_what_is_fixed_in_a_body_turns_with_it_and_else_stays() -> None:
-    """A floating body tells linear accelerations in ground axes, angular ones in its own."""
+    """Linear accelerations of a floating body are in ground axes, angular ones in axes of the body."""
     rng = np.random.default_rng(5)
     R, n, p = random_rotation(rng), np.array((2.0, -1.0, 2.0)) / 3.0, np.array((0.3, 0.2, -0.5))
     q = np.r_[np.zeros(3), Rotation.from_matrix(R).as_quat(scalar_first=True)]

@@ -66,7 +66,7 @@ def test_a_sheet_spins_up_a_roller_that_turns_freely() -> None:
 
 
 def test_an_idler_does_not_pull() -> None:
-    """With a negative force, which an input may have, the roller does nothing to the sheet, which goes on as it was."""
+    """With a negative force, which an input may have, the roller does not change the velocity of the sheet."""
     m, sheet, _ = driven((0.1, 0.1), (5, 4), force="-5")
     m.output("v", sheet.node(0, 0).velocity("x"))
     found = mb.simulate(m, stop_time=0.02, interval=0.01, solver="esdirk", tolerance=1e-4)

@@ -9,7 +9,7 @@ from mbfmu.mechanics import CompiledMechanism, DistanceCutJoint, Mechanism, Revo
 
 
 def chain(links: int, *, loop: bool = False) -> CompiledMechanism:
-    """Links of 0.5 m that hang from the ground, their tip on a rod to the ground or free."""
+    """Links of 0.5 m suspended from the ground, their tip on a rod to the ground or free."""
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     body = m.ground
     for k in range(links):

@@ -137,7 +137,7 @@ def tangent_of(compiled: CompiledMechanism, c1: float, K: Any) -> None:
 @pytest.mark.parametrize("b", [0.4, 1.5, 2.0])
 @pytest.mark.parametrize("material", [{}, GRAIN, ASKEW])
 def test_bending_is_the_rectangle_of_adini_clough_and_melosh(b: float, material: dict[str, Any]) -> None:
-    """Half u.K u for any u: the element sees u less the tilt of the mean plane, which costs nothing."""
+    """Half u.K u for any u: the element uses u minus the tilt of the mean plane, which has no energy."""
     u = np.random.default_rng(0).normal(size=(4, 3))
     compiled = element(b=b, **material)
     moduli = grain(**material) * 0.3**3 / 12.0 if material else isotropic(D, NU)
@@ -221,7 +221,7 @@ def test_a_grain_along_the_sides_couples_nothing(angle: float) -> None:
 
 
 def test_a_grain_that_does_not_matter_is_that_of_an_isotropic_plate() -> None:
-    """Equal moduli along and across, the shear modulus not told: no angle changes anything."""
+    """Equal moduli along and across, the shear modulus by default: the angle changes nothing."""
     plain = element(membrane=True).records(Plate)[0]
     turned = element(membrane=True, youngs_modulus=(10.0, 10.0), angle=0.7).records(Plate)[0]
     for key in ("bending", "coupling", "stretching"):

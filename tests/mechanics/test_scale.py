@@ -40,7 +40,7 @@ def test_length_is_of_the_parts_and_not_of_where_they_are(scale: float, origin: 
     compiled = slider_crank(scale, origin)
     assert compiled.length == pytest.approx(0.4 * scale)
     np.testing.assert_allclose(compiled.system.size, [1.0, 1.0, 0.4 * scale])
-    np.testing.assert_allclose(compiled.system.row_size, [0.4 * scale, 0.4 * scale])  # x, y; z, zx, zy vanish
+    np.testing.assert_allclose(compiled.system.row_size, [0.4 * scale, 0.4 * scale])  # x, y; z, zx, zy are zero
 
 
 def test_rows_of_turns_are_measured_in_radians() -> None:

@@ -171,7 +171,7 @@ def test_pressure_lifts_a_sheet_by_its_area() -> None:
 @pytest.mark.parametrize("stretch", [False, True])
 def test_uniform_pressure_bends_a_free_sheet_by_the_square_of_its_cells(stretch: bool) -> None:
     """Pressure acts on the nodes, and the mass of the nodes at a border is a quarter of a cell inside: the edges are
-    bent by p a^2 / 8 and p b^2 / 8 per length, which vanishes with the cells. Weight takes the place of inertia.
+    bent by p a^2 / 8 and p b^2 / 8 per length, which goes to zero with the cells. Weight replaces inertia.
     """
     p, t, E, nu, sides = 0.1, 0.3e-3, 1e10, 0.3, np.array((0.3, 0.21))
     for n in (6, 12):
@@ -324,7 +324,7 @@ def test_a_driven_body_carries_an_edge_or_the_master_node(tree: str) -> None:
 
 
 def test_a_sheet_may_hang_between_two_bodies_of_a_mechanism() -> None:
-    """A second support has a body and a place of its own; momentum stays within."""
+    """A second support has another body and another place; momentum is conserved."""
     m = Mechanism()
     hub = m.body("hub", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0))
     slide = m.body("slide", hub, Translational(axis="x", at=(0.3, 0.0, 0.0)), mass=0.5, inertia=(0.1, 0.1, 0.1))
@@ -337,7 +337,7 @@ def test_a_sheet_may_hang_between_two_bodies_of_a_mechanism() -> None:
 
 
 def add(m: Mechanism, **options: Any) -> Sheet:
-    """A small sheet clamped at x0 unless told otherwise."""
+    """A small sheet, by default clamped at x0."""
     given: dict[str, Any] = SMALL | {"supports": [Support("x0")] if options.get("tree") != "master" else []}
     return add_sheet(m, "sheet", **(given | options))
 

@@ -97,7 +97,7 @@ def test_a_cantilever_bends_by_the_moment_of_its_weight(model: str) -> None:
     np.testing.assert_allclose(moments, exact, atol=1.1 * lumped)
     for n, moment in enumerate(moments):
         assert found[f"curvature{n}"] == pytest.approx(12.0 * moment / (E * T**3), rel=1e-9)
-        assert abs(found[f"across{n}"]) < 1.1 * RHO * T * g * (W / 6.0) ** 2 / 8.0  # likewise, of cells across
+        assert abs(found[f"across{n}"]) < 1.1 * RHO * T * g * (W / 6.0) ** 2 / 8.0  # chord, of cells across
         if model == "shell":
             assert found[f"top{n}"] == pytest.approx(-6.0 * moment / T**2, rel=1e-4)
             assert found[f"bottom{n}"] == pytest.approx(6.0 * moment / T**2, rel=1e-4)

@@ -57,7 +57,7 @@ def loaded(compiled: CompiledMechanism, q: Any, lam: Any) -> Any:
 
 
 def groups_of(compiled: CompiledMechanism, how: int | None) -> Groups:
-    """All bodies in one group, or as the program finds them in blocks of so many."""
+    """All bodies in one group, or groups of the program with blocks of at most ``how`` bodies."""
     if how is None:
         return Groups(np.zeros(len(compiled.mechanism.bodies), np.int64), np.array([-1]))
     with pytest.MonkeyPatch.context() as patch:

@@ -62,7 +62,7 @@ HANGING = {  # m: tip in mm, moment per width in N, from the elastica with weigh
 
 @pytest.mark.parametrize("length", HANGING)
 def test_the_reference_of_suspended_bodies(length: float) -> None:
-    """Tip and moment that are known of a clamp which does not give way."""
+    """Known tip and moment of a rigid clamp."""
     x, y, moment = hanging(length, clamp=0.0, gives=0.0)
     np.testing.assert_allclose((1e3 * x, 1e3 * y), HANGING[length][:2], atol=1e-3)
     assert moment == pytest.approx(HANGING[length][2], rel=1e-4)

@@ -1,4 +1,4 @@
-"""Closed loops on bases that move: what a loop says of its own joints does not change with the base."""
+"""Closed loops on bases that move: the equations of a loop for its joints do not depend on the base."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def test_the_crane_is_the_same_in_every_attitude(drive: str, axis: str) -> None:
     terms = compiled.system.allocate_terms()
     for t in TURNED:
         compiled.system.fill(t, q, v, terms)
-        assert np.linalg.svd(terms.J, compute_uv=False)[-1] > 0.1  # 90 deg away a row along a global axis vanishes
+        assert np.linalg.svd(terms.J, compute_uv=False)[-1] > 0.1  # 90 deg away an equation along a global axis is zero
         assert np.abs(terms.Phi).max() < 1e-12
         signal = np.array(signal_at(0, t, compiled.kernel_data.arrays))
         a, lam = accelerations(compiled, t, q, v)
@@ -184,7 +184,7 @@ def test_the_ram_carries_the_jib_according_to_statics() -> None:
 def test_a_crane_swings_alike_from_every_attitude(drive: str, solver: str, same: float) -> None:
     """Runs through 720 deg from two attitudes: the same motion in the crane, loops closed all the way.
 
-    Gravity is along the axis of the base. 90 deg from where it starts, a row along a global axis would vanish.
+    Gravity is along the axis of the base. 90 deg from where it starts, an equation along a global axis would be zero.
     """
     motions = []
     for attitude in (0.0, 0.25 * pi):
@@ -308,7 +308,7 @@ def test_drives_that_move_together_break_no_loop() -> None:
     ],
 )
 def test_a_weld_that_closes_turned_is_refused(angle: float, axis: Any, words: str) -> None:
-    """Its products of axes vanish for frames turned by 120 deg about their diagonal, and by 180 deg about an axis."""
+    """Its products of axes are zero for frames turned by 120 deg about their diagonal, and by 180 deg about an axis."""
     half = 0.5 * np.radians(angle)
     e = (np.cos(half), *(np.sin(half) * np.array(axis) / np.linalg.norm(axis)))
     m = Mechanism()

@@ -24,7 +24,7 @@ class DrivenArm(mb.Model):
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenLoop(mb.Model):
-    """A parallelogram with all joints driven: rows of its cut joint are zero, and nothing is settable."""
+    """A parallelogram with all joints driven: equations of its cut joint are zero, and nothing is settable."""
 
     def build(self) -> mb.Mechanism:
         """Return the loop."""

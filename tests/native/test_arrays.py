@@ -42,7 +42,7 @@ native = pytest.mark.skipif(
 
 @dataclass(frozen=True, kw_only=True)
 class Swing(Model):
-    """A pendulum that says of itself what it is told to."""
+    """A pendulum whose arrays and constants are given by the test."""
 
     several: Any = ()
     held: Any = ()

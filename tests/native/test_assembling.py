@@ -1,4 +1,4 @@
-"""Machine code puts a mechanism together as Python does, bit for bit, and says where it cannot."""
+"""Machine code assembles a mechanism with the bits of Python, or reports why it cannot."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_a_changed_mechanism_runs_as_one_that_was_built(name: str):
 
 
 def refused(compiled: CompiledMechanism) -> str:
-    """What Python says of a compiled mechanism that cannot be assembled."""
+    """Return the message of Python for a compiled mechanism that cannot be assembled."""
     with pytest.raises(AssemblyError) as error:
         compiled.assemble()
     return str(error.value)

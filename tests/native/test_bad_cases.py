@@ -191,7 +191,7 @@ def test_states_of_other_formats_and_lengths_are_refused(fmu: Instance):
 
 
 def test_a_lost_energy_balance_is_reported_with_the_numbers_of_a_simulation(tmp_path: Path):
-    """Partitioning by LU does not survive the singular position, and at a loose tolerance it does not stop there."""
+    """Partitioning by LU is wrong after the singular configuration, and does not stop there at a large tolerance."""
     settings = Settings(solver="adams-lu", tolerance=1e-2)
     four_bar = Binary(export(FourBar(), tmp_path / "model.fmu", settings, native=True), tmp_path).instantiate()
     simulation = Simulation(FourBar(), settings)

@@ -207,7 +207,7 @@ def test_two_masses_in_closed_form(binary: Any) -> None:
 
 @pytest.mark.parametrize("model", [Governor(), Governor(driven=False), FourBar()], ids=["driven", "free", "four-bar"])
 def test_state_matrices_of_a_steady_state_are_those_of_mbfmu_linearize(model: Any, models: ExportedModels) -> None:
-    """In directions that the constraints allow: by the independent coordinates, which change as linearize says."""
+    """In directions that the constraints allow: by the independent coordinates, as in linearize."""
     steady = equilibrium(model)
     expected, system = steady.state_space, steady.compiled.system
     f = expected.coordinates.shape[1]

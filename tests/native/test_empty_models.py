@@ -36,7 +36,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "view": (),
     "export": (),
 }
-REFUSED = {  # with what is said, of every model or of those without a free coordinate
+REFUSED = {  # messages of every model, or of those without a free coordinate
     "compare": "no output of model",
     "equilibrium": "has no free coordinate",
     "modes": "has no free coordinate",

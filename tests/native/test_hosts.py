@@ -38,7 +38,7 @@ pytestmark = pytest.mark.skipif(
 
 
 class Told(NamedTuple):
-    """An FMU in its folder, and what odd_hosts.c is told of it."""
+    """An FMU in its folder, and the arguments of odd_hosts.c for it."""
 
     path: Path
     folder: Path

@@ -118,7 +118,7 @@ def lone_host(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Unpacked, i
 
 
 def rows_of(model: Model, solver: str, length: float, names: list[str]) -> NDArray[np.float64]:
-    """What a simulation tells at the same points."""
+    """Outputs of a simulation at the same points."""
     simulation = Simulation(model, Settings(solver=solver))
     columns = [[v.name for v in simulation.variables].index(name) for name in names]
     rows = [simulation.outputs().copy()]

@@ -104,7 +104,7 @@ def test_what_a_native_fmu_logs_is_a_note_and_not_among_the_paths(runtime: Path,
     free = ("--set=nx=4", "--set=nz=3", "--set=support=free", "--set=start_spin=600", "--solver=adams")
     told = ("run", "sheet", *free, "--stop-time=0.01", "--interval=1e-3", "-o", str(tmp_path))
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("mbfmu.cli.run.MAX_REPEATED_RUN_TIME", 0.0)  # a repeat has notes of its own
+        patched.setattr("mbfmu.cli.run.MAX_REPEATED_RUN_TIME", 0.0)  # a repeated run has other notes
         _, out, err = command(*told)
         _, quiet, _ = command("-q", *told)
     assert NATIVE in out

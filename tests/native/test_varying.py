@@ -1,4 +1,4 @@
-"""Signals that vary by themselves: machine code sees what a simulation sees, bit for bit."""
+"""Signals of time: machine code evaluates them with the bits of a simulation."""
 
 from __future__ import annotations
 

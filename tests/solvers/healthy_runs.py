@@ -1,4 +1,4 @@
-"""Random mechanisms whose motion SciPy knows from equations written by hand, in other coordinates where there are any.
+"""Random mechanisms whose motion SciPy integrates from equations written by hand, in other coordinates if possible.
 
 Each draw gives a mechanism, the times of its outputs, and the exact outputs as a function of the start: an error of the
 start, of one tolerance, grows in the exact motion too.

@@ -50,7 +50,7 @@ def fill_and_eliminate(k: int, D: Any, U: Any, L: Any, factors: Any) -> bool:
 
 
 def eliminated(sizes: list[int], inward: list[int], A: Any, symmetric: bool) -> tuple[Any, bool]:
-    """The factors of A, of a symmetric one by what is said to be read alone, and whether it is regular."""
+    """The factors of A and whether it is regular; of a symmetric A only the documented half is read."""
     factors, at = pin(Factors.allocate(sizes, inward)), np.concatenate(([0], np.cumsum(sizes)))
     reset(symmetric, False, factors)
     for k, inner in enumerate(inward):

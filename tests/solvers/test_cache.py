@@ -170,7 +170,7 @@ def test_a_kernel_that_was_compiled_again_is_called(tmp_path: Path) -> None:
 
 
 def test_threads_that_call_a_new_kernel_at_once() -> None:
-    """One of them compiles it, for its own call or as what another kernel calls."""
+    """One of them compiles it, for a call from Python or as a part of another kernel."""
 
     def twice(x: float) -> float:
         return 2.0 * x
@@ -306,7 +306,7 @@ print(json.dumps({"found": 19.0}))
 
 @pytest.mark.parametrize("solver", ["adams", "ida"])
 def test_no_step_waits_for_the_compiler(tmp_path: Path, solver: str) -> None:
-    """All that a run needs is there when it has been started, in a process of its own."""
+    """All that a run needs is there when it has been started, in a separate process."""
     script = tmp_path / "late.py"
     script.write_text(LATE.replace("SOLVER", repr(solver)))
     ended(start(script, cache.cache_root().parent))

@@ -30,8 +30,8 @@ def test_powers_that_are_polynomials_are_integrated_exactly(degree: int) -> None
 
 
 def test_error_of_the_formula_is_in_the_bound() -> None:
-    """Of a power that no polynomial is, the work errs by less than was added to the bound of the energy error, and by
-    ever less.
+    """If the power is not a polynomial, the error of the work is less than the part added to the bound of the energy
+    error, and decreases with the step.
     """
     errors = []
     for step in (0.1, 0.05, 0.025):

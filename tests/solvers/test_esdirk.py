@@ -25,7 +25,7 @@ from mbfmu.session.simulation import Settings, Simulation
 from mbfmu.util.errors import UserError
 from solvers.steppers.esdirk.formulas import EMBEDDED_WEIGHTS, GAMMA, A, B, C
 
-MANY = 70  # coordinates of their own: a large tree
+MANY = 70  # coordinates: a large tree
 
 
 def of(mechanism: Mechanism, **settings: Any) -> Simulation:
@@ -169,7 +169,7 @@ def test_attitudes_too(tolerance: float) -> None:
 
 
 def linkage(copies: int, size: float = 1.0, doubled: bool = False) -> Mechanism:
-    """Slider-cranks next to each other, of lengths of their own; the last one is looked at, and may be held twice."""
+    """Slider-cranks next to each other, of different lengths; the last one is an output, and may be held twice."""
     m = Mechanism(gravity=(0.0, -9.81 * size, 0.0))
     for k in range(copies):
         far = 0.1 * (k % 3) * size

@@ -1,4 +1,4 @@
-"""SUNDIALS keeps to itself what a status says."""
+"""SUNDIALS prints nothing that a status reports."""
 
 from __future__ import annotations
 

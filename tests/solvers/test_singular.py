@@ -12,7 +12,7 @@ from solvers.projection import critical, orientation
 from solvers.projection.workspace import Workspace, factor
 
 SHAPES = [(2, 3, 2), (2, 9, 2), (4, 12, 3), (3, 3, 3), (4, 7, 4), (5, 6, 3), (8, 9, 8), (6, 12, 5)]  # m, n, rank
-# smallest singular values; what is redundant and what vanishes cannot be told apart
+# smallest singular values; redundant and trivially satisfied equations cannot be distinguished
 NEARLY = [(*shape, x) for shape in SHAPES for x in (1e-2, 1e-6, 1e-13, 0.0) if shape[0] == shape[2] or x >= 1e-6]
 
 

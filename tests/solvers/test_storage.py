@@ -87,7 +87,7 @@ def test_clear_leaves_no_folder_where_all_was_machine_code(home: Path) -> None:
 
 
 def test_old_code_is_that_of_other_sources(home: Path) -> None:
-    """Current: the folders that a process with these sources uses, of modules of ours and of users."""
+    """Current: the folders that a process with these sources uses, of modules of mbfmu and of users."""
     module = "solvers.linalg.dense"
     current = write(
         home,
