@@ -14,7 +14,7 @@ from mbfmu.cli import main
 from mbfmu.util.errors import UserError
 from mbfmu.verification import suite
 from mbfmu.verification.problem import Exact, Motion, Value
-from mbfmu.verification.problems import friction, pendulums, planar_loops, rotors, spatial_loops, steady
+from mbfmu.verification.problems import friction, pendulums, planar_loops, rotors, spatial_beams, spatial_loops, steady
 from mbfmu.verification.problems.spatial_loops import CUBE_RODS, bricard_second, rotation
 from mbfmu.verification.suite import PROBLEMS, select
 from mbfmu.verification.verdict import check_motion, check_value
@@ -155,6 +155,24 @@ def test_every_motion_is_compared_over_most_of_its_time() -> None:
         reference = problem.exact().at(np.linspace(0.0, problem.stop_time, 81))
         allowed = 100.0 * 1e-6 * reference.sensitivity
         assert (allowed < 0.1 * np.ptp(reference.values, axis=0)).mean() > 0.5, problem.name
+
+
+PUBLISHED_BEND = {300.0: (59.2, 22.5, 39.5), 600.0: (47.2, 15.9, 53.4)}  # Bathe and Bolourchi, with eight elements
+
+
+@pytest.mark.parametrize("load", PUBLISHED_BEND)
+def test_spatial_rod_agrees_with_published_coordinates(load: float) -> None:
+    tip = spatial_beams.rod_tip(replace(spatial_beams.BEND, load=(0.0, 0.0, load)))
+    np.testing.assert_allclose(tip, PUBLISHED_BEND[load], atol=0.8)  # in: 1.5 % of the deflection
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_spatial_rod_that_bends_in_a_plane_is_the_elastica(axis: int) -> None:
+    load = [0.0, 0.0, 0.0]
+    load[axis] = -5.0 if axis == 1 else 10.0
+    tip = spatial_beams.rod_tip(spatial_beams.Rod(1.0, (1e9, 0.3, 1.0, 2.0), (load[0], load[1], load[2])))
+    expected = steady.elastica_tip(5.0)
+    np.testing.assert_allclose((tip[0], abs(tip[axis]), tip[3 - axis]), (expected[0], -expected[1], 0.0), atol=1e-7)
 
 
 # ---- selection and command -------------------------------------------------------------------------------------------
