@@ -11,12 +11,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 from scipy.optimize import brentq
-from shell_problems import PLATES, WAYS, compressed_plate, hinged_roof, ritz_buckling_load
 
 import mbfmu as mb
 from fmus.governor import Governor
 from mbfmu.cli import main
 from mbfmu.steady.path import PathBranch, PathProblem
+from mbfmu.verification.mechanisms.plates import PLATES, ROOTS, compressed_plate, ritz_buckling_load
+from mbfmu.verification.mechanisms.shells import hinged_roof
 from solvers.statics.linearized import TreeLinearized
 from solvers.statics.matrices import MAX_ASSEMBLED_COORDINATES
 
@@ -320,10 +321,10 @@ def test_a_hinged_roof_snaps_through(thickness: float, end: float, published: fl
 @pytest.mark.parametrize("edges", PLATES)
 def test_a_compressed_plate_buckles_at_one_load_whatever_the_tree(edges: str) -> None:
     loads = []
-    for way in WAYS:
-        m = compressed_plate(edges, 16, mb.Input(name="load", unit=""), way)
+    for root in ROOTS:
+        m = compressed_plate(edges, 16, mb.Input(name="load", unit=""), root)
         m.output("energy", m.energy)
-        found = mb.equilibrium_path(m, "load", (0.0, 1.2), second=way == WAYS[0])
+        found = mb.equilibrium_path(m, "load", (0.0, 1.2), second=root == ROOTS[0])
         loads.append(found.bifurcations[0].value)
         for branch in found.branches[1:]:
             assert min(branch.values) >= (1.0 - 1e-9) * loads[0]

@@ -8,7 +8,18 @@ from fnmatch import fnmatch
 from mbfmu.util.errors import UserError, suggest
 
 from .problem import Problem
-from .problems import friction, pendulums, planar_loops, published, rotors, sheets, spatial_beams, spatial_loops, steady
+from .problems import (
+    friction,
+    pendulums,
+    planar_loops,
+    published,
+    rotors,
+    sheets,
+    shells,
+    spatial_beams,
+    spatial_loops,
+    steady,
+)
 from .verdict import RIGHT, WRONG, Line, check, methods_of
 
 PROBLEMS: tuple[Problem, ...] = (
@@ -20,12 +31,12 @@ PROBLEMS: tuple[Problem, ...] = (
     *friction.FRICTION_PROBLEMS,
     *steady.STEADY_STATE_PROBLEMS,
     *spatial_beams.SPATIAL_BEAM_PROBLEMS,
+    *shells.SHELL_PROBLEMS,
     *sheets.SHEET_PROBLEMS,
 )
 TOLERANCES, QUICK_TOLERANCES = (1e-6, 1e-8), (1e-6,)
 NOT_COVERED = (
-    "Plates, shells and sheets that bend about two axes or stretch: `benchmarks/shells.py` compares them with problems "
-    "of the literature.",
+    "Convergence of shells with the mesh, and motions of sheets: `benchmarks/shells.py` and tests.",
     "Roller nips, guides and drums other than the capstan: `benchmarks/transport.py` compares them with the elastica.",
     "Flexible bodies with modes, and motions of beams in three dimensions.",
     "Flexible slider-crank, and the wheelset of the IVP test set.",

@@ -83,7 +83,7 @@ def rod_tip(rod: Rod) -> Array:
     axial, torsion, bending_y, bending_z = rod.stiffness
     compliance, natural = 1.0 / np.array((torsion, bending_z, bending_y)), np.array((0.0, 0.0, rod.curvature))
 
-    def slope(force: Array, s: float, y: Array) -> Array:
+    def slope(force: Array, arc_length: float, y: Array) -> Array:
         R, M = y[3:12].reshape(3, 3), y[12:]
         k = compliance * (R.T @ M) + natural
         tangent = (1.0 + R[:, 0] @ force / axial) * R[:, 0]
