@@ -72,7 +72,9 @@ The warnings are those of the [energy check](balance.md), which finds errors of 
 `mbfmu verify --engines` compares mass matrices and accelerations of 200 random trees with MuJoCo and Pinocchio, as far
 as they are installed (extras `import` and `bench`). The trees have up to 12 bodies and revolute, translational,
 spherical, universal, cylindrical and planar joints. The largest differences were 1e-14 (mass matrix, relative to its
-largest entry) and 2e-14 (accelerations, relative to the largest one).
+largest entry) and 2e-14 (accelerations, relative to the largest one). Every tenth tree is simulated for 0.5 s with
+`adams`, `radau` and `ida` at tolerances of 1e-6 and 1e-8. The reference is the motion that follows from the
+accelerations of the other engine by SciPy (DOP853). All 240 motions were right.
 
 ## Numbers of the documentation
 

@@ -22,12 +22,13 @@ from .common import (
     write_json,
 )
 
+SEEDS_PER_MOTION = 10  # random mechanisms of which one is simulated
 VERIFY_EXAMPLES = """examples:
   mbfmu verify --quick
   mbfmu verify --quick --report verification     write verification/report.html and verification/report.json
   mbfmu verify --only "A0*" --solver ida --tolerance 1e-8
   mbfmu verify --list                            names and descriptions of the problems
-  mbfmu verify --engines                         random mechanisms: mass matrices and accelerations of other engines
+  mbfmu verify --engines                         random mechanisms by other engines: accelerations and motions
   mbfmu verify --claims docs/claims.toml         measure numbers of the documentation again
 """
 
@@ -70,8 +71,8 @@ Verdicts: right; refused (right until an error message); warned (wrong, with a w
         nargs="?",
         const=200,
         metavar="N",
-        help="compare mass matrices and accelerations of N random mechanisms (default 200) with MuJoCo and Pinocchio "
-        "as far as they are installed, and run no problem",
+        help="compare mass matrices and accelerations of N random mechanisms (default 200), and motions of every "
+        "tenth of them, with MuJoCo and Pinocchio as far as they are installed, and run no problem",
     )
     p.add_argument(
         "--claims",
@@ -146,14 +147,24 @@ def command_claims(options: argparse.Namespace) -> int:
 
 
 def command_engines(options: argparse.Namespace) -> int:
-    """Compare random mechanisms with other engines."""
+    """Compare random mechanisms, and motions of every tenth of them, with other engines."""
     from mbfmu.verification.engines.compare import ENGINES, as_text, compare_engines, installed_engines
+    from mbfmu.verification.engines.motions import compare_motions
+    from mbfmu.verification.report import as_text as lines_as_text
+    from mbfmu.verification.suite import has_wrong
 
     if options.engines < 1:
         raise UserError(f"--engines is {options.engines}; allowed: a whole number from 1 on")
     if not (names := installed_engines()):
         raise UserError(f"no other engine is installed; install one of the packages {', '.join(ENGINES)}")
-    with bar(options.engines * len(names), "engines", options.quiet) as shown:
+    with bar(options.engines * len(names), "dynamics", options.quiet) as shown:
         found = compare_engines(options.engines, lambda _: shown.update())
     print_unless_quiet(options, as_text(found))
-    return int(any(difference.worst > 1.0 for difference in found))
+    seeds, lines = range(0, options.engines, SEEDS_PER_MOTION), []
+    with bar(len(seeds) * len(names), "motions", options.quiet) as shown:
+        for name in names:
+            for seed in seeds:
+                lines += compare_motions(seed, name)
+                shown.update()
+    print_unless_quiet(options, lines_as_text(lines))
+    return int(any(difference.worst > 1.0 for difference in found) or has_wrong(lines))

@@ -43,7 +43,7 @@ NOT_COVERED = (
     "Rolling without slip, such as the bicycle: there is no element for it.",
     "Stops with elastic contact (`docs/hard_cases.md`), and locks, releases and impulses of events (tests).",
     "Native FMUs: the tests compare them bit by bit with simulations in Python.",
-    "Motions of other engines: `benchmarks/peers.py` compares their errors and computing times.",
+    "Loops in other engines: `benchmarks/peers.py` compares their errors and computing times.",
     "Computing times: they are measured, but no verdict depends on them.",
 )
 

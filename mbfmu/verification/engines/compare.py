@@ -11,7 +11,7 @@ import numpy as np
 from mbfmu.util.text_table import format_table
 
 from . import with_mbfmu, with_mujoco, with_pinocchio
-from .random_trees import random_tree
+from .random_trees import random_tree, start_of
 
 ENGINES = {"mujoco": ("MuJoCo", with_mujoco), "pinocchio": ("Pinocchio", with_pinocchio)}  # by their packages
 ROUNDING_FACTOR = 1e4  # allowed difference, in units of rounding errors and of the condition of the mass matrix
@@ -63,7 +63,7 @@ def compare_engines(count: int, progress: Callable[[str], None] | None = None) -
         largest = np.zeros(3)
         for seed in range(count):
             links, gravity = random_tree(seed)
-            ours, theirs = with_mbfmu.evaluate(links, gravity), engine.evaluate(links, gravity)
+            ours, theirs = with_mbfmu.evaluate(links, gravity), engine.evaluator(links, gravity)(*start_of(links))
             size = np.abs(ours.mass_matrix).max()
             mass = np.abs(theirs.mass_matrix - ours.mass_matrix).max() / size
             rates = np.abs(theirs.acceleration - ours.acceleration).max() / np.abs(ours.acceleration).max()

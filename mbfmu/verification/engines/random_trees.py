@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -59,10 +60,18 @@ class Link(NamedTuple):
 
 
 class Dynamics(NamedTuple):
-    """Mass matrix (n, n) and accelerations (n,) without applied forces other than gravity, in the order of links."""
+    """Mass matrix (n, n) and accelerations (n,) under gravity, in the order of the links."""
 
     mass_matrix: Array
     acceleration: Array
+
+
+Evaluator = Callable[[Array, Array], Dynamics]  # positions and rates of all links, one after the other
+
+
+def start_of(links: list[Link]) -> tuple[Array, Array]:
+    """Return positions and rates of all links."""
+    return np.concatenate([link.position for link in links]), np.concatenate([link.rate for link in links])
 
 
 def random_tree(seed: int) -> tuple[list[Link], Array]:

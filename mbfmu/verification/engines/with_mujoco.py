@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.util.extras import import_optional
 
-from .random_trees import Array, Dynamics, Link
+from .random_trees import Array, Dynamics, Evaluator, Link
 
 MJCF_JOINTS = {"revolute": "hinge", "translational": "slide", "spherical": "ball"}
 
@@ -42,20 +42,25 @@ def as_mjcf(links: list[Link], gravity: Array) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def evaluate(links: list[Link], gravity: Array) -> Dynamics:
-    """Return mass matrix and accelerations at the start."""
+def evaluator(links: list[Link], gravity: Array) -> Evaluator:
+    """Return the function that evaluates the dynamics of a tree."""
     mujoco = import_optional("mujoco", "import")
     model = mujoco.MjModel.from_xml_string(as_mjcf(links, gravity))
     data = mujoco.MjData(model)
-    places: list[int] = []
+    positions: list[int] = []
+    rates: list[int] = []
     for k, link in enumerate(links):  # joints of a body follow each other
         number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT.value, f"joint{k}.0")
         q, v = int(model.jnt_qposadr[number]), int(model.jnt_dofadr[number])
-        data.qpos[q : q + len(link.position)] = link.position
-        data.qvel[v : v + len(link.rate)] = link.rate
-        places += range(v, v + len(link.rate))
-    mujoco.mj_forward(model, data)
-    M = np.zeros((model.nv, model.nv))
-    for column, unit in zip(M, np.eye(model.nv), strict=True):
-        mujoco.mj_mulM(model, data, column, unit)
-    return Dynamics(M[np.ix_(places, places)], np.array(data.qacc)[places])
+        positions += range(q, q + len(link.position))
+        rates += range(v, v + len(link.rate))
+
+    def evaluate(position: Array, rate: Array) -> Dynamics:
+        data.qpos[positions], data.qvel[rates] = position, rate
+        mujoco.mj_forward(model, data)
+        M = np.zeros((model.nv, model.nv))
+        for column, unit in zip(M, np.eye(model.nv), strict=True):
+            mujoco.mj_mulM(model, data, column, unit)
+        return Dynamics(M[np.ix_(rates, rates)], np.array(data.qacc)[rates])
+
+    return evaluate

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbfmu.util.extras import import_optional
 
-from .random_trees import Array, Dynamics, Link
+from .random_trees import Array, Dynamics, Evaluator, Link
 
 
 def depth_first(links: list[Link]) -> list[int]:
@@ -21,17 +21,19 @@ def depth_first(links: list[Link]) -> list[int]:
     return order
 
 
-def evaluate(links: list[Link], gravity: Array) -> Dynamics:
-    """Return mass matrix and accelerations at the start."""
+def evaluator(links: list[Link], gravity: Array) -> Evaluator:
+    """Return the function that evaluates the dynamics of a tree."""
     pin = import_optional("pinocchio", "bench")
     model = pin.Model()
     model.gravity.linear = gravity
     numbers: dict[int, Any] = {-1: 0}
-    q, v, places = [], [], [np.zeros(0, int)] * len(links)
+    positions, rates = [np.zeros(0, int)] * len(links), [np.zeros(0, int)] * len(links)
     for k in depth_first(links):
         link = links[k]
         number, place = numbers[link.parent], pin.SE3(link.rotation, link.place)
-        places[k] = model.nv + np.arange(len(link.rate))
+        positions[k], rates[k] = model.nq + np.arange(len(link.position)), model.nv + np.arange(len(link.rate))
+        if link.joint == "spherical":
+            positions[k] = np.roll(positions[k], 1)  # scalar last
         for i, (kind, axis) in enumerate(link.parts):
             if kind == "spherical":
                 joint = pin.JointModelSpherical()
@@ -43,10 +45,13 @@ def evaluate(links: list[Link], gravity: Array) -> Dynamics:
             place = pin.SE3.Identity()
         numbers[k] = number
         model.appendBodyToJoint(number, pin.Inertia(link.mass, link.com, link.inertia), pin.SE3.Identity())
-        q.append(np.roll(link.position, -1) if link.joint == "spherical" else link.position)  # scalar last
-        v.append(link.rate)
-    data, positions, rates = model.createData(), np.concatenate(q), np.concatenate(v)
-    M = np.triu(pin.crba(model, data, positions))
-    acceleration = np.array(pin.aba(model, data, positions, rates, np.zeros(model.nv)))
-    order = np.concatenate(places)
-    return Dynamics((M + np.triu(M, 1).T)[np.ix_(order, order)], acceleration[order])
+    data, q, v = model.createData(), np.zeros(model.nq), np.zeros(model.nv)
+    q_order, v_order = np.concatenate(positions), np.concatenate(rates)
+
+    def evaluate(position: Array, rate: Array) -> Dynamics:
+        q[q_order], v[v_order] = position, rate
+        M = np.triu(pin.crba(model, data, q))
+        acceleration = np.array(pin.aba(model, data, q, v, np.zeros(model.nv)))
+        return Dynamics((M + np.triu(M, 1).T)[np.ix_(v_order, v_order)], acceleration[v_order])
+
+    return evaluate
