@@ -270,11 +270,10 @@ class _File:
         rows["supports"] = [
             (self._references[name], self._add_text(units[name])) for name, *_ in inputs.supports().values()
         ]
-        rows["text"] = [(byte,) for byte in self._text]
         header = np.zeros(1, layout.HEADER)
         at, parts = layout.HEADER.itemsize, []
         for name, record in layout.SECTIONS.items():
-            section = _records(rows[name], record)
+            section = np.frombuffer(self._text, record) if name == "text" else _records(rows[name], record)
             header[name], header[f"{name}_count"] = at, len(section)
             parts.append(_padded(section.tobytes()))
             at += len(parts[-1])
