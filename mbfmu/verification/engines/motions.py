@@ -16,7 +16,7 @@ from .compare import ENGINES
 from .random_trees import Array, Evaluator, Link, random_tree, start_of
 
 STOP_TIME = 0.5  # s
-PRECISION, ROUGH_PRECISION = 1e-11, 1e-8  # relative tolerances of the reference and of its sensitivities
+MOTION_PRECISION, ROUGH_PRECISION = 1e-11, 1e-8  # relative tolerances of the reference and of its sensitivities
 TOLERANCES = (1e-6, 1e-8)
 
 
@@ -97,8 +97,8 @@ def motion_problem(seed: int, package: str) -> Motion:
     links, gravity = random_tree(seed)
     title, engine = ENGINES[package]
     evaluate, start = engine.evaluator(links, gravity), np.concatenate(start_of(links))
-    solution, rough = (motion(links, evaluate, precision) for precision in (PRECISION, ROUGH_PRECISION))
-    exact = Exact(solution, tuple(start), tuple(np.maximum(1.0, np.abs(start))), 100.0 * PRECISION, rough)
+    solution, rough = (motion(links, evaluate, precision) for precision in (MOTION_PRECISION, ROUGH_PRECISION))
+    exact = Exact(solution, tuple(start), tuple(np.maximum(1.0, np.abs(start))), 100.0 * MOTION_PRECISION, rough)
     return Motion(
         name=f"tree {seed}, {title}",
         description=f"Random tree of {len(links)} links.",
