@@ -145,7 +145,10 @@ def describe_refusal(name: str, system: AnySystem) -> str:
     if not isinstance(system, TreeSystem):
         if system.n and name not in SOLVERS and not eliminates_implicitly(name, system):
             return _refusal(
-                name, f"is for large models only, and this model has {system.n} joint coordinates; use 'radau'"
+                name,
+                f"is for large models only, with more than {MIN_ELIMINATION_COORDINATES} joint coordinates and, if they "
+                f"have loops, more than {MIN_ELIMINATION_CONSTRAINTS} constraint equations; this model has "
+                f"{system.n} and {system.m}; use 'radau'",
             )
         return ""
     if name in TREE_SOLVERS or (not system.m and name in UNCONSTRAINED_SOLVERS):
