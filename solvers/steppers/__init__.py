@@ -146,8 +146,8 @@ def describe_refusal(name: str, system: AnySystem) -> str:
         if system.n and name not in SOLVERS and not eliminates_implicitly(name, system):
             return _refusal(
                 name,
-                f"is for large models only, with more than {MIN_ELIMINATION_COORDINATES} joint coordinates and, if they "
-                f"have loops, more than {MIN_ELIMINATION_CONSTRAINTS} constraint equations; this model has "
+                f"is for large models only, with more than {MIN_ELIMINATION_COORDINATES} joint coordinates and, "
+                f"if there are loops, more than {MIN_ELIMINATION_CONSTRAINTS} constraint equations; this model has "
                 f"{system.n} and {system.m}; use 'radau'",
             )
         return ""
