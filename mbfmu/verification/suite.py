@@ -9,6 +9,7 @@ from mbfmu.util.errors import UserError, suggest
 
 from .problem import Problem
 from .problems import (
+    flexible_bodies,
     friction,
     pendulums,
     planar_loops,
@@ -31,6 +32,7 @@ PROBLEMS: tuple[Problem, ...] = (
     *friction.FRICTION_PROBLEMS,
     *steady.STEADY_STATE_PROBLEMS,
     *spatial_beams.SPATIAL_BEAM_PROBLEMS,
+    *flexible_bodies.FLEXIBLE_PROBLEMS,
     *shells.SHELL_PROBLEMS,
     *sheets.SHEET_PROBLEMS,
 )
@@ -38,8 +40,8 @@ TOLERANCES, QUICK_TOLERANCES = (1e-6, 1e-8), (1e-6,)
 NOT_COVERED = (
     "Convergence of shells with the mesh, and motions of sheets: `benchmarks/shells.py` and tests.",
     "Roller nips, guides and drums other than the capstan: `benchmarks/transport.py` compares them with the elastica.",
-    "Flexible bodies with modes, and motions of beams in three dimensions.",
-    "Flexible slider-crank, and the wheelset of the IVP test set.",
+    "Flexible bodies from meshes (tests), and motions of beams in three dimensions.",
+    "The wheelset of the IVP test set.",
     "Rolling without slip, such as the bicycle: there is no element for it.",
     "Stops with elastic contact (`docs/hard_cases.md`), and locks, releases and impulses of events (tests).",
     "Native FMUs: the tests compare them bit by bit with simulations in Python.",

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy
-from fe_models import Frame, block, bracket, straight
+from fe_models import block, bracket, straight
 
 import mbfmu as mb
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.recursions.dynamics import update_kinematics
 from mbfmu.mechanics.recursions.rnea import momentum
 from mbfmu.util.errors import UserError
+from mbfmu.verification.problems.flexible_bodies import AXIAL, BEAM, FINAL_SPEED, RHO, SPIN_END, Elastica, spun_beam
 from solvers import Options, stepper
 
 BLOCK, BRACKET = block(), bracket()
@@ -216,51 +216,35 @@ def test_bodies_and_interfaces_are_refused_by_name_where_they_cannot_be() -> Non
         m.flexible_body("free", m.ground, mb.Weld(), free)
 
 
-def chain_of_links(times: Any, links: int = 12) -> Any:
-    """Tip deflection of the arm of Simo and Vu-Quoc as a chain of rigid links with angular springs, by SciPy.
-
-    Absolute angles theta_i of links of length h: sum_j c_ij (cos(theta_i - theta_j) theta_j'' + sin(theta_i - theta_j)
-    theta_j'^2) = torques of the springs E I / h; half an element is between the hub and the first link.
-    """
-    h, speed, duration = 10.0 / links, 6.0, 15.0
-    i, j = np.indices((links, links)) + 1
-    c = 1.2 * h**3 * (np.where(i == j, 1.0 / 3.0, 0.5) + links - np.maximum(i, j))
-    springs = 1.4e4 / h * np.r_[2.0, np.ones(links - 1)]
-
-    def hub(t: float) -> float:
-        phase = 2.0 * np.pi * t / duration
-        return float(speed / duration * (0.5 * t**2 + (duration / (2.0 * np.pi)) ** 2 * (np.cos(phase) - 1.0)))
-
-    def rate(t: float, y: Any) -> Any:
-        theta, w = np.split(y, 2)
-        torques = springs * np.diff(np.r_[hub(t), theta])
-        difference = theta[:, None] - theta
-        forces = np.r_[torques[1:], 0.0] - torques - c * np.sin(difference) @ w**2
-        return np.r_[w, np.linalg.solve(c * np.cos(difference), forces)]
-
-    found = scipy.integrate.solve_ivp(rate, (0.0, times[-1]), np.zeros(2 * links), "LSODA", times, rtol=1e-7, atol=1e-9)
-    return h * np.sin(found.y[:links] - [hub(t) for t in times]).sum(axis=0)
-
-
-def test_an_arm_that_is_spun_up_bends_back_and_stretches() -> None:
-    """Data of Simo and Vu-Quoc (1986); the steady extension is rho w^2 L^3 / (3 E A)."""
-    nodes = np.column_stack([np.linspace(0.0, 10.0, 11), np.zeros((11, 2))])
-    elements = list(pairwise(range(11)))
-    arm = Frame(nodes, elements, axial=2.8e7, bending=(1.4e4, 1.4e4), torsion=1e4, rho=1.2, spin=6e-4)
-    body = mb.FlexibleBody.from_fe(
-        arm.M, arm.K, nodes, {"hub": [0], "tip": [10]}, modes=4, geometric_stiffness=arm.geometric_stiffness
-    )
-    m = mb.Mechanism()
-    handle = m.flexible_body("arm", m.ground, mb.Revolute(drive=mb.RunUp(speed=6.0, duration=15.0)), body)
-    for axis in "xyz":
-        m.output(f"tip.{axis}", m.relative_position(handle.section("tip"), handle.body, axis))
-    result = mb.simulate(m, 20.0, interval=0.25, solver="radau", tolerance=1e-6)
+def test_a_beam_that_is_spun_up_bends_back_and_stretches() -> None:
+    """Deflection of the inextensible elastica; the steady extension is rho w^2 L^3 / (3 E A)."""
+    result = mb.simulate(spun_beam(), SPIN_END, interval=0.25, solver="radau", tolerance=1e-6)
     assert not result.diagnostics
     early = result.t <= 8.0
-    exact = chain_of_links(result.t[early])
-    np.testing.assert_allclose(result["tip.y"][early], exact, rtol=0, atol=0.01 * np.abs(exact).max())
-    assert np.mean(result["tip.x"][result.t > 16.0]) - 10.0 == pytest.approx(1.2 * 36.0 * 1e3 / (3.0 * 2.8e7), rel=2e-3)
-    assert np.abs(result["tip.z"]).max() < 1e-9
+    beam = Elastica(3)
+    exact = scipy.integrate.solve_ivp(
+        beam.right, (0.0, 8.0), np.zeros(6), "Radau", result.t[early], rtol=1e-6, atol=1e-9
+    )
+    deflection = beam.deflection(exact.t, exact.y)[0]
+    np.testing.assert_allclose(result["y"][early], deflection, rtol=0, atol=0.01 * np.abs(deflection).max())
+    stretch = RHO * FINAL_SPEED**2 * BEAM**3 / (3.0 * AXIAL)
+    assert np.mean(result["x"][result.t > 16.0]) - BEAM == pytest.approx(stretch, rel=2e-3)
+
+
+def test_amplitudes_start_as_given_and_keep_their_energy() -> None:
+    """All modes of a clamped bracket: strain energy k p^2 / 2 and kinetic energy m p'^2 / 2."""
+    body = mb.FlexibleBody.from_fe(BRACKET.M, BRACKET.K, BRACKET.nodes, {"foot": [0], "tip": [5]}, modes=24)
+    start, rate = np.linspace(1e-5, 2e-5, body.modes), np.linspace(2e-2, 1e-2, body.modes)
+    m = mb.Mechanism()
+    m.flexible_body("bracket", m.ground, mb.Weld(), body, start=tuple(start), rate=tuple(rate))
+    compiled = CompiledMechanism(m)
+    q, v = compiled.assembly.assemble(0.0)
+    energy = 0.5 * body.modal_masses @ (rate**2 + (body.frequencies * start) ** 2)
+    assert compiled.energy(0.0, q, v) == pytest.approx(energy, rel=1e-9)
+    m = mb.Mechanism()
+    m.flexible_body("bracket", m.ground, mb.Weld(), body, start=(0.0, 1.0))
+    with pytest.raises(UserError, match=r"bracket\.mode"):
+        mb.simulate(m, 1e-3)
 
 
 def test_a_rod_in_a_loop_starts_undeformed_keeps_the_energy_and_is_rigid_if_it_is_stiff() -> None:

@@ -14,10 +14,19 @@ from mbfmu.cli import main
 from mbfmu.util.errors import UserError
 from mbfmu.verification import suite
 from mbfmu.verification.problem import Exact, Motion, Value
-from mbfmu.verification.problems import friction, pendulums, planar_loops, rotors, spatial_beams, spatial_loops, steady
+from mbfmu.verification.problems import (
+    flexible_bodies,
+    friction,
+    pendulums,
+    planar_loops,
+    rotors,
+    spatial_beams,
+    spatial_loops,
+    steady,
+)
 from mbfmu.verification.problems.spatial_loops import CUBE_RODS, bricard_second, rotation
 from mbfmu.verification.suite import PROBLEMS, select
-from mbfmu.verification.verdict import check_motion, check_value
+from mbfmu.verification.verdict import check_motion, check_value, run_motion
 
 MOTIONS = [p for p in PROBLEMS if isinstance(p, Motion)]
 
@@ -173,6 +182,15 @@ def test_spatial_rod_that_bends_in_a_plane_is_the_elastica(axis: int) -> None:
     tip = spatial_beams.rod_tip(spatial_beams.Rod(1.0, (1e9, 0.3, 1.0, 2.0), (load[0], load[1], load[2])))
     expected = steady.elastica_tip(5.0)
     np.testing.assert_allclose((tip[0], abs(tip[axis]), tip[3 - axis]), (expected[0], -expected[1], 0.0), atol=1e-7)
+
+
+def test_flexible_slider_crank_agrees_with_published_values() -> None:
+    """Published values of the IVP test set; the reference and the simulation differ from them by less than 1e-9 m."""
+    end = flexible_bodies.SliderCrankMotion().motion(np.array((0.0, 0.1)), 0.0, 1e-8)[-1]
+    np.testing.assert_allclose(end, flexible_bodies.PUBLISHED_ROD, rtol=0, atol=1e-9)
+    result, _ = run_motion(named("flexible slider-crank"), "radau", 1e-8)
+    found = [result[name][-1] for name in ("q1", "q2", "length", "x")]
+    np.testing.assert_allclose(found, flexible_bodies.PUBLISHED_ROD, rtol=0, atol=1e-9)
 
 
 # ---- selection and command -------------------------------------------------------------------------------------------

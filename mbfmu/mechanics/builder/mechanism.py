@@ -155,7 +155,16 @@ class Mechanism(Appearance, Events, Measurements):
         )
         return self._append(new)
 
-    def flexible_body(self, name: str, parent: Body, joint: Joint, elastic: Beam | FlexibleBody) -> FlexibleHandle:
+    def flexible_body(
+        self,
+        name: str,
+        parent: Body,
+        joint: Joint,
+        elastic: Beam | FlexibleBody,
+        *,
+        start: Sequence[float] | None = None,
+        rate: Sequence[float] | None = None,
+    ) -> FlexibleHandle:
         """Add a flexible body (beam, or body of finite elements) that is connected to a parent body by a joint.
 
         Parameters
@@ -167,6 +176,9 @@ class Mechanism(Appearance, Events, Measurements):
             of the interface that carries the frame.
         elastic
             Beam or body of finite elements, with its modes.
+        start, rate
+            Amplitudes (modes,) of the modes at the start, m, and their rates, m/s; None: zero. Assembly changes them
+            only if the loops cannot close by the other coordinates.
 
         Returns
         -------
@@ -187,7 +199,7 @@ class Mechanism(Appearance, Events, Measurements):
                 "where no joint can hold it; allowed: Floating, or a frame at an interface"
             )
         body = self.body(name, parent, joint)
-        modes = self.add_section(f"{name}.mode", body, Section(elastic=elastic))
+        modes = self.add_section(f"{name}.mode", body, Section(elastic=elastic, start=start, rate=rate))
         self.flexible_bodies.append(FlexibleHandle(name, len(self.flexible_bodies), elastic, body, modes, self))
         return self.flexible_bodies[-1]
 
