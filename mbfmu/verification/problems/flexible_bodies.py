@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 # ---- slider-crank of the IVP test set --------------------------------------------------------------------------------
 
-CRANK_LENGTH, ROD_LENGTH, CRANK_SPEED, CRANK_END = 0.15, 0.30, 150.0, 0.1  # m, m, rad/s, s
+CRANK_LENGTH, ROD_LENGTH, CRANK_RATE, CRANK_END = 0.15, 0.30, 150.0, 0.1  # m, m, rad/s, s
 ROD_MASS, BLOCK_MASS, ROD_INERTIA = 0.151104, 0.075552, 0.0045339259  # kg, kg, kg m^2 about the crank pin
 YOUNG, SIDE, ROUNDED_PI = 0.2e12, 0.008, 3.1415927  # Pa, m, and pi as the test set has it
 ROD_START = (0.0, 0.0, 0.103339863e-4, 0.169327969e-4)  # m
@@ -100,7 +100,7 @@ def flexible_slider_crank() -> Mechanism:
     body, V = simeon_body()
     start, rate = (np.linalg.solve(V, values) for values in (ROD_START, ROD_RATE))
     m = Mechanism()
-    crank = m.body("crank", m.ground, Revolute(drive=Polynomial((0.0, CRANK_SPEED))), mass=0.36, inertia=(1e-3,) * 3)
+    crank = m.body("crank", m.ground, Revolute(drive=Polynomial((0.0, CRANK_RATE))), mass=0.36, inertia=(1e-3,) * 3)
     pin = Revolute(at=(CRANK_LENGTH, 0.0, 0.0))
     rod = m.flexible_body("rod", crank, pin, body, start=tuple(start), rate=tuple(rate))
     slider = m.body("slider", rod.section("slider"), Revolute(), mass=BLOCK_MASS, inertia=(1e-5,) * 3)
@@ -118,20 +118,20 @@ def slider_crank_right(rod: SimeonRod, t: float, y: Array) -> Array:
     Lagrange's equations; the angle of the rod and its rate follow from the crank and the length L + q4.
     """
     q, dq = y[:4], y[4:]
-    s, c, length = sin(CRANK_SPEED * t), cos(CRANK_SPEED * t), ROD_LENGTH + q[3]
+    s, c, length = sin(CRANK_RATE * t), cos(CRANK_RATE * t), ROD_LENGTH + q[3]
     sine = -CRANK_LENGTH * s / length
     cosine = np.sqrt(1.0 - sine * sine)
-    w = -(CRANK_LENGTH * c * CRANK_SPEED + sine * dq[3]) / (length * cosine)
+    w = -(CRANK_LENGTH * c * CRANK_RATE + sine * dq[3]) / (length * cosine)
     turn_s, turn_c = s * cosine - c * sine, c * cosine + s * sine  # of the crank relative to the rod
     # w' = turn_0 + turn_1 q4'', x'' = push_0 + push_1 q4''
-    turn_0 = (CRANK_LENGTH * s * CRANK_SPEED**2 + length * sine * w * w - 2.0 * w * cosine * dq[3]) / (length * cosine)
+    turn_0 = (CRANK_LENGTH * s * CRANK_RATE**2 + length * sine * w * w - 2.0 * w * cosine * dq[3]) / (length * cosine)
     turn_1 = -sine / (length * cosine)
-    push_0 = -CRANK_LENGTH * c * CRANK_SPEED**2 - length * (cosine * w * w + sine * turn_0) - 2.0 * w * sine * dq[3]
+    push_0 = -CRANK_LENGTH * c * CRANK_RATE**2 - length * (cosine * w * w + sine * turn_0) - 2.0 * w * sine * dq[3]
     push_1 = cosine - length * sine * turn_1
     Mq = rod.M @ q
     inertia = ROD_INERTIA + q @ Mq + 2.0 * rod.moment_along @ q
     coupling = rod.moment_across + q @ rod.B
-    pull = CRANK_LENGTH * CRANK_SPEED**2
+    pull = CRANK_LENGTH * CRANK_RATE**2
     moment = pull * (turn_s * (0.5 * ROD_LENGTH * ROD_MASS + rod.along @ q) - turn_c * (rod.across @ q))
     moment -= 2.0 * w * (rod.moment_along @ dq + Mq @ dq)
     force = w * w * (Mq + rod.moment_along) + pull * (turn_c * rod.along + turn_s * rod.across)
@@ -160,7 +160,7 @@ class SliderCrankMotion:
     def motion(self, times: Array, nudge: float, tolerance: float) -> Array:
         """Return the quantities (k, 4), with random changes of the state at each of the times."""
         rod, y, rng = SimeonRod(), np.array(ROD_START + ROD_RATE), np.random.default_rng(len(times))
-        scales, states = ROD_DEFLECTION * np.repeat((1.0, CRANK_SPEED), 4), [y]
+        scales, states = ROD_DEFLECTION * np.repeat((1.0, CRANK_RATE), 4), [y]
         for begin, end in pairwise(times):
             y = y + nudge * scales * rng.choice((-1.0, 1.0), 8)
             found = solve_ivp(
@@ -176,8 +176,8 @@ class SliderCrankMotion:
             states.append(y)
         q = np.array(states)[:, :4]
         length = ROD_LENGTH + q[:, 3]
-        x = CRANK_LENGTH * np.cos(CRANK_SPEED * times) + np.sqrt(
-            length**2 - (CRANK_LENGTH * np.sin(CRANK_SPEED * times)) ** 2
+        x = CRANK_LENGTH * np.cos(CRANK_RATE * times) + np.sqrt(
+            length**2 - (CRANK_LENGTH * np.sin(CRANK_RATE * times)) ** 2
         )
         return np.column_stack((q[:, :2], length, x))
 
