@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import shutil
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from ctypes import byref, c_void_p, cast
 from dataclasses import replace
 from pathlib import Path
@@ -34,6 +36,25 @@ from solvers.system import Array
 
 FMI_TRUE, FMI_WARNING = np.int32(1), np.int32(fmi2Warning)
 ENTRY_BYTES = 8  # of a real number
+
+
+_loading = threading.Lock()
+
+
+@contextmanager
+def keeping_working_directory() -> Iterator[None]:
+    """Let one thread at a time load a library: FMPy changes the working directory of all threads meanwhile."""
+    with _loading:
+        try:
+            before = Path.cwd()
+        except FileNotFoundError as error:
+            raise UserError(
+                "the working directory of this process has been removed; change to another folder with os.chdir"
+            ) from error
+        try:
+            yield
+        finally:
+            os.chdir(before)
 
 
 def called(variable: Any) -> str:
@@ -99,12 +120,17 @@ class Fmu:
         self.outputs = [v.name for v in self.description.modelVariables if v.causality == "output"]
         self.real_outputs = [n for n in self.outputs if self.variables[n].type == "Real"]
         self._real_references = [self.variables[n].valueReference for n in self.real_outputs]
-        self.slave = FMU2Slave(
-            guid=self.description.guid,
-            unzipDirectory=str(self._folder),
-            modelIdentifier=self.description.coSimulation.modelIdentifier,
-            instanceName=self.description.modelName,
-        )
+        try:
+            with keeping_working_directory():
+                self.slave = FMU2Slave(
+                    guid=self.description.guid,
+                    unzipDirectory=str(self._folder),
+                    modelIdentifier=self.description.coSimulation.modelIdentifier,
+                    instanceName=self.description.modelName,
+                )
+        except BaseException:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise
         self.diagnostics: list[Diagnostic] = []
         self.slave.instantiate(callbacks=self._callbacks(), loggingOn=True)
         self.t, self._begun = start_time, False

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +14,7 @@ import pytest
 
 import mbfmu as mb
 from fmus.fourbar import FourBar
+from mbfmu.fmi import harness
 from mbfmu.util.errors import UserError
 
 ANGLES, GRAVITIES = np.array([0.1, 0.2, 0.3, -0.4]), np.array([9.81, 1.62, 9.81, 3.7])
@@ -144,3 +149,38 @@ def test_a_run_with_a_value_that_the_fmu_refuses_fails_alone_and_names_the_value
     assert "'mass' was set to -1; allowed" in batch.failures[2]
     assert np.isfinite(batch.values[:2]).all()
     assert np.isnan(batch.values[2]).all()
+
+
+def test_one_library_is_loaded_at_a_time(fourbar_fmu: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    """FMPy changes the working directory while it loads one; if that fails, it does not change it back."""
+    monkeypatch.chdir(tmp_path)
+    inside, largest = [], []
+
+    class Slave:
+        def __init__(self, **given: Any) -> None:
+            inside.append(self)
+            os.chdir(given["unzipDirectory"])
+            time.sleep(0.01)
+            largest.append(len(inside))
+            inside.remove(self)
+            raise OSError("no library")
+
+    monkeypatch.setattr(harness, "FMU2Slave", Slave)
+    with ThreadPoolExecutor(4) as pool:
+        for opened in [pool.submit(harness.Fmu, fourbar_fmu) for _ in range(4)]:
+            with pytest.raises(OSError, match="no library"):
+                opened.result()
+    assert largest == [1, 1, 1, 1]
+    assert Path.cwd() == tmp_path
+
+
+def test_a_working_directory_that_was_removed_is_reported(
+    fourbar_fmu: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    monkeypatch.chdir(tmp_path)
+    removed = tmp_path / "removed"
+    removed.mkdir()
+    os.chdir(removed)
+    removed.rmdir()
+    with pytest.raises(UserError, match="working directory of this process has been removed"):
+        harness.Fmu(fourbar_fmu)

@@ -23,7 +23,7 @@ from solvers.steppers.step_loop import make_loop
 from .eliminated_steps import SETTINGS as SETTINGS  # noqa: PLC0414  # of the method
 from .eliminated_steps import copy_closed, pack, take_step
 from .formulas import GAMMA, evaluate_start, interpolate, record_energy
-from .loop import copy_last_state
+from .loop import ESDIRK_RATE_TOLERANCE_RATIO, copy_last_state
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
@@ -100,7 +100,8 @@ def set_up(integration: Integration, rate: float) -> None:
     )
     settings.rate, settings.max_near_miss_factor = rate, 1.0
     control.rank, control.keeps_factors = loops.near[0].rank, 1
-    set_uniform_scales(integration.scales, settings.rtol, settings.atol, loops.size, rate, 1)
+    uncontrolled = ESDIRK_RATE_TOLERANCE_RATIO * rate  # errors of rates are not controlled
+    set_uniform_scales(integration.scales, settings.rtol, settings.atol, loops.size, uncontrolled, 1)
     clear_growth(loops)
 
 
