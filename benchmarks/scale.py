@@ -85,6 +85,21 @@ def ladder(loops: int) -> mb.Mechanism:
     return m
 
 
+def beams(count: int, *, held: bool = False) -> mb.Mechanism:
+    """Elastic beams of 0.1 m with three modes each, suspended from the ground; ``held``: a rod at every beam, too."""
+    m = mb.Mechanism(gravity=DOWN)
+    own, place, angle = mb.Beam(length=0.1, mass=0.1, bending_stiffness=0.05, modes=3), m.ground, -1.2
+    for k in range(count):
+        start = 0.3 if k else angle
+        handle = m.flexible_body(f"beam{k}", place, mb.Revolute(start=start), own)
+        if held and k:
+            joint = mb.Revolute(start=start, at=(0.0, 0.05, 0.0))
+            rod = m.body(f"rod{k}", place, joint, **mb.rod(mass=0.1, length=0.1))
+            m.cut(f"end{k}", mb.PlaneCutJoint(at_a=(0.1, 0.0, 0.0), at_b=(0.1, 0.05, 0.0), axis="y"), rod, handle.body)
+        place = handle.section(own.length)
+    return m
+
+
 def sheet(nodes: int) -> mb.Model:
     """A sheet that is released, with about as many nodes."""
     across = round(math.sqrt(nodes / 1.5))
@@ -109,6 +124,8 @@ class Family(NamedTuple):
 
 FAMILIES = {
     "open chain": Family(chain, (30, 100, 300, 1000, 3000), "adams", 0.05),
+    "chain of elastic beams": Family(beams, (20, 75, 250, 750), "adams", 0.02),
+    "loops of elastic beams": Family(partial(beams, held=True), (20, 60, 200, 600), "adams", 0.02),
     "loops in a row, serial tree": Family(row, (10, 30, 100, 300, 1000), "adams", 0.2),
     "loops in a row, grounded tree": Family(partial(row, grounded=True), (10, 30, 100, 300, 1000), "adams", 0.2),
     "loops in a row, implicit solver": Family(row, (40, 100, 300, 1000), "esdirk", 0.1),

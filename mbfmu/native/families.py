@@ -27,6 +27,7 @@ from solvers.projection.rank import find_normal_rank
 from solvers.projection.reported import has_unresolved_forces, solve_state
 from solvers.projection.tree_constraints import solve_accelerations
 from solvers.projection.workspace import Workspace, evaluate_and_factor
+from solvers.steppers import recursive_system
 from solvers.steppers.adams import eliminated_loop, tree_loop
 from solvers.steppers.adams import loop as adams
 from solvers.steppers.adams.formulas import History
@@ -103,7 +104,7 @@ class Structure(NamedTuple):
     empty: Callable[[], Any]  # an example of the types that all have
 
 
-STRUCTURED_TANGENT = Structure(lambda system: system.tangent.callbacks.tangent, empty_tangent)
+STRUCTURED_TANGENT = Structure(lambda system: recursive_system(system).tangent.callbacks.tangent, empty_tangent)
 
 
 class Family(NamedTuple):

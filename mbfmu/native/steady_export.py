@@ -11,7 +11,7 @@ from mbfmu.steady.supports import Supports
 from solvers.statics.dense import DenseEquilibriumSolver
 from solvers.statics.differences import MIN_PIVOT_RATIO, SteadyScratch
 from solvers.statics.newton import Outcome, Solution
-from solvers.steppers import eliminates_constraints, eliminates_implicitly
+from solvers.steppers import eliminates_constraints, eliminates_implicitly, uses_recursions
 
 from .steady_start import SteadyStart
 
@@ -34,8 +34,8 @@ def steady_start(simulation: Simulation) -> SteadyStart:
 def _uses_matrices(simulation: Simulation) -> bool:
     """Whether the solver of a simulation works with the matrices of the equations of motion."""
     system, solver = simulation.compiled.system, simulation.solver_choice.solver
-    eliminates = eliminates_constraints(solver, system) or eliminates_implicitly(solver, system)
-    return system.has_matrices and not eliminates
+    others = eliminates_constraints, eliminates_implicitly, uses_recursions
+    return system.has_matrices and not any(uses(solver, system) for uses in others)
 
 
 def restricted_inputs(simulation: Simulation) -> set[int]:

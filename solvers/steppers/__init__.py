@@ -9,7 +9,7 @@ from solvers.compiled.fingerprint import fingerprint_of_class
 from solvers.diagnostics import Diagnostic
 from solvers.options import Options
 from solvers.stepper import Stepper
-from solvers.system import MAX_SOLVER_DENSE_COORDINATES, AnySystem, Array, TreeSystem
+from solvers.system import MAX_SOLVER_DENSE_COORDINATES, AnySystem, Array, System, TreeSystem
 
 from .adams.dense import AdamsLUStepper, AdamsStepper, HybridStepper
 from .adams.eliminated import EliminatedAdamsStepper
@@ -84,6 +84,21 @@ def eliminates_constraints(name: str, system: AnySystem) -> bool:
     """Whether this solver integrates a system with its constraints eliminated: a large one with loops."""
     large = system.m > 0 and system.n > MIN_ELIMINATION_COORDINATES
     return name in ELIMINATION_SOLVERS and large and system.elimination is not None
+
+
+def uses_recursions(name: str, system: AnySystem) -> bool:
+    """Whether this solver integrates a system that has matrices by its recursions: a large one without constraints."""
+    large = not system.m and system.n > MIN_ELIMINATION_COORDINATES
+    return name in UNCONSTRAINED_SOLVERS and large and isinstance(system, System) and system.recursions is not None
+
+
+def recursive_system(system: AnySystem) -> TreeSystem:
+    """Return the recursions of a system, see :func:`uses_recursions`."""
+    if isinstance(system, TreeSystem):
+        return system
+    assert isinstance(system, System)  # there is no third kind
+    assert system.recursions is not None  # else its matrices are used
+    return system.recursions()
 
 
 def eliminates_implicitly(name: str, system: AnySystem) -> bool:
@@ -242,6 +257,8 @@ def stepper(
         return ELIMINATION_SOLVERS[name](system, *arguments)
     if eliminates_implicitly(name, system):
         return IMPLICIT_ELIMINATION_SOLVERS[name](system, *arguments)
+    if uses_recursions(name, system):
+        return UNCONSTRAINED_SOLVERS[name](recursive_system(system), *arguments)
     if not isinstance(system, TreeSystem):
         if not system.n:
             name = "adams"  # IDA takes no empty system, and nothing is integrated

@@ -25,7 +25,7 @@ from mbfmu.mechanics.recursions.dynamics import (
     tree_callbacks,
     work_callbacks,
 )
-from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
+from mbfmu.mechanics.tangent import Groups, MissingTangent, Tangent, find_groups
 from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.positions import Positions, place_states
@@ -81,17 +81,19 @@ class Systems:
         self._size = np.concatenate((coordinate_sizes(free_bodies(mechanism), length), nominal))
         self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
         limit = MAX_DENSE_LOOP_COORDINATES if mechanism.constraints else MAX_DENSE_TREE_COORDINATES
-        # the recursions of large models have neither modes nor first-order states
-        self._large = not mechanism.flexible_bodies and not numbering.states and numbering.nv > limit
+        # the structured tangent of large models contains neither elastic bodies nor first-order states
+        self._has_tangent = not mechanism.flexible_bodies and not numbering.states
+        self._large = self._has_tangent and numbering.nv > limit
         if numbering.states and mechanism.meshes:
             raise UserError(
                 f"the mechanism has state {numbering.states[0][0]!r} and a mesh of elements; allowed: first-order "
                 "states in mechanisms without meshes. Remove one of the two"
             )
-        if numbering.states and numbering.nv > MAX_SOLVER_DENSE_COORDINATES:
+        if numbering.states and mechanism.constraints and numbering.nv > MAX_SOLVER_DENSE_COORDINATES:
             raise UserError(
-                f"the mechanism has state {numbering.states[0][0]!r} and {numbering.nv} coordinates and states; "
-                f"allowed with first-order states: at most {MAX_SOLVER_DENSE_COORDINATES}. Use fewer bodies"
+                f"the mechanism has state {numbering.states[0][0]!r}, constraints, and {numbering.nv} coordinates and "
+                f"states; allowed with first-order states and constraints: at most {MAX_SOLVER_DENSE_COORDINATES}. Use "
+                "fewer bodies"
             )
 
     def with_locked_joints(self, locked: Set[int], positions: int, remaining: NDArray[np.bool_]) -> Systems:
@@ -133,22 +135,28 @@ class Systems:
             power=power,
             evaluate_energy_bound=evaluate_energy_bound,
             evaluate_outputs=outputs_callback() if scalar is float else None,
+            recursions=self._recursions if self._has_recursions(constraint_names) else None,
+        )
+
+    def _has_recursions(self, constraint_names: list[str]) -> bool:
+        """Whether a mechanism that is solved by matrices can be solved by recursions, too."""
+        return not self._has_tangent and not constraint_names and not self._mechanism.meshes
+
+    def _recursions(self) -> TreeSystem:
+        """Return the recursions of a tree without a structured tangent, for explicit solvers."""
+        return TreeSystem(
+            **self._common([], self._elements.data),
+            **self._tree_callbacks(),
+            make_tangent=MissingTangent,
+            mesh_mask=np.zeros(self._numbering.nv, bool),
         )
 
     def _tree(self, constraint_names: list[str]) -> TreeSystem:
         """Return the system of a large tree."""
-        data = self._elements.data
-        inverse, forward, mobility, position, constraints, retract = tree_callbacks()
-        power, evaluate_energy_bound = work_callbacks(tree=True)
-        groups = self._groups()
+        data, groups = self._elements.data, self._groups()
         return TreeSystem(
             **self._common(constraint_names, data),
-            inverse=inverse,
-            forward=forward,
-            mobility=mobility,
-            position=position,
-            constraints=constraints,
-            retract=retract,
+            **self._tree_callbacks(),
             make_tangent=lambda: self.tangent(groups),
             dense=lambda: self.dense(constraint_names, data),
             complex_step=self._complex_step,
@@ -158,10 +166,18 @@ class Systems:
             friction_velocity=self._slip(),
             moves=self._moves,
             stress_extrapolation=ExtrapolatedStress(self._mechanism, self._elements, unpin(self._held)) or None,
-            inertia_parts=inertia_callback(),
-            power=power,
-            evaluate_energy_bound=evaluate_energy_bound,
         )
+
+    def _tree_callbacks(self) -> dict[str, Callable[..., Any]]:
+        """Return the callbacks of the recursions along a tree."""
+        names = "inverse", "forward", "mobility", "position", "constraints", "retract"
+        power, evaluate_energy_bound = work_callbacks(tree=True)
+        return {
+            **dict(zip(names, tree_callbacks(), strict=True)),
+            "inertia_parts": inertia_callback(),
+            "power": power,
+            "evaluate_energy_bound": evaluate_energy_bound,
+        }
 
     def _positions(self) -> Positions:
         """Return where free positions and velocities are, by the joints."""
@@ -242,19 +258,20 @@ class Systems:
             "held_states": tuple(held_states(self._mechanism)),
             "observe": observe_all,
             "works": self._works,
-            "elimination": Elimination(self._eliminate, self.tangent) if self._can_eliminate else None,
+            "elimination": self._elimination(),
             "input_step_limit": self._resolves,
             "coordinate_names": tuple(self._numbering.coordinate_names),
             "constraint_names": tuple(constraint_names),
         }
 
-    @property
-    def _can_eliminate(self) -> bool:
-        """Whether constraints can be eliminated along the tree: there are some, and neither elastic bodies nor
-        first-order states.
+    def _elimination(self) -> Callable[[], EliminationEquations] | None:
+        """Return what eliminates constraints along the tree; None if there are none, or first-order states.
+
+        With elastic bodies there is no structured tangent, which implicit solvers require.
         """
-        plain = not self._mechanism.flexible_bodies and not self._numbering.states
-        return bool(self._mechanism.constraints) and plain
+        if not self._mechanism.constraints or self._numbering.states:
+            return None
+        return Elimination(self._eliminate, self.tangent) if self._has_tangent else self._eliminate
 
     def _eliminate(self) -> EliminationEquations:
         """Return the equations with the constraints that are kept today eliminated."""

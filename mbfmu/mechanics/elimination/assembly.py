@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbfmu.mechanics.recursions.aba import RHS_COLUMN
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.matrix_view import matrix_at
 
@@ -98,8 +99,27 @@ def add_body(
             H[n + i, n + j] += unit * (length if j < 3 else 1.0) * here.IA[i, j]
     for k in range(front.nv):
         g[begin + k] -= own.size[front.vf + k] * state.Q[front.vi + k]
+    if front.is_elastic == 1:
+        add_amplitudes(front, state, own, memory)
     if front.nv > 0 and armature != 0.0:
         H[begin, begin] += own.size[front.vf] * own.size[front.vf] * armature
+
+
+@kernel
+def add_amplitudes(front: FrontRecord, state: State, own: EliminationArrays, memory: EliminationMemory) -> None:
+    """Add inertia and bias of the amplitudes of an elastic body, which do not move its frame.
+
+    They are those of :func:`mbfmu.mechanics.recursions.aba.initialize_elastic_inertia`.
+    """
+    H, g, length, begin, n = memory.H, memory.g, own.length[0], front.ny - front.nv, front.ny + front.np
+    for c in range(front.nv):
+        at, row, size = front.vi + c, begin + c, own.size[front.vf + c]
+        g[row] -= size * state.D[at, RHS_COLUMN]
+        H[row, row] += size * size * state.D[at, c]
+        for k in range(6):
+            entry = size * (length if k < 3 else 1.0) * state.U[at, k]
+            H[row, n + k] += entry
+            H[n + k, row] += entry
 
 
 @kernel
@@ -193,7 +213,7 @@ def place_joint(
 ) -> None:
     """Fill S of the free coordinates, and the acceleration b of the body where all unknowns are zero, both scaled."""
     length, S, bias = own.length[0], memory.S, memory.bias
-    for c in range(front.nv):
+    for c in range(front.ns):
         for k in range(6):
             S[c, k] = state.S[front.si + c, k] * own.size[front.vf + c] / (length if k < 3 else 1.0)
     for k in range(6):
@@ -226,17 +246,18 @@ def express_motion(
         front.ny - front.nv,
     )
     x, y, z = (here.r[0] - parent.r[0]) / length, (here.r[1] - parent.r[1]) / length, (here.r[2] - parent.r[2]) / length
+    first = begin + front.at_joint
     for i in range(n + 6):
         for k in range(6):
             g[i] += H[i, n + k] * bias[k]
     for i in range(n + 6):
         express_row(H, i, n, begin, front, x, y, z, S)
     for j in range(n):
-        for c in range(front.nv):
+        for c in range(front.ns):
             total = 0.0
             for k in range(6):
                 total += S[c, k] * H[n + k, j]
-            H[begin + c, j] += total
+            H[first + c, j] += total
         if front.at_parent >= 0:
             to = begin + front.at_parent
             for k in range(6):
@@ -244,9 +265,9 @@ def express_motion(
             H[to + 3, j] += y * H[n + 2, j] - z * H[n + 1, j]
             H[to + 4, j] += z * H[n, j] - x * H[n + 2, j]
             H[to + 5, j] += x * H[n + 1, j] - y * H[n, j]
-    for c in range(front.nv):
+    for c in range(front.ns):
         for k in range(6):
-            g[begin + c] += S[c, k] * g[n + k]
+            g[first + c] += S[c, k] * g[n + k]
     if front.at_parent >= 0:
         to = begin + front.at_parent
         for k in range(6):
@@ -265,9 +286,10 @@ def express_row(
     A: Reals, i: int, n: int, begin: int, front: FrontRecord, x: float, y: float, z: float, S: Reals
 ) -> None:
     """A[i]: columns n to n + 5 expressed by the coordinates of the joint and the motion of the parent."""
-    for c in range(front.nv):
+    first = begin + front.at_joint
+    for c in range(front.ns):
         for k in range(6):
-            A[i, begin + c] += A[i, n + k] * S[c, k]
+            A[i, first + c] += A[i, n + k] * S[c, k]
     if front.at_parent >= 0:
         to = begin + front.at_parent
         for k in range(6):

@@ -137,9 +137,10 @@ def _pinned(*parts: Any) -> Any:
     return pin(EliminationData(*(pin(part) for part in parts)))
 
 
-def find_loop_mask(arrays: Arrays) -> Array:
-    """Return 1 for the free coordinates (n,) that constraints may contain, 0 for the others: those of joints between
-    the bodies of a cut joint, and coupled ones.
+def find_loop_mask(arrays: Arrays, count: int) -> Array:
+    """Return 1 for the free coordinates (``count``,) that constraints may contain, 0 for the others.
+
+    Constraints may contain those of joints between the bodies of a cut joint, and coupled ones.
     """
     bodies, inside = arrays.bodies, np.zeros(len(arrays.bodies), bool)
     a, b = arrays.cuts["a"], arrays.cuts["b"]
@@ -148,8 +149,9 @@ def find_loop_mask(arrays: Arrays) -> Array:
         outer, b = np.maximum(a, b)[apart], np.minimum(a, b)[apart]
         inside[outer] = True
         a = bodies["parent"][outer]
-    free = bodies["vf"] >= 0
-    found = np.repeat(inside[free], bodies["nv"][free]).astype(float)
+    found = np.zeros(count)
+    for body in bodies[inside & (bodies["vf"] >= 0)]:  # of a section these are the amplitudes
+        found[body["vf"] : body["vf"] + body["nv"]] = 1.0
     for end in (int(coupling[name]) for coupling in arrays.couplings for name in ("fa", "fb")):
         if end >= 0:
             found[end] = 1.0
@@ -164,7 +166,7 @@ def eliminate_constraints(
     inverse, *_, retract = tree_callbacks()
     power, bound = work_callbacks(tree=True)
     elimination = _pinned(arrays, state, *lay_out(arrays, size, row_size, length))
-    mask = find_loop_mask(arrays)
+    mask = find_loop_mask(arrays, len(size))
     callbacks = accelerations, positions, velocities, inverse, retract, power, bound
     equations: EliminationEquations = pin(EliminationEquations(*callbacks, pin(Data(arrays, state)), elimination, mask))
     return equations

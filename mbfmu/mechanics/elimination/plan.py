@@ -1,7 +1,9 @@
 """The order in which the bodies of a mechanism with loops are eliminated, and what each front has: made once.
 
-Variables are the motions of bodies (six components each) and the coordinates that couplings relate. A *front* belongs
-to one body; it eliminates the motion of that body and the coordinates of its joint. Its *interface* are the variables
+Variables are the motions of bodies (six components each), the coordinates that couplings relate, and the amplitudes of
+elastic bodies, which the sections of one body share. A *front* belongs to one body; it eliminates the motion of that
+body and the coordinates of its joint: those of a section are the amplitudes, which its parent eliminates, the first
+section. Its *interface* are the variables
 that remain: the motion of the parent, and what constraint equations connect that is not eliminated yet. What remains of
 a front, its *message*, goes to the front that eliminates a variable of the interface first (multifrontal elimination,
 Duff and Reid 1983). Bodies follow those they carry. Among the possible ones the body with the narrowest interface is
@@ -11,8 +13,9 @@ next, so that loops are closed one after the other.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,14 +75,22 @@ class Elimination:
         Parent of every body (nb,), ground first.
     equations
         Variables of every constraint equation, none of the ground.
+    amplitudes
+        Number of coordinates of the parent that move a body, of sections of elastic bodies.
     """
 
-    def __init__(self, parents: Sequence[int], equations: Sequence[Iterable[Variable]]) -> None:
+    def __init__(
+        self,
+        parents: Sequence[int],
+        equations: Sequence[Iterable[Variable]],
+        amplitudes: Mapping[int, int] = MappingProxyType({}),
+    ) -> None:
         self._parents, self._children = parents, np.bincount(np.asarray(parents[1:], int), minlength=len(parents))
         self._cliques: list[frozenset[Variable]] = []
         self._of: list[set[int]] = [set() for _ in parents]  # cliques with a variable of each body
         for i in range(1, len(parents)):
-            self._add({motion(i)} | ({motion(parents[i])} if parents[i] != GROUND else set()))
+            shared = {(parents[i], k) for k in range(amplitudes.get(i, 0))}
+            self._add({motion(i)} | ({motion(parents[i])} if parents[i] != GROUND else set()) | shared)
         self._first_equation = len(self._cliques)
         for variables in equations:
             self._add(set(variables))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.records import Arrays
+from mbfmu.mechanics.records import MODAL, SECTION, Arrays
 from solvers.compiled.record import Record, Table, f8, i8
 
 from .plan import BODY_WIDTH, GROUND, Capacity, Elimination, Front, Variable, find_capacity, motion, width
@@ -30,6 +30,9 @@ class FrontRecord(Record):
     body: i8
     parent: i8
     nv: i8  # own coordinates
+    ns: i8  # coordinates that move the body relative to its parent: its own, or of a section the amplitudes
+    at_joint: i8  # place of these
+    is_elastic: i8  # 1: its coordinates are the amplitudes of an elastic body
     vi: i8  # where they start in State.v
     si: i8  # ... in State.S
     vf: i8  # ... in the solver's free v; -1: the joint has none
@@ -122,20 +125,20 @@ class EliminationMemory(NamedTuple):
     u: NDArray[np.float64]  # (coordinates,)
     W: NDArray[np.float64]  # (columns, columns)
     w: NDArray[np.float64]  # (columns,)
-    S: NDArray[np.float64]  # (6, 6) scaled motion subspace of the joint, a row each
+    S: NDArray[np.float64]  # (coordinates of a body, 6) scaled motion subspace of the joint, a row each
     bias: NDArray[np.float64]  # (6,) scaled acceleration of the body at zero unknowns
     taken: NDArray[np.bool_]  # (columns,)
     z: NDArray[np.float64]  # (columns,)
 
     @staticmethod
-    def allocate(size: int, bodies: int, n: int, columns: int, rows: int, ny: int) -> EliminationMemory:
+    def allocate(size: int, bodies: int, n: int, columns: int, rows: int, ny: int, subspace: int) -> EliminationMemory:
         """Return zeroed memory: ``size`` numbers for the results of all fronts, and scratch for the largest front."""
         z = np.zeros
         return EliminationMemory(
             values=z(size), motions=z((bodies, BODY_WIDTH)), x=z(n), H=z((columns, columns)), g=z(columns),
             R=z((rows, columns)), r=z(rows), unit=z(rows), mu=z(rows), arrived=z(rows), E=z((rows, rows)),
-            Q=z((ny, ny)), U=z((ny, columns)), u=z(ny), W=z((columns, columns)), w=z(columns), S=z((6, 6)), bias=z(6),
-            taken=z(columns, np.bool_), z=z(columns),
+            Q=z((ny, ny)), U=z((ny, columns)), u=z(ny), W=z((columns, columns)), w=z(columns), S=z((subspace, 6)),
+            bias=z(6), taken=z(columns, np.bool_), z=z(columns),
         )  # fmt: skip
 
 
@@ -181,12 +184,19 @@ def find_equations(arrays: Arrays) -> list[Source]:
 
 def reduce_graph(arrays: Arrays) -> Reduced:
     """Return the fronts of a mechanism."""
-    sources = find_equations(arrays)
-    parents = arrays.bodies["parent"].tolist()
-    fronts = Elimination(parents, [[v for v in (source.a, source.b) if v is not None] for source in sources]).order()
-    free = np.where(arrays.bodies["vf"] >= 0, arrays.bodies["nv"], 0)
-    free[GROUND] = 0
-    return Reduced(fronts, find_capacity(fronts, free.tolist()), sources)
+    sources, bodies = find_equations(arrays), arrays.bodies
+    related = [[v for v in (source.a, source.b) if v is not None] for source in sources]
+    amplitudes = {int(i): int(bodies[i]["nv"]) for i in np.flatnonzero(bodies["role"] == SECTION)}
+    fronts = Elimination(bodies["parent"].tolist(), related, amplitudes).order()
+    return Reduced(fronts, find_capacity(fronts, own_coordinates(arrays).tolist()), sources)
+
+
+def own_coordinates(arrays: Arrays) -> NDArray[np.int64]:
+    """Return how many free coordinates every body (nb,) eliminates: those of its joint, but none of a section."""
+    bodies = arrays.bodies
+    found = np.where((bodies["vf"] >= 0) & (bodies["role"] != SECTION), bodies["nv"], 0)
+    found[GROUND] = 0
+    return found
 
 
 def local_places(front: Front, own: int) -> dict[Variable, int]:
@@ -208,7 +218,7 @@ def lay_out(
     Parameters
     ----------
     arrays
-        The mechanism, without elastic bodies.
+        The mechanism.
     size, row_size
         Units of the free coordinates (n,) and of the constraint residuals (m,).
     length
@@ -219,15 +229,18 @@ def lay_out(
     equations: list[tuple[int, ...]] = []
     variables: list[tuple[int, int]] = []
     messages: list[int] = []
-    bodies = arrays.bodies
+    bodies, counts = arrays.bodies, own_coordinates(arrays)
     places = []
     for k, front in enumerate(fronts):
         body, record = bodies[front.body], out[k]
         record["body"], record["parent"] = front.body, body["parent"]
         record["vi"], record["si"], record["vf"] = body["vi"], body["si"], body["vf"]
-        record["nv"] = body["nv"] if body["vf"] >= 0 else 0
+        record["nv"], record["ns"] = counts[front.body], body["nv"] if body["vf"] >= 0 else 0
+        record["is_elastic"] = body["role"] == MODAL
         record["np"], record["target"] = front.interface_width, front.target
         places.append(local_places(front, int(record["nv"])))
+        if body["role"] == SECTION:
+            record["at_joint"] = places[k][int(body["parent"]), 0]
         record["at_parent"] = places[k].get(motion(int(body["parent"])), NONE)
         record["first_message"], record["end_message"] = len(messages), len(messages) + len(front.messages)
         messages += front.messages
@@ -256,7 +269,7 @@ def lay_out(
     )
     ny, rows = int(capacity.coordinates.max()), int(capacity.rows.max())
     columns = int((capacity.coordinates + out["np"]).max()) + BODY_WIDTH
-    memory = EliminationMemory.allocate(total, len(bodies), len(size), columns, rows, ny)
+    memory = EliminationMemory.allocate(total, len(bodies), len(size), columns, rows, ny, int(out["ns"].max(initial=0)))
     return own, memory
 
 
@@ -283,4 +296,4 @@ def example() -> tuple[EliminationArrays, EliminationMemory]:
     own = EliminationArrays(
         FrontRecord.zeros(1), EquationRecord.zeros(1), VariableRecord.zeros(1), whole, whole, z(1), z(1), z(1)
     )
-    return own, EliminationMemory.allocate(1, 1, 1, 1, 1, 1)
+    return own, EliminationMemory.allocate(1, 1, 1, 1, 1, 1, 1)

@@ -177,7 +177,7 @@ def move_body(
     x, y, z = (here.r[0] - parent.r[0]) / length, (here.r[1] - parent.r[1]) / length, (here.r[2] - parent.r[2]) / length
     for k in range(6):
         Y[k] = memory.bias[k] + (Yj[k] if front.parent > 0 else 0.0)
-        for c in range(front.nv):
+        for c in range(front.ns):
             Y[k] += memory.S[c, k] * memory.x[front.vf + c]
     if front.parent > 0:
         Y[0] += Yj[4] * z - Yj[5] * y

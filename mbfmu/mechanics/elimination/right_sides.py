@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from mbfmu.mechanics.recursions.aba import RHS_COLUMN
 from solvers.compiled.kernel import kernel
 
 from .assembly import ACCELERATION, POSITION
@@ -48,7 +49,7 @@ def solve_motion(
         for k in range(6):
             here.beta[k], here.pA[k] = 0.0, 0.0
         for k in range(body.nv):
-            state.a[body.vi + k] = 0.0
+            state.a[body.vi + k], state.D[body.vi + k, RHS_COLUMN] = 0.0, 0.0
             if body.vf >= 0:
                 state.Q[body.vi + k] = -forces[body.vf + k]
     for e in range(own.equations.shape[0]):

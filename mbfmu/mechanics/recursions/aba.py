@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from mbfmu.mechanics.flexible import modal
 from mbfmu.mechanics.records import SECTION
 from mbfmu.mechanics.spatial import dot6, shift_motion, shift_wrench
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import inlined, kernel
 
 from .rnea import inertia_wrench
 
@@ -40,7 +40,15 @@ def forward_dynamics(arrays: Arrays, state: State) -> int:
         state.bodies[0].dY[k] = -arrays.world[0].gravity[k]
     for i in range(1, arrays.bodies.shape[0]):
         forward_pass(i, arrays, state)
+    assign_state_rates(arrays, state)
     return 0
+
+
+@inlined
+def assign_state_rates(arrays: Arrays, state: State) -> None:
+    """State.a of the first-order states: their rates, which the elements have added to State.Q."""
+    for k in range(state.a.shape[0] - arrays.world[0].states, state.a.shape[0]):
+        state.a[k] = state.Q[k]
 
 
 @kernel
@@ -73,12 +81,18 @@ def apply_inverse_mass_matrix(arrays: Arrays, state: State, r: Reals, x: Reals) 
         for k in range(6):
             state.bodies[i].pA[k] = 0.0
             state.bodies[i].dY[k] = 0.0
+        body = arrays.bodies[i]
+        for c in range(body.nv * (body.vf >= 0 and body.role != SECTION)):
+            state.D[body.vi + c, RHS_COLUMN] = r[body.vf + c]
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         body, here = arrays.bodies[i], state.bodies[i]
-        if body.vf >= 0:
+        if body.role == SECTION:
+            for c in range(body.nv):
+                state.D[body.vi + c, RHS_COLUMN] -= dot6(state.S[body.si + c], here.pA)
+        elif body.vf >= 0:
             D, U = state.D, state.U
             for c in range(body.nv):
-                rest = r[body.vf + c] - dot6(state.S[body.vi + c], here.pA)
+                rest = D[body.vi + c, RHS_COLUMN] - dot6(state.S[body.si + c], here.pA)
                 for j in range(c):
                     rest -= D[body.vi + c, j] * D[body.vi + j, RHS_COLUMN]
                 D[body.vi + c, RHS_COLUMN] = rest / D[body.vi + c, c]
@@ -99,14 +113,16 @@ def apply_inverse_mass_matrix(arrays: Arrays, state: State, r: Reals, x: Reals) 
         shift_motion(here, parent, parent.dY, dY)
         if body.vf < 0:
             continue
-        for c in range(body.nv - 1, -1, -1):
+        for c in range(body.nv * (body.role != SECTION) - 1, -1, -1):
             rest = state.D[body.vi + c, RHS_COLUMN] - dot6(state.U[body.vi + c], dY)
             for j in range(c + 1, body.nv):
                 rest -= state.D[body.vi + j, c] * x[body.vf + j]
             x[body.vf + c] = rest / state.D[body.vi + c, c]
         for k in range(6):
             for c in range(body.nv):
-                dY[k] += state.S[body.vi + c, k] * x[body.vf + c]
+                dY[k] += state.S[body.si + c, k] * x[body.vf + c]
+    for k in range(r.shape[0] - arrays.world[0].states, r.shape[0]):
+        x[k] = r[k]  # of a first-order state the mass is 1
 
 
 @kernel

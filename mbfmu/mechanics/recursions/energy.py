@@ -177,7 +177,8 @@ def update_motion_extent(
 
 @inlined
 def inertia_parts(arrays: Arrays, state: State, out: Reals) -> None:
-    """out (1 + n,) = v . M v, J, and the diagonal of M over the free coordinates v (n,) of a tree of rigid bodies.
+    """out (1 + n,) = v . M v, J, and the diagonal of M over the free coordinates v (n,) of a tree; zero for
+    first-order states.
 
     Composite inertias, joint wrenches and accelerations of the state are lost.
     """
@@ -194,13 +195,29 @@ def inertia_parts(arrays: Arrays, state: State, out: Reals) -> None:
         if body.vf >= 0:
             for c in range(body.nv):
                 momentum_of(here, state.S, body.si + c, f)
-                out[1 + body.vf + c] = row_dot6(state.S, body.si + c, f)
+                own = row_dot6(state.S, body.si + c, f)
+                if body.role == SECTION:  # sections share their coordinates
+                    own += out[1 + body.vf + c]
+                out[1 + body.vf + c] = own
                 for k in range(6):
                     here.dY[k] += state.S[body.si + c, k] * state.v[body.vi + c]
             if body.armature != 0.0:
                 out[1 + body.vf] += body.armature
                 out[0] += body.armature * state.v[body.vi] * state.v[body.vi]
         out[0] += twice_energy(body.mass, here, here.dY)
+    for e in range(arrays.flexibles.shape[0]):
+        elastic = arrays.flexibles[e]
+        first, here = arrays.bodies[elastic.body].vf, state.bodies[elastic.body]
+        for k in range(6):
+            here.W[k] = here.Y[k]
+            here.Y[k] = here.dY[k]
+        out[0] += 2.0 * modal.kinetic(elastic, here, state, arrays.numbers, f)
+        for k in range(6):
+            here.Y[k] = here.W[k]
+        for k in range(elastic.modes):
+            out[1 + first + k] += modal.modal_mass(elastic, k, arrays.numbers)
+    for k in range(out.shape[0] - arrays.world[0].states, out.shape[0]):
+        out[k] = 0.0
 
 
 @inlined

@@ -37,5 +37,6 @@ from __future__ import annotations
 
 from .factored import Tangent
 from .groups import Groups, find_groups
+from .missing import MissingTangent
 
-__all__ = ["Groups", "Tangent", "find_groups"]
+__all__ = ["Groups", "MissingTangent", "Tangent", "find_groups"]
