@@ -16,6 +16,7 @@ from mbfmu.testing import check_element
 from mbfmu.util.errors import EquilibriumError, UserError
 from solvers import OneStepSolver, Options, stepper
 from solvers.steppers import SOLVERS
+from solvers.steppers.adams.tree import TreeAdamsStepper
 
 G = 9.81
 DENSE = tuple(SOLVERS)
@@ -429,14 +430,24 @@ def test_wrong_states_are_refused(change: Any, message: str) -> None:
         change(m, arm)
 
 
-def test_states_in_a_long_chain_are_solved_by_its_matrices_and_a_sheet_is_refused() -> None:
+@pytest.mark.parametrize("links", [58, 64, 1100])
+def test_states_in_chains_of_any_length_follow_their_closed_form(links: int) -> None:
+    """A chain that hangs at rest: T z' = y - z, with a constant y."""
     m = Mechanism(gravity=(0.0, -G, 0.0))
-    bodies = [m.ground]
-    for k in range(64):
-        joint = mb.Revolute(at=(0.1 if k else 0.0, 0.0, 0.0))
-        bodies.append(m.body(f"link{k}", bodies[-1], joint, **mb.rod(mass=0.1, length=0.1)))
-    m.state("tip", "y - z", uses={"y": bodies[-1].position("y")}, unit="m")
-    assert CompiledMechanism(m).system.has_matrices
+    body = m.ground
+    for k in range(links):
+        joint = mb.Revolute(at=(0.1 if k else 0.0, 0.0, 0.0), start=0.0 if k else -0.5 * np.pi)
+        body = m.body(f"link{k}", body, joint, **mb.rod(mass=0.1, length=0.1))
+    tip = m.state("tip", "(y - z) / 0.02", uses={"y": body.position("y")}, unit="m")
+    m.output("tip", tip.value())
+    simulation = Simulation(m, Settings(solver="adams", tolerance=1e-8))
+    assert isinstance(simulation.stepper, TreeAdamsStepper) is (links > 60)
+    assert simulation.advance(0.01).ok
+    y = -0.1 * (links - 1)
+    assert simulation.outputs()[0] == pytest.approx(y * (1.0 - np.exp(-0.5)), rel=1e-6)
+
+
+def test_states_in_a_sheet_are_refused() -> None:
     sheet = Mechanism()
     mb.add_sheet(
         sheet,

@@ -19,6 +19,7 @@ from mbfmu.mechanics.arrays.compile import CompiledElements
 from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
 from mbfmu.mechanics.arrays.input_kernels import InputRecords, start_input
 from mbfmu.mechanics.arrays.tables import LINEARIZED, TANGENT_NUMBERS, CalledKernel
+from mbfmu.mechanics.elimination import closes_by_elimination
 from mbfmu.mechanics.records import ItemRecord, empty_data
 from mbfmu.mechanics.recursions.active_loads import discard_lists
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
@@ -130,7 +131,7 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
         getattr(work, name)[:] = getattr(unpin(given.work), name)
     assembly = compiled.assembly
     scratch = ClosureScratch.of(system, assembly.held(), assembly.given())._replace(size=shared.size)
-    start = Start(assembly.start_positions(), assembly.start_velocities(), scratch, int(not system.has_matrices))
+    start = Start(assembly.start_positions(), assembly.start_velocities(), scratch, int(closes_by_elimination(system)))
     scales = EnergyScales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Integration(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ACCOUNT_SIZE))
     lengths = compiled.length, compiled.length

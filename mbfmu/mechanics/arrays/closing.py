@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.handles import CutHandle
-from mbfmu.mechanics.elimination import EliminatedLoops
+from mbfmu.mechanics.elimination import EliminatedLoops, closes_by_elimination
 from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import Arrays
 from mbfmu.util.diagnostics import Diagnostic
@@ -29,7 +29,7 @@ from solvers.loop_closure import (
     find_consistent_velocities,
 )
 from solvers.loop_closure import solve_least_change as find_least_change
-from solvers.system import AnySystem, Array
+from solvers.system import MAX_SOLVER_DENSE_COORDINATES, AnySystem, Array
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Data
@@ -214,9 +214,9 @@ def check_frames(cuts: Sequence[CutHandle], frames: Any, data: Any, drawn: Array
 def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
     """Raise AssemblyError where a motion the constraints allow moves no mass.
 
-    Of a large tree the solver finds that out.
+    Of a large model the solver finds that out.
     """
-    if not system.has_matrices:
+    if not system.has_matrices or system.n > MAX_SOLVER_DENSE_COORDINATES or closes_by_elimination(system):
         return
     terms, scratch = system.allocate_terms(), ClosureScratch.of(system)
     system.fill(t, q, v, terms)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.elimination import eliminate_constraints
+from mbfmu.mechanics.elimination import MAX_DENSE_LOOP_COORDINATES, eliminate_constraints
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import (
     callbacks,
@@ -47,7 +47,6 @@ from .numbering import Numbering, held_states
 from .scale import coordinate_sizes, row_sizes, spans
 
 MAX_DENSE_TREE_COORDINATES = 60  # coordinates of a tree without loops from which on no dense matrix is made
-MAX_DENSE_LOOP_COORDINATES = 100  # ... of a mechanism with constraints; the partitions take its matrices all the same
 MAX_GROUP_BODIES = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
 
 

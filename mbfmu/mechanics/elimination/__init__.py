@@ -28,6 +28,12 @@ combination of motions that constraints allow has.
 from __future__ import annotations
 
 from .eliminated import eliminate_constraints, empty_elimination
-from .loops import EliminatedLoops
+from .loops import MAX_DENSE_LOOP_COORDINATES, EliminatedLoops, closes_by_elimination
 
-__all__ = ["EliminatedLoops", "eliminate_constraints", "empty_elimination"]
+__all__ = [
+    "MAX_DENSE_LOOP_COORDINATES",
+    "EliminatedLoops",
+    "closes_by_elimination",
+    "eliminate_constraints",
+    "empty_elimination",
+]

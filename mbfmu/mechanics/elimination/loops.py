@@ -40,6 +40,7 @@ from .eliminated import EliminationData
 from .records import EliminationArrays, EliminationMemory
 
 REDUNDANT_LENGTH = 1e-10  # of an equation that depends on others, as in solvers.projection.eliminated
+MAX_DENSE_LOOP_COORDINATES = 100  # coordinates up to which loops are closed by dense matrices
 DEPENDENT_LENGTH = 1e-4  # ... of one that is reported; a loop closed to 1e-11 may be so near a singular configuration
 
 
@@ -100,6 +101,12 @@ class Shortest(NamedTuple):
     residual: float  # largest residual of the redundant equations, relative to the same lengths
 
 
+def closes_by_elimination(system: AnySystem) -> bool:
+    """Whether the loops of a system are closed by the elimination of their constraints: those of a large one."""
+    large = not system.has_matrices or system.n > MAX_DENSE_LOOP_COORDINATES
+    return large and system.m > 0 and system.elimination is not None
+
+
 class EliminatedLoops:
     """The loops of a large mechanism.
 
@@ -120,9 +127,7 @@ class EliminatedLoops:
     @staticmethod
     def of(system: AnySystem) -> EliminatedLoops | None:
         """Return the loops of a system; None if it has none, or if it is small enough for matrices."""
-        if system.has_matrices or not system.m or system.elimination is None:
-            return None
-        return EliminatedLoops(system)
+        return EliminatedLoops(system) if closes_by_elimination(system) else None
 
     def close(self, t: float, start: Array, held: NDArray[np.bool_], given: Array | None = None) -> Array | None:
         """Return closed positions (nq,) near ``start``; None if none are found.
