@@ -1,7 +1,7 @@
 """Computing time and memory over the size of the model: ``python benchmarks/scale.py [-o FOLDER] [NAME ...]``.
 
-Open chains, loops in a row (benchmark A02 of the IFToMM library), with an explicit and an implicit solver, ladders,
-sheets, and sheets in roller nips. The CPU
+Open chains, chains and loops of elastic beams, loops in a row (benchmark A02 of the IFToMM library), with an explicit
+and an implicit solver, ladders, sheets, and sheets in roller nips. The CPU
 time of an evaluation of the equations of motion (of a step for sheets) includes all work of the solver, divided by the
 number of evaluations. The exponent is that of a power of the number of coordinates, fitted to the models with more than
 100.

@@ -33,7 +33,7 @@ def beams_of(coordinates: int, size: float) -> list[mb.Beam]:
 
 
 def chain(coordinates: int, size: float = 1.0, *, loop: bool = False) -> mb.Mechanism:
-    """Beams that hang on each other, ``size`` m and 1 kg together; ``loop``: the last end is on the ground."""
+    """Beams in a row, connected by hinges, ``size`` m and 1 kg together; ``loop``: the last end is on the ground."""
     m, place, before = mb.Mechanism(gravity=(0.0, -G, 0.0)), None, None
     for i, own in enumerate(beams_of(coordinates, size)):
         joint = mb.Revolute(start=0.0 if i else -0.4)

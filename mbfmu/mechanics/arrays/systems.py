@@ -167,7 +167,7 @@ class Systems:
             stress_extrapolation=ExtrapolatedStress(self._mechanism, self._elements, unpin(self._held)) or None,
         )
 
-    def _tree_callbacks(self) -> dict[str, Callable[..., Any]]:
+    def _tree_callbacks(self) -> dict[str, Any]:
         """Return the callbacks of the recursions along a tree."""
         names = "inverse", "forward", "mobility", "position", "constraints", "retract"
         power, evaluate_energy_bound = work_callbacks(tree=True)
@@ -263,7 +263,7 @@ class Systems:
             "constraint_names": tuple(constraint_names),
         }
 
-    def _elimination(self) -> Callable[[], EliminationEquations] | None:
+    def _elimination(self) -> Elimination | Callable[[], EliminationEquations] | None:
         """Return what eliminates constraints along the tree; None if there are none, or first-order states.
 
         With elastic bodies there is no structured tangent, which implicit solvers require.
