@@ -180,7 +180,7 @@ def _write_native(
             from .subprocess_export import files_uncompiled  # not before: that process runs it as its main module
 
             files = files_uncompiled(scene, kind, fmi, platforms)
-    pack(path, files.content | files.libraries.read())
+    pack(path, files.content | files.libraries.read(), is_compressed=kind is not FmuKind.ONE_RUN)
     for diagnostic in files.diagnostics:
         report(diagnostic)
 
@@ -269,8 +269,9 @@ def check_start(model: Model, settings: Settings, compiled: CompiledMechanism) -
     return compiled.check_start(0.0, compiled.assemble()[0])
 
 
-def pack(path: Path, content: Mapping[str, bytes]) -> None:
-    """Write an archive of files by their names: sorted, compressed, with fixed dates."""
-    with replacing(path) as unfinished, zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED) as archive:
+def pack(path: Path, content: Mapping[str, bytes], *, is_compressed: bool = True) -> None:
+    """Write an archive of files by their names: sorted, with fixed dates."""
+    compression = zipfile.ZIP_DEFLATED if is_compressed else zipfile.ZIP_STORED
+    with replacing(path) as unfinished, zipfile.ZipFile(unfinished, "w", compression) as archive:
         for name in sorted(content):
-            archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content[name], zipfile.ZIP_DEFLATED)
+            archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content[name], compression)

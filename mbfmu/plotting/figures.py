@@ -44,5 +44,7 @@ def finish(figure: Any, path: Path) -> None:
     if layout := figure.get_layout_engine():
         layout.execute(figure)
         figure.set_layout_engine("none")  # arranged, which writing would do twice
+    kind = path.suffix[1:] or "png"
+    options = {"pil_kwargs": {"compress_level": 1}} if kind == "png" else {}
     with replacing(path) as unfinished:
-        figure.savefig(unfinished, dpi=130, format=path.suffix[1:] or "png")
+        figure.savefig(unfinished, dpi=130, format=kind, **options)

@@ -152,6 +152,7 @@ def set_title(figure: Any, result: Result) -> None:
 def logarithmic(ax: Any, curves: Any) -> None:
     """Make an axis logarithmic, down to values that are visible next to the largest one."""
     ax.set_yscale("log", subs=[])  # without ticks between powers of ten, which take longer than the curves
+    ax.yaxis.set_major_formatter("{x:.0e}")  # as do powers in the notation of formulas
     largest = float(np.nanmax(np.abs(curves)))
     if 0.0 < largest < np.inf:
         smallest = float(np.nanmin(np.abs(curves)[curves != 0.0]))

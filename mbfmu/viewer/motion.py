@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
@@ -199,7 +198,6 @@ class Recorder:
         mechanism = self._mechanism
         assert mechanism is not None
         r, A = np.stack(self._r), np.stack(self._A)
-        e = scipy.spatial.transform.Rotation.from_matrix(A.reshape(-1, 3, 3)).as_quat().reshape(*A.shape[:2], 4)
         span = float(np.linalg.norm(np.ptp(r[:, 1:].reshape(-1, 3), axis=0)))
         arrows, forces = shown(self._sources, np.stack(self._forces), span)
         return Motion(
@@ -209,7 +207,7 @@ class Recorder:
             parents=tuple(body.parent for body in mechanism.bodies),
             joints=tuple(joint_of(body) for body in mechanism.bodies),
             r=r,
-            e=np.roll(e, 1, axis=-1).astype(np.float32),
+            e=quaternions(A).astype(np.float32),
             p=np.stack(self._p),
             outputs=self._outputs,
             values=np.stack(self._values),
@@ -232,6 +230,25 @@ def amplitudes(compiled: CompiledMechanism) -> Array:
     owners = [compiled.data.arrays.bodies[handle.modes.index] for handle, _ in compiled.mechanism.beams()]
     q = compiled.data.state.q
     return np.array([q[own["qi"] + k] for own in owners for k in range(own["nv"])])
+
+
+def quaternions(A: Array | Single) -> Array:
+    """Return unit quaternions (..., 4), scalar first, of rotation matrices (..., 3, 3).
+
+    Each is the normalized row with the largest diagonal entry of the matrix 4 e e^T, whose entries are sums of those
+    of A (Shepperd 1978): no cancellation near any angle, and no import of SciPy.
+    """
+    (a, b, c), (d, f, g), (h, i, j) = np.moveaxis(np.asarray(A, float), (-2, -1), (0, 1))
+    rows = (
+        (1 + a + f + j, i - g, c - h, d - b),
+        (i - g, 1 + a - f - j, b + d, c + h),
+        (c - h, b + d, 1 - a + f - j, g + i),
+        (d - b, c + h, g + i, 1 - a - f + j),
+    )
+    products = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
+    e = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
+    return np.asarray(e / np.linalg.norm(e, axis=-1, keepdims=True))
 
 
 def matrices(e: Array) -> Array:

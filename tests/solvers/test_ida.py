@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +17,7 @@ from mbfmu.mechanics import Harmonic, JointForce, JointSpring, Mechanism, Revolu
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.simulation import Simulation
 from solvers.compiled.kernel import COMPILED
-from solvers.steppers.ida import dense, sundials, tree
+from solvers.steppers.ida import dense, installed_library, sundials, tree
 from solvers.steppers.ida.binding import BoundIDA
 from solvers.steppers.ida.sundials import DirectIDA
 
@@ -58,6 +60,42 @@ def pendulum() -> Mechanism:
 
 def test_the_installed_library_serves() -> None:
     assert sundials.is_library_supported()
+
+
+def test_the_library_is_loaded_without_the_package_which_can_be_imported_later() -> None:
+    """The package imports most of SciPy."""
+    code = """
+import sys
+from solvers.steppers.ida.sundials import is_library_supported
+assert is_library_supported()
+print([name for name in ("sksundae", "scipy.optimize") if name in sys.modules])
+import sksundae
+"""
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
+
+
+def test_the_package_is_imported_if_its_files_are_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    from sksundae import _cy_common, _cy_ida
+
+    found = installed_library.configuration()
+    assert found == {name: str(value) for name, value in _cy_common.config.items()}
+    assert installed_library.extension_path() == _cy_ida.__file__
+    monkeypatch.setattr(installed_library, "_folders", list)
+    assert installed_library.configuration() == found
+    assert installed_library.load_extension(lambda path: path) == _cy_ida.__file__
+
+
+def test_the_package_is_imported_if_its_libraries_are_found_only_then() -> None:
+    calls = list[str]()
+
+    def load(path: str) -> str:
+        calls.append(path)
+        if len(calls) == 1:
+            raise OSError("library not found")
+        return path
+
+    assert installed_library.load_extension(load) == calls[0]
+    assert len(calls) == 2
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ from mbfmu.util.errors import UserError
 from mbfmu.viewer import Motion, Recorder
 from mbfmu.viewer.camera import Camera, Stage
 from mbfmu.viewer.drawing import PIN_COLOR, draw
-from mbfmu.viewer.motion import matrices
+from mbfmu.viewer.motion import matrices, quaternions
 from mbfmu.viewer.picture import Picture
 
 
@@ -150,6 +150,18 @@ def test_watching_does_not_change_the_run() -> None:
 def test_matrices_of_quaternions() -> None:
     e = Rotation.random(20, random_state=0).as_quat()
     assert matrices(np.roll(e, 1, axis=-1)) == pytest.approx(Rotation.from_quat(e).as_matrix(), abs=1e-15)
+
+
+def test_quaternions_of_matrices() -> None:
+    """Random rotations, and half turns, where the scalar part is zero or rounding."""
+    axes = np.vstack((np.eye(3), np.random.default_rng(1).normal(size=(17, 3))))
+    half = Rotation.from_rotvec(np.pi * axes / np.linalg.norm(axes, axis=1, keepdims=True))
+    rotations = Rotation.concatenate((Rotation.identity(), half, Rotation.random(40, random_state=1)))
+    found = quaternions(rotations.as_matrix())
+    turned = rotations.inv() * Rotation.from_quat(np.roll(found, -1, axis=1))
+    assert turned.magnitude().max() < 4e-15
+    assert np.linalg.norm(found, axis=1) == pytest.approx(np.ones(len(found)), rel=1e-15)
+    assert quaternions(rotations[:20].as_matrix().reshape(4, 5, 3, 3)).shape == (4, 5, 4)
 
 
 def test_pose_file_keeps_everything(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """IDA by the C functions of SUNDIALS, with kernels for callbacks: between two steps there is no Python.
 
-The library is the one that scikit-sundae brings along and its extension module has loaded; what is relied on is the
-interface of SUNDIALS 7 as its headers declare it, in double precision. With another one, and where nothing is compiled,
+The library is the one that scikit-sundae installs (:mod:`.installed_library`); what is relied on is the interface of
+SUNDIALS 7 as its headers declare it, in double precision. With another one, and where nothing is compiled,
 :mod:`.binding` serves.
 
 A callback of IDA's is a kernel of one signature. It gets vectors as IDA has them, whose entries are the
@@ -43,6 +43,7 @@ from .calls import (
     solve,
     stop_at,
 )
+from .installed_library import configuration, load_extension
 from .logging import discard_logs
 
 SUN_COMM_NULL = 0
@@ -57,19 +58,15 @@ CONTEXT_SIGNATURES = {  # in the letters of solvers.compiled.ffi
 
 @cache
 def library() -> Library:
-    """Return SUNDIALS as the extension module of scikit-sundae has loaded it."""
-    from sksundae import _cy_ida  # imports most of SciPy: only where IDA integrates
-
-    return Library(
-        _cy_ida.__file__, {**SIGNATURES, **CONTEXT_SIGNATURES}, ("N_VGetArrayPointer", "SUNDenseMatrix_Data")
-    )
+    """Return SUNDIALS, to which the extension module of scikit-sundae is linked."""
+    symbols = ("N_VGetArrayPointer", "SUNDenseMatrix_Data")
+    return load_extension(lambda path: Library(path, {**SIGNATURES, **CONTEXT_SIGNATURES}, symbols))
 
 
+@cache
 def is_library_supported() -> bool:
     """Whether kernels are compiled, and the library is one whose interface is known."""
-    from sksundae import _cy_common
-
-    config = getattr(_cy_common, "config", {})
+    config = configuration()
     known = config.get("SUNDIALS_FLOAT_TYPE") == "double" and config.get("SUNDIALS_INT_TYPE") == "int"
     return bool(COMPILED and known and config["SUNDIALS_VERSION"].startswith("7.") and library().complete)
 
