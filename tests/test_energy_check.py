@@ -228,3 +228,13 @@ def test_what_is_exchanged_is_not_less_than_what_can_be_seen(solver: str) -> Non
     seen = np.maximum.accumulate(kinetic) - np.minimum.accumulate(kinetic)
     told = result["energy_throughput"]
     assert np.all(told[3:] >= 0.5 * seen[3:])
+
+
+@pytest.mark.parametrize(("error", "is_ratio"), [(1.0, True), (1e9, False)])
+def test_a_ratio_to_the_energy_exchanged_is_stated_if_it_is_below_one(error: float, is_ratio: bool) -> None:
+    simulation = Simulation(Arm(driven=False), Settings(solver="adams"))
+    simulation.advance(0.5)
+    simulation.session.balance["reference_energy"] += error
+    simulation.advance(0.6)
+    assert "J less than the work done on the mechanism" in simulation.warning
+    assert ("of energy exchanged" in simulation.warning) == is_ratio

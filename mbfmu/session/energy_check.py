@@ -73,7 +73,8 @@ class EnergyCheck:
         if status["lost"] == PASSAGE_INACCURATE:
             values |= {"part": abs(energy_error) / passage, "passage": passage}
             return filled(SLOW_PASSAGE, time=here[0], **values)
-        part = {"part": abs(energy_error) / exchanged, "exchanged": exchanged} if exchanged else {}
+        is_part = exchanged > abs(energy_error)  # else a ratio means nothing: hardly anything has moved before
+        part = {"part": abs(energy_error) / exchanged, "exchanged": exchanged} if is_part else {}
         values |= {"part": EXCHANGED_ENERGY_PART.format(**part) if part else ""}
         return filled(ENERGY_BALANCE, time=here[0], **values, nearest=nearest(self.compiled, before or here, here))
 

@@ -2,7 +2,7 @@
 
 Five families:
 
-``beside``    a four-bar or slider-crank that misses a singular configuration by 1e-9 ... 1e-2 of its size; 0-2 more
+``beside``    a four-bar or slider-crank that misses a singular configuration by 1e-9 ... 1e-2 of its size; 0-2 others
 ``planar``    a crank or a double pendulum with one to four loops, bodies and sizes unlike
 ``parallel``  equal parallel cranks on a coupler, all but two redundant; exact, through singular configurations or not
 ``spatial``   one to three loops of revolute, spherical, translational and free joints, some with a redundant equation

@@ -176,7 +176,7 @@ void describe_energy_error(const Instance *own, char text[SAYS])
     const double parts[] = {most / status->exchanged, status->exchanged};
     const double numbers[] = {status->lost_at, most, most / status->passage, status->passage};
     char part[SAYS] = "";
-    if (status->exchanged != 0.0)
+    if (status->exchanged > most)
         fill(part, EXCHANGED_ENERGY_PART, parts, NULL);
     const char *const texts[] = {status->energy_error > 0.0 ? "more" : "less", part, ""};
     fill(text, status->lost == PASSAGE_INACCURATE ? SLOW_PASSAGE_TEXT : ENERGY_BALANCE_TEXT, numbers, texts);
