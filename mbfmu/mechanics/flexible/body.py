@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,13 +17,16 @@ from mbfmu.util.errors import UserError
 from .fe_model import WRITTEN_DIGITS, checked_matrices
 from .interfaces import CENTER, ties_of
 from .invariants import PAIRS, Invariants, first_moment, invariants
+from .matrix_files import read_model
 from .mesh import assemble
 from .reduction import Reduced, reduce_model
+from .saved_bodies import invariants_of, read_body, write_body
 
 Array = NDArray[np.float64]
 Keep = Callable[[Any], int]  # keeps numbers in Arrays.numbers, returns where they begin
 
 DEFAULT_MODES = 10
+_SAVED = ("com", "inertia", "frequencies", "damping", "nodes", "shapes", "stiffening", "modal_masses")
 
 
 class Frame(NamedTuple):
@@ -35,7 +39,9 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlexibleBody:
-    """Flexible body of finite elements, reduced to modes. :meth:`from_fe` and :meth:`from_mesh` return it.
+    """Flexible body of finite elements, reduced to modes.
+
+    :meth:`from_fe`, :meth:`from_mesh`, :meth:`from_files` and :meth:`load` return it.
 
     Attributes
     ----------
@@ -243,6 +249,107 @@ class FlexibleBody:
             frame=frame,
             damping=damping,
             geometric_stiffness=found.geometric_stiffness if stiffening else None,
+        )
+
+    @classmethod
+    def from_files(
+        cls,
+        mass: str | Path,
+        stiffness: str | Path,
+        deck: str | Path,
+        interfaces: Mapping[str, Any],
+        *,
+        rows: str | Path | None = None,
+        length_unit: str = "m",
+        modes: int | None = None,
+        frequency_limit: float | None = None,
+        frame: str = "",
+        damping: float | Sequence[float] | Callable[[Array], Array] = 0.0,
+    ) -> FlexibleBody:
+        """Reduce a body whose matrices Abaqus or CalculiX has written.
+
+        Parameters
+        ----------
+        mass, stiffness
+            Paths of the matrices of the body without supports: of Abaqus (``*MATRIX OUTPUT, FORMAT=MATRIX INPUT``), or
+            ``job.mas`` and ``job.sti`` of CalculiX (``*FREQUENCY, SOLVER=MATRIXSTORAGE``).
+        deck
+            Path of the input deck, whose blocks ``*NODE`` give the positions of the nodes. Nodes that belong to no
+            element are left out.
+        interfaces
+            As for :meth:`from_fe`; nodes are the numbers of the deck, or a function that returns for positions (n, 3),
+            m, which of them belong to the interface.
+        rows
+            Path of ``job.dof`` of CalculiX; None: the matrices are those of Abaqus.
+        length_unit
+            ``"m"`` (kg, m, N), or ``"mm"`` for models in t, mm and N.
+        modes, frequency_limit, frame, damping
+            As for :meth:`from_fe`.
+
+        Returns
+        -------
+        FlexibleBody
+            Body for :meth:`Mechanism.flexible_body`.
+
+        Raises
+        ------
+        UserError
+            A file cannot be read, or one of its lines, which the message names, is wrong; or as for :meth:`from_fe`.
+        """
+        found = read_model(mass, stiffness, deck, rows, length_unit)
+        return cls.from_fe(
+            found.M,
+            found.K,
+            found.nodes,
+            {name: found.interface(name, given) for name, given in interfaces.items()},
+            modes=modes,
+            frequency_limit=frequency_limit,
+            frame=frame,
+            damping=damping,
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the reduced body to a file ``.npz``; an existing file is replaced when the new one is complete.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        UserError
+            The file cannot be written.
+        """
+        frames = list(self.interfaces.values())
+        arrays = {name: np.asarray(getattr(self, name), float) for name in _SAVED}
+        arrays |= {name: np.array([getattr(frame, name) for frame in frames]) for name in Frame._fields}
+        arrays |= {name: np.asarray(value, float) for name, value in self._invariants._asdict().items()}
+        write_body(Path(path), {"frame": self.frame}, list(self.interfaces), arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> FlexibleBody:
+        """Read a body that :meth:`save` has written.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        UserError
+            The file cannot be read, is damaged, or has another version.
+        """
+        found = read_body(Path(path))
+        frames = {str(name): Frame(*(found[key][k] for key in Frame._fields)) for k, name in enumerate(found["names"])}
+        values = {name: found[name] for name in _SAVED} | {"stiffening": bool(found["stiffening"])}
+        return cls(
+            frame=str(found["frame"]),
+            mass=float(found["mass"]),
+            interfaces=frames,
+            _invariants=invariants_of(found),
+            **values,
         )
 
     @property

@@ -1,0 +1,96 @@
+"""Files of reduced bodies (``.npz``): written whole or not at all, and checked when they are read."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.util.errors import UserError
+from mbfmu.util.files import replacing
+
+from .invariants import Invariants
+
+Array = NDArray[np.float64]
+
+READ_ERRORS = (OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, zipfile.BadZipFile, zlib.error)
+FORMAT, VERSION = "mbfmu flexible body", 1
+
+
+def write_body(path: Path, texts: dict[str, str], names: list[str], arrays: dict[str, Any]) -> None:
+    """Write texts, names of interfaces and arrays of a body; the previous file stays if this fails."""
+    content: dict[str, Any] = {"format": FORMAT, "version": VERSION, "names": names, **texts, **arrays}
+    with replacing(path) as unfinished, unfinished.open("wb") as file:
+        np.savez_compressed(file, **content)
+
+
+def read_body(path: Path) -> dict[str, Any]:
+    """Return the content of a file, checked.
+
+    Raises
+    ------
+    UserError
+        The file cannot be read, is no file of a body, or has another version, arrays of other sizes, or numbers that
+        are not finite.
+    """
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            found = {key: file[key] for key in file.files}
+    except (
+        OSError,
+        ValueError,
+        EOFError,
+        KeyError,
+        zipfile.BadZipFile,
+        zlib.error,
+        TypeError,
+        AttributeError,
+    ) as error:
+        raise UserError(
+            f"file {str(path)!r} cannot be read ({error}); allowed: an undamaged file of FlexibleBody.save"
+        ) from error
+    if str(found.get("format")) != FORMAT:
+        raise UserError(f"file {str(path)!r} contains no flexible body; allowed: a file of FlexibleBody.save")
+    if found["version"] != VERSION:
+        raise UserError(
+            f"file {str(path)!r} has the version {found['version']}; allowed: {VERSION}. Reduce the body again "
+            "and save it with this version of mbfmu"
+        )
+    for name, shape in _shapes(found).items():
+        own = found.get(name)
+        if own is None or own.shape != shape or own.dtype != float or not np.all(np.isfinite(own)):
+            what = "is missing" if own is None else f"has the shape {own.shape} or numbers that are not finite"
+            raise UserError(f"array {name!r} of file {str(path)!r} {what}; allowed: finite numbers {shape}")
+    return found
+
+
+def _shapes(found: dict[str, Any]) -> dict[str, tuple[int, ...]]:
+    """Return the shapes that arrays must have, by the numbers of modes, nodes and interfaces."""
+    n, count = np.size(found.get("frequencies", ())), np.shape(found.get("nodes", ()))[0]
+    frames = np.size(found.get("names", ()))
+    by_mode = {"S1": (3, n), "h1": (3, n), "J1": (6, n), "S0": (3,), "J0": (3, 3), "mass": ()}
+    by_pair = {"J2": 6, "C": 3, "G": 3, "H": 3}
+    return {
+        "com": (3,),
+        "inertia": (3, 3),
+        "frequencies": (n,),
+        "damping": (n,),
+        "modal_masses": (n,),
+        "nodes": (count, 3),
+        "shapes": (count, 3, n),
+        "at": (frames, 3),
+        "motion": (frames, 6, n),
+        "shortening": (frames, 6, n, n),
+        "stiffening": (),
+        **by_mode,
+        **{name: (rows, n, n) for name, rows in by_pair.items()},
+    }
+
+
+def invariants_of(found: dict[str, Any]) -> Invariants:
+    """Return the integrals of the inertia in a file."""
+    return Invariants(float(found["mass"]), *(found[name] for name in Invariants._fields[1:]))
