@@ -9,8 +9,8 @@ from mbfmu.util.diagnostics import Diagnostic
 from .losses import listed, printable
 
 ExportKey = Literal[
-    "rates", "drives", "cut joints", "couplings", "inputs of gravity", "forces", "signals", "limits", "shapes",
-    "blocks", "events", "starts", "loops", "springs", "inputs", "friction", "gravity", "armatures",
+    "rates", "drives", "cut joints", "couplings", "inputs of gravity", "signals of gravity", "forces", "signals",
+    "limits", "shapes", "blocks", "events", "starts", "loops", "springs", "inputs", "friction", "gravity", "armatures",
 ]  # fmt: skip
 ADD = "Add them in the program that reads the file if they matter"
 EXPORT_LOSSES: dict[ExportKey, tuple[str, str]] = {  # what is not exported, and what this means
@@ -19,6 +19,7 @@ EXPORT_LOSSES: dict[ExportKey, tuple[str, str]] = {  # what is not exported, and
     "cut joints": ("loop-closing joints of these types", "The loops are open"),
     "couplings": ("couplings other than gears", "These joints move independently"),
     "inputs of gravity": ("inputs of gravity", "Gravity has its start value"),
+    "signals of gravity": ("gravity that depends on time", "These components are zero"),
     "forces": ("forces", ADD),
     "signals": ("forces that depend on time, sensors or blocks", ADD),
     "limits": ("stops at one end of a coordinate", "These joints move beyond"),

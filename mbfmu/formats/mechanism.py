@@ -345,6 +345,8 @@ class Described:
             raise UserError("the mechanism has elastic bodies or sheets; allowed: rigid bodies. Export an FMU instead")
         if m.gravity_inputs:
             self.losses.add("inputs of gravity")
+        for axis in m.gravity_signals:
+            self.losses.add("signals of gravity", "xyz"[axis])
         for acting in (*m.elements, *m.others, *m.state_equations):
             self.losses.add("forces", acting.name or acting.what)
         for name, *_ in m.pressures:

@@ -18,6 +18,11 @@ Matrix = NDArray[np.float64]
 Vector = Sequence[float] | Matrix
 
 
+def is_time_law(value: Any) -> bool:
+    """Whether a value is a signal, or a function or an expression of time."""
+    return isinstance(value, Signal | str) or callable(value)
+
+
 def signal_of(value: Any, what: str, *, drive: bool = False) -> Signal:
     """Return a signal from a number, a signal, an input, or a function or expression of time; one that is to drive
     needs its derivatives.
@@ -26,7 +31,7 @@ def signal_of(value: Any, what: str, *, drive: bool = False) -> Signal:
         return replace(value, differentiate=True)
     if isinstance(value, Signal):
         return value
-    if callable(value) or isinstance(value, str):
+    if is_time_law(value):
         return Function(value, differentiate=drive, what=what)
     if np.ndim(value) or not is_finite(value):
         raise UserError(f"{what} is {value!r}; it must be a finite number, a signal, an input or a function of time")

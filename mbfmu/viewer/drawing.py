@@ -36,10 +36,11 @@ AXIS_COLORS = ("#d9483b", "#3f9b4b", "#3b6fd9")
 BENT_AXIS_PIECES = 64  # an elastic body is drawn with: five and more for every bulge of the highest mode
 
 
-def up_of(gravity: Matrix) -> Numbers:
-    """Return the direction against gravity; y where there is none."""
+def up_of(mechanism: Mechanism) -> Numbers:
+    """Return the direction against gravity; the axis of its first signal, or y, if all components are zero."""
+    gravity = mechanism.gravity
     norm = float(np.linalg.norm(gravity))
-    return numbers(-gravity / norm) if norm > 0.0 else (0.0, 1.0, 0.0)
+    return numbers(-gravity / norm) if norm > 0.0 else numbers(np.eye(3)[next(iter(mechanism.gravity_signals), 1)])
 
 
 def draw(mechanism: Mechanism, span: float, poses: Poses | None = None) -> Picture:
@@ -114,7 +115,7 @@ class _Artist:
             for k, surface in enumerate(self.surfaces)
         )
         return Picture(
-            up=up_of(self.mechanism.gravity),
+            up=up_of(self.mechanism),
             middles=self._middles(),
             parts=tuple(self.parts),
             links=tuple(self.links),

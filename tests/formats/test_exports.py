@@ -309,7 +309,7 @@ def test_joints_with_a_constant_drive_are_locked(tmp_path: Path, write: Any) -> 
 
 
 def lossy() -> mb.Mechanism:
-    m = mb.Mechanism(gravity=(0, 0, mb.Input(name="g", unit="m/s2", start=-9.81)))
+    m = mb.Mechanism(gravity=("sin(t)", 0, mb.Input(name="g", unit="m/s2", start=-9.81)))
     a = m.body("a", m.ground, mb.Revolute(rate=1.0), **solid(1))
     b = m.body("b", m.ground, mb.Revolute(drive="0.1 * t"), **solid(2))
     m.force("torque", mb.JointForce("sin(t)"), a)
@@ -331,11 +331,11 @@ def test_what_is_not_exported_is_listed(tmp_path: Path) -> None:
             "loop-closing joints of these types (rod: DistanceCutJoint)", "inputs of gravity", "forces (wind)",
             "forces that depend on time, sensors or blocks (torque)", "stops at one end of a coordinate (stop)",
             "Stribeck friction and static friction above sliding friction (friction)", "shapes of these bodies (a)",
-            "blocks, states and controllers (filter)",
+            "blocks, states and controllers (filter)", "gravity that depends on time (x)",
         ):  # fmt: skip
             assert expected in found, expected
-        assert len(found) == 11
-        with pytest.raises(mb.UserError, match=r"11 kinds of elements are not exported: .*not-exported"):
+        assert len(found) == 12
+        with pytest.raises(mb.UserError, match=r"12 kinds of elements are not exported: .*not-exported"):
             write(Given(make=lossy), tmp_path / "y.xml", strict=True)
         assert not (tmp_path / "y.xml").exists()
 

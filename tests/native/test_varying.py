@@ -156,6 +156,27 @@ def test_inputs_come_on_top(solver: str, inputs: str):
         follow(simulation, native, [0.02 * (k + 1)])
 
 
+def lifted() -> Mechanism:
+    """A double pendulum in a lift that starts late, on a support whose tilt a host gives."""
+    tilt = Input(name="tilt", unit="rad")
+    m = Mechanism(gravity=(Product(9.81, tilt), Sum(-9.81, Step(height=-2.0, begin=0.4, duration=0.1)), 0.0))
+    upper = m.body("upper", m.ground, Revolute(start=-1.2), **rod(mass=1.0, length=0.6))
+    lower = m.body("lower", upper, Revolute(at=(0.6, 0.0, 0.0)), **rod(mass=2.0, length=0.5))
+    m.output("angle", lower.angle())
+    m.output("energy", m.energy)
+    return m
+
+
+@needs_linker
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_gravity_is_a_signal(solver: str):
+    simulation, native = begun(lifted, Settings(solver=solver))
+    for k in range(60):
+        simulation.set_input(0, float(0.1 * np.sin(0.3 * k)))
+        assert native.call("set", 0, float(0.1 * np.sin(0.3 * k)), np.nan) == OK
+        follow(simulation, native, [0.02 * (k + 1)])
+
+
 @needs_linker
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_host_s_longest_step_holds_too(solver: str):

@@ -67,6 +67,7 @@ class Numbering:
 
     def __init__(self, mechanism: Mechanism, given_inputs: GivenInputs | None = None) -> None:
         self._given_inputs = given_inputs
+        self._shared = tuple(mechanism.gravity_signals.values())  # used by many loads, kept once
         self.signals: list[Signal] = []
         self.parts: list[ElementType] = []
         self.scratch_places: list[tuple[np.dtype[Any], int]] = []
@@ -167,7 +168,7 @@ class Numbering:
                 f"input {signal.name!r} has an acceleration, {signal.acceleration_name!r}, and does not drive a joint; "
                 "leave out acceleration_name"
             )
-        if isinstance(signal, Input | Followed):
+        if isinstance(signal, Input | Followed) or any(signal is shared for shared in self._shared):
             for index, known in enumerate(self.signals):
                 if known is signal:
                     return index

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import check_element_type
-from mbfmu.mechanics.loads import Force, Load, Pressure, Rope
+from mbfmu.mechanics.loads import Force, Load, PointForce, Pressure, Rope
 from mbfmu.mechanics.sensors import Sensor
+from mbfmu.mechanics.signals import Product, Signal
 from mbfmu.util.errors import UserError, short
 
 from .bodies import UNPLACED, Body
@@ -51,6 +52,7 @@ class Loading(Graph):
         self.others: list[Acting] = []  # loads, by their name
         self.state_equations: list[Acting] = []  # of states that users define
         self.blocks: list[Acting] = []
+        self.gravity_signals: dict[int, Signal] = {}
 
     def force(self, name: str, force: Force, a: Body | JointHandle, b: Body | None = None) -> ForceHandle:
         """Add a force on body a (and b); joint forces act on the tree joint of a, or on joint a.
@@ -269,7 +271,7 @@ class Loading(Graph):
 
     def loads(self) -> Iterator[Acting]:
         """Yield the loads: forces, elements and what comes with them, pressures, what comes with other loads, other
-        loads, equations of states, blocks.
+        loads, gravity that is a signal, equations of states, blocks.
         """
         for name, force, a, b in self.forces:
             yield Acting(f"force {name!r}", force, (a, b), name)
@@ -280,8 +282,17 @@ class Loading(Graph):
                 yield Acting(f"pressure {name!r}", pressure, face)
         yield from self._other_companions
         yield from self.others
+        yield from self._weights()
         yield from self.state_equations
         yield from self.blocks
+
+    def _weights(self) -> Iterator[Acting]:
+        """Yield the forces m g(t) at the centers of mass for the components of gravity that are signals."""
+        for k, signal in self.gravity_signals.items():
+            for body in self.bodies:
+                if body.mass > 0.0:
+                    weight = PointForce(magnitude=Product(body.mass, signal), axis="xyz"[k], at_a=body.com)
+                    yield Acting(f"gravity along {'xyz'[k]} on body {body.name!r}", weight, (body,))
 
     @property
     def first_other(self) -> int:

@@ -11,12 +11,12 @@ The tree joint places the frame of a body: if all coordinates are zero it coinci
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.checks import Vector, inertia_matrix, vector
+from mbfmu.mechanics.checks import Vector, inertia_matrix, is_time_law, signal_of, vector
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import CutJoint
 from mbfmu.mechanics.flexible import Beam, FlexibleBody
@@ -32,7 +32,7 @@ from mbfmu.mechanics.sensors import (
     Residual,
     Sensor,
 )
-from mbfmu.mechanics.signals import Input, Signal
+from mbfmu.mechanics.signals import Input, Signal, SpeedInput
 from mbfmu.util.errors import UserError, missing_attribute
 
 from .appearance import Appearance
@@ -55,7 +55,7 @@ class Mechanism(Appearance, Events, Measurements):
     ----------
     gravity
         Acceleration of gravity, global axes, m/s^2; zero: none. A component may be an input without rate, which is held
-        between steps.
+        between steps, or a signal, a function or an expression of time.
     assembly_tolerance
         Largest error of redundant constraint equations, by rounding of the geometry: angles in rad, lengths relative
         to the length of the loop. Equations that no free motion changes by more than this are left out. If
@@ -65,15 +65,17 @@ class Mechanism(Appearance, Events, Measurements):
     Attributes
     ----------
     gravity
-        Acceleration of gravity (3,), m/s^2; start values of inputs.
+        Acceleration of gravity (3,), m/s^2; start values of inputs, and zero in place of signals.
     gravity_inputs
         Inputs of gravity, by component.
+    gravity_signals
+        Signals of gravity, by component. They are loads: the energy contains no potential of theirs.
     """
 
     def __init__(
         self,
         *,
-        gravity: Vector | Sequence[float | Input] = (0.0, 0.0, 0.0),
+        gravity: Vector | Sequence[float | Signal | str | Callable[[float], float]] = (0.0, 0.0, 0.0),
         assembly_tolerance: float = ASSEMBLY_TOLERANCE,
     ) -> None:
         self.assembly_tolerance = not_negative("assembly_tolerance", assembly_tolerance)
@@ -81,11 +83,18 @@ class Mechanism(Appearance, Events, Measurements):
             raise UserError(f"assembly_tolerance is {assembly_tolerance!r}; allowed: 0 to {MAX_ASSEMBLY_TOLERANCE:g}")
         components = np.atleast_1d(np.asarray(gravity, object))
         for given in components:
-            if isinstance(given, Signal) and (not isinstance(given, Input) or given.rate_name):
-                raise UserError(f"gravity is {given!r}; allowed: a number, or an input without rate_name")
+            if isinstance(given, SpeedInput) or (isinstance(given, Input) and given.rate_name):
+                raise UserError(
+                    f"gravity is {given!r}; allowed: a number, an input without rate_name, or a signal, a function or "
+                    "an expression of time"
+                )
         self.gravity_inputs = {k: g for k, g in enumerate(components) if isinstance(g, Input)}
-        self.gravity = vector("gravity", [g.start if isinstance(g, Input) else g for g in components])
+        signals = {k: g for k, g in enumerate(components) if is_time_law(g) and not isinstance(g, Input)}
+        varying = {*signals, *self.gravity_inputs}
+        starts = {k: g.start for k, g in self.gravity_inputs.items()}
+        self.gravity = vector("gravity", [starts.get(k, 0.0) if k in varying else g for k, g in enumerate(components)])
         super().__init__()
+        self.gravity_signals = {k: signal_of(g, f"gravity along {'xyz'[k]}") for k, g in signals.items()}
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
         self.shown_outputs: list[str] = []  # outputs, by name
         self.meshes: list[Mesh] = []  # bodies that elements connect to one another
@@ -193,6 +202,11 @@ class Mechanism(Appearance, Events, Measurements):
         """
         if not isinstance(elastic, Beam | FlexibleBody):
             raise UserError(f"shape of elastic body {name!r} is {elastic!r}; it must be a Beam or a FlexibleBody")
+        if self.gravity_signals:
+            raise UserError(
+                f"gravity along {'xyz'[next(iter(self.gravity_signals))]} is a signal, and body {name!r} is flexible; "
+                "allowed: numbers and inputs. Use an Input, and give its values for the run"
+            )
         if isinstance(elastic, FlexibleBody) and elastic.frame == CENTER and not isinstance(joint, Floating):
             raise UserError(
                 f"joint of elastic body {name!r} is {type(joint).__name__}, and its frame is in the center of mass, "
