@@ -8,6 +8,7 @@ loops, also in regular positions. Here the independent part of every equation is
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,16 +16,18 @@ import scipy
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import kernel
-from solvers.compiled.tuple_pointer import unpin
+from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.linalg.dense import largest_change
 from solvers.loop_closure import (
     DRIVE_RATE_TOLERANCE,
     GAP_TOLERANCE,
-    GIVEN_WEIGHT,
     MAX_COORDINATE_STEP,
     MAX_ITERATIONS,
+    MAX_STAGES,
     MAX_STALLED_ITERATIONS,
     VELOCITY_RESIDUAL_TOLERANCE,
+    ClosureScratch,
+    set_weights,
 )
 from solvers.system import (
     DROPPED,
@@ -134,7 +137,7 @@ class EliminatedLoops:
 
         ``held`` (n,) coordinates stay; ``given`` (n,) ones change only if the loops cannot close by the others.
         """
-        for weights in _stages(held, given):
+        for weights in self._stages(held, given):
             q = start.copy()
             if iterate_to_closed(self._equations, t, q, self._system.size, weights, self._change, self._report):
                 return q
@@ -146,11 +149,21 @@ class EliminatedLoops:
         """Return velocities (n,) with J v = nu at closed positions q, the least change from ``start``; None if none are
         found. ``held`` and ``given`` as for :meth:`close`.
         """
-        for weights in _stages(held, given):
+        for weights in self._stages(held, given):
             v, own = np.zeros(self._system.n), (self._system.size, weights, self._change, self._report)
             if find_closed_velocities(self._equations, t, q, start, self._system.rate, v, *own):
                 return v
         return None
+
+    def _stages(self, held: NDArray[np.bool_], given: Array | None) -> Iterator[Array]:
+        """Yield the weights (n,) of the coordinates, of sets that are tried one after the other; see
+        :mod:`solvers.loop_closure`.
+        """
+        work, numbers = ClosureScratch.allocate(len(held), 0), np.zeros(len(held)) if given is None else given
+        work.free[held] = 0.0
+        for stage in range(MAX_STAGES):
+            if set_weights(stage, numbers, pin(work)):
+                yield work.weight.copy()
 
     def measure(self, t: float, q: Array) -> Shortest:
         """Return what the equations are like at positions q (nq,)."""
@@ -198,14 +211,3 @@ def _independent_columns(E: Array) -> NDArray[np.int64]:
     if not len(E):
         return np.zeros(0, np.int64)
     return np.sort(scipy.linalg.qr(E, mode="r", pivoting=True)[-1][: len(E)])
-
-
-def _stages(held: NDArray[np.bool_], given: Array | None) -> list[Array]:
-    """Return the weights (n,) of the coordinates, of sets that are tried one after the other; see
-    :mod:`solvers.loop_closure`.
-    """
-    free = np.where(held, 0.0, 1.0)
-    known = np.zeros(len(held), bool) if given is None else (given > 0) & ~held
-    if not known.any() or known[~held].all():
-        return [free]
-    return [np.where(known, 0.0, free), np.where(known, GIVEN_WEIGHT, free), free]
