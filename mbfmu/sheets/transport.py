@@ -77,7 +77,8 @@ def add_contact(
         Damping of Hunt and Crossley, s/m: an impact at velocity v loses about the fraction (4/3) damping v of its
         energy.
     creep
-        Slip velocity, m/s, at which friction has 70 % of its largest force.
+        Slip velocity, m/s, at which friction has 70 % of its largest force. A sheet on a slope creeps at a part of it:
+        for sheets that rest, set it to the drift that is allowed per second, and use ``esdirk``.
     points
         Number of contact points of every cell along x and z.
 
