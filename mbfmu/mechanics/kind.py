@@ -29,6 +29,7 @@ class Attachment(Protocol):
     bodies: tuple[int, ...]  # numbers of the bodies it was given
     q: int  # where the position of the first body's joint is in State.q
     v: int  # ... its velocity in State.v
+    joint: Any  # tree joint of the first body; None: there is no body
     first_state: int  # where the first of the load's first-order states is in State.v; the others follow
 
     def state_place(self, state: Any) -> int:
@@ -44,6 +45,9 @@ class Attachment(Protocol):
         """Return the place of scratch memory with these fields, see :func:`.dispatch.scratch_record`; kernels that
         declare the same fields share it.
         """
+
+    def bearing(self) -> int:
+        """Return the number of a new record in ``State.bearings``."""
 
     def numbers(self, values: Any) -> int:
         """Keep numbers, as many as there are, in ``Arrays.numbers``; return where they begin."""

@@ -22,6 +22,7 @@ from solvers.compiled.record_view import COMPLEX_FACTOR, aligned_bytes, complex_
 
 MAX_KERNELS = 7  # most that a role has
 
+NO_JAM = -np.inf  # time of a jam that has not occurred, s
 RIGID, MODAL, SECTION = 0, 1, 2  # roles of a body: moved by its joint; first section of a flexible body, whose
 # amplitudes are its coordinates and do not move it; another section, which shares them
 
@@ -167,6 +168,32 @@ class CoupledRecord(Record):
     lam: f8  # multiplier that loaded the coordinates last
 
 
+class BearingRecord(Record):
+    """Friction of a joint in proportion to its reaction, see mbfmu.mechanics.recursions.reaction_friction."""
+
+    body: i8  # whose tree joint it is
+    v: i8  # place of the coordinate in State.v
+    bearing_type: i8  # see mbfmu.mechanics.loads.reaction
+    is_on_b: i8  # 1: the bearings are in body b of the joint
+    radius: f8  # m
+    thrust_radius: f8
+    inverse_length: f8  # 1/m
+    inverse_width: f8
+    preload: f8  # N
+    coulomb: f8  # coefficient of friction
+    z: f8  # state of the bristle
+    rate: f8  # its rate, 1/s
+    damping: f8  # tau F^(1/2) with the Coulomb force F
+    fading: f8  # (tau v / d)^2 F
+    axis: Vec3  # global axes
+    center: Vec3  # of the bearings, from the origin of the body, m
+    tilt: f8  # tangent of the lead angle of a thread; 0: it is none
+    resistance: f8  # friction that was determined last, without the viscous part, N or N m
+    normal: f8  # ... and the normal force, N or N m
+    jam_time: f8  # s, of the last evaluation without a solution in which it had the largest part; NO_JAM: none
+    undetermined_time: f8  # s, of the last evaluation in which reactions are not determined; of the first record
+
+
 class SearchRecord(Record):
     """Lists of loads, see mbfmu.mechanics.recursions.active_loads."""
 
@@ -225,6 +252,10 @@ class State(NamedTuple):
     time: NDArray[np.float64]  # (1,) s, when the forces were applied last
     cached_power: NDArray[np.float64]  # (1,) W, non-conservative power that loads have evaluated with their forces
     energy: NDArray[np.float64]  # (2,) J, kinetic and potential, where sensors are read
+    bearings: Table[BearingRecord]  # (nf,) of joints with friction in proportion to their reaction
+    bearing_loads: NDArray[np.float64]  # (nf (nf + 1) + 1, 7) see mbfmu.mechanics.recursions.reaction_friction, as ...
+    saddle: NDArray[np.float64]  # (n + m, n + m + nf + 2) without friction, and the responses to it
+    friction: NDArray[np.float64]  # (nf, nf + 2) Newton's matrix, right-hand side and solution
 
 
 class Data(NamedTuple):
@@ -235,12 +266,22 @@ class Data(NamedTuple):
 
 
 def allocate_state(
-    nb: int, rows: int, couplings: int, loads: int, nq: int, nv: int, widest: int, subspaces: int, scratch: int
+    nb: int,
+    rows: int,
+    couplings: int,
+    loads: int,
+    nq: int,
+    nv: int,
+    widest: int,
+    subspaces: int,
+    scratch: int,
+    bearings: int,
 ) -> State:
     """Return zeroed memory for ``nb`` bodies (ground included), with the ground placed; ``widest`` is the largest
     number of coordinates of a joint, and ``scratch`` is in bytes.
     """
     z = np.zeros
+    equations = (nv + rows + couplings) * (bearings > 0)
     state = State(
         bodies=MotionRecord.zeros(nb),
         rows=RowRecord.zeros(rows),
@@ -268,8 +309,13 @@ def allocate_state(
         time=z(1),
         cached_power=z(1),
         energy=z(2),
+        bearings=BearingRecord.zeros(bearings),
+        bearing_loads=z((bearings * (bearings + 1) + 1, 7)),
+        saddle=z((equations, equations + bearings + 2)),
+        friction=z((bearings, bearings + 2)),
     )
     state.bodies["A"][0] = np.eye(3)
+    state.bearings["jam_time"] = state.bearings["undetermined_time"] = NO_JAM
     return state
 
 
@@ -293,7 +339,7 @@ def empty_data() -> Data:
         memory=np.zeros(1, np.uint8),
         numbers=np.zeros(1),
     )
-    return Data(arrays, allocate_state(1, 1, 1, 1, 1, 1, 1, 1, 0))
+    return Data(arrays, allocate_state(1, 1, 1, 1, 1, 1, 1, 1, 0, 1))
 
 
 def to_complex_data(data: Data) -> Data:

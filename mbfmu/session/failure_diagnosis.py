@@ -18,6 +18,10 @@ from solvers.system import Array
 
 from .run_messages import SINGULAR_START
 
+JAM_REMEDY = (
+    "Use a smaller coefficient of friction, a longer guide, or a center of mass nearer to its axis; or give "
+    "normal_force as a law"
+)
 SEARCH_INTERVALS = 100  # intervals of the requested time, in which loops are closed one after the other
 REACHED_TIME_TOLERANCE = 1e-9  # of that time, to which the last position they reach is found
 # of that time: where they are tried after it, as a run may pass a singular configuration
@@ -37,6 +41,8 @@ def explain_failure(
     """
     if status.error is not None:
         return status.explain()
+    if jam := find_jam(compiled, status):
+        return jam
     stuck = status.code in (Code.BRANCHES, Code.COLLAPSED, Code.NOT_CLOSED)
     advice = describe_free_rates(compiled, status.t, q) if starts_singular else ""
     if advice and status.code in (Code.BRANCHES, Code.UNDECIDABLE):
@@ -61,6 +67,33 @@ def explain_failure(
     )
 
 
+def find_jam(compiled: CompiledMechanism, status: Status) -> Diagnostic | None:
+    """Return why the friction that follows reactions has no solution at the end of a run; None: it has one."""
+    bearings = compiled.data.state.bearings
+    if not len(bearings) or status.code not in (Code.NOT_FINITE, Code.COLLAPSED):
+        return None
+    names = [acting.what for acting in compiled.mechanism.loads() if getattr(acting.load, "follows_reaction", False)]
+    late = [k for k in range(len(bearings)) if bearings["jam_time"][k] >= status.t]
+    if late:
+        what = names[max(late, key=lambda k: float(bearings["jam_time"][k]))]
+        text = (
+            f"{what} jams at t = {status.t:.9g} s: its friction increases the reaction of the joint, and this the "
+            "friction, so that no finite forces satisfy the equations of motion (Painleve's paradox)"
+        )
+        return Diagnostic.error("jammed-joint", text, JAM_REMEDY, subject=what, time=status.t)
+    if bearings["undetermined_time"][0] >= status.t:
+        text = (
+            f"{names[0]} follows a reaction that is not determined at t = {status.t:.9g} s: constraints are redundant, "
+            "or the mechanism is in a singular configuration"
+        )
+        remedy = (
+            "Use loop-closing joints that do not prevent the same motion twice, such as a spherical one, or give "
+            "normal_force as a number or a law"
+        )
+        return Diagnostic.error("undetermined-forces", text, remedy, subject=names[0], time=status.t)
+    return None
+
+
 def driven_bodies(compiled: CompiledMechanism) -> list[str]:
     """Return the names of the bodies whose joints are driven."""
     return [body.name for body in compiled.mechanism.bodies if body.joint.drive is not None]
@@ -68,6 +101,8 @@ def driven_bodies(compiled: CompiledMechanism) -> list[str]:
 
 def advise(compiled: CompiledMechanism, status: Status) -> str:
     """Return what to do after a step that collapsed, or near branches, by what the model has; of other ends nothing."""
+    if status.code is Code.NOT_FINITE and len(compiled.data.state.bearings):
+        return f"Friction in proportion to the reaction of a joint may have no solution here. {JAM_REMEDY}"
     if status.code is Code.COLLAPSED:
         causes = [*_causes(compiled)]
         if not causes:

@@ -59,6 +59,7 @@ MESSAGE_TITLES = OF_SOLVERS | {
     "prescribed-lock": "The rate of a joint that an event locks cannot change",
     "prescribed-bounce": "The rate of a quantity that hits a stop cannot change",
     "unresolved-friction": "The tolerance does not resolve the deflection of a joint with friction",
+    "jammed-joint": "Friction in proportion to the reaction of a joint has no solution",
     "explicit-friction": "An explicit solver is used for a joint that sticks",
     "loose-tolerance": "The tolerance is too large for an output",
     "coarse-tolerance": "Errors at this tolerance may be large",

@@ -49,3 +49,44 @@ def test_native_fmu_stops_as_the_simulation_and_for_other_parameters(tmp_path: P
         how = {"fmi_type": kind, "relative_tolerance": 1e-6, "output_interval": 0.05}
         found = simulate_fmu(str(path), stop_time=2.0, start_values=values, **how)
         assert found["x"][-1] == pytest.approx(4.0 * 9.0 / (2.0 * 0.8 * 2.0 * G), abs=1e-4), kind
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawer(mb.Model):
+    """A drawer that is pulled at a distance from its guide; its friction follows the reaction of the guide."""
+
+    offset: float = mb.parameter(0.3, unit="m", doc="Distance of the force from the guide")
+    length: float = mb.parameter(0.4, unit="m", min=0.01, doc="Length of the guide")
+
+    def build(self) -> mb.Mechanism:
+        m = mb.Mechanism(gravity=(0.0, 0.0, 0.0))
+        joint = mb.Translational(axis="x", nominal=1.0)
+        given = {"mass": 2.0, "com": (0.0, 0.1, 0.0), "inertia": (1.0, 1.0, 1.0)}
+        drawer = m.body("drawer", m.ground, joint, **given)
+        bearings = mb.Reaction(length=self.length)
+        friction = m.force("friction", mb.JointFriction(coulomb=0.3, normal_force=bearings), drawer)
+        m.force("pull", mb.PointForce(magnitude=10.0, axis="x", at_a=(0.0, self.offset, 0.0)), drawer)
+        m.output("x", drawer.coordinate())
+        m.output("force", friction.effort())
+        return m
+
+
+@needs_compiler
+def test_native_fmu_of_friction_that_follows_the_reaction(tmp_path: Path) -> None:
+    """The bits of the simulation; for other parameters m x'' = F - 2 mu |F c - m e x''| / l, or a jam."""
+    settings = mb.Settings(solver="radau", tolerance=1e-6)
+    path = export(Drawer(), tmp_path / "drawer.fmu", settings, native=True)
+    found = simulate_fmu(str(path), stop_time=1.0, output_interval=0.05, fmi_type="CoSimulation")
+    simulation = mb.Simulation(Drawer(), settings)
+    for row in found[1:]:
+        assert simulation.advance(row["time"]).ok
+        assert [row["x"], row["force"]] == simulation.outputs()[:2].tolist()
+    for kind in ("CoSimulation", "ModelExchange"):
+        how = {"fmi_type": kind, "relative_tolerance": 1e-6, "output_interval": 0.05, "stop_time": 1.0}
+        found = simulate_fmu(str(path), start_values={"offset": 0.2, "length": 0.5}, **how)
+        k = 2.0 * 0.3 / 0.5
+        acceleration = (10.0 - k * 10.0 * 0.2) / (2.0 - k * 2.0 * 0.1)
+        assert found["x"][-1] == pytest.approx(0.5 * acceleration, rel=5e-3), kind
+        assert found["force"][-1] == pytest.approx(2.0 * acceleration - 10.0, rel=1e-6), kind
+        found = simulate_fmu(str(path), start_values={"offset": 0.8}, **how)
+        assert abs(found["x"][-1]) < 3e-5, kind

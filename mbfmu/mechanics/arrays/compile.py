@@ -151,7 +151,9 @@ class CompiledElements:
         )
         widest = max((body.joint.nv for body in mechanism.bodies), default=0)
         sizes = (numbering.nq_full, numbering.nv_full, widest, numbering.subspaces, numbering.scratch_size)
-        self.data = Data(arrays, allocate_state(len(mechanism.bodies), rows, len(couplings), len(loads), *sizes))
+        self.data = Data(
+            arrays, allocate_state(len(mechanism.bodies), rows, len(couplings), len(loads), *sizes, numbering.bearings)
+        )
         self.signals = self.signals_in(self.data)
 
     def complex_step_data(self) -> Data:

@@ -11,6 +11,7 @@ import scipy
 from mbfmu.mechanics.builder.loading import Acting
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.kind import record_of
+from mbfmu.mechanics.records import NO_JAM
 
 from .assembly import start_positions
 from .scale import joint_sizes
@@ -42,6 +43,8 @@ def fill_estimates(mechanism: Mechanism, system: System, data: Data, length: flo
         along = np.array(acting.load.coordinates)
         inertia = float(inertias[k + along].mean()) if k >= 0 else 0.0  # else a drive moves it
         acting.load.fill_estimates(record, inertia, float(joint_sizes(body.name, body.joint, length)[along[0]]))
+    for name in ("jam_time", "undetermined_time"):
+        data.state.bearings[name] = NO_JAM  # evaluations without estimates count for none
 
 
 def unresolved_loads(

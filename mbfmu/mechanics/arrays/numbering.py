@@ -71,7 +71,7 @@ class Numbering:
         self.signals: list[Signal] = []
         self.parts: list[ElementType] = []
         self.scratch_places: list[tuple[np.dtype[Any], int]] = []
-        self.scratch_size = 0
+        self.scratch_size = self.bearings = 0
         self.slots: list[Slot] = []
         self.q: list[int] = []
         self.v: list[int] = []
@@ -239,6 +239,7 @@ class CompiledAttachment:
     ) -> None:
         self.name, self.bodies, self.first_state = name, tuple(body.index for body in bodies), first_state
         self._numbering, self._known = numbering, known
+        self.joint = bodies[0].joint if bodies else None
         first = self.bodies[0] if bodies else 0
         self.q, self.v, self.used, self.used_parts = numbering.q[first], numbering.v[first], list[int](), list[int]()
 
@@ -268,6 +269,11 @@ class CompiledAttachment:
             raise UserError(f"scratch memory of {self.name} is {dtype!r}; allowed: a NumPy dtype of named fields")
         check_field_names(f"scratch memory of {self.name}", dtype)
         return self._numbering.scratch(dtype)
+
+    def bearing(self) -> int:
+        """Return the number of a new record in ``State.bearings``."""
+        self._numbering.bearings += 1
+        return self._numbering.bearings - 1
 
     def numbers(self, values: Any) -> int:
         """Keep numbers; return where they begin."""

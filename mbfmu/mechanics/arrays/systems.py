@@ -88,6 +88,11 @@ class Systems:
                 f"the mechanism has state {numbering.states[0][0]!r} and a mesh of elements; allowed: first-order "
                 "states in mechanisms without meshes. Remove one of the two"
             )
+        if numbering.bearings and mechanism.flexible_bodies:
+            raise UserError(
+                "the mechanism has joint friction with a Reaction as the normal force and flexible bodies; allowed: "
+                "rigid bodies. Give normal_force as a number, a signal or a law"
+            )
         if numbering.states and mechanism.constraints and numbering.nv > MAX_SOLVER_DENSE_COORDINATES:
             raise UserError(
                 f"the mechanism has state {numbering.states[0][0]!r}, constraints, and {numbering.nv} coordinates and "
@@ -139,6 +144,8 @@ class Systems:
 
     def _has_recursions(self, constraint_names: list[str]) -> bool:
         """Whether a mechanism that is solved by matrices can be solved by recursions, too."""
+        if self._numbering.bearings:  # friction that follows reactions is determined with the mass matrix
+            return False
         return not self._has_tangent and not constraint_names and not self._mechanism.meshes
 
     def _recursions(self) -> TreeSystem:

@@ -93,6 +93,8 @@ class Loading(Graph):
         if not force.on_joint and a is other:
             raise UserError(f"force {name!r} acts between body {a.name!r} and itself; it needs two bodies")
         force.check(f"force {name!r}")
+        if force.on_joint:
+            force.check_joint(f"force {name!r}", a.joint)
         self._check_quantities(f"force {name!r}", getattr(force, "quantities", getattr(force, "uses", {})))
         self.forces.append((name, force, a, other))
         return ForceHandle(name, len(self.forces) - 1, force, a, other)

@@ -15,6 +15,7 @@ from .joint_stop import JointStop
 from .line_force import LineForce
 from .point_force import PointForce
 from .pressure import Pressure
+from .reaction import Reaction
 from .rope import Rope
 from .spherical_friction import SphericalFriction
 from .spring import Spring
@@ -37,6 +38,7 @@ __all__ = [
     "Load",
     "PointForce",
     "Pressure",
+    "Reaction",
     "Rope",
     "SphericalFriction",
     "Spring",

@@ -220,6 +220,9 @@ class Load(ElementType):
         """Return what a load that is ``on_joint`` needs, if it cannot act on this joint; empty: it can."""
         return "" if joint.nv == 1 else "a joint of one coordinate"
 
+    def check_joint(self, what: str, joint: Any) -> None:
+        """Raise UserError if its parameters do not fit the joint on which it acts; ``what`` names the load."""
+
     def fill_estimates(self, record: Any, inertia: float, size: float) -> None:
         """Write what a load with ``stick_reason`` estimates into fields of its record that begin with ``estimated_``.
         In native FMUs these remain as they are at the export.

@@ -33,6 +33,7 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Integers, Record, f8, i8
 
 from .base import FirstOrderState, Force
+from .reaction import Reaction
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -114,6 +115,7 @@ class BristleFriction(Force):
     on_joint = True
     stick_reason = "the bristles of joints with friction are stiff"
     kernels_of_normal: ClassVar[Any]
+    allows_reaction: ClassVar[bool] = False  # whether the normal force may be a :class:`.Reaction`
     law_quantities: ClassVar[Mapping[str, int]] = {"t": TIME, "q": POSITION, "v": VELOCITY}  # names in a normal force
 
     coulomb: float
@@ -126,7 +128,7 @@ class BristleFriction(Force):
 
     def __post_init__(self) -> None:
         """Compile a normal force that is a law."""
-        if self.uses:
+        if self.uses and not self.follows_reaction:
             law = QuantityLaw(
                 f"normal_force of a {type(self).__name__}", self.normal_force, self.law_quantities, self.uses
             )
@@ -138,6 +140,11 @@ class BristleFriction(Force):
 
     def check(self, what: str) -> None:
         """Refuse values that are no friction."""
+        if self.follows_reaction and (self.uses or not self.allows_reaction):
+            raise UserError(
+                f"normal_force of {what} is a Reaction; allowed: in a JointFriction without `uses`. Give it as a "
+                "number, a signal or a law"
+            )
         coulomb = positive(f"coulomb of {what}", self.coulomb)
         not_negative(f"viscous of {what}", self.viscous)
         if self.deflection is not None:
@@ -152,6 +159,11 @@ class BristleFriction(Force):
             )
 
     @property
+    def follows_reaction(self) -> bool:
+        """Whether the normal force follows the force and the moment that the joint transmits."""
+        return isinstance(self.normal_force, Reaction)
+
+    @property
     def states(self) -> tuple[FirstOrderState, ...]:
         """Return the force of the bristle over the Coulomb force."""
         return (FirstOrderState(name="bristle", is_held_at_rest=True),)
@@ -163,7 +175,7 @@ class BristleFriction(Force):
         if self.uses:
             law: QuantityLaw = vars(self)["_law"]
             law.fill(record, site, {"q": site.q + first, "v": site.v + first})
-        else:
+        elif not self.follows_reaction:
             record["normal"] = site.signal(self.normal_force, f"normal_force of {site.name}")
         record["coulomb"], record["viscous"] = self.coulomb, self.viscous
         record["static"] = self.coulomb if self.static is None else self.static

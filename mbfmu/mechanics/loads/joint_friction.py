@@ -6,34 +6,18 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import is_whole
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import jit_uncached, kernel
 
-from .bristle import (
-    BristleFriction,
-    BristleRecord,
-    bristle_factors,
-    deflection_of,
-    signal_of_normal,
-    stribeck_ratio,
-    yielding_part,
-)
+from .bristle import BristleFriction, BristleRecord, signal_of_normal
+from .reaction import Reaction, bearings_of
+from .reaction_friction import ReactionFriction
+from .slip import slip_state
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
-
-
-@kernel
-def slip_state(force: BristleRecord, normal: float, v: float, z: float) -> tuple[float, float]:
-    """Friction force against the slip v (N or N m), and z' (1/s)."""
-    yielding = 0.0 * (v + z)
-    if v.real * z.real > 0.0:
-        u = (z if z.real >= 0.0 else -z) / stribeck_ratio(force, v * v)
-        yielding = yielding_part(u) * u
-    rate = v * (1.0 - yielding) / deflection_of(force)
-    stiffness, damping = bristle_factors(force, normal, v * v)
-    return stiffness * z + damping * rate + force.viscous * v, rate
 
 
 @kernel
@@ -94,7 +78,8 @@ class JointFriction(BristleFriction):
         Coefficient of viscous friction, N m s/rad or N s/m. It is independent of the normal force.
     normal_force
         Normal force: number, signal or input. With ``uses`` also a function or an expression of the time t, of the
-        coordinate q, of its rate v and of the names there. Negative values count as zero.
+        coordinate q, of its rate v and of the names there. Negative values count as zero. A :class:`.Reaction` is the
+        normal force that the joint itself transmits; ``coulomb`` then is the coefficient of friction.
     uses
         Other quantities in the normal force, by their names, see :class:`.JointForce`.
     deflection
@@ -109,8 +94,16 @@ class JointFriction(BristleFriction):
     apply = apply
     power = power
     kernels_of_normal = kernels_of_normal
+    variants = (ReactionFriction,)
+    allows_reaction = True
 
     coordinate: int = 0
+
+    def __post_init__(self) -> None:
+        """Take the kernels of a normal force that follows the reaction."""
+        super().__post_init__()
+        if self.follows_reaction:
+            self.become(ReactionFriction)
 
     def check(self, what: str) -> None:
         """Refuse a number that is none, too."""
@@ -125,6 +118,19 @@ class JointFriction(BristleFriction):
 
     def describe_joint_refusal(self, joint: Any) -> str:
         """Return the need of a coordinate of this number that is no part of a rotation by a quaternion."""
-        if self.coordinate < joint.nv - 3 * joint.quaternion:
-            return ""
-        return f"a joint with a coordinate {self.coordinate} (SphericalFriction: a ball joint)"
+        if self.coordinate >= joint.nv - 3 * joint.quaternion:
+            return f"a joint with a coordinate {self.coordinate} (SphericalFriction: a ball joint)"
+        if self.follows_reaction and not bearings_of(joint):
+            return "a translational, revolute, cylindrical or screw joint, as its normal force is a Reaction"
+        return ""
+
+    def check_joint(self, what: str, joint: Any) -> None:
+        """Refuse bearings that do not fit the joint."""
+        if isinstance(self.normal_force, Reaction):
+            self.normal_force.check(what, bearings_of(joint)[self.coordinate])
+
+    def fill(self, record: Any, site: Attachment) -> None:
+        """Write the bearings too."""
+        super().fill(record, site)
+        if isinstance(self.normal_force, Reaction):
+            self.normal_force.fill(record, site, bearings_of(site.joint)[self.coordinate])

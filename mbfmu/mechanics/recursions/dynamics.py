@@ -28,6 +28,12 @@ from .energy import kinetic_energy, potential_energy
 from .energy import power as power_of
 from .kinematics import mesh_motion as mesh_motion_of
 from .kinematics import rotate_inertia, scatter_coordinates, update_accelerations, update_positions, update_velocities
+from .reaction_friction import (
+    clear_reaction_friction,
+    solve_reaction_friction,
+    store_bearing_loads,
+    update_reaction_friction,
+)
 from .rnea import inverse_dynamics
 
 if TYPE_CHECKING:
@@ -48,6 +54,7 @@ def update_velocity_level(t: float, arrays: Arrays, state: State) -> None:
     """Velocities and applied forces of the bodies as they are placed."""
     rotate_inertia(arrays, state)
     update_velocities(arrays, state)
+    clear_reaction_friction(state)
     apply_loads(t, arrays, state)
     evaluate_constraints(arrays, state)
 
@@ -85,10 +92,12 @@ def evaluate_motion_terms(q: Reals, v: Reals, arrays: Arrays, state: State, term
     update_accelerations(arrays, state)
     inverse_dynamics(arrays, state)
     gather_free(state.tau, arrays, terms.h)
+    store_bearing_loads(arrays, state)
     composite_inertia(arrays, state)
     mass_matrix(arrays, state, terms.M)
     right_hand_side(arrays, state, terms.gamma)
     evaluate_position_rate(arrays, q, v, terms.qdot)
+    solve_reaction_friction(arrays, state, terms)
 
 
 def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
@@ -259,6 +268,7 @@ def update_acceleration_level(a: Reals, lam: Reals, arrays: Arrays, state: State
     update_accelerations(arrays, state)
     load_constraints(lam, arrays, state)
     inverse_dynamics(arrays, state)
+    update_reaction_friction(arrays, state)
 
 
 @kernel

@@ -1,0 +1,144 @@
+"""Friction in proportion to reactions: accelerations against constraint forces in absolute coordinates."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import mbfmu as mb
+from mbfmu.mechanics import CompiledMechanism
+
+from .absolute_friction import Absolute, Ball, Friction, Link
+
+KINDS = ("R", "P", "C", "H")
+DEFLECTION = 1e-3
+
+
+def random_link(rng: Any, parent: int, size: float, kind: str) -> Link:
+    """A link with a random joint frame and inertia; lengths in ``size``."""
+    axes = rng.normal(size=(3, 3))
+    axis, count = rng.normal(size=3), 2 if kind == "C" else 1
+    scale = np.array([1.0 if kind != "P" else size, size])[:count]
+    return Link(
+        parent, kind, size * rng.normal(size=3), Rotation.random(random_state=rng).as_matrix(),
+        axis / np.linalg.norm(axis), rng.uniform(0.5, 3.0), 0.4 * size * rng.normal(size=3),
+        size**2 * (0.1 * axes @ axes.T + 2.0 * np.eye(3)), scale * rng.normal(size=count),
+        scale * rng.normal(size=count),
+        rise=0.1 * size * rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 2.0) if kind == "H" else 0.0,
+    )  # fmt: skip
+
+
+def random_friction(rng: Any, link: Link, coordinate: int, size: float) -> Friction:
+    """Random bearings that are weak enough for a solution."""
+    own = {"on": str(rng.choice(["a", "b"])), "preload": rng.choice([0.0, 2.0])}
+    angle = link.kind != "P" and coordinate == 0
+    if angle:
+        own["radius"] = 0.1 * size * rng.uniform(0.3, 1.0)
+    if link.kind == "R":
+        own["thrust_radius"] = 0.1 * size * rng.uniform(0.3, 1.0)
+    if link.kind != "H" and rng.random() < 0.7:
+        own["length"] = size * rng.uniform(0.5, 2.0)
+    if link.kind == "P" and rng.random() < 0.5:
+        own["width"] = size * rng.uniform(0.5, 2.0)
+    deflection = DEFLECTION if angle else DEFLECTION * size
+    return Friction(rng.uniform(0.02, 0.12), rng.choice([-0.8, -0.3, 0.0, 0.5, 0.95]), deflection, 0.0, **own)
+
+
+def pair(rng: Any, size: float, kinds: tuple[str, ...], loop: bool) -> tuple[CompiledMechanism, Absolute]:
+    """The same mechanism for mbfmu and in absolute coordinates, at its start."""
+    gravity = 9.81 * size * rng.normal(size=3)
+    parents = [k if loop else int(rng.integers(0, k + 1)) for k in range(len(kinds))]
+    links = [random_link(rng, parent, size, kind) for parent, kind in zip(parents, kinds, strict=True)]
+    for link in links[-3:]:
+        for c in range(len(link.q)):
+            link.friction[c] = random_friction(rng, link, c, size)
+    balls = []
+    reference = Absolute(links, balls, gravity)
+    if loop:
+        at_a = size * rng.normal(size=3)
+        where = reference.A[-1].T @ (reference.A[1] @ at_a + reference.r[1] - reference.r[-1])
+        balls.append(Ball(1, len(links), at_a, where))
+        rates = np.concatenate([link.v for link in links])
+        columns = []
+        for k in range(len(rates)):
+            for link, v in zip(links, np.split(np.eye(len(rates))[k], split(links)), strict=True):
+                link.v = v
+            columns.append(reference.constraints(0.0)[-3:] @ np.concatenate(reference.place(0.0)[2][1:]))
+        J = np.array(columns).T
+        rates -= np.linalg.pinv(J) @ J @ rates
+        for link, v in zip(links, np.split(rates, split(links)), strict=True):
+            link.v = v
+    m = mb.Mechanism(gravity=tuple(gravity))
+    bodies = [m.ground]
+    for k, link in enumerate(links, 1):
+        given: dict[str, Any] = {
+            "axis": tuple(link.axis), "at": tuple(link.s), "rotation": link.R, "start": tuple(link.q),
+            "rate": tuple(link.v), "nominal": 1.0,
+        }  # fmt: skip
+        if link.kind in "RPH":
+            given |= {"start": link.q[0], "rate": link.v[0]}
+        joint = {"R": mb.Revolute, "P": mb.Translational, "C": mb.Cylindrical, "H": mb.Screw}[link.kind]
+        if link.kind == "H":
+            given["lead"] = 2.0 * np.pi * link.rise
+        own_mass: dict[str, Any] = {"mass": link.mass, "com": tuple(link.com), "inertia": link.inertia}
+        bodies.append(m.body(f"b{k}", bodies[link.parent], joint(**given), **own_mass))
+        for c, own in link.friction.items():
+            sizes = {name: getattr(own, name) for name in ("length", "width") if np.isfinite(getattr(own, name))}
+            sizes |= {"radius": own.radius} if own.radius else {}
+            bearings = mb.Reaction(thrust_radius=own.thrust_radius, preload=own.preload, on=own.on, **sizes)
+            friction = mb.JointFriction(coulomb=own.mu, normal_force=bearings, deflection=own.deflection, coordinate=c)
+            m.force(f"f{k}{c}", friction, bodies[k])
+    for k, ball in enumerate(balls):
+        cut = mb.SphericalCutJoint(at_a=tuple(ball.at_a), at_b=tuple(ball.at_b))
+        m.cut(f"c{k}", cut, bodies[ball.a], bodies[ball.b])
+    return CompiledMechanism(m), Absolute(links, balls, gravity)
+
+
+def split(links: list[Link]) -> Any:
+    """Where the rates of the links after the first begin."""
+    return np.cumsum([len(link.v) for link in links])[:-1]
+
+
+def accelerations(compiled: CompiledMechanism, q: Any, v: Any) -> tuple[Any, Any]:
+    """Accelerations and rates of states, and the multipliers, by the terms of the equations of motion."""
+    system, terms = compiled.system, compiled.system.allocate_terms()
+    system.fill(0.0, q, v, terms)
+    K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((system.m, system.m))]])
+    found = np.linalg.solve(K, np.concatenate((-terms.h, terms.gamma)))
+    return found[: system.n], found[system.n :]
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("loop", [False, True])
+def test_accelerations_and_friction_are_those_by_constraint_forces(size: float, loop: bool) -> None:
+    """Random mechanisms of all joints that have such friction, with three to six frictions that depend on each other.
+    Some jam: then there is no solution, and the friction is not a number.
+    """
+    rng, jams = np.random.default_rng(7), 0
+    for _ in range(12):
+        compiled, reference = pair(rng, size, tuple(rng.choice(KINDS, size=5 if loop else 4)), loop)
+        frictions = [own for link in reference.links for own in link.friction.values()]
+        tables = [table for table in compiled.tables if "estimated_inertia" in (table.dtype.names or ())]
+        for own, inertia in zip(frictions, np.concatenate([t["estimated_inertia"] for t in tables]), strict=True):
+            own.inertia = float(inertia)
+        q = np.concatenate([link.q for link in reference.links])
+        v = np.concatenate([link.v for link in reference.links] + [[own.z for own in frictions]])
+        bearings, units = compiled.data.state.bearings, compiled.system.size[: len(q)]
+        found, lam = accelerations(compiled, q, v)
+        forces, followed = bearings["resistance"].copy(), reference.follow_friction()
+        if np.isnan(forces).any():
+            assert followed is None
+            jams += 1
+            continue
+        largest = np.abs(forces).max()
+        np.testing.assert_allclose(reference.gap(forces), 0.0, atol=1e-7 * largest)
+        if followed is not None:
+            np.testing.assert_allclose(forces, followed, atol=1e-7 * largest)
+        scaled = reference.accelerations(forces) / units
+        np.testing.assert_allclose(found[: len(q)] / units, scaled, atol=1e-7 * np.abs(scaled).max())
+        compiled.system.observe_all(np.zeros(1), q[None], v[None], found[None], lam[None], np.zeros((1, 0)))
+        np.testing.assert_allclose(bearings["resistance"], forces, atol=1e-10 * largest)
+    assert jams < 3
