@@ -92,7 +92,15 @@ class Reaction:
     sizes: ClassVar = ("radius", "length", "width")
 
     def check(self, what: str, bearings: Bearings) -> None:
-        """Raise UserError for values that are no such bearings; ``what`` is text such as "force 'x'"."""
+        """Raise UserError for values that are no such bearings.
+
+        Parameters
+        ----------
+        what
+            Name of the force in messages, such as ``"force 'x'"``.
+        bearings
+            Bearings that the joint has.
+        """
         for name in self.sizes:
             value = getattr(self, name)
             if value is not None:
@@ -109,7 +117,17 @@ class Reaction:
                 raise UserError(f"the Reaction of {what} has a {name}; allowed for this joint: {names}. Leave it out")
 
     def fill(self, record: Any, site: Attachment, bearings: Bearings) -> None:
-        """Write the bearings and the place of what the recursions determine."""
+        """Write the bearings and the place of what the recursions determine.
+
+        Parameters
+        ----------
+        record
+            Record of the force.
+        site
+            Where the force is in the mechanism.
+        bearings
+            Bearings that the joint has.
+        """
         record["bearing"], record["body"], record["bearing_type"] = site.bearing(), site.bodies[0], bearings.type
         record["is_on_b"] = self.on == "b"
         record["radius"], record["thrust_radius"] = self.radius or 0.0, self.thrust_radius
