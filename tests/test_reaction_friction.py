@@ -161,6 +161,16 @@ def test_unbalanced_wheel_is_braked_by_the_reaction_of_its_unbalance(solver: str
     assert done.stepper.energy_account[0] == pytest.approx(-lost, rel=1e-6)
 
 
+def test_explicit_solvers_do_not_use_recursions_without_a_mass_matrix() -> None:
+    """These would leave the friction out; mechanisms with a given normal force have them."""
+    m = wheel(mb.Reaction(radius=0.02), (0.0, 0.0, 0.0), (0.0, -G, 0.0))
+    assert CompiledMechanism(m).system.recursions is None
+    given = mb.Mechanism()
+    body = given.body("wheel", given.ground, mb.Revolute(), mass=3.0, inertia=(0.1, 0.1, 0.1))
+    given.force("friction", mb.JointFriction(coulomb=MU), body)
+    assert CompiledMechanism(given).system.recursions is not None
+
+
 def screw(slope: float, torque: float = 0.0) -> mb.Mechanism:
     """A nut of 2 kg on a vertical thread with a mean radius of 10 mm and this lead angle, rad."""
     m = mb.Mechanism(gravity=(0.0, 0.0, -G))
