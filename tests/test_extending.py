@@ -31,7 +31,10 @@ def printed(text: str) -> list[str]:
     return re.findall(r"^ *print\(.*\)  # (.*)$", text, re.MULTILINE)
 
 
-@pytest.mark.parametrize("page", ["extending.md", "modelling.md"])
+MODELLING = ("modelling", "signals", "controllers", "events", "friction", "drives_and_ropes", "sheets_and_beams")
+
+
+@pytest.mark.parametrize("page", ["extending.md", *(f"{name}.md" for name in MODELLING)])
 def test_examples_run(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
