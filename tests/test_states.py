@@ -447,6 +447,26 @@ def test_states_in_chains_of_any_length_follow_their_closed_form(links: int) -> 
     assert simulation.outputs()[0] == pytest.approx(y * (1.0 - np.exp(-0.5)), rel=1e-6)
 
 
+def test_laws_that_use_the_same_names_have_separate_quantities() -> None:
+    """Rotors on springs of different stiffness, and blocks that slide under different normal forces."""
+    m, t, stiffness, loads = Mechanism(), 0.5, (4.0, 9.0, 25.0), (2.0, 3.0)
+    for k, K in enumerate(stiffness):
+        joint = mb.Revolute(start=0.1, fixed=True)
+        rotor = m.body(f"rotor{k}", m.ground, joint, mass=1.0, inertia=(1.0, 1.0, 1.0))
+        given = mb.Input(name="stiffness", unit="N.m/rad", start=K) if k == 2 else K
+        m.force(f"spring{k}", mb.JointForce("-K * q", uses={"K": given}), rotor)
+        m.output(f"rotor{k}", rotor.angle())
+    for k, N in enumerate(loads):
+        block = m.body(f"block{k}", m.ground, mb.Translational(axis="x", rate=3.0), mass=1.0)
+        m.force(f"friction{k}", mb.JointFriction(coulomb=0.5, normal_force="N + 0 * q", uses={"N": N}), block)
+        m.output(f"block{k}", block.coordinate())
+    result = mb.simulate(m, t, interval=t, solver="adams", tolerance=1e-8)
+    for k, K in enumerate(stiffness):
+        assert result[f"rotor{k}"][-1] == pytest.approx(0.1 * np.cos(np.sqrt(K) * t), abs=1e-6)
+    for k, N in enumerate(loads):  # the bristle bends by 1e-5 m at most
+        assert result[f"block{k}"][-1] == pytest.approx(3.0 * t - 0.25 * N * t**2, abs=1e-5)
+
+
 def test_states_in_a_sheet_are_refused() -> None:
     sheet = Mechanism()
     mb.add_sheet(

@@ -118,7 +118,8 @@ class QuantityLaw:
         """Write the places of the arguments; ``own`` has those of the names that the owner defines."""
         for k, quantity in enumerate(self.quantities):
             given = quantity.source is not None
-            record["places"][k] = place_of(quantity, site, self.what) if given else own.get(quantity.name, 0)
+            what = f"the law of {site.name}"
+            record["places"][k] = place_of(quantity, site, what) if given else own.get(quantity.name, 0)
 
 
 def place_of(quantity: Quantity, site: Attachment, what: str) -> int:

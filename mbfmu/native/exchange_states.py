@@ -74,7 +74,7 @@ def explain_missing_derivatives(simulation: Simulation) -> str:
     if len(compiled.data.state.bearings):
         return "joint friction follows the reaction of its joint"
     moving = compiled.inputs.supports()
-    for what, load in compiled.magnitudes().items():
+    for what, load in compiled.magnitudes():
         if any(member.number in moving for member in load.members()):
             return f"{what} is given by an input that moves a joint, too"
     return ""

@@ -29,7 +29,7 @@ def finish(name: str, compiled: CompiledMechanism) -> None:
                 f"the drive of {body!r} has no constant speed (now {speed:g}); allowed: "
                 "a constant speed, or a RunUp or a Step to one"
             )
-    for what, load in compiled.magnitudes().items():
+    for what, load in compiled.magnitudes():
         if not load.is_constant:
             raise EquilibriumError(
                 f"the {what} is {describe(load)}, which does not end at a constant value, so that {name!r} has no "

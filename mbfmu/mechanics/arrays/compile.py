@@ -39,7 +39,7 @@ from solvers.compiled.kernel import records
 from solvers.compiled.record import R, Table
 from solvers.compiled.record_view import complex_dtype
 
-from .numbering import CompiledAttachment, Numbering, shares_coordinates
+from .numbering import CompiledAttachment, Magnitudes, Numbering, shares_coordinates
 from .tables import COMPLEX, COMPLEX_STEP_NUMBERS, REAL, TANGENT_NUMBERS, CalledKernel, NumberTypes, Tables
 
 # Margin of the search for active loads relative to the largest lever: at a smaller one there are more searches, at a
@@ -75,7 +75,7 @@ class CompiledElements:
         self.sensors: list[Sensor] = [*(output[1] for output in mechanism.outputs), Energy(), KineticEnergy()]
         loads = list(mechanism.loads())
         rigid = [body for body in mechanism.bodies if not isinstance(body.joint, Section)]
-        self.magnitudes = known = dict[str, int]()
+        self.magnitudes = known = Magnitudes()
         sites: list[tuple[ElementType, CompiledAttachment]] = [
             *((body.joint, CompiledAttachment(f"body {body.name!r}", (body,), numbering, known)) for body in rigid),
             *((c.cut, CompiledAttachment(f"cut {c.name!r}", (c.a, c.b), numbering, known)) for c in mechanism.cuts),

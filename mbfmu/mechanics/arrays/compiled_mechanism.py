@@ -245,9 +245,10 @@ class CompiledMechanism:
         """Return every signal as it is in data of this compiled mechanism: its own, or those of a complex system."""
         return self._elements.signals_in(data)
 
-    def magnitudes(self) -> dict[str, InUse]:
-        """Return the signals of the loads, by what each is in messages."""
-        return {what: self._elements.signals[k] for what, k in self._elements.magnitudes.items()}
+    def magnitudes(self) -> list[tuple[str, InUse]]:
+        """Return what each signal of a load is in messages, and the signal."""
+        elements = self._elements
+        return [(what, elements.signals[k]) for what, known in elements.magnitudes.items() for _, k in known]
 
     def complex_system(self) -> System:
         """Return the system as it is now on complex numbers, for derivatives by complex step."""

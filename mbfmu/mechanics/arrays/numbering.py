@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -231,11 +231,21 @@ def first_states(mechanism: Mechanism, first: int) -> list[int]:
     return list(accumulate(counts, initial=first))[: len(counts)]
 
 
+class Magnitude(NamedTuple):
+    """A signal of a load."""
+
+    value: Any  # as the load gives it
+    number: int
+
+
+Magnitudes = dict[str, list[Magnitude]]  # signals of loads, by what each is in messages
+
+
 class CompiledAttachment:
     """Where something of a kind is in a mechanism, see :class:`mbfmu.mechanics.kind.Attachment`."""
 
     def __init__(
-        self, name: str, bodies: tuple[Body, ...], numbering: Numbering, known: dict[str, int], first_state: int = 0
+        self, name: str, bodies: tuple[Body, ...], numbering: Numbering, known: Magnitudes, first_state: int = 0
     ) -> None:
         self.name, self.bodies, self.first_state = name, tuple(body.index for body in bodies), first_state
         self._numbering, self._known = numbering, known
@@ -244,11 +254,14 @@ class CompiledAttachment:
         self.q, self.v, self.used, self.used_parts = numbering.q[first], numbering.v[first], list[int](), list[int]()
 
     def signal(self, value: Any, what: str) -> int:
-        """Number a signal; loads of one name share it."""
-        if what not in self._known:
-            self._known[what] = self._numbering.signal(value, what)
-        self.used.append(self._known[what])
-        return self._known[what]
+        """Number a signal; loads of one name that give the same object share it."""
+        known = self._known.setdefault(what, [])
+        number = next((own.number for own in known if own.value is value), None)
+        if number is None:
+            number = self._numbering.signal(value, what)
+            known.append(Magnitude(value, number))
+        self.used.append(number)
+        return number
 
     def state_place(self, state: Any) -> int:
         """Return where a first-order state is in State.v."""
