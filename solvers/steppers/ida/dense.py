@@ -28,6 +28,7 @@ from solvers.energy_account import EnergyScales
 from solvers.inertia import describe_large_growth
 from solvers.options import Options
 from solvers.outcome import CODES, Code
+from solvers.stepper import Samples
 from solvers.steppers.dense import DenseStepper
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
@@ -35,7 +36,7 @@ from solvers.system import Array, System
 
 from . import dense_loop
 from .binding import BoundIDA
-from .dense_c import DENSE_CALLBACKS, ITERATIVE_CALLBACKS, step_until
+from .dense_c import DENSE_CALLBACKS, ITERATIVE_CALLBACKS
 from .dense_callbacks import (
     accept_step,
     apply_preconditioner_at,
@@ -71,7 +72,7 @@ class IDAStepper(IDADriver, DenseStepper):
         super().__init__(system, t0, q0, v0, options)
         self.min_rtol = MIN_RTOL if system.m else 0.0
         n, memory = system.n, IDAMemory.allocate(system.nq, system.n, system.m)
-        self._memory, self._settings = memory, records(1, SETTINGS)
+        self._memory, self._settings, self._control = memory, records(1, SETTINGS), memory.control[0]
         self._set_records(memory.counts, memory.energy_record, memory.progress)
         self._scales = pin(EnergyScales.of(self.options.rtol, np.zeros(n), np.zeros(n)))
         own = self._eqs, self._settings, pin(memory), self._work, self._scales
@@ -86,7 +87,7 @@ class IDAStepper(IDADriver, DenseStepper):
         if is_library_supported():
             callbacks = ITERATIVE_CALLBACKS if self.system.m else DENSE_CALLBACKS
             return DirectIDA(
-                callbacks, step_until, self.integration, memory.progress, memory.counts,
+                callbacks, dense_loop.step_until, self.integration, memory.progress, memory.counts,
                 unpin(unpin(self.integration).memory).ida, rtol=rtol, max_order=order, max_step=options.max_step,
             )  # fmt: skip
         return self._bound_ida({"rtol": rtol, "atol": memory.ida.atol, "max_order": order})
@@ -146,9 +147,38 @@ class IDAStepper(IDADriver, DenseStepper):
 
     def advance_to(self, t: float) -> Code:
         """As :meth:`solvers.stepper.Stepper.advance_to`."""
+        if isinstance(self._ida, DirectIDA):
+            self._prepare_loop()
+            code = CODES[dense_loop.advance_reported(self.integration, t)]
+            self._t = float(self._control["t"])
+            return code
         if is_shift_too_large(self.integration, t):
             self.restart()
         return super().advance_to(t)
+
+    def _prepare_loop(self) -> None:
+        """Write what the compiled driver reads and what may have changed since its last call."""
+        self._control["t"], self._settings["max_steps"] = self._t, self.max_steps
+        if self._progress["is_pending"]:
+            self._settings["works"] = int(self._has_work())
+
+    def _sample(self, times: Array, out: Samples, outputs: Array) -> int:
+        if not isinstance(self._ida, DirectIDA):
+            return super()._sample(times, out, outputs)
+        if times[0] == self._t:  # the reported state is not interpolated again
+            done = super()._sample(times[:1], Samples(*(part[:1] for part in out)), outputs[:1])
+            if not done or len(times) == 1:
+                return done
+            return done + self._sample(times[1:], Samples(*(part[1:] for part in out)), outputs[1:])
+        self._prepare_loop()
+        control = self._control
+        control["undetermined"] = 0
+        code, done = dense_loop.sample(self.integration, times, *out, outputs)
+        self._t = float(control["t"])
+        self.status = self._status(CODES[code])
+        if control["undetermined"]:
+            self.undetermined_at = float(control["undetermined_at"])
+        return int(done)
 
     def _resume(self) -> Code:
         code = self._report_unknowns(float(self._progress["t_reached"]), self._memory.last_accepted[0])

@@ -6,11 +6,8 @@ from typing import Any
 
 from solvers.compiled.ffi import array_at
 from solvers.compiled.kernel import inlined
-from solvers.compiled.template import specialize
 
-from . import loop
 from .dense_callbacks import (
-    accept_step,
     apply_preconditioner_at,
     evaluate_jacobian_at,
     evaluate_residual_at,
@@ -18,9 +15,7 @@ from .dense_callbacks import (
     set_error_weights,
     set_up_preconditioner_at,
 )
-from .sundials import LOOP_CALLS, Callbacks, matrix_data, vector_data
-
-step_until = specialize(loop.step_until, __name__, {**LOOP_CALLS, "accept": accept_step})
+from .sundials import Callbacks, matrix_data, vector_data
 
 
 @inlined

@@ -1,6 +1,7 @@
-"""IDA in dense form without Python: the driver of :mod:`.loop` and the calls of SUNDIALS in one kernel.
+"""IDA in dense form: the driver of :mod:`.loop` and the calls of SUNDIALS in one kernel.
 
-It is for hosts that fill IDA's table of addresses (:mod:`.calls`) themselves, as native FMUs do.
+The host fills IDA's table of addresses (:mod:`.calls`): native FMUs, and the stepper in Python if the C functions of
+SUNDIALS can be called (:mod:`.sundials`).
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.template import specialize
 from solvers.energy_account import WORK, fill_account_row_at
 from solvers.outcome import COLLAPSED, NOT_FINITE, OK
+from solvers.projection.reported import fill_reported_state
 from solvers.steppers.compiled_loop import MethodKernels
+from solvers.steppers.step_loop import make_sample
 
 from . import loop
 from .calls import (
@@ -58,6 +61,7 @@ from .loop import (
 )
 
 if TYPE_CHECKING:
+    from solvers.compiled.record import Reals
     from solvers.steppers.step_loop import Integration
 
 
@@ -186,6 +190,29 @@ def advance_reported(problem: Integration, t: float) -> int:
         restart(problem.memory)
     code: int = advance(problem, problem.memory.progress, t)
     return code
+
+
+@kernel
+def advance_row(problem: Integration, t: float, q: Reals, v: Reals, energy_account: Reals) -> int:
+    """As :func:`advance_reported`, with a copy of the reported state and its energy account in a row of samples."""
+    code: int = advance_reported(problem, t)
+    for i in range(q.shape[0]):
+        q[i] = problem.q[i]
+    for i in range(v.shape[0]):
+        v[i] = problem.v[i]
+    for i in range(energy_account.shape[0]):
+        energy_account[i] = problem.energy_account[i]
+    return code
+
+
+@inlined
+def fill_row(problem: Integration, t: float, q: Reals, v: Reals, a: Reals, lam: Reals, outputs: Reals) -> int:
+    """Accelerations, multipliers and outputs of the system at the state reported last."""
+    control, rtol = problem.memory.control[0], problem.settings[0].motion_rtol
+    return fill_reported_state(problem.eqs, t, q, v, rtol, control, problem.work, a, lam, outputs)
+
+
+sample = make_sample(__name__, advance=advance_row, fill_row=fill_row)
 
 
 @kernel
