@@ -11,6 +11,7 @@ from .losses import listed, printable
 ExportKey = Literal[
     "rates", "drives", "cut joints", "couplings", "inputs of gravity", "signals of gravity", "forces", "signals",
     "limits", "shapes", "blocks", "events", "starts", "loops", "springs", "inputs", "friction", "gravity", "armatures",
+    "meshes", "mesh formats", "input starts", "mimics", "inertias",
 ]  # fmt: skip
 ADD = "Add them in the program that reads the file if they matter"
 EXPORT_LOSSES: dict[ExportKey, tuple[str, str]] = {  # what is not exported, and what this means
@@ -22,7 +23,21 @@ EXPORT_LOSSES: dict[ExportKey, tuple[str, str]] = {  # what is not exported, and
     "signals of gravity": ("gravity that depends on time", "These components are zero"),
     "forces": ("forces", ADD),
     "signals": ("forces that depend on time, sensors or blocks", ADD),
-    "limits": ("stops at one end of a coordinate", "These joints move beyond"),
+    "limits": ("stops at one end of a coordinate, and a second stop of a coordinate", "These joints move beyond"),
+    "input starts": ("start values of inputs", "Controls start at zero. Set them in the program that reads the file"),
+    "inertias": (
+        "moments of inertia below 2e-15 kg m^2, or masses below 2e-15 kg, which MuJoCo does not allow",
+        "These bodies have the smallest allowed values, and move otherwise. Give them a larger mass and inertia",
+    ),
+    "meshes": ("mesh files that cannot be read", "They are not drawn. Correct the paths of these shapes"),
+    "mesh formats": (
+        "mesh files that MuJoCo cannot read",
+        "They are not drawn. MuJoCo reads OBJ and binary STL files of 4 or more points and up to 200,000 triangles",
+    ),
+    "mimics": (
+        "gears of joints that are locked or follow two joints, since a joint of URDF follows one that moves",
+        "These joints move independently",
+    ),
     "friction": ("Stribeck friction and static friction above sliding friction", "Friction is that of sliding"),
     "shapes": ("shapes of these bodies", "They are not drawn"),
     "blocks": ("blocks, states and controllers", ADD),

@@ -35,6 +35,7 @@ from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.sensors import Coordinate, PointPosition
 from mbfmu.mechanics.shapes import Box, Capsule, Cylinder, Ellipsoid, MeshFile, Shape, Sphere, scale_factors
 from mbfmu.util.errors import UserError
+from mbfmu.util.mesh_files import read_mesh
 
 from .description import (
     GROUND_NAME,
@@ -49,10 +50,13 @@ from .description import (
     Vector,
 )
 from .export_losses import ExportLosses
+from .losses import listed
 from .mechanism_forces import add_forces, is_number
+from .names import Names
 
 CUTS = {SphericalCutJoint: "SphericalCutJoint", RevoluteCutJoint: "RevoluteCutJoint", WeldCutJoint: "WeldCutJoint"}
 HINGE_KIND, SLIDE_KIND = "Revolute", "Translational"
+NAMES_OF_GROUND = frozenset({"world", GROUND_NAME})  # of the ground: in MJCF and URDF, and in a description
 
 
 class Step(NamedTuple):
@@ -109,8 +113,8 @@ class Described:
         Description.
     coordinates
         Described bodies and their joints, by the number of the body and of the coordinate.
-    joint_names
-        Names of joints of one coordinate in the outputs, by the number of the body.
+    body_names, joint_names
+        Names by the number of the body. Formats require that each body has another name, and each joint.
     limiters
         Names of blocks that are limits of drives.
     """
@@ -118,13 +122,15 @@ class Described:
     def __init__(self, compiled: CompiledMechanism, name: str, losses: ExportLosses) -> None:
         self.mechanism = mechanism = compiled.mechanism
         self.losses = losses
+        if mechanism.flexible_bodies or mechanism.meshes:
+            raise UserError("the mechanism has elastic bodies or sheets; allowed: rigid bodies. Export an FMU instead")
         self.q: Vector | None = None  # of all joints, in the start position in which loops are closed
         if mechanism.cuts or mechanism.couplings:
             compiled.place_bodies(0.0, compiled.assemble()[0])
             self.q = np.array(compiled.data.state.q, float)
         self.first = [int(record["qi"]) for record in compiled.data.arrays.bodies]
         self.description = Description(name=name, source=name, origin="", gravity=np.array(mechanism.gravity, float))
-        self.joint_names = names_in_outputs(mechanism)
+        self._name_bodies_and_joints()
         self.coordinates: dict[tuple[int, int], tuple[str, ImportedJoint]] = {}
         self.limiters: set[str] = set()
         self.frames = [(np.zeros(3), np.eye(3))]  # of described bodies in the bodies of the mechanism
@@ -143,7 +149,23 @@ class Described:
 
     def name_of(self, body: Body) -> str:
         """Return the name of a body in the description."""
-        return body.name if body.index else GROUND_NAME
+        return self.body_names[body.index] if body.index else GROUND_NAME
+
+    def _name_bodies_and_joints(self) -> None:
+        """Choose the names of bodies and joints; those of the parts of joints follow, since they can be changed."""
+        self._bodies_named, self._joints_named = Names(NAMES_OF_GROUND), Names(frozenset())
+        self.body_names: dict[int, str] = {}
+        self.joint_names: dict[int, str] = {}
+        in_outputs = names_in_outputs(self.mechanism)
+        changed = []
+        for body in self.mechanism.bodies[1:]:
+            own = self.body_names[body.index] = self._bodies_named.unique(body.name)
+            if own != body.name:
+                changed.append(f"{body.name} to {own}")
+            given = in_outputs.get(body.index, body.coordinate_name)
+            self.joint_names[body.index] = self._joints_named.unique(given)
+        if changed:
+            self.losses.note(f"names of bodies are changed ({listed(changed)})", "The ground has the name world")
 
     def place(self, body: Body, point: Any) -> Vector:
         """Return a point of a body in the frame of the described body."""
@@ -168,8 +190,7 @@ class Described:
         )
         here = self.name_of(parent)
         described = self._joints(body, at, axes)
-        for own in described[:-1]:
-            label = f"{body.name}_{own.name}"
+        for label, own in described[:-1]:
             zero = np.zeros(3)
             self.description.bodies.append(
                 ImportedBody(name=label, parent=here, joint=own, mass=0.0, com=zero, inertia=np.zeros((3, 3)))
@@ -178,24 +199,25 @@ class Described:
         R = self.frames[-1][1]
         self.description.bodies.append(
             ImportedBody(
-                name=body.name,
+                name=self.name_of(body),
                 parent=here,
-                joint=described[-1],
+                joint=described[-1][1],
                 mass=body.mass,
                 com=self.place(body, body.com),
                 inertia=R.T @ body.inertia @ R,
             )
         )
 
-    def _joints(self, body: Body, at: Vector, axes: Matrix) -> list[ImportedJoint]:
-        """Return the described joints of a body."""
-        joint, name = body.joint, self.joint_names.get(body.index, body.coordinate_name)
+    def _joints(self, body: Body, at: Vector, axes: Matrix) -> list[tuple[str, ImportedJoint]]:
+        """Return the described joints of a body with the names of the described bodies."""
+        joint, name, last = body.joint, self.joint_names[body.index], self.name_of(body)
         start = self._start_of(body)
         if joint.rate is not None and np.any(joint.rate):
             self.losses.add("rates", name)
         if isinstance(joint, Weld | Spherical | Floating):
             kind = type(joint).__name__
-            return [ImportedJoint(kind=kind, name=name, at=at, rotation=axes, start=start)]  # type: ignore[arg-type]
+            own = ImportedJoint(kind=kind, name=name, at=at, rotation=axes, start=start)  # type: ignore[arg-type]
+            return [(last, own)]
         steps = steps_of(joint)
         if not steps:
             raise UserError(
@@ -204,24 +226,24 @@ class Described:
             )
         if body.reversed:
             steps = [Step(kind, -axis, k) for kind, axis, k in reversed(steps)]
-        found = []
+        found: list[tuple[str, ImportedJoint]] = []
         for number, (kind, axis, k) in enumerate(steps):
             suffix = joint.coordinates[k]
             own = ImportedJoint(
                 kind=kind,  # type: ignore[arg-type]
-                name=f"{name}_{suffix}" if suffix else name,
+                name=self._joints_named.unique(f"{name}_{suffix}") if suffix else name,
                 at=np.zeros(3) if number else at,
                 rotation=np.eye(3) if number else axes,
                 axis=axis,
                 start=start[k : k + 1],
                 armature=joint.armature,
             )
-            label = body.name if number == len(steps) - 1 else f"{body.name}_{own.name}"
+            label = last if number == len(steps) - 1 else self._bodies_named.unique(f"{last}_{own.name}")
             self.coordinates[body.index, k] = label, own
-            found.append(own)
+            found.append((label, own))
         position = constant_of(joint.drive)
         if position is not None:
-            found[0].is_locked, found[0].start = True, np.array([position])
+            found[0][1].is_locked, found[0][1].start = True, np.array([position])
         elif joint.drive is not None:
             self.losses.add("drives", name)
         return found
@@ -303,7 +325,9 @@ class Described:
                 seen.setdefault((sensor.item.index, point), name.rpartition(".")[0] or name)
         for (index, point), name in seen.items():
             body = self.mechanism.bodies[index]
-            self.description.points.append(ImportedPoint(name=name, body=body.name, at=self.place(body, point)))
+            self.description.points.append(
+                ImportedPoint(name=name, body=self.name_of(body), at=self.place(body, point))
+            )
 
     def _add_shape(self, body: Body, shape: Shape) -> None:
         """Add a shape."""
@@ -321,6 +345,11 @@ class Described:
         elif isinstance(shape, MeshFile):
             size, file = {"scale": scale_factors("scale of a mesh", shape.scale)}, Path(shape.path)
             axes = rotation("rotation of a shape", shape.rotation)
+            try:
+                read_mesh(file)
+            except UserError:
+                self.losses.add("meshes", str(file))
+                return
         else:
             self.losses.add("shapes", body.name)
             return
@@ -341,8 +370,6 @@ class Described:
     def _add_rest(self) -> None:
         """Add what has no counterpart at all."""
         m = self.mechanism
-        if m.flexible_bodies or m.meshes:
-            raise UserError("the mechanism has elastic bodies or sheets; allowed: rigid bodies. Export an FMU instead")
         if m.gravity_inputs:
             self.losses.add("inputs of gravity")
         for axis in m.gravity_signals:

@@ -70,6 +70,8 @@ def _add_force(described: Described, name: str, force: Any, joint: ImportedJoint
     if isinstance(force, JointFriction):
         return _add_friction(described, name, force, joint)
     if isinstance(force, JointStop):
+        if not all(end is None or is_number(end) for end in (force.lower, force.upper)):
+            return False
         if force.lower is None or force.upper is None or joint.lower is not None:
             described.losses.add("limits", name)
         else:
@@ -104,13 +106,20 @@ def _add_drive(described: Described, name: str, force: JointForce, joint: Import
         inputs = [part for part in signal.parts if isinstance(part, Input)]
         if len(numbers) == len(inputs) == 1:
             signal, gain = inputs[0], numbers[0]
-    if not isinstance(signal, Input) or force.uses:
+    if not isinstance(signal, Input) or force.uses or not gain:
         described.losses.add("signals", name)
         return True
+    if signal.start:
+        described.losses.add("input starts", signal.name)
+    others = [drive.name for drive in described.description.drives if drive.input == signal.name]
+    if others:
+        described.losses.note(
+            f"{others[0]} and {name} have a control each", f"In the model both have the input {signal.name}"
+        )
     described.description.drives.append(
         ImportedDrive(
             name=name,
-            body=body.name,
+            body=described.name_of(body),
             joint=joint.name,
             input=signal.name,
             unit=signal.unit,
@@ -163,5 +172,7 @@ def _add_point_force(described: Described, name: str, force: PointForce, a: Body
     is_weight = size > 0.0 and np.allclose(vector, share * weight, rtol=0.0, atol=1e-12 * np.sqrt(size))
     if not is_weight or not np.allclose(force.at_a, a.com, rtol=1e-12, atol=0.0):
         return False
-    described.description.lifts.append(ImportedLift(name=name, body=a.name, at=described.place(a, a.com), force=vector))
+    described.description.lifts.append(
+        ImportedLift(name=name, body=described.name_of(a), at=described.place(a, a.com), force=vector)
+    )
     return True

@@ -11,16 +11,20 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import numpy as np
 
 from mbfmu.util.errors import UserError
+from mbfmu.util.mesh_files import is_binary_stl, read_mesh
 
 from .description import GROUND_NAME, Description, ImportedBody, ImportedJoint, Matrix, Vector
 from .export_losses import ExportLosses
-from .literals import number_text
+from .losses import listed, printable
 from .names import Names
 from .tree import rotation_about
 
 LEAST_MASS = 2e-15  # kg and kg m^2, of bodies that move; MuJoCo requires more than 1e-15
 LARGEST_IMPEDANCE = 0.95  # of constraints, dmax of solimp, by default
 ROUNDING_RATIO = 1e-14  # of moments of inertia, relative to the largest one
+MIN_MESH_POINTS, MAX_MESH_TRIANGLES = 4, 200_000  # of the meshes that MuJoCo reads
+NEGLIGIBLE_INERTIA_RATIO = 1e-6  # of a change of a moment of inertia to the moment about the joints of the body
+MAX_DEPTH = 490  # bodies in a row; the XML parser of MuJoCo reads up to 500 elements in a row
 MJCF_TYPES = {"Revolute": "hinge", "Translational": "slide", "Spherical": "ball"}
 GEOMETRIES = {"Box": "box", "Sphere": "sphere", "Ellipsoid": "ellipsoid", "Cylinder": "cylinder", "Capsule": "capsule"}
 
@@ -53,7 +57,9 @@ class MjcfWriter:
         self.children: dict[str, list[ImportedBody]] = {}
         for body in description.bodies:
             self.children.setdefault(body.parent, []).append(body)
-        self.sites = Names(frozenset())
+        self._check_depth()
+        self.raised: list[str] = []
+        self.sites, self.equalities = Names(frozenset()), Names(frozenset())
         self.points: dict[str, list[tuple[str, Vector, Matrix]]] = {}
         self.geometries: dict[str, list[dict[str, str]]] = {}
         self.root = Element("mujoco", model=description.name)
@@ -68,6 +74,23 @@ class MjcfWriter:
         for body in self.children.get(GROUND_NAME, []):
             self._add_body(world, body)
         self.root.extend(relations)
+        if self.raised:
+            self.losses.note(
+                f"inertias of bodies are changed by a negligible amount ({listed(self.raised)})",
+                "MuJoCo requires principal moments above 1e-15 kg m^2",
+            )
+
+    def _check_depth(self) -> None:
+        """Refuse chains that the XML parser of MuJoCo cannot read."""
+        depths = {GROUND_NAME: 0}
+        for body in self.description.bodies:
+            depths[body.name] = depths[body.parent] + 1
+        deepest = max(depths, key=lambda name: depths[name])
+        if depths[deepest] > MAX_DEPTH:
+            raise UserError(
+                f"body {deepest!r} is the last of a chain of {depths[deepest]} bodies; allowed in MJCF: up to "
+                f"{MAX_DEPTH}. Export a shorter chain, or an FMU"
+            )
 
     def _site(self, body: str, name: str, at: Vector, axes: Matrix) -> str:
         """Add a point of a body; return its name."""
@@ -101,15 +124,17 @@ class MjcfWriter:
     def _is_part_of_next(self, body: ImportedBody) -> bool:
         """Whether a body without mass is only between two joints."""
         carried = self.children.get(body.name, [])
-        if body.mass or np.any(body.inertia) or not body.joint.has_one_coordinate:
+        if body.mass or np.any(body.inertia) or body.joint.kind == "Weld":
             return False
         used = body.name in self.points or body.name in self.geometries
-        if (used or len(carried) != 1 or carried[0].joint.kind == "Weld") and self._carries_mass(body):
+        ends = used or len(carried) != 1 or not body.joint.has_one_coordinate
+        if (ends or carried[0].joint.kind == "Weld") and self._carries_mass(body):
             return False
-        if used or len(carried) != 1 or carried[0].joint.kind in ("Weld", "Floating"):
+        if ends or carried[0].joint.kind in ("Weld", "Floating"):
             raise UserError(
-                f"body {body.name!r} has a joint and no mass; allowed in MJCF: such bodies between two joints, to "
-                "which nothing else is connected, or with a mass that is welded to them. Give it a mass and an inertia"
+                f"body {body.name!r} has a joint and no mass; allowed in MJCF: such bodies between two joints of one "
+                "coordinate, to which nothing else is connected, or with a mass that is welded to them. Give it a mass "
+                "and an inertia"
             )
         return True
 
@@ -165,17 +190,22 @@ class MjcfWriter:
         raised = np.maximum(moments, least)
         raised[2] = min(raised[2], raised[0] + raised[1])
         own = SubElement(element, "inertial", pos=text_of(body.com), mass=text_of([max(body.mass, LEAST_MASS * moves)]))
-        if np.any(np.abs(raised - moments) > ROUNDING_RATIO * moments[2]):
-            self.losses.note(
-                f"the inertia of {body.name} is changed ({number_text(float(moments[0]))} to "
-                f"{number_text(float(raised[0]))} kg m^2)",
-                "MuJoCo requires principal moments above 1e-15 kg m^2",
-            )
+        if np.any(np.abs(raised - moments) > ROUNDING_RATIO * moments[2]) or (moves and body.mass < LEAST_MASS):
+            if self._is_negligible(body, moments):
+                self.raised.append(printable(body.name))
+            else:
+                self.losses.add("inertias", body.name)
         if np.count_nonzero(body.inertia - np.diag(np.diag(body.inertia))) == 0 and np.array_equal(raised, moments):
             own.set("diaginertia", text_of(np.diag(body.inertia)))
             return
         axes = axes * np.sign(np.linalg.det(axes))
         own.attrib |= {"quat": text_of(quaternion_of(axes)), "diaginertia": text_of(raised)}
+
+    def _is_negligible(self, body: ImportedBody, moments: Vector) -> bool:
+        """Whether the least mass and inertia are small relative to those of a body about its joints."""
+        places = (body.com, body.joint.at, *(child.joint.at for child in self.children.get(body.name, [])))
+        inertia = max(moments[2], body.mass * max(float(place @ place) for place in places))
+        return LEAST_MASS <= NEGLIGIBLE_INERTIA_RATIO * inertia and not 0.0 < body.mass < LEAST_MASS
 
     def _fill_body(self, element: Element, name: str) -> None:
         """Add the points and geometries of a body."""
@@ -210,11 +240,13 @@ class MjcfWriter:
             shifted = np.polynomial.Polynomial(c)(np.polynomial.Polynomial((x0, 1.0))).coef
             shifted = np.pad(shifted, (0, 5 - len(shifted)))
             shifted[0] -= start_of(follower)
-            own = SubElement(equalities, "joint", name=coupling.name, joint1=follower.name, joint2=leader.name)
+            name = self.equalities.unique(coupling.name)
+            own = SubElement(equalities, "joint", name=name, joint1=follower.name, joint2=leader.name)
             own.set("polycoef", text_of(shifted))
         for body in self.description.bodies:
             if body.joint.is_locked:
-                SubElement(equalities, "joint", name=f"{body.joint.name}_lock", joint1=body.joint.name)
+                name = self.equalities.unique(f"{body.joint.name}_lock")
+                SubElement(equalities, "joint", name=name, joint1=body.joint.name)
         for equality in equalities.findall("joint"):
             if equality.get("joint2") is None:
                 equality.set("polycoef", "0 0 0 0 0")
@@ -243,7 +275,8 @@ class MjcfWriter:
                 self._site(cut.b, f"{cut.name}{suffix}_b", cut.at_b + cut.rotation_b @ offset, cut.rotation_b),
             ]
             kind = "weld" if cut.kind == "WeldCutJoint" else "connect"
-            SubElement(equalities, kind, name=f"{cut.name}{suffix}", site1=ends[0], site2=ends[1])
+            name = self.equalities.unique(f"{cut.name}{suffix}")
+            SubElement(equalities, kind, name=name, site1=ends[0], site2=ends[1])
 
     # ---- shapes -----------------------------------------------------------------------------------------------------
 
@@ -254,11 +287,15 @@ class MjcfWriter:
         for shape in self.description.shapes:
             own = {"pos": text_of(shape.at), "quat": text_of(quaternion_of(shape.rotation))}
             if shape.file is not None:
+                if not is_readable(shape.file):
+                    self.losses.add("mesh formats", str(shape.file))
+                    continue
                 file = os.path.relpath(shape.file, self.folder)
                 scale = text_of(np.broadcast_to(np.asarray(shape.size["scale"], float), (3,)))
                 if (file, scale) not in names:
                     names[file, scale] = f"mesh{len(names) + 1}"
-                    SubElement(assets, "mesh", name=names[file, scale], file=Path(file).as_posix(), scale=scale)
+                    mesh = SubElement(assets, "mesh", name=names[file, scale], file=Path(file).as_posix(), scale=scale)
+                    mesh.set("inertia", "shell")  # which flat meshes have, too
                 own |= {"type": "mesh", "mesh": names[file, scale]}
             else:
                 own |= {"type": GEOMETRIES[shape.kind], "size": text_of(half_sizes(shape.size))}
@@ -270,6 +307,14 @@ class MjcfWriter:
             self.geometries.setdefault(shape.body, []).append(own)
         if len(assets):
             self.root.append(assets)
+
+
+def is_readable(path: Path) -> bool:
+    """Whether MuJoCo reads a mesh file: OBJ or binary STL."""
+    mesh = read_mesh(path)
+    if path.suffix.lower() == ".stl" and not is_binary_stl(path.read_bytes()):
+        return False
+    return len(mesh.points) >= MIN_MESH_POINTS and len(mesh.triangles) <= MAX_MESH_TRIANGLES
 
 
 def start_of(joint: ImportedJoint) -> float:

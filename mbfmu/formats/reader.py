@@ -94,10 +94,12 @@ def check_finite(what: str, description: Description) -> None:
         if isinstance(element, Diagnostic):
             continue
         for key, value in vars(element).items():
-            numbers = np.asarray(value) if isinstance(value, float | tuple | np.ndarray) else np.zeros(0)
-            if not np.all(np.isfinite(numbers)):
+            parts = list(value.values()) if isinstance(value, dict) else [value]
+            numbers = [part for part in parts if isinstance(part, float | tuple | np.ndarray)]
+            if not all(np.all(np.isfinite(part)) for part in numbers):
+                name = printable(element.name or element.body)
                 raise UserError(
-                    f"{what}: {key.replace('_', ' ')} of {printable(element.name)} is not a finite number; allowed: "
+                    f"{what}: {key.replace('_', ' ')} of {name} is not a finite number; allowed: "
                     "numbers whose products are below 1e308. Correct the file"
                 )
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from .description import GROUND_NAME, Description, ImportedBody, ImportedJoint, Matrix, Vector
 from .export_losses import ExportLosses
+from .losses import listed
 from .mjcf_writer import move, text_of
 from .names import Names
 
@@ -37,8 +38,10 @@ class UrdfWriter:
 
     def __init__(self, description: Description, folder: Path, losses: ExportLosses) -> None:
         self.description, self.folder, self.losses = description, folder, losses
-        self.names = Names(frozenset(body.name for body in description.bodies))
-        self.ground = self.names.unique("world")  # the name by which other programs recognize the ground
+        self.ground = "world"  # the name by which other programs recognize the ground; no body has it
+        self.names = Names(frozenset({self.ground, *(body.name for body in description.bodies)}))
+        self.joints = Names(frozenset(body.joint.name for body in description.bodies if not is_fixed(body.joint)))
+        self.by_name = {body.name: body for body in description.bodies}
         self.root = Element("robot", name=description.name)
         self.limits = {drive.joint: drive for drive in description.drives}
         self._add_link(self.ground, None)
@@ -48,7 +51,8 @@ class UrdfWriter:
         for point in description.points:
             own = self.names.unique(point.name)
             SubElement(self.root, "link", name=own)
-            joint = self._new_joint(f"{own}_fixed", "fixed", self._link(point.body), own)
+            name = self.joints.unique(f"{own}_fixed")
+            joint = self._new_joint(name, "fixed", self._link(point.body), own)
             SubElement(joint, "origin", xyz=text_of(point.at))
         self._add_losses()
 
@@ -103,7 +107,8 @@ class UrdfWriter:
         at, R = own.at, own.rotation
         if own.is_locked:
             kind, (at, R) = "fixed", move(own, at, R)
-        joint = self._new_joint(own.name or f"{body.name}_fixed", kind, self._link(body.parent), body.name)
+        name = self.joints.unique(own.name or f"{body.name}_fixed") if is_fixed(own) else own.name
+        joint = self._new_joint(name, kind, self._link(body.parent), body.name)
         SubElement(joint, "origin", xyz=text_of(at), rpy=text_of(angles_of(R)))
         if kind == "fixed":
             return
@@ -112,14 +117,7 @@ class UrdfWriter:
         if own.damping or own.friction:
             SubElement(joint, "dynamics", damping=text_of([own.damping]), friction=text_of([own.friction]))
         self._add_limit(joint, own)
-        for coupling in self.description.couplings:
-            if coupling.a == body.name:
-                leader = next(other.joint.name for other in self.description.bodies if other.name == coupling.b)
-                offset, ratio = (
-                    coupling.coefficients[0] - coupling.coefficients[1] * coupling.origin,
-                    coupling.coefficients[1],
-                )
-                SubElement(joint, "mimic", joint=leader, multiplier=text_of([ratio]), offset=text_of([offset]))
+        self._add_mimic(joint, body)
         is_rest = own.start is None or not np.any(own.start - (REST[-len(own.start) :] if len(own.start) > 1 else 0.0))
         if not is_rest:
             self.losses.add("starts", own.name)
@@ -127,6 +125,19 @@ class UrdfWriter:
             self.losses.add("springs", own.name)
         if own.armature:
             self.losses.add("armatures", own.name)
+
+    def _add_mimic(self, joint: Element, body: ImportedBody) -> None:
+        """Add the gear by which a joint follows another one."""
+        for coupling in self.description.couplings:
+            leader = self.by_name[coupling.b].joint
+            if coupling.a == body.name and joint.find("mimic") is None and not leader.is_locked:
+                offset, ratio = (
+                    coupling.coefficients[0] - coupling.coefficients[1] * coupling.origin,
+                    coupling.coefficients[1],
+                )
+                SubElement(joint, "mimic", joint=leader.name, multiplier=text_of([ratio]), offset=text_of([offset]))
+            elif coupling.a == body.name:
+                self.losses.add("mimics", coupling.name)
 
     def _add_limit(self, joint: Element, own: ImportedJoint) -> None:
         """Add the range of a joint and the limit of its drive."""
@@ -143,6 +154,17 @@ class UrdfWriter:
         description, losses = self.description, self.losses
         for cut in description.cuts:
             losses.add("loops", cut.name)
+        for coupling in description.couplings:
+            if self.by_name[coupling.a].joint.is_locked:
+                losses.add("mimics", coupling.name)
+        light = [body.name for body in description.bodies if not body.mass and not is_fixed(body.joint)]
+        thin = [body.name for body in description.bodies if body.mass and np.linalg.det(body.inertia) <= 0.0]
+        for names, what in ((light, "mass"), (thin, "inertia about an axis")):
+            if names:
+                losses.note(
+                    f"links have no {what} ({listed(names)})",
+                    "URDF allows it, and `mbfmu import` reads it. MuJoCo and other programs refuse such links",
+                )
         for spring in description.springs:
             losses.add("springs", spring.name)
         for lift in description.lifts:
@@ -154,6 +176,11 @@ class UrdfWriter:
             losses.add("gravity")
         if any(body.joint.kind == "Spherical" for body in description.bodies):
             losses.note("ball joints have the type spherical", "URDF does not define it; Bullet and MuJoCo read it")
+
+
+def is_fixed(joint: ImportedJoint) -> bool:
+    """Whether the type of a joint is ``fixed``."""
+    return joint.kind == "Weld" or joint.is_locked
 
 
 def angles_of(R: Matrix) -> Vector:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from math import prod
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,6 +14,8 @@ MAX_CHAIN = 1000  # bodies in a row: the time of MuJoCo is proportional to the t
 MAX_FILE_SIZE = 200_000_000  # bytes
 FORMATS = {"mujoco": "MJCF", "robot": "URDF"}
 BODY_TAGS = {"MJCF": "body", "URDF": "link"}
+COUNTED_TAGS = ("composite", "flexcomp")  # elements from which MuJoCo makes as many bodies as their count
+MAX_ATTRIBUTES = 1000  # of an element: the time of XML parsers is proportional to the square of the number
 XACRO_ELEMENT = "ros.org/wiki/xacro"  # part of the namespace of macros
 XACRO_EXPRESSION = re.compile(r"\$[{(]")
 
@@ -25,8 +28,9 @@ def read_xml(path: Path) -> tuple[str, ElementTree.Element]:
     UserError
         The file cannot be read, is not XML of one of these formats, is too large, or contains macros of xacro.
     """
+    content = _read(path)
     try:
-        root = ElementTree.fromstring(_read(path))
+        root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise UserError(f"{str(path)!r} is not valid XML: {error}") from error
     if root.tag not in FORMATS:
@@ -77,7 +81,13 @@ def _check_size(path: Path, kind: str, root: ElementTree.Element) -> None:
     """Refuse models that MuJoCo would need minutes or hours for."""
     count = _count_bodies(root, BODY_TAGS[kind])
     if count > MAX_BODIES:
-        raise UserError(f"{str(path)!r} has {count} bodies; allowed: up to {MAX_BODIES}. Divide the model")
+        raise UserError(f"{str(path)!r} has {count:.6g} bodies; allowed: up to {MAX_BODIES}. Divide the model")
+    for element in root.iter():
+        if len(element.attrib) > MAX_ATTRIBUTES:
+            raise UserError(
+                f"{str(path)!r} has an element <{shorten(element.tag)}> of {len(element.attrib)} attributes; allowed: "
+                f"up to {MAX_ATTRIBUTES}"
+            )
     parents = {}
     for joint in root.findall("joint") if kind == "URDF" else ():
         child, parent = joint.find("child"), joint.find("parent")
@@ -98,13 +108,23 @@ def _check_size(path: Path, kind: str, root: ElementTree.Element) -> None:
         )
 
 
-def _count_bodies(root: ElementTree.Element, tag: str) -> int:
+def _count_bodies(root: ElementTree.Element, tag: str) -> float:
     """Return the number of bodies, those of <replicate> as often as they are repeated."""
-    count, found = 0, [(root, 1)]
+    count, found = 0.0, [(root, 1.0)]
     while found:
         element, times = found.pop()
         if element.tag == "replicate":
-            times *= int(text) if (text := element.get("count", "1").strip()).isdecimal() and len(text) < 10 else 1
+            times *= _number_in(element)
         count += times * (element.tag == tag)
+        if element.tag in COUNTED_TAGS:
+            count += times * _number_in(element)
         found += [(child, times) for child in element]
     return count
+
+
+def _number_in(element: ElementTree.Element) -> float:
+    """Return the product of the numbers in the attribute ``count``; MuJoCo refuses what is not a number."""
+    try:
+        return prod(max(float(part), 1.0) for part in element.get("count", "1").split())
+    except ValueError:
+        return 1.0

@@ -76,11 +76,16 @@ def _read(path: Path, _modified: int) -> TriangleMesh:
     return mesh
 
 
+def is_binary_stl(content: bytes) -> bool:
+    """Whether an STL file is binary; in text, the number of triangles would be above 5e8."""
+    count = int.from_bytes(content[STL_HEADER : STL_HEADER + 4], "little")
+    return STL_HEADER + 4 + count * STL_TRIANGLE.itemsize <= len(content) >= STL_HEADER + 4
+
+
 def _stl(content: bytes) -> TriangleMesh:
     """Return the mesh of an STL file, which repeats the corners of each triangle."""
     count = int.from_bytes(content[STL_HEADER : STL_HEADER + 4], "little")
-    size = STL_HEADER + 4 + count * STL_TRIANGLE.itemsize
-    if STL_HEADER + 4 <= len(content) and size <= len(content):  # in text, the count would be above 5e8
+    if is_binary_stl(content):
         corners = np.frombuffer(content, STL_TRIANGLE, count, STL_HEADER + 4)["corners"].astype(float)
     else:
         corners = np.array(VERTEX.findall(content), float)
