@@ -407,7 +407,9 @@ def test_solver_of_a_user_integrates_states_in_its_order() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda m, arm: m.state("x", "1 - y"), "'y' is not known"),
+        (lambda m, arm: m.state("x", "1 - y"), "'y' is not known; allowed: t, z, sin"),
+        (lambda m, arm: m.state("lag", "u - lag", uses={"u": 1.0}), "'lag' is not known; allowed: t, z, u, sin"),
+        (lambda m, arm: m.force("f", mb.JointForce("-lag", uses={"u": 1.0}), arm), "allowed: t, q, v, u, sin"),
         (lambda m, arm: m.state("x", lambda t, y: y), "argument 'y'"),
         (lambda m, arm: m.state("x", "1 - z", uses={"u": 1.0}), "does not contain"),
         (lambda m, arm: m.state("x", "u - z", uses={"u": arm.acceleration()}), "Acceleration"),

@@ -134,8 +134,13 @@ def place_of(quantity: Quantity, site: Attachment, what: str) -> int:
 def names_of(what: str, given: Any, known: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the arguments of a law; UserError for one that is not known."""
     if isinstance(given, str):
+        for name in sorted(law.names_in(given) - {*known, *law.FUNCTIONS}):
+            raise UserError(
+                f"{what} is {given!r}, where {name!r} is not known; allowed: {', '.join((*known, *law.FUNCTIONS))}. "
+                "Give other quantities with `uses`"
+            )
         found = tuple(name for name in known if name in law.names_in(given))
-        return found or known[:1]  # law_of refuses names that are not known; a constant gets one argument
+        return found or known[:1]  # a constant gets one argument
     if not callable(given):
         raise UserError(f"{what} is {short(given)}; allowed: a function, or an expression as text")
     law.arguments_of(what, given)  # raises

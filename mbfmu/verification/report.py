@@ -11,15 +11,16 @@ from typing import Any
 import mbfmu
 from mbfmu.util.text_table import format_table, format_tolerance
 
-from .problem import Problem, Source
+from .problem import NUDGE, Problem, Source
 from .suite import NOT_COVERED, summarize
 from .verdict import ERROR_FACTOR, LOST_PART, UNCERTAINTY_FACTOR, Line
 
 REPORT_HEADER = (
-    "problem", "source", "quantity", "reference", "uncertainty", "mbfmu", "method", "tolerance", "error", "allowed",
-    "CPU ms", "verdict",
+    "problem", "source", "quantity", "method", "tolerance", "output", "t, s", "reference", "mbfmu", "error", "allowed",
+    "uncertainty", "CPU ms", "verdict",
 )  # fmt: skip
-TEXT_COLUMNS = 3  # at the beginning; the other ones but the method and the verdict are numbers
+TEXT_COLUMNS = 3  # at the beginning: they describe the problem
+WORDS = ("method", "output", "verdict")  # further columns that are no numbers
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; background: #fff; max-width: 96rem; margin: 2rem auto;
        padding: 0 1.5rem; }
@@ -40,11 +41,24 @@ a { color: #0550ae; }
 def rule_text() -> str:
     """Return the rule by which a verdict is found."""
     return (
-        f"A result is right if its error is at most {ERROR_FACTOR:g} tol S(t) + {UNCERTAINTY_FACTOR:g} times the "
-        "uncertainty of the reference. S(t) is the sensitivity of the quantity: its deviation per relative error of "
-        "the state, measured with the reference by small changes of its start, or at every output time. Motions are "
-        f"compared until the allowed error exceeds {LOST_PART:g} of the range of the quantity. Problems with friction "
-        "and beams add the error of their model (elastic bristle, mesh)."
+        f"A motion is right if the error of every output is at most {ERROR_FACTOR:g} tol S(t) + {UNCERTAINTY_FACTOR:g} "
+        "u at all times t that are compared. tol is the tolerance that the solver used, and u the uncertainty, the "
+        "largest error of the reference. S(t) is the sensitivity of the output: its change until the time t, divided "
+        "by the relative change of the state that causes it. It is measured with the reference by changes of "
+        f"{format_tolerance(NUDGE)} of the start, or of the state at all times (motions through singular "
+        f"configurations). Motions are compared until the allowed error exceeds {LOST_PART:g} of the range of the "
+        "output. The allowed error of problems with friction and beams contains the error of their model (elastic "
+        "bristle, mesh). Steady states, frequencies and buckling loads have a fixed allowed error, relative to the "
+        "largest number of the reference."
+    )
+
+
+def comparison_text() -> str:
+    """Return what the numbers of a line are."""
+    return (
+        "Reference, number of mbfmu, error and allowed error of a line are those of the output and the time at which "
+        "the ratio of error and allowed error is largest. Without a time the errors are relative to the largest "
+        "number of the reference."
     )
 
 
@@ -61,13 +75,15 @@ def cells(line: Line) -> tuple[str, ...]:
         line.problem,
         line.source,
         f"{line.quantity} [{line.unit}]",
-        number(line.reference, 10),
-        number(line.uncertainty, 1),
-        number(line.value, 10),
         line.method,
         "-" if line.tolerance is None else format_tolerance(line.tolerance),
+        line.output or "-",
+        number(line.time, 4),
+        number(line.reference, 10),
+        number(line.value, 10),
         number(line.error, 2),
         number(line.allowed, 2),
+        number(line.uncertainty, 1),
         f"{1e3 * line.seconds:.0f}",
         line.verdict,
     )
@@ -90,6 +106,7 @@ def as_dict(problems: Sequence[Problem], lines: Sequence[Line]) -> dict[str, Any
     return {
         "environment": environment(),
         "rule": rule_text(),
+        "comparison": comparison_text(),
         "summary": summarize(lines),
         "problems": [
             {
@@ -124,7 +141,7 @@ def as_page(problems: Sequence[Problem], lines: Sequence[Line]) -> str:
         f"<style>{STYLE}</style></head><body>",
         f'<h1>Verification of mbfmu</h1><p class="small">{escape(environment())}</p>',
         f'<p class="totals">{totals}</p><p>{escape(rule_text())}</p>',
-        "<h2>Results</h2>",
+        f"<h2>Results</h2><p>{escape(comparison_text())}</p>",
         table(lines, problems),
         f"<h2>Messages</h2><ul>{reasons}</ul>" if reasons else "",
         f"<h2>Problems and references</h2><dl>{described}</dl>",
@@ -139,7 +156,7 @@ def table(lines: Sequence[Line], problems: Sequence[Problem]) -> str:
     sources = {
         problem.name: "; ".join(as_link(source, source.key) for source in problem.sources) for problem in problems
     }
-    is_text = [k < TEXT_COLUMNS or title in ("method", "verdict") for k, title in enumerate(REPORT_HEADER)]
+    is_text = [k < TEXT_COLUMNS or title in WORDS for k, title in enumerate(REPORT_HEADER)]
     styles = ["" if text else ' class="number"' for text in is_text]
     head = "".join(f"<th{style}>{title}</th>" for style, title in zip(styles, REPORT_HEADER, strict=True))
     rows, previous = [], ""

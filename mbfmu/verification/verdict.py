@@ -40,12 +40,14 @@ class Line:
         Solver, or the function that computes the numbers.
     tolerance
         Tolerance of the solver; None: there is none.
+    output, time
+        Output and time, s, at which the ratio of error and allowed error is largest; None: the problem is no motion.
     reference, value
-        First number of the reference and that of mbfmu, at the end of the comparison; None: there is no result.
+        Reference and number of mbfmu there; None: there is no result.
+    error, allowed
+        Error and allowed error there; for problems that are no motions relative to the largest number of the reference.
     uncertainty
         Largest error of the reference.
-    error, allowed
-        Error and allowed error where their ratio is largest.
     until
         End of the comparison, s; None: the problem is no motion.
     seconds
@@ -61,6 +63,8 @@ class Line:
     unit: str
     method: str
     tolerance: float | None = None
+    output: str = ""
+    time: float | None = None
     reference: float | None = None
     value: float | None = None
     uncertainty: float = 0.0
@@ -139,20 +143,22 @@ def check_motion(problem: Motion, reference: Reference, method: str, tolerance: 
     error = np.abs(values[compared] - reference.values[compared])
     ratio = np.where(np.isfinite(error), error / allowed[compared], np.inf)
     at, column = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
-    last = int(compared[-1])
+    worst = int(compared[at])
     line = replace(
         line,
-        reference=float(reference.values[last, 0]),
-        value=float(values[last, 0]),
+        output=problem.outputs[column],
+        time=float(result.t[worst]),
+        reference=float(reference.values[worst, column]),
+        value=float(values[worst, column]),
         error=float(error[at, column]),
-        allowed=float(allowed[compared[at], column]),
-        until=float(result.t[last]),
+        allowed=float(allowed[worst, column]),
+        until=float(result.t[compared[-1]]),
     )
     messages = [str(d) for d in result.diagnostics if d.severity != "note"]
     if ratio.max() <= 1.0:
         return replace(line, verdict=REFUSED if is_early else RIGHT, reason="; ".join(messages))
     difference = f"{problem.outputs[column]!r} differs by {ratio.max():.2g} times the allowed error"
-    difference += f" at t = {result.t[compared[at]]:g} s"
+    difference += f" at t = {result.t[worst]:g} s"
     if messages:
         return replace(line, verdict=WARNED, reason="; ".join([difference, *messages]))
     return replace(line, verdict=WRONG, reason=f"{difference}, without a warning")
@@ -188,8 +194,10 @@ def check_value(problem: Value) -> Line:
         values = problem.measure(problem.build())
     except UserError as refusal:
         return replace(line, verdict=REFUSED, reason=str(refusal))
-    error = float(np.abs(values - reference).max() / np.abs(reference).max())
-    line = replace(line, value=float(values[0]), error=error, seconds=time.process_time() - begin)
+    worst = int(np.argmax(np.abs(values - reference)))
+    error = float(np.abs(values - reference)[worst] / np.abs(reference).max())
+    line = replace(line, reference=float(reference[worst]), value=float(values[worst]), error=error)
+    line = replace(line, seconds=time.process_time() - begin)
     assert line.allowed is not None
     if error <= line.allowed:
         return replace(line, verdict=RIGHT)

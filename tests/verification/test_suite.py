@@ -137,6 +137,11 @@ def test_a_reference_that_differs_is_wrong() -> None:
     assert right.error is not None
     assert right.allowed is not None
     assert right.error < right.allowed
+    result, _ = run_motion(problem, "adams", 1e-6)
+    at = int(np.argmin(np.abs(times - (right.time or 0.0))))
+    assert right.value == result[right.output][at]
+    assert right.reference == exact.at(times).values[at, problem.outputs.index(right.output)]
+    assert right.error == abs(right.value - right.reference)
     shifted = Exact(lambda s, t: 1.001 * exact.solution(s, t), exact.start, exact.scales, exact.uncertainty)
     wrong = check_motion(problem, shifted.at(times), "adams", 1e-6)
     assert wrong.verdict == "WRONG"
