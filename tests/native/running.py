@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism
-from mbfmu.native.contents import complete
+from mbfmu.native.contents import EQUATIONS, STEPS, Contents
 from mbfmu.native.entries import family_of, image_of
 from mbfmu.native.kernel_table import kernel_tables
 from mbfmu.native.runtime import COMPILERS, PACKAGE_DIR, objects
@@ -28,12 +28,17 @@ needs_linker = pytest.mark.skipif(
 )
 
 
+def stepping(family: str) -> Contents:
+    """What steps of any model need: without model exchange, events and starts in a steady state."""
+    return Contents(family, (*kernel_tables(), EQUATIONS, STEPS))
+
+
 @cache
 def runtime(family: str) -> ctypes.CDLL:
     """The kernels of a family for this machine, with nothing around them; built where they are not there."""
     compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
     assert compiler is not None
-    code = map(str, objects([host()], [complete(family)])[host()])
+    code = map(str, objects([host()], [stepping(family)])[host()])
     with tempfile.TemporaryDirectory() as folder:
         path, power = f"{folder}/kernels.so", str(PACKAGE_DIR / "c" / "complex_power.c")
         sources = [*code, "-fPIC", power]

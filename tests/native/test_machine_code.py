@@ -14,7 +14,7 @@ from zipfile import ZipFile, ZipInfo
 import numpy as np
 import pytest
 from flexible_models import SwungBracket
-from running import Running, needs_linker
+from running import Running, needs_linker, stepping
 
 from fmus.feeder import Feeder
 from fmus.fourbar import FourBar
@@ -128,11 +128,19 @@ def test_another_start_is_begun_as_a_simulation_begins(solver: str):
 
 
 @needs_linker
-@pytest.mark.parametrize("family", FAMILIES)
-def test_the_kernels_need_no_more_than_the_c_library(family: str):
+@pytest.mark.parametrize(
+    "contents",
+    [
+        *map(stepping, FAMILIES),
+        complete("adams"),
+        *(pytest.param(complete(family), marks=pytest.mark.campaign) for family in FAMILIES if family != "adams"),
+    ],
+    ids=lambda contents: contents.name,
+)
+def test_the_kernels_need_no_more_than_the_c_library(contents: Contents):
     found: dict[str, set[str]] = {}
     for kind in ("--undefined-only", "--defined-only"):
-        files = map(str, objects([host()], [complete(family)])[host()])
+        files = map(str, objects([host()], [contents])[host()])
         told = subprocess.run(("nm", kind, "--extern-only", *files), capture_output=True, text=True, check=True)
         found[kind] = {line.split()[-1] for line in told.stdout.splitlines() if line and not line.endswith(":")}
     assert found["--undefined-only"] - found["--defined-only"] <= LIBM | MEMORY | COMPLEX_POWER
