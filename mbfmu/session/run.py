@@ -22,6 +22,7 @@ from mbfmu.util.diagnostics import INACCURATE_CODES, Diagnostic, without_repeats
 from mbfmu.util.errors import UserError
 
 from .interrupts import interrupts_held
+from .kept_starts import take_start
 from .result import Result
 from .simulation import Array, Simulation
 
@@ -165,7 +166,12 @@ def run(
     settings = settings.for_model(model)
     given_inputs = GivenInputs(given, numbers, times, settings.tolerance, set_later=watch is not None)
     start, duration = float(times[0]), float(times[-1] - times[0])
-    simulation = Simulation(model, settings, start, numbers, given_inputs=given_inputs, duration=duration or None)
+    kept = take_start(model, settings, given_inputs, times) if watch is None else None
+    if kept is not None and kept.given_inputs is not None:
+        given_inputs = kept.given_inputs
+    simulation = Simulation(
+        model, settings, start, numbers, given_inputs=given_inputs, duration=duration or None, kept=kept
+    )
     simulation.step_count_check.end, simulation.report = float(times[-1]), report or warn
     varying = given_inputs.held
     values = np.zeros((len(times), len(simulation.variables)))
@@ -196,7 +202,7 @@ def run(
         times, values = np.append(times, simulation.t), np.vstack([values, simulation.outputs()])
         if watch is not None:
             watch(simulation)
-    return Result(
+    result = Result(
         t=times,
         values=values,
         variables=simulation.variables,
@@ -208,3 +214,6 @@ def run(
         inputs=given_inputs.summary(settings.input_interpolation),
         events=simulation.events,
     )
+    if kept is not None:
+        kept.keep()
+    return result

@@ -17,7 +17,6 @@ from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.settings import AUTO, Settings
 from mbfmu.modeling.variables import ENERGY_OUTPUTS, require_unique
 from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
-from mbfmu.steady.state import Equilibrium
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import COMPILED
@@ -28,6 +27,7 @@ from .element_monitor import ElementMonitor
 from .energy_check import EnergyCheck
 from .events import RunEvents, Setters, describe_earlier_events
 from .failure_diagnosis import explain_rates, find_undetermined_rates, free_rates
+from .kept_starts import KeptStart, Start
 from .kernels.points import Session, begin_session
 from .locked_joints import LockedJoints
 from .run_messages import SINGULAR_START, filled
@@ -67,6 +67,8 @@ class Simulation(RunProgress):
     duration
         Time of the whole run, s; if it is not given or 0, the stop time of the model. It is the time scale of a
         start at rest if no force, drive or rate gives another one.
+    kept
+        Compiled mechanism of the model, with what an earlier run with the same arguments has found about its start.
 
     Attributes
     ----------
@@ -102,39 +104,32 @@ class Simulation(RunProgress):
         begins: bool = True,
         given_inputs: GivenInputs | None = None,
         duration: float | None = None,
+        kept: KeptStart | None = None,
     ) -> None:
         self.model = model_given = as_model(model)
         self.settings = settings = settings.for_model(model_given)
         self._given_inputs = given_inputs
-        self.compiled = model_given.compile(given_inputs)
-        if settings.input_interpolation == "linear":
+        if not isinstance(inputs or {}, Mapping):
+            raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
+        own = kept or KeptStart(model_given.compile(given_inputs), given_inputs)
+        self.compiled, is_repeated = own.compiled, own.start is not None
+        if settings.input_interpolation == "linear" and not is_repeated:
             self.compiled.inputs.extrapolate()
         known = enumerate(self.compiled.inputs.variables)
         self._inputs: dict[Hashable, int] = {key: k for k, v in known for key in (v.name, k)}
-        if not isinstance(inputs or {}, Mapping):
-            raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
-        given, unstable = self._starts(inputs or {}, t0), list[Diagnostic]()
-        self.steady_state: Equilibrium | None = None
-        if settings.start_at_equilibrium:  # whose time is zero; the drives are where they are at the start time
-            self.steady_state = found = find_state(build_problem(model_given, self._compile_held(inputs or {}, given)))
-            unstable = report_unstable(found)
-        self.compiled.inputs.begin(t0, given)
-        q, v = (found.q, found.v) if self.steady_state else self.compiled.assemble(t0)
-        start_warnings = self.compiled.check_start(t0, q) if begins else []
-        self.start, is_auto = (q, v), settings.solver == AUTO
-        if duration is not None and finite("duration", duration) < 0.0:
-            raise UserError(f"duration is {duration!r}; allowed: at least 0 s (0: the stop time of the model)")
-        options = settings.options(duration or model_given.stop_time)
-        self.solver_choice = (
-            select_solver(self.compiled, [(t0, q, v)], options) if is_auto else SolverChoice(settings.solver)
-        )
-        self._options, limited = limit_order(self.compiled, self.solver_choice.solver, (t0, q, v), options)
+        if own.start is None:
+            own.remember_start(self._find_start(inputs or {}, t0, begins, duration))
+        else:
+            own.restore_before_solver()
+        assert own.start is not None
+        q, v, self.solver_choice, self._options, self.steady_state, found = own.start
+        self.start = q, v
         self.step_count_check = StepCountCheck(self._copy_compiled, self._options, self._report_step_count)
         self.report: Callable[[Diagnostic], None] | None = None
         self.variables = (*self.compiled.outputs, *ENERGY_OUTPUTS)
         require_unique(["time", *(v.name for v in (*self.compiled.inputs.variables, *self.variables))])
-        own = self.compiled.inputs.own, self.compiled.monitored
-        self.session = Session.allocate(self.compiled.system.pinned_data, *own)
+        monitored = self.compiled.monitored
+        self.session = Session.allocate(self.compiled.system.pinned_data, self.compiled.inputs.own, monitored)
         self._pinned = pin(self.session)
         self._session_arrays = [*self.session.memory(), *self.session.inputs.values()]
         self._impulse_is_unknown, self._supports_jump, self._limit_ratio = (
@@ -142,9 +137,13 @@ class Simulation(RunProgress):
         )
         self._run = StepperRun(self._pinned, self.compiled.inputs.pinned, self._stepper(t0, q, v), len(self.variables))
         self._out = self._run.out
-        self._has_supports, self._has_limits = bool(self.compiled.inputs.own.supports.size), bool(own[1].size)
+        self._has_supports, self._has_limits = bool(self.compiled.inputs.own.supports.size), bool(monitored.size)
         self._reported_jumps: set[str] = set()  # names of inputs
-        self._noted = self._start_diagnostics(t0, unstable, start_warnings, limited)
+        if is_repeated:
+            own.restore_diagnosed()
+        else:
+            own.remember_diagnostics(self._start_diagnostics(t0, *found))
+        self._noted = list(own.noted)
         self._noted_at_start = len(self._noted)
         how = settings.energy_check, self.stepper.freedom, settings.tolerance
         sizes = float(self.compiled.system.rate), float(self.compiled.length)
@@ -164,6 +163,24 @@ class Simulation(RunProgress):
             self._events.check_start()
             self._start_events(self._events)
         self._warm_up(t0, q, v)
+
+    def _find_start(self, inputs: Mapping[Any, Any], t0: float, begins: bool, duration: float | None) -> Start:
+        """Close the loops, or find the steady state in which the run starts, and select the solver."""
+        settings, steady_state, unstable = self.settings, None, list[Diagnostic]()
+        given = self._starts(inputs, t0)
+        if settings.start_at_equilibrium:  # whose time is zero; the drives are where they are at the start time
+            steady_state = find_state(build_problem(self.model, self._compile_held(inputs, given)))
+            unstable = report_unstable(steady_state)
+        self.compiled.inputs.begin(t0, given)
+        q, v = (steady_state.q, steady_state.v) if steady_state else self.compiled.assemble(t0)
+        start_warnings = self.compiled.check_start(t0, q) if begins else []
+        if duration is not None and finite("duration", duration) < 0.0:
+            raise UserError(f"duration is {duration!r}; allowed: at least 0 s (0: the stop time of the model)")
+        options, choice = settings.options(duration or self.model.stop_time), SolverChoice(settings.solver)
+        if settings.solver == AUTO:
+            choice = select_solver(self.compiled, [(t0, q, v)], options)
+        options, limited = limit_order(self.compiled, choice.solver, (t0, q, v), options)
+        return Start(q, v, choice, options, steady_state, (unstable, start_warnings, limited))
 
     def _start_diagnostics(
         self, t: float, unstable: list[Diagnostic], start_warnings: list[Diagnostic], limited: list[Diagnostic]

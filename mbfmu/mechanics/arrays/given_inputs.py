@@ -196,6 +196,13 @@ class GivenInputs:
     """What the inputs of a mechanism are given by, for one run with this relative tolerance.
 
     ``set_later``: the inputs given by ``numbers`` may be set during the run.
+
+    Attributes
+    ----------
+    by_name
+        Inputs given over time.
+    numbers
+        Constant inputs by name.
     """
 
     def __init__(
@@ -208,7 +215,7 @@ class GivenInputs:
         set_later: bool = False,
     ) -> None:
         self.by_name = {name: GivenInput(name, value, times) for name, value in given.items()}
-        self._numbers, self._tolerance, self._begin = numbers, tolerance, float(times[0])
+        self.numbers, self._tolerance, self._begin = numbers, tolerance, float(times[0])
         self._sampled = times[np.linspace(0, len(times) - 1, min(len(times), N_REPEATED_CALLS)).astype(int)]
         self._set_later, self._contradictions = set_later, dict[str, Diagnostic]()
         self._made: dict[tuple[str, bool], Signal | None] = {}
@@ -256,7 +263,7 @@ class GivenInputs:
         """Return how each input was treated; ``interpolation`` is that of loads which are held."""
         between = {"hold": "held", "linear": "extrapolated"}[interpolation]
         return (
-            *(f"{name}: constant" for name in self._numbers),
+            *(f"{name}: constant" for name in self.numbers),
             *(
                 f"{given_input.name}: {given_input.kind}, "
                 + (f"set at outputs, {between} between them" if given_input.held else "evaluated at the solver's times")
@@ -323,13 +330,13 @@ class GivenInputs:
         rate = given_input.pieces(self._tolerance, smooth=drive)
         if drive:
             refuse_jump(rate, "it")
-        value = rate.integral(float(self._numbers.get(name, start)) if name else 0.0)
+        value = rate.integral(float(self.numbers.get(name, start)) if name else 0.0)
         return Followed(value=value, rate=rate, acceleration=rate.derivative(), smooth=drive)
 
     def _compare(self, signal: Input | SpeedInput, found: Followed | Table | None) -> None:
         """Note where given derivatives of an input are not those of what it follows; None: of constants."""
         names = enumerate(name for name, *_ in signal.variables())
-        given = {k: name for k, name in names if name in self.by_name or name in self._numbers}
+        given = {k: name for k, name in names if name in self.by_name or name in self.numbers}
         varying = [k for k, name in given.items() if name in self.by_name]
         for k, name in list(given.items())[1:]:
             of = min(varying) if varying and min(varying) < k else min(given)
@@ -354,8 +361,8 @@ class GivenInputs:
 
     def _values(self, name: str) -> Array:
         """Return an input that is given, at some of the times of the outputs."""
-        if name in self._numbers:
-            return np.full(len(self._sampled), finite(f"input {name!r}", self._numbers[name]))
+        if name in self.numbers:
+            return np.full(len(self._sampled), finite(f"input {name!r}", self.numbers[name]))
         return np.array([self.by_name[name].value(float(t)) for t in self._sampled])
 
     def _derivative(self, found: Followed | Table | None, order: int) -> Array:
