@@ -1,4 +1,4 @@
-"""What effects of models with elastic bodies cost and change."""
+"""What effects of models with flexible bodies cost and change."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def printed(text: str) -> list[str]:
     return re.findall(r"^ *print\(.*\)  # (.*)$", text, re.MULTILINE)
 
 
-MODELLING = ("modelling", "signals", "controllers", "events", "friction", "drives_and_ropes", "sheets_and_beams")
+MODELLING = ("modelling", "signals", "controllers", "events", "friction", "gears_and_ropes", "sheets_and_beams")
 
 
 @pytest.mark.parametrize("page", ["extending.md", *(f"{name}.md" for name in MODELLING)])

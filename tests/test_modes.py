@@ -1,4 +1,4 @@
-"""Natural modes of elastic bodies: frequencies and shapes against closed forms, and what the command shows."""
+"""Natural modes of flexible bodies: frequencies and shapes against closed forms, and what the command shows."""
 
 from __future__ import annotations
 

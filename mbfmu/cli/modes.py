@@ -36,7 +36,7 @@ small model, the lowest of a large one. Drives have their final speed.
 
 The results are in a folder such as results/sheet/default-modes:
   modes.txt   the printed table
-  shapes.png  mode shapes of sheets or elastic bodies, if the model has any""",
+  shapes.png  mode shapes of sheets or flexible bodies, if the model has any""",
         epilog="examples:\n  mbfmu modes sheet -n 4\n"
         "  mbfmu modes fourbar --set coupler_modes=2 --from crank=-1.5    at the hanging position\n",
     )
@@ -49,7 +49,7 @@ The results are in a folder such as results/sheet/default-modes:
 
 
 def command_modes(options: argparse.Namespace) -> int:
-    """Print the modes; draw their shapes where the model has a surface or an elastic body."""
+    """Print the modes; draw their shapes where the model has a surface or a flexible body."""
     from mbfmu.viewer.mode_shapes import plot_bars, plot_shapes
 
     if options.count < 1:

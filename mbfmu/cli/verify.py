@@ -37,7 +37,7 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu verify``."""
     p = commands.add_parser(
         "verify",
-        help="verify this installation by problems of the literature",
+        help="verify this installation by problems with known solutions",
         description="""Simulate problems whose solution is known independently of mbfmu: by closed forms, published
 numbers, or integration by SciPy of equations in another formulation. Each is run with every solver that accepts it.
 

@@ -77,7 +77,7 @@ def add(commands: Commands) -> None:
         "pose file .npz",
     )
     p.add_argument(
-        "--scale", type=float, default=1.0, metavar="F", help="scale of the deflection of elastic bodies (default 1)"
+        "--scale", type=float, default=1.0, metavar="F", help="scale of the deflection of flexible bodies (default 1)"
     )
     p.add_argument("--open", action="store_true", help="open the page in the browser")
     p.add_argument("--png", type=Path, metavar="FILE", help="write an image")

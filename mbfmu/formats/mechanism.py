@@ -123,7 +123,7 @@ class Described:
         self.mechanism = mechanism = compiled.mechanism
         self.losses = losses
         if mechanism.flexible_bodies or mechanism.meshes:
-            raise UserError("the mechanism has elastic bodies or sheets; allowed: rigid bodies. Export an FMU instead")
+            raise UserError("the mechanism has flexible bodies or sheets; allowed: rigid bodies. Export an FMU instead")
         self.q: Vector | None = None  # of all joints, in the start position in which loops are closed
         if mechanism.cuts or mechanism.couplings:
             compiled.place_bodies(0.0, compiled.assemble()[0])

@@ -33,7 +33,7 @@ PALETTE = (
 )  # fmt: skip
 GROUND_COLOR, STEEL_COLOR, PIN_COLOR = "#6b7280", "#a3abb8", "#3f4654"
 AXIS_COLORS = ("#d9483b", "#3f9b4b", "#3b6fd9")
-BENT_AXIS_PIECES = 64  # an elastic body is drawn with: five and more for every bulge of the highest mode
+BENT_AXIS_PIECES = 64  # a flexible body is drawn with: five and more for every bulge of the highest mode
 
 
 def up_of(mechanism: Mechanism) -> Numbers:

@@ -1,7 +1,7 @@
 """A motion as a binary glTF 2.0: shapes and an animation that other programs show and render.
 
 A node a body, with its parts beneath; one a link, which is stretched; a surface is a skin whose joints are the bodies;
-an elastic body has a morph target a mode (its shortening by bending, of second order, is left out).
+a flexible body has a morph target a mode (its shortening by bending, of second order, is left out).
 
 The file is packed here: pygltflib would save about ten lines for seven further packages, and trimesh writes no
 animations, skins and morph targets.
@@ -195,7 +195,7 @@ class _Document:
         self.animate(node, "scale", np.column_stack((np.full((len(a), 2), link.radius), size)))
 
     def add_bar(self, k: int) -> None:
-        """Add an elastic body beneath its frame."""
+        """Add a flexible body beneath its frame."""
         bar = self.motion.picture.bars[k]
         mesh = self.mesh(self.primitive(meshes.bar(bar, self.motion.scale)), self.material(bar.color))
         weights = self.motion.p[self.frames, bar.modes]

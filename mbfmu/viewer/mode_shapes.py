@@ -71,7 +71,7 @@ def without_rounding(share: Array) -> Array:
 
 
 def plot_bars(compiled: CompiledMechanism, q: Array, shapes: Sequence[ModeShape], title: str, path: Path) -> None:
-    """Draw how elastic bodies move across their axes, one panel a mode, over the place on the axis.
+    """Draw how flexible bodies move across their axes, one panel a mode, over the place on the axis.
 
     Displacements are against the largest one of any point of an axis, in any direction. Of points that do not move in
     step the motion a quarter of a period later is dashed.

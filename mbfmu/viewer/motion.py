@@ -33,7 +33,7 @@ MOTION_ARRAYS = ("times", "r", "e", "p", "values", "forces")  # of a pose file
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Poses of every body, the ground first, in global axes, and amplitudes of elastic bodies; outputs and forces.
+    """Poses of every body, the ground first, in global axes, and amplitudes of flexible bodies; outputs and forces.
 
     Single precision, as pictures need no more, but for times and outputs.
     """
@@ -51,7 +51,7 @@ class Motion:
     arrows: tuple[Arrow, ...]
     forces: Single  # (T, arrows, 3) global axes, N or N m
     picture: Picture
-    scale: float = 1.0  # by which pictures magnify the deflection of elastic bodies; not in a pose file
+    scale: float = 1.0  # by which pictures magnify the deflection of flexible bodies; not in a pose file
 
     def point(self, body: int, at: Any, frames: Any = slice(None)) -> Array:
         """Return points (..., k, 3) of a body, given in its axes (k, 3), in global axes at some frames."""
@@ -81,11 +81,11 @@ class Motion:
         return "\n".join(lines)
 
     def scaled(self, scale: float) -> Motion:
-        """Return the motion with the deflection of its elastic bodies magnified in pictures."""
+        """Return the motion with the deflection of its flexible bodies magnified in pictures."""
         positive("scale of the deflection", scale)
         if not self.picture.bars:
             raise UserError(
-                f"scale of the deflection is {scale:g}, but {self.title!r} has no elastic body; leave the scale out"
+                f"scale of the deflection is {scale:g}, but {self.title!r} has no flexible body; leave the scale out"
             )
         return replace(self, scale=scale)
 

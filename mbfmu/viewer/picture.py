@@ -1,7 +1,7 @@
 """Picture of a mechanism: what is drawn of it, as data that can be saved.
 
 Everything drawn is one of four: a part, a solid fixed to a body; a link, a solid stretched between points of two
-bodies; a skin through a grid of bodies; a bar, an elastic body as it bends.
+bodies; a skin through a grid of bodies; a bar, a flexible body as it bends.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Skin:
 
 @dataclass(frozen=True, kw_only=True)
 class Bar:
-    """An elastic body: a rectangular bar along its bent axis.
+    """A flexible body: a rectangular bar along its bent axis.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Picture:
     links: tuple[Link, ...]
     skins: tuple[Skin, ...]
     bars: tuple[Bar, ...]
-    unnamed: tuple[int, ...]  # cross-sections of elastic bodies, whose names would be in the way
+    unnamed: tuple[int, ...]  # cross-sections of flexible bodies, whose names would be in the way
     shown_outputs: tuple[str, ...] = ()  # outputs, by name
     meshes: tuple[MeshSolid, ...] = ()
 

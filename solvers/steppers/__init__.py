@@ -163,7 +163,7 @@ def describe_refusal(name: str, system: AnySystem) -> str:
                 name,
                 f"is for large models only, with more than {MIN_ELIMINATION_COORDINATES} joint coordinates and, "
                 f"if there are loops, more than {MIN_ELIMINATION_CONSTRAINTS} constraint equations, and with neither "
-                "elastic bodies nor first-order states; this model has "
+                "flexible bodies nor first-order states; this model has "
                 f"{system.n} and {system.m}; use 'radau'",
             )
         return ""

@@ -201,7 +201,7 @@ def chain() -> mb.Mechanism:
     [
         (light(mb.Spherical()), "body 'a' has a joint and no mass; allowed in MJCF"),
         (light(mb.Floating()), "body 'a' has a joint and no mass; allowed in MJCF"),
-        (elastic, "the mechanism has elastic bodies or sheets; allowed: rigid bodies"),
+        (elastic, "the mechanism has flexible bodies or sheets; allowed: rigid bodies"),
         (chain, "body 'b490' is the last of a chain of 491 bodies; allowed in MJCF: up to 490"),
     ],
 )

@@ -139,7 +139,7 @@ def integrate(
     pushed by what such an error makes in a step.
     """
     if mechanism.flexible_bodies or mechanism.elements or mechanism.pressures:
-        raise NotCovered("elastic bodies")
+        raise NotCovered("flexible bodies")
     times = np.asarray(times, float)
     unit = units(mechanism, start[1])
     poses = forward(mechanism, float(times[0]), *start)

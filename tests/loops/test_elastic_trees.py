@@ -1,4 +1,4 @@
-"""Elastic bodies in recursions and in the elimination of constraints, against dense linear algebra of NumPy."""
+"""Flexible bodies in recursions and in the elimination of constraints, against dense linear algebra of NumPy."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ CHORD = mb.Beam(length=0.8, mass=0.3, bending_stiffness=15.0, modes=2)
 
 
 def random_tree(seed: int, loops: bool) -> mb.Mechanism:
-    """Rigid and elastic bodies on each other, at random attitudes, on a base that a drive turns."""
+    """Rigid and flexible bodies on each other, at random attitudes, on a base that a drive turns."""
     rng = np.random.default_rng(seed)
     m = mb.Mechanism(gravity=rng.normal(size=3))
     drive = mb.Harmonic(amplitude=0.6, frequency=0.4, phase=rng.normal())

@@ -238,7 +238,7 @@ def test_a_chain_sags_as_a_cantilever() -> None:
 def test_a_beam_and_its_sections_are_refused_by_name_where_they_cannot_be() -> None:
     m = Mechanism()
     beam = Beam(length=1.0, mass=1.0, bending_stiffness=1.0, modes=1)
-    with pytest.raises(UserError, match="shape of elastic body 'b' is None"):
+    with pytest.raises(UserError, match="shape of flexible body 'b' is None"):
         m.flexible_body("b", m.ground, Revolute(), None)  # type: ignore[arg-type]
     elastic = m.flexible_body("b", m.ground, Revolute(), beam)
     with pytest.raises(UserError, match="place on a beam is 2"):

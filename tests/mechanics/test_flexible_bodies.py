@@ -207,12 +207,12 @@ def test_bodies_and_interfaces_are_refused_by_name_where_they_cannot_be() -> Non
     assert handle.section("right") is handle.section("right")
     with pytest.raises(UserError, match="interface is 'top'; allowed: 'left', 'right'"):
         handle.section("top")
-    with pytest.raises(UserError, match="deflection of elastic body 'block'"):
+    with pytest.raises(UserError, match="deflection of flexible body 'block'"):
         handle.deflection(0.1)
     with pytest.raises(UserError, match=r"turn of body .* requires parallel revolute joints"):
         m.turn(handle.section("right"))
     free = mb.FlexibleBody.from_fe(BLOCK.M, BLOCK.K, BLOCK.nodes, FACES, modes=2, frame="center")
-    with pytest.raises(UserError, match="joint of elastic body 'free' is Weld"):
+    with pytest.raises(UserError, match="joint of flexible body 'free' is Weld"):
         m.flexible_body("free", m.ground, mb.Weld(), free)
 
 

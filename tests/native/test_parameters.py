@@ -135,7 +135,7 @@ def test_a_parameter_at_zero_that_turns_something_on_is_frozen_with_a_hint():
 
 def test_a_reason_names_what_is_not_represented():
     reason = searched(SHIPPED["elastic four-bar"]).fixed["coupler_height"]
-    assert reason.startswith("an elastic body follows it in a way that a native FMU cannot represent")
+    assert reason.startswith("a flexible body follows it in a way that a native FMU cannot represent")
 
 
 def test_products_are_found_as_they_are_written():

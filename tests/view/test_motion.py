@@ -136,7 +136,7 @@ def test_bad_profiles_are_named() -> None:
         mechanism.profile(coupler, height=0.0, width=0.1)
     with pytest.raises(UserError, match="color is 'red'"):
         mechanism.profile(coupler, height=0.1, width=0.1, color="red")
-    with pytest.raises(UserError, match="elastic body of a profile is 'coupler'; it must be one of this mechanism"):
+    with pytest.raises(UserError, match="flexible body of a profile is 'coupler'; it must be one of this mechanism"):
         FourBar(coupler_modes=1).build().profile(coupler, height=0.1, width=0.1)
 
 

@@ -322,7 +322,7 @@ def test_film_without_ffmpeg_reports_what_to_install(command: Command, tmp_path:
         (("good.npz", "--gif=x.gif", "--speed=nan"), "--speed is nan"),
         (("good.npz", "--scale=0"), "--scale is 0.0; allowed: finite and greater than zero"),
         (("good.npz", "--scale=inf"), "--scale is inf; allowed: finite and greater than zero"),
-        (("good.npz", "--scale=2"), "scale of the deflection is 2, but 'fourbar' has no elastic body"),
+        (("good.npz", "--scale=2"), "scale of the deflection is 2, but 'fourbar' has no flexible body"),
         (("good.npz", "--png=x.png", "--size=big"), "--size is 'big'"),
         (("good.npz", "--png=x.png", "--camera=1"), "--camera is '1'"),
         (("good.npz", "--png=no/folder/x.png"), "'no/folder/x.png' cannot be written"),

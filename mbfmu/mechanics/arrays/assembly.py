@@ -83,7 +83,7 @@ class Assembly:
 
     def given(self) -> Array:
         """Return 1 for the positions and velocities (2, n) of free coordinates for which joints give values, 2 for
-        amplitudes of elastic bodies, else 0.
+        amplitudes of flexible bodies, else 0.
         """
         bodies = free_bodies(self._mechanism)
         return np.array(
@@ -266,7 +266,7 @@ def _changed(what: str, body: Body, given: Array, found: Array) -> Diagnostic:
 
 
 def _rank_of_start(body: Body, what: str) -> float:
-    """Return 1 if a joint gives its ``start`` or ``rate``, 2 for the modes of an elastic body, else 0."""
+    """Return 1 if a joint gives its ``start`` or ``rate``, 2 for the modes of a flexible body, else 0."""
     return 2.0 if isinstance(body.joint, Section) else float(getattr(body.joint, what) is not None)
 
 

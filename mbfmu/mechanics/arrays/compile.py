@@ -285,7 +285,7 @@ def coupling_records(
 
 
 def flexible_records(mechanism: Mechanism, numbering: Numbering) -> tuple[Table[FlexibleRecord], Table[NodeRecord]]:
-    """One record an elastic body, and one a cross-section in the order of the bodies."""
+    """One record a flexible body, and one a cross-section in the order of the bodies."""
     flexibles = FlexibleRecord.zeros(len(mechanism.flexible_bodies))
     for record, handle in zip(flexibles, mechanism.flexible_bodies, strict=True):
         i = handle.modes.index

@@ -26,7 +26,7 @@ def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:
     """Return the largest distance between two connection points of one body, m.
 
     Points are origins of joints, centers of mass, and where cut joints and forces act; a rod between two points and an
-    elastic body count with their length. A mechanism all of whose points coincide is measured by the springs and the
+    flexible body count with their length. A mechanism all of whose points coincide is measured by the springs and the
     radii of gyration it has, and one without any by ASSUMED_LENGTH, see :func:`describe_assumed_length`. Raises
     UserError for one that is no length of a mechanism.
     """

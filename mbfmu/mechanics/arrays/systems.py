@@ -80,7 +80,7 @@ class Systems:
         self._size = np.concatenate((coordinate_sizes(free_bodies(mechanism), length), nominal))
         self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
         limit = MAX_DENSE_LOOP_COORDINATES if mechanism.constraints else MAX_DENSE_TREE_COORDINATES
-        # the structured tangent of large models contains neither elastic bodies nor first-order states
+        # the structured tangent of large models contains neither flexible bodies nor first-order states
         self._has_tangent = not mechanism.flexible_bodies and not numbering.states
         self._large = self._has_tangent and numbering.nv > limit
         if numbering.states and mechanism.meshes:
@@ -273,7 +273,7 @@ class Systems:
     def _elimination(self) -> Elimination | Callable[[], EliminationEquations] | None:
         """Return what eliminates constraints along the tree; None if there are none, or first-order states.
 
-        With elastic bodies there is no structured tangent, which implicit solvers require.
+        With flexible bodies there is no structured tangent, which implicit solvers require.
         """
         if not self._mechanism.constraints or self._numbering.states:
             return None

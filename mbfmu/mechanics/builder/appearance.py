@@ -32,7 +32,7 @@ class Surface:
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """Rectangular cross-section of an elastic body in pictures, see :meth:`Mechanism.profile`."""
+    """Rectangular cross-section of a flexible body in pictures, see :meth:`Mechanism.profile`."""
 
     height: float  # along y, in which it bends, m
     width: float  # along z, m
@@ -40,7 +40,7 @@ class Profile:
 
 
 class Appearance(Members):
-    """Base of :class:`.Mechanism`: shapes, cross-sections of elastic bodies, grids of bodies drawn as surfaces."""
+    """Base of :class:`.Mechanism`: shapes, cross-sections of flexible bodies, grids of bodies drawn as surfaces."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -72,12 +72,12 @@ class Appearance(Members):
             self.shapes.append((body, shape))
 
     def profile(self, flexible_body: FlexibleHandle, *, height: float, width: float, color: str = "") -> None:
-        """Draw an elastic body with this rectangular cross-section instead of a slender one.
+        """Draw a flexible body with this rectangular cross-section instead of a slender one.
 
         Parameters
         ----------
         flexible_body
-            Elastic body of this mechanism.
+            Flexible body of this mechanism.
         height, width
             Size along y, the direction of bending, and along z, m.
         color
@@ -85,10 +85,10 @@ class Appearance(Members):
         """
         if not any(flexible_body is own for own in self.flexible_bodies):
             named = getattr(flexible_body, "name", flexible_body)
-            raise UserError(f"elastic body of a profile is {named!r}; it must be one of this mechanism")
+            raise UserError(f"flexible body of a profile is {named!r}; it must be one of this mechanism")
         if not isinstance(flexible_body.elastic, Beam):
             raise UserError(
-                f"elastic body of a profile is {flexible_body.name!r}, of finite elements; it must be a beam"
+                f"flexible body of a profile is {flexible_body.name!r}, of finite elements; it must be a beam"
             )
         self.profiles[flexible_body.index] = Profile(
             height=positive(f"height of the profile of {flexible_body.name!r}", height),

@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FlexibleHandle:
-    """Elastic body of a mechanism, as returned by :meth:`Mechanism.flexible_body`.
+    """Flexible body of a mechanism, as returned by :meth:`Mechanism.flexible_body`.
 
     Attributes
     ----------
     name, index
-        Name, and number among the elastic bodies.
+        Name, and number among the flexible bodies.
     elastic
         Beam, or body of finite elements, with its modes.
     body
-        Frame of the elastic body as a body of the tree without mass, connected to the parent by the joint.
+        Frame of the flexible body as a body of the tree without mass, connected to the parent by the joint.
     modes
         First section: coordinate k is the amplitude of mode k + 1, m.
     """
@@ -97,6 +97,6 @@ class FlexibleHandle:
     def _require_beam(self, what: str) -> None:
         if isinstance(self.elastic, FlexibleBody):
             raise UserError(
-                f"{what} of elastic body {self.name!r}: it is a body of finite elements; allowed for a Beam. "
+                f"{what} of flexible body {self.name!r}: it is a body of finite elements; allowed for a Beam. "
                 "Displacements of an interface are Mechanism.relative_position(handle.section(name), handle.body, axis)"
             )

@@ -192,7 +192,7 @@ class Mechanism(Appearance, Events, Measurements):
         Returns
         -------
         FlexibleHandle
-            Handle of the elastic body: its cross-sections or interfaces carry joints, loads and sensors.
+            Handle of the flexible body: its cross-sections or interfaces carry joints, loads and sensors.
 
         Raises
         ------
@@ -201,7 +201,7 @@ class Mechanism(Appearance, Events, Measurements):
             mass is not Floating.
         """
         if not isinstance(elastic, Beam | FlexibleBody):
-            raise UserError(f"shape of elastic body {name!r} is {elastic!r}; it must be a Beam or a FlexibleBody")
+            raise UserError(f"shape of flexible body {name!r} is {elastic!r}; it must be a Beam or a FlexibleBody")
         if self.gravity_signals:
             raise UserError(
                 f"gravity along {'xyz'[next(iter(self.gravity_signals))]} is a signal, and body {name!r} is flexible; "
@@ -209,7 +209,7 @@ class Mechanism(Appearance, Events, Measurements):
             )
         if isinstance(elastic, FlexibleBody) and elastic.frame == CENTER and not isinstance(joint, Floating):
             raise UserError(
-                f"joint of elastic body {name!r} is {type(joint).__name__}, and its frame is in the center of mass, "
+                f"joint of flexible body {name!r} is {type(joint).__name__}, and its frame is in the center of mass, "
                 "where no joint can hold it; allowed: Floating, or a frame at an interface"
             )
         body = self.body(name, parent, joint)
@@ -218,7 +218,7 @@ class Mechanism(Appearance, Events, Measurements):
         return self.flexible_bodies[-1]
 
     def add_section(self, name: str, parent: Body, joint: Section) -> Body:
-        """Append a section of an elastic body; users call :meth:`FlexibleHandle.section`.
+        """Append a section of a flexible body; users call :meth:`FlexibleHandle.section`.
 
         Parameters
         ----------

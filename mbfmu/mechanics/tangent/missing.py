@@ -1,4 +1,4 @@
-"""In place of the structured tangent of a mechanism that has none, such as one with elastic bodies."""
+"""In place of the structured tangent of a mechanism that has none, such as one with flexible bodies."""
 
 from __future__ import annotations
 
