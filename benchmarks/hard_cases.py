@@ -67,7 +67,7 @@ another branch is then detected only by its energy. A run is
 - **right** if its error is at most 100 rtol A(t) as long as positions are compared (plus ten times the uncertainty
   of the reference), its loops remain closed, and the energy of a system without damping and drives is conserved
   within 2 %,
-- **refused** if it is right until it stops with an error message, which it also does after 20 000 steps between two of
+- **stopped** if it is right until it stops with an error message, which it also does after 20 000 steps between two of
   its 81 output times,
 - **warned** if it is neither, but reports that its result may be wrong, or stops with an error message,
 - **wrong** otherwise.
@@ -106,7 +106,7 @@ MISSES = """## Near misses
 
 *Largest error over the time in which positions are compared. At 1e-4 this time is so short that the error is often
 smaller than at 1e-6. Circles: parallelogram; squares: Grashof four-bar. The gap is the length by which a link is
-too long or too short; both are drawn. Runs that are refused are not drawn. At gaps of 1e-8 m and more the error
+too long or too short; both are drawn. Runs that stop are not drawn. At gaps of 1e-8 m and more the error
 decreases from 1e-6 to 1e-10 with the tolerance. At a gap of 1e-9 m rounding errors limit it to 1e-6 to 1e-4 at all
 small tolerances.*
 
@@ -266,14 +266,14 @@ def cell(row: Run, messages: list[str]) -> str:
         until = f" until {v.until:.2g} s" if v.until < (1.0 - 1e-9) * row.stop_time else ""
         coarser = f" at {format_tolerance(float(f'{v.rtol:.0e}'))}" if v.rtol > 1.01 * row.rtol else ""
         return f"{format_tolerance(float(f'{v.error:.0e}'))}{coarser}{until}, {1e3 * v.seconds:.0f} ms"
-    size = f"; the largest error is {v.ratio:.0f} rtol A" if v.word != "refused" else ""
+    size = f"; the largest error is {v.ratio:.0f} rtol A" if v.word != "stopped" else ""
     messages.append(f"{row.name}, {row.solver} at {format_tolerance(row.rtol)}: {v.why}{size}.")
     return f"**{v.word}** ({len(messages)})"
 
 
 def counted_by_solver(rows: list[Run]) -> str:
     """The counts of each solver as Markdown."""
-    words = ("right", "warned", "refused", "wrong")
+    words = ("right", "warned", "stopped", "wrong")
     lines = ["| solver | runs | " + " | ".join(words) + " |", "|---|---|" + "---|" * len(words)]
     for solver in [*dict.fromkeys(r.solver for r in rows), "all"]:
         counts = Counter(r.verdict.word for r in rows if solver in (r.solver, "all"))

@@ -49,7 +49,7 @@ compares more tolerances for singular and ill-conditioned mechanisms.
 | verdict | meaning |
 |---|---|
 | right | The error is at most the allowed error at all times of the comparison |
-| refused | The result is right until the run stops with an error message |
+| stopped | The result is right until the run stops with an error message |
 | warned | The error is larger than allowed, and there is a warning or an error message |
 | WRONG | The error is larger than allowed without a warning |
 
@@ -62,7 +62,7 @@ Each of 15 errors is found: the result is right without the change, and not righ
 |---|---|
 | Sign of the centripetal acceleration; dropped gyroscopic moment; reversed gravity; transposed rotation | warned |
 | Dropped damping of a spring; dropped acceleration of a drive | warned |
-| Dropped parallel axis term of the inertia | The run is refused |
+| Dropped parallel axis term of the inertia | The mechanism is refused |
 | Gear ratio 1 % too large; half friction; phase of a harmonic load; missing constraint equation | WRONG |
 | Output scaled by 1.001; tolerance 10 000 times too large | WRONG |
 | Dropped gyroscopic term, or dropped constraint forces, of the linear model | WRONG |

@@ -41,7 +41,7 @@ def add(commands: Commands) -> None:
         description="""Simulate problems whose solution is known independently of mbfmu: by closed forms, published
 numbers, or integration by SciPy of equations in another formulation. Each is run with every solver that accepts it.
 
-Verdicts: right; refused (right until an error message); warned (wrong, with a warning or an error message); WRONG
+Verdicts: right; stopped (right until an error message); warned (wrong, with a warning or an error message); WRONG
 (without a warning). The exit code is 1 if a result is WRONG.""",
         epilog=VERIFY_EXAMPLES,
     )

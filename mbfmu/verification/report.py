@@ -30,7 +30,7 @@ table { border-collapse: collapse; width: 100%; font-size: .85rem; font-variant-
 th { text-align: left; border-bottom: 2px solid #57606a; padding: .3rem .6rem; vertical-align: bottom; }
 td { border-bottom: 1px solid #d8dee4; padding: .3rem .6rem; vertical-align: top; }
 th.number, td.number { text-align: right; white-space: nowrap; } tr.first td { border-top: 2px solid #afb8c1; }
-.right { color: #116329; } .refused, .warned { color: #7d4e00; } .WRONG { color: #a40e26; font-weight: 700; }
+.right { color: #116329; } .stopped, .warned { color: #7d4e00; } .WRONG { color: #a40e26; font-weight: 700; }
 .none { color: #57606a; }
 .totals span { display: inline-block; margin-right: 2rem; font-size: 1.05rem; }
 dt { font-weight: 600; margin-top: .9rem; } dd { margin-left: 1.2rem; max-width: 50rem; }
@@ -126,7 +126,7 @@ def as_dict(problems: Sequence[Problem], lines: Sequence[Line]) -> dict[str, Any
 
 def as_page(problems: Sequence[Problem], lines: Sequence[Line]) -> str:
     """Return the report as one page of HTML without external files."""
-    counts = {word: sum(line.verdict == word for line in lines) for word in ("right", "refused", "warned", "WRONG")}
+    counts = {word: sum(line.verdict == word for line in lines) for word in ("right", "stopped", "warned", "WRONG")}
     totals = "".join(f'<span class="{word if n else "none"}">{n} {word}</span>' for word, n in counts.items())
     described = "".join(describe(problem) for problem in problems)
     reasons = "".join(

@@ -112,6 +112,6 @@ def has_wrong(lines: Sequence[Line]) -> bool:
 
 def summarize(lines: Sequence[Line]) -> str:
     """Return the number of problems, lines and verdicts as one sentence."""
-    counts = {word: sum(line.verdict == word for line in lines) for word in (RIGHT, "refused", "warned", WRONG)}
+    counts = {word: sum(line.verdict == word for line in lines) for word in (RIGHT, "stopped", "warned", WRONG)}
     problems = len({line.problem for line in lines})
     return f"{problems} problems, {len(lines)} results: " + ", ".join(f"{n} {word}" for word, n in counts.items())

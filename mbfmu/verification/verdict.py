@@ -23,7 +23,7 @@ ERROR_FACTOR = 100.0  # allowed error, in tolerances and sensitivities: errors o
 UNCERTAINTY_FACTOR = 10.0  # allowed error, in uncertainties of the reference
 LOST_PART = 0.1  # of the range of the quantity: a motion is compared as long as the allowed error is smaller
 COMPARED_TIMES = 81
-RIGHT, REFUSED, WARNED, WRONG = "right", "refused", "warned", "WRONG"
+RIGHT, STOPPED, WARNED, WRONG = "right", "stopped", "warned", "WRONG"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class Line:
     seconds
         CPU time without compilation, s.
     verdict, reason
-        ``right``, ``refused`` (right until an error message), ``warned`` (wrong, with a warning or an error message) or
+        ``right``, ``stopped`` (right until an error message), ``warned`` (wrong, with a warning or an error message) or
         ``WRONG``; and the message or the difference.
     """
 
@@ -130,7 +130,7 @@ def check_motion(problem: Motion, reference: Reference, method: str, tolerance: 
     try:
         result, seconds = run_motion(problem, method, tolerance)
     except UserError as refusal:
-        return replace(line, verdict=REFUSED, reason=str(refusal))
+        return replace(line, verdict=STOPPED, reason=str(refusal))
     line = replace(line, seconds=seconds)
     values = np.column_stack([result[name] for name in problem.outputs])
     allowed = ERROR_FACTOR * tolerance * result.statistics.coarser * reference.sensitivity
@@ -156,7 +156,7 @@ def check_motion(problem: Motion, reference: Reference, method: str, tolerance: 
     )
     messages = [str(d) for d in result.diagnostics if d.severity != "note"]
     if ratio.max() <= 1.0:
-        return replace(line, verdict=REFUSED if is_early else RIGHT, reason="; ".join(messages))
+        return replace(line, verdict=STOPPED if is_early else RIGHT, reason="; ".join(messages))
     difference = f"{problem.outputs[column]!r} differs by {ratio.max():.2g} times the allowed error"
     difference += f" at t = {result.t[worst]:g} s"
     if messages:
@@ -193,7 +193,7 @@ def check_value(problem: Value) -> Line:
     try:
         values = problem.measure(problem.build())
     except UserError as refusal:
-        return replace(line, verdict=REFUSED, reason=str(refusal))
+        return replace(line, verdict=STOPPED, reason=str(refusal))
     worst = int(np.argmax(np.abs(values - reference)))
     error = float(np.abs(values - reference)[worst] / np.abs(reference).max())
     line = replace(line, reference=float(reference[worst]), value=float(values[worst]), error=error)

@@ -1,4 +1,4 @@
-"""Compare solvers with references on many random loops: count right, refused and wrong runs, print wrong seeds.
+"""Compare solvers with references on many random loops: count right, stopped and wrong runs, print wrong seeds.
 
     python tests/loops/campaign.py --seeds 0:100 --solvers ida,adams,hybrid --tolerances 1e-6 --cache DIR
 
@@ -110,12 +110,12 @@ def examine(task: Task) -> list[Row]:
     compiled(task.solvers)
     drawn, rows = draw(task.seed, task.family), []
     found: Truth | None = None
-    trouble = Verdict("refused")
+    trouble = Verdict("stopped")
     try:
         with patience(10 * PATIENCE):
             found = known(task)
     except UserError as error:
-        trouble = Verdict("refused", f"{error}")
+        trouble = Verdict("stopped", f"{error}")
     except (ArithmeticError, ValueError, LookupError) as error:
         places = {Path(frame.f_code.co_filename).name for frame, _ in walk_tb(error.__traceback__)}
         ours = "compiled_mechanism.py" in places
@@ -138,12 +138,12 @@ def examine(task: Task) -> list[Row]:
 def summary(rows: list[Row]) -> str:
     """A table of counts by family, solver and tolerance."""
     keys = sorted({(r.family, r.solver, -r.rtol) for r in rows}) + sorted({("all", r.solver, -r.rtol) for r in rows})
-    lines = ["family     solver      rtol  right  refused  wrong  largest ratio of a right one"]
+    lines = ["family     solver      rtol  right  stopped  wrong  largest ratio of a right one"]
     for family, solver, minus in keys:
         here = [r.verdict for r in rows if r.solver == solver and -r.rtol == minus and family in ("all", r.family)]
         count = Counter(v.word for v in here)
         ratio = max((v.ratio for v in here if v.word == "right" and np.isfinite(v.ratio)), default=np.nan)
-        counts = f"{count['right']:6d} {count['refused']:8d} {count['wrong']:6d}"
+        counts = f"{count['right']:6d} {count['stopped']:8d} {count['wrong']:6d}"
         lines.append(f"{family:10s} {solver:9s} {-minus:6.0e} {counts}  {ratio:.1e}")
     return "\n".join(lines)
 
@@ -157,7 +157,7 @@ def main() -> int:
     parser.add_argument("--tolerances", default="1e-6")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--cache", type=Path, help="directory for references")
-    parser.add_argument("--refused", action="store_true", help="print what was refused, too")
+    parser.add_argument("--stopped", action="store_true", help="print what was stopped, too")
     options = parser.parse_args()
     if ":" in options.seeds:
         seeds = range(*map(int, options.seeds.split(":")))
@@ -166,7 +166,7 @@ def main() -> int:
     names, tolerances = tuple(options.solvers.split(",")), tuple(float(x) for x in options.tolerances.split(","))
     tasks = [Task(seed, options.family, names, tolerances, options.cache) for seed in seeds]
     begin, rows = time.perf_counter(), []
-    shown = ("wrong", "refused", "skipped") if options.refused else ("wrong", "skipped")
+    shown = ("wrong", "stopped", "skipped") if options.stopped else ("wrong", "skipped")
     with ProcessPoolExecutor(options.processes) as pool:
         for found in pool.map(examine, tasks):
             rows += found

@@ -1,4 +1,4 @@
-"""One mechanism, one solver, one tolerance: right, refused or wrong.
+"""One mechanism, one solver, one tolerance: right, stopped or wrong.
 
 **Right** is a run within  c rtol A(t)  of the truth. A(t) is the growth of errors in this motion: the deviation of the
 truth per unit of error if every step has a small random error. If c rtol A(t) becomes large, positions are no longer
@@ -76,7 +76,7 @@ class Verdict:
     Attributes
     ----------
     word
-        ``right``, ``refused`` or ``wrong``.
+        ``right``, ``stopped`` or ``wrong``.
     why
         Of a refusal its message, of what is wrong what is.
     error
@@ -221,7 +221,7 @@ def _weigh(
     if conservative(mechanism) and not lost.max(initial=0.0) <= max(LOST, factor * rtol):
         i = int(np.argmax(lost > max(LOST, factor * rtol)))
         faults.append(f"energy off by {lost.max():.1e}, from t = {times[i]:.4g} s on")
-    word = "wrong" if faults else "refused" if why else "right"
+    word = "wrong" if faults else "stopped" if why else "right"
     until = float(times[last - 1]) if last else float(times[0])
     return Verdict(
         word,

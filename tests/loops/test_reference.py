@@ -257,7 +257,7 @@ def test_right_refused_and_wrong_runs_are_distinguished() -> None:
     known = truth(case.mechanism, np.linspace(0.0, 2.0, 21), case.exact)
     assert judge(case.mechanism, known, "adams", 1e-6).word == "right"
     stopped = judge(case.mechanism, known, "adams", 1e-6, max_steps=3)
-    assert stopped.word == "refused"
+    assert stopped.word == "stopped"
     assert "steps" in stopped.why
     moved = replace(known, q=known.q + np.linspace(0.0, 0.01, 21)[:, None])
     assert judge(case.mechanism, moved, "adams", 1e-6).word == "wrong"

@@ -148,11 +148,11 @@ def test_a_reference_that_differs_is_wrong() -> None:
     assert "without a warning" in wrong.reason
 
 
-def test_a_run_that_stops_is_refused_if_it_was_right() -> None:
+def test_a_run_that_stops_is_stopped_if_it_was_right() -> None:
     problem = replace(named("geared shafts"), settings={"max_steps": 1})
     reference = pendulums.gears_exact().at(np.linspace(0.0, problem.stop_time, 81))
     line = check_motion(problem, reference, "adams", 1e-6)
-    assert line.verdict in ("refused", "warned")
+    assert line.verdict in ("stopped", "warned")
     assert "[too-many-steps]" in line.reason
 
 
@@ -226,7 +226,7 @@ def test_the_command_writes_a_report(
     arguments = ["verify", "--only", "geared shafts", "--only", "whirl", "--solver", "adams", "--quick"]
     assert main([*arguments, "--report", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
-    assert "2 problems, 2 results: 2 right, 0 refused, 0 warned, 0 WRONG" in printed
+    assert "2 problems, 2 results: 2 right, 0 stopped, 0 warned, 0 WRONG" in printed
     content = json.loads((tmp_path / "out/report.json").read_text())
     assert [line["verdict"] for line in content["results"]] == ["right", "right"]
     page = (tmp_path / "out/report.html").read_text()
