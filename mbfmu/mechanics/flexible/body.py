@@ -266,21 +266,23 @@ class FlexibleBody:
         frame: str = "",
         damping: float | Sequence[float] | Callable[[Array], Array] = 0.0,
     ) -> FlexibleBody:
-        """Reduce a body whose matrices Abaqus or CalculiX has written.
+        """Reduce a body whose matrices Abaqus, CalculiX or Nastran has written.
 
         Parameters
         ----------
         mass, stiffness
-            Paths of the matrices of the body without supports: of Abaqus (``*MATRIX OUTPUT, FORMAT=MATRIX INPUT``), or
-            ``job.mas`` and ``job.sti`` of CalculiX (``*FREQUENCY, SOLVER=MATRIXSTORAGE``).
+            Paths of the matrices of the body without supports: of Abaqus (``*MATRIX OUTPUT, FORMAT=MATRIX INPUT``);
+            ``job.mas`` and ``job.sti`` of CalculiX (``*FREQUENCY, SOLVER=MATRIXSTORAGE``); or punch files of Nastran
+            with real symmetric ``DMIG`` matrices, whose names begin with M and K, such as MAAX and KAAX. Both may be in
+            one file.
         deck
-            Path of the input deck, whose blocks ``*NODE`` give the positions of the nodes. Nodes that belong to no
-            element are left out.
+            Path of the input deck, whose blocks ``*NODE`` or entries ``GRID`` give the positions of the nodes. Nodes
+            that belong to no element are left out.
         interfaces
             As for :meth:`from_fe`; nodes are the numbers of the deck, or a function that returns for positions (n, 3),
             m, which of them belong to the interface.
         rows
-            Path of ``job.dof`` of CalculiX; None: the matrices are those of Abaqus.
+            Path of ``job.dof`` of CalculiX; None: the matrices are those of another program.
         length_unit
             ``"m"`` (kg, m, N), or ``"mm"`` for models in t, mm and N.
         modes, frequency_limit, frame, damping
