@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from mbfmu.mechanics.checks import one_of
 from mbfmu.mechanics.flexible import Beam, FlexibleBody
+from mbfmu.mechanics.flexible.recovery import COMPONENTS, VON_MISES
 from mbfmu.mechanics.joints import Section
-from mbfmu.mechanics.sensors import BendingMoment, Deflection, Sensor
+from mbfmu.mechanics.sensors import BendingMoment, Deflection, NodeStress, Sensor, VonMisesStress
 from mbfmu.util.errors import UserError
 
 from .bodies import Body
@@ -93,6 +96,32 @@ class FlexibleHandle:
         """
         self._require_beam("moment")
         return BendingMoment(unit="N.m", item=self.section(x))
+
+    def stress(self, node: int | Sequence[float], component: str = VON_MISES) -> Sensor:
+        """Stress at a node of a body of finite elements, Pa, in the frame of the body.
+
+        Parameters
+        ----------
+        node
+            Number of the node, from 0, or a position (3,) in the frame of the body, m, whose nearest node is used.
+        component
+            ``"xx"``, ``"yy"``, ``"zz"``, ``"xy"``, ``"xz"``, ``"yz"``, or ``"von Mises"``: the equivalent stress.
+
+        Raises
+        ------
+        UserError
+            The body is a beam or was made without stresses, or has no such node.
+        """
+        if not isinstance(self.elastic, FlexibleBody):
+            raise UserError(
+                f"stress of elastic body {self.name!r}: it is a Beam; allowed for bodies of FlexibleBody.from_mesh. "
+                "The bending moment is moment(x)"
+            )
+        one_of(f"component of the stress in {self.name!r}", component, (*COMPONENTS, VON_MISES))
+        weights = self.elastic.stress_weights(node)
+        if component == VON_MISES:
+            return VonMisesStress(unit="Pa", item=self.modes, weights=weights)
+        return NodeStress(unit="Pa", item=self.modes, component=COMPONENTS.index(component), weights=weights)
 
     def _require_beam(self, what: str) -> None:
         if isinstance(self.elastic, FlexibleBody):

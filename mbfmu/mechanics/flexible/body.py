@@ -3,38 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.checks import flag
-from mbfmu.mechanics.numbers import array_of, is_whole, positive
+from mbfmu.mechanics.numbers import array_of, is_whole
 from mbfmu.util.errors import UserError
 
-from .fe_model import WRITTEN_DIGITS, checked_matrices
-from .interfaces import CENTER, ties_of
-from .invariants import PAIRS, Invariants, first_moment, invariants
+from .construction import Frame, ReductionOptions, extent, reduced_values
+from .invariants import PAIRS, Invariants
 from .matrix_files import read_model
 from .mesh import assemble
-from .reduction import Reduced, reduce_model
-from .saved_bodies import invariants_of, read_body, write_body
+from .recovery import von_mises
+from .saved_bodies import OPTIONAL_ARRAYS, invariants_of, read_body, write_body
 
 Array = NDArray[np.float64]
 Keep = Callable[[Any], int]  # keeps numbers in Arrays.numbers, returns where they begin
 
-DEFAULT_MODES = 10
 _SAVED = ("com", "inertia", "frequencies", "damping", "nodes", "shapes", "stiffening", "modal_masses")
-
-
-class Frame(NamedTuple):
-    """Frame of an interface in the frame of the body."""
-
-    at: Array  # (3,) origin, m
-    motion: Array  # (6, modes) displacement and rotation by unit amplitudes
-    shortening: Array  # (6, modes, modes) Gt and Gr of :mod:`.solid`; zero without geometric stiffening
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,6 +55,11 @@ class FlexibleBody:
         Frames of the interfaces by name.
     stiffening
         Whether the body has geometric stiffening.
+    triangles
+        Nodes (k, 3) of the triangles of the surface, of bodies of :meth:`from_mesh`; None: unknown.
+    stress_shapes
+        Stresses (n, 6, modes) at the nodes by unit amplitudes, Pa/m, frame of the body: xx, yy, zz, xy, xz, yz. None:
+        not computed, see ``stresses`` of :meth:`from_mesh`.
     """
 
     frame: str
@@ -79,6 +74,8 @@ class FlexibleBody:
     stiffening: bool
     modal_masses: Array
     _invariants: Invariants
+    triangles: NDArray[np.int64] | None = None
+    stress_shapes: Array | None = None
 
     @classmethod
     def from_fe(
@@ -141,54 +138,15 @@ class FlexibleBody:
         R. R. Craig, M. C. C. Bampton: Coupling of substructures for dynamic analyses. AIAA Journal 6 (1968), 1313-1319,
         doi:10.2514/3.4741.
         """
-        M, K, X, dof = checked_matrices(mass_matrix, stiffness_matrix, nodes)
-        ties = ties_of(interfaces, X, dof)
-        names = [tie.name for tie in ties]
-        frame = names[0] if frame == "" else frame
-        if frame not in (CENTER, *names):
-            raise UserError(f"frame is {frame!r}; allowed: {', '.join(map(repr, (*names, CENTER)))}")
-        if geometric_stiffness is not None and frame == CENTER:
-            raise UserError(
-                f"frame is {CENTER!r} with geometric stiffening; allowed with it: {', '.join(map(repr, names))}"
-            )
-        at = names.index(frame) if frame != CENTER else -1
-        mass, S, _ = first_moment(M, X, dof)
-        center = S / mass
-        origin = ties[at].origin if at >= 0 else center
-        modes = _mode_count(
-            modes, frequency_limit, M.shape[0] - sum(6 if t.average is not None else dof * len(t.nodes) for t in ties)
+        values = reduced_values(
+            mass_matrix,
+            stiffness_matrix,
+            nodes,
+            interfaces,
+            geometric_stiffness,
+            ReductionOptions(modes=modes, frequency_limit=frequency_limit, frame=frame, damping=damping),
         )
-        stiffens = geometric_stiffness is not None
-        reduced = reduce_model(M, K, ties, dof, at, center, _extent(X), modes, frequency_limit, stiffens)
-        stiffness = _Stiffening(geometric_stiffness, reduced) if geometric_stiffness is not None else None
-        U, n = reduced.shapes, len(reduced.squares)
-        found = invariants(M, X - origin, dof, U, stiffness.by_loads if stiffness else None)
-        frequencies = np.sqrt(reduced.squares)
-        com = found.S0 / mass
-        frames = {
-            tie.name: Frame(
-                tie.origin - origin,
-                reduced.frames[k],
-                np.array([stiffness.by_wrench(k, j) if k != at else np.zeros((n, n)) for j in range(6)])
-                if stiffness
-                else np.zeros((6, n, n)),
-            )
-            for k, tie in enumerate(ties)
-        }
-        return cls(
-            frame=frame,
-            mass=mass,
-            com=com,
-            inertia=found.J0 - mass * (com @ com * np.eye(3) - np.outer(com, com)),
-            frequencies=frequencies,
-            damping=_damping(damping, frequencies),
-            nodes=X - origin,
-            shapes=U.reshape(len(X), dof, n)[:, :3],
-            interfaces=frames,
-            stiffening=stiffens,
-            _invariants=found,
-            modal_masses=np.einsum("ik,ik->k", U, M @ U),
-        )
+        return cls(**values)
 
     @classmethod
     def from_mesh(
@@ -201,10 +159,8 @@ class FlexibleBody:
         *,
         length_unit: str = "m",
         stiffening: bool = False,
-        modes: int | None = None,
-        frequency_limit: float | None = None,
-        frame: str = "",
-        damping: float | Sequence[float] | Callable[[Array], Array] = 0.0,
+        stresses: bool = False,
+        **options: Unpack[ReductionOptions],
     ) -> FlexibleBody:
         """Assemble a solid body of one isotropic material from a mesh, and reduce it.
 
@@ -222,8 +178,11 @@ class FlexibleBody:
             Unit of the positions in the mesh: ``"m"``, ``"cm"``, ``"mm"`` or ``"in"``.
         stiffening
             Optional effect: geometric stiffening, with the limits of ``geometric_stiffness`` of :meth:`from_fe`.
-        modes, frequency_limit, frame, damping
-            As for :meth:`from_fe`.
+        stresses
+            Compute the stresses by the modes at all nodes, for :meth:`stress` and
+            :meth:`.FlexibleHandle.stress`: six numbers for each node and mode.
+        **options
+            ``modes``, ``frequency_limit``, ``frame`` and ``damping`` as for :meth:`from_fe`.
 
         Returns
         -------
@@ -238,18 +197,18 @@ class FlexibleBody:
         if not isinstance(interfaces, Mapping):
             raise UserError(f"interfaces are {interfaces!r}; allowed: names with their nodes")
         flag("stiffening", stiffening)
+        flag("stresses", stresses)
         found = assemble(mesh, density, young, poisson, interfaces, length_unit)
-        return cls.from_fe(
+        body = cls.from_fe(
             found.M,
             found.K,
             found.nodes,
             found.interfaces,
-            modes=modes,
-            frequency_limit=frequency_limit,
-            frame=frame,
-            damping=damping,
             geometric_stiffness=found.geometric_stiffness if stiffening else None,
+            **options,
         )
+        shapes = found.stresses(body.shapes.reshape(-1, body.modes)) if stresses else None
+        return replace(body, triangles=found.triangles, stress_shapes=shapes)
 
     @classmethod
     def from_files(
@@ -261,10 +220,7 @@ class FlexibleBody:
         *,
         rows: str | Path | None = None,
         length_unit: str = "m",
-        modes: int | None = None,
-        frequency_limit: float | None = None,
-        frame: str = "",
-        damping: float | Sequence[float] | Callable[[Array], Array] = 0.0,
+        **options: Unpack[ReductionOptions],
     ) -> FlexibleBody:
         """Reduce a body whose matrices Abaqus, CalculiX or Nastran has written.
 
@@ -285,8 +241,8 @@ class FlexibleBody:
             Path of ``job.dof`` of CalculiX; None: the matrices are those of another program.
         length_unit
             ``"m"`` (kg, m, N), or ``"mm"`` for models in t, mm and N.
-        modes, frequency_limit, frame, damping
-            As for :meth:`from_fe`.
+        **options
+            ``modes``, ``frequency_limit``, ``frame`` and ``damping`` as for :meth:`from_fe`.
 
         Returns
         -------
@@ -304,10 +260,7 @@ class FlexibleBody:
             found.K,
             found.nodes,
             {name: found.interface(name, given) for name, given in interfaces.items()},
-            modes=modes,
-            frequency_limit=frequency_limit,
-            frame=frame,
-            damping=damping,
+            **options,
         )
 
     def save(self, path: str | Path) -> None:
@@ -327,6 +280,7 @@ class FlexibleBody:
         arrays = {name: np.asarray(getattr(self, name), float) for name in _SAVED}
         arrays |= {name: np.array([getattr(frame, name) for frame in frames]) for name in Frame._fields}
         arrays |= {name: np.asarray(value, float) for name, value in self._invariants._asdict().items()}
+        arrays |= {name: getattr(self, name) for name in OPTIONAL_ARRAYS if getattr(self, name) is not None}
         write_body(Path(path), {"frame": self.frame}, list(self.interfaces), arrays)
 
     @classmethod
@@ -346,6 +300,7 @@ class FlexibleBody:
         found = read_body(Path(path))
         frames = {str(name): Frame(*(found[key][k] for key in Frame._fields)) for k, name in enumerate(found["names"])}
         values = {name: found[name] for name in _SAVED} | {"stiffening": bool(found["stiffening"])}
+        values |= {name: found[name] for name in OPTIONAL_ARRAYS if name in found}
         return cls(
             frame=str(found["frame"]),
             mass=float(found["mass"]),
@@ -362,7 +317,7 @@ class FlexibleBody:
     @property
     def size(self) -> float:
         """Largest extent of the mesh along an axis, m."""
-        return _extent(self.nodes)
+        return extent(self.nodes)
 
     @property
     def is_damped(self) -> bool:
@@ -405,6 +360,64 @@ class FlexibleBody:
         if p.shape != (self.modes,):
             raise UserError(f"amplitudes have the shape {p.shape}; allowed: ({self.modes},)")
         return self.nodes + scale * self.shapes @ p
+
+    def stress(self, amplitudes: Any) -> Array:
+        """Return the stresses at all nodes.
+
+        Parameters
+        ----------
+        amplitudes
+            Amplitudes (..., modes) of the modes, m, such as those of all times of a result.
+
+        Returns
+        -------
+        Array
+            Components xx, yy, zz, xy, xz, yz (..., n, 6) in the frame of the body, Pa.
+
+        Raises
+        ------
+        UserError
+            The body was made without stresses, or there are not as many amplitudes as modes.
+        """
+        p = array_of("amplitudes", amplitudes)
+        if p.ndim == 0 or p.shape[-1] != self.modes:
+            raise UserError(f"amplitudes have the shape {p.shape}; allowed: (..., {self.modes})")
+        return np.asarray(np.moveaxis(np.tensordot(self._stresses(), p, (2, -1)), (0, 1), (-2, -1)))
+
+    def von_mises_stress(self, amplitudes: Any) -> Array:
+        """Return the equivalent stresses of von Mises (..., n) at all nodes, Pa; arguments as for :meth:`stress`.
+
+        Parameters
+        ----------
+        amplitudes
+            Amplitudes (..., modes) of the modes, m.
+        """
+        return von_mises(self.stress(amplitudes))
+
+    def stress_weights(self, node: Any) -> Array:
+        """Return the stresses (6, modes) at a node by unit amplitudes, Pa/m.
+
+        Parameters
+        ----------
+        node
+            Number of a node, or a position (3,) in the frame of the body, m, whose nearest node is used.
+        """
+        shapes = self._stresses()
+        place = array_of("node", node)
+        if place.shape == (3,) and np.all(np.isfinite(place)):
+            return shapes[np.argmin(np.linalg.norm(self.nodes - place, axis=1))]
+        if not is_whole(node) or not 0 <= node < len(self.nodes):
+            raise UserError(
+                f"node is {node!r}; allowed: a number from 0 to {len(self.nodes) - 1}, or a position x, y, z, m"
+            )
+        return shapes[int(node)]
+
+    def _stresses(self) -> Array:
+        if self.stress_shapes is None:
+            raise UserError(
+                "the flexible body has no stresses; they are computed by FlexibleBody.from_mesh(..., stresses=True)"
+            )
+        return self.stress_shapes
 
     def fill(self, record: Any, keep: Keep) -> None:
         """Write inertia and stiffness for kernels.
@@ -454,73 +467,3 @@ class FlexibleBody:
             np.concatenate([frame.at, frame.motion.T.ravel(), self.stiffening * frame.shortening.ravel()])
         )
         record["shortens"], record["x"] = self.modes if self.stiffening else 0, np.linalg.norm(frame.at)
-
-
-class _Stiffening:
-    """Geometric stiffness in modes by the stresses of unit loads."""
-
-    def __init__(self, function: Callable[[Array], Any], reduced: Reduced) -> None:
-        self._function, self._U, self._statics = function, reduced.shapes, reduced.statics
-        if not callable(function):
-            raise UserError(
-                f"geometric_stiffness is a {type(function).__name__}; allowed: a function of static displacements"
-            )
-        assert self._statics is not None
-        u = self._statics.by_loads(np.ones(len(self._U)))
-        once, twice = self._reduced(u), self._reduced(2.0 * u)
-        if np.abs(twice - 2.0 * once).max() > WRITTEN_DIGITS * np.abs(twice).max():
-            raise UserError(
-                "geometric_stiffness is not linear in the displacements; allowed: a linear function of them"
-            )
-
-    def by_loads(self, load: Array) -> Array:
-        """Return K[F] (modes, modes) of loads (dof n,) on the nodes."""
-        assert self._statics is not None
-        return self._reduced(self._statics.by_loads(load))
-
-    def by_wrench(self, interface: int, component: int) -> Array:
-        """Return K[F] (modes, modes) of a unit force or moment on an interface."""
-        assert self._statics is not None
-        return self._reduced(self._statics.by_wrench(interface, component))
-
-    def _reduced(self, u: Array) -> Array:
-        matrix = self._function(u)
-        if getattr(matrix, "shape", None) != (len(u), len(u)):
-            raise UserError(
-                f"geometric_stiffness returns {getattr(matrix, 'shape', matrix)!r}; allowed: a matrix of {len(u)} rows "
-                "and columns, dense or sparse"
-            )
-        found: Array = self._U.T @ (matrix @ self._U)
-        if not np.all(np.isfinite(found)):
-            raise UserError("geometric_stiffness returns numbers that are not finite")
-        if np.abs(found - found.T).max() > WRITTEN_DIGITS * np.abs(found).max():
-            raise UserError("geometric_stiffness returns a matrix that is not symmetric; allowed: a symmetric one")
-        return 0.5 * (found + found.T)
-
-
-def _extent(nodes: Array) -> float:
-    return float(np.ptp(nodes, axis=0).max())
-
-
-def _mode_count(modes: int | None, limit: float | None, available: int) -> int | None:
-    """Return the number of modes with fixed interfaces; None: by a frequency limit."""
-    if limit is not None:
-        if modes is not None:
-            raise UserError("modes and frequency_limit are given; allowed: one of them")
-        positive("frequency_limit", limit)
-        return None
-    if modes is None:
-        return min(DEFAULT_MODES, available)
-    if not is_whole(modes) or modes < 0:
-        raise UserError(f"modes is {modes!r}; allowed: a whole number, 0 or greater")
-    return int(modes)
-
-
-def _damping(given: Any, frequencies: Array) -> Array:
-    ratios = array_of("damping of a flexible body", given(frequencies) if callable(given) else given)
-    if ratios.shape not in ((), frequencies.shape) or not np.all(np.isfinite(ratios)) or np.any(ratios < 0.0):
-        raise UserError(
-            f"damping of a flexible body is {given!r}; allowed: one ratio, or one for each of the {len(frequencies)} "
-            "modes, not negative"
-        )
-    return np.array(np.broadcast_to(ratios, frequencies.shape))

@@ -20,6 +20,7 @@ from mbfmu.util.errors import UserError
 from mbfmu.util.extras import import_optional
 
 from .interfaces import Interface
+from .recovery import StressRecovery, surface_triangles
 
 Array = NDArray[np.float64]
 
@@ -44,6 +45,8 @@ class Assembled(NamedTuple):
     nodes: Array  # (n, 3) m
     interfaces: dict[str, Interface]
     geometric_stiffness: Callable[[Array], Any]
+    stresses: Callable[[Array], Array]  # at the nodes (n, 6, k), Pa, by displacements (3 n, k), m
+    triangles: NDArray[np.int64]  # (k, 3) nodes of the surface
 
 
 def assemble(
@@ -86,7 +89,8 @@ def assemble(
     nodes = basis.doflocs[:, order[::3]].T
     ties = {name: _tie(name, given, basis, read, nodes, order) for name, given in interfaces.items()}
     M, K = (form.assemble(basis)[order][:, order] for form in (inertia, stiffness))
-    return Assembled(M, K, nodes, ties, geometric_stiffness)
+    recovery = StressRecovery(skfem, basis, order, stress)
+    return Assembled(M, K, nodes, ties, geometric_stiffness, recovery, surface_triangles(basis, order))
 
 
 def _read(meshio: Any, path: str | Path) -> Any:

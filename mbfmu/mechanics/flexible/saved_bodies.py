@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 READ_ERRORS = (OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, zipfile.BadZipFile, zlib.error)
 FORMAT, VERSION = "mbfmu flexible body", 1
+OPTIONAL_ARRAYS = {"triangles": np.int64, "stress_shapes": np.float64}  # of bodies of meshes
 
 
 def write_body(path: Path, texts: dict[str, str], names: list[str], arrays: dict[str, Any]) -> None:
@@ -40,16 +41,7 @@ def read_body(path: Path) -> dict[str, Any]:
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             found = {key: file[key] for key in file.files}
-    except (
-        OSError,
-        ValueError,
-        EOFError,
-        KeyError,
-        zipfile.BadZipFile,
-        zlib.error,
-        TypeError,
-        AttributeError,
-    ) as error:
+    except READ_ERRORS as error:
         raise UserError(
             f"file {str(path)!r} cannot be read ({error}); allowed: an undamaged file of FlexibleBody.save"
         ) from error
@@ -62,9 +54,15 @@ def read_body(path: Path) -> dict[str, Any]:
         )
     for name, shape in _shapes(found).items():
         own = found.get(name)
-        if own is None or own.shape != shape or own.dtype != float or not np.all(np.isfinite(own)):
+        if own is None and name in OPTIONAL_ARRAYS:
+            continue
+        kind = OPTIONAL_ARRAYS.get(name, np.float64)
+        if own is None or own.shape != shape or own.dtype != kind or not np.all(np.isfinite(own)):
             what = "is missing" if own is None else f"has the shape {own.shape} or numbers that are not finite"
             raise UserError(f"array {name!r} of file {str(path)!r} {what}; allowed: finite numbers {shape}")
+    triangles = found.get("triangles", np.zeros((0, 3)))
+    if triangles.size and not 0 <= triangles.min() <= triangles.max() < len(found["nodes"]):
+        raise UserError(f"array 'triangles' of file {str(path)!r} has unknown nodes; allowed: numbers of nodes")
     return found
 
 
@@ -82,6 +80,8 @@ def _shapes(found: dict[str, Any]) -> dict[str, tuple[int, ...]]:
         "modal_masses": (n,),
         "nodes": (count, 3),
         "shapes": (count, 3, n),
+        "triangles": (len(found.get("triangles", ())), 3),
+        "stress_shapes": (count, 6, n),
         "at": (frames, 3),
         "motion": (frames, 6, n),
         "shortening": (frames, 6, n, n),

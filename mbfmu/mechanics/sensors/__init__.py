@@ -14,6 +14,7 @@ from .points import PointAcceleration, PointPosition, PointVelocity
 from .ropes import RopeLength, RopeLengthRate, RopeTension
 from .sections import BendingMoment, Deflection
 from .states import StateRate, StateValue
+from .stresses import NodeStress, VonMisesStress
 
 __all__ = [
     "Acceleration",
@@ -37,6 +38,7 @@ __all__ = [
     "KineticEnergy",
     "LoadEffort",
     "LoadWrench",
+    "NodeStress",
     "PointAcceleration",
     "PointPosition",
     "PointVelocity",
@@ -54,6 +56,7 @@ __all__ = [
     "StateRate",
     "StateValue",
     "Turn",
+    "VonMisesStress",
     "axis_index",
     "largest_residual",
 ]

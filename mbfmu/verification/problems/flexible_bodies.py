@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from mbfmu.mechanics import FlexibleBody, Mechanism, Polynomial, Revolute, RunUp, TranslationalCutJoint
-from mbfmu.mechanics.flexible.body import Frame as Interface
+from mbfmu.mechanics.flexible.construction import Frame as Interface
 from mbfmu.mechanics.flexible.invariants import Invariants
 from mbfmu.verification.mechanisms.frames import Frame
 from mbfmu.verification.problem import NUDGE, Exact, Motion, Reference, Source
