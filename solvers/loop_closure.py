@@ -9,6 +9,8 @@ so that a mechanism closes alike at every size::
 with :func:`solvers.linalg.dense.factor_lq` once for Q and once, of the transposed, for z. Rows that depend on others
 are no trouble: z has as many entries as there are independent ones, and all rows take part in it.
 
+Nonholonomic constraints take part for the velocities only.
+
 Three sets of coordinates may change, one after the other until the loops close: those without a given value; all that
 are not held, given ones by ``GIVEN_WEIGHT`` of what the others change by; and all that are not held, alike.
 Deformations change in the last stage only, by ``GIVEN_WEIGHT`` of what the others change by.
@@ -91,6 +93,7 @@ class ClosureScratch(NamedTuple):
     given: Array  # (2, n) 1 where the position, and the velocity, is given and not only a default; 2: of a
     # deformation; else 0
     states: NDArray[np.int64]  # (k,) places of first-order states in v: the last ones
+    nonholonomic: NDArray[np.int64]  # (k,) constraints that restrict velocities only
     weight: Array  # (n,) weight of the change of each coordinate now
     gaps: Array  # (m,) what is to be closed, in units of the rows
     step: Array  # (n,) the change that closes it, in units of the coordinates
@@ -108,13 +111,14 @@ class ClosureScratch(NamedTuple):
     massless: Array  # (n,) 1 for coordinates of a motion that moves no mass, 0 for others
 
     @staticmethod
-    def allocate(n: int, m: int, states: int = 0) -> ClosureScratch:
+    def allocate(n: int, m: int, states: int = 0, nonholonomic: NDArray[np.int64] | None = None) -> ClosureScratch:
         """Return scratch for ``n`` velocities, all free, the last ``states`` of which are first-order states, and ``m``
-        constraints, units of one.
+        constraints, units of one; ``nonholonomic`` (k,) are those that restrict velocities only.
         """
         k, z, one = min(m, n), np.zeros, np.ones
+        rows = np.zeros(0, np.int64) if nonholonomic is None else nonholonomic
         return ClosureScratch(
-            one(n), one(m), one(n), z((2, n)), place_states(n, states), one(n),
+            one(n), one(m), one(n), z((2, n)), place_states(n, states), rows, one(n),
             z(m), z(n), z((m, n)), z(m), z(m, np.int64), z(m), z((k, m + k)), z(m + k), z(n),
             z(n, np.int64), z(n), z(n), WorstRecord.zeros(1), z(n),
         )  # fmt: skip
@@ -126,7 +130,7 @@ class ClosureScratch(NamedTuple):
         ``given`` (2, n) positions and velocities, 1, change after the others, deformations, 2, after these; none by
         default.
         """
-        scratch = ClosureScratch.allocate(system.n, system.m, system.n_states)
+        scratch = ClosureScratch.allocate(system.n, system.m, system.n_states, system.nonholonomic)
         scratch.size[:], scratch.row[:] = system.size, system.row_size
         if held is not None:
             scratch.free[held] = 0.0
@@ -187,6 +191,9 @@ def iterate_to_closed(eqs: Loops, t: float, start: Any, damped: bool, q: Reals, 
         error = fill_scaled_gaps(eqs.terms, work)
         if error < GAP_TOLERANCE:
             return ASSEMBLED
+        for k in range(work.nonholonomic.shape[0]):
+            for j in range(eqs.terms.J.shape[1]):
+                eqs.terms.J[work.nonholonomic[k], j] = 0.0
         since = 0 if error < 0.5 * best else since + 1
         best = min(best, error)
         if since > MAX_STALLED_ITERATIONS:

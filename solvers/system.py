@@ -7,6 +7,9 @@ The equations of motion of a constrained mechanical system in relative coordinat
     Phi(t, q) = 0                             m constraints of cut joints and couplings, J = dPhi/dq N
     J v = nu,  J v' = gamma                   its first and second time derivative
 
+Nonholonomic constraints, such as those of a rolling wheel, restrict velocities only: of these rows J v = nu is given,
+Phi is zero everywhere, and J is not its derivative.
+
 Where an orientation is held as a unit quaternion there are four positions for three velocities; then ``N`` is not
 square and a change of position is applied by :attr:`System.retract`.
 
@@ -18,7 +21,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from math import inf
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -163,6 +166,11 @@ def _inverse(
     function(t, q, v, a, lam, data, qdot, tau)
 
 
+def no_rows() -> NDArray[np.int64]:
+    """Default of a system all of whose constraints restrict positions."""
+    return np.zeros(0, np.int64)
+
+
 def no_step_limit(t: float) -> tuple[float, float]:
     """Default of a system that does not depend on time: no step is too long, at any time."""
     return inf, inf
@@ -198,6 +206,7 @@ class AnySystem(ABC):
     size: Array
     n_states: int = 0  # number of first-order states, the last entries of v
     row_size: Array  # (m,) unit of each constraint residual, see size
+    nonholonomic: NDArray[np.int64] = field(default_factory=no_rows)  # (k,) rows that restrict velocities only
     positions: Positions | None = None  # which positions are quaternions; None: none is
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
     nonsmooth_reason: str = ""  # why forces change sharply within the tolerance, as where bodies touch; empty: smooth
@@ -233,6 +242,11 @@ class AnySystem(ABC):
             raise ValueError(f"a system of {self.nq} positions and {moving} velocities must have its `positions`")
         places = np.arange(moving)
         return Positions(places, places, np.zeros((0, 2), np.int64), self.states)
+
+    @cached_property
+    def holonomic(self) -> NDArray[np.int64]:
+        """Constraint equations that restrict positions, ascending."""
+        return np.setdiff1d(np.arange(self.m), self.nonholonomic)
 
     @property
     def n_velocities(self) -> int:

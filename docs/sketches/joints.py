@@ -296,6 +296,20 @@ def distance() -> Sketch:
     return s
 
 
+@element("RollingWheel")
+def rolling() -> Sketch:
+    """A disk that leans over its track."""
+    s = Sketch(-48.0, 24.0)
+    lean, R = 0.35, 0.95
+    b = s.other((0.0, 0.0, R * np.cos(lean)), (lean, 0.0, 0.0))
+    s.mechanism.cut("c", mbm.RollingWheel(radius=R), s.a, b)
+    s.show(s.a, GRAY, block((3.4, 2.4, 0.1), (0.0, 0.0, -0.05)))
+    s.show(b, BLUE, *(disc(R, 0.12, (0.0, 0.0, 0.0), "y"), disc(0.12, 0.5, (0.0, 0.0, 0.0), "y")))
+    s.turn(tuple(Rotation.from_rotvec((lean, 0.0, 0.0)).as_matrix()[:, 1]), (0.0, 0.25, R * np.cos(lean)), 0.5)
+    s.turn("z", (0.0, 0.1, 2.05), 0.4, (-120.0, 150.0))
+    return s
+
+
 @element("PlaneCutJoint")
 def plane() -> Sketch:
     """A point that remains in a plane: five free directions."""

@@ -187,6 +187,12 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
             "not-native",
         )
+    if len(system.nonholonomic):
+        raise UserError(
+            f"native FMUs do not support rolling without slip, such as constraint "
+            f"{system.constraint_names[system.nonholonomic[0]]!r}; export it with --python",
+            "not-native",
+        )
     if system.n_states and simulation.steady_state is not None:
         raise UserError(
             f"native FMUs do not start in the steady state of a model with first-order states, such as "

@@ -139,7 +139,7 @@ def allowed_motions(dense: System, t: float, q: Array, v: Array, resolution: flo
     for one. Singular values below ``resolution``, relative to the largest, are not resolved.
     """
     sizes, moving = (dense.nq, dense.n, dense.m), dense.n_velocities
-    terms, work = Terms.allocate(*sizes), pin(Workspace.allocate(*sizes, dense.n_states))
+    terms, work = Terms.allocate(*sizes), pin(Workspace.allocate(*sizes, dense.n_states, dense.nonholonomic))
     workspace, equations = unpin(work), Equations.of(dense, terms)
     workspace.size[:] = dense.size
     workspace.size_q[:] = dense.position_sizes(dense.size)

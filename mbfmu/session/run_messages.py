@@ -48,6 +48,12 @@ UNDETERMINED_FORCES = Diagnostic.warning(
     "singular configuration or too near to one",
     "Read them at other times, or change the lengths of the loop",
 )
+LIFTING_WHEEL = Diagnostic.warning(
+    "lifting-wheel",
+    "wheel {name!r} would lift at t = {t:.9g} s: its plane would have to pull it with {force:.3g} N to keep contact. "
+    "The motion from there on is that of a wheel that cannot lift",
+    "Reduce speeds, correct the normal of the plane, or use a contact force for a wheel that may lift",
+)
 SINGULAR_START = Diagnostic.warning(
     "singular-start",
     "the start is a singular configuration, in which the loops do not determine all rates; the rates nearest to the "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import isnan
 
 import numpy as np
@@ -21,6 +21,7 @@ from .kernels.points import Session
 from .run_messages import INPUT_JUMP, UNDETERMINED_FORCES, filled
 from .saved_states import SavedStates
 from .stepper_run import SAMPLE, SEQUENCE
+from .wheel_monitor import State, WheelMonitor
 
 Array = NDArray[np.float64]
 
@@ -37,6 +38,7 @@ class RunProgress(SavedStates):
     _limit_ratio: Array
     _has_supports: bool
     _has_limits: bool
+    _wheels: WheelMonitor
 
     @property
     def discontinuity_work(self) -> float:
@@ -136,7 +138,15 @@ class RunProgress(SavedStates):
             self.energy_check.describe_state(t, q)
         if self._has_limits:
             self._element_monitor.note(float(self._limit_ratio[0]), t, self._positions)
+        if self._wheels.wheels:
+            self._note_wheels([(t, q, stepper.v)])
         return stepper.status
+
+    def _note_wheels(self, states: Iterable[State]) -> None:
+        """Warn once of each wheel that would lift."""
+        for found in self._wheels.describe(states):
+            if not any((found.code, found.subject) == (known.code, known.subject) for known in self._noted):
+                self._noted.append(found)
 
     def _report_support_motions(self, t: float) -> None:
         """Report what is unusual about the support motions that have started at t, s; raise if they cannot start."""
@@ -218,6 +228,8 @@ class RunProgress(SavedStates):
             self._report_support_motions(begin)
             q, ratios = self._run.samples.q, self._run.ratios[: count + 1]
             self._element_monitor.note_samples(ratios, ahead[: len(ratios)], q[: len(ratios)])
+            if self._wheels.wheels:
+                self._note_wheels(zip(ahead[:count].tolist(), q, self._run.samples.v, strict=False))
             if self.energy_check and count:
                 self.energy_check.describe(ahead[:count], q[:count])
             done += count

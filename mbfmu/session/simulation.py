@@ -37,6 +37,7 @@ from .step_count import StepCountCheck
 from .stepper_run import StepperRun
 from .tolerances import describe_coarse, describe_loose, describe_sticking
 from .warmup import MAX_WARMUP_STEPS, compile_kernels
+from .wheel_monitor import WheelMonitor
 
 __all__ = ["Settings", "Simulation"]
 
@@ -153,6 +154,8 @@ class Simulation(RunProgress):
         self.energy_check = EnergyCheck(self.compiled, self.session.status) if is_checked else None
         self._element_monitor = ElementMonitor(self.compiled, float(self._limit_ratio[0]), t0, self.stepper.q)
         self._reported_undetermined, self._end = False, t0
+        self._wheels = WheelMonitor(self.compiled, settings.tolerance)
+        self._note_wheels([(t0, q, v)])
         setters: Setters = {SetInput: self.set_input, SetParameter: self._set_parameter}
         self._events: RunEvents | None = None
         if self.compiled.mechanism.events or self.compiled.mechanism.sampled:

@@ -43,12 +43,15 @@ class StateSpace:
     Attributes
     ----------
     A, B, C, D
-        (s, s), (s, inputs), (outputs, s), (outputs, inputs) for s states: 2f for f degrees of freedom, the first-order
-        states, and the driven positions that are states, last.
+        (s, s), (s, inputs), (outputs, s), (outputs, inputs) for s states: f independent positions, as many rates, the
+        first-order states, and the driven positions that are states, last. With nonholonomic constraints there are
+        fewer independent rates than positions.
     states, inputs, outputs
         Names; the rate of state ``x`` is ``der(x)``.
     coordinates
         Derivatives of all coordinates with respect to the independent ones (n, f); zero for first-order states.
+    n_rates
+        Number of independent rates; None: f.
     n_states
         Number of first-order states.
     periodic
@@ -65,15 +68,22 @@ class StateSpace:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     coordinates: Array
+    n_rates: int | None = None
     n_states: int = 0
     periodic: tuple[str, ...] = ()
     diagnostics: tuple[Diagnostic, ...] = ()
 
     @property
     def free(self) -> Array:
-        """The part (2f + n_states, 2f + n_states) of A without driven positions."""
-        size = 2 * self.coordinates.shape[1] + self.n_states
+        """The part (k, k) of A without driven positions, k = n_moving + n_states."""
+        size = self.n_moving + self.n_states
         return self.A[:size, :size]
+
+    @property
+    def n_moving(self) -> int:
+        """Number of independent positions and rates."""
+        positions = int(self.coordinates.shape[1])
+        return positions + (positions if self.n_rates is None else self.n_rates)
 
     def modes(self) -> list[Mode]:
         """Return the eigenvalues, slowest first; for a conjugate pair the one with positive imaginary part."""
@@ -85,7 +95,7 @@ class StateSpace:
         values, vectors = scipy.linalg.eig(self.free) if self.free.size else (np.zeros(0), np.zeros((0, 0)))
         freedom = self.coordinates.shape[1]
         motions = self.coordinates @ vectors[:freedom]
-        motions[len(motions) - self.n_states :] = vectors[2 * freedom :]
+        motions[len(motions) - self.n_states :] = vectors[self.n_moving :]
         return [(Mode(complex(values[k])), motions[:, k]) for k in slowest_first(values)]
 
     def to_scipy(self) -> Any:
@@ -187,26 +197,28 @@ def linearize(
     q: Array,
     v: Array,
     rows: NDArray[np.int64],
-    independent: NDArray[np.int64] | None = None,
+    independent: tuple[NDArray[np.int64], ...] | None = None,
     driven: tuple[str, ...] | None = None,
 ) -> StateSpace:
     """Linearize about the steady state (q (nq,), v (n,)) at time t; ``rows`` are the independent constraints.
 
-    ``independent``: numbers of the coordinates that are states, ascending; by default they are chosen by pivoting.
+    ``independent``: numbers of the coordinates whose positions are states, and of those whose rates are, ascending,
+    both with the first-order states; by default they are chosen by pivoting.
     ``driven``: names of the bodies whose driven positions are states; by default those on which anything depends.
 
     Raises EquilibriumError where a slope is not finite, AssemblyError where a free motion has no inertia.
     """
     check_inertia(compiled.system, t, q, v)
     line, states = LinearizedPlant(compiled, t, q, v, rows, independent), compiled.system.n_states
-    freedom = len(line.independent) - states
+    positions, rates = line.positions.independent, line.rates.independent
+    moving = len(positions) + len(rates)
     free, inputs = line.unit_states(), [line.along_input(k) for k in range(len(compiled.inputs))]
     supports = compiled.inputs.supports()
     speeds = [k for k, (_, _, speed) in supports.items() if speed]
     directions = [*free, *(line.along_drive(k, 0) for k in speeds), *inputs]
     columns = [np.concatenate(line.respond(*direction)) for direction in directions]
-    slope = np.array(columns).reshape(len(columns), 2 * freedom + states + len(compiled.outputs)).T
-    moving = 2 * freedom + states
+    slope = np.array(columns).reshape(len(columns), moving + states + len(compiled.outputs)).T
+    moving += states
     if not np.isfinite(slope[:moving]).all():
         raise EquilibriumError(
             "the linearized motion is not finite, because forces and masses differ by too many orders of magnitude"
@@ -222,17 +234,23 @@ def linearize(
     for row, k in zip(follows, speeds, strict=True):
         row[s + compiled.inputs.number(k, 1)] = 1.0
     slope = np.vstack((slope, follows))
-    names = [compiled.system.coordinate_names[k] for k in line.independent]
-    names, own = names[:freedom], names[freedom:]
+    names = compiled.system.coordinate_names
+    own = names[compiled.system.n_velocities :]
     return StateSpace(
         A=slope[:, :s],
         B=slope[:, s:],
         C=seen[:, :s],
         D=seen[:, s:],
-        states=(*names, *(f"der({name})" for name in names), *own, *(compiled.drives.name(k) for k in speeds)),
+        states=(
+            *(names[k] for k in positions),
+            *(f"der({names[k]})" for k in rates),
+            *own,
+            *(compiled.drives.name(k) for k in speeds),
+        ),
         inputs=tuple(v.name for v in compiled.inputs.variables),
         outputs=tuple(v.name for v in compiled.outputs),
         coordinates=line.coordinates(),
+        n_rates=len(rates) if len(compiled.system.nonholonomic) else None,
         n_states=states,
         diagnostics=tuple(
             Diagnostic.note(
@@ -248,8 +266,41 @@ def linearize(
     )
 
 
+class Partition:
+    """Coordinates that are independent under some constraints, and the changes of the others with them."""
+
+    def __init__(self, J: Array, rows: NDArray[np.int64], moving: int, independent: NDArray[np.int64] | None) -> None:
+        """Take ``rows`` of J (m, n); of the coordinates the first ``moving`` can depend on others."""
+        self.rows, J = rows, J[rows]
+        if independent is None:  # dependent coordinates by column pivoting, as the LU partition chooses them
+            columns = scipy.linalg.qr(J, pivoting=True, mode="r")[1] if len(rows) else np.arange(J.shape[1])
+            independent = np.sort(columns[len(rows) :])
+        self.dependent = np.setdiff1d(np.arange(J.shape[1]), independent)
+        self.independent = independent[independent < moving]
+        self._free = independent
+        self._J_dependent, self._J_independent = J[:, self.dependent], J[:, independent]
+
+    def spread(self, values: Array, residual: Array) -> Array:
+        """Return the change (n,) of all coordinates with those ``values`` of the independent ones, first-order states
+        last and zero by default, and J change = residual (rows,).
+        """
+        change = np.zeros(len(self.dependent) + len(self._free))
+        own = np.zeros(len(self._free))
+        own[: len(values)] = values
+        change[self._free] = own
+        if len(self.rows):
+            change[self.dependent] = np.linalg.solve(self._J_dependent, residual - self._J_independent @ own)
+        return change
+
+
 class LinearizedPlant:
-    """First-order changes of a compiled mechanism's motion along one state or input at a time."""
+    """First-order changes of a compiled mechanism's motion along one state or input at a time.
+
+    Attributes
+    ----------
+    positions, rates
+        Independent coordinates by the constraints of positions, and by all.
+    """
 
     def __init__(
         self,
@@ -258,74 +309,66 @@ class LinearizedPlant:
         q: Array,
         v: Array,
         rows: NDArray[np.int64],
-        independent: NDArray[np.int64] | None = None,
+        independent: tuple[NDArray[np.int64], ...] | None = None,
     ) -> None:
         self.compiled, self.t, self.rows = compiled, t, rows
         self.q, self.v = q.astype(complex), v.astype(complex)
         self.system = system = compiled.complex_system()
         self.terms = system.allocate_terms(complex)
         system.fill(t, self.q, self.v, self.terms)
-        J = self.terms.J.real[rows]
-        # dependent coordinates by column pivoting, as the LU partition chooses them
-        columns = scipy.linalg.qr(J, pivoting=True, mode="r")[1] if len(rows) else np.arange(system.n)
-        self._moving = system.n - len(rows) - system.n_states  # independent coordinates; states are the last ones
-        self.dependent, self.independent = np.sort(columns[: len(rows)]), np.sort(columns[len(rows) :])
-        if independent is not None:
-            self.independent, self.dependent = independent, np.setdiff1d(np.arange(system.n), independent)
-        self.J_dependent, self.J_independent = J[:, self.dependent], J[:, self.independent]
+        J, moving = self.terms.J.real, system.n_velocities
+        own_positions, own_rates = independent or (None, None)
+        self.rates = self.positions = Partition(J, rows, moving, own_rates)
+        if len(system.nonholonomic):
+            self.positions = Partition(J, np.setdiff1d(rows, system.nonholonomic), moving, own_positions)
 
     def unit_states(self) -> list[Direction]:
         """Return a direction for each free state; first-order states are changed as rates and have no positions."""
-        f = len(self.independent)
-        zero = np.zeros(f)
-        return [*((row, zero, None) for row in np.eye(f)[: self._moving]), *((zero, row, None) for row in np.eye(f))]
+        f, r = len(self.positions.independent), len(self.rates.independent) + self.system.n_states
+        return [*((row, np.zeros(r), None) for row in np.eye(f)), *((np.zeros(f), row, None) for row in np.eye(r))]
 
     def along_input(self, index: int) -> Direction:
         """Return the direction of an input."""
-        zero, data, inputs = np.zeros(len(self.independent)), self.system.data, self.compiled.inputs
-        return zero, zero, (*inputs.places(data.arrays, self.compiled.signals(data))[index], inputs.scale(index))
+        data, inputs = self.system.data, self.compiled.inputs
+        places = inputs.places(data.arrays, self.compiled.signals(data))
+        return *self._at_rest(), (*places[index], inputs.scale(index))
 
     def along_drive(self, signal: int, derivative: int) -> Direction:
         """Return the direction of the position of a drive that is an input, of its rate or of its acceleration."""
-        zero, place = np.zeros(len(self.independent)), self.compiled.signals(self.system.data)[signal].record["c"]
-        return zero, zero, (place, derivative, 0.5 if derivative == 2 else 1.0)
+        place = self.compiled.signals(self.system.data)[signal].record["c"]
+        return *self._at_rest(), (place, derivative, 0.5 if derivative == 2 else 1.0)
 
     def respond(self, x: Array, rate: Array, place: tuple[Any, int, float] | None) -> tuple[Array, Array]:
-        """Return changes of (rates, accelerations) (2f,), rates of first-order states, and outputs for unit changes of
-        states or at a place.
+        """Return changes of (rates, accelerations) of the independent coordinates, rates of first-order states, and
+        outputs for unit changes of states or at a place.
         """
         s, T = self.system, self.terms
         if place:
             vector, k, scale = place
             vector[k] += PRODUCT_STEP_SIZE * 1j * scale
         s.fill(self.t, self.q, self.v, T)
-        q = self.q.copy()
-        s.apply(q, self._spread(x, -T.Phi.imag[self.rows] / PRODUCT_STEP_SIZE))
+        q, gaps = self.q.copy(), -T.Phi.imag[self.positions.rows] / PRODUCT_STEP_SIZE
+        step: Any = PRODUCT_STEP_SIZE * 1j * self.positions.spread(x, gaps)
+        s.apply(q, step)
         s.fill(self.t, q, self.v, T)
-        v = self.v + self._spread(rate, (T.nu - T.J @ self.v).imag[self.rows] / PRODUCT_STEP_SIZE)
+        opening = (T.nu - T.J @ self.v).imag[self.rows] / PRODUCT_STEP_SIZE
+        v = self.v + PRODUCT_STEP_SIZE * 1j * self.rates.spread(rate, opening)
         s.fill(self.t, q, v, T)
         a, lam = self._solve()
         out = self.compiled.observe_complex(s, self.t, q, v, a, lam)
         if place:
             vector[k] = vector[k].real
-        change = np.concatenate((v[self.independent[: self._moving]], a[self.independent])).imag / PRODUCT_STEP_SIZE
-        return change, out.imag / PRODUCT_STEP_SIZE
+        slopes = v[self.positions.independent], a[self.rates.independent], a[s.n_velocities :]
+        return np.concatenate(slopes).imag / PRODUCT_STEP_SIZE, out.imag / PRODUCT_STEP_SIZE
 
     def coordinates(self) -> Array:
         """Return the change of all coordinates (n, f) with each of the independent ones, loops closed."""
-        rows = [
-            self._spread(row, np.zeros(len(self.rows))).imag / PRODUCT_STEP_SIZE
-            for row in np.eye(len(self.independent))[: self._moving]
-        ]
-        return np.array(rows).reshape(len(rows), self.system.n).T
+        closed, f = np.zeros(len(self.positions.rows)), len(self.positions.independent)
+        rows = [self.positions.spread(row, closed) for row in np.eye(f)]
+        return np.array(rows).reshape(f, self.system.n).T
 
-    def _spread(self, independent: Array, residual: Array) -> Any:
-        """Return an imaginary step (n,) of all coordinates: J change = residual with the independent ones given."""
-        change = np.zeros(self.system.n)
-        change[self.independent] = independent
-        if len(self.rows):
-            change[self.dependent] = np.linalg.solve(self.J_dependent, residual - self.J_independent @ independent)
-        return PRODUCT_STEP_SIZE * 1j * change
+    def _at_rest(self) -> tuple[Array, Array]:
+        return np.zeros(len(self.positions.independent)), np.zeros(len(self.rates.independent) + self.system.n_states)
 
     def _solve(self) -> tuple[Any, Any]:
         """Return accelerations (n,) and multipliers (m,) of the complex equations of motion, solved in units."""

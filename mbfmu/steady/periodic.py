@@ -162,10 +162,12 @@ class PeriodicLinearization:
 
     def _linearized(self, t: float, first: StateSpace) -> StateSpace:
         """Return the state matrices at time t, of the states of the first ones."""
-        names, freedom = list(self.compiled.system.coordinate_names), first.coordinates.shape[1]
-        independent = np.array([names.index(name) for name in first.states[:freedom]], np.int64)
-        independent = np.concatenate((independent, self.compiled.system.states))
-        driven = first.states[2 * freedom + first.n_states :]
+        system, freedom = self.compiled.system, first.coordinates.shape[1]
+        numbers = {name: k for k, name in enumerate(system.coordinate_names)}
+        numbers |= {f"der({name})": k for name, k in numbers.items()}
+        chosen = first.states[:freedom], first.states[freedom : first.n_moving]
+        independent = tuple(np.append([numbers[name] for name in own], system.states).astype(int) for own in chosen)
+        driven = first.states[first.n_moving + first.n_states :]
         return linearize(self.compiled, t, self.at(t)[0], self.v, self.rows, independent, driven)
 
     def state_space(self) -> StateSpace:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism
-from mbfmu.mechanics.arrays.closing import least_change
+from mbfmu.mechanics.arrays.closing import assemble_velocities, least_change
 from mbfmu.mechanics.loads.base import MAX_ACCURATE_RATIO
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model
@@ -190,11 +190,17 @@ class EquilibriumProblem:
     def _steady_velocities(self) -> Array:
         """Return the velocities (n,) of the steady motion: those of cyclic coordinates, as the couplings want them."""
         compiled, system = self.compiled, self.compiled.system
-        v = np.where(self._cyclic, compiled.assembly.start_velocities(), 0.0)
+        assembly = compiled.assembly
+        v = np.where(self._cyclic, assembly.start_velocities(), 0.0)
+        if len(system.nonholonomic) and self._cyclic.any():  # rates that are not given follow from those that are
+            held = ~self._cyclic | assembly.held() | (assembly.given()[1] > 0.0)
+            with suppress(AssemblyError):  # they fit elsewhere
+                v = assemble_velocities(system, 0.0, self._start, v, held)
+            return v
         if compiled.mechanism.couplings and self._cyclic.any():
             terms = system.allocate_terms()
             system.fill(0.0, self._start, v, terms)
-            held, opening = ~self._cyclic | compiled.assembly.held(), terms.J @ v - terms.nu
+            held, opening = ~self._cyclic | assembly.held(), terms.J @ v - terms.nu
             v -= system.size * least_change(system, terms.J, opening / system.row_size, held)
         return v
 

@@ -21,7 +21,7 @@ from mbfmu.steady.rigid_body_modes import describe_motions, free_motions
 from mbfmu.util.diagnostics import Diagnosed, Diagnostic, render
 from mbfmu.util.errors import EquilibriumError
 from mbfmu.util.text_table import format_table
-from solvers.statics.spectrum import Spectrum, Stability
+from solvers.statics.spectrum import Spectrum, Stability, spectrum_of_states
 from solvers.system import Array
 
 MAX_PRINTED_MODES = 60  # modes that are printed
@@ -97,6 +97,9 @@ class Equilibrium(Diagnosed):
         """
         if self.periodic:
             return PeriodicLinearization(self.compiled, self.q, self.v, self.lam, self.rows).spectrum()
+        if len(self.compiled.system.nonholonomic) and self.v.any():  # constraints of the rates change with positions
+            linear = self.state_space
+            return spectrum_of_states(linear.free, linear.coordinates, linear.n_moving)
         return find_spectrum(self.compiled, self.q, self.v, self.lam)
 
     @cached_property

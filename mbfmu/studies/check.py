@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
+from mbfmu.mechanics.arrays.nonholonomic import position_rank
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.scene import Scene, default_scene
@@ -77,9 +78,10 @@ class Findings(Diagnosed):
         Name of the scene, and solver and tolerance of the run; with ``auto`` the selected solver.
     stop_time, reached
         End time of the scene, and time up to which it was examined, s.
-    coordinates, states, rows, freedom
+    coordinates, states, rows, freedom, position_freedom
         Numbers of free coordinates, of first-order states, of constraint equations (without trivially satisfied ones)
-        and of degrees of freedom; the last is None if the model did not start.
+        and of degrees of freedom of velocities and of positions; the last two are None if the model did not start. They
+        differ if constraints are nonholonomic.
     tree
         Whether it is a large model that is solved by recursions and not by dense matrices.
     loops
@@ -120,6 +122,7 @@ class Findings(Diagnosed):
     states: int = 0
     rows: int = 0
     freedom: int | None = None
+    position_freedom: int | None = None
     tree: bool = False
     loops: tuple[Loop, ...] = ()
     redundant: tuple[str, ...] = ()
@@ -239,6 +242,8 @@ class ExaminedRun:
         redundant = redundant_rows(self.compiled, run.t, run.stepper.q) if s.m else ()
         rank = s.m - len(redundant)
         watch = SingularityMonitor(self.compiled, rank, run) if rank else None
+        freedom = run.stepper.freedom if s.has_matrices else s.n - rank
+        bound = position_rank(s, run.t, run.stepper.q) if len(s.nonholonomic) else rank
         self._run(watch)
         reached, statistics, diagnostics = run.t, run.statistics, run.diagnostics
         self._note_unseen(reached)
@@ -247,7 +252,8 @@ class ExaminedRun:
             found,
             solver=run.solver_choice.solver,
             reached=reached,
-            freedom=run.stepper.freedom if s.has_matrices else s.n - rank,
+            freedom=freedom,
+            position_freedom=s.n_velocities - bound if len(s.nonholonomic) else freedom,
             loops=loops(self.compiled, redundant, self.gaps),
             redundant=redundant,
             nearest=watch.nearest(run) if watch else None,

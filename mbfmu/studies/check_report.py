@@ -51,7 +51,7 @@ def lines(found: Findings) -> Iterator[str]:
     """Yield the lines."""
     how = "large model, recursive solver" if found.tree else "dense matrices"
     if found.coordinates or found.states:
-        free = "" if found.freedom is None else f", {degrees(found.freedom)} of freedom"
+        free = "" if found.freedom is None else f", {describe_freedom(found)}"
         rows = format_count(found.rows, "constraint")
         states = f", {format_count(found.states, 'first-order state')}" if found.states else ""
         yield f"size: {format_count(found.coordinates, 'joint coordinate')}{states}, {rows}{free}; {how}"
@@ -75,6 +75,14 @@ def lines(found: Findings) -> Iterator[str]:
         yield f"recommended solver: {found.suits.solver!r}; {found.suits.reason}"
     reported = ("redundant-constraints", "selected-solver")  # above
     yield from render(d for d in found.diagnostics if d.severity == "note" and d.code not in reported)
+
+
+def describe_freedom(found: Findings) -> str:
+    """Report the number of degrees of freedom, of positions apart if constraints are nonholonomic."""
+    text = f"{degrees(found.freedom or 0)} of freedom"
+    if found.position_freedom in (found.freedom, None):
+        return text
+    return f"{text} ({found.position_freedom} of positions: some constraints are nonholonomic)"
 
 
 def degrees(count: int) -> str:

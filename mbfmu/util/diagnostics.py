@@ -23,7 +23,11 @@ __all__ = [
 ]
 
 INACCURATE_CODES = {"energy-balance", "slow-passage"}  # the motion may be wrong: the energy error is too large
-SUSPECT_CODES = INACCURATE_CODES | {"coarse-mesh", "fmu-warning"}  # warnings about an error that was found in the run
+SUSPECT_CODES = INACCURATE_CODES | {
+    "coarse-mesh",
+    "fmu-warning",
+    "lifting-wheel",
+}  # warnings about an error that was found in the run
 OLD_NOTE_CODES = {"changed-start", "redundant-constraints", "slow-solver", "selected-solver"}  # until version 0.2
 DETAIL_CODES = {"removed-constraints"}  # notes on every planar loop, which are printed on request only
 
@@ -46,6 +50,7 @@ MESSAGE_TITLES = OF_SOLVERS | {
     "element-at-start": "An element is not usable at the start, such as a sheet that penetrates a contact surface",
     "unreachable-drive": "A drive requires a position that the loops cannot reach",
     "undetermined-forces": "Reaction forces are not determined at a singular configuration",
+    "lifting-wheel": "A wheel that rolls without slip would lift from its plane",
     "energy-balance": "The energy error is larger than the tolerance explains",
     "slow-passage": "The energy error decides on which side of an unstable equilibrium the motion continues",
     "coarse-mesh": "The mesh of a sheet is too coarse for its deformation",

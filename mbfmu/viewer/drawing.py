@@ -33,6 +33,7 @@ PALETTE = (
 )  # fmt: skip
 GROUND_COLOR, STEEL_COLOR, PIN_COLOR = "#6b7280", "#a3abb8", "#3f4654"
 AXIS_COLORS = ("#d9483b", "#3f9b4b", "#3b6fd9")
+WHEEL_WIDTH_RATIO = 0.12  # width of a rolling wheel relative to its radius
 BENT_AXIS_PIECES = 64  # a flexible body is drawn with: five and more for every bulge of the highest mode
 
 
@@ -243,6 +244,12 @@ class _Artist:
             self._link("cylinder", a, cut.at_a, b, cut.at_b, 0.6 * r, STEEL_COLOR)
             for body, at in ((a, cut.at_a), (b, cut.at_b)):
                 self._part("sphere", body, at, np.eye(3) * 1.3 * r, PIN_COLOR)
+        elif cut.drawn == "wheel":
+            if b.index not in self.shaped:
+                R = cut.extent()
+                axes = along(cut.frames()[1][:, 2]) * [R, R, WHEEL_WIDTH_RATIO * R]
+                self._part("cylinder", b, cut.at_b, axes, color_of(b))
+            return
         elif cut.drawn == "ball":
             self._part("sphere", a, cut.at_a, np.eye(3) * 1.7 * r, PIN_COLOR)
         else:

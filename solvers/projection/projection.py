@@ -1,5 +1,8 @@
 """Projection partitioning: motion tangent to the constraints, also through singular configurations.
 
+Nonholonomic rows have Phi = 0, so that corrections of the position are motions that they allow: a wheel is moved onto
+its plane without slip. The change is of the order of the tolerance, and J may be factored once for both levels.
+
 Coordinates are measured in units S of their size, constraints in units R of their rows (the largest they have been), so
 that radians and meters are comparable: J~ = R^-1 J S. With J~ = L Q^T (:func:`solvers.linalg.dense.factor_lq`) the
 first ``rank`` columns of Q span the constraint normals and the others the motions the constraints allow, P = S Q_2::
@@ -195,6 +198,8 @@ def project_with_frozen_jacobian(
         for i in range(eqs.terms.Phi.shape[0]):
             for j in range(n):
                 eqs.terms.Phi[i] += eqs.terms.J[i, j] * (q[j] - near[j])
+        for k in range(work.nonholonomic.shape[0]):
+            eqs.terms.Phi[work.nonholonomic[k]] = 0.0
         solve_position_correction(eqs.terms, rank, work)
     else:
         for i in range(n):

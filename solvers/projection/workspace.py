@@ -54,6 +54,7 @@ class Workspace(NamedTuple):
     row: Array  # (m,)    units of the constraints
     in_loops: Array  # (n,)    1 for coordinates that occur in constraints, 0 for others
     states: NDArray[np.int64]  # (k,)    places of first-order states in v: the last ones
+    nonholonomic: NDArray[np.int64]  # (k,)    constraints that restrict velocities only: their Phi is zero
     rate: Array  # (2,)    1/s, of the motion, and of the loops' part in it: unit of size a second
     coordinate_rates: Array  # (n,)    1/s, of every coordinate's own part in it; of a first-order state 1
     A: Array  # (m, n)  L, and the reflectors of Q, of J~[pivots] = L Q^T
@@ -113,18 +114,19 @@ class Workspace(NamedTuple):
     inertia: Table[InertiaRecord]  # (1,)    how nearly singular the mass matrix is
 
     @staticmethod
-    def allocate(nq: int, n: int, m: int, states: int = 0) -> Workspace:
+    def allocate(nq: int, n: int, m: int, states: int = 0, nonholonomic: NDArray[np.int64] | None = None) -> Workspace:
         """Return zeroed scratch for ``nq`` positions, ``n`` velocities, the last ``states`` of which are first-order
-        states, and ``m`` constraints, units of one.
+        states, and ``m`` constraints, units of one; ``nonholonomic`` (k,) are those that restrict velocities only.
         """
+        rows_of_velocities = np.zeros(0, np.int64) if nonholonomic is None else nonholonomic.copy()
         z, one = np.zeros, np.ones
         N = n + m + 2 if m else 0
         pivots, pivots_B, order, rows, columns, K_pivots, frame_pivots, E_pivots, C_pivots = (
             np.zeros(k, np.int64) for k in (m, m, max(m, n), m, n, N, m, m, m)
         )
         return Workspace(
-            one(n), one(nq), one(m), one(n), place_states(n, states), one(2), one(n), z((m, n)), z(m), pivots, z(m),
-            z((n, n)), z((n, n)),
+            one(n), one(nq), one(m), one(n), place_states(n, states), rows_of_velocities, one(2), one(n),
+            z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)),
             z((n, n)), z((1, n)), z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m),
             pivots_B, z((m, n)), z((m, m)), order, z(m), z(m), rows, columns,
             CriticalRecord.zeros(1), z(nq), z(nq), z(m),

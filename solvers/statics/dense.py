@@ -83,17 +83,42 @@ class NewtonScratch(NamedTuple):
     W: Array  # (rank, rank)
     ahead: Array  # (N,) f at a neighbor, for differences; else empty
     cyclic: NDArray[np.int64]  # (n,) 1: all differences along the coordinate are zero; else empty
+    nonholonomic: NDArray[np.int64]  # (k,) places of nonholonomic rows among the independent ones
 
     @staticmethod
-    def allocate(nq: int, size: Array, row: Array) -> NewtonScratch:
-        """Return zeroed scratch for this number of positions and these units of coordinates and constraints."""
+    def allocate(nq: int, size: Array, row: Array, nonholonomic: NDArray[np.int64] | None = None) -> NewtonScratch:
+        """Return zeroed scratch for this number of positions, these units of coordinates and constraints, and places
+        (k,) of nonholonomic constraints.
+        """
+        rows = np.zeros(0, np.int64) if nonholonomic is None else nonholonomic
         n, rank, z = len(size), len(row), np.zeros
         N = n + rank
         return NewtonScratch(
             size, row, np.ones(1), z(nq, complex), z(n, complex), z(n, complex), z(nq), z(rank), z(n), z(n), z(N),
             z((N, N)), z(N), z(N), z((N, N)), z(N, np.int64), z(N, np.int64), z(1, np.int64), z((rank, n)),
             z((n, rank)), z(rank, np.int64), z((n, n)), z(rank), z((rank, rank)), z(0), z(0, np.int64),
+            rows,
         )  # fmt: skip
+
+
+@kernel
+def balance_nonholonomic(terms: Terms, r: int, rows: Integers, k: int, scratch: NewtonScratch) -> None:
+    """Row n + r of s.f, and its entry of coordinate k of s.K, from the ``terms`` of its perturbation.
+
+    If the mechanism is in motion, J v = nu. At rest this holds everywhere: positions change as the constraint allows.
+    """
+    n, speed = scratch.v.shape[0], 0.0
+    opening = -terms.nu[rows[r]]
+    for j in range(n):
+        speed = max(speed, abs(scratch.v[j].real) / scratch.size[j])
+        opening += terms.J[rows[r], j] * scratch.v[j]
+    if speed > 0.0:
+        unit = speed * scratch.row[r]
+        scratch.f[n + r] = opening.real / unit
+        scratch.K[n + r, k] = opening.imag / PRODUCT_STEP_SIZE * scratch.size[k] / unit
+    else:
+        scratch.f[n + r] = 0.0
+        scratch.K[n + r, k] = terms.J[rows[r], k].real * scratch.size[k] / scratch.row[r]
 
 
 @kernel
@@ -134,6 +159,8 @@ def linearize(
         for r in range(rank):
             scratch.f[n + r] = terms.Phi[rows[r]].real / scratch.row[r]
             scratch.K[n + r, k] = terms.Phi[rows[r]].imag / PRODUCT_STEP_SIZE * scratch.size[k] / scratch.row[r]
+        for i in range(scratch.nonholonomic.shape[0]):
+            balance_nonholonomic(terms, scratch.nonholonomic[i], rows, k, scratch)
     for r in range(rank):
         for i in range(n):
             scratch.K[i, n + r] = terms.J[rows[r], i].real * scratch.size[i] / scratch.row[r]
@@ -326,7 +353,12 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         self._terms = system.allocate_terms(complex)
         self._eqs = Equations.of(system, self._terms)
         self.rows = self._independent_rows(t, q)
-        scratch = NewtonScratch.allocate(system.nq, system.size, system.row_size[self.rows])
+        scratch = NewtonScratch.allocate(
+            system.nq,
+            system.size,
+            system.row_size[self.rows],
+            np.flatnonzero(np.isin(self.rows, system.nonholonomic)),
+        )
         scratch.v[:] = v
         scaled = self._terms.J.real[self.rows] * system.size / scratch.row[:, np.newaxis]
         scratch.largest[:] = np.linalg.norm(scaled, 2) if scaled.size else 1.0

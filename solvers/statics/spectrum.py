@@ -156,6 +156,43 @@ def solve_general(matrices: Matrices) -> Spectrum:
     return order_spectrum(values[upper], matrices.basis @ motions[:, upper], doubts[upper])
 
 
+def spectrum_of_states(A: Array, coordinates: Array, n_moving: int) -> Spectrum:
+    """Return the eigenvalues of state matrices A (s, s): positions (f,), rates, and first-order states from the place
+    ``n_moving`` on. Coordinates change as ``coordinates`` (n, f) with the positions.
+
+    Positions on which nothing depends and rates that nothing changes are taken out first: their eigenvalue is zero.
+    """
+    states, f = np.arange(len(A)), coordinates.shape[1]
+    scale = scipy.linalg.matrix_balance(A, permute=False, separate=True)[1][0]
+    balanced = np.abs(A * scale / scale[:, np.newaxis])
+    least = MACHINE_EPSILON * len(A) * balanced.max(initial=0.0)
+    while len(states):
+        part = balanced[np.ix_(states, states)] > least
+        kept = part.any(axis=0) & part.any(axis=1)
+        if kept.all():
+            break
+        states = states[kept]
+    own = A[np.ix_(states, states)]
+    values, left, right = scipy.linalg.eig(own, left=True) if len(own) else (np.zeros(0), own, own)
+    overlap = np.abs(np.sum(left.conj() * right, axis=0))
+    rounding = MACHINE_EPSILON * (16.0 + len(own)) * float(np.linalg.norm(own, 2) if len(own) else 0.0)
+    doubts = np.minimum(
+        rounding / np.maximum(overlap, MACHINE_EPSILON), np.sqrt(rounding * np.abs(own).max(initial=0.0))
+    )
+    vectors = np.zeros((len(A), len(values)), complex)
+    vectors[states] = right
+    motions = coordinates @ vectors[:f]
+    motions[len(motions) - (len(A) - n_moving) :] = vectors[n_moving:]
+    values = np.where(np.abs(values) <= doubts, 0.0, values)
+    values = np.where(np.abs(values.imag) <= doubts, values.real, values)
+    upper, still = values.imag >= 0.0, np.setdiff1d(np.arange(f), states)
+    return order_spectrum(
+        np.append(values[upper], np.zeros(len(still))),
+        np.column_stack((motions[:, upper], coordinates[:, still])),
+        np.append(doubts[upper], np.zeros(len(still))),
+    )
+
+
 def improve_eigenvalues(
     matrices: Matrices, values: NDArray[np.complex128], x: Array, y: Array, fastest: float
 ) -> tuple[NDArray[np.complex128], Array]:

@@ -157,6 +157,8 @@ def describe_refusal(name: str, system: AnySystem) -> str:
         return describe_plugin_refusal(name, system) if name in plugin_names(RESERVED_NAMES) else ""
     if system.stiffness_reason and name in UNCONSTRAINED_SOLVERS:
         return describe_stiffness(name, system)
+    if name == "adams-lu" and len(system.nonholonomic):
+        return _refusal(name, "has no nonholonomic constraints, such as those of rolling wheels; use 'hybrid'")
     if not isinstance(system, TreeSystem):
         if system.n and name not in SOLVERS and not eliminates_implicitly(name, system):
             return _refusal(

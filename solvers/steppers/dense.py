@@ -151,7 +151,10 @@ class DenseFormulation(Formulation):
     def __init__(self, system: System, t: float, q: Array, v: Array, options: Options) -> None:
         super().__init__(system)
         sizes = system.nq, system.n, system.m
-        self.terms, self.work = Terms.allocate(*sizes), pin(Workspace.allocate(*sizes, system.n_states))
+        self.terms, self.work = (
+            Terms.allocate(*sizes),
+            pin(Workspace.allocate(*sizes, system.n_states, system.nonholonomic)),
+        )
         self.equations = Equations.of(system, self.terms)
         workspace = self.workspace = self.work.value if COMPILED else self.work
         workspace.size[:] = system.size

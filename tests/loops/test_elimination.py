@@ -11,7 +11,7 @@ from mechanisms import CASES, ladder, n_four_bar, parallelogram
 
 import solvers.steppers
 from mbfmu.mechanics import CompiledMechanism, Gear, JointSpring, Mechanism, Revolute, RevoluteCutJoint, cuts, rod
-from mbfmu.mechanics.cuts import CutJoint
+from mbfmu.mechanics.cuts import CutJoint, RollingWheel
 from mbfmu.mechanics.elimination.plan import Elimination, find_capacity, motion
 from mbfmu.mechanics.elimination.records import reduce_graph
 from mbfmu.mechanics.joints import Cylindrical, Floating, Planar, Spherical, Universal
@@ -24,7 +24,10 @@ from solvers.outcome import Code
 from solvers.steppers.adams.eliminated import EliminatedAdamsStepper
 from solvers.system import DROPPED, ELIMINATION_REPORT_SIZE, RANK, SHORTEST, System
 
-CUTS = sorted(element_types_of(cuts, CutJoint), key=lambda kind: kind.__name__)
+CUTS = sorted(
+    (kind for kind in element_types_of(cuts, CutJoint) if not issubclass(kind, RollingWheel)),
+    key=lambda kind: kind.__name__,
+)  # wheels are in small models only
 DROP = 1e-10
 
 

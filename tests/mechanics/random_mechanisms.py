@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mbfmu.mechanics import Cam, CompiledMechanism, Mechanism, Screw, Table, Universal, couplings, cuts, joints, loads
 from mbfmu.mechanics.couplings import Coupling
-from mbfmu.mechanics.cuts import CutJoint, DistanceCutJoint
+from mbfmu.mechanics.cuts import CutJoint, DistanceCutJoint, RollingWheel
 from mbfmu.mechanics.cuts.base import AxisCut
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.joints.base import AxisJoint
@@ -118,6 +118,12 @@ def smooth(case: Case) -> bool:
         v = abs(rate)
         if min(abs(q - f["lower"]), abs(q - f["upper"])) < 0.05 * (1.0 + v) or f["damping"] * v > 0.9:
             return False
+    bodies = state.bodies["A"]
+    wheels = [handle for handle in compiled.mechanism.cuts if isinstance(handle.cut, RollingWheel)]
+    for wheel, f in zip(wheels, compiled.records(RollingWheel), strict=True):
+        normal, axle = (bodies[end.index] @ f[R][:, 2] for end, R in ((wheel.a, "Ra"), (wheel.b, "Rb")))
+        if np.linalg.norm(np.cross(normal, axle)) < 0.3:  # a wheel that lies nearly flat changes its direction fast
+            return False
     for f in compiled.records(TorsionSpring):
         A, B = state.bodies["A"][int(f["a"])], state.bodies["A"][int(f["b"])]
         R = f["Ea"] @ A.T @ B @ f["Eb"].T
@@ -170,6 +176,8 @@ def drawn(seed: int, kinds: list[type[Joint]], closing: list[type], driven: bool
         options |= {"rotation_a": random_rotation(rng), "rotation_b": random_rotation(rng)}
         if cut is DistanceCutJoint:
             options["length"] = rng.uniform(0.5, 2.0)
+        if cut is RollingWheel:
+            options |= {"radius": rng.uniform(0.5, 2.0), "crown_radius": rng.uniform(0.0, 0.4)}
         if issubclass(cut, AxisCut):
             options["axis"] = ("x", "y", "z", rng.normal(size=3))[rng.integers(4)]
         m.cut(f"c{i}", cut(**options), m.bodies[-1], m.bodies[rng.integers(0, len(m.bodies) - 1)])

@@ -29,7 +29,7 @@ from mbfmu.mechanics import (
     WeldCutJoint,
     rod,
 )
-from mbfmu.mechanics.cuts import DistanceCutJoint
+from mbfmu.mechanics.cuts import DistanceCutJoint, RollingWheel
 from mbfmu.mechanics.dispatch import signal as signal_at
 from mbfmu.util.errors import AssemblyError
 from solvers import Options, stepper
@@ -57,6 +57,7 @@ def on_base(joint: Any, seed: int, kinds: list[Any], cuts: list[Any]) -> Compile
     for i, cut in enumerate(cuts):
         frames = {"rotation_a": random_rotation(rng), "rotation_b": random_rotation(rng)}
         length = {"length": rng.uniform(0.5, 2.0)} if cut is DistanceCutJoint else {}
+        length |= {"radius": rng.uniform(0.5, 2.0)} if cut is RollingWheel else {}
         pair = [m.bodies[-1], m.bodies[rng.integers(1, len(m.bodies) - 1)]]
         rng.shuffle(pair)
         m.cut(f"c{i}", cut(at_a=rng.normal(size=3), at_b=rng.normal(size=3), **frames, **length), *pair)

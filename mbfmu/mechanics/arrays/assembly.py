@@ -28,6 +28,7 @@ from .closing import (
     check_inertia,
     fill_frame_angles,
 )
+from .nonholonomic import check_independent
 from .numbering import shares_coordinates, states_of
 from .rounded import ROUNDED_ADVICE, joint_axes, loop_path, nearly_parallel
 from .rows import MAX_LISTED, dependent_rows, describe, first_of
@@ -108,6 +109,8 @@ class Assembly:
         """
         held, given = self.held(), self.given()
         q = self.close(t, self.start_positions(), held, given)
+        if len(self._system.nonholonomic):
+            check_independent(self._system, t, q)
         v = assemble_velocities(self._system, t, q, self.start_velocities(), held, given, self._loops)
         check_inertia(self._system, t, q, v)
         return q, v

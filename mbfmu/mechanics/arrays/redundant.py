@@ -118,6 +118,7 @@ class Redundancy:
         """Return J (m, n) and gaps (m,) at q (nq,), in units; the bodies are placed."""
         s, terms = self._system, self._terms
         s.fill_position(t, q, terms)
+        terms.J[s.nonholonomic] = 0.0  # what restricts velocities only ties no positions
         return terms.J * (s.size / self._units[:, np.newaxis]), terms.Phi / self._units
 
     def close(

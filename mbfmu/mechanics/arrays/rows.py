@@ -70,6 +70,8 @@ class Probe:
         s.fill_position(t, q, self._terms)
         slopes = np.abs(self._terms.J) * s.size / s.row_size[:, np.newaxis]
         gaps = np.abs(self._terms.Phi) / s.row_size
+        pace = (s.rate or 1.0) * s.row_size[s.nonholonomic]
+        gaps[s.nonholonomic] = np.abs(self._terms.nu[s.nonholonomic]) / pace  # where drives violate them
         if self._first:
             self.at_start, self._first = gaps, False
         self.slope = np.maximum(self.slope, slopes.max(axis=1, initial=0.0))

@@ -37,6 +37,7 @@ from solvers.system import (
     EliminationEquations,
     System,
     TreeSystem,
+    no_rows,
 )
 
 from .assembly import free_bodies
@@ -46,7 +47,8 @@ from .inputs import Drives
 from .numbering import Numbering, held_states
 from .scale import coordinate_sizes, row_sizes, spans
 
-MAX_DENSE_TREE_COORDINATES = 60  # coordinates of a tree without loops from which on no dense matrix is made
+MAX_DENSE_TREE_COORDINATES = 60  # coordinates of a tree without loops, or of any with nonholonomic constraints, from
+# which on no dense matrix is made
 MAX_GROUP_BODIES = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
 
 
@@ -80,9 +82,16 @@ class Systems:
         self._size = np.concatenate((coordinate_sizes(free_bodies(mechanism), length), nominal))
         self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
         limit = MAX_DENSE_LOOP_COORDINATES if mechanism.constraints else MAX_DENSE_TREE_COORDINATES
+        self._nonholonomic = np.array([own for c in mechanism.constraints for own in c.nonholonomic], bool)
         # the structured tangent of large models contains neither flexible bodies nor first-order states
         self._has_tangent = not mechanism.flexible_bodies and not numbering.states
         self._large = self._has_tangent and numbering.nv > limit
+        if self._nonholonomic.any() and numbering.nv > MAX_DENSE_TREE_COORDINATES:
+            wheel = next(handle.name for handle in mechanism.cuts if handle.cut.nonholonomic)
+            raise UserError(
+                f"the mechanism has wheel {wheel!r}, which rolls without slip, and {numbering.nv} coordinates and "
+                f"states; allowed with nonholonomic constraints: at most {MAX_DENSE_TREE_COORDINATES}. Use fewer bodies"
+            )
         if numbering.states and mechanism.meshes:
             raise UserError(
                 f"the mechanism has state {numbering.states[0][0]!r} and a mesh of elements; allowed: first-order "
@@ -256,6 +265,7 @@ class Systems:
             "data": data,
             "size": self._size,
             "row_size": self.row_size[kept >= 0] if constraint_names else np.zeros(0),
+            "nonholonomic": np.flatnonzero(self._nonholonomic[kept >= 0]) if constraint_names else no_rows(),
             "positions": self._positions(),
             "rate": self._rate(),
             "nonsmooth_reason": self._first_reason("nonsmooth_reason"),
@@ -275,7 +285,7 @@ class Systems:
 
         With flexible bodies there is no structured tangent, which implicit solvers require.
         """
-        if not self._mechanism.constraints or self._numbering.states:
+        if not self._mechanism.constraints or self._numbering.states or self._nonholonomic.any():
             return None
         return Elimination(self._eliminate, self.tangent) if self._has_tangent else self._eliminate
 

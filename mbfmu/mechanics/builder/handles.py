@@ -81,6 +81,11 @@ class CutHandle:
         """Unit of the residual of each constraint equation."""
         return tuple("rad" if unit == "N.m" else "m" for unit in self.cut.units)
 
+    @property
+    def nonholonomic(self) -> tuple[bool, ...]:
+        """Whether each constraint equation restricts velocities only."""
+        return tuple(row in self.cut.nonholonomic for row in self.cut.rows)
+
     def force(self, row: str = "") -> Sensor:
         """Force (N) or moment (N m) of one constraint equation on body b.
 
@@ -89,7 +94,7 @@ class CutHandle:
         row
             Name of the constraint equation, one of ``rows``: ``x``, ``y``, ``z`` are forces along the axes of the cut
             frame, which are fixed in body a. A :class:`.DistanceCutJoint` has one equation, ``""``, along the line
-            from a to b.
+            from a to b. A :class:`.RollingWheel` has ``normal``, ``longitudinal`` and ``lateral``.
 
         Raises
         ------
@@ -147,6 +152,7 @@ class CouplingHandle:
     coordinate_b: int
     what: ClassVar[str] = "coupling"
     rows: ClassVar[tuple[str, ...]] = ("",)
+    nonholonomic: ClassVar[tuple[bool, ...]] = (False,)
 
     @property
     def units(self) -> tuple[str, ...]:

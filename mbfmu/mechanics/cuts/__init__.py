@@ -8,6 +8,7 @@ from .distance import DistanceCutJoint
 from .planar import PlanarCutJoint
 from .plane import PlaneCutJoint
 from .revolute import RevoluteCutJoint
+from .rolling import RollingWheel
 from .spherical import SphericalCutJoint
 from .translational import TranslationalCutJoint
 from .universal import UniversalCutJoint
@@ -20,6 +21,7 @@ __all__ = [
     "PlanarCutJoint",
     "PlaneCutJoint",
     "RevoluteCutJoint",
+    "RollingWheel",
     "SphericalCutJoint",
     "TranslationalCutJoint",
     "UniversalCutJoint",

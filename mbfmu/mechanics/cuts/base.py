@@ -6,6 +6,9 @@ the motions of the two bodies, writes its rows from ``state.rows[row]`` on: the 
 
     Phi' = Ga . Y_a + Gb . Y_b,      Phi'' = Ga . Y'_a + Gb . Y'_b + bias.
 
+A nonholonomic row, such as that of a wheel which does not slip, restricts velocities only. Its Phi is zero, and Phi' is
+what the wrenches say.
+
 The multiplier lambda of a row is the force or moment with which body b must be pushed along Gb with reversed sign:
 the cut joint loads the bodies with -lambda Ga and -lambda Gb. Trivially satisfied equations (out of the plane of a
 planar loop, say) are dropped when it is compiled.
@@ -64,7 +67,8 @@ class CutJoint(ElementType):
     evaluate: ClassVar[Any]
     rows: ClassVar[tuple[str, ...]]  # suffix of each row's name
     units: ClassVar[tuple[str, ...]]  # of each row's multiplier: N or N m
-    drawings: ClassVar = ("pin", "ball", "rod")
+    nonholonomic: ClassVar[tuple[str, ...]] = ()  # rows that restrict velocities only: their residual is zero
+    drawings: ClassVar = ("pin", "ball", "rod", "wheel")
     drawn: ClassVar[str] = "pin"  # how pictures show it: one of these
     parallel: ClassVar[str] = ""  # axes of the two frames that are parallel when it is closed: "", "z" or "xyz"
 

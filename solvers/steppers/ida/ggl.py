@@ -17,6 +17,8 @@ make the form regular if J~ loses rank (eps is the unit roundoff, sigma a singul
   the solution and may be unbounded, and D |lambda|^2 is a loss of power. D has the size of a only on rows without
   rank, redundant ones and those that lose it at a crossing, and is negligible on others, however near.
 
+Of nonholonomic constraints Phi is zero, and so is mu: they do not correct positions.
+
 Redundant constraint equations depend on each other only where the constraints are satisfied. A position that is off by
 e gives their combinations W^T J~ = O(e), and with D = c_lambda a alone they act on the motion as friction of the rate
 e^2 / c_lambda: if e has the size of the tolerance, that is too much. So s P, P = W W^T, is added to both terms, in
@@ -326,6 +328,9 @@ def assemble_matrix(eqs: Equations, unknowns: Unknowns, work: Any, cj: float) ->
             A[lam + row, lam + other] = -unknowns.D[row, other] - unknowns.d_redundant[0] * unknowns.P[row, other]
             A[mu + row, mu + other] = -unknowns.d_redundant[1] * unknowns.P[row, other]
         A[mu + row, mu + row] -= unknowns.d[1]
+    for k in range(work.nonholonomic.shape[0]):  # mu = 0
+        for i in range(lam):
+            A[mu + work.nonholonomic[k], i] = 0.0
 
 
 @kernel
