@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mbfmu.mechanics.checks import one_of
 from mbfmu.mechanics.flexible import Beam, FlexibleBody
-from mbfmu.mechanics.flexible.recovery import COMPONENTS, VON_MISES
+from mbfmu.mechanics.flexible.recovery import STRESS_COMPONENTS, VON_MISES
 from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.sensors import BendingMoment, Deflection, NodeStress, Sensor, VonMisesStress
 from mbfmu.util.errors import UserError
@@ -117,11 +117,11 @@ class FlexibleHandle:
                 f"stress of elastic body {self.name!r}: it is a Beam; allowed for bodies of FlexibleBody.from_mesh. "
                 "The bending moment is moment(x)"
             )
-        one_of(f"component of the stress in {self.name!r}", component, (*COMPONENTS, VON_MISES))
+        one_of(f"component of the stress in {self.name!r}", component, (*STRESS_COMPONENTS, VON_MISES))
         weights = self.elastic.stress_weights(node)
         if component == VON_MISES:
             return VonMisesStress(unit="Pa", item=self.modes, weights=weights)
-        return NodeStress(unit="Pa", item=self.modes, component=COMPONENTS.index(component), weights=weights)
+        return NodeStress(unit="Pa", item=self.modes, component=STRESS_COMPONENTS.index(component), weights=weights)
 
     def _require_beam(self, what: str) -> None:
         if isinstance(self.elastic, FlexibleBody):

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
+STRESS_COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 VON_MISES = "von Mises"
 GAUSS_POINT = 0.5 / 3.0**0.5  # distance from the middle of an edge of length 1
 TETRAHEDRON_POINT = (5.0 - 5.0**0.5) / 20.0  # small coordinate of the points of the rule of order 2
 
 
 def von_mises(stress: Array) -> Array:
-    """Return the equivalent stress (...,) of stresses (..., 6) in the order of COMPONENTS."""
+    """Return the equivalent stress (...,) of stresses (..., 6) in the order of STRESS_COMPONENTS."""
     xx, yy, zz, xy, xz, yz = np.moveaxis(stress, -1, 0)
     squares = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3.0 * (xy**2 + xz**2 + yz**2)
     return np.asarray(np.sqrt(squares))
@@ -77,13 +77,13 @@ class StressRecovery:
         self._cells = np.bincount(self._nodes.ravel(), minlength=self._count)
 
     def __call__(self, U: Array) -> Array:
-        """Return the stresses (n, 6, k) of displacements (3 n, k), in the order of COMPONENTS."""
-        found = np.zeros((self._count, len(COMPONENTS), U.shape[1]))
+        """Return the stresses (n, 6, k) of displacements (3 n, k), in the order of STRESS_COMPONENTS."""
+        found = np.zeros((self._count, len(STRESS_COMPONENTS), U.shape[1]))
         own = np.empty(len(U))
         for k, u in enumerate(U.T):
             own[self._order] = u
             tensor = np.asarray(self._stress_of(self._basis.interpolate(own)))  # (3, 3, cells, points)
-            for c, name in enumerate(COMPONENTS):
+            for c, name in enumerate(STRESS_COMPONENTS):
                 a, b = ("xyz".index(axis) for axis in name)
                 values = self._extrapolate @ tensor[a, b].T
                 found[:, c, k] = np.bincount(self._nodes.ravel(), values.ravel(), self._count) / self._cells
