@@ -87,6 +87,29 @@ def test_a_chain_falls_according_to_lagranges_equations() -> None:
     assert tight < 1e-3 ** (2.0 / 3.0) * 3.0 * loose
 
 
+@pytest.mark.parametrize("mass", [1e-3, 1.0, 1e3, 1e6])
+def test_point_masses_fall_according_to_lagranges_equations_in_any_unit(mass: float) -> None:
+    """Masses at the ends of links of 1 m, horizontal at the start: the links have no inertia about their centers."""
+    n = systems.MAX_DENSE_TREE_COORDINATES + 1
+    m, beyond = Mechanism(gravity=(0.0, -9.81, 0.0)), n - np.arange(n)
+    body = m.ground
+    for i in range(n):
+        joint = Revolute(at=(1.0 if i else 0.0, 0.0, 0.0))
+        body = m.body(f"{i}", body, joint, mass=mass, com=(1.0, 0.0, 0.0))
+
+    def slope(t: float, y: Any) -> Any:
+        angles, rates = np.split(y, 2)
+        difference, C = np.subtract.outer(angles, angles), np.minimum.outer(beyond, beyond)
+        load = (C * np.sin(difference)) @ rates**2 + 9.81 * beyond * np.cos(angles)
+        return np.concatenate((rates, -np.linalg.solve(C * np.cos(difference), load)))
+
+    true = solve_ivp(slope, (0.0, 0.1), np.zeros(2 * n), rtol=1e-9, atol=1e-11).y[:n, -1]
+    simulation = Simulation(m, Settings(solver="ida", tolerance=1e-6))
+    assert simulation.advance(0.1).ok
+    assert simulation.statistics.steps < 100
+    np.testing.assert_allclose(np.cumsum(simulation.stepper.q), true, atol=1e-5)
+
+
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "adams-lu", "esdirk"])
 def test_five_thousand_links_run_under_every_solver(solver: str) -> None:
     simulation = Simulation(Links(links=5000), Settings(solver=solver, tolerance=1e-4))

@@ -26,7 +26,7 @@ from solvers.compiled.lanes import dot_column, dot_four_columns
 from solvers.compiled.matrix_view import matrix_at
 from solvers.system import Array
 
-from .inversion import SINGULAR, add_rows, invert, invert_symmetric
+from .inversion import SINGULAR, add_rows, invert, invert_scaled, invert_symmetric
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
@@ -298,7 +298,7 @@ def eliminate(k: int, factors: Factors) -> bool:
         if negative == SINGULAR:
             return False
         factors.negative[0] += negative
-    elif not invert(D, factors.order, X):
+    elif not (invert_scaled(D, factors.order, X, factors.Y) if n > 1 else invert(D, factors.order, X)):
         return False
     store_inverse(k, D, factors)
     store_panels(k, U, L, factors)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 ROOK_RATIO = (1.0 + 17.0**0.5) / 8.0  # bounds the growth in steps with pivots of one and of two rows alike
 PANEL = 4  # columns that are eliminated at once
 SINGULAR = -1  # instead of a number of negative eigenvalues
+MIN_ROW_RATIO = 1e-12  # ratio of the largest entries of two rows below which rows and columns are scaled
 
 
 @inlined
@@ -150,6 +151,49 @@ def invert(A: Reals, order: Integers, scratch: Reals) -> bool:
     for i in range(n):
         for j in range(n):
             A[i, order[j]] = scratch[i, j]
+    return True
+
+
+@inlined
+def largest_entry(row: Reals) -> float:
+    """Largest absolute value of a row."""
+    largest = 0.0
+    for j in range(row.shape[0]):
+        largest = max(largest, abs(row[j]))
+    return largest
+
+
+@kernel
+def invert_scaled(A: Reals, order: Integers, scratch: Reals, units: Reals) -> bool:
+    """As :func:`invert`; rows and columns of very different size are divided by their largest entries before.
+
+    Otherwise what rounding leaves of eliminated large entries would be larger than small ones, and be taken as a pivot:
+    a body without rotational inertia has c^2 M of rank three in short steps, and its joint has rows of the size of one.
+    units (2 n,) is scratch.
+    """
+    n, smallest, largest = A.shape[0], np.inf, 0.0
+    for i in range(n):
+        units[i] = largest_entry(A[i])
+        smallest, largest = min(smallest, units[i]), max(largest, units[i])
+    if not (0.0 < smallest < MIN_ROW_RATIO * largest < np.inf):
+        return invert(A, order, scratch)
+    for j in range(n):
+        units[n + j] = 0.0
+    for i in range(n):
+        for j in range(n):
+            A[i, j] /= units[i]
+            units[n + j] = max(units[n + j], abs(A[i, j]))
+    for j in range(n):
+        if not units[n + j] > 0.0:
+            return False
+    for i in range(n):
+        for j in range(n):
+            A[i, j] /= units[n + j]
+    if not invert(A, order, scratch):
+        return False
+    for i in range(n):
+        for j in range(n):
+            A[i, j] /= units[n + i] * units[j]
     return True
 
 

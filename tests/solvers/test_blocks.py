@@ -85,3 +85,17 @@ def test_a_singular_block_is_reported(symmetric: bool) -> None:
     A = matrix([3, 4], [1, -1], symmetric)
     A[:3, :3] = 0.0
     assert not eliminated([3, 4], [1, -1], A, symmetric)[1]
+
+
+@pytest.mark.parametrize("size", [1e-18, 1e-9, 1.0, 1e9, 1e14, 1e18])
+def test_a_joint_leads_a_body_without_rotational_inertia_in_any_unit(size: float) -> None:
+    """[c^2 M, N^T; N, 0] with M of rank three, and N of all directions but p: y = p (p f) / (p c^2 M p)."""
+    rng = np.random.default_rng(3)
+    parts, (p, *locked) = rng.normal(size=(3, 6)), np.linalg.qr(rng.normal(size=(6, 6)))[0].T
+    A, b = np.zeros((11, 11)), np.concatenate((rng.normal(size=6), np.zeros(5)))
+    A[:6, :6], A[6:, :6], A[:6, 6:] = size * parts.T @ parts, locked, np.transpose(locked)
+    factors, regular = eliminated([11], [-1], A, False)
+    assert regular
+    expected = p * (p @ b[:6]) / (p @ A[:6, :6] @ p)
+    solve_blocks(factors, b)
+    np.testing.assert_allclose(b[:6], expected, atol=1e-11 * np.abs(expected).max())
