@@ -6,7 +6,7 @@ gets the compiled mechanism of an earlier one, whose memory is set to its conten
 are the same bit for bit.
 
 The model is built for every run, since ``build`` may depend on more than the parameters. Mechanisms are compared by
-their content. Those that contain functions are not kept, since these may depend on anything.
+their content. Those that contain functions or user-defined types are not kept: their code may depend on anything.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from .solver_selection import SolverChoice
 Array = NDArray[np.float64]
 
 MAX_KEPT_STARTS = 4
-# modules of functions that pickle calls to construct objects
-CONSTRUCTING_MODULES = ("numpy", "copyreg", "builtins", "enum", "operator", "types", "collections")
+# packages of functions that pickle calls to construct objects
+CONSTRUCTING_PACKAGES = ("numpy", "copyreg", "builtins", "enum", "operator", "types", "collections")
 
 _kept: OrderedDict[Hashable, KeptStart] = OrderedDict()  # starts of runs that have ended, the latest last
 
@@ -178,17 +178,23 @@ def take_start(model: Model, settings: Settings, given_inputs: GivenInputs, time
 
 
 class _ContentPickler(pickle.Pickler):
-    """A pickler for comparisons: classes are compared by identity, and functions cannot be compared."""
+    """A pickler for comparisons: classes are compared by identity, and code of users cannot be compared."""
 
     def reducer_override(self, obj: Any) -> Any:
-        """Return the identity of a class; raise for a function that is not one of pickle."""
+        """Return the identity of a class; raise for types and functions of users."""
         if isinstance(obj, type):
+            if _package(obj) not in (*CONSTRUCTING_PACKAGES, "mbfmu", "solvers"):
+                raise pickle.PicklingError(f"{obj!r} is a type of a user")
             return _identity, (id(obj),)
         if isinstance(obj, FunctionType | BuiltinFunctionType | MethodType):
-            module = obj.__module__ or ""
-            if module.partition(".")[0] not in CONSTRUCTING_MODULES and obj is not _identity:
+            if _package(obj) not in CONSTRUCTING_PACKAGES and obj is not _identity:
                 raise pickle.PicklingError(f"{obj!r} is a function")
         return NotImplemented
+
+
+def _package(obj: Any) -> str:
+    """Return the package that defines a type or a function."""
+    return (obj.__module__ or "").partition(".")[0]
 
 
 def _identity(_: int) -> None:
@@ -196,7 +202,9 @@ def _identity(_: int) -> None:
 
 
 def fingerprint_of(mechanism: Mechanism) -> bytes | None:
-    """Return a fingerprint of the content of a mechanism, valid while it exists; None: it contains functions."""
+    """Return a fingerprint of the content of a mechanism, valid while it exists; None: it contains functions or
+    types of users.
+    """
     content = BytesIO()
     try:
         _ContentPickler(content, pickle.HIGHEST_PROTOCOL).dump(mechanism)
