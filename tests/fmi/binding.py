@@ -11,6 +11,11 @@ from typing import Any
 
 from fmpy import read_model_description
 
+from mbfmu.fmi.export import FmuKind, export_scene
+from mbfmu.modeling import Model
+from mbfmu.modeling.scene import Scene
+from mbfmu.session.simulation import Settings
+
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 TRUE = 1
 
@@ -20,6 +25,13 @@ RELEASE = ctypes.CFUNCTYPE(None, c_void_p)
 FINISHED = ctypes.CFUNCTYPE(None, c_void_p, c_int)
 
 KINDS: dict[str, Any] = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_char_p}
+
+
+def export_for_one_run(model: Model, path: Path, settings: Settings) -> Path:
+    """Write a native FMU for co-simulation, with constant parameters: the rest takes half a minute to compile."""
+    scene = Scene(name=model.name, model=model, settings=settings, stop_time=1.0, output_interval=0.1)
+    assert export_scene(scene, path, FmuKind.ONE_RUN, falls_back=False) is FmuKind.ONE_RUN
+    return path
 
 
 class Callbacks(ctypes.Structure):

@@ -30,6 +30,7 @@ from mbfmu.util.errors import UserError
 FOLDERS = (
     "plain", "with space", "ü", "'", "#", "%20", "%", "(1)", "a+b&c=d", "日本", "q?x", "tab\tnew\nline", "[x];,:@!$*",
 )  # fmt: skip
+SINGLE_FOLDERS = [pytest.param(name, marks=pytest.mark.campaign) for name in FOLDERS[1:]]
 ADDRESSES = ("file:{}", "file://{}", "file://localhost{}", "{}")  # of an encoded path; the last is the path itself
 INSTANTIATE = 12  # of host.c: there is no instance
 COMPILER = next(filter(None, map(shutil.which, COMPILERS)), None)
@@ -111,7 +112,10 @@ def logged_by(program: Path, fmu: Unpacked, **options: object) -> str:
     return line
 
 
-@pytest.mark.parametrize("name", FOLDERS)
+@pytest.mark.parametrize(
+    "name",
+    [FOLDERS[0], "/".join(FOLDERS[1:]), *(pytest.param(name, marks=pytest.mark.campaign) for name in FOLDERS[1:])],
+)
 def test_any_folder(program: Path, fourbar_fmu: Path, tmp_path: Path, name: str) -> None:
     """In a host in C, without a locale; nothing remains in the folder of temporary files."""
     fmu = unpack(fourbar_fmu, tmp_path / name / "fmu")

@@ -13,7 +13,7 @@ from typing import Any
 import mechanisms as loops
 import numpy as np
 import pytest
-from binding import DISCARD, OK, Binary, Instance
+from binding import DISCARD, OK, Binary, Instance, export_for_one_run
 from exchange_models import many_loops
 from importer import importing
 
@@ -58,7 +58,7 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Opened:
     def open_(name: str) -> Binary:
         if name not in known:
             folder, model = tmp_path_factory.mktemp("loops"), as_model(CASES[name]())
-            known[name] = Binary(export(model, folder / "model.fmu", IDA, native=True), folder)
+            known[name] = Binary(export_for_one_run(model, folder / "model.fmu", IDA), folder)
         return known[name]
 
     return open_
@@ -117,10 +117,12 @@ def test_a_state_goes_on_as_a_restored_simulation_does(name: str, opened: Opened
         follow(instance, restored, 6, 10)
 
 
-def test_model_exchange_follows_the_exact_motion(opened: Opened) -> None:
+@pytest.mark.campaign
+def test_model_exchange_follows_the_exact_motion(tmp_path: Path) -> None:
     case, times, rtol = loops.n_four_bar(40), np.array([0.0, 1.0, 2.0]), 1e-6
     q, v = case.exact(times)  # type: ignore[misc]
-    with importing(opened("row")) as own:
+    path = export(as_model(CASES["row"]()), tmp_path / "model.fmu", IDA, native=True)
+    with importing(Binary(path, tmp_path)) as own:
         run = own.integrate(times, rtol, info=own.start())
     assert np.abs(run.x - np.hstack((q, v))).max() < 200.0 * rtol
     assert run.warned == 0
@@ -144,6 +146,6 @@ def test_a_near_miss_that_rounding_hides_ends_a_step(tmp_path: Path, monkeypatch
     monkeypatch.setattr(solvers.steppers, "MIN_ELIMINATION_CONSTRAINTS", 0)
     settings, model = Settings(solver="ida", tolerance=1e-8), as_model(loops.parallelogram(1e-11).mechanism)
     assert family_of(UnstartedSimulation(model, settings)) == "eliminated_ida"
-    binary = Binary(export(model, tmp_path / "model.fmu", settings, native=True), tmp_path)
+    binary = Binary(export_for_one_run(model, tmp_path / "model.fmu", settings), tmp_path)
     assert begun(binary).step(0.0, 1.0) == DISCARD
     assert binary.logged[-1][1].endswith("[close-branches]")

@@ -9,7 +9,7 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
-from binding import OK, Binary, Instance
+from binding import OK, Binary, Instance, export_for_one_run
 
 from fmus.feeder import Feeder
 from fmus.sheet import Sheet
@@ -49,7 +49,7 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Any:
     def open_(name: str) -> Binary:
         if name not in known:
             folder, (model, solver) = tmp_path_factory.mktemp("trees"), CASES[name]
-            known[name] = Binary(export(model, folder / "model.fmu", settings_of(solver), native=True), folder)
+            known[name] = Binary(export_for_one_run(model, folder / "model.fmu", settings_of(solver)), folder)
         return known[name]
 
     return open_

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from binding import export_for_one_run
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
@@ -152,7 +153,7 @@ class Rope(mb.Model):
 def test_structured_tangents_call_user_defined_kernels(solver: str, tmp_path: Path) -> None:
     """Bits of a simulation, whose tangent has the derivatives of the same kernels."""
     settings = mb.Settings(solver=solver, tolerance=1e-6)
-    path = export(Rope(), tmp_path / "rope.fmu", settings, native=True)
+    path = export_for_one_run(Rope(), tmp_path / "rope.fmu", settings)
     found = simulate_fmu(str(path), stop_time=0.1, output_interval=0.01)
     simulation = mb.Simulation(Rope(), settings)
     for row in found[1:]:
