@@ -95,7 +95,8 @@ def points_of_motion(motion: Motion) -> list[Array]:
     """Return points (k, 3) that a motion reaches, global axes, m."""
     frames = np.unique(np.linspace(0, len(motion.times) - 1, STAGE_FRAMES).astype(int))
     clouds = [motion.point(body, at, frames).reshape(-1, 3) for body, at in motion.picture.points().items()]
-    return clouds + [motion.axis(bar, frames).reshape(-1, 3) for bar in motion.picture.bars]
+    clouds += [motion.axis(bar, frames).reshape(-1, 3) for bar in motion.picture.bars]
+    return clouds + [motion.hull_points(hull, frames).reshape(-1, 3) for hull in motion.picture.hulls]
 
 
 def directions(count: int) -> Array:

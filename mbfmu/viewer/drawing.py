@@ -25,6 +25,7 @@ from mbfmu.mechanics.loads import Rope
 from mbfmu.util.errors import UserError
 
 from .contacts import Poses, contact_shapes
+from .hulls import Hull, hull_of
 from .mesh_solids import MeshSolids, readable_shapes
 from .picture import Bar, Link, Matrix, Numbers, Part, Picture, Skin, cells, numbers
 
@@ -69,6 +70,8 @@ class _Artist:
         self.rolled = {body.index for body, shape in self.contact_shapes if body.index and shape.opacity == 1.0}
         self.shapes, self.meshes = readable_shapes(mechanism.shapes), MeshSolids()
         self.shaped = {body.index for body, _ in self.shapes} | self.rolled
+        for handle, _ in bodies_with_hulls(mechanism):
+            self.shaped |= {body.index for body in (handle.body, handle.modes, *handle.sections())}
         self.surfaces = surfaces_of(mechanism)
         self.skinned = {int(i) for surface in self.surfaces for i in surface.bodies.flat}
         bars = [float(np.linalg.norm(p)) for body in mechanism.bodies[1:] for p in self._ends(body)]
@@ -122,6 +125,7 @@ class _Artist:
             links=tuple(self.links),
             skins=skins,
             bars=self._bars(),
+            hulls=self._hulls(),
             unnamed=tuple(body.index for body in self.mechanism.bodies if isinstance(body.joint, Section)),
             shown_outputs=tuple(self.mechanism.shown_outputs),
             meshes=tuple(self.meshes.solids),
@@ -134,6 +138,14 @@ class _Artist:
             bars.append(self._bar(handle, beam, first))
             first += beam.modes
         return tuple(bars)
+
+    def _hulls(self) -> tuple[Hull, ...]:
+        hulls: list[Hull] = []
+        first = sum(beam.modes for _, beam in self.mechanism.beams())
+        for handle, elastic in bodies_with_hulls(self.mechanism):
+            hulls.append(hull_of(handle, elastic, first, color_of(handle.body)))
+            first += elastic.modes
+        return tuple(hulls)
 
     def _bar(self, elastic: FlexibleHandle, beam: Beam, first: int) -> Bar:
         profile = self.mechanism.profiles.get(elastic.index)
@@ -151,9 +163,9 @@ class _Artist:
         )
 
     def _stars(self) -> None:
-        """Draw a body of finite elements as bars from its center of mass to its interfaces."""
+        """Draw a body of finite elements without a mesh as bars from its center of mass to its interfaces."""
         for handle in self.mechanism.flexible_bodies:
-            if isinstance(handle.elastic, FlexibleBody):
+            if isinstance(handle.elastic, FlexibleBody) and handle.elastic.triangles is None:
                 center = handle.elastic.com
                 self._part("sphere", handle.body, center, np.eye(3) * 2.0 * self.radius, color_of(handle.body))
                 for body in (handle.body, *handle.sections()):
@@ -276,6 +288,15 @@ class _Artist:
     def _link(self, solid: str, a: Body, at_a: Any, b: Body, at_b: Any, radius: float, color: str) -> None:
         ends: dict[str, Any] = {"a": a.index, "b": b.index, "at_a": numbers(at_a), "at_b": numbers(at_b)}
         self.links.append(Link(solid=solid, radius=radius, color=color, **ends))
+
+
+def bodies_with_hulls(mechanism: Mechanism) -> list[tuple[FlexibleHandle, FlexibleBody]]:
+    """Return the bodies of finite elements whose surface is known."""
+    return [
+        (handle, handle.elastic)
+        for handle in mechanism.flexible_bodies
+        if isinstance(handle.elastic, FlexibleBody) and handle.elastic.triangles is not None
+    ]
 
 
 def surfaces_of(mechanism: Mechanism) -> list[Surface]:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .hulls import largest_values
 from .motion import Motion
 
 Array = NDArray[np.float64]
@@ -54,6 +55,16 @@ def fields(motion: Motion, *others: Motion) -> list[Field | None]:
         field_with(name, unit, columns, np.concatenate(found[name, unit])) if columns else None
         for name, unit, columns in (own or ("", "", ()) for own in fields_of(motion))
     ]
+
+
+def hull_fields(motion: Motion, *others: Motion) -> list[Field]:
+    """Return the fields of a motion's hulls; their limits suit other motions too."""
+    limits: dict[str, float] = {}
+    for run in (motion, *others):
+        for hull in run.picture.hulls:
+            size = largest_values(hull, run.p[:, hull.modes].astype(float))
+            limits[hull.title] = max(limits.get(hull.title, 0.0), size)
+    return [Field(title=hull.title, low=0.0, limit=limits[hull.title], columns=()) for hull in motion.picture.hulls]
 
 
 def field_with(name: str, unit: str, columns: tuple[int, ...], values: Array) -> Field:

@@ -1,7 +1,8 @@
 """A motion as a binary glTF 2.0: shapes and an animation that other programs show and render.
 
 A node a body, with its parts beneath; one a link, which is stretched; a surface is a skin whose joints are the bodies;
-a flexible body has a morph target a mode (its shortening by bending, of second order, is left out).
+a flexible body has a morph target a mode (its shortening by bending, of second order, and the colors of
+hulls are left out).
 
 The file is packed here: pygltflib would save about ten lines for seven further packages, and trimesh writes no
 animations, skins and morph targets.
@@ -22,6 +23,7 @@ from mbfmu.util.files import write_bytes
 
 from . import meshes
 from .camera import basis
+from .hulls import Hull
 from .meshes import Mesh
 from .motion import Motion
 from .picture import Link, Part
@@ -60,6 +62,8 @@ def glb(motion: Motion) -> tuple[bytes, int]:
         document.add_link(link)
     for k in range(len(motion.picture.bars)):
         document.add_bar(k)
+    for hull in motion.picture.hulls:
+        document.add_hull(hull)
     for k in range(len(motion.picture.skins)):
         document.add_skin(k)
     return document.whole(), stride
@@ -201,6 +205,13 @@ class _Document:
         weights = self.motion.p[self.frames, bar.modes]
         self.content["meshes"][mesh]["weights"] = weights[0].tolist()
         self.animate(self.node(1 + bar.body, name=bar.name, mesh=mesh), "weights", weights)
+
+    def add_hull(self, hull: Hull) -> None:
+        """Add the surface of a body of finite elements beneath its frame."""
+        mesh = self.mesh(self.primitive(meshes.hull(hull, self.motion.scale)), self.material(hull.color))
+        weights = self.motion.p[self.frames, hull.modes]
+        self.content["meshes"][mesh]["weights"] = weights[0].tolist()
+        self.animate(self.node(1 + hull.body, name=hull.name, mesh=mesh), "weights", weights)
 
     def add_skin(self, k: int) -> None:
         """Add a surface that its bodies carry."""

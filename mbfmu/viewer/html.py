@@ -22,7 +22,7 @@ import numpy as np
 from mbfmu.util.files import write_text
 
 from .camera import Stage
-from .fields import COLOR_STOPS, fields
+from .fields import COLOR_STOPS, fields, hull_fields
 from .forces import scales
 from .motion import Motion
 
@@ -93,6 +93,7 @@ def described(motion: Motion, *runs: Motion) -> dict[str, Any]:
         ],
         "arrows": [asdict(arrow) for arrow in motion.arrows],
         "fields": [field and asdict(field) for field in fields(motion, *runs)],
+        "hull_fields": [asdict(field) for field in hull_fields(motion, *runs)],
     }
 
 
@@ -122,7 +123,7 @@ def turning_bodies(motion: Motion) -> list[int]:
     ends = [*enumerate(picture.middles)]
     ends += [(link.a, link.at_a) for link in picture.links] + [(link.b, link.at_b) for link in picture.links]
     ends += [(body, skin.at) for skin in picture.skins for row in skin.bodies for body in row]
-    whole = {part.body for part in picture.parts} | {bar.body for bar in picture.bars}
+    whole = {thing.body for things in (picture.parts, picture.bars, picture.hulls) for thing in things}
     return sorted(whole | {body for body, at in ends if any(at)})
 
 

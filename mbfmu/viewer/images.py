@@ -20,7 +20,7 @@ from mbfmu.util.errors import UserError
 from mbfmu.util.files import replacing
 
 from .camera import Camera, Stage
-from .fields import Field, colored, fields
+from .fields import Field, colored, fields, hull_fields
 from .motion import Motion, matrices
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ class Artist:
         ground = "none" if shot.solids_only else BACKGROUND
         self.figure = Figure(figsize=(shot.width / DPI, shot.height / DPI), facecolor=ground)
         self.grid = self._grid()
-        self.fields = fields(motion)
+        self.fields, self.hull_fields = fields(motion), hull_fields(motion)
 
     def _colors(self) -> set[str]:
         picture = self.motion.picture
@@ -153,7 +153,8 @@ class Artist:
         below = 1.0 - 44.0 / self.shot.height
         self.figure.text(0.02, below, self.motion.reading(frame), color=INK, fontsize=12, va="top", family="monospace")
         self.figure.text(0.02, 0.03, clock, color=INK, fontsize=10, va="center", family="monospace")
-        for k, field in enumerate({field.title: field for field in self.fields if field}.values()):
+        shown = [field for field in (*self.fields, *self.hull_fields) if field]
+        for k, field in enumerate({field.title: field for field in shown}.values()):
             self._legend(field, 68.0 * k)
 
     def _legend(self, field: Field, above: float) -> None:
@@ -193,6 +194,10 @@ class Artist:
         for bar in picture.bars:
             faces.append(bent(motion.axis(bar, frame), A[bar.body][:, 2], bar.height, bar.width))
             colors.append(self.colors[bar.color])
+        for hull, own in zip(picture.hulls, self.hull_fields, strict=True):
+            faces.append(motion.hull_points(hull, frame)[hull.corners][:, [0, 1, 2, 2]])
+            values = hull.values(motion.p[frame, hull.modes].astype(float))[hull.corners].mean(axis=1)
+            colors.append(colored(values, own.limit))
         sides = [SHOWN_SIDES.get(part.solid.rstrip("0123456789"), ONE_SIDE) for part in picture.parts]
         sides += [ONE_SIDE] * (len(faces) - len(sides)) + [SKIN_SIDES] * len(picture.skins)
         opacity = [part.opacity for part in picture.parts]

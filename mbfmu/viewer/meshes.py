@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from .hulls import Hull
 from .motion import matrices
 from .picture import Bar, MeshSolid, Skin
 
@@ -139,6 +140,17 @@ def bar(bar: Bar, scale: float) -> Mesh:
             own.append(np.stack((-slopes[end, mode] * y, shapes[end, mode] + 0.0 * y, 0.0 * y), axis=1))
     whole = join_meshes(*sides)
     return Mesh(whole.points, whole.normals, whole.triangles, [np.concatenate(own) for own in moved])
+
+
+def hull(hull: Hull, scale: float) -> Mesh:
+    """Return a hull in its frame, and how its modes of amplitude 1 m move the points, ``scale`` times."""
+    points, corners = np.reshape(hull.points, (-1, 3)), hull.corners
+    a, b, c = np.moveaxis(points[corners], 1, 0)
+    areas = np.cross(b - a, c - a)
+    normals = np.stack([np.bincount(corners.ravel(), np.repeat(part, 3), len(points)) for part in areas.T], axis=1)
+    sizes = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.divide(normals, sizes, out=np.tile((0.0, 0.0, 1.0), (len(normals), 1)), where=sizes > 0.0)
+    return Mesh(points, normals, corners, [scale * np.reshape(shape, (-1, 3)) for shape in hull.shapes])
 
 
 def skin(skin: Skin, places: Array, e: Array) -> Mesh:

@@ -20,8 +20,9 @@ from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import UserError
 from mbfmu.util.files import replacing
 
-from .drawing import check_fields, draw
+from .drawing import bodies_with_hulls, check_fields, draw
 from .forces import Arrow, Source, read, shown, sources
+from .hulls import Hull
 from .picture import Bar, Picture, as_tuples
 
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ class Motion:
     joints: tuple[str, ...]  # (nb,) joint between a body and its parent, as text
     r: Single  # (T, nb, 3) origins, m
     e: Single  # (T, nb, 4) unit quaternions, scalar first, body to global
-    p: Single  # (T, na) amplitudes of the bars of the picture, one after the other, m
+    p: Single  # (T, na) amplitudes of the bars of the picture and of its hulls, one after the other, m
     outputs: tuple[tuple[str, str], ...]  # names and units
     values: Array  # (T, outputs)
     arrows: tuple[Arrow, ...]
@@ -66,6 +67,13 @@ class Motion:
         turned: Array = r[..., None, :] + np.einsum("...ij,...kj->...ki", matrices(e), local)
         return turned
 
+    def hull_points(self, hull: Hull, frames: Any = slice(None)) -> Array:
+        """Return the points (..., n, 3) of a hull, displacements magnified by ``scale``, in global axes."""
+        local = hull.displaced(self.p[frames, hull.modes].astype(float), self.scale)
+        r, e = self.r[frames, hull.body].astype(float), self.e[frames, hull.body].astype(float)
+        turned: Array = r[..., None, :] + np.einsum("...ij,...kj->...ki", matrices(e), local)
+        return turned
+
     @property
     def caption(self) -> str:
         """What a picture has to say of itself: that deflections are not what they were."""
@@ -83,7 +91,7 @@ class Motion:
     def scaled(self, scale: float) -> Motion:
         """Return the motion with the deflection of its flexible bodies magnified in pictures."""
         positive("scale of the deflection", scale)
-        if not self.picture.bars:
+        if not self.picture.bars and not self.picture.hulls:
             raise UserError(
                 f"scale of the deflection is {scale:g}, but {self.title!r} has no flexible body; leave the scale out"
             )
@@ -150,6 +158,7 @@ class Motion:
         """Whether every array has the shape the others and the names ask for, and outputs that are shown are there."""
         frames, bodies = len(self.times), len(self.names)
         amplitudes = sum(len(bar.shapes[0]) for bar in self.picture.bars)
+        amplitudes += sum(len(hull.shapes) for hull in self.picture.hulls)
         shapes = ((frames, bodies, 3), (frames, bodies, 4), (frames, amplitudes))
         poses = (self.r.shape, self.e.shape, self.p.shape) == shapes
         value_shapes = (frames, len(self.outputs)), (frames, len(self.arrows), 3)
@@ -225,9 +234,10 @@ def joint_of(body: Body) -> str:
 
 def amplitudes(compiled: CompiledMechanism) -> Array:
     """Return the amplitudes (na,) of the beams of a compiled mechanism whose bodies are in place, in their
-    order, m.
+    order, m; after them those of the bodies of finite elements that have hulls.
     """
-    owners = [compiled.data.arrays.bodies[handle.modes.index] for handle, _ in compiled.mechanism.beams()]
+    handles = [handle for handle, _ in (*compiled.mechanism.beams(), *bodies_with_hulls(compiled.mechanism))]
+    owners = [compiled.data.arrays.bodies[handle.modes.index] for handle in handles]
     q = compiled.data.state.q
     return np.array([q[own["qi"] + k] for own in owners for k in range(own["nv"])])
 

@@ -1,7 +1,8 @@
 """Picture of a mechanism: what is drawn of it, as data that can be saved.
 
-Everything drawn is one of four: a part, a solid fixed to a body; a link, a solid stretched between points of two
-bodies; a skin through a grid of bodies; a bar, a flexible body as it bends.
+Everything drawn is one of five: a part, a solid fixed to a body; a link, a solid stretched between points of two
+bodies; a skin through a grid of bodies; a bar, a beam as it bends; a hull, the surface of a body of finite elements as
+it deforms.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .hulls import Hull
 
 Matrix = NDArray[np.float64]
 Numbers = tuple[float, ...]
@@ -127,6 +130,7 @@ class Picture:
     unnamed: tuple[int, ...]  # cross-sections of flexible bodies, whose names would be in the way
     shown_outputs: tuple[str, ...] = ()  # outputs, by name
     meshes: tuple[MeshSolid, ...] = ()
+    hulls: tuple[Hull, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain lists and numbers, for JSON."""
@@ -146,6 +150,7 @@ class Picture:
             unnamed=frozen["unnamed"],
             shown_outputs=frozen.get("shown_outputs", ()),  # pose files from before there were any
             meshes=tuple(MeshSolid(**mesh) for mesh in frozen.get("meshes", ())),
+            hulls=tuple(Hull(**hull) for hull in frozen.get("hulls", ())),
         )
 
     def points(self) -> dict[int, Matrix]:

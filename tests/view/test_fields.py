@@ -223,7 +223,8 @@ def test_both_triangles_of_a_cell_end_in_the_corner_that_has_its_color() -> None
         """
         const gl = { createVertexArray() {}, bindVertexArray() {} };
         const buffer = (data) => Array.from(data);
-        return Renderer.prototype.skin.call({ gl, buffer, attribute() {} }, 3, 4, 0).faces;
+        const { skin, surface } = Renderer.prototype;
+        return skin.call({ gl, buffer, surface, attribute() {} }, 3, 4, 0).faces;
         """
     )
     triangles = np.reshape(faces, (-1, 2, 3))

@@ -22,8 +22,29 @@ function stretched(a, b, radius) {
   return [...x, ...y, ...along];
 }
 
+/** The sum of rows of numbers, each times its factor. */
+function weighted(rows, factors) {
+  const found = new Float64Array(rows[0].length);
+  rows.forEach((row, k) => row.forEach((x, i) => (found[i] += factors[k] * x)));
+  return found;
+}
+
+/** The lengths of vectors, three numbers each. */
+function lengths(vectors) {
+  return Array.from({ length: vectors.length / 3 }, (_, k) => Math.hypot(...vectors.subarray(3 * k, 3 * k + 3)));
+}
+
+/** The equivalent stresses of von Mises of stresses xx, yy, zz, xy, xz, yz. */
+function equivalent(stresses) {
+  return Array.from({ length: stresses.length / 6 }, (_, k) => {
+    const [xx, yy, zz, xy, xz, yz] = stresses.subarray(6 * k, 6 * k + 6);
+    const normal = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2);
+    return Math.sqrt(normal + 3 * (xy * xy + xz * xz + yz * yz));
+  });
+}
+
 class Figure {
-  constructor(renderer, { picture, fields }, motion, scale, stops) {
+  constructor(renderer, { picture, fields, hull_fields }, motion, scale, stops) {
     this.renderer = renderer;
     this.motion = motion;
     this.scale = scale;
@@ -36,6 +57,10 @@ class Figure {
     this.bars = picture.bars.map((bar) => {
       const item = renderer.solids(box([1, 2]), bar.x.length - 1, 0), ends = renderer.solids(box(), 2, 0);
       return { ...bar, item, ends };
+    });
+    this.hulls = (picture.hulls || []).map((hull, k) => {
+      const item = renderer.surface(hull.points.length / 3, hull.triangles, [], 0, "hull");
+      return { ...hull, field: hull_fields[k], item };
     });
     const opacities = [...new Set(picture.parts.map((part) => part.opacity))].filter((opacity) => opacity < 1);
     this.meshes = { ...SOLIDS };
@@ -69,6 +94,10 @@ class Figure {
       this.placeBar(bar);
       this.renderer.update(bar.item);
       this.renderer.update(bar.ends);
+    }
+    for (const hull of this.hulls) {
+      this.placeHull(hull);
+      this.renderer.update(hull.item);
     }
     for (const skin of this.skins) {
       this.placeSkin(skin);
@@ -112,6 +141,27 @@ class Figure {
     bar.ends.data.set([...data.slice(0, INSTANCE), ...data.slice(-INSTANCE)]);
   }
 
+  /** The points of a hull, displaced; normals that are the sums over their triangles; colors of stress or displacement. */
+  placeHull(hull) {
+    const { body, points, triangles, shapes, stresses, field, item, first } = hull, data = item.data;
+    const p = this.motion.p.subarray(first, first + shapes.length), moved = weighted(shapes, p);
+    const sizes = stresses.length > 0 ? equivalent(weighted(stresses, p)) : lengths(moved);
+    for (let k = 0; 3 * k < points.length; k++) {
+      const at = [0, 1, 2].map((i) => points[3 * k + i] + this.scale * moved[3 * k + i]);
+      data.set(this.motion.point(body, at), VERTEX * k);
+      data.fill(0, VERTEX * k + 3, VERTEX * k + 6);
+      const tint = between(this.stops, sizes[k] / (field.limit || 1));
+      data.set(body === this.picked ? tint.map((x, i) => 0.35 * x + 0.65 * PICKED[i]) : tint, VERTEX * k + 6);
+    }
+    const difference = (a, b) => [0, 1, 2].map((i) => data[VERTEX * b + i] - data[VERTEX * a + i]);
+    for (let k = 0; k < triangles.length; k += 3) {
+      const [a, b, c] = triangles.slice(k, k + 3), normal = cross(difference(a, b), difference(a, c));
+      for (const corner of [a, b, c]) {
+        normal.forEach((x, i) => (data[VERTEX * corner + 3 + i] += x));
+      }
+    }
+  }
+
   placeSkin({ bodies, at, item, color, field }) {
     const rows = bodies.length, columns = bodies[0].length, data = item.data;
     for (let i = 0; i < rows; i++) {
@@ -142,7 +192,7 @@ class Figure {
     const renderer = this.renderer;
     [...this.groups, ...this.bars].forEach(({ item }) => renderer.drawSolids(item));
     this.bars.forEach(({ ends }) => renderer.drawSolids(ends));
-    this.skins.forEach((skin) => renderer.drawSkin(skin.item, mesh));
+    [...this.skins, ...this.hulls].forEach(({ item }) => renderer.drawSkin(item, mesh));
   }
 
   /** What is translucent: after all that is to be seen through it. */

@@ -113,6 +113,9 @@ void main() {
 ];
 
 const INSTANCE = 15; // numbers an instance of a solid has
+/* A hull: as a skin, with colors between those of the corners. */
+const HULL = SKIN.map((source) => source.replaceAll("flat ", ""));
+
 const VERTEX = 9; // numbers a point of a skin has
 
 class Renderer {
@@ -122,7 +125,7 @@ class Renderer {
     if (!this.gl) {
       throw new Error("The animation needs WebGL 2, which this browser does not support. Use a current browser.");
     }
-    this.programs = { solid: this.program(SOLID), skin: this.program(SKIN), line: this.program(LINE) };
+    this.programs = { solid: this.program(SOLID), skin: this.program(SKIN), hull: this.program(HULL), line: this.program(LINE) };
     this.corners = this.buffer(new Float32Array([0, -1, 1, -1, 0, 1, 1, 1]));
     const gl = this.gl;
     gl.enable(gl.DEPTH_TEST);
@@ -185,7 +188,7 @@ class Renderer {
    * call `update`. The color at row i + 1, column j is that of the cell beyond (i, j).
    */
   skin(rows, columns, pale) {
-    const gl = this.gl, data = new Float32Array(VERTEX * rows * columns), faces = [], edges = [];
+    const faces = [], edges = [];
     for (let i = 0; i < rows; i++) {
       for (let j = 0; j < columns; j++) {
         const a = i * columns + j;
@@ -200,7 +203,12 @@ class Renderer {
         }
       }
     }
-    const array = gl.createVertexArray();
+    return this.surface(rows * columns, faces, edges, pale, "skin");
+  }
+
+  /** Triangles and lines between points, drawn by a program; `data` as for `skin`. */
+  surface(count, faces, edges, pale, program) {
+    const gl = this.gl, data = new Float32Array(VERTEX * count), array = gl.createVertexArray();
     gl.bindVertexArray(array);
     const buffer = this.buffer(data, gl.ARRAY_BUFFER, gl.DYNAMIC_DRAW);
     for (let k = 0; k < 3; k++) {
@@ -209,7 +217,7 @@ class Renderer {
     gl.bindVertexArray(null);
     const index = (numbers) => this.buffer(new Uint32Array(numbers), gl.ELEMENT_ARRAY_BUFFER);
     return {
-      array, buffer, data, pale,
+      array, buffer, data, pale, program,
       faces: index(faces), faceCount: faces.length, edges: index(edges), edgeCount: edges.length,
     };
   }
@@ -294,7 +302,7 @@ class Renderer {
   }
 
   drawSkin(item, mesh) {
-    const gl = this.gl, uniforms = this.use("skin");
+    const gl = this.gl, uniforms = this.use(item.program);
     gl.uniform1f(uniforms.pale, item.pale);
     gl.uniform1f(uniforms.mesh, 0);
     gl.bindVertexArray(item.array);

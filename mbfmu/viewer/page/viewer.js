@@ -95,8 +95,8 @@ class Viewer {
 
   /** What the colors of surfaces mean. */
   prepareFields() {
-    const { fields, stops, against } = this.scene;
-    const found = [...fields, ...(against?.fields ?? [])].filter((field) => field);
+    const { stops, against } = this.scene, runs = [this.scene, against];
+    const found = runs.flatMap((run) => [...(run?.fields ?? []), ...(run?.hull_fields ?? [])]).filter((field) => field);
     for (const { title: text, low, limit } of new Map(found.map((field) => [field.title, field])).values()) {
       const title = document.createElement("p"), bar = document.createElement("i"), scale = document.createElement("p");
       const shown = low < 0 ? stops : stops.slice((stops.length - 1) / 2); // zero has the middle one
