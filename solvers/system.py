@@ -115,6 +115,23 @@ def _nothing(data: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
     return work(no_power), callback(types.void(real, vector, vector, data, vector))(no_energy_bound)
 
 
+def no_step_bound(taken: float, data: Any) -> float:
+    """Default of a system whose state limits no step."""
+    return np.inf
+
+
+def step_limit_callback(system: AnySystem) -> Callable[..., Any]:
+    """Return the limit of a system on steps for kernels."""
+    if system.longest_load_step is not None:
+        return system.longest_load_step
+    return _no_step_bound(pointer_type(system.data) if COMPILED else None)
+
+
+@cache
+def _no_step_bound(data: Any) -> Callable[..., Any]:
+    return callback(types.float64(types.float64, data))(no_step_bound) if COMPILED else no_step_bound
+
+
 def no_parts(data: Any, out: Any) -> None:
     """Default of a system that does not compute its inertia."""
 
@@ -197,6 +214,9 @@ class AnySystem(ABC):
     evaluate_energy_bound: Callable[..., None] | None = (
         None  # (rtol, place, rate, data, out): see solvers.energy_account
     )
+    # (taken, data): longest step after one of ``taken`` in which bodies do not pass places where forces act, s, as they
+    # moved when they were evaluated last; None: of any length
+    longest_load_step: Callable[[float, Any], float] | None = None
     observe: Callable[..., None] | None = None  # (times, q, v, a, lam, data, out): outputs at solutions, a row each
     works: Callable[[], bool] = is_never_true  # (): whether power can differ from zero, as things are now
     # (t) -> (h_max, t_valid): largest step that resolves the explicitly time-dependent inputs from t on, valid up to
@@ -318,6 +338,7 @@ class Equations(NamedTuple):
     energy: Any
     power: Any
     evaluate_energy_bound: Any
+    longest_load_step: Any
     evaluate_outputs: Any
     data: Any
     terms: Any
@@ -326,8 +347,8 @@ class Equations(NamedTuple):
     def of(system: System, terms: Terms) -> Any:
         """Return the equations of a system and the terms they are to fill, pinned."""
         s = system
-        callbacks = s.dynamics, s.position, s.motion, s.retract, s.energy, *energy_callbacks(s), outputs_callback(s)
-        return pin(Equations(*callbacks, s.pinned_data, pin(terms)))
+        callbacks = s.dynamics, s.position, s.motion, s.retract, s.energy, *energy_callbacks(s)
+        return pin(Equations(*callbacks, step_limit_callback(s), outputs_callback(s), s.pinned_data, pin(terms)))
 
 
 class TangentCallbacks(NamedTuple):
@@ -358,6 +379,7 @@ class EliminationEquations(NamedTuple):
     retract: Any
     power: Any
     evaluate_energy_bound: Any
+    longest_load_step: Any
     data: Any
     elimination: Any  # data of the first three, pinned
     in_loops: Array  # (n,) 1: of coordinates that constraints may contain; 0: of others
@@ -444,9 +466,9 @@ class TreeSystem(AnySystem):
     @cached_property
     def equations(self) -> Any:
         """A :class:`TreeEquations`, pinned."""
-        callbacks = self.forward, self.inverse, self.retract, *energy_callbacks(self), self.parts_callback
+        callbacks = self.forward, self.inverse, self.retract, *energy_callbacks(self), step_limit_callback(self)
         mesh_motion = self.mesh_motion if self.mesh_motion is not None else _no_mesh_motion(pointer_type(self.data))
-        constraints = mesh_motion, self.mobility, self.constraints, self.position
+        constraints = self.parts_callback, mesh_motion, self.mobility, self.constraints, self.position
         return pin(TreeEquations(*callbacks, *constraints, self.pinned_data, *self.tangent.callbacks))
 
     @property
@@ -483,6 +505,7 @@ class TreeEquations(NamedTuple):
     retract: Any
     power: Any
     evaluate_energy_bound: Any
+    longest_load_step: Any
     inertia_parts: Any
     mesh_motion: Any
     mobility: Any

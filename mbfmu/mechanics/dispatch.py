@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PLACE, BIAS = 0, 1  # of a joint
 EVALUATE = 0  # of a cut joint, of a coupling, of a signal
 LONGEST_STEP = 1  # of a signal
-APPLY, POTENTIAL, POWER, TANGENT, MONITOR, MISPLACEMENT, CLEARANCE = 0, 1, 2, 3, 4, 5, 6  # of a load
+APPLY, POTENTIAL, POWER, TANGENT, MONITOR, MISPLACEMENT, CLEARANCE, LONGEST_LOAD_STEP = range(8)  # of a load
 READ = 0  # of a sensor
 
 
@@ -146,6 +146,17 @@ def load_clearance(load: ItemRecord, arrays: Arrays, state: State) -> float:
     if address == 0:
         return 0.0 * state.time[0]
     return call_f(address, arrays.memory, load.at, state.time, (arrays, state))
+
+
+@inlined
+def load_longest_step(load: ItemRecord, taken: float, arrays: Arrays, state: State) -> float:
+    """The longest step that a load allows after one of ``taken``, s; see :mod:`.loads.base`. Infinite where it does not
+    say.
+    """
+    address = arrays.kernels[load.kind + LONGEST_LOAD_STEP]
+    if address == 0:
+        return np.inf
+    return call_f(address, arrays.memory, load.at, state.time, (taken, arrays, state))
 
 
 @inlined

@@ -20,7 +20,7 @@ from solvers.compiled.kernel import records
 from solvers.compiled.record import Mat3, Mat6, Record, Table, Vec3, Vec6, f8, i8
 from solvers.compiled.record_view import COMPLEX_FACTOR, aligned_bytes, complex_dtype
 
-MAX_KERNELS = 7  # most that a role has
+MAX_KERNELS = 8  # most that a role has
 
 NO_JAM = -np.inf  # time of a jam that has not occurred, s
 RIGID, MODAL, SECTION = 0, 1, 2  # roles of a body: moved by its joint; first section of a flexible body, whose

@@ -37,6 +37,7 @@ ELIMINATIONS = "accelerate", "correct_position", "correct_velocity"
 ELIMINATION_KERNELS = {name: getattr(eliminated, name) for name in ELIMINATIONS}
 ELIMINATION_KERNELS |= {name: getattr(recursions, name) for name in ("inverse", "retract", "position")}
 ELIMINATION_KERNELS |= {"power": recursions.solved_power, "evaluate_energy_bound": recursions.evaluate_energy_bound}
+ELIMINATION_KERNELS |= {"longest_load_step": recursions.longest_load_step}
 TANGENT_KERNELS = {name: getattr(factored, name) for name in TangentCallbacks._fields[:-1]}
 
 
@@ -50,6 +51,7 @@ class ClosableEquations(NamedTuple):
     retract: Any
     power: Any
     evaluate_energy_bound: Any
+    longest_load_step: Any
     position: Any
     data: Any
     elimination: Any
@@ -75,7 +77,7 @@ def equations_of(system: AnySystem) -> Any:
 
 def empty_equations() -> EliminationEquations:
     """Return equations whose data have the types that all mechanisms have."""
-    return EliminationEquations._make((*[None] * 8, empty_elimination(), np.zeros(1)))
+    return EliminationEquations._make((*[None] * 9, empty_elimination(), np.zeros(1)))
 
 
 class ImplicitStructure(NamedTuple):

@@ -71,6 +71,7 @@ class ExplicitTreeEquations(NamedTuple):
     retract: Any
     power: Any
     evaluate_energy_bound: Any
+    longest_load_step: Any
     inertia_parts: Any
     data: Any
 

@@ -44,8 +44,8 @@ CAUSES = {
     "energy, potential and power": "kernels `apply`, `potential` and `power` of a load: the power of what `apply` adds "
     "must be `power` minus the rate of `potential`",
     "complex steps": "a kernel that is not analytic: abs, min, max, arctan2, math, or a comparison without .real",
-    "limits and scratch memory": "kernel `monitor` that is negative or no number; a kernel that reads scratch memory "
-    "before it writes there",
+    "limits and scratch memory": "kernel `monitor` or `longest_step` that is negative or no number; a kernel that "
+    "reads scratch memory before it writes there",
     "tangents of loads": "kernel `tangent`: it adds minus the derivative of what `apply` adds by the motions of its "
     "bodies, and c1 times that by their velocities, and returns 1.0, or adds nothing and returns 0.0",
     "distance from the surface": "kernel `gap`, which returns no distance to the nearest point, or method `core`",

@@ -9,7 +9,14 @@ import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism, Load
 from mbfmu.mechanics.arrays.bounds import OWN_PACKAGES
-from mbfmu.mechanics.dispatch import apply_load, load_monitor, load_potential, load_power, load_tangent
+from mbfmu.mechanics.dispatch import (
+    apply_load,
+    load_longest_step,
+    load_monitor,
+    load_potential,
+    load_power,
+    load_tangent,
+)
 from mbfmu.mechanics.kind import kernel_of
 from mbfmu.mechanics.records import to_complex_state
 from mbfmu.mechanics.recursions.dynamics import update_kinematics
@@ -19,6 +26,7 @@ from solvers.system import Array
 
 from .identities import Deviation, State, compare
 
+TAKEN = 0.01  # s, the last step of a solver
 C1 = 3.0  # of the tangent: derivatives by velocities are multiplied by it, 1/s
 MIN_SCALE = 1e-300  # of numbers that are compared relative to their own size
 
@@ -62,8 +70,8 @@ def load_tangents(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]
 
 
 def load_values(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]:
-    """Kernels do not depend on what earlier calls left in the scratch memory, and monitors are numbers of at least
-    zero.
+    """Kernels do not depend on what earlier calls left in the scratch memory, and monitors and longest steps are at
+    least zero.
     """
     rng, memory = np.random.default_rng(3), compiled.data.state.scratch
     elsewhere, q = 0.1 * rng.normal(size=compiled.system.n), at.q.copy()
@@ -74,7 +82,7 @@ def load_values(compiled: CompiledMechanism, at: State) -> Iterator[Deviation]:
     for name, values in expected.items():
         names = [f"{name}, after a call in another state," for _ in values]
         yield compare(found[name], values, names, least=MIN_SCALE)
-        if name.startswith("monitor"):
+        if name.startswith(("monitor", "longest step")):
             yield compare(values, np.maximum(values, 0.0), [name])
 
 
@@ -87,7 +95,7 @@ def _results(compiled: CompiledMechanism, at: State, memory: Any) -> dict[str, A
     own, found = data.state, dict[str, Array]()
     for e, acting in enumerate(compiled.mechanism.loads()):
         load = data.arrays.loads[e]
-        for name in ("force", "potential", "power", "monitor"):
+        for name in ("force", "potential", "power", "monitor", "longest step"):
             if memory is not None:
                 own.scratch[:] = memory
             if name == "force":
@@ -96,6 +104,8 @@ def _results(compiled: CompiledMechanism, at: State, memory: Any) -> dict[str, A
                 value: Any = np.concatenate((own.bodies["F"].ravel(), own.Q))
             elif name == "power":
                 value = load_power(load, at.t, arrays, state)
+            elif name == "longest step":
+                value = 1.0 / load_longest_step(load, TAKEN, arrays, state)
             else:
                 value = (load_potential if name == "potential" else load_monitor)(load, arrays, state)
             found[f"{name} of {acting.what} (load {e})"] = np.atleast_1d(value)

@@ -126,7 +126,10 @@ def record_dense_step(
     if taken == 0.0:
         work.branch_history[0].pivot_ratio = 0.0
     record_accepted(eqs, t, q, taken, following, rank, work)
-    return branch_step_limit(t, q, v, taken, eqs.terms, work) if taken > 0.0 else np.inf
+    if taken == 0.0:
+        return np.inf
+    longest: float = min(branch_step_limit(t, q, v, taken, eqs.terms, work), eqs.longest_load_step(taken, eqs.data))
+    return longest
 
 
 @kernel

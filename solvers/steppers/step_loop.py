@@ -101,7 +101,7 @@ def fill_row(integration: Any, t: float, q: Any, v: Any, a: Any, lam: Any, outpu
 
 def advance(integration: Any, target: float, q: Any, v: Any, energy_account: Any) -> int:
     """Step until ``target`` is passed, and report the state there; return a code."""
-    control, settings = integration.memory.control[0], integration.settings[0]
+    control, settings, eqs = integration.memory.control[0], integration.settings[0], integration.eqs
     code, taken = OK, 0
     while control.t < target:
         if taken >= settings.max_steps:
@@ -115,6 +115,7 @@ def advance(integration: Any, target: float, q: Any, v: Any, energy_account: Any
             break
         taken += 1
         end_step(integration)
+        control.h = min(control.h, eqs.longest_load_step(control.hold, eqs.data))
     return report(integration, code, target, q, v, energy_account)
 
 

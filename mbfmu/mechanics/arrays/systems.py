@@ -22,6 +22,7 @@ from mbfmu.mechanics.recursions.dynamics import (
     mesh_callback,
     observe_all,
     outputs_callback,
+    step_limit_callback,
     tree_callbacks,
     work_callbacks,
 )
@@ -276,6 +277,7 @@ class Systems:
             "works": self._works,
             "elimination": self._elimination(),
             "input_step_limit": self._resolves,
+            "longest_load_step": step_limit_callback(),
             "coordinate_names": tuple(self._numbering.coordinate_names),
             "constraint_names": tuple(constraint_names),
         }

@@ -13,6 +13,7 @@ from mbfmu.mechanics.recursions.aba import initialize_articulated_inertia
 from mbfmu.mechanics.recursions.constraints import evaluate_constraints
 from mbfmu.mechanics.recursions.dynamics import (
     evaluate_position_rate,
+    step_limit_callback,
     tree_callbacks,
     update_kinematics,
     work_callbacks,
@@ -167,6 +168,6 @@ def eliminate_constraints(
     power, bound = work_callbacks(tree=True)
     elimination = _pinned(arrays, state, *lay_out(arrays, size, row_size, length))
     mask = find_loop_mask(arrays, len(size))
-    callbacks = accelerations, positions, velocities, inverse, retract, power, bound
+    callbacks = accelerations, positions, velocities, inverse, retract, power, bound, step_limit_callback()
     equations: EliminationEquations = pin(EliminationEquations(*callbacks, pin(Data(arrays, state)), elimination, mask))
     return equations

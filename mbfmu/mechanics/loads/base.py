@@ -23,6 +23,8 @@ Its kernels:
                                              its derivative, is not zero. Whether it acts depends on the placements of
                                              the bodies with :attr:`Load.levers` alone. It may set bits of its ``parts``
                                              that act, and evaluate these alone if ``is_repeated`` is 1
+    longest_step(load, taken, arrays, state) returns how long the next step may be after one of ``taken``, s, such that
+                                             its bodies do not pass a place where it acts; None: of any length
     extrapolate(loads, arrays, state)        writes to the records of all loads of its type the strains e + e', by
                                              positions and velocities; ``apply`` and ``tangent`` use them instead of
                                              e if the field ``is_extrapolated`` of the record is 1; None: they have
@@ -162,6 +164,7 @@ class Load(ElementType):
         "monitor": "arrays, state -> number",
         "misplacement": "arrays, state -> number",
         "clearance": "arrays, state -> number",
+        "longest_step": "time, arrays, state -> number",
     }
     apply: ClassVar[Any]
     potential: ClassVar[Any] = None
@@ -170,6 +173,7 @@ class Load(ElementType):
     monitor: ClassVar[Any] = None
     misplacement: ClassVar[Any] = None
     clearance: ClassVar[Any] = None
+    longest_step: ClassVar[Any] = None
     extrapolate: ClassVar[Any] = None
     drawings: ClassVar = ("", "coil")
     drawn: ClassVar[str] = ""  # how pictures show it: one of these; a coil is between its points, or along its joint

@@ -22,7 +22,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mbfmu.mechanics.dispatch import CLEARANCE, apply_load, load_clearance
+import numpy as np
+
+from mbfmu.mechanics.dispatch import CLEARANCE, apply_load, load_clearance, load_longest_step
 from solvers.compiled.kernel import inlined, kernel
 
 if TYPE_CHECKING:
@@ -130,3 +132,12 @@ def apply_active_loads(t: float, arrays: Arrays, state: State) -> None:
 def is_idle(e: int, arrays: Arrays, state: State) -> bool:
     """Whether load e did not act where the bodies are; the loads were evaluated there."""
     return arrays.world[0].has_clearances == 1 and state.is_acting[e] == 0
+
+
+@kernel
+def longest_load_step(taken: float, arrays: Arrays, state: State) -> float:
+    """The longest step after one of ``taken``, s, in which bodies do not pass a place where a load acts; they move."""
+    longest = np.inf
+    for e in range(arrays.loads.shape[0]):
+        longest = min(longest, load_longest_step(arrays.loads[e], taken, arrays, state))
+    return longest

@@ -18,6 +18,7 @@ from solvers.compiled.kernel import COMPILED, callback, inlined, kernel, types
 from solvers.compiled.tuple_pointer import pointer_type
 from solvers.system import Terms
 
+from . import active_loads
 from .aba import apply_inverse_mass_matrix, drive_efforts, forward_dynamics
 from .applied import apply_loads
 from .constraints import evaluate_constraints, jacobian, load_constraints, right_hand_side
@@ -236,6 +237,13 @@ def inertia_parts(data: Any, out: Any) -> None:
     inertia_parts_of(data.arrays, data.state, out)
 
 
+@kernel
+def longest_load_step(taken: float, data: Data) -> float:
+    """See :func:`.active_loads.longest_load_step`; the bodies move as in the last evaluation."""
+    longest: float = active_loads.longest_load_step(taken, data.arrays, data.state)
+    return longest
+
+
 def mesh_motion(dq: Any, mask: Any, data: Any, out: Any) -> None:
     """See :func:`.kinematics.mesh_motion`, at the last position."""
     mesh_motion_of(dq, mask, data.arrays, data.state, out)
@@ -422,3 +430,11 @@ def inertia_callback() -> Callable[..., Any]:
     if not COMPILED:
         return inertia_parts
     return callback(types.void(pointer_type(empty_data()), types.float64[::1]))(inertia_parts)
+
+
+@cache
+def step_limit_callback() -> Callable[..., Any]:
+    """Return :func:`longest_load_step` as a solver takes it; compiled on first use."""
+    if not COMPILED:
+        return longest_load_step
+    return callback(types.float64(types.float64, pointer_type(empty_data())))(cast("Any", longest_load_step).py_func)

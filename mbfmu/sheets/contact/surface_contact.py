@@ -11,6 +11,7 @@ from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.loads.base import Load
 
 from .initial_contact import check_surface_contacts, undersampled_edges
+from .passing import longest_step
 from .patch import bezier_lever
 from .scratch import CONTACT_REASON, CONTACT_SCRATCH
 from .surface_force import SurfaceContactRecord, apply, clearance, potential, tangent
@@ -29,6 +30,7 @@ class SurfaceContact(Load):
     potential = potential
     tangent = tangent
     clearance = clearance
+    longest_step = longest_step
     symmetric = False  # friction
     nonsmooth_reason = CONTACT_REASON
 
@@ -71,6 +73,6 @@ class SurfaceContact(Load):
         record["convex"] = self.surface.convex
         record["samples"], record["ends"] = self.samples, self.ends
         record["a"], record["b"] = self.sides
-        record["half"] = 0.5 * self.thickness
+        record["half"], record["passage"] = 0.5 * self.thickness, self.surface.passing_depth()
         for key in ("stiffness", "depth", "damping", "friction", "friction_velocity"):
             record[key] = getattr(self, key)

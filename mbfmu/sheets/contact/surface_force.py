@@ -64,6 +64,7 @@ class SurfaceContactRecord(Record):
     a: f8  # sides of the cell, m
     b: f8
     half: f8  # thickness of the sheet, m
+    passage: f8  # depth beyond which a point has passed the surface, m; infinite: none has
     stiffness: f8  # k, N/m^3
     depth: f8  # d0, m
     damping: f8  # chi, s/m

@@ -143,16 +143,17 @@ def accept_step(t: float, y: Reals, slopes: Reals, problem: Integration) -> int:
     memory, work = problem.memory, problem.work
     progress, unknowns = memory.progress[0], memory.unknowns
     memory.counts[STEPS] += 1.0
+    longest = problem.eqs.longest_load_step(progress.last_step, problem.eqs.data)
     if unknowns.lam.shape[0] > 0:
         bound = check_step(problem.eqs, t, y, progress.last_step, memory.control[0].rank, unknowns, work)
         if bound < 0.0:
             memory.counts[REJECTED_STEPS] += 1.0
             progress.max_next_step = RETRY_STEP_RATIO * progress.last_step
             return STEP_REJECTED
-        progress.max_next_step = min(bound, 2.0 * progress.max_next_step)
+        longest = min(bound, longest, 2.0 * progress.max_next_step)
         if unknowns.speed_loss[0] > problem.settings[0].max_speed_loss:
             return BRANCHES
-    progress.t_reached = t
+    progress.t_reached, progress.max_next_step = t, longest
     for i in range(y.shape[0]):
         memory.last_accepted[0, i], memory.last_accepted[1, i] = y[i], slopes[i]
     for i in range(unknowns.v.shape[0]):

@@ -113,6 +113,8 @@ def accept_step(t: float, y: Reals, slopes: Reals, problem: Integration) -> int:
     longest = record_accepted(
         problem.eqs.loops, t, work.q, work.v, work.a, progress.last_step, progress.last_step, work.loops
     )
+    loops = problem.eqs.loops
+    longest = min(longest, loops.longest_load_step(progress.last_step, loops.data))
     progress.max_next_step, progress.t_reached = min(longest, 2.0 * progress.max_next_step), t
     work.refusal[0] = OK
     for i in range(y.shape[0]):

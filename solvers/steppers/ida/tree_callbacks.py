@@ -275,12 +275,12 @@ def record_energy(t: float, y: Reals, slopes: Reals, problem: Integration) -> No
 @kernel
 def accept_step(t: float, y: Reals, slopes: Reals, problem: Integration) -> int:
     """Accept IDA's step to (t, y)."""
-    memory, work = problem.memory, problem.work
+    eqs, memory, work, progress = problem.eqs, problem.memory, problem.work, problem.memory.progress[0]
     memory.counts[STEPS] += 1.0
-    memory.progress[0].t_reached = t
+    progress.max_next_step, progress.t_reached = eqs.longest_load_step(progress.last_step, eqs.data), t
     if work.inertia[0].watched == 1:  # where Newton's last correction began
-        problem.eqs.inertia_parts(problem.eqs.data, work.parts)
+        eqs.inertia_parts(eqs.data, work.parts)
         update_tree_growth(t, work.parts, work.own.scratch.v, work)
-    if memory.progress[0].energy_check == 1:
+    if progress.energy_check == 1:
         record_energy(t, y, slopes, problem)
     return OK

@@ -101,6 +101,10 @@ class Surface(ElementType):
         """
         return None
 
+    def passing_depth(self) -> float:
+        """Return the depth beyond which it no longer pushes back to this side, m; infinite: it always does."""
+        return self.core()
+
     def core(self) -> float:
         """Return the depth of its middle, beyond which it pushes to the other side, m; infinite: it has none."""
         return float("inf")

@@ -107,6 +107,10 @@ class Trough(Surface):
         axis, towards = unit_axis(self.axis, "axis"), unit_axis(self.towards, "towards")
         return np.column_stack((towards, np.cross(axis, towards), axis))
 
+    def passing_depth(self) -> float:
+        """See the base: what is so deep is behind it."""
+        return BACK_DISTANCE_RATIO * self.radius
+
     def curvature(self) -> float:
         """See the base."""
         return 1.0 / self.radius
