@@ -9,6 +9,7 @@ from mbfmu.util.errors import UserError, suggest
 
 from .problem import Problem
 from .problems import (
+    bicycle,
     flexible_bodies,
     friction,
     pendulums,
@@ -29,6 +30,7 @@ PROBLEMS: tuple[Problem, ...] = (
     *planar_loops.PLANAR_LOOP_PROBLEMS,
     *spatial_loops.SPATIAL_LOOP_PROBLEMS,
     *published.PUBLISHED_PROBLEMS,
+    *bicycle.BICYCLE_PROBLEMS,
     *friction.FRICTION_PROBLEMS,
     *steady.STEADY_STATE_PROBLEMS,
     *spatial_beams.SPATIAL_BEAM_PROBLEMS,
@@ -42,7 +44,6 @@ NOT_COVERED = (
     "Roller nips, guides and drums other than the capstan: `benchmarks/transport.py` compares them with the elastica.",
     "Flexible bodies from meshes (tests), and motions of beams in three dimensions.",
     "The wheelset of the IVP test set.",
-    "Rolling without slip, such as the bicycle: there is no element for it.",
     "Stops with elastic contact (`docs/hard_cases.md`), and locks, releases and impulses of events (tests).",
     "Native FMUs: the tests compare them bit by bit with simulations in Python.",
     "Loops in other engines: `benchmarks/peers.py` compares their errors and computing times.",
