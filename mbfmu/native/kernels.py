@@ -7,7 +7,6 @@ are stored there. Child processes share the work if there is more than one proce
 
 from __future__ import annotations
 
-import gc
 import os
 import sys
 import traceback
@@ -140,7 +139,6 @@ def main(folder: Path, targets: Collection[str], names: Collection[str]) -> None
     """Write the object files."""
     families = [family for family in FAMILIES if any(f"{family}-{part}" in names for part in ENTRY_PARTS)]
     instances = {family: pointer_type(example(family)) for family in families}  # kernels make examples
-    gc.set_threshold(200_000, 20, 20)  # a tenth of the time
     workers, builder = Workers(), Builder(folder, targets)
     with when_compiled(report_function):
         for name, table in kernel_tables().items():

@@ -1,41 +1,55 @@
 """Compilation in less time, with the same result.
 
 Numba optimizes every function three times: alone, with what it calls by cheap passes, and with what it calls by all of
-them. The first two are for counts of references, of which kernels have none. Its types are found, and its variables
-analyzed, more often than kernels need. While a kernel is compiled these steps are left out or shortened; what others
-compile in the same process is not affected.
+them. The first two are for counts of references, of which kernels have none. Its types are found, its variables
+analyzed and its extensions searched more often than kernels need, and Python collects garbage more often than pays.
+While a kernel is compiled these steps are left out or shortened; what others compile in the same process is not
+affected.
 """
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from operator import attrgetter
+from types import BuiltinFunctionType, FunctionType
 from typing import Any, cast
 
 from llvmlite import binding as llvm
-from numba.core import postproc, targetconfig, transforms, types
+from numba.core import base, imputils, ir, postproc, targetconfig, transforms, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import cpu_target
+from numba.core.typing import context, templates
 
 # parts of numba without types
 _Flags: Any = targetconfig.TargetConfig
 _Library: Any = JITCodeLibrary
 _Function: Any = types.BaseFunction
 _PostProcessor: Any = postproc.PostProcessor
+_Instruction: Any = ir.Inst
+_LoweringContext: Any = base.BaseContext
+_TypingContext: Any = context.BaseContext
+_REGISTRIES: tuple[Any, ...] = templates.builtin_registry, imputils.builtin_registry  # of all extensions
 _find_lifetimes: Any = postproc.VariableLifetime
 _canonicalize: Any = transforms.canonicalize_cfg
 _find_call_type: Callable[..., Any] = _Function.get_call_type
 _run_postprocessor: Callable[..., None] = _PostProcessor.run
+_find_variables: Callable[[Any, Any], list[Any]] = _Instruction._rec_list_vars
+_refresh_lowering: Callable[[Any], None] = _LoweringContext.refresh
+_refresh_typing: Callable[[Any], None] = _TypingContext.refresh
 
 code_of = attrgetter("library")  # of what numba has compiled
 
 OPTIMIZATION_LEVEL = 3  # of LLVM
+GARBAGE_COLLECTION_THRESHOLDS = 500_000, 10, 10  # with Python's, collections take a tenth of the time of compilation
+NOT_VARIABLES = frozenset({str, int, float, bool, type(None), ir.Loc, FunctionType, BuiltinFunctionType})
 NUMBERS = types.Float, types.Integer, types.Boolean, types.Complex
 
 _call_types: dict[tuple[Any, ...], Any] = {}  # of operators and functions of numbers
 _is_shortened = [False]  # whether numba is replaced in part now
+_registered: dict[Any, list[int]] = {}  # number of registered extensions at the last refresh of a context
 
 
 class KernelLibrary(_Library):  # type: ignore[misc]
@@ -104,6 +118,8 @@ def shortened() -> Iterator[None]:
     _is_shortened[0] = True
     with ExitStack() as stack:
         stack.callback(_is_shortened.__setitem__, 0, False)
+        stack.callback(gc.set_threshold, *gc.get_threshold())
+        gc.set_threshold(*GARBAGE_COLLECTION_THRESHOLDS)
         for place, name, value in _replacements():
             stack.callback(setattr, place, name, vars(place)[name])
             setattr(place, name, value)
@@ -119,6 +135,9 @@ def _replacements() -> tuple[tuple[Any, str, Any], ...]:
         (_Flags, "__hash__", _hash_flags),
         (_Function, "get_call_type", _get_call_type),
         (_PostProcessor, "run", _process),
+        (_Instruction, "_rec_list_vars", _list_variables),
+        (_LoweringContext, "refresh", _refresh_lowering_context),
+        (_TypingContext, "refresh", _refresh_typing_context),
     )
 
 
@@ -126,7 +145,13 @@ def _are_flags_equal(own: Any, other: Any) -> Any:
     """Compare flags of a compilation by those that are set; numba goes through all of them."""
     if not isinstance(other, _Flags):
         return NotImplemented
-    return own._values == other._values or own.values() == other.values()
+    return own._values == other._values or _changed_flags(own) == _changed_flags(other)
+
+
+def _changed_flags(flags: Any) -> dict[str, Any]:
+    """Return the flags that differ from their defaults."""
+    options = flags.options
+    return {name: value for name, value in flags._values.items() if value != options[name].default}
 
 
 def _hash_flags(own: Any) -> int:
@@ -158,3 +183,41 @@ def _process(own: Any, emit_dels: bool = False, extend_lifetimes: bool = False) 
     own.func_ir.blocks = _canonicalize(own.func_ir.blocks)
     own.func_ir.variable_lifetime = _find_lifetimes(own.func_ir.blocks)
     own.func_ir.generator_info = None
+
+
+def _list_variables(own: Any, operands: Any) -> list[Any]:
+    """Return the variables among operands by their exact types; numba asks abstract base classes for each."""
+    kind = type(operands)
+    if kind is ir.Var:
+        return [operands]
+    if kind in NOT_VARIABLES:
+        return []
+    if kind is not dict:
+        return _find_variables(own, operands)
+    found: list[Any] = []
+    for operand in operands.values():
+        if type(operand) is ir.Var:
+            found.append(operand)
+        elif type(operand) not in NOT_VARIABLES:
+            found += _find_variables(own, operand)
+    return found
+
+
+def _refresh_lowering_context(own: Any) -> None:
+    """Refresh a context if an extension has been registered since; numba goes through all of them at every function."""
+    if _has_new_extensions(own):
+        _refresh_lowering(own)
+
+
+def _refresh_typing_context(own: Any) -> None:
+    if _has_new_extensions(own):
+        _refresh_typing(own)
+
+
+def _has_new_extensions(context_: Any) -> bool:
+    """Whether the number of registered extensions of numba differs from that of the last call."""
+    found = [len(entries) for registry in _REGISTRIES for entries in vars(registry).values()]
+    if _registered.get(context_) == found:
+        return False
+    _registered[context_] = found
+    return True
